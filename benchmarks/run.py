@@ -24,8 +24,14 @@ from benchmarks.controller import controller
 from benchmarks.hexaslide import hexaslide
 from benchmarks.identification import table as identification
 from benchmarks.interface import interface
-from benchmarks.page import Table, seconds, tables_of, with_tables, with_versions
-from benchmarks.pictures import write_pictures
+from benchmarks.page import (
+    Table,
+    seconds,
+    tables_of,
+    with_tables,
+    with_versions,
+    write_pictures,
+)
 from benchmarks.postures import postures
 from calib.arrays import FloatArray
 from calib.identify.identify import identify

@@ -56,7 +56,8 @@ def control_chart(
     first = 0
     for k in range(1, len(values)):
         before = slice(first, k)
-        mean, mean_u = _mean(values[before], expanded[before])
+        mean = float(values[before].mean())
+        mean_u = float(np.sqrt((expanded[before] ** 2).sum()) / (k - first))
         shown = _scatter(values[known == known[k]], k - int(np.argmax(known == known[k])))
         shown *= np.sqrt(1.0 + 1.0 / (k - first))  # the mean so far scatters, too
         allowed = max(shown, TO_THREE_SIGMA * float(np.hypot(expanded[k], mean_u)))
@@ -66,7 +67,8 @@ def control_chart(
         phase[k] = first
     every = [values[phase == first] for first in phase]
     centre = np.array([one.mean() for one in every])
-    limit = np.array([_limit(one) if len(one) > 1 else np.nan for one in every])
+    ranges = [np.abs(np.diff(one)) for one in every]
+    limit = np.array([TO_LIMITS * float(one.mean()) if len(one) else np.nan for one in ranges])
     return ControlChart(changed, centre, limit)
 
 
@@ -76,14 +78,6 @@ def _scatter(values: FloatArray, k: int) -> float:
         np.abs(np.diff(values)), [one for one in (k - 1, k) if 0 <= one < len(values) - 1]
     )
     return TO_LIMITS_BY_MEDIAN * float(np.median(ranges)) if len(ranges) else 0.0
-
-
-def _mean(values: FloatArray, expanded: FloatArray) -> tuple[float, float]:
-    return float(values.mean()), float(np.sqrt((expanded**2).sum()) / len(values))
-
-
-def _limit(values: FloatArray) -> float:
-    return TO_LIMITS * float(np.abs(np.diff(values)).mean())
 
 
 @dataclass(frozen=True)

@@ -126,12 +126,10 @@ def try_profiles(
         group, done = waiting.pop(0), done + 1
         progress(done, count, group)
         outcome = _tried(group, port, asked, stopped)
-        found = [
-            FittingProfile(profile, said) for profile, said in _read(group, outcome.text, asked)
-        ]
+        found = _read(group, outcome.text, asked)
         if found and _rank(outcome) <= A_VALUE:
             fits += found
-            left = ([p for p, _ in _read(one, outcome.text, asked)] for one in waiting)
+            left = ([fit.profile for fit in _read(one, outcome.text, asked)] for one in waiting)
             waiting = [tuple(one) for one in left if one]
             count = done + len(waiting)
         elif isinstance(outcome, Fault) and outcome.kind is not FaultKind.NO_ANSWER:
@@ -197,10 +195,10 @@ def _rank(outcome: Outcome | None) -> int:
     return ranks.get(outcome.kind, 3)
 
 
-def _read(group: Sequence[Profile], text: str, asked: Query) -> list[tuple[Profile, Outcome]]:
+def _read(group: Sequence[Profile], text: str, asked: Query) -> list[FittingProfile]:
     """The profiles of a group that read a value in a line."""
     said = ((profile, profile.parse(text, asked)) for profile in group)
-    return [(profile, one) for profile, one in said if one and _rank(one) <= A_VALUE]
+    return [FittingProfile(profile, one) for profile, one in said if one and _rank(one) <= A_VALUE]
 
 
 def refused(port: str, problem: IndicatorError) -> PortFinding:

@@ -179,7 +179,8 @@ class Grammar:
     where the form of a reply tells its unit, the part that does is a group ``mm`` or ``inch``.
     ``fault`` may have a ``code`` (none: empty), with ``words`` or else ``other_words``, which may
     name groups and what was ``asked``, and ``kinds``. What is ``passed_over`` is no answer, such as
-    an echo or an identification. Any other line is not understood.
+    an echo or an identification. Any other line is not understood. A fixed width, such as
+    ``(?=[\\d.]{7}$)``, refuses a number that lost a byte on the line.
     """
 
     value: str

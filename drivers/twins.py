@@ -196,7 +196,7 @@ class _PseudoTerminal:
         import tty  # POSIX only
 
         self._own_end, self._far_end = os.openpty()
-        tty.setraw(self._far_end)
+        tty.setraw(self._far_end)  # else it echoes, and makes LF of each CR
         self.url = os.ttyname(self._far_end)
         self._open = True
 
@@ -268,9 +268,10 @@ PUSH_MM, PUSH_S = 1.0, 0.8
 class SimulatedRig:
     """Indicators whose spindles glide to wherever the machine is sent.
 
-    The rig knows nothing of machines: it is told where each spindle is to go. A motion takes
-    ``motion_s`` and follows a smooth curve, so a reading taken too early is a moving one.
-    ``fastest_stream`` compresses the time of devices that stream; ``clock`` tells seconds.
+    A program opens ``ports``. The rig knows nothing of machines: it is told where each spindle is
+    to go. A motion takes ``motion_s`` and follows a smooth curve, so a reading taken too early is a
+    moving one. ``fastest_stream`` compresses the time of devices that stream; ``clock`` tells
+    seconds.
     """
 
     def __init__(
@@ -298,11 +299,7 @@ class SimulatedRig:
             )
             for k, profile in enumerate(profiles)
         ]
-
-    @property
-    def ports(self) -> tuple[str, ...]:
-        """What a program opens to reach each indicator."""
-        return tuple(port.url for port in self._ports)
+        self.ports = tuple(port.url for port in self._ports)
 
     def go(self, goal_mm: Sequence[float]) -> None:
         """Send every spindle to a new position, in mm."""

@@ -142,8 +142,8 @@ def describe(problem: ValidationError, text: str | None = None) -> str:
         where = ".".join(str(part) for part in fault["loc"])[:60]
         line = line_of(text, fault["loc"]) if text else None
         where = f"line {line}, {where}" if line else where
-        own = fault.get("ctx", {}).get("error")
-        said = str(own) if own else fault["msg"][:120]
+        own = fault["type"] == "value_error"
+        said = str(fault["ctx"]["error"]) if own else fault["msg"][:120]
         nested = isinstance(fault["input"], dict) or "{" in repr(fault["input"])[:2]
         found = "" if nested else f" (found {fault['input']!r:.40})"
         faults.append(f"{where}: {said}{found}" if where else said)

@@ -43,7 +43,6 @@ from calib.hexaslide.geometry import (
 from calib.hexaslide.procedures import Kind, Procedure
 from calib.hexaslide.residuals import Readings
 from protocols.documents import Document, Name, describe, read_text, read_toml
-from protocols.machine_files import MACHINES
 
 Coordinate = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
@@ -179,7 +178,8 @@ def _geometry(chain: tuple[Chain, ...]) -> Geometry:
 
 def load_hexaslide(path: Path | None = None) -> HexaSlideMachine:
     """The machine of a TOML file; without one the example H60. Raises RecordError."""
-    return read_toml(path or MACHINES / "hexaslide-h60.toml", HexaSlideMachine, "machine file")
+    shipped = Path(__file__).with_name("machines") / "hexaslide-h60.toml"
+    return read_toml(path or shipped, HexaSlideMachine, "machine file")
 
 
 MOST_POSTURES = 10_000

@@ -142,10 +142,8 @@ def approaches(session: Session) -> list[float]:
     found: dict[int, float] = {}
     geometry = session.opened.machine.geometry()
     for members in _by_mounting(session.all_readings):
-        first = members[0]
-        last = approach_sign(first.moved, first.leg, geometry) if first.moved else 0.0
-        found[first.reading] = last
-        for before, after in pairwise(members):
+        last = 0.0
+        for before, after in pairwise([members[0], *members]):  # the first came from nowhere known
             way = float(np.sign(after.displacement_mm - before.displacement_mm))
             if after.moved is not None:
                 way = approach_sign(after.moved, after.leg, geometry)

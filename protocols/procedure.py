@@ -364,6 +364,7 @@ class Procedure(Document):
 class Step:
     """One posture in which one or two indicators are read on one leg, or one at the tool.
 
+    The ``number`` counts from 1; it is 0 until `Procedure.steps` has all of them.
     With ``over_plane`` the stand slides on a reference plane to the station, in this posture.
     ``first`` is the number, from 0, of the indicator that reads the first of the axes.
     """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -45,7 +44,7 @@ def demo(
 ) -> None:
     """A whole calibration on a simulated machine. It is measured again after the export."""
     from app.measuring.demo import WATCHED, demo_plan
-    from app.measuring.plan import QUICK_INTERVAL_S, writable_folder
+    from app.measuring.plan import writable_folder
     from app.measuring.simulated import BenchSettings
     from app.report.text.result import comparison_text, solution_text
 
@@ -65,7 +64,7 @@ def demo(
         from app.screens.start import open_session
 
         raise typer.Exit(open_session(plan, LOOKS))
-    before, after = run_headless(replace(plan, interval_s=QUICK_INTERVAL_S))
+    before, after = run_headless(plan)
     typer.echo(solution_text(before))
     typer.echo("\nAfter the joint offsets were entered in the controller:\n")
     typer.echo(comparison_text(before.solution, after.solution))

@@ -239,7 +239,7 @@ class Index:
     @staticmethod
     def _opened(path: Path | str) -> sqlite3.Connection:
         data = sqlite3.connect(path, isolation_level=None, timeout=2.0)
-        data.execute("PRAGMA synchronous = OFF")
+        data.execute("PRAGMA synchronous = OFF")  # what is lost is made again from the records
         data.execute("CREATE TABLE IF NOT EXISTS entry (digest TEXT PRIMARY KEY, said TEXT)")
         data.execute("SELECT digest, said FROM entry LIMIT 1").fetchone()
         return data

@@ -124,7 +124,7 @@ class Trial:
         step, known = self.steps[number], self.parameters[number]
         at = values[number] / step
         near = round(at)
-        if not math.isclose(at, near, abs_tol=1e-6):
+        if not math.isclose(at, near, abs_tol=1e-6):  # between two steps: onto the next one first
             near = math.floor(at) if steps > 0 else math.ceil(at)
         most = min(max(FAR * known.tolerance, 4.0 * abs(self.values[number])), known.limit)
         wanted = min(max((near + steps) * step, -most, known.least), most)

@@ -12,7 +12,12 @@ from pathlib import Path
 from typing import Literal
 
 from app.measuring.indicators import DEFAULT_PROFILE, profile_of, simulated_indicators
-from app.measuring.plan import Plan, session_name
+from app.measuring.plan import (
+    QUICK_INTERVAL_S,
+    SIMULATED_INTERVAL_S,
+    Plan,
+    session_name,
+)
 from app.measuring.simulated import BenchSettings, hidden_effect, planned_readings
 from calib.arrays import conditions
 from calib.tripod.pipeline import StageEffect
@@ -85,6 +90,7 @@ def demo_plan(
         operator="demo",
         seed=seed,
         bench=bench,
+        interval_s=SIMULATED_INTERVAL_S if watched else QUICK_INTERVAL_S,
         window_s=window_s,
         by_itself=by_itself,
     )

@@ -12,8 +12,8 @@ from calib.errors import IndicatorError, MotionError, sentence
 from protocols.procedure import Step
 
 LOOK_S = 0.02
-REST_S = 60.0
-"""Longer than any window: indicators that do not come to rest within it never do."""
+REST_S = 90.0
+"""Longer than any window, 60 s: indicators that do not come to rest within it never do."""
 
 
 def lost_words(guided: GuidedSession) -> str | None:

@@ -158,19 +158,15 @@ class DiagnoseScreen(PagedScreen):
 
     def action_adopt(self) -> None:
         """Ask what becomes part of the model, then for the file."""
-        found = self._ready()
-        if found is None:
-            return
-        dialog = ChoiceDialog(texts.WHAT_TO_ADOPT, texts.adopt_choices(found))
-        self.app.ask(dialog, partial(self._ask_file, found))
+        if found := self._ready():
+            dialog = ChoiceDialog(texts.WHAT_TO_ADOPT, texts.adopt_choices(found))
+            self.app.ask(dialog, partial(self._ask_file, found))
 
     def action_what_if(self) -> None:
         """Ask for an effect, then show what it does at any size."""
-        found = self._ready()
-        if found is None:
-            return
-        listed = choices(found.sessions, self._known, found)
-        ask_effect(self.app, listed, partial(self._try, found))
+        if found := self._ready():
+            listed = choices(found.sessions, self._known, found)
+            ask_effect(self.app, listed, partial(self._try, found))
 
     def _try(self, found: SessionDiagnosis, choice: Choice) -> None:
         trial = trial_of(choice, found.sessions, self._known)
@@ -273,10 +269,9 @@ class DiagnoseScreen(PagedScreen):
             self.app.push_screen(ResultScreen(solved, plan, path, model))
 
     def action_copy(self) -> None:
-        if self._ready() is None:
-            return
-        text = str(self._page_text(self.query_one(TabbedContent).active).content)
-        self.app.copy(text)
+        if self._ready():
+            shown = self._page_text(self.query_one(TabbedContent).active)
+            self.app.copy(str(shown.content))
 
 
 def _diagnosis(

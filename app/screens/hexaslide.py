@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -29,7 +30,6 @@ from calib.hexaslide.planning import (
 from calib.hexaslide.procedures import Kind
 from calib.hexaslide.search import BestPostures, Search, searches
 
-STARTS = 8
 MOST_POSTURES = 200
 TEXTS = {"sees": "sees-text", "machine": "drawn-text", "places": "search-text", "list": "list-text"}
 """What is copied from each page."""
@@ -193,18 +193,19 @@ class HexaSlideScreen(PagedScreen):
         proposed = str(now) if now else ""
         self.app.push_screen(TextDialog(texts.WHICH_MACHINE, "path", proposed), typed)
 
-    def action_count(self) -> None:
-        """Ask how many postures."""
+    def _ready(self) -> HexaSlideSeen | None:
+        """What is seen; where there is nothing, the reason is said."""
         if self.view is None:
             self.app.complain(texts.LOOKING if self.looking else texts.NO_VIEW)
-            return
-        question = TextDialog(texts.count_question(self.view.fewest), "number", str(self._count))
-        self.app.ask(question, self._take_count)
+        return self.view
 
-    def _take_count(self, text: str) -> None:
-        if self.view is None:
-            return
-        fewest = self.view.fewest
+    def action_count(self) -> None:
+        """Ask how many postures."""
+        if view := self._ready():
+            question = TextDialog(texts.count_question(view.fewest), "number", str(self._count))
+            self.app.ask(question, partial(self._take_count, view.fewest))
+
+    def _take_count(self, fewest: int, text: str) -> None:
         if not text.isdecimal() or not fewest <= int(text) <= MOST_POSTURES:
             self.app.complain(texts.count_problem(text, fewest, MOST_POSTURES))
             return
@@ -214,14 +215,14 @@ class HexaSlideScreen(PagedScreen):
 
     def action_search(self) -> None:
         """Search for the best postures, one start after the other."""
-        if self.view is None:
-            self.app.complain(texts.LOOKING if self.looking else texts.NO_VIEW)
+        view = self._ready()
+        if view is None:
             return
         self._end_search()
         self.searching, self.found, self._drawn_at = True, None, 0
         self.query_one(TabbedContent).active = "places"
         self._show_all()
-        self._search(self.view, self._count)
+        self._search(view, self._count)
 
     @work(group="search")
     async def _search(self, view: HexaSlideSeen, count: int) -> None:
@@ -231,7 +232,7 @@ class HexaSlideScreen(PagedScreen):
             if left.is_set():
                 raise _Left
 
-        wanted = Search(seed=view.planned.seed, starts=STARTS)
+        wanted = Search(seed=view.planned.seed)
         try:
             with self.app.complaining():
                 starts = searches(view.procedure, view.machine, count, wanted, watch)

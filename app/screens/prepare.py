@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from functools import partial
 from itertools import permutations
 from pathlib import Path
 from threading import Event
@@ -174,22 +173,16 @@ class IndicatorScreen(LeftOnce[Form]):
         def tell(*trial: object) -> None:
             self.app.call_from_thread(self._say, f"{texts.TRYING}\n{trial_text(*trial)}")  # type: ignore[arg-type]
 
-        said = ""
         try:
-            found = await apart(
-                self,
-                partial(try_profiles, progress=tell, stopped=stop.is_set),
-                PROFILES.values(),
-                port,
-                asked,
-            )
+            known, left = PROFILES.values(), stop.is_set
+            found = await apart(self, try_profiles, known, port, asked, progress=tell, stopped=left)
         except IndicatorError as problem:
             said = findings_text([refused(port, problem)])
         else:
             self._propose(port, found)
             stopped = stop.is_set() and not found.fits
             said = texts.STOPPED if stopped else findings_text(findings_of(found))
-        finally:
+        finally:  # the screen may be gone, and its worker with it
             stop.set()
         self._stop = None
         self._say(said)

@@ -145,15 +145,11 @@ def value_of(information: FloatArray, aim: Aim) -> float:
     Raises NotIdentifiable where a wanted combination is not seen.
     """
     remaining = wanted_information(information, aim)
-    _refuse_unidentifiable(remaining)
-    return float(values_of(inverse(remaining)[None], aim)[0])
-
-
-def _refuse_unidentifiable(information: FloatArray) -> None:
-    count = len(information)
-    size = np.sqrt(np.clip(information.diagonal(), 0.0, None))
+    count = len(remaining)
+    # in units in which every parameter alone is known alike: theirs decide nothing
+    size = np.sqrt(np.clip(remaining.diagonal(), 0.0, None))
     scale = np.where(size > 0.0, size, 1.0)
-    singular = np.sqrt(np.clip(np.linalg.eigvalsh(information / scale / scale[:, None]), 0.0, None))
+    singular = np.sqrt(np.clip(np.linalg.eigvalsh(remaining / scale / scale[:, None]), 0.0, None))
     seen = int((singular > BLIND_IN_SQUARES * max(float(singular[-1]), 1.0)).sum())
     if seen < count:
         raise NotIdentifiable(
@@ -162,6 +158,7 @@ def _refuse_unidentifiable(information: FloatArray) -> None:
             "all of them",
             "Measure more postures, or others.",
         )
+    return float(values_of(inverse(remaining)[None], aim)[0])
 
 
 def inverse(matrix: FloatArray) -> FloatArray:

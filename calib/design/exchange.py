@@ -127,6 +127,7 @@ def choose(
     _, _, chosen, start, exchanges = descending(seeing, lambda run: run[1], 1.0)[0]
     return Choice(
         chosen=tuple(sorted(int(k) for k in chosen)),
+        # sorted, for sums in another order round otherwise: equal sets give equal figures
         value=value_of(candidates.information(np.sort(chosen)), aim),
         start_value=_value_or_none(candidates.information(start), aim),
         start_condition_number=_value_or_none(

@@ -17,7 +17,6 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.arrays import BLIND, FloatArray, largest, named_inside, names_outside, svd_of_all
 from calib.errors import NotIdentifiable
@@ -105,7 +104,8 @@ def analyse(sensitivity: Sensitivity) -> Identifiability:
     unseen = (uncertainty > sensitivity.unseen) | np.isinf(uncertainty)
     best = float(uncertainty.min())
     weak = ~unseen & ((uncertainty > WEAK_RATIO * best) | (uncertainty > WEAK))
-    covariance = _covariance(uncertainty, turned, sensitivity.tolerance, ~unseen)
+    known = turned[~unseen] * uncertainty[~unseen, None] * sensitivity.tolerance
+    covariance = np.asarray(known.T @ known)
     unidentifiable = turned[unseen] * sensitivity.tolerance
     seen = singular[~unseen]
     return Identifiability(
@@ -131,14 +131,6 @@ def _uncertainties(singular: FloatArray, sensitivity: Sensitivity) -> FloatArray
         return np.where(blind, np.inf, 0.1 * WEAK)
     with np.errstate(divide="ignore"):
         return np.asarray(np.where(blind, np.inf, 1.0 / singular))
-
-
-def _covariance(
-    uncertainty: FloatArray, turned: FloatArray, tolerance: FloatArray, seen: NDArray[np.bool_]
-) -> FloatArray:
-    """Covariance ``(k, k)`` from the seen directions."""
-    rows = turned[seen] * uncertainty[seen, None] * tolerance
-    return np.asarray(rows.T @ rows)
 
 
 def _named(

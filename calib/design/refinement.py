@@ -137,9 +137,7 @@ def cost_by_rows(rows: FloatArray, aim: Aim, power: float) -> tuple[float, Float
         value, by_information = cost_and_slope(information, aim, power)
         return value, 2.0 * rows @ by_information
     variance, turned = _variances(rows, information)
-    value, by_log = _log_cost(variance, turned, aim)
-    if power < math.inf and aim.criterion in OF_ENDS:
-        value, by_log = _smooth(np.log(variance), by_log, power)
+    value, by_log = _log_cost(variance, turned, aim, power)
     return value, -2.0 * rows @ ((turned * (by_log * variance)) @ turned.T)
 
 
@@ -197,9 +195,7 @@ def cost_and_slope(
     lift = _lift(regular, keep, drop)
     wanted = lift.T @ regular @ lift
     variance, turned = np.linalg.eigh(np.linalg.inv(wanted))
-    value, by_log = _log_cost(variance, turned, aim)
-    if power < math.inf and aim.criterion in OF_ENDS:
-        value, by_log = _smooth(np.log(variance), by_log, power)
+    value, by_log = _log_cost(variance, turned, aim, power)
     # d log(eigenvalue of the inverse) = -eigenvalue · vᵀ d(information) v
     slope = -(turned * (by_log * variance)) @ turned.T
     if aim.criterion is Criterion.TOOL_VARIANCE and aim.metric is not None:
@@ -234,7 +230,9 @@ def _lift(information: FloatArray, keep: list[int], drop: list[int]) -> FloatArr
     return lift
 
 
-def _log_cost(variance: FloatArray, turned: FloatArray, aim: Aim) -> tuple[float, FloatArray]:
+def _log_cost(
+    variance: FloatArray, turned: FloatArray, aim: Aim, power: float
+) -> tuple[float, FloatArray]:
     """Cost and its derivatives ``(k,)`` by the logarithms of the eigenvalues, ascending."""
     logs, by_log = np.log(variance), np.zeros(len(variance))
     kind = aim.criterion
@@ -250,4 +248,6 @@ def _log_cost(variance: FloatArray, turned: FloatArray, aim: Aim) -> tuple[float
         by_log[-1] = 1.0 if kind is Criterion.NOISE_AMPLIFICATION else 0.5
         if kind is not Criterion.SMALLEST_SINGULAR_VALUE:
             by_log[0] = -0.5
+        if power < math.inf:
+            return _smooth(logs, by_log, power)
     return float(by_log @ logs), by_log

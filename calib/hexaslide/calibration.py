@@ -133,7 +133,7 @@ def _at(
     readings: Readings, machine: HexaSlide, white: FloatArray, guess: Residuals | None
 ) -> _Point:
     near = None if guess is None else guess.postures
-    postures = postures_of(readings, machine.geometry, machine.box, near)
+    postures = postures_of(readings, machine, near)
     found, slopes = residuals(readings, machine, postures)
     residual = np.einsum("prs,ps->pr", white, found.values).ravel()
     design = np.einsum("prs,psk->prk", white, slopes)
@@ -175,17 +175,20 @@ def _result(readings: Readings, first: _Point, point: _Point, steps: int) -> Cal
     stated = readings.noise_m
     variance = stated**2 if stated else square / spare if spare else None
     inverse = seen.right.T / seen.singular
+    # papers/001 has the condition number of the bare derivatives, metres and radians
+    bare = residuals(readings, point.machine, point.residuals.postures)[1]
+    lost = motions(point.machine, names)
     return Calibration(
         machine=point.machine,
         names=names,
         parameters=point.machine.parameters(names),
         covariance=None if variance is None else np.asarray(variance * (inverse @ inverse.T)),
         known=names_outside(seen.null, names),
-        unidentifiable=_motions_in(point.machine, seen.null, names),
+        unidentifiable=tuple(name for _, name in named_inside(seen.null, lost)[0]),
         unidentifiable_count=len(names) - rank,
         null=seen.null,
         rank=rank,
-        condition_number=_condition(readings, point, rank),
+        condition_number=condition(bare.reshape(count, -1), rank),
         before=first.residuals,
         after=point.residuals,
         noise_m=None if variance is None else float(np.sqrt(variance)),
@@ -197,26 +200,13 @@ def _result(readings: Readings, first: _Point, point: _Point, steps: int) -> Cal
     )
 
 
-def _condition(readings: Readings, point: _Point, rank: int) -> float:
-    """Of the bare derivatives, metres and radians, as papers/001 has it."""
-    machine = point.machine
-    bare = residuals(readings, machine, point.residuals.postures)[1]
-    return condition(bare.reshape(point.residual.size, -1), rank)
-
-
-def _motions_in(machine: HexaSlide, null: FloatArray, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of motions of frames that lie in the space of what no reading shows, each a new one."""
-    found, _ = named_inside(null, motions(machine.geometry, machine.link, names))
-    return tuple(name for _, name in found)
-
-
 def _rms(values_m: FloatArray) -> float:
     return float(np.sqrt((values_m * values_m).mean()))
 
 
 def residuals_of(readings: Readings, machine: HexaSlide) -> Residuals:
     """What a machine leaves of readings it was not fitted to. Raises UnreachablePosture."""
-    postures = postures_of(readings, machine.geometry, machine.box)
+    postures = postures_of(readings, machine)
     return residuals(readings, machine, postures)[0]
 
 

@@ -16,6 +16,7 @@ from calib.arrays import EXACT_BLIND, FloatArray
 from calib.hexaslide.arms import Numbers
 from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
 from calib.hexaslide.geometry import (
+    MOTIONS,
     NAMES,
     Geometry,
     HexaSlide,
@@ -30,17 +31,6 @@ from calib.stats import coverage_factor, variance_ratio_p_value
 
 SPARE = 1.5
 """A fit keeps so many times the fewest postures before any is kept out of it."""
-
-MOTIONS = (
-    "platform frame turned about its X",
-    "platform frame turned about its Y",
-    "platform frame turned about its Z",
-    "platform frame shifted along its X",
-    "platform frame shifted along its Y",
-    "platform frame shifted along its Z",
-    "base turned about X",
-)
-"""As `calib.hexaslide.geometry.motions` names them."""
 
 ROUNDS = 6
 """Each squares what is left: from hundredths to rounding."""
@@ -157,6 +147,9 @@ def checked_calibration(
     found = calibrate(fitted, nominal, fewest=fewest)
     by_column, by_posture = shares(fitted, found.machine.geometry, found.after)
     checked = readings.take(out) if out.any() else None
+    p_value, free = None, found.free_values
+    if found.square_sum is not None and free:
+        p_value = variance_ratio_p_value(found.square_sum / free, free, np.inf)
     result = Checked(
         start=nominal.parameters(found.names),
         found=found,
@@ -165,10 +158,13 @@ def checked_calibration(
         by_column=by_column,
         by_posture=by_posture,
         factor=None if found.covariance is None else coverage_factor(found.degrees_of_freedom),
-        p_value=_p_value(found),
-        held_out=None if checked is None else _held_out(checked, nominal, found),
+        p_value=p_value,
+        held_out=None,
         truth=None,
     )
+    if checked is not None:
+        before, after = (residuals_of(checked, one) for one in (nominal, found.machine))
+        result = replace(result, held_out=HeldOut(checked.numbers, before, after))
     if true is None:
         return result
     against = _against(result, checked or readings, nominal, true, kept_out=checked is not None)
@@ -183,18 +179,6 @@ def _kept_out(count: int, fewest: int, share: float) -> NDArray[np.bool_]:
     # each from the middle of an equal part: those that are fitted reach both ends of the list
     out[[int((k + 0.5) * count / chosen) for k in range(chosen)]] = True
     return out
-
-
-def _p_value(found: Calibration) -> float | None:
-    if found.square_sum is None or not found.free_values:
-        return None
-    return variance_ratio_p_value(found.square_sum / found.free_values, found.free_values, np.inf)
-
-
-def _held_out(readings: Readings, nominal: HexaSlide, found: Calibration) -> HeldOut:
-    return HeldOut(
-        readings.numbers, residuals_of(readings, nominal), residuals_of(readings, found.machine)
-    )
 
 
 def _against(

@@ -285,15 +285,22 @@ class HexaSlide:
         return sliders
 
 
-def motions(
-    geometry: Geometry, link: ConstraintLink | None, names: tuple[str, ...]
-) -> tuple[tuple[str, FloatArray], ...]:
+MOTIONS = (
+    *(f"platform frame turned about its {axis}" for axis in "XYZ"),
+    *(f"platform frame shifted along its {axis}" for axis in "XYZ"),
+    "base turned about X",
+)
+"""Of frames as wholes, on every machine."""
+
+
+def motions(machine: HexaSlide, names: tuple[str, ...]) -> tuple[tuple[str, FloatArray], ...]:
     """Frames moved as wholes, as changes of the named parameters, each of unit length.
 
     The platform's frame may be turned and shifted with all that is fixed to it; where the end of
     the link on it is known, turned about that end. The base, held by its frame, may only be turned
     about X. Which of them a procedure loses, its derivatives tell.
     """
+    geometry, link = machine.geometry, machine.link
     end, far = np.zeros((2, 3)) if link is None else (link.platform_end, link.base_end)
     still, unturned = np.zeros(3), np.zeros(CHAINS)
 
@@ -318,16 +325,16 @@ def motions(
         """The platform's joints and its end of the link about a point."""
         return moved(np.cross(unit, geometry.platform - centre), np.cross(unit, end - centre))
 
-    axes = dict(zip("XYZ", np.eye(3), strict=True))
-    found = {f"platform frame turned about its {a}": turned(u, still) for a, u in axes.items()}
-    found |= {f"platform frame shifted along its {a}": moved(u, u) for a, u in axes.items()}
+    axes = np.eye(3)
+    own = [*(turned(unit, still) for unit in axes), *(moved(unit, unit) for unit in axes)]
+    found = list(zip(MOTIONS[:-1], own, strict=True))
     if link is not None and "cx" not in names:
         about = "platform frame turned about the link's end"
-        found |= {f"{about}, {a}": turned(u, end) for a, u in axes.items()}
-    base, rails, other = (np.cross(axes["X"], one) for one in (geometry.base, geometry.rails, far))
+        found += [(f"{about}, {a}", turned(u, end)) for a, u in zip("XYZ", axes, strict=True)]
+    base, rails, other = (np.cross(axes[0], one) for one in (geometry.base, geometry.rails, far))
     lag = _lag(geometry.rails, rails)
-    found["base turned about X"] = moved(base=base, rails=rails, d=other, zeros=lag)
-    return tuple(found.items())
+    found.append((MOTIONS[-1], moved(base=base, rails=rails, d=other, zeros=lag)))
+    return tuple(found)
 
 
 def _lag(rails: Numbers, moved: Numbers) -> Numbers:

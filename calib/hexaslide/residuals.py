@@ -19,7 +19,6 @@ from calib.errors import CalibrationError, UnreachablePosture
 from calib.hexaslide.derivatives import jacobian, joint_angles
 from calib.hexaslide.geometry import (
     ENCODERS,
-    Box,
     ConstraintLink,
     Geometry,
     HexaSlide,
@@ -118,7 +117,7 @@ class Residuals:
 
 
 def postures_of(
-    readings: Readings, geometry: Geometry, box: Box, near: FloatArray | None = None
+    readings: Readings, machine: HexaSlide, near: FloatArray | None = None
 ) -> FloatArray:
     """Where the platform stands ``(p, 6)``: as measured for pose-inverse, else from the sliders.
 
@@ -128,25 +127,23 @@ def postures_of(
     if readings.procedure.kind is Kind.POSE_INVERSE:
         return readings.measured
     try:
-        return standing(geometry, readings.sliders, box, near)
+        return standing(machine, readings.sliders, near)
     except UnreachablePosture as problem:
-        _name_posture(readings, readings.sliders, lambda one: forward(geometry, one, box))
+        _name_posture(readings, readings.sliders, lambda one: standing(machine, one, None))
         raise UnreachablePosture(
             "postures", "sliders that hold no platform", "reachable ones", CHECK
         ) from problem
 
 
-def standing(
-    geometry: Geometry, sliders: FloatArray, box: Box, near: FloatArray | None
-) -> FloatArray:
+def standing(machine: HexaSlide, sliders: FloatArray, near: FloatArray | None) -> FloatArray:
     """Postures ``(p, 6)`` of sliders, followed from postures ``near`` them where that works.
 
     Raises UnreachablePosture.
     """
     if near is not None:
         with suppress(UnreachablePosture):
-            return np.asarray(forward_near(geometry, sliders, near))
-    return np.asarray(forward(geometry, sliders, box))
+            return np.asarray(forward_near(machine.geometry, sliders, near))
+    return np.asarray(forward(machine.geometry, sliders, machine.box))
 
 
 def _name_posture(
@@ -178,7 +175,9 @@ def residuals(
     else:
         values = -read_at(procedure, machine, postures)
         values[:, len(procedure.read) - len(procedure.measured) :] += readings.measured
-        values = _turned_back(values, procedure.read)
+        angular = np.array([name in ANGLES for name in procedure.read])
+        # between -π and π: a turn may be read on the other side of the cut
+        values = np.where(angular, np.remainder(values + np.pi, 2.0 * np.pi) - np.pi, values)
     slopes = jacobian(procedure, machine.geometry, postures, machine.link)
     return Residuals(procedure.read, values, postures), np.asarray(slopes)
 
@@ -213,12 +212,6 @@ def stretch(link: ConstraintLink | None, postures: FloatArray) -> FloatArray:
     link = present(link)
     apart = postures[:, :3] + rotation(postures[:, 3:]) @ link.platform_end - link.base_end
     return np.asarray(link.length_m - np.linalg.norm(apart, axis=1))
-
-
-def _turned_back(values: FloatArray, names: tuple[str, ...]) -> FloatArray:
-    """Angles between -π and π."""
-    angular = np.array([name in ANGLES for name in names])
-    return np.where(angular, np.remainder(values + np.pi, 2.0 * np.pi) - np.pi, values)
 
 
 def variances(readings: Readings, geometry: Geometry) -> FloatArray:

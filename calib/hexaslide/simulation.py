@@ -79,7 +79,7 @@ def measure(
         if isinstance(postures, int):
             postures = nominal.random(postures, generator)
         sliders = np.asarray(inverse(nominal.geometry, postures))
-        reached = standing(truth.geometry, sliders, truth.box, postures)
+        reached = standing(truth, sliders, postures)
     names, measured = procedure.measured, np.zeros((len(reached), 0))
     if names:
         stands = read_at(Procedure.of(Kind.POSE_FORWARD, names), truth, reached)

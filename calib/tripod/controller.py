@@ -19,8 +19,8 @@ from calib.errors import ImpossibleRequest
 from calib.tripod.effects.bars import GravitySag, LegLength
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry, inverse
-from calib.tripod.pipeline import Model, Stage, StageEffect
-from calib.tripod.workspace import carriages_at, machine_at, workspace_points
+from calib.tripod.pipeline import Model, Stage, StageEffect, driven
+from calib.tripod.workspace import machine_at, reached, workspace_points
 
 MOST_POINTS = 256
 """Lines of a compensation table that LinuxCNC reads."""
@@ -134,7 +134,9 @@ def carriage_error_mm(model: Model, joint_mm: FloatArray, way: float) -> FloatAr
 
     ``way`` -1 is downwards. Includes d_rho.
     """
-    return carriages_at(model, joint_mm, way) - joint_mm
+    taken = reached(len(joint_mm), way)
+    flow = driven(model.geometry, model.parameters_mm, taken, joint_mm, model.effects)
+    return np.asarray(flow.carriage_mm - joint_mm)
 
 
 def table_of(model: Model, joint: int) -> Table | None:

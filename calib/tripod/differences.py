@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from calib.arrays import LEG_NAMES, TOOL, Conditions, FloatArray, Observations, numbered
+from calib.arrays import LEG_NAMES, TOOL, Conditions, FloatArray, Observations, numbered, rows_of
 from calib.errors import NotIdentifiable
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import derivatives
@@ -69,7 +69,7 @@ def differences(geometry: Geometry, observed: Observations) -> Differences:
     order of papers/000 (11). Raises NotIdentifiable where no mounting has two postures.
     """
     terms: dict[Key, list[Terms]] = {}
-    for members in _by_mount(observed):
+    for members in observed.mountings:
         for key, mean in _differences_of_mount(observed, members):
             terms.setdefault(key, []).append(mean)
     if not terms:
@@ -98,12 +98,6 @@ def _matrix(rows: list[list[Terms]], reading_count: int) -> csr_array:
     )
 
 
-def _by_mount(observed: Observations) -> list[NDArray[np.intp]]:
-    """Row numbers of each mounting."""
-    order = np.argsort(observed.mount, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(observed.mount[order])) + 1)
-
-
 def _differences_of_mount(
     observed: Observations, members: NDArray[np.intp]
 ) -> Iterable[tuple[Key, Terms]]:
@@ -111,9 +105,7 @@ def _differences_of_mount(
     if observed.over_plane[members[0]]:
         yield from _over_plane(observed, members)
         return
-    posture = observed.level[members]
-    order = np.argsort(posture, kind="stable")
-    cells = np.split(members[order], np.flatnonzero(np.diff(posture[order])) + 1)
+    cells = [members[rows] for rows in rows_of(observed.level[members])]
     levels = [_level(observed, cell[0]) for cell in cells]
     zeros = [k for k, cell in enumerate(cells) if observed.at_zero[cell[0]]]
     reference = zeros[0] if zeros else 0
@@ -130,7 +122,7 @@ def _differences_of_mount(
 def _over_plane(observed: Observations, members: NDArray[np.intp]) -> Iterable[tuple[Key, Terms]]:
     """Heights less those of the line through both ends of the leg at the reference."""
     place = numbered(observed.station[members], observed.displacement_mm[members])
-    cells = [members[place == number] for number in range(int(place.max()) + 1)]
+    cells = [members[rows] for rows in rows_of(place)]
     level, station, along = (
         np.array([float(values[cell[0]]) for cell in cells])
         for values in (observed.displacement_mm, observed.station, observed.along_mm)
@@ -196,27 +188,12 @@ def _names(geometry: Geometry, keys: list[Key]) -> Iterable[str]:
             yield f"{short}@{level!r}{from_reference}{at_station}"
 
 
-def coefficients(
-    geometry: Geometry, displacement_mm: ArrayLike, station: ArrayLike = 0.5
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Coefficients a, b, c of papers/000 equation (11); shapes broadcast, no unit.
-
-    ``sin(alpha) = displacement / L``. The paper touches the middle of the leg, station 0.5; for a
-    station s the weight of the tool end is ``w = 1 - s`` in place of 0.5.
-    """
-    sine = np.asarray(displacement_mm, dtype=np.float64) / geometry.leg_length_mm[0]
-    cosine = np.sqrt(1.0 - sine**2)
-    weight = 1.0 - np.asarray(station, dtype=np.float64)
-    a = sine
-    b = (weight + sine) * sine / cosine
-    c = (weight + sine) / cosine - weight
-    return a, b, c
-
-
 def reading_matrix(geometry: Geometry, taken: Conditions) -> FloatArray:
     """Derivatives of the readings by d_rho and d_L at the nominal machine, ``(n_readings, 6)``.
 
-    A reading along axis j on leg i: ``b d_rho_i + a d_rho_j - b d_L_i - c d_L_j``. A row at Zero
+    A reading along axis j on leg i: ``b d_rho_i + a d_rho_j - b d_L_i - c d_L_j`` with a, b, c of
+    papers/000 equation (11) and ``sin(alpha) = displacement / L``. The paper touches the middle of
+    the leg; for a station s the weight of the tool end is 1 - s in place of 0.5. A row at Zero
     is zero; a difference of readings is the difference of rows, so system (11) is
     ``Differences.combine @ reading_matrix``. First order: the exact model departs from it by
     several micrometres at offsets of 2 mm. Other tripods, readings of the tool and those over a
@@ -224,11 +201,14 @@ def reading_matrix(geometry: Geometry, taken: Conditions) -> FloatArray:
     """
     if not geometry.of_papers or TOOL in taken.leg or taken.over_plane.any():
         return derivatives(geometry, np.zeros(len(PARAMETER_NAMES)), taken)
-    a, b, c = coefficients(geometry, taken.displacement_mm, taken.station)
+    sine, weight = taken.displacement_mm / geometry.leg_length_mm[0], 1.0 - taken.station
+    cosine = np.sqrt(1.0 - sine**2)
+    b = (weight + sine) * sine / cosine
+    c = (weight + sine) / cosine - weight
     rows = np.arange(len(taken))
     matrix = np.zeros((len(taken), 6))
     matrix[rows, taken.leg] = b
-    matrix[rows, taken.axis] = a
+    matrix[rows, taken.axis] = sine
     matrix[rows, 3 + taken.leg] = -b
     matrix[rows, 3 + taken.axis] = -c
     return matrix

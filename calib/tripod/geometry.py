@@ -400,32 +400,25 @@ def trilaterate(
 
 
 def tool_jacobians(
-    geometry: Geometry, tool_mm: ArrayLike, carriage_mm: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
+    geometry: Geometry,
+    tool_mm: ArrayLike,
+    carriage_mm: ArrayLike,
+    length_mm: NDArray[Any] | None = None,
+) -> tuple[NDArray[Any], NDArray[Any]]:
     """Derivatives of the tool position by joint offsets and by leg lengths; papers/000 (5).
 
     Shapes ``(..., 3)`` in, two arrays ``(..., 3, 3)`` out (row: coordinate, column: parameter),
-    without unit (mm per mm).
+    without unit (mm per mm). ``length_mm`` ``(..., 3)`` of the bars, None: the nominal ones.
+    Complex numbers pass.
     """
-    tool = np.asarray(tool_mm, dtype=np.float64)
-    carriage = np.asarray(carriage_mm, dtype=np.float64)
-    return moved_by(geometry, tool, carriage, geometry.lengths)
-
-
-def moved_by(
-    geometry: Geometry,
-    tool_mm: NDArray[Any],
-    carriage_mm: NDArray[Any],
-    length_mm: NDArray[Any],
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    """`tool_jacobians` for any lengths of the bars ``(..., 3)``; complex numbers pass."""
-    feet = geometry.anchors + geometry.directions * carriage_mm[..., :, None]
-    bars = tool_mm[..., None, :] - feet
+    tool, carriage = np.asarray(tool_mm), np.asarray(carriage_mm)
+    feet = geometry.anchors + geometry.directions * carriage[..., :, None]
+    bars = tool[..., None, :] - feet
     index = np.arange(3)
     along = np.zeros_like(bars)
     along[..., index, index] = dot(bars, geometry.directions)
     stretch = np.zeros_like(bars)
-    stretch[..., index, index] = length_mm
+    stretch[..., index, index] = geometry.lengths if length_mm is None else length_mm
     return np.linalg.solve(bars, along), np.linalg.solve(bars, stretch)
 
 

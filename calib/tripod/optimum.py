@@ -20,6 +20,9 @@ from calib.tripod.pool import FREE, PARAMETERS, STATIONS, LegPool, leg_pool, tur
 Coordinates = dict[str, float | str]
 """One posture: names with their unit, such as ``displacement_mm``."""
 
+Visit = tuple[float, int]
+"""A displacement, and the sign of the movement that leads there."""
+
 Orders = dict[tuple[int, float], list[float]]
 """Displacements in mm to visit for each mounting (leg, station)."""
 
@@ -250,7 +253,7 @@ def _on_bound(pool: LegPool, chosen: Sequence[int]) -> int:
 
 def _orders(pool: LegPool, chosen: Sequence[int]) -> Orders:
     """Displacements to visit for each mounting (leg, station)."""
-    grouped: dict[tuple[int, float], list[tuple[float, int]]] = {}
+    grouped: dict[tuple[int, float], list[Visit]] = {}
     for k in sorted(chosen, key=lambda k: pool.place[k]):
         visit = float(pool.displacement_mm[k]), int(pool.approach[k])
         grouped.setdefault(pool.places[pool.place[k]], []).append(visit)
@@ -264,44 +267,32 @@ def _orders(pool: LegPool, chosen: Sequence[int]) -> Orders:
     return orders
 
 
-def visiting_order(visits: Sequence[tuple[float, int]], ends_mm: Pair) -> list[float]:
+def visiting_order(visits: Sequence[Visit], ends_mm: Pair) -> list[float]:
     """Displacements of one mounting such that each visit comes from its own side.
 
-    ``visits`` are displacement and side, repeats allowed; the tool starts at Zero. Where the way
-    must turn first, the end of the way, `turning_mm`, is visited in between and read as well.
+    Repeats are allowed; the tool starts at Zero. Where the way must turn first, the end of the way,
+    `turning_mm`, is visited in between and read as well.
     """
-    passes = _passes(visits)
-    orders = [_walk(_chained(passes, up_first=up), ends_mm) for up in (True, False)]
-    return min(orders, key=len)
-
-
-def _passes(visits: Sequence[tuple[float, int]]) -> list[list[tuple[float, int]]]:
-    """The visits without repeats, then the second ones of those repeated, and so on."""
-    passes: list[list[tuple[float, int]]] = []
+    passes: list[list[Visit]] = []  # without repeats, then the second ones of those, and so on
     for visit in visits:
         free = next((one for one in passes if visit not in one), None)
         if free is None:
-            passes.append([visit])
-        else:
-            free.append(visit)
-    return passes
+            free = []
+            passes.append(free)
+        free.append(visit)
+    return min((_walked(passes, ends_mm, up_first=up) for up in (True, False)), key=len)
 
 
-def _chained(passes: list[list[tuple[float, int]]], *, up_first: bool) -> list[tuple[float, int]]:
-    chain: list[tuple[float, int]] = []
+def _walked(passes: list[list[Visit]], ends_mm: Pair, *, up_first: bool) -> list[float]:
+    chain: list[Visit] = []
     for one in passes:
         up = sorted(visit for visit in one if visit[1] > 0)
         down = sorted((visit for visit in one if visit[1] <= 0), reverse=True)
         chain += up + down if up_first else down + up
-    return chain
-
-
-def _walk(chain: list[tuple[float, int]], ends_mm: Pair) -> list[float]:
     position, walked = 0.0, []
     for level, side in chain:
         if (level - position) * side <= 0.0:
-            position = ends_mm[0] if side > 0 else ends_mm[1]
-            walked.append(position)
+            walked.append(ends_mm[0] if side > 0 else ends_mm[1])
         walked.append(level)
         position = level
     return walked

@@ -24,6 +24,7 @@ from calib.errors import CalibrationError
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry, dot, inverse, trilaterate
 
 COMPLEX_STEP_MM = 1e-30
+"""Nothing is subtracted, so it may be small; squares of it vanish beside every real part."""
 
 
 class Stage(StrEnum):
@@ -118,8 +119,7 @@ def driven(
     effects: Sequence[StageEffect] = (),
 ) -> Flow:
     """The same as far as the carriages, which need not reach each other."""
-    parameters = np.asarray(parameters_mm)
-    none = np.empty(0)
+    parameters, none = np.asarray(parameters_mm), np.empty(0)
     flow = Flow(
         geometry=geometry,
         taken=taken,
@@ -279,7 +279,7 @@ def _joint(flow: Flow) -> FloatArray:
 
 def _append_zero_row(taken: Conditions) -> Conditions:
     """The conditions with one more row: the Zero posture, in which indicators are mounted."""
-    nan = np.nan
+    nan = np.nan  # station and axis are some that are valid: this row is no reading
     zero = {"station": 0.5, "axis": 1, "temperature_c": nan, "mount": -1, "along_mm": nan}
     arrays = {}
     for name in (f.name for f in fields(Conditions)):

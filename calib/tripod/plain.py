@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.arrays import TOOL, Conditions, FloatArray, IntArray
-from calib.tripod.geometry import Geometry, moved_by, trilaterate
+from calib.tripod.geometry import Geometry, tool_jacobians, trilaterate
 from calib.tripod.pipeline import command, measuring_directions
 
 
@@ -74,7 +74,7 @@ class TripodDesign:
         """See `PlainDesign`."""
         carriage, tool, lengths = self._postures(parameters_mm)
         value, fraction, reach = self._touched(carriage, tool)
-        by_tool = np.concatenate(moved_by(self.geometry, tool, carriage, lengths), axis=-1)
+        by_tool = np.concatenate(tool_jacobians(self.geometry, tool, carriage, lengths), axis=-1)
         legs, n = self.taken.leg, len(self.taken)
         by_foot = np.zeros((*tool.shape, 6), dtype=tool.dtype)[:, :-1]
         of_leg = np.flatnonzero(legs != TOOL)

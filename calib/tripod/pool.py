@@ -142,7 +142,7 @@ def leg_pool(
         station=np.array([places[number][1] for number in place]),
         place=place,
         places=places,
-        rows=np.empty(0),
+        rows=np.empty(0),  # made next, from all the others
     ).with_rows(parameters_mm)
 
 

@@ -28,6 +28,8 @@ def hidden_machine(
 
     Offsets that were entered in its controller no longer show.
     """
+    # a stream of numbers for each purpose: 3 zeros, 4 tilts, 5 hidden effects, 6 rails; one more
+    # draw of one changes nothing of the others
     generator = np.random.default_rng([seed, 1])
     offsets = generator.uniform(-OFFSET_LIMIT_MM, OFFSET_LIMIT_MM, 3) - entered_offsets_mm
     lengths = generator.normal(scale=LENGTH_SPREAD_MM, size=3)

@@ -12,7 +12,7 @@ import numpy as np
 from calib.arrays import LEG_NAMES, Conditions, FloatArray, tool_conditions
 from calib.errors import CalibrationError
 from calib.tripod.geometry import Geometry, Triple, inverse, tool_jacobians, trilaterate
-from calib.tripod.pipeline import Flow, Model, driven, posture
+from calib.tripod.pipeline import Flow, Model, posture
 
 CELLS_PER_AXIS = 6
 REACH_POINTS = 9
@@ -37,12 +37,8 @@ def workspace_box(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
     return tool.min(axis=0), tool.max(axis=0)
 
 
-def workspace_axes(geometry: Geometry, cells: int) -> list[FloatArray]:
-    """Middles of so many cells along x, y, z over the workspace's box, mm."""
-    return _middles(*workspace_box(geometry), cells)
-
-
 def _middles(low: FloatArray, high: FloatArray, cells: int) -> list[FloatArray]:
+    """Of so many cells along x, y, z."""
     part = (np.arange(cells) + 0.5) / cells
     return [a + (b - a) * part for a, b in zip(low, high, strict=True)]
 
@@ -103,13 +99,6 @@ def machine_at(model: Model, joint_mm: FloatArray, way: float) -> Flow:
     return posture(model.geometry, model.parameters_mm, taken, joint_mm, model.effects)
 
 
-def carriages_at(model: Model, joint_mm: FloatArray, way: float) -> FloatArray:
-    """True places of the carriages ``(n, 3)``, wherever they are sent."""
-    taken = reached(len(joint_mm), way)
-    flow = driven(model.geometry, model.parameters_mm, taken, joint_mm, model.effects)
-    return np.asarray(flow.carriage_mm)
-
-
 def reached(count: int, way: float) -> Conditions:
     """Conditions of so many postures of the tool, all carriages having come one way."""
     taken = tool_conditions(np.zeros((count, 3)))
@@ -146,7 +135,7 @@ def plane_map(
     values: Callable[[FloatArray], FloatArray],
 ) -> PlaneMap:
     """What ``values`` gives for places of the tool ``(n, 3)``, over the workspace's box."""
-    axes = workspace_axes(geometry, points)
+    axes = _middles(*workspace_box(geometry), points)
     across, up = axes[plane[0]], axes[plane[1]]
     tool = np.zeros((points, points, 3))
     tool[:, :, plane[0]] = across[None, :]

@@ -68,6 +68,7 @@ MAX_LINEAR_VELOCITY = 1000
 KINEMATICS = trivkins coordinates=XYZ
 JOINTS = 3
 """
+# homing ends within what it goes in one period at HOME_LATCH_VEL: 0.3 mm/s in 1 ms
 JOINT = """[AXIS_{axis}]
 MAX_VELOCITY = 1000
 MAX_ACCELERATION = 8000

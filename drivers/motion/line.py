@@ -9,29 +9,18 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from functools import partial
 
 from drivers.motion.controller import Controller, Faulted, MotionFault, Triple
 
 IDLE_S = 0.3
 """A machine that rests is looked at so often: who took control, is it still on?"""
 
+Wish = tuple[Callable[[], Triple], Future[Triple]]
+"""What the thread is to do, and where the position after it goes."""
 
 BROKEN = (MotionFault.LOST, MotionFault.CONTROL_LOST, MotionFault.UNREACHABLE)
 """After these the next move begins with a new connection."""
-
-
-@dataclass(frozen=True)
-class _Wish:
-    """Places to go to one after the other at a feed; without a feed: to be at the last one.
-
-    ``stops`` is how often the line had been told to stop: a later stop ends it.
-    """
-
-    stops: int
-    places_mm: tuple[Triple, ...]
-    feed_mm_min: float | None
-    answer: Future[Triple]
 
 
 class MotionLine:
@@ -45,7 +34,7 @@ class MotionLine:
         self.controller = controller
         self.listener: Callable[[], None] = lambda: None
         self.fault: Faulted | None = None
-        self._wishes: queue.SimpleQueue[_Wish | None] = queue.SimpleQueue()
+        self._wishes: queue.SimpleQueue[Wish | None] = queue.SimpleQueue()
         self._thread = threading.Thread(
             target=self._own, name=f"motion {controller.address}", daemon=True
         )
@@ -73,11 +62,11 @@ class MotionLine:
 
     def go(self, places_mm: Sequence[Triple], feed_mm_min: float) -> Future[Triple]:
         """Move to these places one after the other, each waited for."""
-        return self._asked(_Wish(self._stops, tuple(places_mm), feed_mm_min, Future()))
+        return self._asked(partial(self._went, self._stops, tuple(places_mm), feed_mm_min))
 
     def at(self, place_mm: Triple) -> Future[Triple]:
         """The position now, where it is still this one and nothing else is wrong."""
-        return self._asked(_Wish(self._stops, (place_mm,), None, Future()))
+        return self._asked(partial(self.controller.is_at, place_mm))
 
     def stop(self) -> None:
         """End all that was asked for so far, from any thread."""
@@ -91,7 +80,7 @@ class MotionLine:
         self._wishes.put(None)
         if self._thread.is_alive():
             self._thread.join()
-        self.controller.close()
+        self.controller.close()  # before: until then the guard may have to stop it
         if self._guard is not None and self._guard.stdin is not None:
             with contextlib.suppress(OSError):
                 self._guard.stdin.write(b"bye\n")
@@ -99,11 +88,12 @@ class MotionLine:
             self._guard.wait()
             self._guard = None
 
-    def _asked(self, wish: _Wish) -> Future[Triple]:
-        self._wishes.put(wish)
+    def _asked(self, work: Callable[[], Triple]) -> Future[Triple]:
+        answer: Future[Triple] = Future()
+        self._wishes.put((work, answer))
         if not self._thread.is_alive():
             self._answer_nobody()
-        return wish.answer
+        return answer
 
     def _own(self) -> None:
         while True:
@@ -115,20 +105,20 @@ class MotionLine:
             if wish is None:
                 break
             self.fault = None
+            work, answer = wish
             try:
-                there = self._granted(wish)
+                there = work()
             except Faulted as problem:
                 self._note(problem)
-                wish.answer.set_exception(problem)
+                answer.set_exception(problem)
             else:
-                wish.answer.set_result(there)
+                answer.set_result(there)
         self._answer_nobody()
 
-    def _granted(self, wish: _Wish) -> Triple:
-        if wish.feed_mm_min is None:
-            return self.controller.is_at(wish.places_mm[-1])
+    def _went(self, stops: int, places_mm: Sequence[Triple], feed_mm_min: float) -> Triple:
+        """At the last place; a stop since ``stops`` of them were told ends it before it moves."""
         with self._lock:
-            if wish.stops != self._stops:
+            if stops != self._stops:
                 raise self.controller.fault(MotionFault.STOPPED, "before it moved")
             self.controller.halt.clear()
         if self._broken:
@@ -136,8 +126,8 @@ class MotionLine:
             self.controller.connect()
             self._broken = False
         self.controller.ready()
-        for place_mm in wish.places_mm:
-            there = self.controller.move_to(place_mm, wish.feed_mm_min)
+        for place_mm in places_mm:
+            there = self.controller.move_to(place_mm, feed_mm_min)
         return there
 
     def _look(self) -> None:
@@ -162,4 +152,4 @@ class MotionLine:
                 return
             if waiting is not None:
                 gone = self.controller.fault(MotionFault.LOST, "closed")
-                waiting.answer.set_exception(gone)
+                waiting[1].set_exception(gone)

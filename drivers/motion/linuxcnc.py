@@ -64,6 +64,7 @@ class LinuxCnc(Controller):
         try:
             if not self._asked(f"hello {connect} glidecal 1", CONNECT_S).startswith("HELLO ACK"):
                 raise self._refused("the password to connect")
+            # without verbose what is accepted has no answer
             told = self._asked("set echo off\nset verbose on", CONNECT_S)
             while told != "SET VERBOSE ACK":
                 told = self._line(CONNECT_S)  # what is echoed until then

@@ -19,22 +19,27 @@ from tempfile import TemporaryDirectory
 import pytest
 
 from app.cli import main
+from tests.conftest import ROOT
 
 PATIENCE_S = 90.0
+
+
+def _loaded() -> list[str]:
+    """The program's modules, all but its start, its screens, and the report, which draws."""
+    rooms = ("calib", "drivers", "protocols", "app")
+    modules = [path.relative_to(ROOT) for room in rooms for path in (ROOT / room).rglob("*.py")]
+    names = [".".join(path.with_suffix("").parts) for path in modules]
+    left_out = ("app.__main__", "app.screens", "app.report.pages")
+    return [
+        name for name in names if not name.endswith("__init__") and not name.startswith(left_out)
+    ]
+
 
 if sys.platform == "win32":
     PROCESSES = multiprocessing.get_context("spawn")
 else:
     PROCESSES = multiprocessing.get_context("forkserver")
-    PROCESSES.set_forkserver_preload(
-        [
-            "__main__",
-            "tests.app.cli",
-            "app.evaluating.diagnosis",
-            "app.measuring.opening",
-            "scipy.stats",
-        ]
-    )
+    PROCESSES.set_forkserver_preload(["__main__", "tests.app.cli", "scipy.stats", *_loaded()])
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,16 @@ from xml.etree import ElementTree
 
 import pytest
 
-from benchmarks.page import tables_of, with_tables, with_versions
-from benchmarks.pictures import DRAWN, cells, rows_of, shares, write_pictures
+from benchmarks.page import (
+    DRAWN,
+    cells,
+    rows_of,
+    shares,
+    tables_of,
+    with_tables,
+    with_versions,
+    write_pictures,
+)
 from benchmarks.postures import figaroh
 
 PAGE = """# Words

@@ -62,10 +62,7 @@ def published(samples: Path, tmp_path: Path) -> tuple[SessionSolution, Path]:
 @pytest.fixture(scope="module")
 def verified(tmp_path_factory: pytest.TempPathFactory) -> tuple[SessionSolution, Plan]:
     """A simulated machine, calibrated and measured again."""
-    plan = replace(
-        demo_plan(tmp_path_factory.mktemp("demo"), "zero-max-min", 1),
-        interval_s=QUICK_INTERVAL_S,
-    )
+    plan = demo_plan(tmp_path_factory.mktemp("demo"), "zero-max-min", 1)
     with start_session(plan) as guided:
         measure_all(guided)
     second = verification_plan(plan, solve_for_controller(plan.path))

@@ -44,7 +44,7 @@ def strip_rows(trace: Trace, columns: int, rows: int) -> tuple[str, ...]:
         if before[0] == ago + 1:
             low, high_mm = min(low, before[2]), max(high_mm, before[1])
         before = moment
-        line = (2 << down(low)) - (1 << down(high_mm))
+        line = (2 << down(low)) - (1 << down(high_mm))  # every dot from the highest to the lowest
         first = (SLOTS - 1 - ago) * wide // SLOTS
         for x in range(first, max(first + 1, (SLOTS - ago) * wide // SLOTS)):
             dots[x] |= line

@@ -89,7 +89,7 @@ def svg_of(chart: Chart) -> str:
 
 def _merge_points(axes: Axes, lines: Sequence[Line2D]) -> None:
     """Put one path in the place of all points of a series, each where it has been."""
-    axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())
+    axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())  # places in inches hold with these only
     inches = axes.figure.dpi_scale_trans
     for line in lines:
         marker, size_in = MarkerStyle(line.get_marker()), line.get_markersize() / 72.0

@@ -44,7 +44,7 @@ if TYPE_CHECKING:  # asked for by option only, and heavy
 def solution_text(solved: SessionSolution) -> str:
     """The whole result: the gravest sentence, the numbers, what else to know, then the tables."""
     solution, said = solved.solution, caveats(solved)
-    grave = said[: said[0].startswith("WARNING")] if said else []
+    grave = said[: said[0].startswith("WARNING")] if said else []  # the first, or none
     bound = uncertain(solved.bound_after.bound_mm)
     tool = f"Tool: at most {bound} mm with these values. {bound_made_of(solved)}"
     remarks = [remark for session in solved.sessions for remark in session.opened.remarks]

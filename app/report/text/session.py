@@ -182,7 +182,7 @@ def so_far_text(session: Session, steps: Sequence[Step], step: Step) -> str:
     heading = "".join(f"{f'cycle {row.cycle}':>10}" for row in shown)
     marked = "  *kept" if any(row.kept_mm for row in shown) else ""
     lines = [f"{'minus Zero':<24}{heading}{marked}"]
-    for k in range(max(1, first), len(places))[:PLATE_POSITIONS]:
+    for k in range(max(1, first), len(places))[:PLATE_POSITIONS]:  # the first place is Zero itself
         values = (_cell(row.minus_zero_mm.get(k), 10, kept=k in row.kept_mm) for row in shown)
         lines.append(f"{position_words(places[k]):<24}{''.join(values)}")
     back = "".join(_cell(row.back_at_zero_mm, 10) for row in shown)
@@ -324,7 +324,8 @@ def point_text(step: Step, session: Session) -> str:
         return f"{where}   skipped: {session.skipped[step.number]}"
     counting = [r for r in session.readings if r.step == step.number]
     shown = counting or [r for r in session.all_readings if r.step == step.number]
-    values = "  ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)}" for r in shown[-2:])
+    latest = shown[-len(step.axes) :]  # of what was taken again and again
+    values = "  ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)}" for r in latest)
     reason = session.superseded.get(shown[-1].reading) if shown and not counting else None
     return f"{where}   {values}" + (f"   superseded: {reason}" if reason else "")
 

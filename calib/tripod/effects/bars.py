@@ -50,6 +50,7 @@ class GravitySag(OfBar):
 
     def off(self, at: Acting) -> NDArray[Any]:
         """By value · load · pull / weight, at the unloaded machine."""
+        # what the sag itself turns the bars by changes it by its square only
         return at.values[0] * at.flow.geometry.load * _pull(at)
 
 

@@ -137,7 +137,7 @@ def tool_columns(
     Of the nominal machine; all carriages come one ``way``, 1 is upwards. Where the tool's place at
     Zero is set by hand, less what it does there. Raises UnreachablePosture.
     """
-    points = np.vstack([tool_mm, np.zeros(3)])
+    points = np.vstack([tool_mm, np.zeros(3)])  # the last one tells what is done at Zero
     joint_mm, taken = inverse(geometry, points), reached(len(points), way)
     stepped = [one for effect, place in placed for one in _steps(effect, place)]
     moved = np.zeros((len(points), 3, len(stepped)))

@@ -225,7 +225,7 @@ def cyclic_of(names: Iterable[str]) -> ActuatorCyclic | None:
     """The law of any lead whose parameters have these names; None where there is none."""
     wanted = set(names)
     leads = {found[1] for found in map(LEAD.fullmatch, wanted) if found}
-    if len(leads) != 1 or not float(next(iter(leads))) > 0.0:
+    if len(leads) != 1 or not float(next(iter(leads))) > 0.0:  # a lead of 0 has the form, too
         return None
     law = ActuatorCyclic(float(leads.pop()))
     return law if wanted == {parameter.name for parameter in law.parameters} else None

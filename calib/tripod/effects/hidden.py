@@ -91,13 +91,8 @@ class _Choice:
 
 def _plain_ones(known: Sequence[Candidate], truth: Model, taken: Conditions) -> list[_Choice]:
     """Those that show about as well as the plainest."""
-    basis = _not_effects(truth, taken)
+    base = derivatives(truth.geometry, truth.parameters_mm, taken)
+    basis = basis_of(np.hstack([incidence(taken.mount), tilts(taken), base]), DEPENDENT)
     found = [_Choice(c, without(basis, c.columns)) for c in known]
     best = max(choice.plain_mm for choice in found)
     return [choice for choice in found if choice.plain_mm >= NEARLY_AS_PLAIN * best]
-
-
-def _not_effects(truth: Model, taken: Conditions) -> FloatArray:
-    """Orthonormal basis of zeros, joint offsets and leg lengths ``(n_readings, k)``."""
-    base = derivatives(truth.geometry, truth.parameters_mm, taken)
-    return basis_of(np.hstack([incidence(taken.mount), tilts(taken), base]), DEPENDENT)

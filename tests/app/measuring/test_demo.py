@@ -13,7 +13,7 @@ import pytest
 from app.evaluating.solution import solve_for_controller
 from app.measuring.demo import demo_plan
 from app.measuring.opening import start_session
-from app.measuring.plan import QUICK_INTERVAL_S, Plan, verification_plan
+from app.measuring.plan import Plan, verification_plan
 from app.measuring.simulated import hidden_effect, planned_readings
 from app.measuring.unattended import measure_all
 from calib.arrays import Observations
@@ -38,7 +38,7 @@ NOISE_MM = 0.002
 def plan_with(folder: Path, effect: str, protocol: str = "zero-max-min") -> Plan:
     """A demonstration with a hidden effect and without scatter."""
     plan = demo_plan(folder, protocol, 4, effect=effect)
-    return replace(plan, interval_s=QUICK_INTERVAL_S, bench=replace(plan.bench, scatter_mm=0.0))
+    return replace(plan, bench=replace(plan.bench, scatter_mm=0.0))
 
 
 def measured(plan: Plan) -> Observations:

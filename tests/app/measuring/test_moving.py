@@ -15,9 +15,8 @@ from app.evaluating.solution import solve_for_controller
 from app.measuring.demo import SelfMovingBench, demo_plan
 from app.measuring.moving import Mover, Moving, check_motion, ways_of
 from app.measuring.opening import start_session
-from app.measuring.plan import QUICK_INTERVAL_S
 from app.measuring.simulated import BenchSettings
-from app.measuring.unattended import measure_all
+from app.measuring.unattended import REST_S, measure_all
 from calib.errors import MotionError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
 from drivers.exchange import Exchange
@@ -27,7 +26,7 @@ from drivers.profile import IndicatorReading, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from protocols.machine import Machine, MotionLimits
 from protocols.observations import to_observations
-from protocols.procedure import Step, load_procedure
+from protocols.procedure import Procedure, Step, load_procedure
 from protocols.record import read_record
 from protocols.session import Noted, fold
 from tests.app.measuring.moving_machine import (
@@ -189,6 +188,12 @@ def test_a_stand_that_is_slid_in_every_posture_is_left_to_the_operator() -> None
         ways_of(load_procedure("plane", FAST.geometry()), FAST, BOTH)
 
 
+def test_indicators_are_waited_for_longer_than_the_longest_window() -> None:
+    longest = SHORT.model_dump() | {"window_s": REST_S - 20.0}
+    with pytest.raises(ValueError, match="window_s"):
+        Procedure.model_validate(longest)
+
+
 def test_a_check_says_who_says_so_and_moves_nothing() -> None:
     with closing(LinuxCncTwin(SimulatedAxes())) as twin:
         assert "joint_homed YES YES YES" in check_motion(twin.told, FAST)
@@ -202,7 +207,7 @@ def test_a_check_says_who_says_so_and_moves_nothing() -> None:
 def test_a_demonstration_that_moves_itself_finds_the_hidden_offsets(tmp_path: Path) -> None:
     plan = demo_plan(tmp_path, None, 5, by_itself="twin")
     once = plan.procedure.model_copy(update={"cycles": 1})
-    plan = replace(plan, procedure=once, interval_s=QUICK_INTERVAL_S)
+    plan = replace(plan, procedure=once)
     with start_session(plan) as guided:
         measure_all(guided, lambda _: True, lambda _: None)
     found = solve_for_controller(plan.path).joint_offsets_mm

@@ -16,7 +16,7 @@ import pytest
 from app.measuring.demo import demo_plan
 from app.measuring.gauges import Gauge
 from app.measuring.opening import opened_event, start_session
-from app.measuring.plan import QUICK_INTERVAL_S, Plan
+from app.measuring.plan import Plan
 from app.measuring.session import Doubt, GuidedSession, Indicators
 from app.measuring.unattended import measure_all
 from drivers.profile import FaultKind, IndicatorReading, Outcome, Query
@@ -33,7 +33,7 @@ NOTES = 40
 
 
 def test_notes_while_readings_are_taken(tmp_path: Path) -> None:
-    plan = replace(demo_plan(tmp_path, "zero-max-min", 1), interval_s=QUICK_INTERVAL_S)
+    plan = demo_plan(tmp_path, "zero-max-min", 1)
     with start_session(plan) as guided:
 
         def write() -> None:
@@ -61,7 +61,7 @@ def quick(folder: Path, **changes: object) -> Plan:
     """Two legs, one cycle each: ZERO MAX MIN ZERO, steps 1 … 4 on x and 5 … 8 on y."""
     plan = demo_plan(folder, "zero-max-min", 1)
     short = plan.procedure.model_dump() | {"legs": ("x", "y"), "cycles": 1} | changes
-    return replace(plan, procedure=Procedure.model_validate(short), interval_s=QUICK_INTERVAL_S)
+    return replace(plan, procedure=Procedure.model_validate(short))
 
 
 def take(guided: GuidedSession, count: int) -> list[int]:

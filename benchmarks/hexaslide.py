@@ -23,15 +23,15 @@ from scipy.optimize import minimize
 from calib.arrays import FloatArray
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import rows_seen
-from calib.hexaslide.procedures import Kind, Procedure
+from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.search import Search, best_postures
 from protocols.hexaslide import load_hexaslide
 
 COUNTS = {
-    Kind.POSE_INVERSE: 9,
-    Kind.POSE_FORWARD: 9,
-    Kind.POSITION: 16,
-    Kind.CONSTRAINT_LINK: 48,
+    ProcedureKind.POSE_INVERSE: 9,
+    ProcedureKind.POSE_FORWARD: 9,
+    ProcedureKind.POSITION: 16,
+    ProcedureKind.CONSTRAINT_LINK: 48,
 }
 """The fewest postures of each procedure."""
 

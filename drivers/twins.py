@@ -23,7 +23,7 @@ class Twin(Protocol):
         """The bytes that the device answers to these."""
 
 
-class Trouble(StrEnum):
+class LineTrouble(StrEnum):
     """Faults that any device may show, besides those of its own profile."""
 
     SILENCE = "silence"
@@ -37,14 +37,14 @@ class Trouble(StrEnum):
 
 
 WORDS = {
-    Trouble.SILENCE: "no answer at all: switched off, or the cable is out",
-    Trouble.SPLIT: "half an answer, without its end",
-    Trouble.NOISE: "wrong bytes before each answer",
-    Trouble.ECHO: "each request comes back before its answer",
-    Trouble.DROP_OUTS: "every third answer is missing",
-    Trouble.SLOW: "each answer comes 0.4 s late",
-    Trouble.DISCONNECT: "the port is gone at the first request",
-    Trouble.PARITY: "seven data bits with even parity, to a reader of eight",
+    LineTrouble.SILENCE: "no answer at all: switched off, or the cable is out",
+    LineTrouble.SPLIT: "half an answer, without its end",
+    LineTrouble.NOISE: "wrong bytes before each answer",
+    LineTrouble.ECHO: "each request comes back before its answer",
+    LineTrouble.DROP_OUTS: "every third answer is missing",
+    LineTrouble.SLOW: "each answer comes 0.4 s late",
+    LineTrouble.DISCONNECT: "the port is gone at the first request",
+    LineTrouble.PARITY: "seven data bits with even parity, to a reader of eight",
 }
 
 SLOW_S = 0.4
@@ -58,7 +58,7 @@ class Disconnected(Exception):
 class IndicatorTwin:
     """A device that answers each whole request, or streams and listens to nothing.
 
-    Its ``fault``, if it has one, is one of `Trouble` or the name of a bad reply of the profile.
+    Its ``fault``, if it has one, is one of `LineTrouble` or the name of a bad reply of the profile.
     """
 
     def __init__(self, profile: Profile, spindle: Spindle, fault: str | None = None) -> None:
@@ -97,18 +97,18 @@ class IndicatorTwin:
         """The answer as the fault leaves it."""
         if fault in self._profile.bad_replies:
             return self._profile.bad_replies[fault].reply
-        if fault == Trouble.DISCONNECT:
+        if fault == LineTrouble.DISCONNECT:
             raise Disconnected
-        if fault == Trouble.SLOW:
+        if fault == LineTrouble.SLOW:
             time.sleep(SLOW_S)
         self._count += 1
         shapes = {
-            Trouble.SILENCE: b"",
-            Trouble.SPLIT: answer[: max(1, len(answer) // 2)],
-            Trouble.NOISE: NOISE + answer,
-            Trouble.ECHO: request + answer,
-            Trouble.DROP_OUTS: b"" if self._count % 3 == 0 else answer,
-            Trouble.PARITY: bytes(byte | (byte.bit_count() % 2) << 7 for byte in answer),
+            LineTrouble.SILENCE: b"",
+            LineTrouble.SPLIT: answer[: max(1, len(answer) // 2)],
+            LineTrouble.NOISE: NOISE + answer,
+            LineTrouble.ECHO: request + answer,
+            LineTrouble.DROP_OUTS: b"" if self._count % 3 == 0 else answer,
+            LineTrouble.PARITY: bytes(byte | (byte.bit_count() % 2) << 7 for byte in answer),
         }
         return next((shape for name, shape in shapes.items() if name == fault), answer)
 

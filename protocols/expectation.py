@@ -31,7 +31,7 @@ HIDDEN = 0.2
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedReading:
     """What one indicator should show in a step: mean and standard deviation, mm.
 
     Further off than ``limit_mm`` is questioned. ``before`` is the last reading of the mounting.
@@ -68,7 +68,7 @@ class Movement(StrEnum):
     UNKNOWN = "unknown"  # no change was to be seen: the readings prove nothing
 
 
-def expected(session: Session, step: Step, time_s: float) -> tuple[Expected, ...]:
+def expected(session: Session, step: Step, time_s: float) -> tuple[ExpectedReading, ...]:
     """What each indicator should show in a step at this time; none before the mounting's first.
 
     A reading that was kept though it was questioned weighs little: one outlier must not make every
@@ -118,7 +118,7 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[Expected, ...
     )
     calibrated = session.opened.verifies is not None or any(machine.entered_offsets_mm)
     return tuple(
-        Expected(
+        ExpectedReading(
             before=last[mount],
             mean_mm=float(mean),
             deviation_mm=float(deviation),
@@ -132,7 +132,7 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[Expected, ...
 
 def movement(
     step: Step,
-    due: Sequence[Expected],
+    due: Sequence[ExpectedReading],
     values_mm: Sequence[float],
     rests_mm: Sequence[float],
     time_s: float,

@@ -40,7 +40,7 @@ from calib.hexaslide.geometry import (
     HexaSlide,
     inverse,
 )
-from calib.hexaslide.procedures import Kind, Procedure
+from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings
 from protocols.documents import Document, Name, describe, read_text, read_toml
 
@@ -298,7 +298,7 @@ class HexaSlideMeasurements(Document):
     program: Name = ""
     origin: Literal["measured", "simulated"]
     seed: int | None = None
-    procedure: Kind = Field(strict=False)
+    procedure: ProcedureKind = Field(strict=False)
     measured: tuple[Name, ...]
     units: FileUnits
     noise: MeasuringNoise
@@ -316,7 +316,7 @@ class HexaSlideMeasurements(Document):
             raise ValueError(
                 f"measured with {self.procedure.value}: {', '.join(wanted) or 'nothing, []'}"
             )
-        if self.procedure is Kind.CONSTRAINT_LINK and self.machine.constraint_link is None:
+        if self.procedure is ProcedureKind.CONSTRAINT_LINK and self.machine.constraint_link is None:
             raise ValueError("constraint-link needs a machine with a constraint_link")
         for number, one in enumerate(self.postures, start=1):
             if len(one.values) != len(wanted):
@@ -327,7 +327,7 @@ class HexaSlideMeasurements(Document):
 
     def as_procedure(self) -> Procedure:
         """The procedure with what it measures. Raises CalibrationError."""
-        fixed = self.procedure is Kind.POSE_INVERSE
+        fixed = self.procedure is ProcedureKind.POSE_INVERSE
         return Procedure.of(self.procedure.value, () if fixed else self.measured)
 
     def readings(self) -> Readings:

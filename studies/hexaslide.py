@@ -27,7 +27,7 @@ from calib.hexaslide.planning import (
     look_at,
     sensitivity,
 )
-from calib.hexaslide.procedures import Kind
+from calib.hexaslide.procedures import ProcedureKind
 from calib.hexaslide.search import BestPostures, Search, best_postures
 from protocols.hexaslide import load_hexaslide
 from studies import THREADS, tables
@@ -43,10 +43,10 @@ TEMPLATES = jinja2.Environment(
 SEED = 0
 
 MORE_POSTURES = {
-    Kind.POSE_INVERSE: (10, 12, 16, 24, 48),
-    Kind.POSE_FORWARD: (10, 12, 16, 24, 48),
-    Kind.POSITION: (17, 20, 24, 32, 64),
-    Kind.CONSTRAINT_LINK: (50, 55, 64, 96),
+    ProcedureKind.POSE_INVERSE: (10, 12, 16, 24, 48),
+    ProcedureKind.POSE_FORWARD: (10, 12, 16, 24, 48),
+    ProcedureKind.POSITION: (17, 20, 24, 32, 64),
+    ProcedureKind.CONSTRAINT_LINK: (50, 55, 64, 96),
 }
 
 
@@ -78,7 +78,7 @@ class Studied:
     in_joints: BestPostures | None
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> ProcedureKind:
         """Which procedure."""
         return self.view.procedure.kind
 
@@ -88,10 +88,10 @@ class Studied:
         return self.best.coordinates
 
 
-def kinds_of(asked: Request) -> tuple[Kind, ...]:
+def kinds_of(asked: Request) -> tuple[ProcedureKind, ...]:
     """The procedures that this machine allows: without a link none that uses it."""
     linked = load_hexaslide(asked.machine_file).constraint_link is not None
-    return tuple(kind for kind in KINDS if linked or kind is not Kind.CONSTRAINT_LINK)
+    return tuple(kind for kind in KINDS if linked or kind is not ProcedureKind.CONSTRAINT_LINK)
 
 
 def study(request: Request, effort: Effort) -> Studied:
@@ -110,7 +110,7 @@ def study(request: Request, effort: Effort) -> Studied:
     if paper < view.fewest:
         few = searched(view, paper, max(effort.more_starts, 1), few=True)
     # a link has the most postures and the slowest search
-    starts = effort.joint_starts if kind is not Kind.CONSTRAINT_LINK else 0
+    starts = effort.joint_starts if kind is not ProcedureKind.CONSTRAINT_LINK else 0
     in_box = searched(view, view.fewest, starts) if starts else best
     in_joints = searched(view, view.fewest, starts, in_joints=True) if starts else None
     return Studied(view, random, same["m, rad"], best, more, few, in_box, in_joints)
@@ -141,7 +141,7 @@ def page(asked: Request, effort: Effort) -> str:
     begin = time.perf_counter()
     kinds = kinds_of(asked)
     studies = [study(replace(asked, procedure=kind.value), effort) for kind in kinds]
-    linked = studies[-1] if studies[-1].kind is Kind.CONSTRAINT_LINK else None
+    linked = studies[-1] if studies[-1].kind is ProcedureKind.CONSTRAINT_LINK else None
     found = {
         "ranks": tables.ranks(studies),
         "row_counts": tables.row_counts(asked, kinds),
@@ -179,7 +179,7 @@ def main() -> None:
     if asked.starts:
         more, joint = (min(asked.starts, n) for n in (effort.more_starts, effort.joint_starts))
         effort = Effort(effort.random_sets, asked.starts, more, joint)
-    request = Request(Kind.POSE_INVERSE.value, asked.machine_file, seed=SEED)
+    request = Request(ProcedureKind.POSE_INVERSE.value, asked.machine_file, seed=SEED)
     try:
         text = page(request, effort)
     except GlidecalError as problem:

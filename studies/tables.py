@@ -26,7 +26,7 @@ from calib.hexaslide.planning import (
     differenced,
     look_at,
 )
-from calib.hexaslide.procedures import Kind
+from calib.hexaslide.procedures import ProcedureKind
 
 if TYPE_CHECKING:
     from studies.hexaslide import Studied
@@ -60,10 +60,10 @@ ENCODED = (
     ("constraint-link", f"theta,psi,{SWINGS}"),
 )
 ROW_COUNT_SETS = {
-    Kind.POSE_INVERSE: (8, 9, 100),
-    Kind.POSE_FORWARD: (8, 9, 100),
-    Kind.POSITION: (15, 16, 17, 100),
-    Kind.CONSTRAINT_LINK: (46, 47, 48, 55, 200),
+    ProcedureKind.POSE_INVERSE: (8, 9, 100),
+    ProcedureKind.POSE_FORWARD: (8, 9, 100),
+    ProcedureKind.POSITION: (15, 16, 17, 100),
+    ProcedureKind.CONSTRAINT_LINK: (46, 47, 48, 55, 200),
 }
 
 
@@ -99,7 +99,7 @@ def box(view: HexaSlideSeen) -> str:
     return table(["", "x, m", "y, m", "z, m", "theta, °", "psi, °", "phi, °"], rows)
 
 
-def row_counts(asked: Request, kinds: Sequence[Kind]) -> str:
+def row_counts(asked: Request, kinds: Sequence[ProcedureKind]) -> str:
     """Rank and rows for several numbers of postures."""
     rows = []
     for kind, counts in ROW_COUNT_SETS.items():
@@ -118,7 +118,7 @@ def recipe(studies: Sequence[Studied], seed: int) -> str:
     """The paper's own recipe, differences and tolerance, at its number of postures and at many."""
     rows = []
     for one in studies:
-        if one.kind is Kind.POSE_INVERSE:
+        if one.kind is ProcedureKind.POSE_INVERSE:
             continue  # the paper has its derivatives in closed form
         paper = PUBLISHED_SETS[one.kind].count
         generator = np.random.default_rng(seed)
@@ -215,9 +215,9 @@ def more(studies: Sequence[Studied]) -> str:
     return table(["procedure", "postures: best condition number"], rows)
 
 
-def subsets(asked: Request, kinds: Sequence[Kind]) -> dict[str, str]:
+def subsets(asked: Request, kinds: Sequence[ProcedureKind]) -> dict[str, str]:
     """Ranks for any measured components, beside a link, and with encoders."""
-    linked = Kind.CONSTRAINT_LINK in kinds
+    linked = ProcedureKind.CONSTRAINT_LINK in kinds
     link = [("constraint-link", names) for names in BESIDE_THE_LINK if linked]
     encoded = [(kind, names) for kind, names in ENCODED if kind in kinds]
     return {
@@ -281,7 +281,7 @@ def random_words(link: Studied) -> str:
     )
 
 
-def simulated(kinds: Sequence[Kind], machine_file: Path | None) -> str:
+def simulated(kinds: Sequence[ProcedureKind], machine_file: Path | None) -> str:
     """Simulate and solve once for each procedure."""
     own = () if machine_file is None else ("--machine-file", str(machine_file.absolute()))
     headings = [
@@ -296,7 +296,7 @@ def simulated(kinds: Sequence[Kind], machine_file: Path | None) -> str:
         return table(headings, [_row(kind, Path(folder), own) for kind in kinds])
 
 
-def _row(kind: Kind, folder: Path, own: Sequence[str]) -> list[str]:
+def _row(kind: ProcedureKind, folder: Path, own: Sequence[str]) -> list[str]:
     measured, true = f"{kind.value}.json", f"{kind.value}-true.json"
     wanted = (
         "--procedure",

@@ -166,7 +166,7 @@ def export(
     from app.exports.linuxcnc_ini import read_controller
     from app.report.offsets import offsets_from_file
     from app.report.text.caveats import UNKNOWN_HOME_OFFSET
-    from calib.tripod.controller import Controller
+    from calib.tripod.controller import ControllerJoints
 
     if sum(one is not None for one in (home_offset, endstops, ini)) > 1:
         raise UsageError("--home-offset, --endstops and --ini", "more than one", "one of them")
@@ -178,7 +178,7 @@ def export(
     if home is None:
         home = machine.tripped_at_mm(_triple("--endstops", endstops))
     if home is not None:
-        offsets = replace(offsets, controller=Controller.homed_at(home, machine.joints))
+        offsets = replace(offsets, controller=ControllerJoints.homed_at(home, machine.joints))
     if ini:
         offsets = replace(offsets, controller=read_controller(ini))
     offsets = replace(offsets, ambiguous=() if ambiguous else offsets.ambiguous)

@@ -17,7 +17,7 @@ from pathlib import Path
 from app.report.offsets import MINUTE
 from calib.arrays import LEG_NAMES
 from calib.errors import RecordError
-from calib.tripod.controller import Controller, ControllerJoint
+from calib.tripod.controller import ControllerJoint, ControllerJoints
 from protocols.data_table import NUMBER
 from protocols.documents import read_text
 
@@ -26,7 +26,7 @@ MM_OF_UNIT = {"mm": 1.0, "metric": 1.0, "in": 25.4, "inch": 25.4, "imperial": 25
 LARGEST_MM = 100_000.0
 
 
-def read_controller(path: Path) -> Controller:
+def read_controller(path: Path) -> ControllerJoints:
     """The joints of a LinuxCNC INI file. Raises RecordError where the controller would not start.
 
     A joint without HOME_OFFSET has 0. Lengths are converted where the machine is in inches.
@@ -40,7 +40,7 @@ def read_controller(path: Path) -> Controller:
     # which joint moves which axis, where the kinematics are told
     named = re.search(r"\bcoordinates=([a-zA-Z]+)", ini.find("KINS", "KINEMATICS") or "")
     axes = named[1].upper() if named else None
-    return Controller(joints, mm_per_unit, axes, max(ini.measured(), default=None))
+    return ControllerJoints(joints, mm_per_unit, axes, max(ini.measured(), default=None))
 
 
 def _unit(ini: Entries) -> float:

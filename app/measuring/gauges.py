@@ -245,7 +245,7 @@ class PushResult(StrEnum):
 
 
 @dataclass
-class Trial:
+class SpindleCheck:
     """Which spindle is asked for, and what was found.
 
     ``found`` tells for each indicator, counted from 0, what its reading became when its spindle was

@@ -10,7 +10,7 @@ from enum import StrEnum
 
 from calib.errors import MotionError, UsageError
 from drivers.motion import controller_of
-from drivers.motion.controller import Faulted, Limits, Triple
+from drivers.motion.controller import ControllerFault, Limits, Triple
 from drivers.motion.line import MotionLine
 from protocols.machine import Machine, MotionLimits
 from protocols.motion import all_ways, box_mm, came_from, moves_mm, way_mm, zero_mm
@@ -161,7 +161,7 @@ class Mover:
             asked, from_mm = self.line.at(self._places[-1]), self._at_mm
         try:
             there = asked.result()
-        except Faulted as problem:
+        except ControllerFault as problem:
             self._stopped(str(problem))
             raise
         return Moved(

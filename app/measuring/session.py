@@ -15,7 +15,7 @@ from calib.errors import MotionError
 from calib.tripod.pipeline import StageEffect
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
 from protocols.clock import SessionClock
-from protocols.expectation import Expected, Movement, expected, movement
+from protocols.expectation import ExpectedReading, Movement, expected, movement
 from protocols.journal import Journal
 from protocols.procedure import Leg, Step, default_mount
 from protocols.session import (
@@ -52,7 +52,7 @@ class TakenStep:
     step: Step
     readings: tuple[Reading, ...]
     faults: tuple[Fault, ...]
-    due: tuple[Expected, ...] = ()
+    due: tuple[ExpectedReading, ...] = ()
     doubt: Doubt | None = None
 
 
@@ -103,7 +103,7 @@ class GuidedSession:
         self.clock = clock or SessionClock(journal.events)
         self._untold_jump_s = 0.0
         self._digits_mm: dict[int, float] = {}
-        self._due: tuple[Session, tuple[Expected, ...]] | None = None
+        self._due: tuple[Session, tuple[ExpectedReading, ...]] | None = None
 
     @property
     def path(self) -> Path:
@@ -218,7 +218,7 @@ class GuidedSession:
             raise
 
     def _examine(
-        self, step: Step, readings: Sequence[Reading], due: Sequence[Expected], time_s: float
+        self, step: Step, readings: Sequence[Reading], due: Sequence[ExpectedReading], time_s: float
     ) -> tuple[Doubt | None, list[Line]]:
         """What is questionable about readings, and what to note of those that are not."""
         values_mm = [r.value_mm for r in readings]

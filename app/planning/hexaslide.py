@@ -13,7 +13,7 @@ from calib.errors import CalibrationError, RecordError, UsageError
 from calib.hexaslide.checked import Checked, checked_calibration
 from calib.hexaslide.geometry import COORDINATES, HexaSlide, in_degrees
 from calib.hexaslide.planning import HexaSlidePlanning
-from calib.hexaslide.procedures import Kind, Procedure
+from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.search import BestPostures, Search, judged_postures, searches
 from calib.hexaslide.simulation import simulate
 from protocols.data_table import csv_text
@@ -79,7 +79,7 @@ def procedure_on(
 ) -> Procedure:
     """Raises UsageError for a machine without link, ImpossibleRequest for a name or component."""
     procedure = Procedure.of(name, measured, known)
-    if procedure.kind is Kind.CONSTRAINT_LINK and own.constraint_link is None:
+    if procedure.kind is ProcedureKind.CONSTRAINT_LINK and own.constraint_link is None:
         raise UsageError("machine file", "no [constraint_link]", "one for constraint-link")
     return procedure
 

@@ -17,7 +17,7 @@ from calib.errors import UsageError
 from calib.identify.next_mounting import (
     MINUTES_PER_MOUNTING,
     SECONDS_PER_STEP,
-    Expected,
+    ExpectedResult,
     FurtherSetUp,
     NextMountings,
     Proposal,
@@ -88,7 +88,7 @@ def tripod_planning(
 
 def before_measuring(
     procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]
-) -> tuple[Expected, str]:
+) -> tuple[ExpectedResult, str]:
     """What a procedure will tell with these indicators, and what their noise is."""
     at_hand = machine.model_copy(update={"indicator": tuple(instruments)})
     planned = tripod_planning(at_hand, procedure)

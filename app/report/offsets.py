@@ -16,7 +16,7 @@ from app.version import VERSION
 from calib.errors import RecordError
 from calib.identify.solution import Method, Subset
 from calib.printable import printable
-from calib.tripod.controller import Controller
+from calib.tripod.controller import ControllerJoints
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 from protocols.machine import Machine
@@ -55,7 +55,7 @@ class Offsets:
     machine: Machine
     parameters: dict[str, Offset]
     model: Model
-    controller: Controller | None
+    controller: ControllerJoints | None
     measured: datetime | None = None
     digests: tuple[str, ...] = ()
     ambiguous: tuple[str, ...] = ()
@@ -121,10 +121,10 @@ def offsets_from_solved(solved: SessionSolution) -> Offsets:
     )
 
 
-def _stated(machine: Machine) -> Controller | None:
+def _stated(machine: Machine) -> ControllerJoints | None:
     """What the machine file says that the controller holds."""
     home = machine.home_at_mm()
-    return Controller.homed_at(home, machine.joints) if home else None
+    return ControllerJoints.homed_at(home, machine.joints) if home else None
 
 
 def one_line(text: str) -> str:

@@ -15,7 +15,7 @@ from textual.screen import Screen
 from textual.widgets import Footer, Static
 
 from app.exit_codes import exit_code
-from app.measuring.gauges import PushResult, Trial
+from app.measuring.gauges import PushResult, SpindleCheck
 from app.measuring.opening import begin, first_step, open_indicators
 from app.measuring.plan import Plan
 from app.measuring.session import Indicators
@@ -52,7 +52,7 @@ class CheckScreen(Screen[None]):
         super().__init__()
         self._plan = plan
         self._problem: GlidecalError | None = None
-        self._trial: Trial | None = None
+        self._trial: SpindleCheck | None = None
         self._first: Step | None = None
 
     def compose(self) -> ComposeResult:
@@ -102,7 +102,7 @@ class CheckScreen(Screen[None]):
         if not self._plan.simulated:  # no hand can push those spindles
             with self.app.complaining():
                 self._first = first_step(self._plan)
-                self._trial = Trial(self._plan.instruments)
+                self._trial = SpindleCheck(self._plan.instruments)
         self.set_interval(REFRESH_S, self._show_live)
 
     def _show_live(self) -> None:

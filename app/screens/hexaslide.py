@@ -27,7 +27,7 @@ from calib.hexaslide.planning import (
     conditions_at,
     look_at,
 )
-from calib.hexaslide.procedures import Kind
+from calib.hexaslide.procedures import ProcedureKind
 from calib.hexaslide.search import BestPostures, Search, searches
 
 MOST_POSTURES = 200
@@ -64,7 +64,7 @@ class HexaSlideScreen(PagedScreen):
 
     def __init__(self, request: Request | None = None) -> None:
         super().__init__()
-        self.request = request or Request(Kind.POSE_INVERSE)
+        self.request = request or Request(ProcedureKind.POSE_INVERSE)
         self.view: HexaSlideSeen | None = None
         self.found: BestPostures | None = None
         self.looking = False
@@ -174,8 +174,8 @@ class HexaSlideScreen(PagedScreen):
 
         def typed(text: str) -> None:
             measured = tuple(part.strip() for part in text.split(","))
-            linked = self.request.procedure == Kind.CONSTRAINT_LINK
-            kind = Kind.CONSTRAINT_LINK if linked else Kind.POSE_FORWARD
+            linked = self.request.procedure == ProcedureKind.CONSTRAINT_LINK
+            kind = ProcedureKind.CONSTRAINT_LINK if linked else ProcedureKind.POSE_FORWARD
             self._look(replace(self.request, procedure=kind, measured=measured))
 
         proposed = ",".join(self.request.measured or ("x", "y", "z", "theta"))

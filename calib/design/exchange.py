@@ -64,7 +64,7 @@ class Candidates:
 
 
 @dataclass(frozen=True)
-class Choice:
+class ChosenCandidates:
     """The chosen candidates, ascending, and how they were found.
 
     ``start_value`` and ``start_condition_number`` belong to the start of the best run and are None
@@ -88,7 +88,7 @@ def choose(
     starts: int = 8,
     repeats: bool = False,
     begin_with: Sequence[IntArray] = (),
-) -> Choice:
+) -> ChosenCandidates:
     """The best ``count`` candidates that exchange finds; each at most once without ``repeats``.
 
     ``begin_with`` are starts of the caller's own, tried before the random ones; criteria other than
@@ -125,7 +125,7 @@ def choose(
         runs.append((sees, search.score(chosen), chosen, start, exchanges))
     seeing = [run for run in runs if run[0]] or runs
     _, _, chosen, start, exchanges = descending(seeing, lambda run: run[1], 1.0)[0]
-    return Choice(
+    return ChosenCandidates(
         chosen=tuple(sorted(int(k) for k in chosen)),
         # sorted, for sums in another order round otherwise: equal sets give equal figures
         value=value_of(candidates.information(np.sort(chosen)), aim),

@@ -30,7 +30,7 @@ from calib.hexaslide.geometry import (
     present,
     words,
 )
-from calib.hexaslide.procedures import COMPONENTS, Kind, Procedure
+from calib.hexaslide.procedures import COMPONENTS, Procedure, ProcedureKind
 
 ENDS_TOUCH_M = 1e-9
 """Ends of the constraint link that are nearer have no direction between them."""
@@ -217,7 +217,7 @@ class RowMaker:
         self.link = link
         # what is fixed or known takes part as zeros: chains stay blocks of nine
         every: tuple[str, ...] = ALL_NAMES
-        if procedure.kind is Kind.CONSTRAINT_LINK:
+        if procedure.kind is ProcedureKind.CONSTRAINT_LINK:
             every += (*END_NAMES, LENGTH_NAME)
         encoders = [name for name in procedure.measured if name in ENCODERS]
         every += tuple(f"zero_{name}" for name in encoders)
@@ -247,7 +247,7 @@ class RowMaker:
         with an encoder where its link lies along the rail.
         """
         chains = self.chains(postures)
-        if self.procedure.kind is Kind.POSE_INVERSE:
+        if self.procedure.kind is ProcedureKind.POSE_INVERSE:
             rows, pull = self._sliders(chains)
         else:
             rows, pull = self._moved(chains, postures)
@@ -271,7 +271,7 @@ class RowMaker:
         held = _inverse(chains.by_posture, postures)
         places = [COMPONENTS.index(name) for name in self.procedure.measured if name in COMPONENTS]
         bar, parts = None, [held[:, places]]
-        if self.procedure.kind is Kind.CONSTRAINT_LINK:
+        if self.procedure.kind is ProcedureKind.CONSTRAINT_LINK:
             bar = Bar.at(present(self.link), postures, chains.legs.arms.turn)
             parts.insert(0, bar.by_posture[:, None] @ held)
         joints = Joints.at(chains) if self._encoders else None

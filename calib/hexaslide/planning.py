@@ -36,8 +36,8 @@ from calib.hexaslide.geometry import HexaSlide, forward_near, inverse, motions, 
 from calib.hexaslide.procedures import (
     ALL_UNITS,
     ANGLES,
-    Kind,
     Procedure,
+    ProcedureKind,
     held_postures,
     in_units,
     joint_radius,
@@ -130,7 +130,7 @@ def rows_seen(procedure: Procedure, machine: HexaSlide, *, scaled: bool = False)
     return RowMaker(procedure, machine.geometry, machine.link, seen, scale.read)
 
 
-KINDS = tuple(Kind)
+KINDS = tuple(ProcedureKind)
 """In the order of the cases of papers/001."""
 
 UNITS = "metres and radians, columns not scaled"
@@ -138,18 +138,20 @@ SCALED = "scaled"
 SCALED_WORDS = "angles at the joints of the platform, columns by their size at random postures"
 
 PUBLISHED = {
-    Kind.POSE_INVERSE: 49,
-    Kind.POSE_FORWARD: 49,
-    Kind.POSITION: 48,
-    Kind.CONSTRAINT_LINK: 46,
+    ProcedureKind.POSE_INVERSE: 49,
+    ProcedureKind.POSE_FORWARD: 49,
+    ProcedureKind.POSITION: 48,
+    ProcedureKind.CONSTRAINT_LINK: 46,
 }
 """Ranks that papers/001, table 1, states."""
 
 WRONG = {
-    Kind.POSITION: "papers/001 counts 48; with exact derivatives it is 46: turning the frame of "
-    "the platform about its origin changes no position. 48 is also its number of rows, 16 × 3.",
-    Kind.CONSTRAINT_LINK: "papers/001 counts 46; with exact derivatives it is 48: only motions "
-    "of whole frames are lost, six of the platform, one of the base. 46 is also its row count.",
+    ProcedureKind.POSITION: "papers/001 counts 48; with exact derivatives it is 46: turning the "
+    "frame of the platform about its origin changes no position. 48 is also its number of rows, "
+    "16 × 3.",
+    ProcedureKind.CONSTRAINT_LINK: "papers/001 counts 46; with exact derivatives it is 48: only "
+    "motions of whole frames are lost, six of the platform, one of the base. 46 is also its row "
+    "count.",
 }
 
 
@@ -165,10 +167,10 @@ class PublishedSet:
 
 
 PUBLISHED_SETS = {
-    Kind.POSE_INVERSE: PublishedSet("I", 3, 9, 2888.0, 140.2),
-    Kind.POSE_FORWARD: PublishedSet("II", 4, 9, 21530.0, 1537.3),
-    Kind.POSITION: PublishedSet("III", 5, 16, 33916.0, 2430.2),
-    Kind.CONSTRAINT_LINK: PublishedSet("IV", 6, 46, 6.012e5, 1.4523e5),
+    ProcedureKind.POSE_INVERSE: PublishedSet("I", 3, 9, 2888.0, 140.2),
+    ProcedureKind.POSE_FORWARD: PublishedSet("II", 4, 9, 21530.0, 1537.3),
+    ProcedureKind.POSITION: PublishedSet("III", 5, 16, 33916.0, 2430.2),
+    ProcedureKind.CONSTRAINT_LINK: PublishedSet("IV", 6, 46, 6.012e5, 1.4523e5),
 }
 
 
@@ -360,13 +362,13 @@ def differenced(procedure: Procedure, machine: HexaSlide, postures: FloatArray) 
     Raises CalibrationError where a step leaves what can be reached, or without a link to read.
     """
     names, kind = procedure.parameters, procedure.kind
-    if kind is Kind.CONSTRAINT_LINK:
+    if kind is ProcedureKind.CONSTRAINT_LINK:
         present(machine.link)
     sliders, start = inverse(machine.geometry, postures), machine.parameters(names)
 
     def read(parameters: FloatArray) -> FloatArray:
         changed = machine.with_parameters(names, parameters)
-        if kind is Kind.POSE_INVERSE:
+        if kind is ProcedureKind.POSE_INVERSE:
             return read_at(procedure, changed, postures)
         moved = forward_near(changed.geometry, sliders, postures)
         return read_at(procedure, changed, np.asarray(moved))

@@ -37,7 +37,7 @@ MOST_DRAWN = 20
 """Times as many postures are drawn at most to find well held ones."""
 
 
-class Kind(StrEnum):
+class ProcedureKind(StrEnum):
     """What the residuals are."""
 
     POSE_INVERSE = "pose-inverse"
@@ -53,7 +53,7 @@ class Procedure:
     of `ENDS` (papers/001: the length).
     """
 
-    kind: Kind
+    kind: ProcedureKind
     measured: tuple[str, ...] = COMPONENTS
     known: tuple[str, ...] = ("length",)
 
@@ -63,7 +63,7 @@ class Procedure:
                 "known parts of the link", _list(self.known), f"different ones of {_list(ENDS)}"
             )
         wrong = [name for name in self.measured if name not in MEASURABLE]
-        none = not self.measured and self.kind is not Kind.CONSTRAINT_LINK
+        none = not self.measured and self.kind is not ProcedureKind.CONSTRAINT_LINK
         if wrong or none or len(set(self.measured)) < len(self.measured):
             raise ImpossibleRequest(
                 "measured components",
@@ -80,28 +80,30 @@ class Procedure:
 
         Raises ImpossibleRequest for a name or component that is not known.
         """
-        if name not in list(Kind):
-            raise ImpossibleRequest("procedure", repr(name), ", ".join(Kind))
-        kind = Kind(name)
-        if measured and kind is Kind.POSE_INVERSE:
+        if name not in list(ProcedureKind):
+            raise ImpossibleRequest("procedure", repr(name), ", ".join(ProcedureKind))
+        kind = ProcedureKind(name)
+        if measured and kind is ProcedureKind.POSE_INVERSE:
             raise ImpossibleRequest(
                 f"measured components with {name}",
                 _list(measured),
                 f"none: {name} fixes what is measured",
                 "Use --procedure pose-forward with --measured.",
             )
-        if known is not None and kind is not Kind.CONSTRAINT_LINK:
+        if known is not None and kind is not ProcedureKind.CONSTRAINT_LINK:
             raise ImpossibleRequest(
                 f"known parts of a link with {name}", _list(known), "constraint-link only"
             )
-        usual = {Kind.POSITION: COMPONENTS[:3], Kind.CONSTRAINT_LINK: ()}.get(kind, COMPONENTS)
+        usual = {ProcedureKind.POSITION: COMPONENTS[:3], ProcedureKind.CONSTRAINT_LINK: ()}.get(
+            kind, COMPONENTS
+        )
         return Procedure(kind, measured or usual, ("length",) if known is None else known)
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the unknown parameters."""
         zeros = [f"zero_{name}" for name in self.measured if name in ENCODERS]
-        if self.kind is not Kind.CONSTRAINT_LINK:
+        if self.kind is not ProcedureKind.CONSTRAINT_LINK:
             return (*NAMES, *zeros)
         sure = [name for part in self.known for name in ENDS[part]]
         link = [name for name in (*END_NAMES, LENGTH_NAME) if name not in sure]
@@ -110,9 +112,9 @@ class Procedure:
     @property
     def read(self) -> tuple[str, ...]:
         """Names of the values of one posture."""
-        if self.kind is Kind.POSE_INVERSE:
+        if self.kind is ProcedureKind.POSE_INVERSE:
             return tuple(f"lambda{chain}" for chain in range(1, CHAINS + 1))
-        return (*["length"][: self.kind is Kind.CONSTRAINT_LINK], *self.measured)
+        return (*["length"][: self.kind is ProcedureKind.CONSTRAINT_LINK], *self.measured)
 
 
 def _list(names: Iterable[str]) -> str:

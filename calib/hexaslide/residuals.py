@@ -29,7 +29,7 @@ from calib.hexaslide.geometry import (
     present,
     rotation,
 )
-from calib.hexaslide.procedures import ANGLES, COMPONENTS, Kind, Procedure
+from calib.hexaslide.procedures import ANGLES, COMPONENTS, Procedure, ProcedureKind
 
 CHECK = "Look for a wrong reading, order of the sliders, or unit: metres and radians."
 
@@ -74,7 +74,7 @@ class Readings:
         ratios where not stated.
         """
         length, angle = self.length_noise_m or 1.0, self.angle_noise_rad or 1.0
-        inverse_kind = self.procedure.kind is Kind.POSE_INVERSE
+        inverse_kind = self.procedure.kind is ProcedureKind.POSE_INVERSE
         names = self.procedure.measured if inverse_kind else self.procedure.read
         return np.array([angle if name in ANGLES else length for name in names])
 
@@ -124,7 +124,7 @@ def postures_of(
     ``near`` ``(p, 6)`` are postures of a machine that differs little. Raises UnreachablePosture
     naming the posture.
     """
-    if readings.procedure.kind is Kind.POSE_INVERSE:
+    if readings.procedure.kind is ProcedureKind.POSE_INVERSE:
         return readings.measured
     try:
         return standing(machine, readings.sliders, near)
@@ -170,7 +170,7 @@ def residuals(
     Raises UnreachablePosture naming the posture, CalibrationError at a singular one.
     """
     procedure = readings.procedure
-    if procedure.kind is Kind.POSE_INVERSE:
+    if procedure.kind is ProcedureKind.POSE_INVERSE:
         values = readings.sliders - _inverse(readings, machine.geometry)
     else:
         values = -read_at(procedure, machine, postures)
@@ -196,10 +196,10 @@ def read_at(procedure: Procedure, machine: HexaSlide, postures: FloatArray) -> F
     link by how much its ends are farther apart than it is long. Raises CalibrationError.
     """
     geometry = machine.geometry
-    if procedure.kind is Kind.POSE_INVERSE:
+    if procedure.kind is ProcedureKind.POSE_INVERSE:
         return np.asarray(inverse(geometry, postures))
     columns = {name: postures[:, k] for k, name in enumerate(COMPONENTS)}
-    if procedure.kind is Kind.CONSTRAINT_LINK:
+    if procedure.kind is ProcedureKind.CONSTRAINT_LINK:
         columns["length"] = -stretch(machine.link, postures)
     if set(procedure.measured) & set(ENCODERS):
         angles = joint_angles(geometry, postures) + machine.zeros_rad
@@ -221,7 +221,7 @@ def variances(readings: Readings, geometry: Geometry) -> FloatArray:
     to them: ``C = J S Jᵀ``.
     """
     own = np.diag(readings.value_noise**2)
-    if readings.procedure.kind is not Kind.POSE_INVERSE:
+    if readings.procedure.kind is not ProcedureKind.POSE_INVERSE:
         return np.tile(own, (len(readings.sliders), 1, 1))
     _inverse(readings, geometry)  # names the posture that cannot be
     slope = legs(geometry, readings.measured).arms.by_posture

@@ -7,7 +7,7 @@ import numpy as np
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError
 from calib.hexaslide.geometry import Box, ConstraintLink, HexaSlide, inverse, present, rotation
-from calib.hexaslide.procedures import ANGLES, Kind, Procedure
+from calib.hexaslide.procedures import ANGLES, Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings, read_at, standing
 
 MOST_ROUNDS = 50
@@ -72,7 +72,7 @@ def measure(
     by it, and the noise is the play of the link. Scales of sliders are exact. Raises
     UnreachablePosture, and CalibrationError where the link's sphere misses the box.
     """
-    if procedure.kind is Kind.CONSTRAINT_LINK:
+    if procedure.kind is ProcedureKind.CONSTRAINT_LINK:
         reached = _on_link(truth, postures, generator, length_noise_m)
         sliders = np.asarray(inverse(truth.geometry, reached))
     else:
@@ -82,7 +82,7 @@ def measure(
         reached = standing(truth, sliders, postures)
     names, measured = procedure.measured, np.zeros((len(reached), 0))
     if names:
-        stands = read_at(Procedure.of(Kind.POSE_FORWARD, names), truth, reached)
+        stands = read_at(Procedure.of(ProcedureKind.POSE_FORWARD, names), truth, reached)
         noise = [angle_noise_rad if name in ANGLES else length_noise_m for name in names]
         measured = stands + noise * generator.standard_normal(stands.shape)
     return Readings(procedure, sliders, measured, length_noise_m, angle_noise_rad)

@@ -364,14 +364,14 @@ class ExpectedParameter:
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedResult:
     """What a procedure will tell, before it is measured, if its readings show nothing new."""
 
     parameters: tuple[ExpectedParameter, ...]
     bound: ToolBound
 
 
-def expected_of(planned: TripodPlanning, tolerance_mm: FloatArray) -> Expected:
+def expected_of(planned: TripodPlanning, tolerance_mm: FloatArray) -> ExpectedResult:
     """Uncertainties and the bound at the tool for the noise of the indicator at hand."""
     jacobian = planned.examine().sensitivity.jacobian
     alone = np.concatenate([_half_widths(jacobian[:, :3]), _half_widths(jacobian[:, 3:])])
@@ -390,7 +390,7 @@ def expected_of(planned: TripodPlanning, tolerance_mm: FloatArray) -> Expected:
         )
         for name, one, six, last in rows
     )
-    return Expected(parameters, claim.bound(claim.expected))
+    return ExpectedResult(parameters, claim.bound(claim.expected))
 
 
 def _half_widths(rows: FloatArray) -> FloatArray:

@@ -63,7 +63,7 @@ class ControllerJoint:
 
 
 @dataclass(frozen=True)
-class Controller:
+class ControllerJoints:
     """Joints, the controller's unit, and the axis of each joint (``"XYZ"``) where that is told.
 
     ``entered`` is when the last session was measured whose offsets the joints hold, as far as the
@@ -78,7 +78,7 @@ class Controller:
     @classmethod
     def homed_at(
         cls, home_offset_mm: Sequence[float], joints: Sequence[str] | None = None
-    ) -> Controller:
+    ) -> ControllerJoints:
         """One of which nothing else is known: by the drives x, y, z that its ``joints`` move."""
         drives = [name[-1] for name in joints or LEG_NAMES]
         held = (ControllerJoint(home_offset_mm[LEG_NAMES.index(name)]) for name in drives)

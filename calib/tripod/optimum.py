@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.arrays import LEG_NAMES, FloatArray, IntArray, descending
 from calib.design.criteria import Aim, Criterion, value_of, wanted_information
-from calib.design.exchange import Candidates, Choice, choose
+from calib.design.exchange import Candidates, ChosenCandidates, choose
 from calib.errors import ImpossibleRequest, NotIdentifiable
 from calib.tripod.geometry import Pair
 from calib.tripod.leg_refinement import move_off_grid
@@ -152,7 +152,7 @@ class _Search:
         orders = _orders(pool, chosen)
         return self.machine.minutes(sum(map(len, orders.values())), len(orders))
 
-    def within(self, pool: LegPool, budget_min: float | None) -> tuple[LegPool, Choice]:
+    def within(self, pool: LegPool, budget_min: float | None) -> tuple[LegPool, ChosenCandidates]:
         """Set-ups are given up, the least used first, until the time is enough."""
         found = self.best_of(pool)
         while budget_min is not None:
@@ -176,7 +176,7 @@ class _Search:
                 raise too_little from problem
         return pool, found
 
-    def best_of(self, pool: LegPool) -> Choice:
+    def best_of(self, pool: LegPool) -> ChosenCandidates:
         """Raises ImpossibleRequest where no common set has this size."""
         candidates = self.candidates(pool)
         symmetric = list(self._symmetric(pool, candidates.rows))
@@ -199,7 +199,7 @@ class _Search:
         sign = 1.0 if self.aim.criterion.larger_is_better else -1.0
         return descending(symmetric, lambda one: sign * one.value)[0]
 
-    def _symmetric(self, pool: LegPool, rows: FloatArray) -> Iterator[Choice]:
+    def _symmetric(self, pool: LegPool, rows: FloatArray) -> Iterator[ChosenCandidates]:
         """Displacements common to all legs, at each station alone.
 
         Single swaps rarely empty a mounting, so these serve as starts, too.

@@ -236,7 +236,7 @@ def posture_of_tool(geometry: Geometry, tool_mm: Triple) -> PostureOfTool:
 
 
 @dataclass(frozen=True, eq=False)
-class Cube:
+class LargestCube:
     """Lowest corner ``(3,)`` and side, mm."""
 
     low_mm: FloatArray
@@ -263,7 +263,7 @@ class Workspace:
     at_zero: FloatArray
     limit: float
     inside: float
-    cube: Cube | None
+    cube: LargestCube | None
     theta_deg: FloatArray
     beta_deg: FloatArray
     maps: tuple[PlaneMap, ...]
@@ -313,7 +313,7 @@ CLEARER = 1e-6
 """So much nearer to 1 the factors must come for a cube to move without growing."""
 
 
-def largest_cube(geometry: Geometry, limit: float) -> Cube | None:
+def largest_cube(geometry: Geometry, limit: float) -> LargestCube | None:
     """The largest cube where every factor is within 1/limit … limit.
 
     The machine may stand everywhere in it; None where there is none. Found among the nodes of a
@@ -351,7 +351,7 @@ def largest_cube(geometry: Geometry, limit: float) -> Cube | None:
             low = moved[best]
         else:
             step /= 2.0
-    return Cube(low, side)
+    return LargestCube(low, side)
 
 
 def _worst(geometry: Geometry, low: FloatArray, side: float) -> FloatArray:

@@ -43,7 +43,7 @@ class MotionFault(StrEnum):
     LOST = "connection lost"
 
 
-class Faulted(MotionError):
+class ControllerFault(MotionError):
     """A `MotionError` with its kind, told like any `GlidecalError`."""
 
     def __init__(self, kind: MotionFault, *told: str, reason: str = "") -> None:
@@ -65,7 +65,7 @@ class Limits:
     reached_mm: float = 0.01
 
     def check(self, to_mm: Sequence[float], feed_mm_min: float) -> None:
-        """Raises `Faulted` for a place outside the box, or a feed that is none or too fast."""
+        """Raises `ControllerFault` for a place outside the box, a feed that is none or too fast."""
         for name, value, low, high in zip("XYZ", to_mm, self.low_mm, self.high_mm, strict=True):
             if not low <= value <= high:  # nor what is no number
                 raise _outside(f"move to {name}", f"{value:g} mm", f"{low:g} … {high:g} mm")
@@ -74,16 +74,16 @@ class Limits:
             raise _outside("feed", f"{feed_mm_min:g} mm/min", allowed)
 
     def check_way(self, from_mm: Sequence[float], to_mm: Sequence[float]) -> None:
-        """Raises `Faulted` for a single move that is too long."""
+        """Raises `ControllerFault` for a single move that is too long."""
         way_mm = math.dist(from_mm, to_mm)
         if not way_mm <= self.longest_mm:
             found = f"{way_mm:.1f} mm from {place_words(from_mm)}"
             raise _outside(f"move to {place_words(to_mm)}", found, f"{self.longest_mm:g} mm")
 
 
-def _outside(thing: str, found: str, allowed: str) -> Faulted:
+def _outside(thing: str, found: str, allowed: str) -> ControllerFault:
     next_step = "Nothing was sent. The limits stand under [motion] in the machine file."
-    return Faulted(MotionFault.OUTSIDE, thing, found, allowed, next_step)
+    return ControllerFault(MotionFault.OUTSIDE, thing, found, allowed, next_step)
 
 
 def place_words(place_mm: Sequence[float]) -> str:
@@ -98,7 +98,7 @@ class Controller(ABC):
 
     Nothing here switches a machine on, homes it, or resets anything. A controller is told places in
     its own machine coordinates, mm; whether those are of the tool or of joints the machine file
-    knows. Every method raises `Faulted`. ``answer_s`` is how long an answer may take.
+    knows. Every method raises `ControllerFault`. ``answer_s`` is how long an answer may take.
     """
 
     name: ClassVar[str]
@@ -179,7 +179,7 @@ class Controller(ABC):
             self._begin(to_mm, feed_mm_min)
             way_s = math.dist(from_mm, to_mm) / feed_mm_min * 60.0
             return self._wait_done(to_mm, SLOWER * way_s + SLACK_S)
-        except Faulted as problem:
+        except ControllerFault as problem:
             self._stopped(problem)
             raise
 
@@ -212,7 +212,7 @@ class Controller(ABC):
     def is_at(self, place_mm: Triple) -> Triple:
         """The position, where it is still this one, nothing moves and nobody else has control.
 
-        Raises `Faulted`.
+        Raises `ControllerFault`.
         """
         if self.moves():
             raise self.fault(MotionFault.ELSEWHERE, "a move that is not of this session")
@@ -226,19 +226,19 @@ class Controller(ABC):
         off = max(abs(a - b) for a, b in zip(there, wanted, strict=True))
         return off <= self.limits.reached_mm
 
-    def _stopped(self, problem: Faulted) -> None:
+    def _stopped(self, problem: ControllerFault) -> None:
         """Stop after a problem. Raises where that is impossible: then somebody must do it."""
         try:
             self.stop()
-        except Faulted as second:
+        except ControllerFault as second:
             why = second.found or second.reason
             next_step = f"IT COULD NOT BE TOLD TO STOP ({why}): use the emergency stop."
             told = problem.thing, problem.found, "", next_step
-            raise Faulted(problem.kind, *told, reason=problem.reason) from problem
+            raise ControllerFault(problem.kind, *told, reason=problem.reason) from problem
 
     def fault(
         self, kind: MotionFault, found: str = "", allowed: str = "", next_step: str = ""
-    ) -> Faulted:
+    ) -> ControllerFault:
         """A fault of this controller."""
         thing = f"{self.words}, {kind}" if found else self.words
-        return Faulted(kind, thing, found, allowed, next_step)
+        return ControllerFault(kind, thing, found, allowed, next_step)

@@ -15,7 +15,7 @@ from typing import ClassVar
 import serial
 
 from calib.errors import IndicatorError
-from drivers.motion.controller import Controller, Faulted, Limits, MotionFault, Triple
+from drivers.motion.controller import Controller, ControllerFault, Limits, MotionFault, Triple
 from drivers.port import PORT_ERRORS, SLICE_S, check_port, close_port
 
 BAUD = 115200
@@ -63,7 +63,7 @@ class Grbl(Controller):
         while True:
             try:
                 self._status()
-            except Faulted:
+            except ControllerFault:
                 if time.monotonic() > end_s:
                     raise
             else:
@@ -122,7 +122,7 @@ class Grbl(Controller):
         self._send(JOG_CANCEL)
         end_s = time.monotonic() + STOP_S
         while time.monotonic() < end_s and self._port is not None:
-            with contextlib.suppress(Faulted):  # an alarm is told on the way, too
+            with contextlib.suppress(ControllerFault):  # an alarm is told on the way, too
                 if self._status()[0] != "Jog":
                     return
         raise self.fault(MotionFault.LOST, "no answer that it stopped")
@@ -177,6 +177,6 @@ class Grbl(Controller):
         except PORT_ERRORS as problem:
             raise self._gone(problem) from problem
 
-    def _gone(self, problem: Exception) -> Faulted:
+    def _gone(self, problem: Exception) -> ControllerFault:
         self.close()
         return self.fault(MotionFault.LOST, str(problem))

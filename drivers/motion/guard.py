@@ -10,7 +10,7 @@ import math
 import sys
 
 from drivers.motion import controller_of
-from drivers.motion.controller import Faulted, Limits
+from drivers.motion.controller import ControllerFault, Limits
 
 NOWHERE = (math.nan, math.nan, math.nan)
 
@@ -22,7 +22,7 @@ def main() -> None:
         return
     try:
         guarded.stop()
-    except Faulted as problem:
+    except ControllerFault as problem:
         sys.stderr.write(f"glidecal died and could not stop the machine: {problem}\n")
     finally:
         guarded.close()

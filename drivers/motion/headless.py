@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import MotionError, UsageError
-from drivers.motion.controller import Faulted, Limits, Triple
+from drivers.motion.controller import ControllerFault, Limits, Triple
 from drivers.motion.linuxcnc import ACCEPT_S, PASSWORDS, LinuxCnc
 from drivers.motion.twins import PASSED
 
@@ -263,7 +263,7 @@ class HeadlessLinuxCnc:
             try:
                 operator.connect()
                 break
-            except Faulted as problem:
+            except ControllerFault as problem:
                 if self._running.poll() is not None or time.monotonic() > end_s:
                     raise MotionError("LinuxCNC, start", self._said(), "", OTHERWISE) from problem
                 time.sleep(0.1)

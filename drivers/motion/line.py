@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from functools import partial
 
-from drivers.motion.controller import Controller, Faulted, MotionFault, Triple
+from drivers.motion.controller import Controller, ControllerFault, MotionFault, Triple
 
 IDLE_S = 0.3
 """A machine that rests is looked at so often: who took control, is it still on?"""
@@ -33,7 +33,7 @@ class MotionLine:
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
         self.listener: Callable[[], None] = lambda: None
-        self.fault: Faulted | None = None
+        self.fault: ControllerFault | None = None
         self._wishes: queue.SimpleQueue[Wish | None] = queue.SimpleQueue()
         self._thread = threading.Thread(
             target=self._own, name=f"motion {controller.address}", daemon=True
@@ -44,11 +44,11 @@ class MotionLine:
         self._guard: subprocess.Popen[bytes] | None = None
 
     def start(self) -> tuple[str, ...]:
-        """Connect; what is right and who says so. Raises `Faulted` for a machine not ready."""
+        """What is right and who says so. Raises `ControllerFault` for a machine not ready."""
         try:
             self.controller.connect()
             said = self.controller.ready()
-        except Faulted:
+        except ControllerFault:
             self.controller.close()
             raise
         told = f"{self.controller.name}:{self.controller.address}"
@@ -108,7 +108,7 @@ class MotionLine:
             work, answer = wish
             try:
                 there = work()
-            except Faulted as problem:
+            except ControllerFault as problem:
                 self._note(problem)
                 answer.set_exception(problem)
             else:
@@ -135,11 +135,11 @@ class MotionLine:
         if self.fault is None:
             try:
                 self.controller.moves()
-            except Faulted as problem:
+            except ControllerFault as problem:
                 self._note(problem)
                 self.listener()
 
-    def _note(self, problem: Faulted) -> None:
+    def _note(self, problem: ControllerFault) -> None:
         self.fault = problem
         self._broken = self._broken or problem.kind in BROKEN
 

@@ -16,7 +16,14 @@ import os
 import socket
 from typing import ClassVar
 
-from drivers.motion.controller import LOOK_S, Controller, Faulted, Limits, MotionFault, Triple
+from drivers.motion.controller import (
+    LOOK_S,
+    Controller,
+    ControllerFault,
+    Limits,
+    MotionFault,
+    Triple,
+)
 
 PORT = 5007
 CONNECT_S = 2.0
@@ -70,11 +77,11 @@ class LinuxCnc(Controller):
                 told = self._line(CONNECT_S)  # what is echoed until then
             if self._asked(f"set enable {enable}", CONNECT_S) != "SET ENABLE ACK":
                 raise self._refused("the password to enable")
-        except Faulted:
+        except ControllerFault:
             self.close()
             raise
 
-    def _refused(self, what: str) -> Faulted:
+    def _refused(self, what: str) -> ControllerFault:
         next_step = f"Set {PASSWORDS} to both, as 'CONNECT ENABLE'."
         return self.fault(MotionFault.REFUSED, f"{what} is another one", next_step=next_step)
 
@@ -150,7 +157,9 @@ class LinuxCnc(Controller):
     def stop(self) -> None:
         """Abort; over a new connection where this one is gone or has no control."""
         if self._socket is not None:
-            with contextlib.suppress(Faulted):  # gone; where it says NAK another has control
+            with contextlib.suppress(
+                ControllerFault
+            ):  # gone; where it says NAK another has control
                 if self._accepts("abort", self.answer_s):
                     return
         self.close()
@@ -218,6 +227,6 @@ class LinuxCnc(Controller):
             raise self.fault(MotionFault.LOST, "it hung up")
         return came
 
-    def _not_understood(self, answer: str) -> Faulted:
+    def _not_understood(self, answer: str) -> ControllerFault:
         wanted = "what linuxcncrsh answers"
         return self.fault(MotionFault.LOST, repr(answer[:60]), wanted, "Is it another program?")

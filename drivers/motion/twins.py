@@ -24,7 +24,7 @@ PASSED = 1000
 """Places that are kept for who asks which way a machine came."""
 
 
-class Trouble(StrEnum):
+class MotionTrouble(StrEnum):
     """What may befall a machine that moves by itself."""
 
     NOT_HOMED = "not homed"
@@ -104,7 +104,7 @@ class MotionTwin(Protocol):
     moves: list[str]
     """Every line that moved it, or was to."""
 
-    def befall(self, trouble: Trouble) -> None:
+    def befall(self, trouble: MotionTrouble) -> None:
         """From now on this is so."""
 
     def mend(self) -> None:
@@ -128,11 +128,11 @@ RIGHT = {
 """What a LinuxCNC says that is switched on and homed."""
 
 WRONG = {
-    Trouble.NOT_HOMED: {"joint_homed": "YES NO YES NO NO NO"},
-    Trouble.INCH: {"user_linear_units": "INCH"},
-    Trouble.OFF: {"machine": "OFF"},
-    Trouble.FOLLOWING: {"machine": "OFF"},
-    Trouble.ESTOP: {"machine": "OFF", "estop": "ON"},
+    MotionTrouble.NOT_HOMED: {"joint_homed": "YES NO YES NO NO NO"},
+    MotionTrouble.INCH: {"user_linear_units": "INCH"},
+    MotionTrouble.OFF: {"machine": "OFF"},
+    MotionTrouble.FOLLOWING: {"machine": "OFF"},
+    MotionTrouble.ESTOP: {"machine": "OFF", "estop": "ON"},
 }
 
 
@@ -169,26 +169,26 @@ class LinuxCncTwin:
         )
         self._thread.start()
 
-    def befall(self, trouble: Trouble) -> None:
+    def befall(self, trouble: MotionTrouble) -> None:
         """From now on this is so."""
         with self._lock:
             self._state |= WRONG.get(trouble, {})
-            if trouble is Trouble.NAK:
+            if trouble is MotionTrouble.NAK:
                 self._control = None
-            elif trouble is Trouble.SILENCE:
+            elif trouble is MotionTrouble.SILENCE:
                 self._silent = True
-            elif trouble is Trouble.ELSEWHERE:
+            elif trouble is MotionTrouble.ELSEWHERE:
                 self.axes.short_mm = SHORT_MM
-            elif trouble is Trouble.CUT:
+            elif trouble is MotionTrouble.CUT:
                 self._cut = True
-            elif trouble in (Trouble.OFF, Trouble.FOLLOWING, Trouble.ESTOP):
+            elif trouble in (MotionTrouble.OFF, MotionTrouble.FOLLOWING, MotionTrouble.ESTOP):
                 self.axes.stop()
-                if trouble is Trouble.FOLLOWING:
+                if trouble is MotionTrouble.FOLLOWING:
                     self._failed = True
                     self.errors.append("joint 0 following error")
-        if trouble is Trouble.HANG_UP:
+        if trouble is MotionTrouble.HANG_UP:
             self.hang_up()
-        if trouble is Trouble.DIED:
+        if trouble is MotionTrouble.DIED:
             self.axes.stop()  # nothing drives it any more
             self._end()
 
@@ -335,22 +335,22 @@ class GrblTwin:
         self.address = self._port.url
         self.told = f"grbl:{self.address}"
 
-    def befall(self, trouble: Trouble) -> None:
+    def befall(self, trouble: MotionTrouble) -> None:
         """From now on this is so."""
-        if trouble in (Trouble.NOT_HOMED, Trouble.OFF):
+        if trouble in (MotionTrouble.NOT_HOMED, MotionTrouble.OFF):
             self._state = "Alarm"
-        elif trouble is Trouble.INCH:
+        elif trouble is MotionTrouble.INCH:
             self._settings["13"] = "1"
-        elif trouble in (Trouble.FOLLOWING, Trouble.ESTOP):
+        elif trouble in (MotionTrouble.FOLLOWING, MotionTrouble.ESTOP):
             self.axes.stop()
             self._state, self._pending = "Alarm", ["ALARM:3"]
-        elif trouble is Trouble.NAK:
+        elif trouble is MotionTrouble.NAK:
             self._state = "Run"
-        elif trouble is Trouble.SILENCE:
+        elif trouble is MotionTrouble.SILENCE:
             self._silent = True
-        elif trouble is Trouble.ELSEWHERE:
+        elif trouble is MotionTrouble.ELSEWHERE:
             self.axes.short_mm = SHORT_MM
-        elif trouble is Trouble.HANG_UP:
+        elif trouble is MotionTrouble.HANG_UP:
             self._gone = True
 
     def mend(self) -> None:

@@ -26,7 +26,7 @@ from app.measuring.moving import ways_of
 from app.measuring.unattended import measure_all
 from calib.tripod.pipeline import Model
 from drivers.motion.controller import Triple
-from drivers.motion.twins import SimulatedAxes, Trouble
+from drivers.motion.twins import MotionTrouble, SimulatedAxes
 from protocols.machine import Machine, MotionLimits
 from protocols.procedure import load_procedure
 from tests.app.measuring.moving_machine import (
@@ -268,21 +268,21 @@ class Running:
         self.axes: SimulatedAxes = self._followed
         self.moves: list[str] = []
         self._others: list[Client] = []
-        self._befell: Trouble | None = None
+        self._befell: MotionTrouble | None = None
 
-    def befall(self, trouble: Trouble) -> None:
+    def befall(self, trouble: MotionTrouble) -> None:
         self._befell = trouble
         match trouble:
-            case Trouble.NAK:
+            case MotionTrouble.NAK:
                 self._others.append(Client())
-            case Trouble.HANG_UP:
+            case MotionTrouble.HANG_UP:
                 self._cable.cut()
-            case Trouble.ESTOP:
+            case MotionTrouble.ESTOP:
                 self._followed.tell("estop")
-            case Trouble.FOLLOWING:
+            case MotionTrouble.FOLLOWING:
                 self._followed.tell("stuck")
             case _:
-                assert trouble is Trouble.DIED
+                assert trouble is MotionTrouble.DIED
                 os.kill(int((self._folder / "pid").read_text()), signal.SIGKILL)
 
     def mend(self) -> None:
@@ -291,9 +291,9 @@ class Running:
         A fault may show itself later than it was caused: a machine that is off is switched on.
         """
         befell, self._befell = self._befell, None
-        if befell is Trouble.DIED:
+        if befell is MotionTrouble.DIED:
             reached().close()
-        off = befell in (Trouble.ESTOP, Trouble.FOLLOWING, Trouble.DIED)
+        off = befell in (MotionTrouble.ESTOP, MotionTrouble.FOLLOWING, MotionTrouble.DIED)
         if off or not self._followed.ready:
             self._followed.switch_on()
 
@@ -328,11 +328,11 @@ def session(folder: Path, name: str, feed: float, window_s: float) -> dict[str, 
 
 
 KINDS = (
-    Trouble.NAK,
-    Trouble.ESTOP,
-    Trouble.FOLLOWING,
-    Trouble.HANG_UP,
-    Trouble.DIED,
+    MotionTrouble.NAK,
+    MotionTrouble.ESTOP,
+    MotionTrouble.FOLLOWING,
+    MotionTrouble.HANG_UP,
+    MotionTrouble.DIED,
     "indicator",
     "stop",
 )

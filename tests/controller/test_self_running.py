@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from calib.tripod.simulation import hidden_machine
-from drivers.motion.twins import Trouble
+from drivers.motion.twins import MotionTrouble
 from protocols.machine import load_machine
 from protocols.record import read_record
 from tests.app.measuring.moving_machine import taken
@@ -22,11 +22,14 @@ from tests.controller.self_running import commanded
 
 @pytest.mark.parametrize(
     "kinds",
-    [(Trouble.NAK, Trouble.ESTOP, Trouble.HANG_UP), (Trouble.FOLLOWING, Trouble.DIED)],
+    [
+        (MotionTrouble.NAK, MotionTrouble.ESTOP, MotionTrouble.HANG_UP),
+        (MotionTrouble.FOLLOWING, MotionTrouble.DIED),
+    ],
     ids=["told", "lost"],
 )
 def test_whatever_befalls_the_controller_no_reading_is_wrong_and_it_goes_on(
-    kinds: tuple[Trouble, ...], tmp_path: Path
+    kinds: tuple[MotionTrouble, ...], tmp_path: Path
 ) -> None:
     told = commanded(tmp_path, "disturbed", "28", str(len(kinds)), *kinds)
     assert told["wrong"] == []

@@ -15,7 +15,7 @@ import pytest
 from drivers.line import IndicatorLine
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Profile, Query, Spindle
 from drivers.profiles import PROFILES
-from drivers.twins import IndicatorTwin, Transport, Trouble, TwinPort
+from drivers.twins import IndicatorTwin, LineTrouble, Transport, TwinPort
 
 TRANSPORTS = (["pty"] if os.name == "posix" else []) + ["tcp"]
 QUICK_S = 0.4
@@ -85,11 +85,11 @@ def test_own_faults(profile: Profile, transport: Transport) -> None:
 
 
 NO_VALUE = {
-    Trouble.SILENCE: {FaultKind.NO_ANSWER},
-    Trouble.SPLIT: {FaultKind.PARTIAL_LINE, FaultKind.NOT_UNDERSTOOD, FaultKind.NO_ANSWER},
-    Trouble.NOISE: {FaultKind.NOT_UNDERSTOOD},
-    Trouble.PARITY: {FaultKind.WRONG_PARITY, FaultKind.PARTIAL_LINE, FaultKind.NOT_UNDERSTOOD},
-    Trouble.DISCONNECT: {FaultKind.DISCONNECTED, FaultKind.NO_ANSWER},
+    LineTrouble.SILENCE: {FaultKind.NO_ANSWER},
+    LineTrouble.SPLIT: {FaultKind.PARTIAL_LINE, FaultKind.NOT_UNDERSTOOD, FaultKind.NO_ANSWER},
+    LineTrouble.NOISE: {FaultKind.NOT_UNDERSTOOD},
+    LineTrouble.PARITY: {FaultKind.WRONG_PARITY, FaultKind.PARTIAL_LINE, FaultKind.NOT_UNDERSTOOD},
+    LineTrouble.DISCONNECT: {FaultKind.DISCONNECTED, FaultKind.NO_ANSWER},
 }
 
 
@@ -107,10 +107,10 @@ def test_troubles_never_give_a_value(profile: Profile, transport: Transport) -> 
 @every_transport
 def test_troubles_that_a_reader_must_stand(profile: Profile, transport: Transport) -> None:
     """An echo is passed over; a late answer is no value, or the right one."""
-    troubles = (Trouble.ECHO, Trouble.SLOW)
+    troubles = (LineTrouble.ECHO, LineTrouble.SLOW)
     ports = (plugged(profile, transport, -0.321, trouble) for trouble in troubles)
     for trouble, found in zip(troubles, outcomes(profile, ports, timeout_s=2.0), strict=True):
-        if trouble is Trouble.ECHO and profile.request is not None:
+        if trouble is LineTrouble.ECHO and profile.request is not None:
             ended = profile.request(Query()).endswith((b"\r", b"\n"))
             assert isinstance(found, IndicatorReading) or not ended
         if isinstance(found, IndicatorReading):

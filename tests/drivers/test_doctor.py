@@ -25,7 +25,7 @@ from drivers.profile import BadReply, Evidence, FaultKind, Profile, Query, Spind
 from drivers.profiles import PROFILES
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A, MITUTOYO_MUX
 from drivers.profiles.sylvac import SYLVAC
-from drivers.twins import IndicatorTwin, Trouble, Twin, TwinPort, default_transport
+from drivers.twins import IndicatorTwin, LineTrouble, Twin, TwinPort, default_transport
 
 QUICK = replace(MITUTOYO_01A, timeout_s=0.3, interval_s=0.0)
 
@@ -52,8 +52,8 @@ def test_a_healthy_indicator() -> None:
 @pytest.mark.parametrize(
     ("fault", "said"),
     [
-        (Trouble.SILENCE, "no answer"),
-        (Trouble.PARITY, "wrong parity"),
+        (LineTrouble.SILENCE, "no answer"),
+        (LineTrouble.PARITY, "wrong parity"),
         ("no-data", "battery empty"),
         ("wrong-channel", "wrong channel"),
         ("busy", "busy"),
@@ -251,9 +251,9 @@ class Noise:
 @pytest.mark.parametrize(
     ("twin", "stream_s"),
     [
-        (IndicatorTwin(SYLVAC, Spindle(lambda: 0.5, 0.001), Trouble.SILENCE), 0.0),
-        (IndicatorTwin(SYLVAC, Spindle(lambda: 0.5, 0.001), Trouble.NOISE), 0.0),
-        (IndicatorTwin(SYLVAC, Spindle(lambda: 0.5, 0.001), Trouble.PARITY), 0.0),
+        (IndicatorTwin(SYLVAC, Spindle(lambda: 0.5, 0.001), LineTrouble.SILENCE), 0.0),
+        (IndicatorTwin(SYLVAC, Spindle(lambda: 0.5, 0.001), LineTrouble.NOISE), 0.0),
+        (IndicatorTwin(SYLVAC, Spindle(lambda: 0.5, 0.001), LineTrouble.PARITY), 0.0),
         (Echo(), 0.0),
         *((Noise(seed), 0.0) for seed in range(3)),
         *((Noise(seed), 0.02) for seed in range(3)),
@@ -278,7 +278,7 @@ def test_trying_names_a_profile_in_another_unit_and_says_so() -> None:
 def test_trying_stops_when_asked_and_ends_where_the_port_is_gone() -> None:
     stopped = try_profiles(HASTY, "socket://127.0.0.1:1", Query(), stopped=lambda: True)
     assert (stopped.fits, stopped.count) == ((), 0)
-    twin = IndicatorTwin(QUICK, Spindle(lambda: 0.5, 0.001), Trouble.DISCONNECT)
+    twin = IndicatorTwin(QUICK, Spindle(lambda: 0.5, 0.001), LineTrouble.DISCONNECT)
     with TwinPort(twin, "tcp") as port, pytest.raises(IndicatorError, match="no device answers"):
         try_profiles(HASTY, port.url, Query())
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from protocols.expectation import Expected, Movement, expected, movement
+from protocols.expectation import ExpectedReading, Movement, expected, movement
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Procedure, Step
 from protocols.session import Event, Mounted, Opened, Reading, Restored, Superseded, fold
@@ -57,7 +57,7 @@ def due(
     then: Sequence[Event] = (),
     machine: Machine | None = None,
     limit_mm: float = LIMIT_MM,
-) -> tuple[Expected, ...]:
+) -> tuple[ExpectedReading, ...]:
     """What is expected next along y (and z, where it was read) after these readings at Zero."""
     axes = tuple(axis for axis in "yz" if any(mount.startswith(f"x{axis}") for mount, _, _ in raw))
     mounts = {axis: next(m for m, _, _ in raw[::-1] if m[1] == axis) for axis in axes}

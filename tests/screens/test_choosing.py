@@ -22,7 +22,7 @@ from app.settings import data_path
 from calib.errors import RecordError
 from drivers.profile import Spindle
 from drivers.profiles import PROFILES
-from drivers.twins import IndicatorTwin, Trouble, TwinPort, default_transport
+from drivers.twins import IndicatorTwin, LineTrouble, TwinPort, default_transport
 from protocols.machine import Instrument
 from protocols.record import read_record
 from tests.screens.driving import SIZE, fill_in, quick_plan, said, text, until
@@ -138,7 +138,7 @@ async def test_a_port_that_cannot_be_tried_says_why(quick_profiles: None) -> Non
             await pilot.press("f3")
             await until(pilot, why, lambda why=why: why in text(interface, "#summary"))
         with TwinPort(
-            IndicatorTwin(PROFILES["sylvac"], Spindle(lambda: 0.5, 0.001), Trouble.DISCONNECT),
+            IndicatorTwin(PROFILES["sylvac"], Spindle(lambda: 0.5, 0.001), LineTrouble.DISCONNECT),
             "tcp",
         ) as twin:
             screen.query_one("#port", Input).value = twin.url

@@ -19,7 +19,7 @@ from app.screens.measure import MeasureScreen
 from app.screens.prepare import PrepareScreen
 from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
-from drivers.motion.twins import MotionTwin, Trouble
+from drivers.motion.twins import MotionTrouble, MotionTwin
 from protocols.machine import Instrument, Machine, MotionLimits
 from protocols.procedure import load_procedure
 from tests.app.measuring.moving_machine import Bench, following, taken, wrong
@@ -140,7 +140,7 @@ async def test_a_key_stops_it_and_p_goes_on(key: str, tmp_path: Path) -> None:
     assert not wrong(taken(moved.path), moved.bench)
 
 
-@pytest.mark.parametrize("trouble", [Trouble.ESTOP, Trouble.NAK, "indicator"])
+@pytest.mark.parametrize("trouble", [MotionTrouble.ESTOP, MotionTrouble.NAK, "indicator"])
 async def test_what_befalls_it_is_said_and_nothing_taken(trouble: str, tmp_path: Path) -> None:
     async with measuring(tmp_path) as moved:
         await moved.set_up()
@@ -150,7 +150,7 @@ async def test_what_befalls_it_is_said_and_nothing_taken(trouble: str, tmp_path:
         if trouble == "indicator":
             moved.bench.unplugged = True
         else:
-            moved.twin.befall(Trouble(trouble))
+            moved.twin.befall(MotionTrouble(trouble))
         await moved.comes(Moving.STOPPED)
         await moved.says("Nothing was taken")
         assert moved.screen.held

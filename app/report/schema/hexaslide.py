@@ -24,7 +24,7 @@ from calib.design.criteria import Criterion, Observability
 from calib.hexaslide.checked import PAIRS, inner_lengths
 from calib.hexaslide.geometry import unit_of
 from calib.hexaslide.planning import DIFFERENCE_STEP, UNITS, HexaSlideSeen
-from calib.hexaslide.procedures import ANGLES, Kind
+from calib.hexaslide.procedures import ANGLES, ProcedureKind
 from calib.hexaslide.residuals import Residuals
 
 
@@ -83,7 +83,7 @@ class HexaSlidePosturesReport(Report):
 
     schema_id: Literal["glidecal.postures/1"] = schema("glidecal.postures/1")
     machine: Literal["hexaslide"] = "hexaslide"
-    procedure: Kind = at("best.procedure.kind")
+    procedure: ProcedureKind = at("best.procedure.kind")
     measured: tuple[str, ...] = at("best.procedure.read")
     count: Count = at("best.refined.coordinates")
     criterion: Criterion = at("best.search.criterion")
@@ -302,7 +302,7 @@ class HexaSlideCalibrationReport(Report):
     seed: int | None = at("solved.source.seed")
     machine: str = at("solved.source.machine.name")
     machine_file: str = at("solved.source.machine_file")
-    procedure: Kind = at("solved.source.procedure")
+    procedure: ProcedureKind = at("solved.source.procedure")
     measured: tuple[str, ...] = at("solved.source.measured")
     postures: Annotated[PosturesUsed, called("solved")] = at("solved")
     rank: int = at("solved.found.rank")

@@ -17,7 +17,7 @@ from calib.hexaslide.planning import (
     HexaSlideSeen,
     PaperRule,
 )
-from calib.hexaslide.procedures import MEASURABLE_WORDS, Kind
+from calib.hexaslide.procedures import MEASURABLE_WORDS, ProcedureKind
 from calib.hexaslide.search import BestPostures
 
 PUBLISHED_WORDS = {
@@ -240,10 +240,10 @@ Postures: x start, o optimum. A posture is a place and three angles, so
 each stands once in every plot. Nothing here writes a file."""
 
 PROCEDURE_WORDS = {
-    Kind.POSE_INVERSE: "whole posture, residuals of the sliders",
-    Kind.POSE_FORWARD: "whole posture, residuals of the posture",
-    Kind.POSITION: "position alone",
-    Kind.CONSTRAINT_LINK: "constraint link of fixed length",
+    ProcedureKind.POSE_INVERSE: "whole posture, residuals of the sliders",
+    ProcedureKind.POSE_FORWARD: "whole posture, residuals of the posture",
+    ProcedureKind.POSITION: "position alone",
+    ProcedureKind.CONSTRAINT_LINK: "constraint link of fixed length",
 }
 
 LOOKING = "Computing what this procedure can identify …"

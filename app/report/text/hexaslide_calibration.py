@@ -9,7 +9,7 @@ from rich.table import Table
 from app.planning.hexaslide import CalibratedMachine
 from app.report.schema.hexaslide import HexaSlideCalibrationReport, Rms
 from app.report.text.tables import new_table, paragraphs, signed
-from calib.hexaslide.procedures import Kind
+from calib.hexaslide.procedures import ProcedureKind
 from protocols.hexaslide import HexaSlideMeasurements
 
 LACK_OF_FIT_LEVEL = 0.01
@@ -18,10 +18,10 @@ MOST_POSTURES = 5
 THOUSANDTHS = {"m": "mm", "m/m": "mm/m", "rad": "mrad"}
 
 LEFT_WORDS = {
-    Kind.POSE_INVERSE: "Sliders, read less predicted",
-    Kind.POSE_FORWARD: "Measured less predicted",
-    Kind.POSITION: "Measured less predicted",
-    Kind.CONSTRAINT_LINK: "Length of the link, and what is measured, less predicted",
+    ProcedureKind.POSE_INVERSE: "Sliders, read less predicted",
+    ProcedureKind.POSE_FORWARD: "Measured less predicted",
+    ProcedureKind.POSITION: "Measured less predicted",
+    ProcedureKind.CONSTRAINT_LINK: "Length of the link, and what is measured, less predicted",
 }
 
 
@@ -36,7 +36,7 @@ def simulated_text(measured: HexaSlideMeasurements) -> str:
 def calibration_text(solved: CalibratedMachine) -> str:
     """The sentences that matter, parameters, what is left, then the checks."""
     said = HexaSlideCalibrationReport.of(solved=solved)  # words and JSON tell the same numbers
-    linked = said.procedure is Kind.CONSTRAINT_LINK
+    linked = said.procedure is ProcedureKind.CONSTRAINT_LINK
     read = ", ".join(["sliders on the constraint link" if linked else "sliders", *said.measured])
     verdict = (
         f"{said.rank} of {said.parameter_count} combinations of the parameters identified from "
@@ -137,7 +137,7 @@ def _figures(said: HexaSlideCalibrationReport, factor: float | None) -> list[str
 
 
 def _noise(said: HexaSlideCalibrationReport, factor: float | None) -> list[str]:
-    noise, link = said.noise, said.procedure is Kind.CONSTRAINT_LINK
+    noise, link = said.noise, said.procedure is ProcedureKind.CONSTRAINT_LINK
     if noise.length_mm is None:
         return []
     words = f"{'Play of the link' if link else 'Noise of a length'} {noise.length_mm:.4g} mm"
@@ -164,7 +164,7 @@ def _inner(said: HexaSlideCalibrationReport, factor: float | None) -> list[str]:
 
 def _left(said: HexaSlideCalibrationReport) -> tuple[Table, str]:
     residuals = said.residuals
-    heading = "chain" if said.procedure is Kind.POSE_INVERSE else "measured"
+    heading = "chain" if said.procedure is ProcedureKind.POSE_INVERSE else "measured"
     table = new_table(heading, "residual r.m.s.", "unit", "share")
     for row in residuals.by_component:
         table.add_row(row.component, f"{row.rms:.4g}", row.unit, f"{100.0 * row.share:.0f} %")

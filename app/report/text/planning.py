@@ -10,7 +10,7 @@ from calib.arrays import LEG_NAMES, FloatArray
 from calib.design.criteria import Criterion
 from calib.design.identifiability import SeenBy
 from calib.diagnosis.results import AliasMap
-from calib.identify.next_mounting import Expected, FurtherSetUp, Proposal, Reach
+from calib.identify.next_mounting import ExpectedResult, FurtherSetUp, Proposal, Reach
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures
 from calib.tripod.workspace import PostureOfTool, Workspace
@@ -50,7 +50,7 @@ def identifiability_text(seen: SeenBy) -> str:
     )
 
 
-def expected_text(expected: Expected) -> str:
+def expected_text(expected: ExpectedResult) -> str:
     """What each parameter and the tool will be known to, once this is measured."""
     table = new_table("± (95 %), mm, to expect", "its kind alone", "all six", "within tolerances")
     for one in expected.parameters:
@@ -65,7 +65,7 @@ def expected_text(expected: Expected) -> str:
     )
 
 
-def before_measuring_text(expected: Expected, noise_words: str) -> str:
+def before_measuring_text(expected: ExpectedResult, noise_words: str) -> str:
     """The same, below the steps of a procedure."""
     return f"Before measuring, noise {noise_words}:\n\n{expected_text(expected)}"
 

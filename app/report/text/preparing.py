@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from app.measuring.gauges import PushResult, Trial
+from app.measuring.gauges import PushResult, SpindleCheck
 from app.measuring.indicators import indicator_words, profile_of
 from app.measuring.plan import Plan
 from app.measuring.simulated import short_travels
@@ -117,7 +117,7 @@ def check_text(plan: Plan) -> str:
     )
 
 
-def trial_text(trial: Trial, step: Step) -> str:
+def trial_text(trial: SpindleCheck, step: Step) -> str:
     """Which spindle is to be pushed before ``step`` is measured, and what the last push told."""
     if trial.done:
         return "Each spindle was found at its place. Enter begins."

@@ -16,7 +16,7 @@ from app.measuring.plan import Plan
 from app.measuring.simulated import simulated_session
 from calib.errors import MotionError, UsageError
 from calib.tripod.pipeline import Model
-from drivers.motion.twins import LinuxCncTwin, SimulatedAxes, Trouble
+from drivers.motion.twins import LinuxCncTwin, MotionTrouble, SimulatedAxes
 from protocols.journal import write_whole
 from protocols.machine import Instrument
 from protocols.procedure import load_procedure
@@ -103,7 +103,7 @@ def test_the_operator_says_no(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_a_machine_that_is_not_homed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", Terminal("y\n"))
     with closing(LinuxCncTwin(SimulatedAxes())) as twin:
-        twin.befall(Trouble.NOT_HOMED)
+        twin.befall(MotionTrouble.NOT_HOMED)
         with pytest.raises(MotionError, match="home it"):
             measuring.ask(plan_of(tmp_path, twin.told, ("a", "b")), on_screen=False)
     monkeypatch.setattr("sys.stdin", Terminal("y\n"))

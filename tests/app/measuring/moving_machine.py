@@ -27,7 +27,7 @@ from calib.errors import GlidecalError
 from drivers.motion import controller_of
 from drivers.motion.controller import Triple
 from drivers.motion.line import MotionLine
-from drivers.motion.twins import LinuxCncTwin, MotionTwin, SimulatedAxes, Trouble
+from drivers.motion.twins import LinuxCncTwin, MotionTrouble, MotionTwin, SimulatedAxes
 from drivers.profile import Profile, Query, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twins import IndicatorTwin, TwinPort
@@ -170,13 +170,13 @@ def wrong(readings: tuple[Reading, ...], bench: Bench) -> list[str]:
 
 
 TROUBLES = (
-    Trouble.ESTOP,
-    Trouble.FOLLOWING,
-    Trouble.NAK,
-    Trouble.HANG_UP,
-    Trouble.SILENCE,
-    Trouble.ELSEWHERE,
-    Trouble.DIED,
+    MotionTrouble.ESTOP,
+    MotionTrouble.FOLLOWING,
+    MotionTrouble.NAK,
+    MotionTrouble.HANG_UP,
+    MotionTrouble.SILENCE,
+    MotionTrouble.ELSEWHERE,
+    MotionTrouble.DIED,
     "indicator",
     "moved by hand",
     "stop",
@@ -193,7 +193,7 @@ def befall(trouble: str, guided: GuidedSession, bench: Bench, twin: MotionTwin) 
         assert guided.mover is not None
         guided.mover.stop("the operator")
     else:
-        twin.befall(Trouble(trouble))
+        twin.befall(MotionTrouble(trouble))
 
 
 def with_faults(

@@ -20,7 +20,7 @@ from calib.tripod.simulation import hidden_machine
 from drivers.line import IndicatorLine
 from drivers.profile import IndicatorReading
 from drivers.profiles import profile_named
-from drivers.twins import Trouble
+from drivers.twins import LineTrouble
 from protocols.machine import Instrument
 from protocols.procedure import axes_on_leg, load_procedure
 from tests.app.cli import glidecal, refused
@@ -118,7 +118,7 @@ def test_unknown_names_list_what_exists() -> None:
     listed = glidecal("simulate-indicator", "sylvac", "--fault", "list").out.splitlines()
     named = dict(line.split(maxsplit=1) for line in listed)
     assert named["over-range"] == "answers ERR3, over range"
-    assert set(Trouble) < set(named), "each with its explanation"
+    assert set(LineTrouble) < set(named), "each with its explanation"
 
 
 def test_enter_goes_on_and_a_number_goes_there() -> None:

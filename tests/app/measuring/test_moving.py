@@ -20,8 +20,8 @@ from app.measuring.unattended import REST_S, measure_all
 from calib.errors import MotionError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
 from drivers.exchange import Exchange
-from drivers.motion.controller import Faulted, MotionFault, Triple
-from drivers.motion.twins import TWINS, LinuxCncTwin, SimulatedAxes, Trouble
+from drivers.motion.controller import ControllerFault, MotionFault, Triple
+from drivers.motion.twins import TWINS, LinuxCncTwin, MotionTrouble, SimulatedAxes
 from drivers.profile import IndicatorReading, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from protocols.machine import Machine, MotionLimits
@@ -77,11 +77,11 @@ def test_a_session_measures_itself(name: str, tmp_path: Path) -> None:
 
 
 EVERY_KIND = (
-    Trouble.DIED,
-    Trouble.HANG_UP,
-    Trouble.ESTOP,
-    Trouble.NAK,
-    Trouble.FOLLOWING,
+    MotionTrouble.DIED,
+    MotionTrouble.HANG_UP,
+    MotionTrouble.ESTOP,
+    MotionTrouble.NAK,
+    MotionTrouble.FOLLOWING,
     "indicator",
 )
 
@@ -162,7 +162,7 @@ def test_a_second_client_is_noticed_before_the_next_take(tmp_path: Path) -> None
         assert arrives(mover) is Moving.SET_UP
         mover.confirm()
         assert arrives(mover) is Moving.THERE
-        twin.befall(Trouble.NAK)
+        twin.befall(MotionTrouble.NAK)
         with pytest.raises(MotionError, match="control"):
             guided.take()
         assert arrives(mover) is Moving.STOPPED
@@ -197,8 +197,8 @@ def test_indicators_are_waited_for_longer_than_the_longest_window() -> None:
 def test_a_check_says_who_says_so_and_moves_nothing() -> None:
     with closing(LinuxCncTwin(SimulatedAxes())) as twin:
         assert "joint_homed YES YES YES" in check_motion(twin.told, FAST)
-        twin.befall(Trouble.NOT_HOMED)
-        with pytest.raises(Faulted) as said:
+        twin.befall(MotionTrouble.NOT_HOMED)
+        with pytest.raises(ControllerFault) as said:
             check_motion(twin.told, FAST)
         assert said.value.kind is MotionFault.NOT_READY
         assert not twin.moves

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from protocols.expectation import Expected, expected
+from protocols.expectation import ExpectedReading, expected
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Leg, default_mount, load_procedure
 from protocols.session import Event, Mounted, Opened, Reading, fold
@@ -81,14 +81,14 @@ def test_mistakes_of_the_set_up_are_found_before_the_second_reading_of_a_leg() -
     assert asked <= 0.01 * honest, "second readings: one step of ten"
 
 
-def beyond(due: Sequence[Expected], change_mm: Sequence[float]) -> bool:
+def beyond(due: Sequence[ExpectedReading], change_mm: Sequence[float]) -> bool:
     pairs = zip(due, change_mm, strict=True)
     return any(one.is_beyond(one.before.value_mm + change) for one, change in pairs)
 
 
 def second_readings(
     truth: Table, seed: int
-) -> Iterator[tuple[tuple[Expected, ...], tuple[float, float]]]:
+) -> Iterator[tuple[tuple[ExpectedReading, ...], tuple[float, float]]]:
     """What is expected of the second reading of each leg, and what the machine shows there."""
     chance = np.random.default_rng([seed, 1])
     machine = Machine()

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.measuring.gauges import HELD_S, Live, Motion, PushResult, Trial
+from app.measuring.gauges import HELD_S, Live, Motion, PushResult, SpindleCheck
 from drivers.profile import Fault, FaultKind, IndicatorReading
 from protocols.machine import Instrument
 
@@ -26,7 +26,7 @@ class Bench:
         self.at_mm = chance.uniform(-3.0, 3.0, 2)
         self.moved_s = -10.0
 
-    def look(self, trial: Trial, away_mm: tuple[float, float]) -> bool:
+    def look(self, trial: SpindleCheck, away_mm: tuple[float, float]) -> bool:
         """One look at indicators that stand so far from rest."""
         self.now_s += LOOKS_S
         if any(away_mm):
@@ -38,11 +38,11 @@ class Bench:
             [Live(IndicatorReading("", v, 0.001, False), 0.0, motion) for v in shown.tolist()]
         )
 
-    def rest(self, trial: Trial, seconds: float) -> int:
+    def rest(self, trial: SpindleCheck, seconds: float) -> int:
         """How many pushes come to their end meanwhile."""
         return sum(self.look(trial, (0.0, 0.0)) for _ in range(round(seconds / LOOKS_S)))
 
-    def push(self, trial: Trial, number: int, size_mm: float, other: float = 0.0) -> int:
+    def push(self, trial: SpindleCheck, number: int, size_mm: float, other: float = 0.0) -> int:
         """A push in and out, in some tenths of a second, that moves the other by a share."""
         steps = int(self.chance.integers(3, 15))
         found = 0
@@ -65,7 +65,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
 def test_pushes_of_every_kind_are_told_apart(bench: Bench) -> None:
     """500 of each; a neighbour that is shaken moves a fifth as far."""
     for _ in range(500):
-        trial = Trial((FIRST, SECOND))
+        trial = SpindleCheck((FIRST, SECOND))
         bench.rest(trial, 0.5)
         sign = float(bench.chance.choice([-1.0, 1.0]))
         size_mm = sign * float(bench.chance.uniform(0.5, 12.0))
@@ -84,7 +84,7 @@ def test_pushes_of_every_kind_are_told_apart(bench: Bench) -> None:
 
 
 def test_flicker_a_touched_table_and_drift_are_no_push(bench: Bench) -> None:
-    trial = Trial((FIRST, SECOND))
+    trial = SpindleCheck((FIRST, SECOND))
     for _ in range(300):
         bench.at_mm += 0.05
         assert bench.rest(trial, 0.3) == 0
@@ -94,7 +94,7 @@ def test_flicker_a_touched_table_and_drift_are_no_push(bench: Bench) -> None:
 
 
 def test_two_that_move_together_are_asked_for_one_at_a_time(bench: Bench) -> None:
-    trial = Trial((FIRST, SECOND))
+    trial = SpindleCheck((FIRST, SECOND))
     bench.rest(trial, 0.5)
     assert bench.push(trial, 0, 2.0, other=0.8) == 1
     assert trial.finding is PushResult.BOTH
@@ -102,7 +102,7 @@ def test_two_that_move_together_are_asked_for_one_at_a_time(bench: Bench) -> Non
 
 
 def test_exchanged_ports(bench: Bench) -> None:
-    trial = Trial((FIRST, SECOND))
+    trial = SpindleCheck((FIRST, SECOND))
     bench.rest(trial, 0.5)
     bench.push(trial, 1, 2.0)
     assert trial.finding is PushResult.OTHER
@@ -118,7 +118,7 @@ def test_exchanged_ports(bench: Bench) -> None:
 
 
 def test_a_sign_that_is_not_the_stated_one_is_not_found(bench: Bench) -> None:
-    trial = Trial((FIRST.model_copy(update={"pushed_in": "larger"}), SECOND))
+    trial = SpindleCheck((FIRST.model_copy(update={"pushed_in": "larger"}), SECOND))
     bench.rest(trial, 0.5)
     bench.push(trial, 0, -2.0)
     assert (trial.finding, trial.last, trial.found) == (PushResult.SIGN, "smaller", {})
@@ -128,7 +128,7 @@ def test_a_sign_that_is_not_the_stated_one_is_not_found(bench: Bench) -> None:
 
 def test_what_is_held_or_mounted_anew_is_no_push(bench: Bench) -> None:
     """A spindle that is held counts when it is let go; what stays away never does."""
-    trial = Trial((FIRST, SECOND))
+    trial = SpindleCheck((FIRST, SECOND))
     bench.rest(trial, 0.5)
     for _ in range(5):
         bench.look(trial, (2.0, 0.0))
@@ -147,7 +147,7 @@ def test_what_is_held_or_mounted_anew_is_no_push(bench: Bench) -> None:
 
 
 def test_a_fault_stops_looking_and_nothing_tried_is_said(bench: Bench) -> None:
-    trial = Trial((FIRST,))
+    trial = SpindleCheck((FIRST,))
     fault = Live(Fault(FaultKind.NO_ANSWER, "", "silent"), 0.0, Motion.FAULT)
     assert not trial.look([fault])
     assert trial.remark() == "before the first reading: indicator 1 (sylvac, A) not pushed by hand"

@@ -32,8 +32,8 @@ from calib.hexaslide.planning import (
 )
 from calib.hexaslide.procedures import (
     COMPONENTS,
-    Kind,
     Procedure,
+    ProcedureKind,
     held_postures,
 )
 from calib.hexaslide.search import Search, best_postures
@@ -41,10 +41,10 @@ from protocols.hexaslide import load_hexaslide
 from tests.calib.hexaslide.hexaslide_draws import SHAPES, drawn_machine, jacobian_and_slopes
 
 RANKS = {
-    Kind.POSE_INVERSE: (49, 49, 9),
-    Kind.POSE_FORWARD: (49, 49, 9),
-    Kind.POSITION: (46, 49, 16),
-    Kind.CONSTRAINT_LINK: (48, 55, 48),
+    ProcedureKind.POSE_INVERSE: (49, 49, 9),
+    ProcedureKind.POSE_FORWARD: (49, 49, 9),
+    ProcedureKind.POSITION: (46, 49, 16),
+    ProcedureKind.CONSTRAINT_LINK: (48, 55, 48),
 }
 TINY = 1e-30
 
@@ -195,7 +195,7 @@ def test_a_platform_that_is_not_held_is_told_where_it_matters() -> None:
     own = H60.geometry
     line = np.linspace(-0.2, 0.2, 6)[:, None] * [1.0, 0.5, 0.0]
     loose = HexaSlide(Geometry(own.base, own.rails, line, own.links + 0.3), H60.box, H60.link)
-    for kind in (Kind.POSE_FORWARD, Kind.POSITION, Kind.CONSTRAINT_LINK):
+    for kind in (ProcedureKind.POSE_FORWARD, ProcedureKind.POSITION, ProcedureKind.CONSTRAINT_LINK):
         with pytest.raises(CalibrationError, match="a singular one"):
             reachable(Procedure.of(kind), loose)
     assert jacobian(Procedure.of("pose-inverse"), loose.geometry, some(loose, 5)).shape == (
@@ -220,9 +220,9 @@ def test_implicit_derivatives_are_those_of_a_complex_step() -> None:
         moved = forward(changed, sliders.astype(complex), machine.box)
         forward_rows[..., k] = moved.imag / TINY
     for kind, expected in (
-        (Kind.POSE_INVERSE, inverse_rows),
-        (Kind.POSE_FORWARD, forward_rows),
-        (Kind.POSITION, forward_rows[:, :3]),
+        (ProcedureKind.POSE_INVERSE, inverse_rows),
+        (ProcedureKind.POSE_FORWARD, forward_rows),
+        (ProcedureKind.POSITION, forward_rows[:, :3]),
     ):
         found = jacobian(Procedure.of(kind), machine.geometry, postures)
         assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
@@ -232,7 +232,7 @@ def test_link_derivatives_are_those_of_a_complex_step() -> None:
     machine = random_machine(4)
     postures, link = some(machine, 4), machine.link
     assert link is not None
-    procedure = Procedure(Kind.CONSTRAINT_LINK, known=())
+    procedure = Procedure(ProcedureKind.CONSTRAINT_LINK, known=())
     found = jacobian(procedure, machine.geometry, postures, link)[:, 0]
     sliders = inverse(machine.geometry, postures).astype(complex)
     start = np.concatenate([values(machine.geometry), link.platform_end, link.base_end])
@@ -248,7 +248,7 @@ def test_link_derivatives_are_those_of_a_complex_step() -> None:
 
 def test_slopes_by_the_posture_agree_with_differences() -> None:
     postures = some(H60, 3)
-    for kind in Kind:
+    for kind in ProcedureKind:
         procedure = Procedure.of(kind)
         rows, slopes = jacobian_and_slopes(procedure, H60.geometry, postures, H60.link)
         plain = jacobian(procedure, H60.geometry, postures, H60.link)
@@ -276,8 +276,8 @@ def test_forward_rows_are_inverse_rows_turned_and_blocks_have_their_ranks(
     assert positions == pytest.approx(found[:, :3], rel=1e-12)
 
 
-@pytest.mark.parametrize("kind", list(Kind))
-def test_fewest_postures(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", list(ProcedureKind))
+def test_fewest_postures(kind: ProcedureKind) -> None:
     assert fewest_postures(Procedure.of(kind), H60) == RANKS[kind][2]
 
 
@@ -296,8 +296,10 @@ def test_individually_known_parameters_with_positions_only() -> None:
     assert not [name for name in found.individually_known if name.startswith("B")]
 
 
-@pytest.mark.parametrize(("kind", "limit"), [(Kind.POSE_INVERSE, 55.0), (Kind.POSE_FORWARD, 500.0)])
-def test_best_postures_are_far_better_than_random_ones(kind: Kind, limit: float) -> None:
+@pytest.mark.parametrize(
+    ("kind", "limit"), [(ProcedureKind.POSE_INVERSE, 55.0), (ProcedureKind.POSE_FORWARD, 500.0)]
+)
+def test_best_postures_are_far_better_than_random_ones(kind: ProcedureKind, limit: float) -> None:
     found = best_postures(Procedure.of(kind), H60, 9, Search(starts=2))
     assert found.condition_number < limit < found.start_condition_number / 10.0
     rows = jacobian(Procedure.of(kind), H60.geometry, found.refined.coordinates)
@@ -309,16 +311,16 @@ def test_best_postures_are_far_better_than_random_ones(kind: Kind, limit: float)
 @pytest.mark.parametrize(
     ("kind", "count", "counted"),
     [
-        (Kind.POSE_FORWARD, 9, 49),
-        (Kind.POSITION, 16, 48),
-        (Kind.POSITION, 17, 49),
-        (Kind.CONSTRAINT_LINK, 46, 46),
-        (Kind.CONSTRAINT_LINK, 48, 48),
-        (Kind.CONSTRAINT_LINK, 100, 55),
+        (ProcedureKind.POSE_FORWARD, 9, 49),
+        (ProcedureKind.POSITION, 16, 48),
+        (ProcedureKind.POSITION, 17, 49),
+        (ProcedureKind.CONSTRAINT_LINK, 46, 46),
+        (ProcedureKind.CONSTRAINT_LINK, 48, 48),
+        (ProcedureKind.CONSTRAINT_LINK, 100, 55),
     ],
 )
 def test_the_rule_of_the_paper_on_its_differences_counts_rows_or_parameters(
-    kind: Kind, count: int, counted: int
+    kind: ProcedureKind, count: int, counted: int
 ) -> None:
     procedure, postures = Procedure.of(kind), some(H60, count)
     rows = differenced(procedure, H60, postures)
@@ -329,8 +331,8 @@ def test_the_rule_of_the_paper_on_its_differences_counts_rows_or_parameters(
     assert len(names) - len(classical_qr(flat, names).flagged) == counted == min(flat.shape)
 
 
-@pytest.mark.parametrize("kind", [Kind.POSE_INVERSE, Kind.POSITION])
-def test_matrices_that_the_paper_calls_homogeneous_are_not(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", [ProcedureKind.POSE_INVERSE, ProcedureKind.POSITION])
+def test_matrices_that_the_paper_calls_homogeneous_are_not(kind: ProcedureKind) -> None:
     """Of one unit they would be the same in mm and m; those of rail components grow with it."""
     procedure, postures = Procedure.of(kind), some(H60, 12)
     larger = replace(

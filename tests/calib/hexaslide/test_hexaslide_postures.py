@@ -16,7 +16,7 @@ from calib.design.refinement import OF_ENDS
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
 from calib.hexaslide.derivatives import RowMaker, jacobian
 from calib.hexaslide.geometry import ENCODERS, ConstraintLink, Geometry, HexaSlide, inverse, legs
-from calib.hexaslide.procedures import Kind, Procedure, looseness
+from calib.hexaslide.procedures import Procedure, ProcedureKind, looseness
 from calib.hexaslide.search import BestPostures, Search, best_postures, judged_postures
 from tests.calib.hexaslide.hexaslide_draws import jacobian_and_slopes
 from tests.calib.hexaslide.test_hexaslide import H60, random_machine, some
@@ -78,8 +78,8 @@ def test_rows_and_their_pull_are_those_of_a_complex_step(
     assert np.abs(pull(weights) - expected).max() < 1e-12 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("kind", list(Kind))
-def test_the_pull_agrees_with_differences_of_the_plain_jacobian(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", list(ProcedureKind))
+def test_the_pull_agrees_with_differences_of_the_plain_jacobian(kind: ProcedureKind) -> None:
     procedure, postures = Procedure.of(kind), some(H60, 4)
     maker = RowMaker(procedure, H60.geometry, H60.link, np.eye(len(procedure.parameters)))
     rows, pull = maker(postures)
@@ -113,22 +113,22 @@ def test_rows_that_cannot_be_had_are_refused() -> None:
 
 
 LIMITS = {
-    Kind.POSE_INVERSE: (9, 49, 4, 48.0),
-    Kind.POSE_FORWARD: (9, 49, 2, 430.0),
-    Kind.POSITION: (16, 46, 2, 230.0),
-    Kind.CONSTRAINT_LINK: (48, 48, 1, 940.0),
+    ProcedureKind.POSE_INVERSE: (9, 49, 4, 48.0),
+    ProcedureKind.POSE_FORWARD: (9, 49, 2, 430.0),
+    ProcedureKind.POSITION: (16, 46, 2, 230.0),
+    ProcedureKind.CONSTRAINT_LINK: (48, 48, 1, 940.0),
 }
 """Postures, rank, starts and the largest condition number; 20 starts find 45, 335, 190, 900."""
 
 
 @cache
-def best(kind: Kind) -> BestPostures:
+def best(kind: ProcedureKind) -> BestPostures:
     count, _, starts, _ = LIMITS[kind]
     return best_postures(Procedure.of(kind), H60, count, Search(starts=starts))
 
 
-@pytest.mark.parametrize("kind", list(Kind))
-def test_condition_numbers_on_the_example_machine(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", list(ProcedureKind))
+def test_condition_numbers_on_the_example_machine(kind: ProcedureKind) -> None:
     (count, rank, starts, limit), found = LIMITS[kind], best(kind)
     postures = found.refined.coordinates
     assert postures.shape == (count, 6)
@@ -147,7 +147,12 @@ def test_condition_numbers_on_the_example_machine(kind: Kind) -> None:
 
 def test_condition_numbers_rise_in_this_order() -> None:
     """Not that of papers/001: positions see less but see it better than whole poses."""
-    order = (Kind.POSE_INVERSE, Kind.POSITION, Kind.POSE_FORWARD, Kind.CONSTRAINT_LINK)
+    order = (
+        ProcedureKind.POSE_INVERSE,
+        ProcedureKind.POSITION,
+        ProcedureKind.POSE_FORWARD,
+        ProcedureKind.CONSTRAINT_LINK,
+    )
     figures = [best(kind).condition_number for kind in order]
     assert figures == sorted(figures)
 

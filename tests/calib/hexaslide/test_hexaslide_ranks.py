@@ -18,7 +18,7 @@ from calib.hexaslide.planning import (
     reachable,
     sensitivity,
 )
-from calib.hexaslide.procedures import COMPONENTS, ENDS, Kind, Procedure
+from calib.hexaslide.procedures import COMPONENTS, ENDS, Procedure, ProcedureKind
 from protocols.hexaslide import load_hexaslide
 from tests.calib.hexaslide import prime_field as exact
 from tests.calib.hexaslide.hexaslide_draws import SHAPES, drawn_machine
@@ -31,16 +31,16 @@ LEAST_GAP = 1e8 if FUZZ else 1e9
 """Among 300 machines one shows a combination so weakly that its gap is 6e8."""
 
 RANKS = {
-    Kind.POSE_INVERSE: (49, 49),
-    Kind.POSE_FORWARD: (49, 49),
-    Kind.POSITION: (46, 49),
-    Kind.CONSTRAINT_LINK: (48, 55),
+    ProcedureKind.POSE_INVERSE: (49, 49),
+    ProcedureKind.POSE_FORWARD: (49, 49),
+    ProcedureKind.POSITION: (46, 49),
+    ProcedureKind.CONSTRAINT_LINK: (48, 55),
 }
 ROTATIONS = [f"platform frame turned about its {axis}" for axis in "XYZ"]
 SHIFTS = [f"platform frame shifted along its {axis}" for axis in "XYZ"]
 LOST = {
-    Kind.POSITION: ROTATIONS,
-    Kind.CONSTRAINT_LINK: [*ROTATIONS, *SHIFTS, "base turned about X"],
+    ProcedureKind.POSITION: ROTATIONS,
+    ProcedureKind.CONSTRAINT_LINK: [*ROTATIONS, *SHIFTS, "base turned about X"],
 }
 EXACT_COUNT = 120
 EXACT_SHAPES = ("any", "planar platform", "planar base", "parallel rails", "flat", "h60")
@@ -82,7 +82,7 @@ def test_ranks_gaps_and_lost_motions_of_machines_drawn_from_nothing(shape: str) 
             assert sine(turned[rank:], own_scaled) < 1e-6
 
 
-def written_out(machine: HexaSlide, kind: Kind, names: tuple[str, ...]) -> FloatArray:
+def written_out(machine: HexaSlide, kind: ProcedureKind, names: tuple[str, ...]) -> FloatArray:
     """The lost motions as changes of the parameters, from the geometry alone."""
     own, link = machine.geometry, machine.link
     assert link is not None
@@ -90,7 +90,7 @@ def written_out(machine: HexaSlide, kind: Kind, names: tuple[str, ...]) -> Float
     for axis in np.eye(3):
         turn = {f"B{k + 1}": np.cross(axis, own.platform[k]) for k in range(6)}
         rows.append(turn | {"c": np.cross(axis, link.platform_end)})
-    if kind is Kind.CONSTRAINT_LINK:
+    if kind is ProcedureKind.CONSTRAINT_LINK:
         rows += [{f"B{k + 1}": axis for k in range(6)} | {"c": axis} for axis in np.eye(3)]
         about = np.array([1.0, 0.0, 0.0])
         base = {f"A{k + 1}": np.cross(about, own.base[k]) for k in range(6)}
@@ -125,9 +125,9 @@ class Exactly:
 
     def rows(self, procedure: Procedure) -> exact.Field:
         """Postures, then values, then parameters."""
-        if procedure.kind is Kind.POSE_INVERSE:
+        if procedure.kind is ProcedureKind.POSE_INVERSE:
             return self.sliders
-        if procedure.kind is Kind.CONSTRAINT_LINK:
+        if procedure.kind is ProcedureKind.CONSTRAINT_LINK:
             return self.bar[:, None, unknown(procedure)]
         return self.moved[:, [COMPONENTS.index(name) for name in procedure.measured]]
 
@@ -264,7 +264,7 @@ def test_encoders_in_the_joints_have_the_exact_rank(
     own, good = exactly("h60"), np.ones(EXACT_COUNT, dtype=np.bool_)
     encoders = [name for name in procedure.measured if name in ENCODERS]
     width, blocks = len(procedure.parameters), []
-    link = procedure.kind is Kind.CONSTRAINT_LINK
+    link = procedure.kind is ProcedureKind.CONSTRAINT_LINK
     if link:
         blocks.append(own.bar[:, unknown(procedure)])
     for name in procedure.measured:
@@ -286,7 +286,7 @@ def test_encoders_in_the_joints_have_the_exact_rank(
 @pytest.mark.parametrize(
     "procedure",
     [
-        *(Procedure.of(kind) for kind in Kind),
+        *(Procedure.of(kind) for kind in ProcedureKind),
         *(Procedure.of("pose-forward", MEASURED[k]) for k in (0, 3, 5, 8, 12, 22, 30, 41, 57)),
         *(Procedure.of("constraint-link", known=known) for known in KNOWN[::3]),
     ],
@@ -305,7 +305,7 @@ def test_postures_too_much_alike_lose_what_exact_arithmetic_says(
 ) -> None:
     """Coordinates held at zero: translations only lose most, a constant phi or z nothing."""
     machine, own = example(), Exactly("any", dict.fromkeys(held, 0))
-    for k, kind in enumerate(Kind):
+    for k, kind in enumerate(ProcedureKind):
         procedure = Procedure.of(kind)
         postures = enough_postures(procedure, machine)
         postures[:, held] = machine.box.centre[list(held)]

@@ -13,8 +13,15 @@ import pytest
 
 from calib.errors import UsageError
 from drivers.motion import controller_of
-from drivers.motion.controller import Controller, Faulted, Limits, MotionFault, Triple
-from drivers.motion.twins import TWINS, GrblTwin, LinuxCncTwin, MotionTwin, SimulatedAxes, Trouble
+from drivers.motion.controller import Controller, ControllerFault, Limits, MotionFault, Triple
+from drivers.motion.twins import (
+    TWINS,
+    GrblTwin,
+    LinuxCncTwin,
+    MotionTrouble,
+    MotionTwin,
+    SimulatedAxes,
+)
 
 LIMITS = Limits((-100.0,) * 3, (60.0,) * 3, longest_mm=120.0, fastest_mm_min=60_000.0)
 START = (1.0, 2.0, -3.0)
@@ -26,7 +33,7 @@ every = pytest.mark.parametrize("name", TWINS)
 
 
 @contextmanager
-def beside(name: str, *troubles: Trouble) -> Iterator[tuple[Controller, MotionTwin]]:
+def beside(name: str, *troubles: MotionTrouble) -> Iterator[tuple[Controller, MotionTwin]]:
     twin = TWINS[name](SimulatedAxes(START))
     for trouble in troubles:
         twin.befall(trouble)
@@ -86,7 +93,7 @@ def test_nothing_is_sent_outside_the_limits(
     name: str, to: tuple[float, float, float], feed: float
 ) -> None:
     with beside(name) as (controller, twin):
-        with pytest.raises(Faulted, match=r"machine file") as said:
+        with pytest.raises(ControllerFault, match=r"machine file") as said:
             controller.move_to(to, feed)
         assert said.value.kind is MotionFault.OUTSIDE
         assert not twin.moves
@@ -94,37 +101,41 @@ def test_nothing_is_sent_outside_the_limits(
 
 
 @every
-@pytest.mark.parametrize("trouble", [Trouble.NOT_HOMED, Trouble.OFF, Trouble.INCH, Trouble.ESTOP])
-def test_a_machine_that_is_not_ready(name: str, trouble: Trouble) -> None:
+@pytest.mark.parametrize(
+    "trouble", [MotionTrouble.NOT_HOMED, MotionTrouble.OFF, MotionTrouble.INCH, MotionTrouble.ESTOP]
+)
+def test_a_machine_that_is_not_ready(name: str, trouble: MotionTrouble) -> None:
     with beside(name) as (controller, twin):
         twin.befall(trouble)
-        with pytest.raises(Faulted) as said:
+        with pytest.raises(ControllerFault) as said:
             controller.ready()
         assert said.value.kind in (MotionFault.NOT_READY, MotionFault.CONTROLLER)
         assert not twin.moves
 
 
 STOPPED_BY = {
-    Trouble.ESTOP: {MotionFault.NOT_READY, MotionFault.CONTROLLER},
-    Trouble.FOLLOWING: {MotionFault.CONTROLLER},
-    Trouble.NAK: {MotionFault.CONTROL_LOST, MotionFault.CONTROLLER},
-    Trouble.SILENCE: {MotionFault.LOST},
-    Trouble.HANG_UP: {MotionFault.LOST},
+    MotionTrouble.ESTOP: {MotionFault.NOT_READY, MotionFault.CONTROLLER},
+    MotionTrouble.FOLLOWING: {MotionFault.CONTROLLER},
+    MotionTrouble.NAK: {MotionFault.CONTROL_LOST, MotionFault.CONTROLLER},
+    MotionTrouble.SILENCE: {MotionFault.LOST},
+    MotionTrouble.HANG_UP: {MotionFault.LOST},
 }
 
 
 @every
 @pytest.mark.parametrize("trouble", STOPPED_BY)
-def test_trouble_on_the_way(name: str, trouble: Trouble) -> None:
+def test_trouble_on_the_way(name: str, trouble: MotionTrouble) -> None:
     with beside(name) as (controller, twin):
-        if trouble is Trouble.SILENCE:
+        if trouble is MotionTrouble.SILENCE:
             controller.answer_s = 0.2
         late = later(0.15, twin.befall, trouble)
-        with pytest.raises(Faulted) as said:
+        with pytest.raises(ControllerFault) as said:
             controller.move_to((60.0, 2.0, -3.0), SLOW)
         late.join()
         assert said.value.kind in STOPPED_BY[trouble]
-        deaf = trouble is Trouble.SILENCE or (name == "grbl" and trouble is Trouble.HANG_UP)
+        deaf = trouble is MotionTrouble.SILENCE or (
+            name == "grbl" and trouble is MotionTrouble.HANG_UP
+        )
         if deaf:  # a cable that is out ends nothing: somebody is told to
             assert "emergency stop" in str(said.value) or not twin.axes.moving
         else:
@@ -134,8 +145,10 @@ def test_trouble_on_the_way(name: str, trouble: Trouble) -> None:
 
 @every
 def test_stops_short(name: str) -> None:
-    with beside(name, Trouble.ELSEWHERE) as (controller, _):
-        with pytest.raises(Faulted, match=r"X10\.500 Y0\.000 Z0\.000 in place of X10\.000") as said:
+    with beside(name, MotionTrouble.ELSEWHERE) as (controller, _):
+        with pytest.raises(
+            ControllerFault, match=r"X10\.500 Y0\.000 Z0\.000 in place of X10\.000"
+        ) as said:
             controller.move_to((10.0, 0.0, 0.0), FEED)
         assert said.value.kind is MotionFault.ELSEWHERE
 
@@ -144,7 +157,7 @@ def test_stops_short(name: str) -> None:
 def test_halt_stops_on_the_way(name: str) -> None:
     with beside(name) as (controller, twin):
         late = later(0.2, controller.halt.set)
-        with pytest.raises(Faulted) as said:
+        with pytest.raises(ControllerFault) as said:
             controller.move_to((60.0, 2.0, -3.0), SLOW)
         late.join()
         assert said.value.kind is MotionFault.STOPPED
@@ -157,7 +170,7 @@ def test_somebody_else_moved_it(name: str) -> None:
     with beside(name) as (controller, twin):
         controller.move_to((10.0, 0.0, 0.0), FEED)
         twin.axes.go((10.02, 0.0, 0.0), 1e9)
-        with pytest.raises(Faulted) as said:
+        with pytest.raises(ControllerFault) as said:
             controller.is_at((10.0, 0.0, 0.0))
         assert said.value.kind is MotionFault.ELSEWHERE
 
@@ -167,7 +180,7 @@ def test_a_second_client_is_noticed() -> None:
         controller.move_to((10.0, 0.0, 0.0), FEED)
         second = controller_of(twin.told, LIMITS)
         second.connect()
-        with pytest.raises(Faulted) as said:
+        with pytest.raises(ControllerFault) as said:
             controller.is_at((10.0, 0.0, 0.0))
         assert said.value.kind is MotionFault.CONTROL_LOST
         second.close()
@@ -187,7 +200,7 @@ class Arriving(SimulatedAxes):
 
 
 def test_a_barrier_whose_word_was_lost_is_asked_for_again() -> None:
-    with beside("linuxcnc", Trouble.CUT) as (controller, twin):
+    with beside("linuxcnc", MotionTrouble.CUT) as (controller, twin):
         assert controller.move_to((10.0, 0.0, 0.0), FEED) == (10.0, 0.0, 0.0)
         assert len(twin.moves) == 1
 
@@ -197,11 +210,11 @@ def test_a_refused_barrier_says_what_is_wrong() -> None:
     axes = Arriving(START)
     with closing(LinuxCncTwin(axes)) as twin:
         axes.then = lambda: twin.errors.extend(["joint 0 following error"] * (not twin.errors))
-        twin.befall(Trouble.CUT)
+        twin.befall(MotionTrouble.CUT)
         controller = controller_of(twin.told, LIMITS)
         controller.answer_s = PATIENCE_S
         controller.connect()
-        with pytest.raises(Faulted, match="joint 0 following error") as said:
+        with pytest.raises(ControllerFault, match="joint 0 following error") as said:
             controller.move_to((10.0, 0.0, 0.0), FEED)
         assert said.value.kind is MotionFault.CONTROLLER
         controller.close()
@@ -210,7 +223,7 @@ def test_a_refused_barrier_says_what_is_wrong() -> None:
 def test_password_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     for words in ("WRONG EMCTOO", "EMC WRONG"):
         monkeypatch.setenv("GLIDECAL_LINUXCNC_PASSWORDS", words)
-        with pytest.raises(Faulted, match="password") as said, beside("linuxcnc"):
+        with pytest.raises(ControllerFault, match="password") as said, beside("linuxcnc"):
             pass
         assert said.value.kind is MotionFault.REFUSED
 
@@ -218,7 +231,7 @@ def test_password_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("told", ["linuxcnc:127.0.0.1:9", "linuxcnc:127.0.0.1:x", "grbl:/dev/none"])
 def test_nobody_there(told: str) -> None:
     controller = controller_of(told, LIMITS)
-    with pytest.raises(Faulted) as said:
+    with pytest.raises(ControllerFault) as said:
         controller.connect()
     assert said.value.kind is MotionFault.UNREACHABLE
 

@@ -12,9 +12,9 @@ from contextlib import closing
 import pytest
 
 from drivers.motion import controller_of
-from drivers.motion.controller import Faulted, Limits, MotionFault
+from drivers.motion.controller import ControllerFault, Limits, MotionFault
 from drivers.motion.line import MotionLine
-from drivers.motion.twins import LinuxCncTwin, SimulatedAxes, Trouble
+from drivers.motion.twins import LinuxCncTwin, MotionTrouble, SimulatedAxes
 
 LIMITS = Limits((-100.0,) * 3, (60.0,) * 3, longest_mm=120.0, fastest_mm_min=60_000.0)
 FEED, SLOW = 6000.0, 120.0
@@ -55,7 +55,7 @@ def test_stop_ends_all_that_was_asked(line: MotionLine, twin: LinuxCncTwin) -> N
     asked = line.go([(50.0, 0.0, 0.0), (0.0, 0.0, 0.0)], SLOW)
     assert comes_true(lambda: twin.axes.moving)
     line.stop()
-    with pytest.raises(Faulted) as said:
+    with pytest.raises(ControllerFault) as said:
         asked.result(PATIENCE_S)
     assert said.value.kind is MotionFault.STOPPED
     assert len(twin.moves) == 1
@@ -66,16 +66,16 @@ def test_stop_ends_all_that_was_asked(line: MotionLine, twin: LinuxCncTwin) -> N
 def test_what_befalls_a_machine_at_rest_is_told(line: MotionLine, twin: LinuxCncTwin) -> None:
     told = threading.Event()
     line.listener = told.set
-    twin.befall(Trouble.NAK)
+    twin.befall(MotionTrouble.NAK)
     assert told.wait(PATIENCE_S)
     assert line.fault is not None
     assert line.fault.kind is MotionFault.CONTROL_LOST
 
 
 def test_nothing_moves_where_the_machine_is_not_ready(twin: LinuxCncTwin) -> None:
-    twin.befall(Trouble.NOT_HOMED)
+    twin.befall(MotionTrouble.NOT_HOMED)
     line = MotionLine(controller_of(twin.told, LIMITS))
-    with pytest.raises(Faulted, match="home it"):
+    with pytest.raises(ControllerFault, match="home it"):
         line.start()
     line.close()
     assert not twin.moves
@@ -105,20 +105,20 @@ def test_a_killed_program_leaves_no_machine_moving(twin: LinuxCncTwin) -> None:
 def test_control_that_another_client_has_is_told_before_it_is_taken(
     line: MotionLine, twin: LinuxCncTwin
 ) -> None:
-    twin.befall(Trouble.NAK)
-    with pytest.raises(Faulted) as said:  # also where nobody looked in between
+    twin.befall(MotionTrouble.NAK)
+    with pytest.raises(ControllerFault) as said:  # also where nobody looked in between
         line.go([(1.0, 0.0, 0.0)], FEED).result(PATIENCE_S)
     assert said.value.kind is MotionFault.CONTROL_LOST
     assert not twin.moves
     assert line.go([(1.0, 0.0, 0.0)], FEED).result(PATIENCE_S) == (1.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("trouble", [Trouble.HANG_UP, Trouble.NAK])
+@pytest.mark.parametrize("trouble", [MotionTrouble.HANG_UP, MotionTrouble.NAK])
 def test_the_next_move_begins_with_a_new_connection(
-    line: MotionLine, twin: LinuxCncTwin, trouble: Trouble
+    line: MotionLine, twin: LinuxCncTwin, trouble: MotionTrouble
 ) -> None:
     twin.befall(trouble)
-    with pytest.raises(Faulted) as said:
+    with pytest.raises(ControllerFault) as said:
         line.at((0.0, 0.0, 0.0)).result(PATIENCE_S)
     assert said.value.kind in (MotionFault.LOST, MotionFault.CONTROL_LOST)
     assert line.go([(1.0, 0.0, 0.0)], FEED).result(PATIENCE_S) == (1.0, 0.0, 0.0)
@@ -133,7 +133,7 @@ def test_a_stop_ends_what_waits_behind_the_move_and_nothing_later(
     line.stop()
     later = line.go([(1.0, 0.0, 0.0)], FEED)  # asked before the stop was seen
     for stopped in (under_way, behind):
-        with pytest.raises(Faulted, match="stopped"):
+        with pytest.raises(ControllerFault, match="stopped"):
             stopped.result(PATIENCE_S)
     assert later.result(PATIENCE_S) == (1.0, 0.0, 0.0)
     assert len(twin.moves) == 2

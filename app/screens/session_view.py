@@ -172,11 +172,11 @@ class GaugeDisplay(Resting):
         return f"{state}  {live.age_s:.0f} s old" if live.age_s >= OLD_S else state
 
 
-class Row(Horizontal, Resting):
+class SideBySide(Horizontal, Resting):
     """Widgets side by side."""
 
 
-class Gauges(Row):
+class Gauges(SideBySide):
     """The indicators side by side."""
 
     def __init__(self, instruments: Sequence[Instrument | None]) -> None:
@@ -241,7 +241,7 @@ class SessionView(Vertical, Resting):
         yield StepList()
         yield self._gauges
         yield Words("", id="said", markup=False)
-        with Row(id="lower"):
+        with SideBySide(id="lower"):
             yield Words("", id="table", markup=False)
             yield ChartPlot(plot_id="chart")
 

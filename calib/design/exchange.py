@@ -105,7 +105,7 @@ def choose(
             f"{count} of {size} candidates in {starts} starts",
             "at least one start, and no more measurements than candidates unless repeated",
         )
-    search = _Search(candidates, aim, repeats=repeats)
+    search = _Exchanges(candidates, aim, repeats=repeats)
     runs = []
     drawn = [
         generator.choice(size, count, replace=repeats)
@@ -113,7 +113,7 @@ def choose(
     ]
     if aim.criterion is not Criterion.DETERMINANT:
         # among sets that do not see everything only the determinant knows the way
-        leading = _Search(
+        leading = _Exchanges(
             candidates, replace(aim, criterion=Criterion.DETERMINANT), repeats=repeats
         )
         drawn.append(leading.improve(drawn[0])[0])
@@ -169,7 +169,7 @@ def swap_ratios(rows: FloatArray, chosen: IntArray, covariance: FloatArray) -> F
     return np.asarray(np.linalg.det(grown)[:, None] * np.linalg.det(inner))
 
 
-class _Search:
+class _Exchanges:
     """Exchange from any start; remembers nothing between starts."""
 
     def __init__(self, candidates: Candidates, aim: Aim, *, repeats: bool) -> None:

@@ -23,7 +23,7 @@ from calib.diagnosis.outliers import set_outliers_right
 from calib.diagnosis.policy import POLICY
 from calib.diagnosis.problem import Case, FittedSession, Problem
 from calib.diagnosis.results import CleanedReadings, Finding, Named
-from calib.diagnosis.selection import Search, Spread, WeighedModel, heaviest_first
+from calib.diagnosis.selection import CandidateSearch, Spread, WeighedModel, heaviest_first
 from calib.errors import NotIdentifiable
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import Candidate
@@ -104,7 +104,7 @@ class _Catalogue:
 
     problem: Problem
     candidates: Sequence[Candidate]
-    search: Search
+    search: CandidateSearch
 
     @classmethod
     def of(cls, fitted_session: FittedSession, effects: Sequence[Effect]) -> _Catalogue:
@@ -114,7 +114,7 @@ class _Catalogue:
         shown = ModelSelection.of(problem, every)
         freedom = len(problem.y) - problem.whitening.free.shape[1]
         spread = Spread(float(problem.y @ problem.y), float(freedom))
-        search = Search(problem.y, shown.blocks, spread, shown.log_priors)
+        search = CandidateSearch(problem.y, shown.blocks, spread, shown.log_priors)
         return cls(problem, shown.candidates, search)
 
     def log_evidence(self, model: WeighedModel) -> float:

@@ -22,14 +22,14 @@ from calib.arrays import (
     onto,
 )
 from calib.diagnosis.problem import FittedSession, Problem, Whitening
-from calib.diagnosis.results import Cell, HeldOutGap, Residuals, Share
-from calib.diagnosis.selection import KNOWN, Search, Spread, heaviest_first
+from calib.diagnosis.results import Cell, CellResiduals, GapPart, HeldOutGap
+from calib.diagnosis.selection import KNOWN, CandidateSearch, Spread, heaviest_first
 from calib.errors import NotIdentifiable
 from calib.tripod.effects.effect import EffectInstance
 
 
-def locate(problem: Problem) -> tuple[Share, ...]:
-    """Share of the gap in each part of the readings, with its chance under pure noise.
+def locate(problem: Problem) -> tuple[GapPart, ...]:
+    """GapPart of the gap in each part of the readings, with its chance under pure noise.
 
     The gap is the structure that the model leaves (cells and cycles). A part of the readings holds
     as much of it as the squares there; patterns hold what they explain.
@@ -46,13 +46,13 @@ def locate(problem: Problem) -> tuple[Share, ...]:
         taken = (problem.whitening.free[mask] ** 2).sum()
         own = float((problem.structure[mask] ** 2).sum() - taken)
         chance = problem.gap_p_value(inside, max(round(own), 1))
-        shares.append(Share(leg, axis, pattern, inside / total if total else 0.0, chance))
+        shares.append(GapPart(leg, axis, pattern, inside / total if total else 0.0, chance))
     mounts = incidence(problem.mount)
     for pattern, columns in _patterns(problem):
         each = (mounts[:, :, None] * columns[:, None, :]).reshape(len(columns), -1)
         inside, freedom = problem.explained_by(each)
         chance = problem.gap_p_value(inside, freedom)
-        shares.append(Share("", "", pattern, min(inside / total, 1.0) if total else 0.0, chance))
+        shares.append(GapPart("", "", pattern, min(inside / total, 1.0) if total else 0.0, chance))
     return tuple(descending(descending(shares, lambda s: s.share), lambda s: -s.p_value))
 
 
@@ -86,7 +86,7 @@ def _patterns(problem: Problem) -> Iterator[tuple[str, FloatArray]]:
         yield "temperature", temperature[:, None]
 
 
-def where_words(shares: tuple[Share, ...], level: float) -> str:
+def where_words(shares: tuple[GapPart, ...], level: float) -> str:
     """A short sentence on where the gap is: the least likely parts by name."""
     significant = [s for s in shares if s.p_value < level]
     patterns = [s for s in significant if not s.leg and not s.axis]
@@ -105,7 +105,7 @@ def where_words(shares: tuple[Share, ...], level: float) -> str:
     return ", ".join(parts) or f"most on {significant[0].leg}{significant[0].axis}"
 
 
-def residuals(problem: Problem, after: FloatArray | None) -> Residuals:
+def residuals(problem: Problem, after: FloatArray | None) -> CellResiduals:
     """Means of each cell; ``after`` ``(n,)`` is the whitened residual with effects adopted."""
     names = ("leg", "axis", "station", "displacement_mm", "approach")
     columns = [*map(problem.conditions, names), *problem.conditions("position_mm").T]
@@ -136,7 +136,7 @@ def residuals(problem: Problem, after: FloatArray | None) -> Residuals:
         )
         for place, before_mm, after_mm, noise_mm in each
     )
-    return Residuals(cells, _rms(before), None if later is None else _rms(later), _rms(noise))
+    return CellResiduals(cells, _rms(before), None if later is None else _rms(later), _rms(noise))
 
 
 def _rms(values_mm: FloatArray) -> float:
@@ -203,7 +203,7 @@ def _chosen(
     if math.isfinite(problem.noise_df):
         spread = Spread(float(rest @ rest), float(len(train) - whitening.free.shape[1]))
     blocks = whitening.blocks([column[train] for column in white])
-    search = Search(rest, blocks, spread, np.zeros(len(blocks)))
+    search = CandidateSearch(rest, blocks, spread, np.zeros(len(blocks)))
     members: tuple[int, ...] = ()
     while len(members) < size:
         larger = search.larger(members) if members else search.singles

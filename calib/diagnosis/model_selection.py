@@ -34,7 +34,7 @@ from calib.diagnosis.policy import POLICY
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Gap, Value
 from calib.diagnosis.selection import (
-    Search,
+    CandidateSearch,
     Spread,
     WeighedModel,
     credible_set,
@@ -121,9 +121,9 @@ class ModelSelection:
         return cls(problem, some, [blocks[k] for k in shown], log_priors(problem, some))
 
     @cached_property
-    def search(self) -> Search:
+    def search(self) -> CandidateSearch:
         """Sets of candidates, weighed."""
-        return Search(self.problem.y, self.blocks, self.problem.spread, self.log_priors)
+        return CandidateSearch(self.problem.y, self.blocks, self.problem.spread, self.log_priors)
 
     def run(self) -> Outcome:
         """Name what can be named."""

@@ -28,7 +28,7 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class Share:
+class GapPart:
     """A part of the gap: which leg, axis or pattern, its share and its chance."""
 
     leg: str
@@ -169,7 +169,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Residuals:
+class CellResiduals:
     """Mean residuals of the readings as they were diagnosed, offsets, lengths and zeros fitted.
 
     Mistakes that were found are corrected or left out. The r.m.s. are over the cells, that after
@@ -244,12 +244,12 @@ class Diagnosis:
     gap_before: Gap
     gap_after: Gap
     held_out: HeldOutGap | None
-    where: tuple[Share, ...]
+    where: tuple[GapPart, ...]
     effects: tuple[Finding, ...]
     candidates: tuple[Contender, ...]
     next_measurement: NextMeasurement | None
     smallest_detectable: tuple[Detectable, ...]
-    residuals: Residuals
+    residuals: CellResiduals
     remarks: tuple[str, ...] = ()
     left_over: ModelDiscrepancy | None = None
     pattern: SharedPattern | None = None

@@ -105,7 +105,7 @@ def evidences(explained: FloatArray, rank: IntArray, spread: Spread) -> FloatArr
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class CandidateSearch:
     """Candidates as orthonormal blocks ``(n, r)`` and the vector ``(n,)`` they have to explain.
 
     With what each costs ``(J,)``.

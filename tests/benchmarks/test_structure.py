@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from benchmarks.structure import structure
+import re
+from collections import defaultdict
+
+from benchmarks.structure import ROOMS, ROOT, structure
+
+OF_EACH_MACHINE = {"Geometry", "Lines", "Procedure"}
 
 
 def test_rooms_are_rooms() -> None:
@@ -10,3 +15,15 @@ def test_rooms_are_rooms() -> None:
     assert len(found.largest_cycle) <= 3
     assert found.numpy_in_app == ()
     assert found.flat_in_app == ()
+
+
+def test_one_name_one_meaning() -> None:
+    """A class name stands once, but where each machine has its own of the same thing."""
+    places: dict[str, list[str]] = defaultdict(list)
+    for path in (path for room in ROOMS for path in (ROOT / room).rglob("*.py")):
+        module = path.relative_to(ROOT).as_posix()
+        for name in re.findall(r"^class (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE):
+            places[name].append(module)
+    twice = {name: modules for name, modules in places.items() if len(modules) > 1}
+    assert {name for name in twice if not name.endswith("Options")} == OF_EACH_MACHINE
+    assert all(any("hexaslide" in module for module in modules) for modules in twice.values())

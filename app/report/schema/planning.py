@@ -161,7 +161,7 @@ class WorkspaceReport(Report):
     maps: tuple[FactorMap, ...] = at("found.maps")
 
 
-class WorkingMode(Report):
+class WorkingModeEntry(Report):
     """Signs in papers/000 (3), and the carriages from Zero that give the same tool."""
 
     signs: tuple[int, ...]
@@ -178,5 +178,5 @@ class PostureReport(Report):
     theta_deg: Numbers = at("posture.theta_deg", "of legs x, y, z; papers/000 (1)")
     beta_deg: Numbers = at("posture.beta_deg")
     factors: Numbers = at("posture.factors", "velocity transmission, tool over carriages")
-    working_modes: tuple[WorkingMode, ...] = at("posture.modes", "the machine's own first")
+    working_modes: tuple[WorkingModeEntry, ...] = at("posture.modes", "the machine's own first")
     other_assembly_mm: Numbers = at("posture.assembly_mm", "where the same bars meet as well")

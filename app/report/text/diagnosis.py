@@ -27,9 +27,9 @@ from calib.diagnosis.results import (
     Contender,
     Diagnosis,
     Finding,
+    GapPart,
     HeldOutGap,
     ModelDiscrepancy,
-    Share,
 )
 from calib.identify.tool_bound import ToolBound
 from calib.tripod.effects.effect import remedies
@@ -283,7 +283,7 @@ def held_out_words(gap: HeldOutGap) -> str:
     return said
 
 
-def shares_text(shares: tuple[Share, ...]) -> str:
+def shares_text(shares: tuple[GapPart, ...]) -> str:
     """The parts of the readings where the gap lies."""
     table = new_table("part", "share", "", "p-value", left=1)
     for share in shares[:SHOWN_SHARES]:
@@ -292,7 +292,7 @@ def shares_text(shares: tuple[Share, ...]) -> str:
     return table_text(table)
 
 
-def part_words(share: Share) -> str:
+def part_words(share: GapPart) -> str:
     """Leg, axis or pattern."""
     if share.leg == "tool":
         return f"the tool along {share.axis.upper()}"

@@ -16,7 +16,7 @@ from calib.diagnosis.policy import POLICY
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.selection import (
     KNOWN,
-    Search,
+    CandidateSearch,
     Spread,
     contained,
     credible_set,
@@ -36,11 +36,11 @@ def test_evidence_and_sets() -> None:
     assert evidence(3.0, 4, Spread(3.0, 4.0)) == 0.0
     generator = np.random.default_rng(1)
     blocks = tuple(np.linalg.qr(generator.normal(size=(50, 1)))[0] for _ in range(5))
-    search = Search(20.0 * blocks[2][:, 0], blocks, KNOWN, np.zeros(5))
+    search = CandidateSearch(20.0 * blocks[2][:, 0], blocks, KNOWN, np.zeros(5))
     best = credible_set(search.singles)
     assert best[0].members == (2,)
     assert len(best) == 1
-    twins = Search(20.0 * blocks[2][:, 0], (*blocks, -blocks[2]), KNOWN, np.zeros(6))
+    twins = CandidateSearch(20.0 * blocks[2][:, 0], (*blocks, -blocks[2]), KNOWN, np.zeros(6))
     assert {m.members for m in credible_set(twins.singles)} == {(2,), (5,)}
     assert contained(blocks[2], -blocks[2]) == pytest.approx(1.0)
     assert union([blocks[0], blocks[0]]).shape[1] == 1

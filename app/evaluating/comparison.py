@@ -151,7 +151,7 @@ def verify_files(before: Path, after: Path, tolerance_mm: float | None = None) -
         first, second = first.without_common(), second.without_common()
         compared = replace(compared, remarks=(*compared.remarks, LESS_COMMON))
     tolerance = tolerance_mm or compared.after.sessions[0].opened.machine.tool_tolerance_mm
-    spread = (first.enlarged_expanded_mm**2 + second.enlarged_expanded_mm**2) ** 0.5
+    spread = (first.inflated_expanded_mm**2 + second.inflated_expanded_mm**2) ** 0.5
     columns = zip(first.names, first.values_mm, second.values_mm, spread, strict=True)
     offsets = tuple(
         RemainingOffset(name, float(was), float(now), float(half))

@@ -320,7 +320,7 @@ def _fitted(model: ModelFile, sessions: Sequence[Session]) -> ModelFile:
 
 def mistakes_of(diagnosed: SessionDiagnosis) -> list[Finding]:
     """The gross errors that were named, in the order found."""
-    return [one for one in diagnosed.diagnosis.effects if one.kind == Kind.BLUNDER]
+    return [one for one in diagnosed.diagnosis.effects if one.kind == Kind.GROSS_ERROR]
 
 
 def correct(diagnosed: SessionDiagnosis, source: Path, target: Path) -> None:

@@ -159,7 +159,7 @@ def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
         named = _named(session) if effects else None
     except GlidecalError as problem:
         return entry.model_copy(update={"problem": f"{path.name}: {problem}"})
-    x, y, z = solved.solution.enlarged_expanded_mm.tolist()[:3]
+    x, y, z = solved.solution.inflated_expanded_mm.tolist()[:3]
     totals = zip(opened.machine.entered_offsets_mm, solved.joint_offsets_mm, strict=True)
     return Entry.model_validate(
         {

@@ -88,8 +88,8 @@ class SessionSolution:
     @property
     def suspects(self) -> tuple[Suspect, ...]:
         """Readings that do not fit their own repeats."""
-        wild = self.solution.noise.wild
-        return tuple(Suspect(*self.visits[one.row], one.studentised) for one in wild)
+        outliers = self.solution.noise.outliers
+        return tuple(Suspect(*self.visits[one.row], one.studentised) for one in outliers)
 
     @property
     def noisy(self) -> tuple[NoisyChannel, ...]:

@@ -343,7 +343,7 @@ def _of_the_diagnosis(found: Diagnosis) -> Iterator[Choice]:
         others = () if found.left_over.whole else tuple(entry for _, entry in named)
         yield Choice(_entry_of(found.left_over.effect), "unnamed", (), others)
     for rival in found.candidates:
-        if rival.effects and rival.effects[0].effect.kind != Kind.BLUNDER:
+        if rival.effects and rival.effects[0].effect.kind != Kind.GROSS_ERROR:
             yield Choice(_entry_of(rival), "candidate", alike.get((rival.id, rival.where), ()))
 
 

@@ -107,7 +107,7 @@ def offsets_from_solved(solved: SessionSolution) -> Offsets:
             solution.uncertainty_mm,
             solution.expanded_mm,
             solution.coverage_factors,
-            solution.enlarged_expanded_mm,
+            solution.inflated_expanded_mm,
             solution.expanded_with_tolerances_mm,
         ),
         model=solution.model,

@@ -304,7 +304,7 @@ class PlannedMachine(Protocol):
     def examine(self) -> Examination:
         """What the procedure of the request sees."""
 
-    def cures(self, vectors: Sequence[FloatArray]) -> tuple[AddedMeasurement | None, ...]:
+    def added(self, vectors: Sequence[FloatArray]) -> tuple[AddedMeasurement | None, ...]:
         """For each combination ``(k,)`` the best added posture; None where none is known."""
 
 
@@ -319,7 +319,7 @@ class Combination:
     shares: dict[str, float]
     standard_uncertainty: float | None
     tool_mm: float | None
-    cure: AddedMeasurement | None
+    added: AddedMeasurement | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,16 +348,16 @@ def seen_by(machine: PlannedMachine) -> SeenBy:
     examined = machine.examine()
     names = examined.sensitivity.names
     found = analyse(examined.sensitivity)
-    cures = machine.cures([one.vector for one in (*found.unseen, *found.weak)])
+    additions = machine.added([one.vector for one in (*found.unseen, *found.weak)])
     every = tuple(
         Combination(
             name=one.combination,
             shares={n: float(v) for n, v in zip(names, one.vector, strict=True) if v != 0.0},
             standard_uncertainty=_finite(one.standard_uncertainty_mm),
             tool_mm=_finite(one.tool_mm),
-            cure=cure,
+            added=added,
         )
-        for one, cure in zip((*found.unseen, *found.weak), cures, strict=True)
+        for one, added in zip((*found.unseen, *found.weak), additions, strict=True)
     )
     first_weak = len(found.unseen)
     return SeenBy(

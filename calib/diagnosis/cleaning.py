@@ -43,7 +43,7 @@ def clean(
         stages = [case, *(case.with_readings(error.corrected) for error in errors)]
         gaps = [Problem.of([one.fitted()]).gap_rms_mm() for one in stages] if errors else []
         for error, before_mm, after_mm in zip(errors, gaps, gaps[1:], strict=False):
-            what = error.id, str(Kind.BLUNDER), error.title, error.where
+            what = error.id, str(Kind.GROSS_ERROR), error.title, error.where
             mistakes.append(Finding(*what, (), 0.0, before_mm, after_mm, error.or_else))
         cleaned.append(_cleaned(case.observed, errors))
     return cleaned, mistakes

@@ -116,7 +116,7 @@ class _Report:
         findings = [*self.mistakes, *(self._findings() if self.members else ())]
         verdict, noise = self.verdict, self.problem.fitted_sessions[0].noise
         told = bool(self.held_out) or verdict != "cannot-tell"
-        named = [f for f in findings if f.kind == Kind.BLUNDER or verdict in WITH_NAMES]
+        named = [f for f in findings if f.kind == Kind.GROSS_ERROR or verdict in WITH_NAMES]
         placed = tuple(one for finding in findings for one in finding.effects)
         pattern = shared_pattern([*self.first.fitted_sessions, *self.others])
         effect, where = None, ""

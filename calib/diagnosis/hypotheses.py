@@ -77,7 +77,7 @@ def hypotheses_of(problem: Problem, effects: Sequence[Effect]) -> list[Candidate
 
 def is_known(candidate: Candidate) -> bool:
     """Whether it is an effect with a name; no mistake, no power of travel."""
-    return candidate.kind not in (Kind.BLUNDER, Kind.EMPIRICAL)
+    return candidate.kind not in (Kind.GROSS_ERROR, Kind.EMPIRICAL)
 
 
 def _other_bars(problem: Problem) -> list[Candidate]:
@@ -89,7 +89,7 @@ def _other_bars(problem: Problem) -> list[Candidate]:
     for k, one in enumerate(sessions[1:], start=1):
         columns = np.zeros((len(of_row), 3))
         columns[of_row == k] = one.base[:, 3:] / one.case.tolerance_mm[3:]
-        what = "other_bars", title, Kind.BLUNDER, f"session {k + 1}", "one"
+        what = "other_bars", title, Kind.GROSS_ERROR, f"session {k + 1}", "one"
         found.append(Candidate(*what, (LENGTH,) * 3, columns))
     return found
 

@@ -58,7 +58,7 @@ class Value:
 
 @dataclass(frozen=True)
 class Finding:
-    """An effect or a blunder that was named, and what adopting it does to the gap."""
+    """An effect or a gross error that was named, and what adopting it does to the gap."""
 
     id: str
     kind: str

@@ -228,7 +228,7 @@ class HexaSlidePlanning:
             return enough_postures(self.procedure, self.machine, self.seed)
         return held_postures(self.machine, self.count, self.seed)
 
-    def cures(self, vectors: Sequence[FloatArray]) -> tuple[AddedMeasurement | None, ...]:
+    def added(self, vectors: Sequence[FloatArray]) -> tuple[AddedMeasurement | None, ...]:
         """None: what is lost is lost at every posture."""
         return (None,) * len(vectors)
 

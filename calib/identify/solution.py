@@ -183,26 +183,26 @@ class Solution:
         return max(1.0, self.lack_of_fit.statistic) if self.lack_of_fit else 1.0
 
     @property
-    def enlarged(self) -> float:
+    def inflation(self) -> float:
         """The same factor on its standard deviation."""
         return math.sqrt(self.spread)
 
-    def enlarged_mm2(self, factor: float) -> FloatArray:
+    def inflated_mm2(self, factor: float) -> FloatArray:
         """Covariance ``(k, k)`` in mm² with so many times the variance of the noise."""
         return np.asarray(factor * (self.covariance_mm2 - self.held_mm2) + self.held_mm2)
 
     @property
-    def left_over_factor(self) -> float:
+    def lack_of_fit_factor(self) -> float:
         """Coverage factor (95 %) with what the model leaves, and its freedom, as noise."""
         if not self.lack_of_fit or self.spread == 1.0:
             return self.coverage_factor
         return coverage_factor(self.lack_of_fit.degrees_of_freedom)
 
     @property
-    def enlarged_expanded_mm(self) -> FloatArray:
+    def inflated_expanded_mm(self) -> FloatArray:
         """Expanded uncertainties (95 %) ``(k,)`` with what the model leaves as noise, mm."""
-        enlarged = np.sqrt(self.enlarged_mm2(self.spread).diagonal())
-        return np.maximum(self.expanded_mm, self.left_over_factor * enlarged)
+        inflated = np.sqrt(self.inflated_mm2(self.spread).diagonal())
+        return np.maximum(self.expanded_mm, self.lack_of_fit_factor * inflated)
 
     def without_common(self) -> Solution:
         """The joint offsets less what they share: a plate does not show that."""

@@ -84,7 +84,7 @@ class SubsetChoice:
 
         What the model leaves counts as noise there, with its own degrees of freedom.
         """
-        return self.solutions.get("both", self.solutions[subset]).left_over_factor
+        return self.solutions.get("both", self.solutions[subset]).lack_of_fit_factor
 
     @cached_property
     def fitted(self) -> Solution:
@@ -222,5 +222,5 @@ def full_covariance(solution: Solution, factor: float = 1.0) -> FloatArray:
     """
     index = list(SUBSETS[solution.subset])
     covariance = np.zeros((len(PARAMETER_NAMES),) * 2)
-    covariance[np.ix_(index, index)] = solution.enlarged_mm2(factor)
+    covariance[np.ix_(index, index)] = solution.inflated_mm2(factor)
     return covariance

@@ -52,7 +52,7 @@ class IndicatorNoise:
 class Noise:
     """Noise of single readings: one entry of ``indicators`` for each indicator.
 
-    They are all the same where ``pooled``; equal ones share one estimate. ``wild`` are readings
+    They are all the same where ``pooled``; equal ones share one estimate. ``outliers`` are readings
     that do not fit their own repeats; they are counted nevertheless. Degrees of freedom are
     infinite for a stated instrument: taken as known (GUM 4.3, type B).
     ``repeated`` is what repeats show: nothing where there are none, equal readings, less scatter
@@ -63,7 +63,7 @@ class Noise:
     indicators: tuple[IndicatorNoise, ...]
     source: NoiseSource
     pooled: bool = True
-    wild: tuple[Outlier, ...] = ()
+    outliers: tuple[Outlier, ...] = ()
     repeated: Repeated = "nothing"
     cycle_drift_mm: float | None = None
 

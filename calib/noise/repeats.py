@@ -22,8 +22,8 @@ from calib.arrays import (
 )
 from calib.stats import two_sided_p_values, variance_ratio_p_value
 
-WILD_LEVEL = 0.01
-"""Chance that one of all readings is called wild although none is (Bonferroni)."""
+OUTLIER_LEVEL = 0.01
+"""Chance that one of all readings is called an outlier although none is (Bonferroni)."""
 
 UNEQUAL_LEVEL = 0.02
 """Chance, on either side, that an indicator like the others is judged by itself alone."""
@@ -127,8 +127,8 @@ def outlying_readings(repeats: Repeats, floor_mm2: float) -> tuple[Outlier, ...]
     )
     t = np.sign(left[judged]) * np.sqrt(own / np.maximum(variance, max(floor_mm2, TINY)))
     p = np.minimum(two_sided_p_values(t, nu) * len(judged), 1.0)
-    wild = p < WILD_LEVEL
-    each = zip(judged[wild].tolist(), t[wild].tolist(), p[wild].tolist(), strict=True)
+    outlying = p < OUTLIER_LEVEL
+    each = zip(judged[outlying].tolist(), t[outlying].tolist(), p[outlying].tolist(), strict=True)
     return tuple(Outlier(*one) for one in each)
 
 
@@ -148,7 +148,7 @@ def cycle_drift(repeats: Repeats, floor_mm2: float) -> float | None:
     scatter = float(repeats.sums_of_squares(observed.value_mm[:, None]).sum()) / free
     scatter = max(scatter, floor_mm2, TINY)
     between = square / rank
-    if variance_ratio_p_value(between / scatter, rank, free) >= WILD_LEVEL:
+    if variance_ratio_p_value(between / scatter, rank, free) >= OUTLIER_LEVEL:
         return None
     share = observed.averaged / np.bincount(repeats.cell, observed.averaged)[repeats.cell]
     per_cycle = float((observed.averaged * (1.0 - share)).sum()) / rank

@@ -82,7 +82,7 @@ class TripodPlanning:
         """Of so many steps, and of setting up so often."""
         return steps * self.seconds_per_step / 60.0 + mountings * self.minutes_per_mounting
 
-    def cures(self, vectors: Sequence[FloatArray]) -> tuple[AddedMeasurement | None, ...]:
+    def added(self, vectors: Sequence[FloatArray]) -> tuple[AddedMeasurement | None, ...]:
         """The best one of a level added to a mounting, or a new mounting read there and at Zero.
 
         None where the tool is read: no more positions show what one set-up cannot. Nor is one

@@ -232,7 +232,7 @@ def _budget(solved: SessionSolution) -> Section:
     """What the uncertainties are made of."""
     solution, bound = solved.solution, solved.bound_after
     sources = solution.budget_mm
-    together, left = solution.expanded_with_tolerances_mm, solution.enlarged_expanded_mm
+    together, left = solution.expanded_with_tolerances_mm, solution.inflated_expanded_mm
     of_values = new_table("± in mm (95 %)", *sources, "± U together", "if what is left is noise")
     columns = (*sources.values(), together, left)
     for name, *row in zip(solution.names, *(one.tolist() for one in columns), strict=True):

@@ -44,7 +44,7 @@ class GapPartEntry(Report):
 
 
 class FindingEntry(Report):
-    """An effect or a blunder that was named, and what adopting it does to the gap.
+    """An effect or a gross error that was named, and what adopting it does to the gap.
 
     A ``where`` with commas lists legs or places that have values of their own.
     """
@@ -74,7 +74,7 @@ def _unnamed(left: ModelDiscrepancy) -> SimpleNamespace:
 
 
 class ContenderEntry(Report):
-    """A candidate as it stands in the race, and why it was not named."""
+    """A candidate of the model selection, and why it was not named."""
 
     id: str
     where: str

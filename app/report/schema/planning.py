@@ -32,7 +32,7 @@ class DirectionEntry(Report):
     combination: dict[str, float] = at("shares", "shares of the parameters")
     standard_uncertainty_mm: float | None = at("standard_uncertainty", "null where lost")
     tool_mm: float | None = at("tool_mm", "null where lost")
-    cure: Addition | None
+    cure: Addition | None = at("added")
 
 
 class PosturesSeen(Report):

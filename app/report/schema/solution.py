@@ -222,12 +222,12 @@ class SolutionReport(Report):
     tool_error: ToolErrors = at("solved")
     tool_bound: ToolBoundEntry = at("solved")
     enlarged_by_lack_of_fit: float = at(
-        "solved.solution.enlarged",
+        "solved.solution.inflation",
         "factor on the standard deviation of the noise if what the model leaves is taken for "
         "noise; 1 if that is no more",
     )
     expanded_with_lack_of_fit_mm: Annotated[
-        dict[str, float], made(lambda one: rows(float, one.names, one.enlarged_expanded_mm))
+        dict[str, float], made(lambda one: rows(float, one.names, one.inflated_expanded_mm))
     ] = at("solved.solution", "expanded uncertainty (95 %) of each parameter then")
     expanded_with_tolerances_mm: Annotated[
         dict[str, float],

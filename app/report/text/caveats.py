@@ -87,11 +87,11 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
     solution, refused = solved.solution, solved.choice.refused
     fit = solution.lack_of_fit
     if fit and solution.lacks_fit:
-        larger = float(solution.enlarged_expanded_mm.max())
+        larger = float(solution.inflated_expanded_mm.max())
         yield (
             f"WARNING: the residual is {math.sqrt(fit.statistic):.1f} times the noise: something "
             "is missing from the model (glidecal diagnose). With the residual counted as noise the "
-            f"uncertainty is ±{uncertain(larger)} mm (k = {solution.left_over_factor:.3f}, "
+            f"uncertainty is ±{uncertain(larger)} mm (k = {solution.lack_of_fit_factor:.3f}, "
             f"{free_words(fit.degrees_of_freedom)})."
         )
     for subset, problem in refused.items():

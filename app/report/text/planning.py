@@ -105,9 +105,9 @@ def _combinations(seen: SeenBy) -> str:
                 f"WEAK: {one.name} known only to ±{half:.3f} mm (95 %), ±{tool:.3f} mm at the tool."
             )
         lines.append(said)
-        if one.cure is not None:
-            half = COVERAGE * one.cure.standard_uncertainty
-            lines.append(f"  Best single addition: {one.cure.where}; then ±{half:.3f} mm.")
+        if one.added is not None:
+            half = COVERAGE * one.added.standard_uncertainty
+            lines.append(f"  Best single addition: {one.added.where}; then ±{half:.3f} mm.")
         elif u is None:
             lines.append(f"  {without} it.")
     return "\n".join(lines)

@@ -23,7 +23,7 @@ class Kind(StrEnum):
     MACHINE = "machine"
     INDICATOR = "indicator"
     ENVIRONMENT = "environment"
-    BLUNDER = "blunder"  # a mistake in the data
+    GROSS_ERROR = "blunder"  # a mistake in the data; the word of the documents
     EMPIRICAL = "empirical"  # an unnamed effect
 
 

@@ -97,13 +97,13 @@ def test_what_is_left_counts_with_its_own_degrees_of_freedom(
     assert solution.lack_of_fit is not None
     assert solution.lack_of_fit.degrees_of_freedom == freedom
     assert solution.coverage_factor == pytest.approx(1.960, abs=5e-4)
-    ratio = solution.enlarged_expanded_mm / solution.expanded_mm
+    ratio = solution.inflated_expanded_mm / solution.expanded_mm
     wanted = np.sqrt(solution.lack_of_fit.statistic) * factor / 1.96
     np.testing.assert_allclose(ratio, wanted, rtol=1e-3)
 
 
 def test_tolerances_are_no_noise_that_the_left_over_enlarges(samples: Path) -> None:
-    """The enlarged covariance is the error of this estimate under more noise, by simulation."""
+    """The inflated covariance is the error of this estimate under more noise, by simulation."""
     session = fold(read_record(samples / "experiment_2_twelve.jsonl").events)
     taken = to_observations([session])
     stated = IndicatorFigures(resolution_mm=0.01, repeatability_mm=0.02)
@@ -120,4 +120,4 @@ def test_tolerances_are_no_noise_that_the_left_over_enlarges(samples: Path) -> N
         found = identify(MODEL, data, "with-tolerances", indicator=stated, tolerance_mm=TOLERANCES)
         errors.append(found.values_mm - truth)
     true = np.sqrt(np.mean(np.square(errors), axis=0))
-    np.testing.assert_allclose(np.sqrt(solution.enlarged_mm2(9.0).diagonal()), true, rtol=0.15)
+    np.testing.assert_allclose(np.sqrt(solution.inflated_mm2(9.0).diagonal()), true, rtol=0.15)

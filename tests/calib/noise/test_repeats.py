@@ -1,4 +1,4 @@
-"""Scatter of repeats: drift kept out, indicators told apart, wild readings found."""
+"""Scatter of repeats: drift kept out, indicators told apart, outliers found."""
 
 from __future__ import annotations
 
@@ -99,12 +99,12 @@ def test_those_that_scatter_alike_share_one_estimate_beside_a_loud_one() -> None
         noise = reading_noise(replace(data, value_mm=data.value_mm + louder), IndicatorFigures())
         assert noise is not None
         honest += noise.estimates.tolist() == [0, 1, 1, 1, 1, 1]
-        named += bool(noise.wild)
+        named += bool(noise.outliers)
         if noise.estimates.tolist() == [0, 1, 1, 1, 1, 1]:
             assert noise.indicators[1].degrees_of_freedom == pytest.approx(20.0)
             assert noise.indicators[0].degrees_of_freedom == pytest.approx(4.0)
     assert honest >= 85
-    assert named <= 30, "a loud indicator is not a row of wild readings"
+    assert named <= 30, "a loud indicator is not a row of outliers"
 
 
 def test_a_mounting_without_repeats_does_not_part_the_others() -> None:
@@ -134,8 +134,8 @@ def test_a_wild_reading_is_flagged_and_still_counts() -> None:
     value[17] += 0.05
     noise = reading_noise(replace(data, value_mm=value), IndicatorFigures())
     assert noise is not None
-    assert [wild.row for wild in noise.wild] == [17]
-    assert noise.wild[0].studentised > 5.0
+    assert [one.row for one in noise.outliers] == [17]
+    assert noise.outliers[0].studentised > 5.0
 
 
 def test_clean_sessions_have_no_wild_reading() -> None:

@@ -99,18 +99,22 @@ class WhatIfScreen(PagedScreen):
     @work
     async def _begin(self) -> None:
         """What is worked out once: the set of parameters, the size that fits, how far steps go."""
+        fitted: tuple[FittedSize, ...] = ()
+        why_not = ""
         try:
-            self.trial = await apart(self, self.trial.recommended)
+            trial = await apart(self, self.trial.recommended)
             try:
-                self.fitted = await apart(self, lambda: self.trial.fitted)
+                fitted = await apart(self, lambda: trial.fitted)
             except NotIdentifiable as problem:
-                self._why_not = str(problem)
-            await apart(self, self.trial.begin)
+                why_not = str(problem)
+            await apart(self, trial.begin)
         except GlidecalError as problem:
             self.looking = False
             self.query_one("#what-if", Static).update(str(problem))
             return
-        self.without, self.values = self.trial.without, self.trial.values
+        # all at once: keys that come before find nothing, and say so
+        self.trial, self.fitted, self._why_not = trial, fitted, why_not
+        self.without, self.values = trial.without, trial.values
         if self.fitted:
             self.action_best()
         else:

@@ -222,7 +222,8 @@ async def test_what_cannot_be_told_apart_is_said(doubtful: Path) -> None:
         await pilot.press("f10")
 
 
-async def test_wrong_moments(bowed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("late", ["recommended", "begin"])
+async def test_wrong_moments(bowed: Path, monkeypatch: pytest.MonkeyPatch, late: str) -> None:
     interface = Glidecal(screen := DiagnoseScreen([bowed]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await until(pilot, "looking", lambda: screen.is_mounted and screen.looking)
@@ -231,10 +232,17 @@ async def test_wrong_moments(bowed: Path, monkeypatch: pytest.MonkeyPatch) -> No
         await diagnosed(pilot, interface)
         await pilot.press("w")
         await until(pilot, "list", lambda: isinstance(interface.screen, ChoiceDialog))
-        come, recommended = threading.Event(), Trial.recommended
-        monkeypatch.setattr(Trial, "recommended", lambda t: come.wait(60) and recommended(t))
+        come, begun, done = threading.Event(), threading.Event(), getattr(Trial, late)
+
+        def waiting(trial: Trial) -> object:
+            begun.set()
+            come.wait(60)
+            return done(trial)
+
+        monkeypatch.setattr(Trial, late, waiting)
         await pilot.press("1")
         await until(pilot, "page", lambda: isinstance(interface.screen, WhatIfScreen))
+        await until(pilot, "beginning", begun.is_set)
         await pilot.press("right", "0", "up", "f", "enter", "y")
         await until(pilot, "words", lambda: texts.NOT_YET in said(interface))
         assert body(interface) == texts.WORKING

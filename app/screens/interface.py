@@ -154,8 +154,8 @@ TALL = 30
 """Rows from which panels have room for more than their digits."""
 
 NO_HELP = "The keys of this screen stand in its last line."
-SIGNALS = ("SIGTERM", "SIGHUP")
-"""By name: Windows knows no SIGHUP."""
+SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Windows knows no SIGHUP."""
 
 
 class PrintableRows(LineFilter):
@@ -377,7 +377,11 @@ class Interface(App[str]):
             self.exit(await self._leave(), return_code=Exit.INTERRUPTED)
 
     async def on_unmount(self) -> None:
-        """However the interface ends, ports and record are let go."""
+        """However the interface ends, ports and record are let go.
+
+        What is still computed in a thread then is waited for: a signal may end that.
+        """
+        forget_signals()
         await self._leave()
 
     async def _leave(self) -> str:
@@ -419,15 +423,23 @@ class Interface(App[str]):
 
 
 def on_signals(leave: Callable[[], object]) -> None:
-    """Call ``leave`` in the running loop for each of the signals, until the loop is closed.
+    """Call ``leave`` in the running loop for each of the signals, until they are forgotten.
 
     Where a loop takes no signals (Windows, another thread than the main one) nothing happens: the
     terminal's own keys leave as before.
     """
     loop = asyncio.get_running_loop()
     with suppress(NotImplementedError, RuntimeError, ValueError):
-        for number in (getattr(signal, name) for name in SIGNALS if hasattr(signal, name)):
+        for number in SIGNALS:
             loop.add_signal_handler(number, _receive, number, leave)
+
+
+def forget_signals() -> None:
+    """They end the program again, as any other."""
+    loop = asyncio.get_running_loop()
+    with suppress(NotImplementedError, RuntimeError, ValueError):
+        for number in SIGNALS:
+            loop.remove_signal_handler(number)
 
 
 def _receive(number: signal.Signals, leave: Callable[[], object]) -> None:

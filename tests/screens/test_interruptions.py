@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
+import signal
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -205,6 +208,18 @@ def point_to(name: Path, port: str) -> None:
     if not port.startswith("/"):
         pytest.skip("needs pseudo-terminals and links")
     name.symlink_to(port)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="loops take no signals there")
+async def test_a_signal_ends_what_is_computed_when_the_screens_are_gone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    loop = asyncio.get_running_loop()
+    async with Glidecal(HomeScreen()).run_test(size=SIZE) as pilot:
+        await pilot.press("f10")
+    assert not loop.remove_signal_handler(signal.SIGTERM)
+    assert not loop.remove_signal_handler(signal.SIGHUP)
 
 
 async def test_a_continued_verification_still_compares(tmp_path: Path) -> None:

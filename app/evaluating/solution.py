@@ -327,12 +327,13 @@ def solve_sessions(
         tolerance_mm=machine.tolerances_mm(),
         sizes=sizes,
     )
-    found = SessionSolution(tuple(sessions), observed, choice, choice.recommended)
+    chosen = subset or choice.recommended  # works out more than the set that is asked for
+    found = SessionSolution(tuple(sessions), observed, choice, chosen)
     if model is not None:
         from protocols.model_file import ambiguous_effects, held_sizes
 
         found = replace(found, ambiguous=ambiguous_effects(model), held=held_sizes(model))
-    return found.with_subset(subset or choice.recommended)
+    return found.with_subset(chosen)
 
 
 def _of(model: ModelFile, machine: Machine, method: Method) -> tuple[Model, tuple[Size, ...]]:

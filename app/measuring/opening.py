@@ -54,7 +54,9 @@ def open_indicators(plan: Plan) -> Indicators:
         for gauge in gauges:
             gauge.start()
             undo.callback(gauge.close)
-        mover = open_mover(told, plan.procedure, plan.machine, plan.axes) if told else None
+        mover = None
+        if told is not None:  # an empty name is refused, or a person would have to move
+            mover = open_mover(told, plan.procedure, plan.machine, plan.axes)
         undo.pop_all()
     if isinstance(bench, SimulatedBench):
         return Indicators(gauges, bench.go, bench.close, bench.turn)

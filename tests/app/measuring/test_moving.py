@@ -14,7 +14,7 @@ import pytest
 from app.evaluating.solution import solve_for_controller
 from app.measuring.demo import SelfMovingBench, demo_plan
 from app.measuring.moving import Mover, Moving, check_motion, ways_of
-from app.measuring.opening import start_session
+from app.measuring.opening import open_indicators, start_session
 from app.measuring.simulated import BenchSettings
 from app.measuring.unattended import REST_S, measure_all
 from calib.errors import MotionError, RecordError, UsageError
@@ -186,6 +186,12 @@ def test_ways_beyond_the_limits_are_refused_before_anything_is_sent() -> None:
 def test_a_stand_that_is_slid_in_every_posture_is_left_to_the_operator() -> None:
     with pytest.raises(UsageError, match="slid by hand"):
         ways_of(load_procedure("plane", FAST.geometry()), FAST, BOTH)
+
+
+def test_a_controller_without_a_name_is_refused(tmp_path: Path) -> None:
+    plan = replace(demo_plan(tmp_path, None, 1), motion="")
+    with pytest.raises(UsageError, match="--motion: found ''"):
+        open_indicators(plan)
 
 
 def test_indicators_are_waited_for_longer_than_the_longest_window() -> None:

@@ -12,7 +12,7 @@ import typer
 
 from app.commands import demo, diagnose, indicators, measuring, planning, results, sessions
 from app.exit_codes import Exit, exit_code
-from app.machines.registry import LOOKS
+from app.machines.registry import LOOKS, NAMED_BESIDE, CommandOfMachines
 from app.report.streams import guard_standard_streams
 from app.version import VERSION
 from calib.errors import GlidecalError
@@ -69,16 +69,16 @@ cli.command("align")(measuring.align)
 cli.command("import")(sessions.import_table)
 cli.command("replay")(sessions.replay)
 cli.command("serve")(sessions.serve)
-cli.command("solve")(results.solve)
+cli.command("solve", cls=CommandOfMachines, epilog=NAMED_BESIDE)(results.solve)
 cli.command("diagnose")(diagnose.diagnose)
 cli.command("model")(diagnose.model)
 cli.command("compare")(results.compare)
 cli.command("verify")(results.verify)
 cli.command("history")(results.history)
-cli.command("simulate")(sessions.simulate)
+cli.command("simulate", cls=CommandOfMachines, epilog=NAMED_BESIDE)(sessions.simulate)
 cli.command("plan")(planning.plan)
-cli.command("identifiability")(planning.identifiability)
-cli.command("postures")(planning.postures)
+cli.command("identifiability", cls=CommandOfMachines, epilog=NAMED_BESIDE)(planning.identifiability)
+cli.command("postures", cls=CommandOfMachines, epilog=NAMED_BESIDE)(planning.postures)
 cli.command("workspace")(planning.workspace)
 cli.command("export")(results.export)
 cli.command("report")(results.report)

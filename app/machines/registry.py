@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 import typer
+from typer.core import TyperCommand, TyperOption
 
 from app.machines import hexaslide, tripod
 from app.machines.options import Family
@@ -38,6 +39,9 @@ POSTURE_FILES = "; ".join(family.posture_file for family in FAMILIES)
 
 LOOKS = tuple(family.look for family in FAMILIES if family.look is not None)
 """What the home screen offers of machines."""
+
+NAMED_BESIDE = "Beside the name of a machine, --help shows what that machine takes, no more."
+"""Below the help of a `CommandOfMachines`."""
 
 C = TypeVar("C", bound=Callable[..., None])
 
@@ -107,6 +111,21 @@ def with_options_of_machines(command: C) -> C:
     signature = plain.replace(parameters=[*shared, *own.values()])
     vars(command)["__signature__"] = signature  # what typer makes the options of
     return command
+
+
+class CommandOfMachines(TyperCommand):
+    """A verb whose help, beside a machine's name, leaves out the options of other kinds alone."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 (typer's own)
+        """As any command; the help, asked for or not, is then of the machine that is named."""
+        words = {word for part in args for word in (part, part.partition("=")[2])}
+        named = next((one for one in FAMILIES if words.intersection(one.names)), None)
+        every = {name for family in FAMILIES for name in _own(family, self.name or "")}
+        others = every - _own(named, self.name or "") if named else set()
+        for option in self.params:
+            if isinstance(option, TyperOption):
+                option.hidden = option.name in others
+        return super().parse_args(ctx, args)
 
 
 def options_of(

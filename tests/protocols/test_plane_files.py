@@ -131,8 +131,10 @@ def test_a_demonstration_measures_over_a_plane(tmp_path: Path) -> None:
     done = glidecal("demo", "--headless", "--protocol", "plane", "--folder", tmp_path)
     assert done.status == 0
     before, after = re.findall(r"from (\d\.\d+) to (\d\.\d+) mm r\.m\.s\.", done.out)[0]
-    assert float(after) < 0.003
     assert float(before) > 0.02
+    # another scatter in each run: six differences of 1.7 µm each, r.m.s., are above 3 µm in one run
+    # of 200, above 4.5 µm in one of five million
+    assert float(after) < 0.0045
 
 
 POSTURES = st.lists(st.floats(-99.0, 59.0), min_size=2, max_size=4, unique=True)

@@ -24,7 +24,7 @@ from app.evaluating.history import read_history
 from app.evaluating.solution import load_sessions, solve_files
 from app.evaluating.what_if import choices, trial_of
 from app.machines.registry import LOOKS
-from app.measuring.demo import demo_plan
+from app.measuring.demo import WATCHED, demo_plan
 from app.measuring.recorded import recent_sessions
 from app.measuring.session import Doubt
 from app.report.text.session import question_choices
@@ -102,7 +102,7 @@ MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     PrepareScreen: lambda _: PrepareScreen(),
     IndicatorScreen: lambda _: IndicatorScreen("Second indicator", FORM, {}),
     DryRunScreen: dry_run,
-    CheckScreen: lambda _: CheckScreen(demo_plan(Path(), "sweep", 1)),
+    CheckScreen: lambda _: CheckScreen(demo_plan(Path(), "sweep", 1, WATCHED)),
     ResultScreen: result,
     CompareScreen: lambda _: CompareScreen(compare_files(ONE, TWO)),
     DiagnoseScreen: lambda _: DiagnoseScreen([SWEEP]),

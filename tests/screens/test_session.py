@@ -122,10 +122,11 @@ async def test_repeat_asks_where_it_takes_more_than_one_step(tmp_path: Path) -> 
 @pytest.mark.timeout(240)  # thirty steps by hand, thirty more by themselves
 async def test_whole_session_verify_and_compare(tmp_path: Path) -> None:
     plan = quick_plan(tmp_path)
+    plan = replace(plan, procedure=plan.procedure.model_copy(update={"cycles": 1}))
     interface = Glidecal(CheckScreen(plan))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await to_measuring(pilot, interface)
-        for _ in range(30):
+        for _ in screen.guided.steps:
             await take(pilot, screen)
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
         known = solve_files([plan.path])  # as glidecal solve, home and replay have it

@@ -266,6 +266,24 @@ def test_the_list_of_verbs_has_a_line_for_each(monkeypatch: pytest.MonkeyPatch) 
         assert not deeper or name == "indicator"
 
 
+@pytest.mark.parametrize(
+    ("words", "own", "other"),
+    [
+        ("postures orthoglide", "--budget", "--few"),
+        ("postures hexaslide", "--few", "--budget"),
+        ("simulate --machine=hexaslide", "--truth", "--effect"),
+        ("simulate --machine linear-delta", "--effect", "--truth"),
+    ],
+)
+def test_help_beside_a_machine_shows_what_it_takes(words: str, own: str, other: str) -> None:
+    _, said, _ = run_here(*words.split(), "--help")
+    assert own in said
+    assert other not in said
+    _, said, _ = run_here(words.split()[0], "--help")
+    assert own in said
+    assert other in said
+
+
 MINE = """
 schema = "glidecal.machine/1"
 [[indicator]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -155,7 +155,7 @@ def test_a_rehearsal_goes_where_the_machine_would() -> None:
             process.stdin.flush()
             while f"step {step}:" not in process.stderr.readline():
                 pass
-            found.append([_at_rest(line) for line in lines])
+            found.append(_at_rest(lines))
         for line in lines:
             line.close()
         process.terminate()
@@ -167,13 +167,14 @@ def test_a_rehearsal_goes_where_the_machine_would() -> None:
             assert values[axis] - zero[axis] == pytest.approx(moved_mm, abs=0.02)
 
 
-def _at_rest(line: IndicatorLine) -> float:
-    """The value when it has not changed in ten readings."""
-    values: list[float] = []
-    while len(values) < 10 or len(set(values[-10:])) > 1:
-        outcome = line.ask().result(timeout=10.0)
-        if isinstance(outcome, IndicatorReading):
-            values.append(outcome.value_mm)
+def _at_rest(lines: Sequence[IndicatorLine]) -> list[float]:
+    """The values when they have not changed in eight readings."""
+    values: list[list[float]] = []
+    while len(values) < 8 or any(one != values[-1] for one in values[-8:]):
+        outcomes = [answer.result(timeout=10.0) for answer in [line.ask() for line in lines]]
+        values.append([one.value_mm for one in outcomes if isinstance(one, IndicatorReading)])
+        if len(values[-1]) < len(lines):
+            values.pop()
     return values[-1]
 
 

@@ -154,15 +154,16 @@ class Controller(ABC):
 
     def _line(self, patience_s: float) -> str:
         """The next line that is not empty; CR, LF and both in any order end one."""
-        end_s = time.monotonic() + patience_s
+        end_s, late = time.monotonic() + patience_s, False
         while True:
             received = self._received.replace(b"\r", b"\n").lstrip(b"\n ")
             line, end, self._received = received.partition(b"\n")
             if end:
                 return line.decode("latin-1").strip()
             self._received = line
-            if time.monotonic() > end_s:
+            if late:
                 raise self.fault(MotionFault.LOST, f"no answer within {patience_s:g} s")
+            late = time.monotonic() > end_s  # before a last look: it came if only we were held up
             self._received += self._receive()
 
     def move_to(self, to_mm: Triple, feed_mm_min: float) -> Triple:

@@ -8,6 +8,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from itertools import count
+from types import SimpleNamespace
 
 import pytest
 
@@ -218,6 +220,18 @@ def test_a_refused_barrier_says_what_is_wrong() -> None:
             controller.move_to((10.0, 0.0, 0.0), FEED)
         assert said.value.kind is MotionFault.CONTROLLER
         controller.close()
+
+
+def test_an_answer_that_came_while_the_program_was_held_up_counts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A second passes whenever the clock is asked, more than an answer may take."""
+    with beside("linuxcnc") as (controller, _):
+        controller.answer_s = 0.4
+        seconds = SimpleNamespace(monotonic=count().__next__)
+        monkeypatch.setattr("drivers.motion.controller.time", seconds)
+        monkeypatch.setattr("drivers.motion.linuxcnc.LOOK_S", PATIENCE_S)
+        assert controller.position() == START
 
 
 def test_password_refused(monkeypatch: pytest.MonkeyPatch) -> None:

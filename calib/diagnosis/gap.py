@@ -29,7 +29,7 @@ from calib.tripod.effects.effect import EffectInstance
 
 
 def locate(problem: Problem) -> tuple[GapPart, ...]:
-    """GapPart of the gap in each part of the readings, with its chance under pure noise.
+    """Share of the gap in each part of the readings, with its chance under pure noise.
 
     The gap is the structure that the model leaves (cells and cycles). A part of the readings holds
     as much of it as the squares there; patterns hold what they explain.

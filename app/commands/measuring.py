@@ -111,6 +111,9 @@ def run(
         seed=seed,
         motion=motion,
     )
+    if not plan.simulated and (wrong := typed(context, ("seed",))):
+        next_step = "The order of the steps is shuffled by --random-order."
+        raise UsageError(wrong, "beside real indicators", "--seed with --simulated", next_step)
     check_indicators(plan.instruments, legs=bool(procedure.levels))
     if dry_run:
         typer.echo(_all_of_it(plan))

@@ -73,6 +73,13 @@ def test_what_the_record_tells_is_refused_beside_continue(tmp_path: Path) -> Non
         assert f"{words[0].replace('-o', '--output')}: found beside --continue" in said
 
 
+def test_a_seed_of_the_simulation_is_refused_beside_real_indicators(tmp_path: Path) -> None:
+    words = ("run", "--indicator", "sylvac:COM7", "--seed", "4", "-o", tmp_path / "a.jsonl")
+    said = refused(2, *words)
+    assert said.startswith("glidecal: --seed: found beside real indicators. Allowed: --seed with")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("words", "status", "said"),
     [

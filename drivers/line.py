@@ -60,6 +60,7 @@ class IndicatorLine:
         self._requests.put(answer)
         if self._stop.is_set():
             self._answer_nobody()
+            self._requests.put(None)  # that of `close` may have been among them
         return answer
 
     def close(self) -> None:

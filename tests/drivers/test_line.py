@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import queue
 import socket
 import sys
 import threading
@@ -200,6 +201,29 @@ def test_asking_a_closed_line_gives_a_fault() -> None:
         opened.close()
         outcome = opened.ask().result(timeout=1)
     assert isinstance(outcome, Fault)
+
+
+def test_a_line_that_is_asked_while_it_is_closed_does_not_wait_for_its_turn() -> None:
+    def ask_often(opened: IndicatorLine, together: threading.Barrier) -> None:
+        together.wait()
+        for _ in range(200):
+            opened.ask()
+
+    slow = replace(QUICK, interval_s=12.0)
+    with TwinPort(IndicatorTwin(QUICK, Spindle(lambda: 0.5, 0.001)), "tcp") as twin:
+        for _ in range(8):
+            heard: queue.SimpleQueue[Outcome] = queue.SimpleQueue()
+            opened = IndicatorLine(slow, twin.url, listener=heard.put)
+            opened.start()
+            heard.get(timeout=5.0)
+            together = threading.Barrier(2)
+            asking = threading.Thread(target=ask_often, args=(opened, together))
+            asking.start()
+            together.wait()
+            began_s = time.monotonic()
+            opened.close()
+            assert time.monotonic() - began_s < 6.0
+            asking.join()
 
 
 @pytest.mark.parametrize("poured", [b"01A+0000.100\r", b"x"])

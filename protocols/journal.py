@@ -104,10 +104,13 @@ class Journal:
         """Write events and wait until they are on the disk: all of them or none.
 
         Raises RecordError where the disk refuses; the file then ends where it ended before. The
-        same where the file is no longer as it was left: then for every call from now on.
+        same where the file is no longer as it was left: then for every call from now on; and where
+        it was let go of.
         """
         if self._stopped:
             raise self._stopped
+        if self._file.closed:
+            raise RecordError(f"session {self.path}", "a closed record", "one that is still open")
         lines, placed, digest = self._placed(events)
         check_size(self.path, len(self._content) + len(lines))
         with _writing(self.path):

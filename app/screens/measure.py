@@ -205,7 +205,7 @@ class MeasureScreen(Corrections, Resting):
         """One line when a machine that moves itself does something else; a stop is a hold."""
         mover = self.guided.mover
         step = self.guided.step() if mover is not None else None
-        if mover is None or step is None:
+        if mover is None or step is None or self.guided.closed:  # leaving stops it, too
             return
         lost_words(self.guided)  # a loss stops it; `_tell_lost_and_found` has the words
         if (mover.state, mover.why) == self._moving:

@@ -62,6 +62,13 @@ def test_events_come_back_as_written(path: Path) -> None:
     assert list(path.parent.iterdir()) == [path]
 
 
+def test_what_comes_after_it_is_let_go_of_is_refused(path: Path) -> None:
+    journal = Journal.create(path, opened())
+    journal.close()
+    with pytest.raises(RecordError, match="found a closed record"):
+        journal.append(Noted(text="late"))
+
+
 def test_cut_anywhere_opens_up_to_the_last_whole_line(path: Path) -> None:
     content = finished(path)
     first = content.index(b"\n") + 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from textual.widgets import Input, Select
 from app.measuring.moving import Mover, Moving
 from app.measuring.plan import Plan
 from app.screens.check import CheckScreen
-from app.screens.interface import ChoiceDialog
+from app.screens.interface import ChoiceDialog, TextDialog
 from app.screens.measure import MeasureScreen
 from app.screens.prepare import PrepareScreen
 from app.screens.session_view import LegReviewScreen
@@ -156,3 +157,13 @@ async def test_what_befalls_it_is_said_and_nothing_taken(trouble: str, tmp_path:
         assert moved.screen.held
         assert not moved.bench.axes.moving
         assert len(taken(moved.path)) == before
+
+
+async def test_a_note_that_comes_when_the_record_is_let_go_of_is_refused(tmp_path: Path) -> None:
+    async with measuring(tmp_path) as moved:
+        await moved.comes(Moving.SET_UP)
+        await moved.pilot.press("n")
+        await until(moved.pilot, "question", lambda: isinstance(moved.interface.screen, TextDialog))
+        await asyncio.to_thread(moved.screen.guided.leave)
+        await moved.pilot.press("x", "enter")
+        await moved.says("found a closed record")

@@ -32,7 +32,7 @@ are named first. !: changed beyond its uncertainty."""
 def history_text(found: History, now: datetime) -> str:
     """Files that cannot be used first, then each machine."""
     said = [hanging(f"WARNING: {text}", "  ") for _, text in found.problems]
-    return paragraphs(said, *(machine_text(one, now) for one in found.machines))
+    return paragraphs(said, *([machine_text(one, now)] for one in found.machines))
 
 
 def machine_text(found: MachineHistory, now: datetime) -> str:

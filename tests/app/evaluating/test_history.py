@@ -125,6 +125,14 @@ def test_what_is_altered_torn_or_doubled_is_named_and_the_rest_shown(
     assert "joint z changed beyond uncertainty" in text
 
 
+def test_a_file_with_a_long_name_stays_set_in_below_its_number(tmp_path: Path) -> None:
+    measured(tmp_path, 0, (0.1, 0.1, 0.1))
+    (made,) = tmp_path.iterdir()
+    path = made.rename(tmp_path / f"{'long' * 25}.jsonl")
+    text = history_text(read_history(tmp_path, index=tmp_path / "index"), NOW)
+    assert f"\n1\n   {path.name}" in text
+
+
 def test_two_sessions_tell_no_drift_and_none_is_denied(tmp_path: Path) -> None:
     measured(tmp_path, 0, (0.1, 0.1, 0.1))
     measured(tmp_path, 1, (0.1, 0.1, 0.1))

@@ -26,7 +26,7 @@ from textual.dom import DOMNode
 from textual.events import Event, InputEvent, Resize
 from textual.filter import LineFilter
 from textual.geometry import Size
-from textual.screen import Screen
+from textual.screen import ModalScreen, Screen
 from textual.theme import ThemeProvider
 from textual.widget import Widget
 from textual.widgets import Input, OptionList, Static
@@ -417,8 +417,10 @@ class Interface(App[str]):
     def diagnosis(self, paths: list[Path]) -> Screen[None]: ...
 
     def go_to(self, screen: Screen[Any]) -> None:
-        """Replace the present screen; what was told of it goes with it."""
+        """Replace the present screen; what was told of it and asked over it goes with it."""
         self.clear_notifications()
+        while isinstance(self.screen, ModalScreen):
+            self.pop_screen()
         self.switch_screen(screen)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,13 +10,13 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, Static
 
-from app.evaluating.solution import solve_files
+from app.evaluating.solution import SessionSolution, solve_files
 from app.measuring.gauges import Gauge
 from app.measuring.plan import QUICK_INTERVAL_S
 from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import ChoiceDialog, Interface, TextDialog
+from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.prepare import PrepareScreen
 from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
@@ -24,6 +25,7 @@ from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twins import IndicatorTwin, TwinPort
 from protocols.record import read_record
 from protocols.session import fold
+from tests.conftest import SAMPLES
 from tests.screens.driving import (
     PRESSES,
     SIZE,
@@ -151,6 +153,33 @@ async def test_whole_session_verify_and_compare(tmp_path: Path) -> None:
     assert interface.return_code == 0
     sessions = sorted(tmp_path.glob("*.jsonl"))
     assert [read_record(p).end for p in sessions] == ["closed", "closed"]
+
+
+async def test_a_result_takes_the_place_of_the_session_under_an_open_dialog(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    computed = threading.Event()
+
+    def slowly(_: list[Path]) -> SessionSolution:
+        assert computed.wait(30.0)
+        return solve_files([SAMPLES / "experiment_2_twelve.jsonl"])
+
+    monkeypatch.setattr("app.screens.corrections.solve_files", slowly)
+    plan = quick_plan(tmp_path)
+    short = {"cycles": 1, "legs": ("x",)}
+    plan = replace(plan, procedure=plan.procedure.model_copy(update=short))
+    interface = Glidecal(CheckScreen(plan))
+    async with interface.run_test(size=SIZE) as pilot:
+        screen = await to_measuring(pilot, interface)
+        for _ in screen.guided.steps:
+            await take(pilot, screen)
+        await until(pilot, "computing", lambda: screen.guided.closed)
+        await pilot.press("f1")
+        await until(pilot, "help", lambda: isinstance(interface.screen, HelpDialog))
+        computed.set()
+        await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
+        await until(pilot, "its words", lambda: "Leg deviations" in text(interface, "#text"))
+        assert screen not in interface.screen_stack
 
 
 async def test_automatic_takes_whatever_stands_still(tmp_path: Path) -> None:

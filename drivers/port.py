@@ -6,6 +6,7 @@ import contextlib
 import socket
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Protocol
 
 import serial
 
@@ -85,7 +86,14 @@ def ask_by_pulse(port: serial.Serial, line: LineSettings, wait: Callable[[float]
             port.dtr = line.dtr
 
 
-def close_port(port: serial.Serial) -> None:
+class Closable(Protocol):
+    """A port, or what stands in its place."""
+
+    def close(self) -> None:
+        """Let go of it."""
+
+
+def close_port(port: Closable) -> None:
     """Close the port whatever state it is in."""
     # pyserial leaves the socket of a vanished peer open: its shutdown fails before close
     behind: socket.socket | None = getattr(port, "_socket", None)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+import time
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -29,8 +31,13 @@ from app.report.streams import need_terminal
 from calib.errors import GlidecalError, UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
+    from app.measuring.moving import Mover, Proposal
     from app.measuring.plan import Plan
+    from app.measuring.session import Indicators
     from protocols.procedure import Leg
+
+DEAD_S = 1.0
+"""Between the last thing that moved and the next question: a key pressed then was meant for it."""
 
 SessionFile = Annotated[Path | None, file("Session file.", "--output", "-o")]
 Resume = Annotated[Path | None, file("Go on with an interrupted session.", "--continue")]
@@ -199,13 +206,12 @@ def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --s
     from app.measuring.opening import start_session
     from app.measuring.plan import QUICK_INTERVAL_S
     from app.measuring.unattended import measure_all
-    from app.report.text.motion import set_up_text
     from protocols.journal import check_new
 
     if not plan.continued:
         check_new(plan.path)
     if plan.motion is not None:
-        ask(plan, on_screen=not headless)
+        check_asking(plan)
     if not headless:
         need_terminal("guided session", otherwise)
         from app.screens.start import open_session
@@ -214,33 +220,84 @@ def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --s
     if not (plan.simulated or plan.motion):
         allowed = "--headless with --simulated or --motion"
         raise UsageError("--headless", "real indicators", allowed)
-    with start_session(replace(plan, interval_s=QUICK_INTERVAL_S)) as guided:
-        measure_all(
-            guided, lambda step: typer.confirm(f"{set_up_text(step)}. Ready?", err=True), say
-        )
+    quick = replace(plan, interval_s=QUICK_INTERVAL_S)
+    with start_session(quick, partial(_ask, plan)) as guided:
+        measure_all(guided, _consent, say)
     say(f"{len(guided.session.readings)} readings in {guided.path}")
 
 
-def ask(plan: Plan, *, on_screen: bool) -> None:
-    """Show all that will move and what the controller says of itself, and ask once.
+def _consent(proposal: Proposal) -> bool:
+    """The operator's word, typed after the question was shown: nothing typed before counts."""
+    from app.report.text.motion import consent_question
 
-    On the screen its check shows and asks the same. Raises UsageError where nobody can be asked,
-    MotionError for a machine that is not ready.
+    time.sleep(DEAD_S)
+    _forget_typed()
+    return typer.confirm(consent_question(proposal), err=True)
+
+
+def _confirm_homed(mover: Mover) -> None:
+    """Where the controller cannot report that it is homed, the operator's word, or homing now.
+
+    Raises MotionError where it cannot be homed.
     """
-    from app.measuring.moving import check_motion
-    from app.report.text.motion import QUESTION, plan_text
+    from app.report.text.motion import HOME_QUESTION, HOMED_QUESTION
+
+    line = mover.line
+    if not line.can_home and not line.needs_homing_confirmed:
+        return
+    if line.can_home or not typer.confirm(HOMED_QUESTION, err=True):
+        say(mover.why)
+        time.sleep(DEAD_S)
+        _forget_typed()
+        if not typer.confirm(HOME_QUESTION, err=True):
+            raise typer.Exit(Exit.INTERRUPTED)
+        homed = mover.home()
+        while homed is not None and not homed.done():
+            mover.alive()
+            time.sleep(0.02)
+        if homed is not None:
+            homed.result()
+    else:
+        mover.confirm_homed()
+
+
+def _forget_typed() -> None:
+    """Drop what was typed ahead."""
+    try:
+        import termios
+    except ImportError:  # Windows
+        import msvcrt
+
+        while msvcrt.kbhit():  # type: ignore[attr-defined]
+            msvcrt.getwch()  # type: ignore[attr-defined]
+    else:
+        with suppress(termios.error):  # no terminal
+            termios.tcflush(sys.stdin, termios.TCIFLUSH)
+
+
+def check_asking(plan: Plan) -> None:
+    """Raises UsageError where nobody can be asked whether a machine may move."""
+    from app.report.text.motion import plan_text
 
     if plan.simulated or plan.motion is None:
         raise UsageError("--motion", "a simulated machine", "indicators on ports")
     plan_text(plan)  # what is not allowed is refused before anybody is reached
     if not sys.stdin.isatty():
         raise UsageError("--motion", "nobody to ask", "a terminal: a machine will move")
-    if on_screen:
-        return
-    said = check_motion(plan.motion, plan.machine)
-    typer.echo(plan_text(plan, said), err=True)
-    if not typer.confirm(QUESTION, err=True):
-        raise typer.Exit(Exit.INTERRUPTED)
+
+
+def _ask(plan: Plan, indicators: Indicators) -> None:
+    """Show all that will move and what the controller reports of itself, and ask once.
+
+    On the screen its check shows and asks the same.
+    """
+    from app.report.text.motion import QUESTION, plan_text
+
+    if indicators.mover is not None:
+        typer.echo(plan_text(plan, indicators.mover.facts), err=True)
+        if not typer.confirm(QUESTION, err=True):
+            raise typer.Exit(Exit.INTERRUPTED)
+        _confirm_homed(indicators.mover)
 
 
 def align(

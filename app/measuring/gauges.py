@@ -22,6 +22,9 @@ SLOT_S, SLOTS = 0.25, 80
 """The strip chart covers so many moments of this length: 20 s."""
 
 STALE_S = 1.0
+LOST_S, LATE = 0.35, 1.6
+"""While the machine moves an indicator is missed so soon, or after this many of its intervals."""
+
 READINGS_IN_WINDOW = 2.5
 """A slow indicator must have given at least two readings before it can be called stable."""
 
@@ -89,6 +92,7 @@ class Gauge:
         pace_s = profile.interval_s if interval_s is None else interval_s
         self._window_s = max(window_s, READINGS_IN_WINDOW * pace_s)
         self._stale_s = max(STALE_S, READINGS_IN_WINDOW * pace_s)
+        self._lost_s = max(LOST_S, LATE * pace_s)
         self._tolerance_mm = self._still_mm = tolerance_mm
         self._lock = threading.Lock()
         self._slot = 0.0
@@ -179,12 +183,13 @@ class Gauge:
         self._rests = motion in (Motion.STABLE, Motion.FAULT)
         return Live(outcome, now - at, motion, self._trace)
 
-    def lost(self) -> str | None:
+    def lost(self, *, moving: bool = False) -> str | None:
         """Why there is no reading now: a fault, or silence that its pace does not explain."""
         live = self.live()
         if isinstance(live.outcome, Fault):
             return live.outcome.words
-        silent = live.outcome is not None and live.age_s > self._stale_s
+        longest_s = self._lost_s if moving else self._stale_s
+        silent = live.outcome is not None and live.age_s > longest_s
         return f"silent for {live.age_s:.1f} s" if silent else None
 
     def _trace(self) -> Trace:

@@ -2,33 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
-from enum import StrEnum
+from itertools import pairwise
 
 from calib.errors import MotionError, UsageError
 from drivers.motion import controller_of
-from drivers.motion.controller import ControllerFault, Limits, Triple
+from drivers.motion.controller import Limits, Triple
 from drivers.motion.line import MotionLine
+from drivers.motion.states import LOOKED_AT, State
 from protocols.machine import Machine, MotionLimits
 from protocols.motion import all_ways, box_mm, came_from, moves_mm, way_mm, zero_mm
 from protocols.procedure import Procedure, Step
 from protocols.session import Moved
-
-
-class Moving(StrEnum):
-    """What a machine is doing that moves itself."""
-
-    SET_UP = "waits for the set-up"
-    UNDER_WAY = "moving"
-    THERE = "there"
-    STOPPED = "stopped"
-
-
-UNATTENDED = (Moving.UNDER_WAY, Moving.THERE)
-"""Nobody is at the machine; what stops it here is followed by a new approach."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +34,7 @@ def limits_of(machine: Machine) -> Limits:
     """What no move of this machine may exceed. Raises RecordError."""
     motion, (low, high) = machine.motion or MotionLimits(), box_mm(machine)
     fastest = machine.fastest_feed_mm_min
-    return Limits(low, high, motion.longest_mm, fastest, motion.reached_mm)
+    return Limits(low, high, motion.longest_mm, fastest, motion.reached_mm, machine.mdi)
 
 
 def feed_mm_min(machine: Machine) -> float:
@@ -80,31 +69,44 @@ def ways_of(procedure: Procedure, machine: Machine, axes: Sequence[str]) -> Ways
     return Ways(tuple(step for step, _ in found), longest, moving_s, procedure.window_s * len(ways))
 
 
-def check_motion(told: str, machine: Machine) -> tuple[str, ...]:
-    """What the controller says of being ready; it is let go again. Raises MotionError."""
-    controller = controller_of(told, limits_of(machine))
-    try:
-        controller.connect()
-        return controller.ready()
-    finally:
-        controller.close()
+@dataclass(frozen=True)
+class Proposal:
+    """What the operator's consent lets the machine do: nothing else, and only once.
+
+    ``places_mm`` is the first way, from ``from_mm``; none where the machine is there. It leads to
+    ``step``, and on through the other ``steps`` of the same set-up, or to Zero (``to_zero``).
+    ``by_hand``: a stand is set up before.
+    """
+
+    step: Step
+    from_mm: Triple | None
+    places_mm: tuple[Triple, ...]
+    to_zero: bool
+    by_hand: bool
+    steps: int
+
+    @property
+    def first_mm(self) -> float:
+        """How long the first way is."""
+        places = self.places_mm if self.from_mm is None else (self.from_mm, *self.places_mm)
+        return sum(math.dist(a, b) for a, b in pairwise(places))
 
 
 class Mover:
-    """Moves the machine to steps, and knows whether it is there.
+    """Moves the machine to steps within the operator's consent, and knows whether it is there.
 
-    Before each set-up it goes to Zero and waits for the operator's word. ``on_news`` is called in
-    the thread of the controller. After a stop the next way begins anew, from the side from which
-    the procedure comes. ``on_arrival`` is called before the machine is said to be there: what the
-    indicators showed on the way is no rest. ``said`` is what the controller said of being ready.
+    A consent covers the steps of one set-up, or the way to Zero before the next one; it ends with
+    them, with every stop, and with `release`. ``on_news`` is called in whichever thread the news
+    come. After a stop the next way begins anew, from the side from which the procedure comes.
+    ``on_arrival`` is called before the machine counts as there: what the indicators showed on the
+    way is no rest. ``facts`` is what the controller reports of being ready.
     """
 
     def __init__(
         self, line: MotionLine, procedure: Procedure, machine: Machine, axes: Sequence[str]
     ) -> None:
         self.line = line
-        self.why = ""
-        self.said: tuple[str, ...] = ()
+        self.facts: tuple[str, ...] = ()
         self.on_news: Callable[[], None] = lambda: None
         self.on_arrival: Callable[[], None] = lambda: None
         self.on_set_up: Callable[[Step], None] = lambda _: None  # a simulated machine has no hands
@@ -112,64 +114,139 @@ class Mover:
         self._steps = procedure.steps(machine.geometry(), axes)
         self._feed = feed_mm_min(machine)
         self._lock = threading.RLock()
-        self._state = Moving.STOPPED
-        self._asked: Future[Triple] | None = None
+        self._way: Future[Triple] | None = None
         self._step: Step | None = None
+        self._by_hand = False
         self._at: Step | None = None
-        self._places: list[Triple] = []
-        self._at_mm: Triple | None = None
-        line.listener = self._heard
+        self._zero = False
+        self._place: object = None
+        self._places: tuple[Triple, ...] = ()
+        self._from_mm: Triple | None = None
+        line.listener = lambda: self.on_news()
 
     @property
-    def state(self) -> Moving:
-        """What the machine is doing now."""
-        return self._state
+    def state(self) -> State:
+        """What the machine may do now."""
+        return self.line.state
+
+    @property
+    def why(self) -> str:
+        """What ended the last consent, in words."""
+        return self.line.why
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether something happened that the operator must answer."""
+        return self.line.not_stopped or self.state in (State.HELD, State.FAULT)
+
+    @property
+    def under_way(self) -> bool:
+        """Whether a way was sent and has not ended."""
+        return self._way is not None
+
+    def is_there(self, step: Step) -> bool:
+        """Whether the machine rests at a step."""
+        return self._at == step and self.state in LOOKED_AT
+
+    @property
+    def proposal(self) -> Proposal | None:
+        """What waits for the operator's consent; None where nothing does. Raises RecordError."""
+        with self._lock:
+            step = self._step
+            if step is None or self._way is not None or self.line.may_move:
+                return None
+            there = self.is_there(step)
+            to_zero = self._by_hand and not (there or self._stands_at_zero)
+            places = [zero_mm(self._machine)] if to_zero else [] if there else self._way_to(step)
+            steps = sum(other.place == step.place for other in self._steps[step.number - 1 :])
+            by_hand = self._by_hand and not (there or to_zero)
+            from_mm = self.line.place_mm
+            return Proposal(step, from_mm, tuple(places), to_zero, by_hand, steps)
+
+    @property
+    def _stands_at_zero(self) -> bool:
+        return self._zero or (self._at is not None and self._at.at_zero)
 
     def go(self, step: Step, *, by_hand_first: bool) -> None:
-        """To a step; where something is set up by hand first, to Zero, to wait there."""
+        """To a step, at once where the consent covers it; else it is proposed.
+
+        Where something is set up by hand first, to Zero, to wait there.
+        """
         with self._lock:
-            self._step = step
-            if not by_hand_first:
-                self._send(self._way(step), Moving.THERE)
-            elif self._at is not None and self._at.at_zero:
-                self._state = Moving.SET_UP
+            self._step, self._by_hand = step, by_hand_first
+            covered = not by_hand_first and self._place == step.place
+            if self.line.state is State.CONSENTED and covered:
+                self._send(self._way_to(step), to_zero=False)
             else:
-                self._send([zero_mm(self._machine)], Moving.SET_UP)
+                self.release()
         self.on_news()
 
-    def confirm(self) -> None:
-        """The operator's word: the set-up stands and nobody is in the way."""
-        with self._lock:
-            if self._state is Moving.SET_UP and self._step is not None:
-                self._at = None
-                self.on_set_up(self._step)
-                self._send(self._way(self._step), Moving.THERE)
-        self.on_news()
+    def consent(self) -> bool:
+        """The operator's word: the proposal may be done, and nobody is in the way.
 
-    def stop(self, why: str) -> None:
-        """End what is under way, from any thread."""
+        Returns whether it is taken: not so shortly after a stop, an arrival or a fault.
+        """
         with self._lock:
-            self.line.stop()
-            if self._state in UNATTENDED:
-                self._stopped(why)
+            proposal = self.proposal
+            if proposal is None or not self.line.consent():
+                return False
+            if proposal.by_hand:
+                self.on_set_up(proposal.step)
+            self._place = None if proposal.to_zero else proposal.step.place
+            if proposal.places_mm:
+                self._send(list(proposal.places_mm), to_zero=proposal.to_zero)
+        self.on_news()
+        return True
+
+    def release(self) -> None:
+        """Nothing moves any more without another consent."""
+        with self._lock:
+            self._place = None
+        self.line.release()
+
+    def stop(self, why: str, *, by_operator: bool = False) -> None:
+        """End what is under way or allowed, from any thread."""
+        self.line.stop(why, by_operator=by_operator)
+
+    def answer(self) -> Future[Triple]:
+        """The operator looked at what happened: ready again, if the controller is."""
+        with self._lock:
+            self._at, self._zero = None, False
+        return self.line.answered()
+
+    def home(self) -> Future[Triple] | None:
+        """Home the machine, with the operator's word; None where it is not taken."""
+        with self._lock:
+            if not self.line.consent(to_home=True):
+                return None
+            self._at, self._zero = None, False
+            homed = self.line.home()
+        homed.add_done_callback(lambda _: self.release())
+        return homed
+
+    def confirm_homed(self) -> None:
+        """The operator's word that it was homed since it was switched on."""
+        self.line.homing_confirmed = True
+
+    def alive(self) -> None:
+        """The face of the program runs."""
+        self.line.alive()
 
     def there(self, step: Step) -> Moved:
         """What the record holds of the machine's being at a step. Raises MotionError."""
         with self._lock:
-            if self._state is not Moving.THERE or self._at != step or self._at_mm is None:
-                raise MotionError(f"step {step.number}", self.why or self._state, "a machine there")
-            asked, from_mm = self.line.at(self._places[-1]), self._at_mm
-        try:
-            there = asked.result()
-        except ControllerFault as problem:
-            self._stopped(str(problem))
-            raise
+            if not self.is_there(step):
+                raise MotionError(f"step {step.number}", self.why or self.state, "a machine there")
+            place_mm, from_mm = self._places[-1], self._from_mm
+            position = self.line.at(place_mm)
+        read_back_mm = position.result()
+        assert from_mm is not None  # of a way that was gone
         return Moved(
             driver=self.line.controller.name,
             coordinates=self._machine.mdi,
             from_mm=from_mm,
-            commanded_mm=self._places[-1],
-            read_back_mm=there,
+            commanded_mm=place_mm,
+            read_back_mm=read_back_mm,
             feed_mm_min=self._feed,
         )
 
@@ -177,7 +254,7 @@ class Mover:
         """Stop and let go of the controller."""
         self.line.close()
 
-    def _way(self, step: Step) -> list[Triple]:
+    def _way_to(self, step: Step) -> list[Triple]:
         here = self._at if self._at is not None and self._at.place == step.place else None
         if here == step:  # once more: approached anew
             here = None
@@ -188,36 +265,25 @@ class Mover:
             ]
         return way_mm(step, here, self._procedure, self._machine)
 
-    def _send(self, places: list[Triple], then: Moving) -> None:
-        if self._state is Moving.UNDER_WAY:
-            self.line.stop()
-        began = self._places[-1] if self._at is not None else None
-        self._at_mm = places[-2] if len(places) > 1 else began
-        self._at, self._places, self._state, self.why = None, places, Moving.UNDER_WAY, ""
-        self._asked = asked = self.line.go(places, self._feed)
-        asked.add_done_callback(lambda done: self._answered(done, then))
+    def _send(self, places: list[Triple], *, to_zero: bool) -> None:
+        began = self._places[-1] if self._at is not None else self.line.place_mm
+        self._from_mm = places[-2] if len(places) > 1 else began
+        self._at, self._zero, self._places = None, False, tuple(places)
+        self._way = way = self.line.go(places, self._feed)
+        step = self._step
+        way.add_done_callback(lambda done: self._arrived(done, None if to_zero else step))
 
-    def _answered(self, done: Future[Triple], then: Moving) -> None:
-        """In the thread of the controller."""
+    def _arrived(self, done: Future[Triple], step: Step | None) -> None:
+        """In the thread of the controller: at a step, or at Zero, or nowhere."""
         with self._lock:
-            if done is not self._asked or self._state is not Moving.UNDER_WAY:
+            if done is not self._way:
                 return
-            problem = done.exception()
-            if problem is not None:
-                self._stopped(str(problem))
-                return
-            self.on_arrival()
-            self._state = then
-            self._at = self._step if then is Moving.THERE else None
-        self.on_news()
-
-    def _heard(self) -> None:
-        """In the thread of the controller: something befell a machine at rest."""
-        self._stopped(str(self.line.fault))
-
-    def _stopped(self, why: str) -> None:
-        with self._lock:
-            self._state, self._at, self.why = Moving.STOPPED, None, why
+            self._way = None
+            if done.exception() is None:
+                self.on_arrival()
+                self._at, self._zero = step, step is None
+                if step is None:
+                    self.release()
         self.on_news()
 
 
@@ -229,5 +295,5 @@ def open_mover(told: str, procedure: Procedure, machine: Machine, axes: Sequence
     ways_of(procedure, machine, axes)
     line = MotionLine(controller_of(told, limits_of(machine)))
     mover = Mover(line, procedure, machine, axes)
-    mover.said = line.start()
+    mover.facts = line.start()
     return mover

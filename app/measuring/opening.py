@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 
 from app.measuring.demo import SelfMovingBench, SimulatedBench
@@ -17,7 +18,7 @@ from app.measuring.moving import open_mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession, Indicators
 from app.version import program
-from calib.errors import GlidecalError, RecordError
+from calib.errors import RecordError
 from protocols.journal import Journal
 from protocols.procedure import Step
 from protocols.record import read_record
@@ -107,11 +108,15 @@ def opened_event(plan: Plan) -> Opened:
     )
 
 
-def start_session(plan: Plan) -> GuidedSession:
-    """Open the indicators and begin. Raises IndicatorError, RecordError or UsageError."""
+def start_session(plan: Plan, ask: Callable[[Indicators], None] = lambda _: None) -> GuidedSession:
+    """Open the indicators, ``ask`` whether to begin, and begin.
+
+    Raises IndicatorError, MotionError, RecordError or UsageError, and what ``ask`` raises.
+    """
     indicators = open_indicators(plan)
     try:
+        ask(indicators)
         return begin(plan, indicators)
-    except GlidecalError:
+    except BaseException:
         indicators.close()
         raise

@@ -10,7 +10,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from app.measuring.gauges import Gauge
-from app.measuring.moving import Mover, Moving
+from app.measuring.moving import Mover
 from calib.errors import MotionError
 from calib.tripod.pipeline import StageEffect
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
@@ -118,7 +118,8 @@ class GuidedSession:
     @property
     def there(self) -> bool:
         """Whether the machine is where this step is read, or nobody but the operator knows."""
-        return self.mover is None or self.mover.state is Moving.THERE
+        step = self.step()
+        return self.mover is None or (step is not None and self.mover.is_there(step))
 
     def step(self) -> Step | None:
         """The step to measure now; None when the procedure is done."""
@@ -414,7 +415,7 @@ class GuidedSession:
         Raises RecordError where another program removed or changed the record.
         """
         if self.mover is not None:
-            self.mover.stop("left")
+            self.mover.stop("left", by_operator=True)
         for gauge in self.gauges:
             gauge.close()
         with self._lock:

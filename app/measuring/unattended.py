@@ -2,40 +2,52 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 
 from app.measuring.gauges import Motion
-from app.measuring.moving import UNATTENDED, Mover, Moving
+from app.measuring.moving import Mover, Proposal
 from app.measuring.session import GuidedSession, TakenStep
 from calib.errors import IndicatorError, MotionError, sentence
+from drivers.motion.controller import NOT_STOPPED, STOP_S
+from drivers.motion.states import State
+from drivers.profile import Fault
 from protocols.procedure import Step
 
 LOOK_S = 0.02
+TRIES = 3
+"""So often an indicator is asked before the session ends for want of its answer."""
+
+CONSENT_S = 5.0
+"""For a consent to be taken: longer than the dead time after a stop or an arrival."""
+
 REST_S = 90.0
 """Longer than any window, 60 s: indicators that do not come to rest within it never do."""
 
 
 def lost_words(guided: GuidedSession) -> str | None:
-    """Which indicator gives no value, and why; a machine that nobody attends is then stopped."""
+    """Which indicator gives no value, and why; a machine that moves is then stopped."""
+    mover = guided.mover
+    moving = mover is not None and mover.state is State.MOVING
     for number, gauge in enumerate(guided.gauges):
-        words = gauge.lost()
+        words = gauge.lost(moving=moving)
         if words is not None:
             lost = f"{guided.name_of(number)}: {words}"
-            if guided.mover is not None and guided.mover.state in UNATTENDED:
-                guided.mover.stop(lost)
+            if mover is not None and moving:
+                mover.stop(lost)
             return lost
     return None
 
 
 def measure_all(
     guided: GuidedSession,
-    confirm: Callable[[Step], bool] = lambda _: True,
+    confirm: Callable[[Proposal], bool] = lambda _: True,
     tell: Callable[[str], None] = lambda _: None,
 ) -> None:
     """The whole session without a screen; the record is closed.
 
-    Where the machine moves itself ``confirm`` is asked before each set-up. Stops at the first thing
+    Where the machine moves itself ``confirm`` is asked for each consent. Stops at the first thing
     that is not as it should be, with nothing taken of it; the session can be continued. A simulated
     machine is where it was sent at once, and all of it is kept. Raises MotionError, IndicatorError
     or RecordError.
@@ -46,14 +58,8 @@ def measure_all(
         if mover is None:
             _take_simulated(guided)
             continue
-        if _arrived(guided, mover) is Moving.SET_UP:
-            if not confirm(step):
-                raise MotionError("set-up", "not confirmed", "a set-up that stands")
-            mover.confirm()
-            _arrived(guided, mover)
-        _at_rest(guided, step)
-        taken = guided.take()
-        assert taken is not None
+        _go(guided, mover, step, confirm)
+        taken = _taken(guided, step)
         _check(taken)
         tell(f"step {step.number} of {len(guided.steps)}")
     guided.finish()
@@ -67,22 +73,83 @@ def _take_simulated(guided: GuidedSession) -> None:
         guided.keep(taken, "unattended: kept")
 
 
-def _arrived(guided: GuidedSession, mover: Mover) -> Moving:
-    while (state := mover.state) is Moving.UNDER_WAY:
-        lost_words(guided)
+def _go(
+    guided: GuidedSession, mover: Mover, step: Step, confirm: Callable[[Proposal], bool]
+) -> None:
+    """To a step, with the operator's consent to each way that no earlier one covers."""
+    while not mover.is_there(step):
+        _wait(guided, mover)
+        if mover.is_there(step):
+            return
+        proposal = mover.proposal
+        if proposal is None:
+            continue
+        if not confirm(proposal):
+            raise MotionError("consent", "not given", "a consent to each way of the machine")
+        _consent(guided, mover)
+
+
+def _consent(guided: GuidedSession, mover: Mover) -> None:
+    end_s = time.monotonic() + CONSENT_S
+    while not mover.consent():  # not within the dead time after the last arrival
+        if time.monotonic() > end_s:
+            raise MotionError("motion", mover.why or mover.state, "a machine that is ready")
+        _wait(guided, mover)
         time.sleep(LOOK_S)
-    if state is Moving.STOPPED:
-        raise MotionError("motion", mover.why, next_step="Continue with: glidecal run --continue")
-    return state
 
 
-def _at_rest(guided: GuidedSession, step: Step) -> None:
+def _wait(guided: GuidedSession, mover: Mover) -> None:
+    """Until the machine rests. Raises MotionError for what stopped it, unless it is over."""
+    lost = None
+    while True:
+        mover.alive()
+        lost = lost_words(guided) or lost
+        state = mover.state
+        if mover.line.not_stopped:
+            sys.stderr.write(f"\a{NOT_STOPPED}\n")
+            time.sleep(STOP_S)
+        elif state is State.HELD and lost is not None:
+            _indicators_back(guided, lost)
+            mover.answer().result()
+            return
+        elif mover.interrupted or state is State.STOPPED:
+            next_step = "Continue with: glidecal run --continue"
+            raise MotionError("motion", mover.why, next_step=next_step)
+        elif not mover.under_way and state is not State.STOPPING:
+            return
+        time.sleep(LOOK_S)
+
+
+def _indicators_back(guided: GuidedSession, lost: str) -> None:
+    """Return when every indicator answers again, each asked so often. Raises IndicatorError."""
+    for gauge in guided.gauges:
+        for _ in range(TRIES):
+            if not isinstance(gauge.ask().result(), Fault):
+                break
+        else:
+            raise IndicatorError("motion", lost, "a reading")
+
+
+def _taken(guided: GuidedSession, step: Step) -> TakenStep:
+    """The readings of a step; an indicator that answers late is asked again."""
+    for tries_left in reversed(range(TRIES)):
+        _at_rest(guided, step, last=not tries_left)
+        taken = guided.take()
+        if taken is not None and not (taken.faults and tries_left):
+            return taken
+    raise MotionError(f"step {step.number}", "a closed session", "an open one")
+
+
+def _at_rest(guided: GuidedSession, step: Step, *, last: bool) -> None:
+    """Until the indicators of a step rest; with one that is lost only for the last try's reason."""
     end_s = time.monotonic() + REST_S
     while True:
         lost = lost_words(guided)
-        if lost is not None:
+        if lost is not None and last:
             raise IndicatorError("motion", lost, "a reading")
-        if all(guided.gauges[k].live().motion is Motion.STABLE for k in step.indicators):
+        if lost is not None or all(
+            guided.gauges[k].live().motion is Motion.STABLE for k in step.indicators
+        ):
             return
         if time.monotonic() > end_s:
             raise IndicatorError("indicator", f"moving for {REST_S:g} s", "readings at rest")

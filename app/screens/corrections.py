@@ -47,11 +47,15 @@ class Corrections(Screen[None]):
         """Something could not be done; the words say why."""
 
     def ask(self, dialog: ModalScreen[Answer], then: Callable[[Answer | None], None]) -> None:
-        """Show a dialog; nothing is taken while it is open."""
-        self.asking = True
+        """Show a dialog; nothing is taken while it is open, and nothing moves from there on."""
+        self.asking, mover = True, self.guided.mover
+        if mover is not None:
+            mover.release()
 
         def answered(answer: Answer | None) -> None:
             self.asking = False
+            if mover is not None:
+                mover.line.calm()
             then(answer)
 
         self.app.push_screen(dialog, answered)

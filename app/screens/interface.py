@@ -7,6 +7,7 @@ import os
 import signal
 import stat
 import sys
+import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -23,11 +24,12 @@ from textual.color import Color
 from textual.command import CommandPalette
 from textual.containers import Vertical, VerticalScroll
 from textual.dom import DOMNode
-from textual.events import Event, InputEvent, Resize
+from textual.events import Event, InputEvent, Key, MouseDown, Paste, Resize
 from textual.filter import LineFilter
 from textual.geometry import Size
 from textual.screen import ModalScreen, Screen
 from textual.theme import ThemeProvider
+from textual.timer import Timer
 from textual.widget import Widget
 from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
@@ -44,6 +46,7 @@ from calib.printable import HIDDEN
 from protocols.files import FilesThere, unused_path
 
 if TYPE_CHECKING:
+    from app.measuring.moving import Mover
     from app.measuring.plan import Plan
     from app.measuring.session import GuidedSession, Indicators
 
@@ -139,6 +142,14 @@ class HelpDialog(Dialog[None]):
             yield Static(signalled(f"{self._text}\n\nEscape closes."))
 
 
+HELD_KEY_S = 1.0
+"""Presses of one key that follow this closely are one held key: terminals repeat it after up to a
+second, then many times a second."""
+
+ATTEND_S = 0.05
+GO, VIEW = "measure.go", "measure.plot"
+LEAVING = ("ctrl+c", "ctrl+q", "f10")
+
 PALETTE = (
     ("Theme", "Choose the colours; kept in the settings"),
     ("Light or dark", "The other of the two plain themes; kept in the settings"),
@@ -212,6 +223,8 @@ class Interface(App[str]):
             self.animation_level = "none"
         self.indicators: Indicators | None = None
         self.guided: GuidedSession | None = None
+        self._go_s = -HELD_KEY_S
+        self._attending: Timer | None = None
         self.form: Screen[None] | None = None
         """Of the preparation, as it was left."""
         self._status = Exit.DONE
@@ -224,9 +237,55 @@ class Interface(App[str]):
         self.push_screen(self._first)
 
     async def on_event(self, event: Event) -> None:
-        """Input that comes when the last screen is gone is nobody's."""
-        if self.screen_stack or not isinstance(event, InputEvent):
-            await super().on_event(event)
+        """Input that comes when the last screen is gone is nobody's; some of it stops a machine."""
+        given = isinstance(event, InputEvent | Paste)
+        if given and (not self.screen_stack or self._stops(event)):
+            return
+        await super().on_event(event)
+
+    @property
+    def mover(self) -> Mover | None:
+        """What moves the machine of the present session."""
+        owner = self.guided or self.indicators
+        return owner.mover if owner else None
+
+    def _stops(self, event: Event) -> bool:
+        """Whether this input stopped the machine, or was no more than a key that is still held.
+
+        While a machine may move every key and every click stops it, whatever screen or dialog lies
+        on top, and does nothing else. Only the view may be turned, and who leaves leaves.
+        """
+        mover = self.mover
+        if mover is None or not isinstance(event, Key | MouseDown | Paste):
+            return False
+        key = event.key if isinstance(event, Key) else ""
+        goes = key in self._keys_of(GO, "g")
+        now_s = time.monotonic()
+        held, self._go_s = goes and now_s - self._go_s < HELD_KEY_S, now_s if goes else self._go_s
+        if held or not mover.line.may_move:
+            return held
+        if key in self._keys_of(VIEW, "v"):
+            return False
+        mover.stop("stopped by a key" if key else "stopped by a click", by_operator=True)
+        return key not in LEAVING
+
+    def _keys_of(self, key_id: str, usual: str) -> tuple[str, ...]:
+        return tuple(map(str.strip, self._settings.keys.get(key_id, usual).split(",")))
+
+    def attend(self, look: Callable[[], object]) -> None:
+        """Tell the thread of the controller that the screens run, and look at the indicators.
+
+        Both stop a machine that nobody watches.
+        """
+
+        def tell() -> None:
+            if self.mover is not None:
+                self.mover.alive()
+                look()
+
+        if self._attending is not None:
+            self._attending.stop()
+        self._attending = self.set_interval(ATTEND_S, tell)
 
     async def run_action(
         self,

@@ -15,7 +15,7 @@ from textual.binding import Binding, BindingType
 from textual.widgets import Footer
 
 from app.measuring.gauges import Live, Motion
-from app.measuring.moving import Moving
+from app.measuring.moving import Mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession, TakenStep
 from app.measuring.unattended import lost_words
@@ -23,9 +23,11 @@ from app.report.text import motion
 from app.report.text import session as texts
 from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog
+from app.screens.motion_dialog import MotionDialog
 from app.screens.pages import Resting, apart, is_left
 from app.screens.session_view import LegReviewScreen, SessionView
 from calib.errors import GlidecalError, sentence
+from drivers.motion.states import State
 from drivers.profile import Fault, IndicatorReading
 from protocols.clock import steady_s
 from protocols.expectation import Movement
@@ -74,7 +76,8 @@ class MeasureScreen(Corrections, Resting):
         Binding("m", "remount", "Moved", id="measure.remount"),
         Binding("n", "note", "Note", id="measure.note"),
         Binding("w", "where", "Where", show=False, id="measure.where"),
-        Binding("g", "plot", "Plot", show=False, id="measure.plot"),
+        Binding("v", "plot", "View", show=False, id="measure.plot"),
+        Binding("g", "go", "Go", id="measure.go"),
         Binding("escape", "leave", "Home", show=False, id="measure.home"),
         Binding("f10", "app.quit", "Leave", id="measure.leave"),
     ]
@@ -88,7 +91,7 @@ class MeasureScreen(Corrections, Resting):
         self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
         self._looked_at = steady_s()
         self.automatic = guided.mover is not None
-        self._moving: tuple[Moving, str] | None = None
+        self._moving: tuple[object, ...] | None = None
 
     def compose(self) -> ComposeResult:
         yield self.view
@@ -101,6 +104,16 @@ class MeasureScreen(Corrections, Resting):
         self.proceed()
         self._follow()
         self.set_interval(AGES_S, self._look)
+        if self.guided.mover is not None:
+            self.app.attend(self._look_at_machine)
+
+    def _look_at_machine(self) -> None:
+        """Often: an indicator that is lost stops a machine that moves, and ends its consent."""
+        mover = self.guided.mover
+        if mover is None or self.guided.closed or not mover.line.may_move:
+            return
+        if lost_words(self.guided) and mover.state is State.CONSENTED and not mover.under_way:
+            mover.release()
 
     @work
     async def _follow(self) -> None:
@@ -207,13 +220,19 @@ class MeasureScreen(Corrections, Resting):
         step = self.guided.step() if mover is not None else None
         if mover is None or step is None or self.guided.closed:  # leaving stops it, too
             return
-        lost_words(self.guided)  # a loss stops it; `_tell_lost_and_found` has the words
-        if (mover.state, mover.why) == self._moving:
+        news = mover.state, mover.why, mover.is_there(step), mover.line.not_stopped
+        if news == self._moving:
             return
-        self._moving = mover.state, mover.why
+        self._moving = news
         self.say(motion.moving_text(mover, step))
-        if mover.state is Moving.STOPPED and not self.held:
+        if mover.state is State.STOPPED or mover.interrupted:
             self._set_hold(True, f"the machine stopped: {mover.why}")
+        if mover.interrupted:
+            self._ask_what_happened(mover)
+
+    def _ask_what_happened(self, mover: Mover) -> None:
+        if not any(isinstance(screen, MotionDialog) for screen in self.app.screen_stack):
+            self.ask(MotionDialog(mover), lambda _: self._show_step())
 
     def _take_if_moved(self) -> None:
         """Take what stands still where it tells of a move; else say once why not."""
@@ -230,15 +249,13 @@ class MeasureScreen(Corrections, Resting):
         held, self._pressed_at = now - self._pressed_at < HELD_KEY_S, now
         if held or self.busy:
             return
+        mover, step = self.guided.mover, self.guided.step()
         if self.held:
-            self.say("WAIT: on hold, nothing is taken. Press P to continue.")
-            return
-        mover = self.guided.mover
-        if mover is not None and mover.state is Moving.SET_UP:
-            mover.confirm()
-        elif mover is not None and mover.state is Moving.UNDER_WAY:
-            self._set_hold(True, "stopped by a key")
-        elif self.guided.step() is None:
+            key = "P" if mover is None else "G"
+            self.say(f"WAIT: on hold, nothing is taken. Press {key} to continue.")
+        elif mover is not None and step is not None and not mover.is_there(step):
+            self.say(motion.moving_text(mover, step))
+        elif step is None:
             self._begin_finish()
         elif now < self._anyway_until or self.ready_by_hand():
             self._begin_take()
@@ -276,7 +293,7 @@ class MeasureScreen(Corrections, Resting):
         self.app.clear_notifications()
         self.say(texts.taken_text(taken))
         if taken.doubt:
-            self.automatic = False
+            self._by_hand()
             self._show_step()
             dialog = ChoiceDialog(
                 texts.question_text(taken, self.guided.session),
@@ -319,12 +336,19 @@ class MeasureScreen(Corrections, Resting):
         self.proceed()
 
     def refused(self, text: str) -> None:
-        self.busy = self.automatic = False
+        self.busy = False
+        self._by_hand()
         self.say(text)
         self._show_step()
 
     def say(self, text: str) -> None:
         self.view.say(text)
+
+    def _by_hand(self) -> None:
+        """Nothing is taken, and nothing moves, without a key."""
+        self.automatic = False
+        if self.guided.mover is not None:
+            self.guided.mover.release()
 
     def action_automatic(self) -> None:
         """Take by itself whenever all indicators stand still."""
@@ -332,24 +356,46 @@ class MeasureScreen(Corrections, Resting):
         self._show_step()
 
     def action_hold(self) -> None:
-        """Nothing is taken until the same key again."""
+        """Nothing is taken until the same key again; a machine that moves itself needs G."""
+        if self.held and self.guided.mover is not None:
+            self.say("On hold. Press G to continue.")
+            return
         self._set_hold(not self.held, "on hold" if not self.held else "continued")
-        self.say("On hold. Press P to continue." if self.held else "The session continues.")
-        if self.guided.mover is not None and not self.held:
-            self.automatic = True
-            self.proceed()
+        key = "P" if self.guided.mover is None else "G"
+        self.say(f"On hold. Press {key} to continue." if self.held else "The session continues.")
 
     def _set_hold(self, held: bool, note: str) -> None:
         if held and self.guided.mover is not None:
-            self.guided.mover.stop(note)
+            self.guided.mover.release()
         if self.write(lambda: self.guided.note(note)):
             self.held = held
             self._show_step()
 
+    def action_go(self) -> None:
+        """The operator's consent to the next way of the machine; no other key moves it."""
+        mover, step = self.guided.mover, self.guided.step()
+        if mover is None or step is None or self.busy or self.asking:
+            return
+        if mover.interrupted:
+            self._ask_what_happened(mover)
+        elif mover.line.needs_homing_confirmed:
+            self.ask(ChoiceDialog(motion.HOMED_QUESTION, motion.HOMED_CHOICES), self._homed)
+        elif mover.consent():
+            self.held, self.automatic, self._waits = False, True, None
+            self._show_step()
+        else:
+            self.say("WAIT: release all keys for a second, then press G once.")
+
+    def _homed(self, answer: str | None) -> None:
+        mover = self.guided.mover
+        if mover is not None and answer == "homed":
+            mover.confirm_homed()
+        elif mover is not None and answer == "home":
+            mover.home()
+        self.write(lambda: self.guided.note(f"homing: {answer or 'not answered'}"))
+
     def action_leave(self) -> None:
-        """A machine that moves is stopped before anything is asked."""
-        if self.guided.mover is not None and not self.held:
-            self._set_hold(True, "stopped by a key")
+        """A machine that moves was stopped by the same key."""
         super().action_leave()
 
     def action_plot(self) -> None:

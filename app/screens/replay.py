@@ -46,7 +46,7 @@ class ReplayScreen(Screen[None]):
         Binding("pageup", "page(-1)", "List up", show=False, id="replay.list-up"),
         Binding("pagedown", "page(1)", "List down", show=False, id="replay.list-down"),
         Binding("w", "where", "Where", show=False, id="replay.where"),
-        Binding("g", "plot", "Plot", show=False, id="replay.plot"),
+        Binding("v", "plot", "View", show=False, id="replay.plot"),
         Binding("r", "result", "Result", id="replay.result"),
         Binding("y", "copy", "Copy", show=False, id="replay.copy"),
         Binding("escape", "back", "Back", id="replay.leave"),

@@ -225,7 +225,7 @@ class CompareScreen(Screen[None]):
     HELP = texts.COMPARISON_HELP
     AUTO_FOCUS = "#compare-words"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("g", "plot", "Plot", id="compare.plot"),
+        Binding("v", "plot", "View", id="compare.plot"),
         Binding("y", "copy", "Copy", id="compare.copy"),
         Binding("escape", "app.pop_screen", "Back", id="compare.back"),
         Binding("f10", "app.quit", "Quit", id="compare.quit"),

@@ -334,7 +334,7 @@ class LegReviewScreen(Dialog[bool]):
     BINDINGS: ClassVar[list[BindingType]] = [
         ("space,enter,escape", "dismiss(False)", "Continue"),
         Binding("p", "dismiss(True)", "Hold", id="measure.hold"),
-        Binding("g", "plot", "Plot", id="measure.plot"),
+        Binding("v", "plot", "View", id="measure.plot"),
     ]
 
     def __init__(self, session: Session, step: Step, *, unattended: bool = False) -> None:

@@ -1,33 +1,99 @@
-"""grbl 1.1 and its relatives over a serial port: three carriages as X, Y, Z in joint coordinates.
+"""grbl 1.1 and grblHAL over a serial port: three carriages as X, Y, Z in joint coordinates.
 
 A move is a jog (``$J=``): it keeps to soft limits, and 0x85 ends it without a reset and without a
-lost position. Where it ends ``?`` tells; ``G4`` is acknowledged when nothing is left to do. What is
-believed of the firmware stands in its own documentation (interface, jogging), not tried on one.
+lost position. Where it ends ``?`` tells; ``G4`` is acknowledged when nothing is left to do. The
+port is opened once, for many boards start anew whenever that happens, and lose their homing.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import re
+import select
 import time
-from typing import ClassVar
+from typing import ClassVar, Literal, Protocol
 
 import serial
 
 from calib.errors import IndicatorError
-from drivers.motion.controller import Controller, ControllerFault, Limits, MotionFault, Triple
-from drivers.port import PORT_ERRORS, SLICE_S, check_port, close_port
+from drivers.motion.controller import (
+    SLICE_S,
+    Controller,
+    ControllerFault,
+    Deadline,
+    Limits,
+    MotionFault,
+    NoLine,
+    Snapshot,
+    Triple,
+)
+from drivers.port import PORT_ERRORS, check_port, close_port
 
 BAUD = 115200
-WAKE_S = 4.0
+WAKE_S = 3.5
 """Many boards start anew when their port is opened."""
 
-ACCEPT_S = 2.0
-STOP_S = 2.0
-JOG_CANCEL = b"\x85"
-STATUS = re.compile(r"<(\w+)(?::\d+)?\|(.*)>", re.ASCII)
+ACCEPT_S = 1.0
+HOMING_S = 180.0
+MM_PER_INCH = 25.4
+ASK_AGAIN_S = 0.2
+FULL_REPORT, REPORT = b"\x87", b"?"
+"""grblHAL tells all of its state for the first; grbl 1.1 drops it, and tells parts in turn."""
+
+JOG_CANCEL, FEED_HOLD, RESET = b"\x85", b"!", b"\x18"
+TURN = 32
+"""So many reports tell each part once (grbl 1.1: overrides every 10 or 20, offsets 10 or 30)."""
+
+STATUS = re.compile(r"<(\w+)(?::(\d+))?\|(.*)>", re.ASCII)
 SETTING = re.compile(r"\$(\d+)=([-+.\d]+)", re.ASCII)
+VERSION = re.compile(r"\[VER:1\.1\w?\.", re.ASCII)
 SAFE = {"9": "locked, as after an alarm", "15": "beyond its soft limits", "22": "no feed"}
+MOVING = ("Jog", "Run", "Home")
+SUPERVISED = ("Ov", "WCO", "H")
+
+
+class Wire(Protocol):
+    """What bytes go through: a port of pyserial, or the file descriptor that a guard was given."""
+
+    def read(self, size: int = 1) -> bytes:
+        """What comes within `SLICE_S`."""
+
+    def write(self, data: bytes, /) -> int | None:
+        """Send."""
+
+    def fileno(self) -> int:
+        """Its file descriptor."""
+
+    def close(self) -> None:
+        """Let go of it."""
+
+
+class Descriptor:
+    """The port of another process, by its file descriptor."""
+
+    def __init__(self, number: int) -> None:
+        self._number = number
+
+    def read(self, size: int = 1) -> bytes:
+        """What comes within `SLICE_S`."""
+        if select.select([self._number], [], [], SLICE_S)[0]:
+            with contextlib.suppress(BlockingIOError):
+                return os.read(self._number, size)
+        return b""
+
+    def write(self, data: bytes, /) -> int:
+        """Send."""
+        return os.write(self._number, data)
+
+    def fileno(self) -> int:
+        """Its number."""
+        return self._number
+
+    def close(self) -> None:
+        """Let go of it; the other process keeps its own."""
+        with contextlib.suppress(OSError):
+            os.close(self._number)
 
 
 class Grbl(Controller):
@@ -35,16 +101,53 @@ class Grbl(Controller):
 
     name: ClassVar[str] = "grbl"
     form: ClassVar[str] = "PORT"
+    coordinates: ClassVar[Literal["tool", "joint"] | None] = "joint"
 
     def __init__(self, address: str, limits: Limits) -> None:
         super().__init__(address, limits)
-        self._port: serial.Serial | None = None
+        self._wire: Wire | None = None
+        self._unit_mm = 1.0
+        self._ask = REPORT
+        self._firmware = ""
+        self._state = self._part = ""
+        self._fields: dict[str, str] = {}
+        self._acknowledged = True
+        self.homing = False
+        self.tells_homing = False
 
     def connect(self) -> None:
-        """Open the port; nothing is asked of the machine."""
+        """Open the port and wait for a status report; nothing is asked of the machine.
+
+        In a hold it is not asked who it is: its lines would wait for the hold's end.
+        """
+        if self._wire is None:
+            self._wire = self._opened()
+        try:
+            self._wake()
+            if self._state in ("Idle", "Alarm"):
+                self._identify()
+        except ControllerFault:
+            self.close()
+            raise
+
+    def renew(self) -> None:
+        """Speak through the port again, which is opened anew only where it is gone."""
+        self._drain()
+        self.connect()
+
+    def adopt(self, descriptor: int) -> None:
+        """Speak through the open port of another process."""
+        self._wire = Descriptor(descriptor)
+
+    def handles(self) -> tuple[int, ...]:
+        """The port, which cannot be opened twice."""
+        numbered = self._wire is not None and hasattr(self._wire, "fileno")  # not on Windows
+        return (self._wire.fileno(),) if self._wire is not None and numbered else ()
+
+    def _opened(self) -> serial.Serial:
         try:
             check_port(self.address)
-            self._port = serial.serial_for_url(
+            port = serial.serial_for_url(
                 self.address,
                 baudrate=BAUD,
                 timeout=SLICE_S,
@@ -52,128 +155,255 @@ class Grbl(Controller):
                 do_not_open=True,
             )
             if "://" not in self.address:
-                self._port.exclusive = True
-            self._port.open()
+                port.exclusive = True
+            with contextlib.suppress(OSError):  # virtual ports have no control lines
+                port.dtr = port.rts = False  # else a board starts anew each time
+            port.open()
         except IndicatorError as problem:
             raise self.fault(MotionFault.UNREACHABLE, problem.found, problem.allowed) from problem
         except PORT_ERRORS as problem:
             next_step = "glidecal ports lists what is there; close other programs that use it."
             raise self.fault(MotionFault.UNREACHABLE, str(problem), "", next_step) from problem
-        end_s = time.monotonic() + WAKE_S
-        while True:
-            try:
-                self._status()
-            except ControllerFault:
-                if time.monotonic() > end_s:
-                    raise
-            else:
-                return
+        return port
+
+    def _wake(self) -> None:
+        """The first status report; raises with what came in its place."""
+        deadline, sample = Deadline(WAKE_S), ""
+        self._acknowledged = True
+        while not deadline.over:
+            self._send(REPORT)
+            again = Deadline(min(self.answer_s, WAKE_S))
+            while not again.over:
+                try:
+                    line = self._line(again)
+                except NoLine:
+                    break
+                if self._note(line) is not None:
+                    return
+                if not line.startswith(("Grbl", "grbl", "[MSG", "ok")):
+                    sample = line
+        value = f"{sample[:60]!r}" if sample else "no answer"
+        wanted, next_step = "a status report of grbl", "Is another device at this port?"
+        raise self.fault(MotionFault.STRANGER, value, wanted, next_step)
+
+    def _identify(self) -> None:
+        answers = self._done("$I")
+        version = next((line for line in answers if line.startswith("[VER:")), "no [VER:…]")
+        if not VERSION.match(version):
+            raise self.fault(MotionFault.STRANGER, f"firmware {version}", "grbl 1.1 or grblHAL")
+        letters = next((line for line in answers if line.startswith("[AXS:")), "[AXS:3:XYZ]")
+        if not letters.rstrip("]").endswith("XYZ"):
+            raise self.fault(MotionFault.STRANGER, letters, "the axes X Y Z")
+        self._ask = FULL_REPORT if any("grblHAL" in line for line in answers) else REPORT
+        self._firmware = version
 
     def ready(self) -> tuple[str, ...]:
         """What is right, in the controller's own words."""
-        state, shown = self._status()
-        if state != "Idle":
-            next_step = "At the controller: home it, or end what it does."
-            raise self.fault(MotionFault.NOT_READY, f"state {state}", "state Idle", next_step)
-        held = dict(SETTING.findall("\n".join(self._done("$$"))))
-        for number, wanted, otherwise in (
-            ("13", "0", "it reports inches: glidecal moves machines in mm only"),
-            ("22", "1", "without homing nobody knows where its carriages are"),
-        ):
-            if (found := held.get(number, "none")) != wanted:
-                shown = f"${number}={found}"
-                raise self.fault(MotionFault.NOT_READY, shown, f"${number}={wanted}", otherwise)
-        letters = next((one for one in self._done("$I") if one.startswith("[AXS:")), "[AXS:3:XYZ]")
-        if not letters.rstrip("]").endswith("XYZ"):
-            raise self.fault(MotionFault.NOT_READY, letters, "the axes X Y Z")
-        return f"state {state}", "$22=1: it locks until it is homed", f"$13={held['13']}: mm"
+        self.homing = False
+        self._status()
+        self.locked = self._state == "Alarm"
+        if self._state not in ("Idle", "Alarm"):
+            raise self._not_idle("At the controller: end what it does.")
+        settings = dict(SETTING.findall("\n".join(self._done("$$"))))
+        homing = settings.get("22", "none")
+        if not (homing.isdecimal() and int(homing) & 1):  # of grblHAL a mask
+            otherwise = "Without homing nobody knows where its carriages are."
+            raise self.fault(MotionFault.NOT_READY, f"$22={homing}", "$22=1", otherwise)
+        self._unit_mm = MM_PER_INCH if settings.get("13") == "1" else 1.0
+        self._check_travel(settings)
+        if self.locked:
+            raise self._not_idle("It is locked until it is homed.")
+        self._survey()
+        self.tells_homing = "H" in self._fields
+        if not self._fields.get("H", "1").startswith("1"):
+            raise self.fault(MotionFault.NOT_READY, f"H:{self._fields['H']}", "H:1", "Home it.")
+        soft = settings.get("20", "none")
+        return (
+            self._firmware,
+            f"state {self._state}",
+            "H:1: homed" if self.tells_homing else f"$22={homing}: it locks until it is homed",
+            f"$13={settings.get('13', 'none')}: {'inch' if self._unit_mm != 1.0 else 'mm'}",
+            f"$20={soft}: {'its own soft limits are on' if soft == '1' else 'no soft limits'}",
+        )
 
-    def position(self) -> Triple:
-        """Where the machine is read back, mm."""
-        _, shown = self._status()
-        found = re.search(r"MPos:([-.\d]+),([-.\d]+),([-.\d]+)", shown)
-        if found is None:
-            allowed = "MPos, the machine's position: $10 with its lowest bit set"
-            raise self.fault(MotionFault.NOT_READY, shown[:60], allowed)
-        x, y, z = (float(number) for number in found.groups())
-        return x, y, z
+    def _not_idle(self, next_step: str) -> ControllerFault:
+        value = f"state {self._words}"
+        return self.fault(MotionFault.NOT_READY, value, "state Idle", next_step)
 
-    def moves(self) -> bool:
-        """One look at the state of the board."""
-        state, _ = self._status()
-        if state == "Idle":
-            return False
-        if state != "Jog":
-            raise self.fault(MotionFault.CONTROLLER, f"state {state}", "Idle, or Jog on the way")
-        return True
+    def _check_travel(self, settings: dict[str, str]) -> None:
+        """Raises where the box of the machine file is no part of the travel of this board."""
+        box = zip(("130", "131", "132"), self.limits.low_mm, self.limits.high_mm, strict=True)
+        for number, low_mm, high_mm in box:
+            travel_mm = abs(self.finite(settings.get(number, "none")))
+            ends_mm = max(abs(low_mm), abs(high_mm))
+            if high_mm - low_mm > travel_mm or ends_mm > travel_mm:
+                raise self.fault(
+                    MotionFault.STRANGER,
+                    f"${number}={travel_mm:g}, its travel in mm",
+                    f"a travel in which {low_mm:g} … {high_mm:g} mm of the machine file lie",
+                    "Is it the board of another machine?",
+                )
 
-    def _begin(self, to_mm: Triple, feed_mm_min: float) -> None:
+    @property
+    def _words(self) -> str:
+        return f"{self._state}:{self._part}" if self._part else self._state
+
+    def look(self) -> Snapshot:
+        """One look at the state of the board; parts of it are told in turn."""
+        return self._snapshot(self._status())
+
+    def survey(self) -> Snapshot:
+        """A look that holds every part of the state."""
+        return self._snapshot(self._survey())
+
+    def _survey(self) -> Triple:
+        self._fields.clear()
+        place_mm = self._status()
+        for _ in range(1 if self._ask == FULL_REPORT else TURN):
+            if {"Ov", "WCO"} <= self._fields.keys():
+                return place_mm
+            place_mm = self._status()
+        if self._state == "Idle":  # a board whose $10 leaves them out
+            offsets = [line for line in self._done("$#") if line.startswith(("[G92:", "[TLO:"))]
+            self._fields["WCO"] = " ".join(offsets)
+        return place_mm
+
+    def _snapshot(self, place_mm: Triple) -> Snapshot:
+        if self._state not in ("Idle", "Jog"):
+            value = f"state {self._words}"
+            raise self.fault(MotionFault.CONTROLLER, value, "Idle, or Jog on the way")
+        states = {name: self._fields[name] for name in SUPERVISED if name in self._fields}
+        return Snapshot(place_mm, self._state == "Jog", states)
+
+    def begin(self, to_mm: Triple, feed_mm_min: float) -> None:
+        """Send a jog in machine coordinates and mm, whatever units and offsets the board has."""
         words = "".join(f"{name}{mm:.4f}" for name, mm in zip("XYZ", to_mm, strict=True))
-        # machine coordinates in mm, whatever units and offsets the board is set to
         self._done(f"$J=G21G90G53{words}F{feed_mm_min:.1f}")
 
-    def _barrier(self) -> None:
+    def settle(self) -> Snapshot:
+        """A look behind a pause, which is acknowledged when nothing is before it."""
         self._done("G4P0.01")
+        return self.look()
 
-    def stop(self) -> None:
-        """End the jog; no reset, no position lost."""
-        if self._port is None:  # its cable is out; it may be back
-            self.connect()
-        self._send(JOG_CANCEL)
-        end_s = time.monotonic() + STOP_S
-        while time.monotonic() < end_s and self._port is not None:
-            with contextlib.suppress(ControllerFault):  # an alarm is told on the way, too
-                if self._status()[0] != "Jog":
-                    return
-        raise self.fault(MotionFault.LOST, "no answer that it stopped")
+    def home(self) -> None:
+        """Home all carriages, as the operator confirmed; only a reset ends that."""
+        self.homing = True  # until it is done: a stop must know
+        self._done("$H", HOMING_S)
+        self.homing = False
 
     def close(self) -> None:
         """Let go of the port."""
-        port, self._port = self._port, None
-        if port is not None:
-            close_port(port)
+        wire, self._wire, self._received = self._wire, None, b""
+        if wire is not None:
+            close_port(wire)
 
-    def _status(self) -> tuple[str, str]:
-        """State and fields of a fresh status report."""
-        self._send(b"?")
+    def _send_stop(self, attempt: int) -> None:
+        """End the jog; no reset, no position lost. Homing hears nothing but a reset."""
+        if self._wire is None:  # its cable is out; it may be back
+            self._wire = self._opened()
+        self._send(RESET if self.homing else JOG_CANCEL)
+        if attempt and self._state in ("Run", "Jog"):  # at rest a hold would lock the board
+            self._send(FEED_HOLD)
+        if self._state == "Hold" and self._part == "0" and not self._acknowledged:
+            self._send(RESET)  # a jog that waits in its buffer would move when the hold ends
+
+    def _send_position(self) -> None:
+        self._send(REPORT)
+
+    def _position_of(self, line: str) -> tuple[Triple, bool] | None:
+        place_mm = self._note(line)
+        if place_mm is None:
+            return None
+        holds = self._state == "Hold" and self._part != "0"
+        return place_mm, holds or self._state in MOVING
+
+    def _status(self) -> Triple:
+        """The position of a fresh status report; its fields are kept."""
+        deadline = Deadline(self.answer_s)
         while True:
-            found = STATUS.fullmatch(self._told(self.answer_s))
-            if found:
-                return found[1], found[2]
+            self._send(self._ask)
+            again = Deadline(min(self.answer_s, ASK_AGAIN_S))  # a question may be lost
+            try:
+                while (place_mm := self._note(self._heard(again))) is None:
+                    pass
+            except NoLine:
+                if deadline.over:
+                    raise
+            else:
+                return place_mm
 
-    def _done(self, words: str) -> list[str]:
-        """Send a line; what was told until it was acknowledged."""
+    def _note(self, line: str) -> Triple | None:
+        """The position that a status report tells; None for another line."""
+        report = STATUS.fullmatch(line)
+        if report is None:
+            return None
+        name, part, text = report.groups()
+        fields = dict(field.partition(":")[::2] for field in text.split("|"))
+        self._state, self._part = name, part or ""
+        self._fields |= {key: value for key, value in fields.items() if key in SUPERVISED}
+        place = fields.get("MPos", "").split(",")
+        if len(place) < 3:
+            allowed = "MPos, the machine's position: $10 with its lowest bit set"
+            raise self.fault(MotionFault.NOT_READY, text[:60], allowed)
+        x, y, z = (self.finite(word) * self._unit_mm for word in place[:3])
+        return x, y, z
+
+    def _done(self, words: str, wait_s: float = ACCEPT_S) -> list[str]:
+        """Send a line; what came until it was acknowledged."""
+        deadline = Deadline(wait_s)
+        if not self._acknowledged:  # of a line that a stop cut short
+            self._drain()
         self._send(words.encode() + b"\n")
-        told: list[str] = []
-        while (line := self._told(ACCEPT_S)) != "ok":
+        self._acknowledged = False
+        answers: list[str] = []
+        while (line := self._heard(deadline)) != "ok":
             if line.startswith("error:"):
+                self._acknowledged = True
                 why = SAFE.get(line[6:], "see its list of errors")
                 raise self.fault(MotionFault.CONTROLLER, f"{line} ({why})")
-            told.append(line)
-        return told
+            if STATUS.fullmatch(line) is None:  # one that came by itself
+                answers.append(line)
+            if len(answers) > 1000:
+                raise self.fault(MotionFault.LOST, "lines without an end")
+        self._acknowledged = True
+        return answers
 
-    def _told(self, patience_s: float) -> str:
+    def _drain(self) -> None:
+        """Hear out what is still on its way."""
+        if self._wire is None:
+            return
+        quiet = time.monotonic()
+        deadline = Deadline(self.answer_s)
+        while time.monotonic() - quiet < 2 * SLICE_S and not deadline.over:
+            if self._receive():
+                quiet = time.monotonic()
+        self._received, self._acknowledged = b"", True
+
+    def _heard(self, deadline: Deadline) -> str:
         """The next line; an alarm, or a board that started anew, is a fault."""
-        told = self._line(patience_s)
-        if told.startswith("ALARM:"):
-            raise self.fault(MotionFault.CONTROLLER, told)
-        if told.startswith("Grbl"):
-            raise self.fault(MotionFault.CONTROLLER, f"it started anew ({told})")
-        return told
+        line = self._line(deadline)
+        if line.startswith("ALARM:"):
+            raise self.fault(MotionFault.CONTROLLER, line)
+        if line.startswith(("Grbl", "grblHAL")):
+            self._acknowledged = True
+            next_step = "Its homing is lost: home it."
+            raise self.fault(MotionFault.CONTROLLER, f"it started anew ({line})", "", next_step)
+        return line
 
     def _receive(self) -> bytes:
         try:
-            if self._port is None:
-                raise self.fault(MotionFault.LOST)
-            return bytes(self._port.read(max(1, self._port.in_waiting)))
+            if self._wire is None:
+                raise self.fault(MotionFault.LOST, "the port is closed")
+            waiting = getattr(self._wire, "in_waiting", 0)
+            return bytes(self._wire.read(max(1, waiting)))
         except PORT_ERRORS as problem:
             raise self._gone(problem) from problem
 
     def _send(self, words: bytes) -> None:
         try:
-            if self._port is None:
-                raise self.fault(MotionFault.LOST)
-            self._port.write(words)
+            if self._wire is None:
+                raise self.fault(MotionFault.LOST, "the port is closed")
+            self._wire.write(words)
         except PORT_ERRORS as problem:
             raise self._gone(problem) from problem
 

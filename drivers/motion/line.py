@@ -1,155 +1,643 @@
-"""One controller and the thread that owns it; it stops the machine when this program dies."""
+"""One controller, the thread that owns it, and everything that holds before and while it moves.
+
+The states and their causes stand in `states`. Nothing moves but after `consent`; a consent ends
+with every stop, fault and change, and with `release`. Three watch each other while the machine may
+move: the thread that owns the controller, a thread that looks whether that one and the face of the
+program still run, and the guard, a process that looks whether this one does.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import queue
-import subprocess
-import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from functools import partial
+from dataclasses import dataclass, field
 
-from drivers.motion.controller import Controller, ControllerFault, MotionFault, Triple
+from drivers.motion.controller import (
+    NOT_STOPPED,
+    STILL_MM,
+    STOP_S,
+    Controller,
+    ControllerFault,
+    MotionFault,
+    Snapshot,
+    Triple,
+    place_words,
+)
+from drivers.motion.guard import BEAT, BEAT_S, HOMING, REST, SILENCE_S, Guard
+from drivers.motion.states import LOOKED_AT, MAY_MOVE, TRANSITIONS, Cause, State
 
-IDLE_S = 0.3
-"""A machine that rests is looked at so often: who took control, is it still on?"""
+REST_LOOK_S = 0.2
+"""A machine at rest is looked at so often: hands may be in it."""
 
-Wish = tuple[Callable[[], Triple], Future[Triple]]
-"""What the thread is to do, and where the position after it goes."""
+SLICE_S = 0.02
+DEAD_S = 1.0
+"""After a stop, an arrival, a fault or an answer no consent is taken: a key pressed then was meant
+for what was before."""
 
-BROKEN = (MotionFault.LOST, MotionFault.CONTROL_LOST, MotionFault.UNREACHABLE)
-"""After these the next move begins with a new connection."""
+GRACE_S = 0.5
+"""So long a move may take to begin."""
+
+STALL_S = 1.0
+"""A move that makes no way for so long is held by something."""
+
+SLOWER, SLACK_S = 2.0, 5.0
+"""A move that takes longer than its way at its feed by this is held up by something."""
+
+STRAY_MM = 1.0
+"""So far beside its straight way a machine may be while it moves: following errors are less."""
+
+CLOSE_S = 1.5
+"""For a stop before the program leaves; then the guard goes on with it."""
+
+BROKEN = (MotionFault.LOST, MotionFault.CONTROL_LOST, MotionFault.UNREACHABLE, MotionFault.PROGRAM)
+"""After these a new connection is made before anything else."""
+
+INTERFERENCE = (
+    MotionFault.CONTROL_LOST,
+    MotionFault.CHANGED,
+    MotionFault.ELSEWHERE,
+    MotionFault.LATE,
+    MotionFault.STOPPED,
+)
+"""The controller is well, but somebody or something interfered."""
+
+
+@dataclass(frozen=True)
+class Patience:
+    """How long is waited before something counts as wrong, s; tests on busy machines wait longer.
+
+    ``silence_s`` without a sign of life of the program or one of its threads stops the machine,
+    ``dead_s`` is the time after a stop in which no consent is taken.
+    """
+
+    silence_s: float = SILENCE_S
+    dead_s: float = DEAD_S
+
+
+@dataclass
+class Job:
+    """What the thread is to do, and where its answer goes."""
+
+    work: Callable[[], Triple]
+    answer: Future[Triple] = field(default_factory=Future)
 
 
 class MotionLine:
-    """Moves on request; every request is answered by a position, or by why there is none.
+    """Moves within a consent; every request is answered by a position, or by why there is none.
 
-    ``listener`` is told in the thread of the line when a machine at rest is no longer what it was;
-    ``fault`` says why until the next request.
+    ``listener`` is called, in whichever thread, when `state` or what it says changes.
     """
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: Controller, patience: Patience = Patience()) -> None:
         self.controller = controller
         self.listener: Callable[[], None] = lambda: None
-        self.fault: ControllerFault | None = None
-        self._wishes: queue.SimpleQueue[Wish | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(
-            target=self._own, name=f"motion {controller.address}", daemon=True
-        )
-        self._lock = threading.Lock()
-        self._stops = 0
-        self._broken = False
-        self._guard: subprocess.Popen[bytes] | None = None
+        self.why = ""
+        """What ended the last consent, in words."""
+        self.homing_confirmed = False
+        """The operator says that it is homed, where the controller cannot tell."""
+        self._patience = patience
+        self._lock = threading.RLock()
+        self._state = State.OFF
+        self._jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
+        self._job: Job | None = None
+        self._problem: ControllerFault | None = None
+        self._by_operator = self._vouched = self._closing = self._broken = False
+        self._consent = 0
+        self._rest_mm: Triple | None = None
+        self._states: dict[str, str] = {}
+        now_s = time.monotonic()
+        self._calm_s = self._cause_s = self._owner_s = self._face_s = now_s
+        self._owner: threading.Thread | None = None
+        self._watcher: threading.Thread | None = None
+        self._guard: Guard | None = None
+        controller.on_wait = self._lives
+
+    @property
+    def state(self) -> State:
+        """What the machine may do now."""
+        return self._state
+
+    @property
+    def may_move(self) -> bool:
+        """Whether every key is a stop now."""
+        return self._state in MAY_MOVE
+
+    @property
+    def not_stopped(self) -> bool:
+        """Whether a stop should have been seen by now, and was not."""
+        late = time.monotonic() - self._cause_s > STOP_S
+        return self._state is State.STOPPING and late
+
+    @property
+    def place_mm(self) -> Triple | None:
+        """Where the machine was last seen at rest."""
+        return self._rest_mm
+
+    @property
+    def dead(self) -> bool:
+        """Whether a key that comes now was meant for what was before."""
+        return time.monotonic() - self._calm_s < self._patience.dead_s
+
+    @property
+    def needs_homing_confirmed(self) -> bool:
+        """Whether only the operator can tell that the machine is homed."""
+        return not (self.controller.tells_homing or self.homing_confirmed)
+
+    @property
+    def can_home(self) -> bool:
+        """Whether homing by this program, with the operator's consent, would help."""
+        return self.controller.locked
 
     def start(self) -> tuple[str, ...]:
-        """What is right and who says so. Raises `ControllerFault` for a machine not ready."""
+        """What is right and who says so.
+
+        Raises `ControllerFault` for a machine that is not ready. One that only homing makes ready,
+        and that nobody else can home, begins in a fault.
+        """
+        controller, cause = self.controller, Cause.CONNECTED
+        facts: tuple[str, ...] = ()
         try:
-            self.controller.connect()
-            said = self.controller.ready()
+            controller.connect()
+            try:
+                facts = controller.ready()
+                self._baseline(controller.survey())
+            except ControllerFault as problem:
+                if not controller.locked:
+                    raise
+                cause, self.why = Cause.FAILED, str(problem)
+            self._guard = Guard(controller, self._patience.silence_s)
+            self._guard.wait()
         except ControllerFault:
-            self.controller.close()
+            controller.close()
             raise
-        told = f"{self.controller.name}:{self.controller.address}"
-        self._guard = subprocess.Popen(
-            [sys.executable, "-m", "drivers.motion.guard", told],
-            stdin=subprocess.PIPE,
-            start_new_session=True,  # a key that ends this program must not end it, too
+        self._change(cause)
+        self._start_owner()
+        self._watcher = threading.Thread(
+            target=self._watch, name=f"motion watch {self.controller.address}", daemon=True
         )
-        self._thread.start()
-        return said
+        self._watcher.start()
+        return facts
+
+    def _start_owner(self) -> None:
+        self._owner_s = time.monotonic()
+        self._owner = threading.Thread(
+            target=self._own, name=f"motion {self.controller.address}", daemon=True
+        )
+        self._owner.start()
+
+    def alive(self) -> None:
+        """The face of the program runs: called more often than the patience is long."""
+        self._face_s = time.monotonic()
+
+    def consent(self, *, to_home: bool = False) -> bool:
+        """The operator's consent to what is sent next. Returns whether it is taken.
+
+        It is not where the machine is not ready, and not within the dead time.
+        """
+        with self._lock:
+            unknown = self.needs_homing_confirmed and not to_home
+            if self.dead or unknown or not self._change(Cause.HOMING if to_home else Cause.CONSENT):
+                return False
+            self._consent += 1
+            self.why = ""
+            self._face_s = time.monotonic()
+        self.listener()
+        return True
+
+    def calm(self) -> None:
+        """Something was answered: a key that follows at once was meant for that."""
+        self._calm_s = time.monotonic()
+
+    def release(self) -> None:
+        """The consent ends; what moves is stopped."""
+        with self._lock:
+            if self._state is State.MOVING:
+                self.stop("the consent ended", by_operator=True)
+            elif self._change(Cause.RELEASED):
+                self._calm_s = time.monotonic()
+        self.listener()
 
     def go(self, places_mm: Sequence[Triple], feed_mm_min: float) -> Future[Triple]:
-        """Move to these places one after the other, each waited for."""
-        return self._asked(partial(self._went, self._stops, tuple(places_mm), feed_mm_min))
+        """Move to these places one after the other, each waited for, within the present consent."""
+        consent = self._consent
+        return self._asked(lambda: self._went(consent, tuple(places_mm), feed_mm_min))
+
+    def home(self) -> Future[Triple]:
+        """Home the machine, within the present consent."""
+        consent = self._consent
+        return self._asked(lambda: self._homed(consent))
 
     def at(self, place_mm: Triple) -> Future[Triple]:
         """The position now, where it is still this one and nothing else is wrong."""
-        return self._asked(partial(self.controller.is_at, place_mm))
+        return self._asked(lambda: self._is_at(place_mm))
 
-    def stop(self) -> None:
-        """End all that was asked for so far, from any thread."""
+    def answered(self) -> Future[Triple]:
+        """The operator looked at what happened: ready again, if the controller is."""
+        return self._asked(self._ready_again)
+
+    def vouch(self) -> None:
+        """The operator saw that the machine stands still, which the controller cannot tell."""
         with self._lock:
-            self._stops += 1
-            self.controller.halt.set()
+            self._vouched = self._state is State.STOPPING
+
+    def stop(self, why: str, *, by_operator: bool = False) -> None:
+        """End what is under way or allowed, from any thread; nothing where nothing is."""
+        with self._lock:
+            if self.may_move:
+                self._interrupt(ControllerFault(MotionFault.STOPPED, why), by_operator=by_operator)
 
     def close(self) -> None:
-        """Stop, end the thread and let go of the controller."""
-        self.stop()
-        self._wishes.put(None)
-        if self._thread.is_alive():
-            self._thread.join()
-        self.controller.close()  # before: until then the guard may have to stop it
-        if self._guard is not None and self._guard.stdin is not None:
-            with contextlib.suppress(OSError):
-                self._guard.stdin.write(b"bye\n")
-                self._guard.stdin.close()
-            self._guard.wait()
+        """Stop, end the threads and let go of the controller."""
+        self.stop("closed", by_operator=True)
+        end_s = time.monotonic() + CLOSE_S
+        while self._state is State.STOPPING and self._owner_lives and time.monotonic() < end_s:
+            time.sleep(SLICE_S)
+        self._closing = True
+        for thread in (self._owner, self._watcher):
+            if thread is not None and thread is not threading.current_thread():
+                thread.join(CLOSE_S)
+        resting = self._state is not State.STOPPING
+        self._answer_nobody()
+        self.controller.close()
+        if self._guard is not None:
+            self._guard.close(resting=resting)
             self._guard = None
+        self._change(Cause.CLOSED)
 
-    def _asked(self, work: Callable[[], Triple]) -> Future[Triple]:
-        answer: Future[Triple] = Future()
-        self._wishes.put((work, answer))
-        if not self._thread.is_alive():
-            self._answer_nobody()
-        return answer
+    # What follows is of the states.
+
+    def _change(self, cause: Cause) -> bool:
+        with self._lock:
+            following = TRANSITIONS.get((self._state, cause))
+            if following is None:
+                return False
+            self._state = following
+        return True
+
+    def _interrupt(self, problem: ControllerFault, *, by_operator: bool = False) -> None:
+        """Something ends the consent, or befalls a machine at rest."""
+        with self._lock:
+            if self._change(Cause.STOP):
+                self.controller.halt.set()
+                self._problem, self._by_operator = problem, by_operator
+                self._cause_s = time.monotonic()
+                self._vouched = False
+            elif problem.kind in INTERFERENCE:
+                if not self._change(Cause.CHANGED):
+                    return
+            elif not self._change(Cause.FAILED):
+                return
+            self.why = problem.thing if problem.kind is MotionFault.STOPPED else str(problem)
+            self.homing_confirmed &= problem.kind in INTERFERENCE  # a fault may have lost it
+            self._broken = self._broken or problem.kind in BROKEN
+            self._calm_s = time.monotonic()
+        self.listener()
+
+    def _rests(self, place_mm: Triple | None) -> None:
+        """It was seen to rest after a stop, or the operator vouches for it."""
+        with self._lock:
+            problem = self._problem
+            if place_mm is None:
+                cause, self._broken = Cause.VOUCHED, True
+            elif self._by_operator:
+                cause = Cause.RESTS
+            elif problem is not None and problem.kind not in INTERFERENCE:
+                cause = Cause.RESTS_FAULT
+            else:
+                cause = Cause.RESTS_HELD
+            self._rest_mm = place_mm or self._rest_mm
+            self.controller.halt.clear()
+            self._change(cause)
+            self._calm_s = time.monotonic()
+        self.listener()
+
+    # What follows runs in the thread that owns the controller.
+
+    def _lives(self) -> None:
+        self._owner_s = time.monotonic()
 
     def _own(self) -> None:
-        while True:
-            try:
-                wish = self._wishes.get(timeout=IDLE_S)
-            except queue.Empty:
-                self._look()
+        look_s = time.monotonic()
+        while not self._closing or self._state is State.STOPPING:
+            self._lives()
+            if self._state is State.STOPPING:
+                self._bring_to_rest()
+                if self._closing:
+                    break
                 continue
-            if wish is None:
-                break
-            self.fault = None
-            work, answer = wish
-            try:
-                there = work()
-            except ControllerFault as problem:
-                self._note(problem)
-                answer.set_exception(problem)
-            else:
-                answer.set_result(there)
+            with contextlib.suppress(queue.Empty):
+                self._do(self._jobs.get(timeout=SLICE_S))
+            if time.monotonic() - look_s > REST_LOOK_S:
+                look_s = time.monotonic()
+                self._guarded(self._look_at_rest)
         self._answer_nobody()
 
-    def _went(self, stops: int, places_mm: Sequence[Triple], feed_mm_min: float) -> Triple:
-        """At the last place; a stop since ``stops`` of them were told ends it before it moves."""
-        with self._lock:
-            if stops != self._stops:
-                raise self.controller.fault(MotionFault.STOPPED, "before it moved")
-            self.controller.halt.clear()
-        if self._broken:
-            self.controller.close()
-            self.controller.connect()
-            self._broken = False
-        self.controller.ready()
+    def _do(self, job: Job) -> None:
+        self._job = job
+        try:
+            job.answer.set_result(job.work())
+        except ControllerFault as problem:
+            self._ended(problem, job)
+        except Exception as problem:  # whatever it is: the machine is stopped, and it is said
+            self._ended(_of_program(problem), job)
+
+    def _ended(self, problem: ControllerFault, job: Job) -> None:
+        """A stop is waited for before the answer: who hears of a fault may rely on it."""
+        if problem.kind is not MotionFault.STOPPED:
+            self._interrupt(problem)
+        while self._state is State.STOPPING and not self._closing:
+            self._bring_to_rest()
+        with contextlib.suppress(Exception):
+            job.answer.set_exception(problem)
+
+    def _guarded(self, work: Callable[[], object]) -> None:
+        try:
+            work()
+        except ControllerFault as problem:
+            if problem.kind is not MotionFault.STOPPED:
+                self._interrupt(problem)
+        except Exception as problem:  # as above
+            self._interrupt(_of_program(problem))
+
+    def _bring_to_rest(self) -> None:
+        """Stop it; until that is seen the operator is told after `STOP_S`, and it is tried on."""
+        try:
+            place_mm = self.controller.stop(self._gives_up)
+        except ControllerFault:
+            if self._vouched:
+                self._rests(None)
+        except Exception as problem:  # as above
+            self.why = str(_of_program(problem))
+        else:
+            self._rests(place_mm)
+
+    def _gives_up(self, why: str) -> bool:
+        """Whether nobody waits to see it rest any more; why it is not seen is said meanwhile."""
+        self._lives()
+        if self.not_stopped:
+            self.why = f"{NOT_STOPPED} {self._problem} ({why})"
+        return self._vouched or self._closing
+
+    def _went(self, consent: int, places_mm: tuple[Triple, ...], feed_mm_min: float) -> Triple:
+        """At the last place of a way."""
+        limits = self.controller.limits
         for place_mm in places_mm:
-            there = self.controller.move_to(place_mm, feed_mm_min)
-        return there
+            limits.check(place_mm, feed_mm_min)
+        before = self._checked_before()
+        self._begun(consent)
+        there_mm = before.place_mm
+        for place_mm in places_mm:
+            there_mm = self._moved(there_mm, place_mm, feed_mm_min)
+        self._arrived(there_mm)
+        return there_mm
 
-    def _look(self) -> None:
-        """At a machine that rests; what is wrong is told once."""
-        if self.fault is None:
-            try:
-                self.controller.moves()
-            except ControllerFault as problem:
-                self._note(problem)
-                self.listener()
+    def _checked_before(self) -> Snapshot:
+        """All that is supervised, as it was when the operator consented."""
+        before = self.controller.survey()
+        self._compare(before)
+        return before
 
-    def _note(self, problem: ControllerFault) -> None:
-        self.fault = problem
-        self._broken = self._broken or problem.kind in BROKEN
+    def _begun(self, consent: int) -> None:
+        """Raises where this consent is not the present one, or nobody guards."""
+        guard = self._guard
+        end_s = time.monotonic() + self._patience.silence_s
+        while guard is not None and not guard.watches and time.monotonic() < end_s:
+            self._lives()
+            time.sleep(SLICE_S / 4)  # its first beat is under way
+        with self._lock:
+            if consent != self._consent or self._state is not State.CONSENTED:
+                raise self.controller.fault(MotionFault.STOPPED, "before it moved")
+            if guard is None or not guard.watches:
+                raise _guard_gone()
+            self._face_s = self._owner_s = time.monotonic()
+            self._change(Cause.MOVE)
+        self.listener()
+
+    def _arrived(self, there_mm: Triple) -> None:
+        with self._lock:
+            if not self._change(Cause.ARRIVED):
+                raise self.controller.fault(MotionFault.STOPPED, "as it arrived")
+            self._rest_mm = there_mm
+            self._calm_s = time.monotonic()
+
+    def _moved(self, from_mm: Triple, to_mm: Triple, feed_mm_min: float) -> Triple:
+        """One straight move: begun, watched, settled, and read back where it was to be."""
+        controller = self.controller
+        controller.limits.check_way(from_mm, to_mm)
+        if controller.halt.is_set():
+            raise controller.fault(MotionFault.STOPPED, "before it moved")
+        self._states |= controller.own_states
+        controller.begin(to_mm, feed_mm_min)
+        way_s = math.dist(from_mm, to_mm) / feed_mm_min * 60.0
+        self._wait_there(from_mm, to_mm, SLOWER * way_s + SLACK_S)
+        there = controller.settle()
+        self._compare_states(there)
+        if there.moving or not controller.is_at(there.place_mm, to_mm):
+            raise self._elsewhere(there.place_mm, to_mm)
+        return there.place_mm
+
+    def _wait_there(self, from_mm: Triple, to_mm: Triple, patience_s: float) -> None:
+        """Until it no longer moves and is there, or will not be."""
+        controller = self.controller
+        began_s = way_s = time.monotonic()
+        idle_s: float | None = None
+        last_mm = from_mm
+        while True:
+            if controller.halt.wait(controller.moving_look_s):
+                why = f"on the way to {place_words(to_mm)}"
+                raise controller.fault(MotionFault.STOPPED, why)
+            self._lives()
+            now_s = time.monotonic()
+            snapshot = controller.look()
+            self._compare_states(snapshot)
+            self._check_way(snapshot.place_mm, from_mm, to_mm)
+            if math.dist(snapshot.place_mm, last_mm) > STILL_MM:
+                last_mm, way_s = snapshot.place_mm, now_s
+            if snapshot.moving:
+                idle_s = None
+            else:
+                idle_s = idle_s or now_s
+                there = controller.is_at(snapshot.place_mm, to_mm)
+                if there or now_s - idle_s > GRACE_S:
+                    return
+            if now_s - max(way_s, began_s) > STALL_S or now_s - began_s > patience_s:
+                waited_s = now_s - began_s
+                value = f"no further than {place_words(last_mm)} after {waited_s:.1f} s"
+                next_step = "Look for a feed hold, or an override of 0."
+                raise controller.fault(MotionFault.LATE, value, place_words(to_mm), next_step)
+
+    def _check_way(self, place_mm: Triple, from_mm: Triple, to_mm: Triple) -> None:
+        """Raises for a place beside the straight way."""
+        if not _beside(place_mm, from_mm, to_mm) <= STRAY_MM:
+            way = f"within {STRAY_MM:g} mm of the way to {place_words(to_mm)}"
+            raise self.controller.fault(MotionFault.ELSEWHERE, place_words(place_mm), way)
+
+    def _homed(self, consent: int) -> Triple:
+        self._begun(consent)
+        self.controller.home()
+        self.controller.ready()
+        self.homing_confirmed = True
+        there = self.controller.survey()
+        self._baseline(there)
+        self._arrived(there.place_mm)
+        return there.place_mm
+
+    def _is_at(self, place_mm: Triple) -> Triple:
+        """The position, where it is still this one; raises for what is not as it was."""
+        if self._state not in LOOKED_AT:
+            raise self.controller.fault(MotionFault.STOPPED, self.why or f"{self._state}")
+        snapshot = self.controller.look()
+        self._compare(snapshot)
+        if not self.controller.is_at(snapshot.place_mm, place_mm):
+            raise self._elsewhere(snapshot.place_mm, place_mm)
+        return snapshot.place_mm
+
+    def _look_at_rest(self) -> None:
+        if self._state in LOOKED_AT:
+            self._compare(self.controller.look())
+        elif self._state is State.HELD:
+            self.controller.look()  # a fault only: what was changed is said already
+
+    def _ready_again(self) -> Triple:
+        """After the operator's answer: a new connection where that is needed, and all is right."""
+        if self._state not in (State.HELD, State.FAULT):
+            raise self.controller.fault(MotionFault.STOPPED, f"{self._state}", "held, or a fault")
+        if self._broken:
+            self.controller.renew()
+            self._broken = False
+        if self._guard is None or not self._guard.runs:
+            self._renew_guard()
+        self.controller.ready()
+        there = self.controller.survey()
+        if there.moving:
+            raise self.controller.fault(MotionFault.ELSEWHERE, "a move that is not of this session")
+        self._baseline(there)
+        with self._lock:
+            self._change(Cause.ANSWERED)
+            self._calm_s = time.monotonic()
+            self.why = ""
+        self.listener()
+        return there.place_mm
+
+    def _renew_guard(self) -> None:
+        before, self._guard = self._guard, None
+        if before is not None:
+            before.close()
+        guard = Guard(self.controller, self._patience.silence_s)
+        guard.wait()
+        self._guard = guard
+
+    def _baseline(self, snapshot: Snapshot) -> None:
+        self._states, self._rest_mm = dict(snapshot.states), snapshot.place_mm
+
+    def _compare(self, snapshot: Snapshot) -> None:
+        """Raises for anything at rest that is not as it was."""
+        self._compare_states(snapshot)
+        if snapshot.moving:
+            value = "a move that is not of this session"
+            raise self.controller.fault(MotionFault.CHANGED, value)
+        if self._rest_mm is not None and not self.controller.is_at(
+            snapshot.place_mm, self._rest_mm
+        ):
+            raise self._elsewhere(snapshot.place_mm, self._rest_mm)
+
+    def _compare_states(self, snapshot: Snapshot) -> None:
+        if changes := snapshot.changes(self._states):
+            raise self.controller.fault(MotionFault.CHANGED, ", ".join(changes))
+        self._states |= {k: v for k, v in snapshot.states.items() if k not in self._states}
+
+    def _elsewhere(self, place_mm: Triple, wanted_mm: Triple) -> ControllerFault:
+        value = f"{place_words(place_mm)} in place of {place_words(wanted_mm)}"
+        allowed = f"within {self.controller.limits.reached_mm:g} mm of it"
+        return self.controller.fault(MotionFault.ELSEWHERE, value, allowed)
+
+    # What follows runs in the thread that looks after the others.
+
+    def _watch(self) -> None:
+        """Beats for the guard while all live; a stop where one does not."""
+        last_s, sent, silent = time.monotonic(), REST, False
+        while not self._closing:
+            time.sleep(BEAT_S)
+            now_s = time.monotonic()
+            gap_s, last_s = now_s - last_s, now_s
+            if self._state in MAY_MOVE:
+                silent = self._look_after(gap_s, now_s)
+                word = HOMING if getattr(self.controller, "homing", False) else BEAT
+                if not silent:
+                    self._send(word)
+                    sent = word
+                if self.not_stopped:
+                    self.listener()
+            elif sent != REST:
+                self._send(sent := REST)
+            if not self._owner_lives and not self._closing:
+                self._revive()
+
+    def _look_after(self, gap_s: float, now_s: float) -> bool:
+        """Stops what nobody watches. Returns whether the guard must not hear a beat."""
+        silence_s = self._patience.silence_s
+        if gap_s > silence_s:
+            self.stop(f"the program did not run for {gap_s:.1f} s")
+        elif self._state is State.MOVING and now_s - self._face_s > silence_s:
+            self.stop(f"the screen did not run for {now_s - self._face_s:.1f} s")
+        elif self._state is State.MOVING and self._guard and not self._guard.watches:
+            self._interrupt(_guard_gone())
+        hung = now_s - self._owner_s > silence_s or not self._owner_lives
+        if hung:
+            self._interrupt(_of_program(f"no sign of it for {now_s - self._owner_s:.1f} s"))
+        return hung
+
+    @property
+    def _owner_lives(self) -> bool:
+        return self._owner is not None and self._owner.is_alive()
+
+    def _revive(self) -> None:
+        """The thread is dead: another one takes over, and stops the machine."""
+        problem = _of_program("its thread ended")
+        self._interrupt(problem)
+        if self._job is not None and not self._job.answer.done():
+            self._job.answer.set_exception(problem)
+        self._broken = not self.controller.handles()
+        self._start_owner()
+
+    def _send(self, word: bytes) -> None:
+        if self._guard is not None:
+            self._guard.send(word)
+
+    def _asked(self, work: Callable[[], Triple]) -> Future[Triple]:
+        job = Job(work)
+        self._jobs.put(job)
+        if self._closing or not self._owner_lives:
+            self._answer_nobody()
+        return job.answer
 
     def _answer_nobody(self) -> None:
         """Whoever still waits gets a fault."""
-        while True:
-            try:
-                waiting = self._wishes.get_nowait()
-            except queue.Empty:
-                return
-            if waiting is not None:
-                gone = self.controller.fault(MotionFault.LOST, "closed")
-                waiting[1].set_exception(gone)
+        with contextlib.suppress(queue.Empty):
+            while True:
+                job = self._jobs.get_nowait()
+                job.answer.set_exception(self.controller.fault(MotionFault.LOST, "closed"))
+
+
+def _guard_gone() -> ControllerFault:
+    value, allowed = "no sign of life", "a guard that answers: without it nothing moves"
+    return ControllerFault(MotionFault.PROGRAM, "guard beside the program", value, allowed)
+
+
+def _of_program(problem: object) -> ControllerFault:
+    return ControllerFault(MotionFault.PROGRAM, "thread of the controller", f"{problem!r}")
+
+
+def _beside(place_mm: Triple, from_mm: Triple, to_mm: Triple) -> float:
+    """Distance of a place from the straight line between two others, mm."""
+    way = [b - a for a, b in zip(from_mm, to_mm, strict=True)]
+    gone = [b - a for a, b in zip(from_mm, place_mm, strict=True)]
+    length2 = sum(part * part for part in way)
+    share = sum(a * b for a, b in zip(way, gone, strict=True)) / length2 if length2 else 0.0
+    share = min(1.0, max(0.0, share))
+    return math.dist(gone, [share * part for part in way])

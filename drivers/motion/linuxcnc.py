@@ -3,10 +3,10 @@
 What it does that is unexpected, each tried with LinuxCNC 2.9: a dropped connection lets a move go
 on; whoever enables last has control and the others are told NAK without a reason; a refused line
 is acknowledged and only ``get error`` tells, one message a call; ``joint_homed`` lists six joints
-whatever there are; a program that waits for ``done`` hears no abort; how commands wait is one
-setting for all clients; clients that ask at the same time disturb each other (it parses with
-``strtok`` in threads): answers are cut or lost, and a line may be, so that only the position that
-is read back tells where it went.
+whatever there are; a program that waits for ``done`` hears no abort, and may be told it is done
+while it moves; how commands wait is one setting for all clients, and an answer to one takes 0.1 s;
+clients that ask at the same time disturb each other (it parses with ``strtok`` in threads): answers
+are cut or lost, and a line may be, so that only the position that is read back tells where it went.
 """
 
 from __future__ import annotations
@@ -14,28 +14,61 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
+from collections.abc import Mapping
 from typing import ClassVar
 
 from drivers.motion.controller import (
-    LOOK_S,
+    CONNECT_S,
+    SLICE_S,
     Controller,
     ControllerFault,
+    Deadline,
     Limits,
     MotionFault,
+    Snapshot,
     Triple,
 )
 
 PORT = 5007
-CONNECT_S = 2.0
 ACCEPT_S = 3.0
 """For what the controller has to accept; it looks ten times a second."""
 
+REJOIN_S = 0.2
+"""For a new connection to a controller that must be stopped now."""
+
 MOST_ERRORS = 20
 JOINTS = 3
+IDENTITY = "1"
+"""The kinematics in which X, Y and Z are the joints themselves."""
+
+MM_PER_INCH = 25.4
 PASSWORDS = "GLIDECAL_LINUXCNC_PASSWORDS"
 """Environment variable: the password to connect with, a blank, and the one to enable with."""
 
 USUAL = "EMC EMCTOO"
+
+MODES = ("G21", "G90", "G94", "G61")
+"""mm, absolute, mm/min, exact way. In a line of their own, before the move: in one line F is taken
+before G21, and where G20 was active the machine goes 25.4 times as fast. Under G61 it stops with
+its whole acceleration, under the usual G64 with half of it."""
+
+READY = (
+    ("estop", ("OFF",), "release the emergency stop"),
+    ("machine", ("ON",), "switch the machine on"),
+    ("joint_homed", ("YES",), "home it"),
+    ("joint_fault", ("OK",), "look at the controller"),
+    ("joint_limit", ("OK",), "jog it off its limit"),
+    ("user_linear_units", ("MM", "INCH"), "choose mm or inch"),
+    ("joint_type", ("LINEAR",), "glidecal moves three linear joints"),
+    ("program_status", ("IDLE",), "wait for the end of its program"),
+)
+"""What must be right before a move, and what the operator does where it is not."""
+
+SUPERVISED = ("mode", "joint_homed", "joint_fault", "joint_limit", "feed_override")
+"""What another client or the panel may change while nobody looks."""
+
+LOOK = ("error", "enable", "estop", "machine", *SUPERVISED)
+PLACES = ("program_status", "abs_act_pos", "rel_act_pos")
 
 
 class LinuxCnc(Controller):
@@ -43,190 +76,288 @@ class LinuxCnc(Controller):
 
     name: ClassVar[str] = "linuxcnc"
     form: ClassVar[str] = "HOST:PORT"
+    moving_look_s: ClassVar[float] = 0.02
 
     def __init__(self, address: str, limits: Limits) -> None:
         super().__init__(address, limits)
         self._socket: socket.socket | None = None
+        self._before: list[socket.socket] = []
+        self._unit_mm = 1.0
+        self._aborted = self._last_try = False
+        self._program = ""
 
     def connect(self) -> None:
         """Open the connection; nothing is asked of the machine."""
         self._join()
         self._set("set_wait received", ACCEPT_S)
+        units = self._get("user_linear_units")
+        self._unit_mm = MM_PER_INCH if units == "INCH" else 1.0
 
     def _join(self) -> None:
         """Open a connection that has control."""
-        host, _, port = self.address.rpartition(":")
-        if not host:
-            host, port = self.address, str(PORT)
-        if not (port.isascii() and port.isdecimal() and 0 < int(port) < 65536):
-            raise self.fault(MotionFault.UNREACHABLE, f"port {port!r}", "1 … 65535")
-        try:
-            self._socket = socket.create_connection((host, int(port)), timeout=CONNECT_S)
-        except OSError as problem:
-            said = problem.strerror or str(problem) or "no answer"
-            next_step = "Is linuxcncrsh running there, and does this port belong to it?"
-            raise self.fault(MotionFault.UNREACHABLE, said, next_step=next_step) from problem
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._open(CONNECT_S)
+        deadline = Deadline(CONNECT_S)
         connect, _, enable = os.environ.get(PASSWORDS, USUAL).partition(" ")
         try:
-            if not self._asked(f"hello {connect} glidecal 1", CONNECT_S).startswith("HELLO ACK"):
+            self._send(f"hello {connect} glidecal 1")
+            answer = self._line(deadline)
+            if answer.startswith("HELLO NAK"):
                 raise self._refused("the password to connect")
+            if not answer.startswith("HELLO ACK"):
+                raise self._stranger(answer)
             # without verbose what is accepted has no answer
-            told = self._asked("set echo off\nset verbose on", CONNECT_S)
-            while told != "SET VERBOSE ACK":
-                told = self._line(CONNECT_S)  # what is echoed until then
-            if self._asked(f"set enable {enable}", CONNECT_S) != "SET ENABLE ACK":
+            self._send("set echo off\nset verbose on")
+            while self._line(deadline) != "SET VERBOSE ACK":  # what is echoed until then
+                if deadline.over:
+                    raise self._stranger("lines without end")
+            self._send(f"set enable {enable}")
+            if self._line(deadline) != "SET ENABLE ACK":
                 raise self._refused("the password to enable")
         except ControllerFault:
             self.close()
             raise
 
-    def _refused(self, what: str) -> ControllerFault:
+    def _open(self, within_s: float) -> None:
+        host, _, port = self.address.rpartition(":")
+        if not host or host.endswith(":") or (host.startswith("[") != host.endswith("]")):
+            host, port = self.address, str(PORT)
+        host = host.removeprefix("[").removesuffix("]")  # [::1]:5007, as in a URL
+        if not (port.isascii() and port.isdecimal() and 0 < int(port) < 65536):
+            raise self.fault(MotionFault.UNREACHABLE, f"port {port!r}", "1 … 65535")
+        self._socket = None
+        try:
+            self._socket = socket.create_connection((host, int(port)), timeout=within_s)
+        except (OSError, ValueError) as problem:  # ValueError: a name that is none
+            why = getattr(problem, "strerror", None) or str(problem) or "no answer"
+            if isinstance(problem, ValueError):
+                why = f"{host[:60]!r}, no name of a computer"
+            next_step = "Is linuxcncrsh running there, and does this port belong to it?"
+            raise self.fault(MotionFault.UNREACHABLE, why, next_step=next_step) from problem
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._received = b""
+
+    def _refused(self, password: str) -> ControllerFault:
         next_step = f"Set {PASSWORDS} to both, as 'CONNECT ENABLE'."
-        return self.fault(MotionFault.REFUSED, f"{what} is another one", next_step=next_step)
+        value = f"{password} is another one"
+        return self.fault(MotionFault.REFUSED, value, next_step=next_step)
+
+    def _stranger(self, answer: str) -> ControllerFault:
+        wanted = "what linuxcncrsh answers"
+        value = repr(answer[:60])
+        return self.fault(MotionFault.STRANGER, value, wanted, "Is it another program?")
 
     def ready(self) -> tuple[str, ...]:
         """What is right, in the controller's own words."""
-        said = []
-        for what, wanted, otherwise in (
-            ("estop", "OFF", "release the emergency stop"),
-            ("machine", "ON", "switch the machine on"),
-            ("joint_homed", "YES", "home it"),
-            ("joint_fault", "OK", "look at the controller"),
-            ("joint_limit", "OK", "jog it off its limit"),
-            ("user_linear_units", "MM", "glidecal moves machines in mm only"),
-            ("joint_type", "LINEAR", "glidecal moves three linear joints"),
-            ("program_status", "IDLE", "wait for the end of its program"),
-        ):
-            found = self._get(what).split()[:JOINTS]  # of six joints, whatever there are
-            if not found or set(found) != {wanted}:
+        facts = []
+        answers = [self._get(name) for name, _, _ in READY]
+        for (name, allowed, otherwise), answer in zip(READY, answers, strict=True):
+            words = answer.split()[:JOINTS]  # of six joints, whatever there are
+            if not words or len(set(words)) != 1 or words[0] not in allowed:
                 next_step = f"At the controller: {otherwise}."
-                shown = f"{what} {' '.join(found)}"
-                raise self.fault(MotionFault.NOT_READY, shown, f"{what} {wanted}", next_step)
-            said.append(f"{what} {' '.join(found)}")
+                value = f"{name} {' '.join(words)}"
+                wanted = f"{name} {' or '.join(allowed)}"
+                raise self.fault(MotionFault.NOT_READY, value, wanted, next_step)
+            facts.append(f"{name} {' '.join(words)}")
         self._errors()  # of before
-        self._in_control()
-        return tuple(said)
+        self._in_control(self._get("enable"))
+        return (*facts, self._check_joints())
 
-    def _in_control(self) -> None:
-        if (found := self._get("enable")) != "ON":
+    def _check_joints(self) -> str:
+        """Raises where this is no machine of three joints, or takes other coordinates."""
+        homed = self._get("joint_homed").split()
+        if "YES" in homed[JOINTS:]:
+            value = f"joint_homed {' '.join(homed)}, more than three joints"
+            raise self.fault(MotionFault.STRANGER, value, "three joints, one for each carriage")
+        kinematics = self._get("kinematics_type")
+        identity = self.limits.coordinates == "joint"
+        if (kinematics == IDENTITY) != identity:
+            takes = "joint" if kinematics == IDENTITY else "tool"
+            value = f"kinematics_type {kinematics}: it takes {takes} coordinates"
+            wanted = f'mdi = "{self.limits.coordinates}", as the machine file says'
+            raise self.fault(MotionFault.STRANGER, value, wanted, "Correct one of the two.")
+        return f"kinematics_type {kinematics}"
+
+    def _in_control(self, enable: str) -> None:
+        if enable != "ON":
             next_step = "Close the other client; the next move takes control again."
-            shown = f"enable {found}"
-            raise self.fault(MotionFault.CONTROL_LOST, shown, "one client at a time", next_step)
+            value = f"enable {enable}"
+            raise self.fault(MotionFault.CONTROL_LOST, value, "one client at a time", next_step)
 
-    def position(self) -> Triple:
-        """Where the machine is read back, mm."""
-        found = self._get("abs_act_pos").split()
-        try:
-            x, y, z = (float(word) for word in found[:3])
-        except ValueError:
-            raise self._not_understood(" ".join(found)) from None
+    def look(self) -> Snapshot:
+        """One look at errors, control, switches, all that is supervised, and the place."""
+        answers = {name: self._get(name) for name in (*LOOK, *PLACES)}
+        if answers["error"] != "OK":
+            messages = [answers["error"], *self._errors()]
+            raise self.fault(MotionFault.CONTROLLER, "; ".join(messages))
+        self._in_control(answers["enable"])
+        for name, wanted in (("estop", "OFF"), ("machine", "ON")):
+            if answers[name] != wanted:
+                if messages := self._errors():  # switched off since the first look: it says why
+                    raise self.fault(MotionFault.CONTROLLER, "; ".join(messages))
+                value = f"{name} {answers[name]}"
+                raise self.fault(MotionFault.NOT_READY, value, f"{name} {wanted}")
+        states = {name: _short(answers[name]) for name in SUPERVISED}
+        place_mm = self._place(answers["abs_act_pos"])
+        moving = answers["program_status"] != "IDLE"
+        if not moving:  # the two are of one moment only at rest
+            offset = zip(self._place(answers["rel_act_pos"]), place_mm, strict=True)
+            states["offset"] = " ".join(f"{round(a - b, 3) + 0.0:.3f}" for a, b in offset)
+        return Snapshot(place_mm, moving, states)
+
+    def _place(self, answer: str) -> Triple:
+        words = answer.split()
+        if len(words) < JOINTS:
+            raise self._not_understood(answer)
+        x, y, z = (self.finite(word) * self._unit_mm for word in words[:JOINTS])
         return x, y, z
 
-    def moves(self) -> bool:
-        """One look at errors, control, switches and the interpreter."""
-        if told := self._errors():
-            raise self.fault(MotionFault.CONTROLLER, "; ".join(told))
-        self._in_control()
-        if (found := self._get("estop")) != "OFF":
-            raise self.fault(MotionFault.NOT_READY, f"estop {found}", "estop OFF")
-        if (found := self._get("machine")) != "ON":
-            if told := self._errors():  # switched off since the first look: it says why
-                raise self.fault(MotionFault.CONTROLLER, "; ".join(told))
-            raise self.fault(MotionFault.NOT_READY, f"machine {found}", "machine ON")
-        return self._get("program_status") != "IDLE"
+    def begin(self, to_mm: Triple, feed_mm_min: float) -> None:
+        """Send a move that knows no offset of a workpiece and no unit but mm.
 
-    def _begin(self, to_mm: Triple, feed_mm_min: float) -> None:
+        Nothing waits for it on this connection: what waits for "done" hears no abort.
+        """
         if self._get("mode") != "MDI":
             self._set("mode mdi", ACCEPT_S)
-        # G1, for G0 knows no feed; G53, whatever offset of a workpiece is active; mm, absolute
+        # G1, for G0 knows no feed; G53, whatever offset of a workpiece is active
         words = " ".join(f"{name}{mm:.6f}" for name, mm in zip("XYZ", to_mm, strict=True))
-        self._set(f"mdi G21 G90 G94 G53 G1 F{feed_mm_min:.3f} {words}", ACCEPT_S)
+        if not set(MODES) <= set(self._get("program_codes").split()):
+            self._set(f"mdi {' '.join(MODES)}", ACCEPT_S)
+        self._set(f"mdi G53 G1 F{feed_mm_min:.3f} {words}", ACCEPT_S)
 
-    def _barrier(self) -> None:
-        """Asked twice where it is refused for no reason that shows.
+    @property
+    def own_states(self) -> Mapping[str, str]:
+        """A move is told in MDI."""
+        return {"mode": "MDI"}
 
-        In emcrsh.cc `setWait` says NAK where the last command ended in an error, of which `moves`
-        knows, and where another client that asked at that moment took the word ``done`` away:
-        then nothing was waited for. It changes nothing, so it may be asked once more.
+    def _send_stop(self, attempt: int) -> None:
+        """Abort; then also over a new connection: this one is gone, has no control, or is deaf.
+
+        The old one stays open meanwhile: what is on its way there must not be lost with it.
         """
-        if not self._accepts("wait done", ACCEPT_S):
-            self.moves()
-            self._set("wait done", ACCEPT_S)
-
-    def stop(self) -> None:
-        """Abort; over a new connection where this one is gone or has no control."""
+        if attempt == 0 and self._socket is not None:
+            self._aborted = self._last_try = False
+            with contextlib.suppress(ControllerFault):  # gone
+                self._send("set abort")
+                return
+        if self._last_try and self._socket is not None:
+            self._send("set abort")
+            return
         if self._socket is not None:
-            with contextlib.suppress(
-                ControllerFault
-            ):  # gone; where it says NAK another has control
-                if self._accepts("abort", self.answer_s):
-                    return
-        self.close()
-        self._join()
-        try:
-            self._asked("set abort", self.answer_s)
-        finally:
-            self.close()
+            self._before.append(self._socket)
+        self._aborted, self._last_try = False, True
+        self._open(REJOIN_S)
+        connect, _, enable = os.environ.get(PASSWORDS, USUAL).partition(" ")
+        # "get machine": it refuses an abort while it believes from before that the machine is off
+        self._send(
+            f"hello {connect} glidecal 1\nset echo off\nset verbose on\n"
+            f"set enable {enable}\nget machine\nset abort"
+        )
+
+    def _send_position(self) -> None:
+        self._send("get program_status\nget abs_act_pos")
+
+    def _position_of(self, line: str) -> tuple[Triple, bool] | None:
+        """Answers come in the order of questions: what comes before that of the abort is old.
+
+        A refused abort is tried with control of its own; refused again, the machine is off.
+        """
+        name, _, value = line.partition(" ")
+        if name == "SET" and value.startswith("ABORT "):
+            self._aborted = True
+            if value.endswith("NAK") and not self._last_try:
+                raise self.fault(MotionFault.CONTROL_LOST, "NAK to abort")
+        elif name == "PROGRAM_STATUS":
+            self._program = value
+        elif name == "ABS_ACT_POS" and self._aborted:
+            return self._place(value), self._program != "IDLE"
+        return None
 
     def close(self) -> None:
         """Let go of the connection."""
-        connection, self._socket, self._received = self._socket, None, b""
-        if connection is not None:
+        if self._socket is not None:
+            with contextlib.suppress(ControllerFault):
+                # else the next stranger with the same number of a socket has control unasked
+                self._send("set enable off")
+        self._hang_up()
+
+    def _hang_up(self) -> None:
+        connections = [*self._before, *([self._socket] if self._socket else [])]
+        self._socket, self._before, self._received = None, [], b""
+        for connection in connections:
             connection.close()
 
     def _errors(self) -> list[str]:
-        """What the controller complains of, each told once."""
-        found: list[str] = []
-        while len(found) < MOST_ERRORS and (told := self._get("error")) != "OK":
-            found.append(told)
-        return found
+        """What the controller complains of, each message once."""
+        messages: list[str] = []
+        while len(messages) < MOST_ERRORS and (message := self._get("error")) != "OK":
+            messages.append(message)
+        return messages
 
-    def _get(self, what: str) -> str:
-        answer = self._asked(f"get {what}", self.answer_s)
-        name, _, value = answer.partition(" ")
-        if name != what.upper():
+    def _get(self, name: str) -> str:
+        """The answer to one question.
+
+        One by one: ten take 0.14 ms. All at once they take 44 ms, for the server waits for an
+        acknowledgement (Nagle), and a stop would wait behind them.
+        """
+        deadline = Deadline(self.answer_s)
+        self._send(f"get {name}")
+        answer = self._line(deadline)
+        label, _, value = answer.partition(" ")
+        if label != name.upper():
             raise self._not_understood(answer)
         return value.strip()
 
-    def _set(self, what: str, patience_s: float) -> None:
+    def _set(self, words: str, wait_s: float) -> None:
         """Raises for a NAK what is wrong, where that can be seen: it gives no reason itself."""
-        if not self._accepts(what, patience_s):
-            self.moves()
-            answer = f"NAK to {what.split()[0]}"
+        if not self._accepts(words, wait_s):
+            self.look()
+            answer = f"NAK to {words.split()[0]}"
             raise self.fault(MotionFault.CONTROLLER, answer, "", "Look at the controller.")
 
-    def _accepts(self, what: str, patience_s: float) -> bool:
-        name, answer = what.split()[0].upper(), self._asked(f"set {what}", patience_s)
+    def _accepts(self, words: str, wait_s: float) -> bool:
+        deadline = Deadline(wait_s)
+        self._send(f"set {words}")
+        name, answer = words.split()[0].upper(), self._line(deadline)
         if answer not in (f"SET {name} ACK", f"SET {name} NAK"):
             raise self._not_understood(answer)
         return answer.endswith("ACK")
 
-    def _asked(self, words: str, patience_s: float) -> str:
-        """The next line after these words; none has a number, so a missing one spoils the rest."""
-        if self._socket is None:
-            raise self.fault(MotionFault.LOST)
-        self._socket.settimeout(patience_s)
+    def _send(self, words: str) -> None:
         try:
-            self._socket.sendall(words.encode() + b"\n")
+            self._connection.sendall(words.encode() + b"\n")
         except OSError as problem:
-            raise self.fault(MotionFault.LOST, problem.strerror or str(problem)) from problem
-        return self._line(patience_s)
+            raise self._gone(problem.strerror or str(problem)) from problem
 
     def _receive(self) -> bytes:
-        if self._socket is None:
-            raise self.fault(MotionFault.LOST)
-        self._socket.settimeout(LOOK_S)
         try:
-            came = self._socket.recv(4096)
+            received = self._connection.recv(4096)
         except TimeoutError:
             return b""
         except OSError as problem:
-            raise self.fault(MotionFault.LOST, problem.strerror or str(problem)) from problem
-        if not came:
-            raise self.fault(MotionFault.LOST, "it hung up")
-        return came
+            raise self._gone(problem.strerror or str(problem)) from problem
+        if not received:
+            raise self._gone("it hung up")
+        return received
+
+    @property
+    def _connection(self) -> socket.socket:
+        if self._socket is None:
+            raise self.fault(MotionFault.LOST, "no connection")
+        self._socket.settimeout(SLICE_S)
+        return self._socket
+
+    def _gone(self, why: str) -> ControllerFault:
+        if self._socket is not None:
+            self._before.append(self._socket)
+            self._socket = None
+        return self.fault(MotionFault.LOST, why)
 
     def _not_understood(self, answer: str) -> ControllerFault:
         wanted = "what linuxcncrsh answers"
-        return self.fault(MotionFault.LOST, repr(answer[:60]), wanted, "Is it another program?")
+        value = repr(answer[:60])
+        return self.fault(MotionFault.LOST, value, wanted, "Is it another program?")
+
+
+def _short(states: str) -> str:
+    """Of six joints, whatever there are, the three that move."""
+    return " ".join(states.split()[:JOINTS])

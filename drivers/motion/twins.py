@@ -12,7 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from enum import StrEnum
-from typing import Protocol
+from typing import Literal, Protocol
 
 from drivers.motion.controller import Triple
 from drivers.twins import Disconnected, Transport, TwinPort
@@ -37,7 +37,11 @@ class MotionTrouble(StrEnum):
     HANG_UP = "hung up"
     ELSEWHERE = "stops short"
     DIED = "killed, and started again when it is mended"
-    CUT = "words lost to a client that asks at the same time"
+    MODE = "another mode, chosen at the panel"
+    UNHOMED = "a joint unhomed"
+    OVERRIDE = "feed override turned"
+    OFFSET = "G92 of another client"
+    FEED_HOLD = "feed hold, which it does not tell"
 
 
 class SimulatedAxes:
@@ -53,6 +57,7 @@ class SimulatedAxes:
         self._departed_s, self._way_s = time.monotonic(), 0.0
         self._turned: deque[Triple] = deque(maxlen=PASSED)
         self.short_mm = 0.0
+        self.frozen = False
 
     def go(self, to_mm: Triple, feed_mm_min: float) -> None:
         """Depart from where it is."""
@@ -67,7 +72,13 @@ class SimulatedAxes:
         """Stand still where it is."""
         with self._lock:
             self._from = self._to = self._now()
-            self._way_s = 0.0
+            self._way_s, self.frozen = 0.0, False
+
+    def freeze(self) -> None:
+        """Stand still on its way, which it has not given up."""
+        with self._lock:
+            self._from = self._to = self._now()
+            self.frozen = True
 
     @property
     def at_mm(self) -> Triple:
@@ -86,7 +97,7 @@ class SimulatedAxes:
     def moving(self) -> bool:
         """Whether it is on its way."""
         with self._lock:
-            return time.monotonic() - self._departed_s < self._way_s
+            return self.frozen or time.monotonic() - self._departed_s < self._way_s
 
     def _now(self) -> Triple:
         gone_s = time.monotonic() - self._departed_s
@@ -103,6 +114,8 @@ class MotionTwin(Protocol):
     """What names it to `drivers.motion.controller_of`."""
     moves: list[str]
     """Every line that moved it, or was to."""
+    late_s: float
+    """How long it takes to answer."""
 
     def befall(self, trouble: MotionTrouble) -> None:
         """From now on this is so."""
@@ -119,6 +132,8 @@ RIGHT = {
     "machine": "ON",
     "mode": "MANUAL",
     "set_wait": "RECEIVED",
+    "feed_override": "100",
+    "program_codes": "G1 G53 G17 G40 G20 G90 G94 G64",
     "joint_homed": "YES YES YES NO NO NO",
     "joint_fault": "OK OK OK OK OK OK",
     "joint_limit": "OK OK OK OK OK OK",
@@ -133,6 +148,9 @@ WRONG = {
     MotionTrouble.OFF: {"machine": "OFF"},
     MotionTrouble.FOLLOWING: {"machine": "OFF"},
     MotionTrouble.ESTOP: {"machine": "OFF", "estop": "ON"},
+    MotionTrouble.MODE: {"mode": "MANUAL"},
+    MotionTrouble.UNHOMED: {"joint_homed": "YES NO YES NO NO NO"},
+    MotionTrouble.OVERRIDE: {"feed_override": "50"},
 }
 
 
@@ -140,16 +158,22 @@ class LinuxCncTwin:
     """A LinuxCNC of three homed joints that is switched on, behind its text server on loopback.
 
     Answers as those of LinuxCNC 2.9: gets end in \\r\\n, sets in \\n\\r; six joints are listed; who
-    enables last has control; a client that leaves ends no move; waiting is one setting for all.
+    enables last has control; a client that leaves ends no move; waiting is one setting for all; F
+    is taken before G21 of the same line. It takes ``coordinates`` of the tool, or of its joints.
+    An answer comes after ``late_s``; ``aborts`` counts what told it to stop.
     """
 
-    def __init__(self, axes: SimulatedAxes) -> None:
+    def __init__(
+        self, axes: SimulatedAxes, coordinates: Literal["tool", "joint"] = "joint"
+    ) -> None:
         self.axes, self.moves, self.errors = axes, list[str](), deque[str]()
+        self.late_s, self.aborts, self.offset_mm = 0.0, 0, 0.0
         self._connect, self._enable = "EMC", "EMCTOO"
         self._lock = threading.Lock()
         self._control: _Client | None = None
-        self._state = dict(RIGHT)
-        self._silent = self._cut = self._failed = False
+        self._right = {**RIGHT, "kinematics_type": "1" if coordinates == "joint" else "4"}
+        self._state = dict(self._right)
+        self._silent = False
         self._clients: list[socket.socket] = []
         self._dead = False
         self._listen(0)
@@ -179,12 +203,13 @@ class LinuxCncTwin:
                 self._silent = True
             elif trouble is MotionTrouble.ELSEWHERE:
                 self.axes.short_mm = SHORT_MM
-            elif trouble is MotionTrouble.CUT:
-                self._cut = True
+            elif trouble is MotionTrouble.OFFSET:
+                self.offset_mm = -5.0
+            elif trouble is MotionTrouble.FEED_HOLD:
+                self.axes.freeze()
             elif trouble in (MotionTrouble.OFF, MotionTrouble.FOLLOWING, MotionTrouble.ESTOP):
                 self.axes.stop()
                 if trouble is MotionTrouble.FOLLOWING:
-                    self._failed = True
                     self.errors.append("joint 0 following error")
         if trouble is MotionTrouble.HANG_UP:
             self.hang_up()
@@ -195,8 +220,9 @@ class LinuxCncTwin:
     def mend(self) -> None:
         """Switched on and homed again; one that was killed runs again at the same port."""
         with self._lock:
-            self._state, self._silent, self.axes.short_mm = dict(RIGHT), False, 0.0
-            self._failed = False
+            mode = {"mode": self._state["mode"], "program_codes": self._state["program_codes"]}
+            self._state, self._silent, self.axes.short_mm = self._right | mode, False, 0.0
+            self.offset_mm, self.axes.frozen = 0.0, False
         if self._dead:
             self._dead, self._control = False, None
             self._listen(self._server.server_address[1])
@@ -220,6 +246,7 @@ class LinuxCncTwin:
                 *lines, received = received.split(b"\n")
                 for line in lines:
                     answer = self._answer(client, line.decode("latin-1").split())
+                    time.sleep(self.late_s)
                     if answer and not self._silent:
                         connection.sendall(answer.encode("latin-1"))
 
@@ -246,8 +273,11 @@ class LinuxCncTwin:
                 value = "ON" if self._control is client else "OFF"
             elif name == "program_status":
                 value = "RUNNING" if moving else "IDLE"
-            elif name == "abs_act_pos":
-                value = " ".join(f"{mm:.6f}" for mm in (*self.axes.at_mm, 0.0, 0.0, 0.0))
+            elif name in ("abs_act_pos", "rel_act_pos"):
+                x, y, z = self.axes.at_mm
+                x += self.offset_mm if name == "rel_act_pos" else 0.0
+                unit = 25.4 if self._state["user_linear_units"] == "INCH" else 1.0
+                value = " ".join(f"{mm / unit:.6f}" for mm in (x, y, z, 0.0, 0.0, 0.0))
             elif name in self._state:
                 value = self._state[name]
             else:
@@ -261,36 +291,49 @@ class LinuxCncTwin:
         with self._lock:
             if name == "enable" and words[:1] == [self._enable]:
                 self._control = client
+            if name == "enable" and words[:1] == ["off"] and self._control is client:
+                self._control = None
+                return True
             if self._control is not client or name == "enable":
                 return self._control is client and words[:1] == [self._enable]
             if name in ("mode", "set_wait"):
                 self._state[name] = words[0].upper()
             elif name == "abort":
-                self.axes.stop()
+                if self._state["machine"] != "ON":
+                    return False
+                self._abort()
             elif name == "mdi":
                 self._mdi(" ".join(words))
-        if name == "wait":
-            return self._waited(words)
         return name in ("mode", "set_wait", "abort", "mdi")
 
-    def _waited(self, words: list[str]) -> bool:
-        """NAK without a word to wait for, and where the last command ended in an error."""
-        if self._cut:
-            self._cut, words = False, []
-        while words and self.axes.moving:
-            time.sleep(0.01)
-        return words[:1] == ["done"] and not self._failed
+    def _abort(self) -> None:
+        """Stop; the modes of the interpreter are the usual ones again."""
+        self.aborts += 1
+        self.axes.stop()
+        self._modal({"G64"})
+
+    def _modal(self, words: set[str]) -> None:
+        """Words of G-code take the place of those that exclude them."""
+        codes = self._state["program_codes"].split()
+        for group in ({"G20", "G21"}, {"G90", "G91"}, {"G93", "G94"}, {"G61", "G64"}):
+            if new := group & words:
+                codes = [code for code in codes if code not in group] + sorted(new)
+        self._state["program_codes"] = " ".join(codes)
 
     def _mdi(self, line: str) -> None:
         """Acknowledged whatever comes of it."""
-        self.moves.append(line)
         found = {word[0]: float(word[1:]) for word in re.findall(r"[FXYZ][-+.\d]+", line)}
+        unit = 25.4 if "G20" in self._state["program_codes"].split() else 1.0
+        self._modal(set(line.split()))
+        if not found:
+            return
+        self.moves.append(line)
         if self._state["machine"] != "ON" or "NO" in self._state["joint_homed"].split()[:3]:
             self.errors.append("Can't issue MDI command when not homed")
         elif found.get("F", 0.0) <= 0.0:
             self.errors.append("Cannot do g1 with zero feed rate")
         else:
-            self.axes.go((found["X"], found["Y"], found["Z"]), found["F"])
+            self.axes.go((found["X"], found["Y"], found["Z"]), found["F"] * unit)
 
     def close(self) -> None:
         """Stop listening."""
@@ -317,6 +360,16 @@ class _Client:
     verbose = False
 
 
+BOARD_STATES = {
+    MotionTrouble.NOT_HOMED: "Alarm",
+    MotionTrouble.UNHOMED: "Alarm",
+    MotionTrouble.OFF: "Alarm",
+    MotionTrouble.FOLLOWING: "Alarm",
+    MotionTrouble.ESTOP: "Alarm",
+    MotionTrouble.FEED_HOLD: "Hold:0",
+    MotionTrouble.MODE: "Hold:0",
+    MotionTrouble.NAK: "Run",
+}
 REALTIME = re.compile(rb"[?!~\x18\x85]")
 JOG = re.compile(r"\$J=G21G90G53X([-.\d]+)Y([-.\d]+)Z([-.\d]+)F([.\d]+)", re.ASCII)
 
@@ -330,22 +383,28 @@ class GrblTwin:
         self._state = ""
         self._pending: list[str] = []
         self._settings = {"10": "1", "13": "0", "20": "1", "22": "1"}
+        self._settings |= {"130": "1000.000", "131": "1000.000", "132": "1000.000"}
         self._silent = self._gone = False
+        self._override, self.offset_mm, self.late_s = 100, 0.0, 0.0
+        self.aborts = self._reports = 0
         self._port = TwinPort(self, transport)
         self.address = self._port.url
         self.told = f"grbl:{self.address}"
 
     def befall(self, trouble: MotionTrouble) -> None:
         """From now on this is so."""
-        if trouble in (MotionTrouble.NOT_HOMED, MotionTrouble.OFF):
-            self._state = "Alarm"
+        self._state = BOARD_STATES.get(trouble, self._state)
+        if self._state == "Hold:0":
+            self.axes.freeze()
+        elif trouble is MotionTrouble.OVERRIDE:
+            self._override = 50
+        elif trouble is MotionTrouble.OFFSET:
+            self.offset_mm = -5.0
         elif trouble is MotionTrouble.INCH:
             self._settings["13"] = "1"
         elif trouble in (MotionTrouble.FOLLOWING, MotionTrouble.ESTOP):
             self.axes.stop()
-            self._state, self._pending = "Alarm", ["ALARM:3"]
-        elif trouble is MotionTrouble.NAK:
-            self._state = "Run"
+            self._pending = ["ALARM:3"]
         elif trouble is MotionTrouble.SILENCE:
             self._silent = True
         elif trouble is MotionTrouble.ELSEWHERE:
@@ -357,6 +416,7 @@ class GrblTwin:
         """Unlocked and homed again; a cable that is out stays out."""
         self._state, self._silent, self.axes.short_mm = "", False, 0.0
         self._pending, self._settings["13"] = [], "0"
+        self._override, self.offset_mm, self.axes.frozen = 100, 0.0, False
 
     def receive(self, request: bytes) -> bytes:
         """Realtime characters take effect at once, lines when they are whole."""
@@ -367,23 +427,34 @@ class GrblTwin:
         for mark in REALTIME.findall(request):
             if mark == b"?":
                 told += self._report()
-            elif mark in (b"!", b"\x85"):
+            elif mark == b"\x85":
+                self.aborts += 1
                 self.axes.stop()
+            elif mark == b"!" and self._state == "Run":
+                self.axes.freeze()
+                self._state = "Hold:0"
         *lines, self._received = (self._received + REALTIME.sub(b"", request)).split(b"\n")
         for line in lines:
             told += self._answer(line.decode("latin-1").strip())
+        time.sleep(self.late_s)
         return b"" if self._silent else told.encode("latin-1")
 
     def _report(self) -> str:
         state = self._state or ("Jog" if self.axes.moving else "Idle")
-        place = ",".join(f"{mm:.3f}" for mm in self.axes.at_mm)
-        return f"<{state}|MPos:{place}|FS:0,0>\r\n"
+        self._reports += 1
+        part = {1: f"|WCO:{self.offset_mm:.3f},0.000,0.000", 2: f"|Ov:{self._override},100,100"}
+        unit = 25.4 if self._settings["13"] == "1" else 1.0
+        place = ",".join(f"{mm / unit:.3f}" for mm in self.axes.at_mm)
+        return f"<{state}|MPos:{place}|FS:0,0{part.get(self._reports % 10, '')}>\r\n"
 
     def _answer(self, line: str) -> str:
         if line == "$$":
             return "".join(f"${n}={v}\r\n" for n, v in self._settings.items()) + "ok\r\n"
         if line == "$I":
             return "[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n"
+        if line == "$H":
+            self._state = ""
+            return "ok\r\n"
         if line == "G4P0.01":
             return "error:9\r\n" if self._state or self.axes.moving else "ok\r\n"
         self.moves.append(line)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from itertools import pairwise
 from shlex import quote
 
-from app.measuring.moving import Mover, Moving, feed_mm_min, limits_of, ways_of
+from app.measuring.moving import Mover, Proposal, feed_mm_min, limits_of, ways_of
 from app.measuring.plan import Plan
 from app.report.text.preparing import dry_run_text
 from app.report.text.tables import paragraphs, uncertain, wrapped
 from calib.errors import sentence
 from calib.identify.next_mounting import FurtherSetUp, Reach
 from drivers.motion.controller import place_words
+from drivers.motion.states import State
 from protocols.machine import MotionLimits
 from protocols.motion import SELF_MOVING
 from protocols.procedure import Step
@@ -48,21 +49,21 @@ def _limits_text(plan: Plan, said: tuple[str, ...]) -> str:
         f"{plan.motion or MOVED_BY[plan.by_itself]} moves the machine, in {plan.machine.mdi} "
         f"coordinates: {len(ways.steps)} "
         f"steps at {feed_mm_min(plan.machine):g} mm/min, longest move {ways.longest_mm:.1f} mm, "
-        f"{minutes:.1f} minutes of moving and rest. {set_ups} set-ups: before each it goes to Zero "
-        f"and waits for your key. Then it comes from {motion.preroll_mm:g} mm below.",
-        f"It says: {', '.join(said)}." if said else "",
+        f"{minutes:.1f} minutes of moving and rest. {set_ups} set-ups: each way to Zero and each "
+        f"set-up begins with your consent, key G. It comes from {motion.preroll_mm:g} mm below.",
+        f"It reports: {', '.join(said)}." if said else "",
         f"Never outside {place_words(limits.low_mm)} … {place_words(limits.high_mm)}, no move over "
         f"{limits.longest_mm:g} mm, no feed over {limits.fastest_mm_min:g} mm/min. A reading is "
         f"taken where the position that is read back is within {limits.reached_mm:g} mm of the "
-        "one it was sent to, before and after. It is never switched on, homed or reset from here.",
+        "one it was sent to, before and after. It is never switched on or reset from here.",
     )
 
 
 def check_text(plan: Plan, mover: Mover) -> str:
-    """The same on the screen, before the key that lets it move; the question is always in sight."""
+    """The same on the screen, before the key that begins; the question is always in sight."""
     return paragraphs(
-        f"With Enter it moves. {QUESTION} Every posture stands below.",
-        _limits_text(plan, mover.said),
+        f"Enter begins; nothing moves yet. {QUESTION} Every posture stands below.",
+        _limits_text(plan, mover.facts),
         _postures_text(plan),
     )
 
@@ -73,16 +74,78 @@ def set_up_text(step: Step) -> str:
     return f"Set up at {step.touched}, station {step.station:g}, along {axes}"
 
 
+def proposal_text(proposal: Proposal) -> str:
+    """What the operator's consent lets the machine do, with the length of the next way."""
+    step = proposal.step
+    count = "1 step" if proposal.steps == 1 else f"{proposal.steps} steps"
+    if proposal.to_zero:
+        return f"to Zero, {proposal.first_mm:.1f} mm"
+    if not proposal.places_mm:
+        return f"reading here, then the rest of {count} at {step.touched}"
+    return f"to step {step.number}, {proposal.first_mm:.1f} mm, then {count} at {step.touched}"
+
+
+def consent_question(proposal: Proposal) -> str:
+    """The same as a question on the command line."""
+    first = f"{set_up_text(proposal.step)}. " if proposal.by_hand else ""
+    return f"{first}Nobody at the machine? Move {proposal_text(proposal)}"
+
+
+def waiting_text(mover: Mover) -> str:
+    """What waits for the operator's consent, and the key that gives it."""
+    proposal = mover.proposal
+    if proposal is None:
+        return "At rest."
+    first = f"{set_up_text(proposal.step)}. " if proposal.by_hand else ""
+    return f"{first}Nobody at the machine? G moves it {proposal_text(proposal)}."
+
+
 def moving_text(mover: Mover, step: Step) -> str:
     """What the machine does now, in a line."""
-    match mover.state:
-        case Moving.SET_UP:
-            return f"{set_up_text(step)}. Space when nobody is in the way: it moves."
-        case Moving.UNDER_WAY:
-            return f"MOVING to step {step.number}. Space, P or Escape stop it."
-        case Moving.THERE:
-            return f"Arrived at step {step.number}."
-    return f"STOPPED: {sentence(mover.why)} Nothing was taken. P goes on."
+    if mover.line.not_stopped:
+        return mover.why
+    words = {
+        State.MOVING: f"MOVING to step {step.number}. Any key stops it.",
+        State.CONSENTED: f"At step {step.number}. It goes on by itself; any key stops it.",
+        State.STOPPING: "STOPPING …",
+        State.HELD: f"HELD: {sentence(mover.why)} G asks what to do.",
+        State.FAULT: f"FAULT: {sentence(mover.why)} G asks what to do.",
+    }
+    stopped = f"STOPPED: {sentence(mover.why)} " if mover.state is State.STOPPED else ""
+    return words.get(mover.state) or f"{stopped}{waiting_text(mover)}"
+
+
+EVENTS = {
+    State.STOPPING: "The machine was not seen to rest:",
+    State.HELD: "The machine rests. Something interfered:",
+    State.FAULT: "The machine cannot be moved:",
+}
+ANSWERS = {
+    State.STOPPING: "S  It stands still: I saw it",
+    State.HELD: "Enter  I looked; what happened is over. Nothing moves until G",
+    State.FAULT: "Enter  It is mended: look again. Nothing moves until G",
+}
+
+
+def event_text(mover: Mover) -> str:
+    """What happened to the machine, and what the operator can answer."""
+    state = mover.state
+    answer = ANSWERS.get(state, "")
+    home = "\nH      Home it: all carriages go to their switches" if mover.line.can_home else ""
+    if state not in EVENTS:
+        return "The machine is ready again. Nothing moves until G."
+    return f"{EVENTS[state]}\n\n{mover.why}\n\n{answer}{home if state is State.FAULT else ''}"
+
+
+HOMED_QUESTION = (
+    "This controller cannot report whether the machine is homed. Was it homed since it was "
+    "switched on, and since its port was opened?"
+)
+HOME_QUESTION = "Home it now: all carriages go to their switches. Nobody at the machine"
+HOMED_CHOICES = (
+    ("homed", "It was homed, I saw it"),
+    ("home", "Home it now: all carriages go to their switches. Nobody is at the machine"),
+)
 
 
 def further_text(

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
+from dataclasses import replace
 from itertools import count
 from types import SimpleNamespace
 
@@ -15,7 +14,8 @@ import pytest
 
 from calib.errors import UsageError
 from drivers.motion import controller_of
-from drivers.motion.controller import Controller, ControllerFault, Limits, MotionFault, Triple
+from drivers.motion.controller import ControllerFault, MotionFault, Triple
+from drivers.motion.states import State
 from drivers.motion.twins import (
     TWINS,
     GrblTwin,
@@ -24,57 +24,60 @@ from drivers.motion.twins import (
     MotionTwin,
     SimulatedAxes,
 )
-
-LIMITS = Limits((-100.0,) * 3, (60.0,) * 3, longest_mm=120.0, fastest_mm_min=60_000.0)
-START = (1.0, 2.0, -3.0)
-FEED = 6000.0
-PATIENCE_S = 2.0  # of a busy machine
-SLOW = 300.0  # 5 mm/s: nothing that is tested here arrives
+from tests.drivers.motion.bench import (
+    FEED,
+    LIMITS,
+    PATIENCE_S,
+    SLOW,
+    START,
+    beside,
+    comes_true,
+    rests,
+    rig,
+)
 
 every = pytest.mark.parametrize("name", TWINS)
 
 
-@contextmanager
-def beside(name: str, *troubles: MotionTrouble) -> Iterator[tuple[Controller, MotionTwin]]:
-    twin = TWINS[name](SimulatedAxes(START))
-    for trouble in troubles:
-        twin.befall(trouble)
-    controller = controller_of(twin.told, LIMITS)
-    controller.answer_s = PATIENCE_S
-    try:
-        controller.connect()
-        yield controller, twin
-    finally:
-        controller.close()
-        twin.close()
-
-
-def later(delay_s: float, act: object, *args: object) -> threading.Timer:
-    timer = threading.Timer(delay_s, act, args)  # type: ignore[arg-type]
-    timer.start()
-    return timer
-
-
 @every
-def test_goes_where_it_is_told_and_reads_back(name: str) -> None:
-    with beside(name) as (controller, twin):
-        assert controller.ready()
-        assert controller.position() == START
+def test_goes_where_it_is_sent_and_reads_back(name: str) -> None:
+    with rig(name) as r:
         for to in ((10.0, 0.25, -4.5), (10.0, 0.25, -4.5), START):
-            assert controller.move_to(to, FEED) == to
-            assert not twin.axes.moving
-            assert twin.axes.at_mm == to
-            assert controller.is_at(to) == to
-        assert len(twin.moves) == 3
+            assert r.go(to) == to
+            assert not r.axes.moving
+            assert r.axes.at_mm == to
+            assert r.line.at(to).result(PATIENCE_S) == to
+        assert len(r.twin.moves) == 3
 
 
 @every
 def test_waits_for_the_end(name: str) -> None:
-    with beside(name) as (controller, twin):
+    with rig(name) as r:
         began = time.monotonic()
-        controller.move_to((1.0, 2.0, 0.0), SLOW)
+        r.go((1.0, 2.0, 0.0), feed=SLOW)
         assert time.monotonic() - began >= 3.0 / 5.0
-        assert not twin.axes.moving
+        assert not r.axes.moving
+
+
+@every
+def test_an_inch_machine_moves_as_far_as_any(name: str) -> None:
+    def inch(axes: SimulatedAxes) -> MotionTwin:
+        twin = TWINS[name](axes)
+        twin.befall(MotionTrouble.INCH)
+        return twin
+
+    with rig(name, make=inch) as r:
+        there = r.go((11.0, 2.0, -3.0))
+        assert there == pytest.approx((11.0, 2.0, -3.0), abs=0.02)  # grbl: a thousandth of an inch
+        assert r.axes.at_mm == pytest.approx((11.0, 2.0, -3.0), abs=1e-9)
+
+
+def test_a_feed_is_of_mm_also_where_inches_were_in_force() -> None:
+    """LinuxCNC takes F before G21 of the same line: 25.4 times as fast (tried with 2.9)."""
+    with rig("linuxcnc") as r:
+        began = time.monotonic()
+        r.go((6.0, 2.0, -3.0), feed=600.0)
+        assert time.monotonic() - began >= 0.5  # 5 mm at 10 mm/s
 
 
 @every
@@ -91,20 +94,19 @@ def test_waits_for_the_end(name: str) -> None:
         ((0.0, 0.0, 0.0), 60_001.0),
     ],
 )
-def test_nothing_is_sent_outside_the_limits(
-    name: str, to: tuple[float, float, float], feed: float
-) -> None:
-    with beside(name) as (controller, twin):
-        with pytest.raises(ControllerFault, match=r"machine file") as said:
-            controller.move_to(to, feed)
-        assert said.value.kind is MotionFault.OUTSIDE
-        assert not twin.moves
-        assert twin.axes.at_mm == START
+def test_nothing_is_sent_outside_the_limits(name: str, to: Triple, feed: float) -> None:
+    with rig(name) as r:
+        r.consent()
+        with pytest.raises(ControllerFault, match=r"machine file") as refusal:
+            r.line.go([to], feed).result(PATIENCE_S)
+        assert refusal.value.kind is MotionFault.OUTSIDE
+        assert not r.twin.moves
+        assert r.axes.at_mm == START
 
 
 @every
 @pytest.mark.parametrize(
-    "trouble", [MotionTrouble.NOT_HOMED, MotionTrouble.OFF, MotionTrouble.INCH, MotionTrouble.ESTOP]
+    "trouble", [MotionTrouble.NOT_HOMED, MotionTrouble.OFF, MotionTrouble.ESTOP]
 )
 def test_a_machine_that_is_not_ready(name: str, trouble: MotionTrouble) -> None:
     with beside(name) as (controller, twin):
@@ -116,110 +118,112 @@ def test_a_machine_that_is_not_ready(name: str, trouble: MotionTrouble) -> None:
 
 
 STOPPED_BY = {
-    MotionTrouble.ESTOP: {MotionFault.NOT_READY, MotionFault.CONTROLLER},
-    MotionTrouble.FOLLOWING: {MotionFault.CONTROLLER},
-    MotionTrouble.NAK: {MotionFault.CONTROL_LOST, MotionFault.CONTROLLER},
-    MotionTrouble.SILENCE: {MotionFault.LOST},
-    MotionTrouble.HANG_UP: {MotionFault.LOST},
+    MotionTrouble.ESTOP: State.FAULT,
+    MotionTrouble.FOLLOWING: State.FAULT,
+    MotionTrouble.NAK: None,
+    MotionTrouble.HANG_UP: State.FAULT,
+    MotionTrouble.MODE: None,
+    MotionTrouble.UNHOMED: None,
+    MotionTrouble.OVERRIDE: State.HELD,
+    MotionTrouble.FEED_HOLD: None,
 }
+"""What the operator meets; None: held or a fault, as the controller tells it."""
 
 
 @every
 @pytest.mark.parametrize("trouble", STOPPED_BY)
-def test_trouble_on_the_way(name: str, trouble: MotionTrouble) -> None:
-    with beside(name) as (controller, twin):
-        if trouble is MotionTrouble.SILENCE:
-            controller.answer_s = 0.2
-        late = later(0.15, twin.befall, trouble)
-        with pytest.raises(ControllerFault) as said:
-            controller.move_to((60.0, 2.0, -3.0), SLOW)
-        late.join()
-        assert said.value.kind in STOPPED_BY[trouble]
-        deaf = trouble is MotionTrouble.SILENCE or (
-            name == "grbl" and trouble is MotionTrouble.HANG_UP
-        )
-        if deaf:  # a cable that is out ends nothing: somebody is told to
-            assert "emergency stop" in str(said.value) or not twin.axes.moving
-        else:
-            assert not twin.axes.moving
-            assert 1.0 < twin.axes.at_mm[0] < 59.0
+def test_trouble_on_the_way_stops_it(name: str, trouble: MotionTrouble) -> None:
+    with rig(name) as r:
+        r.on_the_way()
+        r.twin.befall(trouble)
+        if name == "grbl" and trouble is MotionTrouble.HANG_UP:  # a cable that is out ends nothing
+            assert comes_true(lambda: "Use the emergency stop" in r.line.why)
+            assert r.line.not_stopped
+            r.line.vouch()
+            r.comes(State.FAULT)
+            return
+        assert comes_true(lambda: r.line.state in (State.HELD, State.FAULT)), r.line.why
+        assert r.line.state is (STOPPED_BY[trouble] or r.line.state), r.line.why
+        assert r.line.why
+        assert rests(r.axes)
+        assert 1.0 < r.axes.at_mm[0] < 49.0
+
+
+@every
+def test_a_controller_that_falls_silent_is_not_stopped_and_says_so(name: str) -> None:
+    with rig(name, answer_s=0.2) as r:
+        r.on_the_way()
+        r.twin.befall(MotionTrouble.SILENCE)
+        assert comes_true(lambda: r.line.not_stopped)
+        assert comes_true(lambda: "NOT STOPPED. Use the emergency stop." in r.line.why)
+        r.twin.mend()
+        r.comes(State.FAULT)
+        assert not r.axes.moving
 
 
 @every
 def test_stops_short(name: str) -> None:
-    with beside(name, MotionTrouble.ELSEWHERE) as (controller, _):
-        with pytest.raises(
-            ControllerFault, match=r"X10\.500 Y0\.000 Z0\.000 in place of X10\.000"
-        ) as said:
-            controller.move_to((10.0, 0.0, 0.0), FEED)
-        assert said.value.kind is MotionFault.ELSEWHERE
+    with rig(name) as r:
+        r.twin.befall(MotionTrouble.ELSEWHERE)
+        r.consent()
+        with pytest.raises(ControllerFault, match=r"X10\.500 Y0\.000 Z0\.000 in place of X10\.000"):
+            r.line.go([(10.0, 0.0, 0.0)], FEED).result(PATIENCE_S)
+        r.comes(State.HELD)
 
 
 @every
-def test_halt_stops_on_the_way(name: str) -> None:
-    with beside(name) as (controller, twin):
-        late = later(0.2, controller.halt.set)
-        with pytest.raises(ControllerFault) as said:
-            controller.move_to((60.0, 2.0, -3.0), SLOW)
-        late.join()
-        assert said.value.kind is MotionFault.STOPPED
-        assert not twin.axes.moving
-        assert 1.0 < twin.axes.at_mm[0] < 59.0  # of twelve seconds
+def test_a_place_that_is_no_number_is_a_fault(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with rig(name) as r:
+        monkeypatch.setattr(
+            type(r.axes), "at_mm", property(lambda _: (0.0, math.nan, 0.0)), raising=True
+        )
+        r.comes(State.FAULT)
+        assert "Allowed: a number" in r.line.why
+
+
+@every
+@pytest.mark.parametrize(
+    "trouble",
+    [MotionTrouble.MODE, MotionTrouble.UNHOMED, MotionTrouble.OVERRIDE, MotionTrouble.OFFSET],
+)
+def test_what_others_change_at_rest_is_noticed_before_anything_moves(
+    name: str, trouble: MotionTrouble
+) -> None:
+    with rig(name) as r:
+        r.go((10.0, 0.0, 0.0))
+        r.consent()
+        r.twin.befall(trouble)
+        with pytest.raises(ControllerFault):
+            r.line.go([(20.0, 0.0, 0.0)], FEED).result(PATIENCE_S)
+        assert len(r.twin.moves) == 1
+        assert comes_true(lambda: r.line.state in (State.HELD, State.FAULT))
+        assert not r.line.consent()
+
+
+@every
+def test_what_others_change_at_rest_is_noticed_without_a_move(name: str) -> None:
+    with rig(name) as r:
+        r.twin.befall(MotionTrouble.OFFSET)
+        r.comes(State.HELD)
+        assert "-5.000" in r.line.why
 
 
 @every
 def test_somebody_else_moved_it(name: str) -> None:
-    with beside(name) as (controller, twin):
-        controller.move_to((10.0, 0.0, 0.0), FEED)
-        twin.axes.go((10.02, 0.0, 0.0), 1e9)
-        with pytest.raises(ControllerFault) as said:
-            controller.is_at((10.0, 0.0, 0.0))
-        assert said.value.kind is MotionFault.ELSEWHERE
+    with rig(name) as r:
+        r.go((10.0, 0.0, 0.0))
+        r.axes.go((10.02, 0.0, 0.0), 1e9)
+        r.comes(State.HELD)
+        assert "X10.020 Y0.000 Z0.000 in place of X10.000" in r.line.why
 
 
 def test_a_second_client_is_noticed() -> None:
-    with beside("linuxcnc") as (controller, twin):
-        controller.move_to((10.0, 0.0, 0.0), FEED)
-        second = controller_of(twin.told, LIMITS)
+    with rig("linuxcnc") as r:
+        second = controller_of(r.twin.told, LIMITS)
         second.connect()
-        with pytest.raises(ControllerFault) as said:
-            controller.is_at((10.0, 0.0, 0.0))
-        assert said.value.kind is MotionFault.CONTROL_LOST
+        r.comes(State.HELD)
+        assert "another client has control" in r.line.why
         second.close()
-
-
-class Arriving(SimulatedAxes):
-    """Something befalls it when it is asked where it is and has arrived."""
-
-    then: Callable[[], None] | None = None
-
-    @property
-    def at_mm(self) -> Triple:
-        there = super().at_mm
-        if self.then is not None and there == (10.0, 0.0, 0.0):
-            self.then()
-        return there
-
-
-def test_a_barrier_whose_word_was_lost_is_asked_for_again() -> None:
-    with beside("linuxcnc", MotionTrouble.CUT) as (controller, twin):
-        assert controller.move_to((10.0, 0.0, 0.0), FEED) == (10.0, 0.0, 0.0)
-        assert len(twin.moves) == 1
-
-
-def test_a_refused_barrier_says_what_is_wrong() -> None:
-    """An error between the last look and the barrier: the reason, not the NAK."""
-    axes = Arriving(START)
-    with closing(LinuxCncTwin(axes)) as twin:
-        axes.then = lambda: twin.errors.extend(["joint 0 following error"] * (not twin.errors))
-        twin.befall(MotionTrouble.CUT)
-        controller = controller_of(twin.told, LIMITS)
-        controller.answer_s = PATIENCE_S
-        controller.connect()
-        with pytest.raises(ControllerFault, match="joint 0 following error") as said:
-            controller.move_to((10.0, 0.0, 0.0), FEED)
-        assert said.value.kind is MotionFault.CONTROLLER
-        controller.close()
 
 
 def test_an_answer_that_came_while_the_program_was_held_up_counts(
@@ -230,8 +234,8 @@ def test_an_answer_that_came_while_the_program_was_held_up_counts(
         controller.answer_s = 0.4
         seconds = SimpleNamespace(monotonic=count().__next__)
         monkeypatch.setattr("drivers.motion.controller.time", seconds)
-        monkeypatch.setattr("drivers.motion.linuxcnc.LOOK_S", PATIENCE_S)
-        assert controller.position() == START
+        monkeypatch.setattr("drivers.motion.linuxcnc.SLICE_S", 2.0)
+        assert controller.look().place_mm == START
 
 
 def test_password_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -242,12 +246,24 @@ def test_password_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         assert said.value.kind is MotionFault.REFUSED
 
 
-@pytest.mark.parametrize("told", ["linuxcnc:127.0.0.1:9", "linuxcnc:127.0.0.1:x", "grbl:/dev/none"])
-def test_nobody_there(told: str) -> None:
-    controller = controller_of(told, LIMITS)
-    with pytest.raises(ControllerFault) as said:
+@pytest.mark.parametrize(
+    "words",
+    [
+        "linuxcnc:127.0.0.1:9",
+        "linuxcnc:127.0.0.1:x",
+        "linuxcnc:[::1]:9",
+        "linuxcnc:[::1",
+        "linuxcnc:a..b:5007",
+        f"linuxcnc:{'a' * 70}.b:5007",
+        "linuxcnc:\0:5007",
+        "grbl:/dev/none",
+    ],
+)
+def test_nobody_there(words: str) -> None:
+    controller = controller_of(words, LIMITS)
+    with pytest.raises(ControllerFault) as refusal:
         controller.connect()
-    assert said.value.kind is MotionFault.UNREACHABLE
+    assert refusal.value.kind is MotionFault.UNREACHABLE
 
 
 @pytest.mark.parametrize("told", ["linuxcnc", "linuxcnc:", "klipper:/dev/x", ""])
@@ -258,11 +274,13 @@ def test_unknown_controllers(told: str) -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 def test_grbl_over_a_terminal() -> None:
-    with closing(GrblTwin(SimulatedAxes(START), "pty")) as twin:
-        controller = controller_of(twin.told, LIMITS)
-        controller.connect()
-        assert controller.move_to((3.0, 2.0, -3.0), FEED) == (3.0, 2.0, -3.0)
-        controller.close()
+    with rig("grbl", make=lambda axes: GrblTwin(axes, "pty")) as r:
+        assert r.go((3.0, 2.0, -3.0)) == (3.0, 2.0, -3.0)
+
+
+def test_grbl_knows_no_tool() -> None:
+    with pytest.raises(ControllerFault, match='mdi = "tool" in the machine file'):
+        controller_of("grbl:/dev/none", replace(LIMITS, coordinates="tool"))
 
 
 def test_bytes_of_the_text_server() -> None:
@@ -283,8 +301,8 @@ def test_bytes_of_the_text_server() -> None:
         ("get error", b"ERROR OK\r\n"),
         ("set mdi G21 G90 G53 G1 F0 X0 Y0 Z0", b"SET MDI ACK\n\r"),
         ("get error", b"ERROR Cannot do g1 with zero feed rate\r\n"),
-        ("set wait done", b"SET WAIT ACK\n\r"),
-        ("set wait", b"SET WAIT NAK\n\r"),
+        ("set enable off", b"SET ENABLE ACK\n\r"),
+        ("get enable", b"ENABLE OFF\r\n"),
         (
             "get abs_act_pos",
             b"ABS_ACT_POS 1.000000 2.000000 -3.000000 0.000000 0.000000 0.000000\r\n",

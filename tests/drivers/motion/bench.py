@@ -1,0 +1,126 @@
+"""A controller beside its twin, and the line that moves it with the consent of a test."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from drivers.motion import controller_of
+from drivers.motion.controller import Controller, Limits, Triple
+from drivers.motion.line import MotionLine, Patience
+from drivers.motion.states import State
+from drivers.motion.twins import TWINS, MotionTrouble, MotionTwin, SimulatedAxes
+
+LIMITS = Limits((-100.0,) * 3, (60.0,) * 3, longest_mm=120.0, fastest_mm_min=60_000.0)
+START = (1.0, 2.0, -3.0)
+FEED = 6000.0
+SLOW = 300.0  # 5 mm/s: nothing that is tested here arrives
+PATIENCE_S = 10.0  # of a busy machine
+BUSY = Patience(silence_s=3.0, dead_s=0.0)
+"""Tests run on busy machines: only those of the silence itself are as impatient as the program."""
+
+
+class Face:
+    """What stands for the screens: it tells that it runs."""
+
+    def __init__(self, line: MotionLine) -> None:
+        self._line, self._ends = line, threading.Event()
+        self._thread = threading.Thread(target=self._tell, name="face")
+        self._thread.start()
+
+    def _tell(self) -> None:
+        while not self._ends.wait(0.03):
+            self._line.alive()
+
+    def hang(self) -> None:
+        """It runs no more."""
+        self._ends.set()
+        self._thread.join()
+
+
+@contextmanager
+def beside(name: str, *troubles: MotionTrouble) -> Iterator[tuple[Controller, MotionTwin]]:
+    """A controller that is connected, without a line."""
+    twin = TWINS[name](SimulatedAxes(START))
+    for trouble in troubles:
+        twin.befall(trouble)
+    controller = controller_of(twin.told, LIMITS)
+    controller.answer_s = 2.0
+    try:
+        controller.connect()
+        yield controller, twin
+    finally:
+        controller.close()
+        twin.close()
+
+
+class Rig:
+    """A line that is started, its twin and its face."""
+
+    def __init__(self, line: MotionLine, twin: MotionTwin, face: Face) -> None:
+        self.line, self.twin, self.face = line, twin, face
+
+    @property
+    def axes(self) -> SimulatedAxes:
+        return self.twin.axes
+
+    def go(self, *places_mm: Triple, feed: float = FEED) -> Triple:
+        """With a consent of its own, to the end."""
+        self.consent()
+        there = self.line.go(places_mm, feed).result(PATIENCE_S)
+        self.line.release()
+        return there
+
+    def consent(self) -> None:
+        assert self.line.consent()
+
+    def on_the_way(self, *, to: Triple = (50.0, 2.0, -3.0), feed: float = SLOW) -> None:
+        """A move is under way when this returns."""
+        self.consent()
+        self.line.go([to], feed)
+        assert comes_true(lambda: self.axes.moving and self.axes.at_mm != START)
+
+    def comes(self, state: State) -> None:
+        assert comes_true(lambda: self.line.state is state), (self.line.state, self.line.why)
+
+
+@contextmanager
+def rig(
+    name: str,
+    patience: Patience = BUSY,
+    answer_s: float = 2.0,
+    make: Callable[[SimulatedAxes], MotionTwin] | None = None,
+) -> Iterator[Rig]:
+    """A started line; whatever the test did, it ends."""
+    twin = (make or TWINS[name])(SimulatedAxes(START))
+    controller = controller_of(twin.told, LIMITS)
+    controller.answer_s = answer_s
+    line = MotionLine(controller, patience)
+    line.start()
+    line.homing_confirmed = True
+    face = Face(line)
+    try:
+        yield Rig(line, twin, face)
+    finally:
+        line.close()
+        face.hang()
+        twin.close()
+
+
+def comes_true(condition: Callable[[], bool], within_s: float = PATIENCE_S) -> bool:
+    """Whether it did; where it did, the condition is asked no more."""
+    end_s = time.monotonic() + within_s
+    while time.monotonic() < end_s:
+        if condition():
+            return True
+        time.sleep(0.002)
+    return False
+
+
+def rests(axes: SimulatedAxes) -> bool:
+    """Whether it stands still, on its way or at its end."""
+    before_mm = axes.at_mm
+    time.sleep(0.1)
+    return axes.at_mm == before_mm

@@ -179,7 +179,8 @@ class SelfMovingBench(Bench):
         self._known = plan.machine
         self.controller: LinuxCncTwin | HeadlessLinuxCnc
         if plan.by_itself == "twin":
-            self.controller = LinuxCncTwin(SimulatedAxes(hurry=plan.bench.hurry))
+            axes = SimulatedAxes(hurry=plan.bench.hurry)
+            self.controller = LinuxCncTwin(axes, plan.machine.mdi)
         else:  # homed with the offsets that are entered
             exported = plan.path.with_name(plan.verifies).with_suffix("") if plan.verifies else None
             self.controller = HeadlessLinuxCnc(simulated_joints(plan.machine, exported))

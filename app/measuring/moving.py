@@ -12,7 +12,7 @@ from itertools import pairwise
 from calib.errors import MotionError, UsageError
 from drivers.motion import controller_of
 from drivers.motion.controller import Limits, Triple
-from drivers.motion.line import MotionLine
+from drivers.motion.line import STRICT, MotionLine, Patience
 from drivers.motion.states import LOOKED_AT, State
 from protocols.machine import Machine, MotionLimits
 from protocols.motion import all_ways, box_mm, came_from, moves_mm, way_mm, zero_mm
@@ -287,13 +287,19 @@ class Mover:
         self.on_news()
 
 
-def open_mover(told: str, procedure: Procedure, machine: Machine, axes: Sequence[str]) -> Mover:
-    """Connect to the controller that ``told`` names; nothing moves yet.
+def open_mover(
+    controller: str,
+    procedure: Procedure,
+    machine: Machine,
+    axes: Sequence[str],
+    patience: Patience = STRICT,
+) -> Mover:
+    """Connect to the controller that ``NAME:ADDRESS`` names; nothing moves yet.
 
     Raises UsageError, RecordError or MotionError.
     """
     ways_of(procedure, machine, axes)
-    line = MotionLine(controller_of(told, limits_of(machine)))
+    line = MotionLine(controller_of(controller, limits_of(machine)), patience)
     mover = Mover(line, procedure, machine, axes)
     mover.facts = line.start()
     return mover

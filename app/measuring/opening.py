@@ -19,10 +19,14 @@ from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession, Indicators
 from app.version import program
 from calib.errors import RecordError
+from drivers.motion.line import STRICT, Patience
 from protocols.journal import Journal
 from protocols.procedure import Step
 from protocols.record import read_record
 from protocols.session import Opened
+
+HURRIED = Patience(silence_s=3.0, dead_s=0.0)
+"""Of a simulated machine in compressed time, which nobody attends."""
 
 SIMULATED_WINDOW_S = 0.4
 """How long simulated readings must stand still; real ones as the procedure says."""
@@ -57,7 +61,9 @@ def open_indicators(plan: Plan) -> Indicators:
             undo.callback(gauge.close)
         mover = None
         if told is not None:  # an empty name is refused, or a person would have to move
-            mover = open_mover(told, plan.procedure, plan.machine, plan.axes)
+            hurried = plan.bench.motion_s == 0.0 and bench is not None
+            patience = HURRIED if hurried else STRICT
+            mover = open_mover(told, plan.procedure, plan.machine, plan.axes, patience)
         undo.pop_all()
     if isinstance(bench, SimulatedBench):
         return Indicators(gauges, bench.go, bench.close, bench.turn)

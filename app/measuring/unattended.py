@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 
@@ -10,7 +9,6 @@ from app.measuring.gauges import Motion
 from app.measuring.moving import Mover, Proposal
 from app.measuring.session import GuidedSession, TakenStep
 from calib.errors import IndicatorError, MotionError, sentence
-from drivers.motion.controller import NOT_STOPPED, STOP_S
 from drivers.motion.states import State
 from drivers.profile import Fault
 from protocols.procedure import Step
@@ -105,17 +103,14 @@ def _wait(guided: GuidedSession, mover: Mover) -> None:
         mover.alive()
         lost = lost_words(guided) or lost
         state = mover.state
-        if mover.line.not_stopped:
-            sys.stderr.write(f"\a{NOT_STOPPED}\n")
-            time.sleep(STOP_S)
-        elif state is State.HELD and lost is not None:
+        if state is State.HELD and lost is not None:
             _indicators_back(guided, lost)
             mover.answer().result()
             return
-        elif mover.interrupted or state is State.STOPPED:
+        if mover.interrupted or state is State.STOPPED:
             next_step = "Continue with: glidecal run --continue"
             raise MotionError("motion", mover.why, next_step=next_step)
-        elif not mover.under_way and state is not State.STOPPING:
+        if not mover.under_way and state is not State.STOPPING:
             return
         time.sleep(LOOK_S)
 

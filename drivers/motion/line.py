@@ -79,6 +79,9 @@ class Patience:
     dead_s: float = DEAD_S
 
 
+STRICT = Patience()
+
+
 @dataclass
 class Job:
     """What the thread is to do, and where its answer goes."""
@@ -93,7 +96,7 @@ class MotionLine:
     ``listener`` is called, in whichever thread, when `state` or what it says changes.
     """
 
-    def __init__(self, controller: Controller, patience: Patience = Patience()) -> None:
+    def __init__(self, controller: Controller, patience: Patience = STRICT) -> None:
         self.controller = controller
         self.listener: Callable[[], None] = lambda: None
         self.why = ""

@@ -267,6 +267,7 @@ class Running:
         self.told = f"linuxcnc:127.0.0.1:{self._cable.server_address[1]}"
         self.axes: SimulatedAxes = self._followed
         self.moves: list[str] = []
+        self.late_s = 0.0
         self._others: list[Client] = []
         self._befell: MotionTrouble | None = None
 
@@ -313,7 +314,7 @@ def session(folder: Path, name: str, feed: float, window_s: float) -> dict[str, 
     real = moving_session(path, machine, procedure, lambda _: Running(folder), window_s)
     with real as (g, bench, _):
         began = time.monotonic()
-        measure_all(g, bench.set_up, lambda _: None)
+        measure_all(g, bench.agree, lambda _: None)
         took_s = time.monotonic() - began
         left = wrong(taken(path), bench)
     pure_s = ways.moving_s + ways.resting_s
@@ -372,10 +373,14 @@ import sys, time
 from drivers.motion import controller_of
 from drivers.motion.controller import Limits
 from drivers.motion.line import MotionLine
-line = MotionLine(controller_of(sys.argv[1], Limits((-100.0,) * 3, (60.0,) * 3, 120.0, 6000.0)))
+line = MotionLine(controller_of(sys.argv[1], Limits((-100.0,) * 3, (60.0,) * 3, 120.0, 6000.0, coordinates="tool")))
 line.start()
+while not line.consent():
+    time.sleep(0.05)
 line.go([(50.0, 0.0, 0.0)], 300.0)
-time.sleep(60.0)
+while True:
+    line.alive()
+    time.sleep(0.02)
 """
 
 

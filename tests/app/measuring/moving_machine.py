@@ -20,13 +20,14 @@ from tempfile import mkdtemp
 import numpy as np
 
 from app.measuring.gauges import Gauge
-from app.measuring.moving import Mover, limits_of
+from app.measuring.moving import Mover, Proposal, limits_of
 from app.measuring.session import GuidedSession, Indicators
 from app.measuring.unattended import lost_words, measure_all
 from calib.errors import GlidecalError
 from drivers.motion import controller_of
 from drivers.motion.controller import Triple
 from drivers.motion.line import MotionLine
+from drivers.motion.states import State
 from drivers.motion.twins import LinuxCncTwin, MotionTrouble, MotionTwin, SimulatedAxes
 from drivers.profile import Profile, Query, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
@@ -38,6 +39,7 @@ from protocols.procedure import Procedure, Step, load_procedure
 from protocols.record import read_record
 from protocols.session import Opened, Reading, fold
 from tests.controller.machine import L, Machine
+from tests.drivers.motion.bench import BUSY
 from tests.end_to_end.test_hang_up import Terminal
 
 FAST = MachineFile(motion=MotionLimits(feed_mm_min=30_000.0), fastest_feed_mm_min=60_000.0)
@@ -61,11 +63,21 @@ def carriages(tool: Triple) -> list[float]:
     return [float(tool[i] + np.sqrt(L**2 - square[i])) for i in range(3)]
 
 
+NOMINAL = Machine()
+
+
+def linuxcnc(axes: SimulatedAxes) -> MotionTwin:
+    """A LinuxCNC that takes tool coordinates."""
+    return LinuxCncTwin(axes, "tool")
+
+
 class Bench:
     """Two indicators on the leg that is set up, and the machine behind its controller."""
 
-    def __init__(self, axes: SimulatedAxes, machine: Machine = HIDDEN) -> None:
-        self.axes, self.machine = axes, machine
+    def __init__(
+        self, axes: SimulatedAxes, machine: Machine = HIDDEN, coordinates: str = "tool"
+    ) -> None:
+        self.axes, self.machine, self._coordinates = axes, machine, coordinates
         self.leg, self.along, self.station = 0, (1, 2), 0.5
         self.unplugged = False
 
@@ -75,8 +87,20 @@ class Bench:
         self.along = ("xyz".index(step.axes[0]), "xyz".index(step.axes[1]))
         return True
 
+    def agree(self, proposal: Proposal) -> bool:
+        """The operator's consent, after what is to be set up by hand."""
+        return not proposal.by_hand or self.set_up(proposal.step)
+
+    @property
+    def tool_mm(self) -> Triple:
+        """Where the controller believes the tool."""
+        if self._coordinates == "tool":
+            return self.axes.at_mm
+        x, y, z = NOMINAL.tool(self.axes.at_mm).tolist()
+        return x, y, z
+
     def shows_mm(self, number: int) -> float:
-        return self.reading_mm(self.leg, self.along[number], self.station, self.axes.at_mm)
+        return self.reading_mm(self.leg, self.along[number], self.station, self.tool_mm)
 
     def reading_mm(self, leg: int, axis: int, station: float, tool: Triple) -> float:
         offset = np.array(self.machine.offset_mm)
@@ -98,13 +122,15 @@ class Unpluggable:
 
 @contextmanager
 def following(
-    make: Callable[[SimulatedAxes], MotionTwin] = LinuxCncTwin,
+    make: Callable[[SimulatedAxes], MotionTwin] = linuxcnc,
+    coordinates: str = "tool",
 ) -> Iterator[tuple[Bench, MotionTwin, tuple[str, ...]]]:
     """A machine behind a controller, and the ports of two indicators that follow it."""
     with ExitStack() as stack:
-        twin = make(SimulatedAxes((3.0, -2.0, 1.0)))
+        x, y, z = (3.0, -2.0, 1.0) if coordinates == "tool" else carriages((3.0, -2.0, 1.0))
+        twin = make(SimulatedAxes((x, y, z)))
         stack.callback(twin.close)
-        bench = Bench(twin.axes)
+        bench = Bench(twin.axes, coordinates=coordinates)
         ports = [
             stack.enter_context(TwinPort(Unpluggable(bench, number), "tcp")) for number in range(2)
         ]
@@ -116,7 +142,7 @@ def moving_session(
     path: Path,
     machine: MachineFile = FAST,
     procedure: Procedure = SHORT,
-    make: Callable[[SimulatedAxes], MotionTwin] = LinuxCncTwin,
+    make: Callable[[SimulatedAxes], MotionTwin] = linuxcnc,
     window_s: float = 0.06,
     profile: Profile = MITUTOYO_01A,
 ) -> Iterator[tuple[GuidedSession, Bench, MotionTwin]]:
@@ -128,7 +154,7 @@ def moving_session(
         instruments=(Instrument(profile="mitutoyo-01a"),) * 2,
     )
     with ExitStack() as stack:
-        bench, twin, ports = stack.enter_context(following(make))
+        bench, twin, ports = stack.enter_context(following(make, machine.mdi))
         gauges = []
         for port in ports:
             gauge = Gauge(
@@ -143,8 +169,9 @@ def moving_session(
             gauges.append(gauge)
         controller = controller_of(twin.told, limits_of(machine))
         controller.answer_s = 2.0
-        mover = Mover(MotionLine(controller), procedure, machine, ("xyz", "xyz"))
+        mover = Mover(MotionLine(controller, BUSY), procedure, machine, ("xyz", "xyz"))
         mover.line.start()
+        mover.confirm_homed()
         known = path.exists()
         journal = Journal.resume(path, "test") if known else Journal.create(path, opened)
         with GuidedSession(journal, Indicators((*gauges,), mover=mover)) as guided:
@@ -201,7 +228,7 @@ def with_faults(
     seed: int,
     draws: int,
     machine: MachineFile = SLOWER,
-    make: Callable[[SimulatedAxes], MotionTwin] = LinuxCncTwin,
+    make: Callable[[SimulatedAxes], MotionTwin] = linuxcnc,
     troubles: Sequence[str] = TROUBLES,
     latest_s: float = 2.0,
 ) -> tuple[list[str], list[tuple[float, str]], int]:
@@ -236,7 +263,7 @@ def with_faults(
                 timer = threading.Timer(chance.uniform(0.05, latest_s), strike)
                 timer.start()
             try:
-                measure_all(guided, bench.set_up, lambda _: None)
+                measure_all(guided, bench.agree, lambda _: None)
             except GlidecalError:
                 if timer is not None:
                     timer.join()
@@ -248,10 +275,24 @@ def with_faults(
                     timer.join()
             twin.mend()
             bench.unplugged = False
-            end = time.monotonic() + 20.0
-            while lost_words(guided) and time.monotonic() < end:  # as an operator waits
-                time.sleep(0.05)
+            operator_looks(guided)
     return wrong(taken(path), bench), stops_s, met
+
+
+def operator_looks(guided: GuidedSession) -> None:
+    """Waits for the indicators, vouches for what was not seen to stop, and answers the rest."""
+    end = time.monotonic() + 20.0
+    while lost_words(guided) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert guided.mover is not None
+    mover = guided.mover
+    while time.monotonic() < end and mover.state in (State.STOPPING, State.HELD, State.FAULT):
+        if mover.line.not_stopped:
+            mover.line.vouch()
+        elif mover.state is not State.STOPPING:
+            mover.answer().exception(20.0)
+            mover.confirm_homed()
+        time.sleep(0.05)
 
 
 def killed_and_continued(
@@ -259,7 +300,7 @@ def killed_and_continued(
     seed: int,
     kills: int,
     feed: float,
-    make: Callable[[SimulatedAxes], MotionTwin] = LinuxCncTwin,
+    make: Callable[[SimulatedAxes], MotionTwin] = linuxcnc,
 ) -> dict[str, object]:
     """`glidecal run --motion` in a terminal, killed at random moments, each time continued."""
     chance, path, window_s = random.Random(seed), folder / "a.jsonl", 0.1

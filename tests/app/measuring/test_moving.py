@@ -13,64 +13,72 @@ import pytest
 
 from app.evaluating.solution import solve_for_controller
 from app.measuring.demo import SelfMovingBench, demo_plan
-from app.measuring.moving import Mover, Moving, check_motion, ways_of
+from app.measuring.moving import Mover, Proposal, ways_of
 from app.measuring.opening import open_indicators, start_session
 from app.measuring.simulated import BenchSettings
 from app.measuring.unattended import REST_S, measure_all
 from calib.errors import MotionError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
 from drivers.exchange import Exchange
-from drivers.motion.controller import ControllerFault, MotionFault, Triple
-from drivers.motion.twins import TWINS, LinuxCncTwin, MotionTrouble, SimulatedAxes
+from drivers.motion.controller import Triple
+from drivers.motion.states import State
+from drivers.motion.twins import TWINS, LinuxCncTwin, MotionTrouble
 from drivers.profile import IndicatorReading, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from protocols.machine import Machine, MotionLimits
 from protocols.observations import to_observations
-from protocols.procedure import Procedure, Step, load_procedure
+from protocols.procedure import Procedure, load_procedure
 from protocols.record import read_record
 from protocols.session import Noted, fold
 from tests.app.measuring.moving_machine import (
     FAST,
     SHORT,
     SLOWER,
+    linuxcnc,
     moving_session,
     taken,
     with_faults,
     wrong,
 )
+from tests.drivers.motion.bench import comes_true
 
 BOTH = ("xyz", "xyz")
 
 
-def arrives(mover: Mover) -> Moving:
-    while mover.state is Moving.UNDER_WAY:
+def arrives(mover: Mover) -> None:
+    while mover.under_way:
+        mover.alive()
         time.sleep(0.01)
-    return mover.state
 
 
 @pytest.mark.parametrize("name", TWINS)
 def test_a_session_measures_itself(name: str, tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     asked: list[tuple[object, bool]] = []
-    with moving_session(path, make=TWINS[name]) as (guided, bench, twin):
+    machine = FAST.model_copy(update={"mdi": "joint"}) if name == "grbl" else FAST
+    make = TWINS[name] if name == "grbl" else linuxcnc
+    with moving_session(path, machine, make=make) as (guided, bench, twin):
 
-        def set_up(step: Step) -> bool:
-            asked.append((bench.axes.at_mm, bench.axes.moving))
-            return bench.set_up(step)
+        def agree(proposal: Proposal) -> bool:
+            if proposal.by_hand:
+                asked.append((bench.tool_mm, bench.axes.moving))
+            return bench.agree(proposal)
 
-        measure_all(guided, set_up, lambda _: None)
+        measure_all(guided, agree, lambda _: None)
         readings = taken(path)
     assert read_record(path).end == "closed"
     assert len(readings) == 2 * len(guided.steps)
     assert not wrong(readings, bench)
-    assert asked == [((0.0, 0.0, 0.0), False)] * 2  # leg x, leg y
+    assert [moving for _, moving in asked] == [False] * 2  # leg x, leg y
+    assert all(place == pytest.approx((0.0, 0.0, 0.0), abs=1e-9) for place, _ in asked)
     for one in readings:
         assert one.moved is not None
         assert one.moved.driver == name
-        assert one.moved.read_back_mm == one.moved.commanded_mm
+        assert one.moved.read_back_mm == pytest.approx(one.moved.commanded_mm, abs=0.001)
     first = readings[0].moved
     assert first is not None
-    assert first.from_mm == (-10.0, 0.0, 0.0)
+    if name == "linuxcnc":
+        assert first.from_mm == (-10.0, 0.0, 0.0)
     found = to_observations([fold(read_record(path).events)])
     assert set(found.approach.tolist()) == {-1.0, 1.0}  # none is unknown
     assert len(twin.moves) == len(guided.steps) + 3  # Zero once, and two pre-rolls
@@ -102,8 +110,8 @@ def test_no_fault_leaves_a_reading_of_a_wrong_posture(seed: int, tmp_path: Path)
 
 def test_a_set_up_that_is_not_confirmed_moves_nothing_but_to_zero(tmp_path: Path) -> None:
     with moving_session(tmp_path / "a.jsonl") as (guided, _, twin):
-        with pytest.raises(MotionError, match="not confirmed"):
-            measure_all(guided, lambda _: False, lambda _: None)
+        with pytest.raises(MotionError, match="consent: found not given"):
+            measure_all(guided, lambda proposal: not proposal.by_hand, lambda _: None)
         assert len(twin.moves) == 1
         assert not taken(tmp_path / "a.jsonl")
 
@@ -117,9 +125,9 @@ def test_a_session_that_broke_off_is_continued_from_the_same_side(tmp_path: Path
                 raise MotionError("the program", "killed")
 
         with pytest.raises(MotionError, match="killed"):
-            measure_all(guided, bench.set_up, break_off)
+            measure_all(guided, bench.agree, break_off)
     with moving_session(path) as (guided, bench, twin):
-        measure_all(guided, bench.set_up, lambda _: None)
+        measure_all(guided, bench.agree, lambda _: None)
         readings = taken(path)
     assert read_record(path).end == "closed"
     assert not wrong(readings, bench)
@@ -149,7 +157,7 @@ def test_a_controller_that_is_gone_is_told_with_the_emergency_stop(tmp_path: Pat
                 threading.Thread(target=on_the_way).start()
 
         with pytest.raises(MotionError, match="emergency stop"):
-            measure_all(guided, bench.set_up, switch_off)
+            measure_all(guided, bench.agree, switch_off)
     assert len(taken(path)) == 2
 
 
@@ -159,13 +167,16 @@ def test_a_second_client_is_noticed_before_the_next_take(tmp_path: Path) -> None
         mover = guided.mover
         assert mover is not None
         guided.go()
-        assert arrives(mover) is Moving.SET_UP
-        mover.confirm()
-        assert arrives(mover) is Moving.THERE
+        step = guided.step()
+        assert step is not None
+        for _ in range(2):  # to Zero, and to the first step
+            assert mover.consent()
+            arrives(mover)
+        assert mover.is_there(step)
         twin.befall(MotionTrouble.NAK)
         with pytest.raises(MotionError, match="control"):
             guided.take()
-        assert arrives(mover) is Moving.STOPPED
+        assert comes_true(lambda: mover.state is State.HELD)
     assert not taken(path)
     notes = [one.text for one in read_record(path).events if isinstance(one, Noted)]
     assert any("step 1 not taken" in text for text in notes)
@@ -198,16 +209,6 @@ def test_indicators_are_waited_for_longer_than_the_longest_window() -> None:
     longest = SHORT.model_dump() | {"window_s": REST_S - 20.0}
     with pytest.raises(ValueError, match="window_s"):
         Procedure.model_validate(longest)
-
-
-def test_a_check_says_who_says_so_and_moves_nothing() -> None:
-    with closing(LinuxCncTwin(SimulatedAxes())) as twin:
-        assert "joint_homed YES YES YES" in check_motion(twin.told, FAST)
-        twin.befall(MotionTrouble.NOT_HOMED)
-        with pytest.raises(ControllerFault) as said:
-            check_motion(twin.told, FAST)
-        assert said.value.kind is MotionFault.NOT_READY
-        assert not twin.moves
 
 
 def test_a_demonstration_that_moves_itself_finds_the_hidden_offsets(tmp_path: Path) -> None:

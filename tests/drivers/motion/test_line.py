@@ -19,7 +19,7 @@ import pytest
 from drivers.motion import controller_of
 from drivers.motion.controller import ControllerFault
 from drivers.motion.guard import LEFT
-from drivers.motion.line import MotionLine, Patience
+from drivers.motion.line import STRICT, MotionLine, Patience
 from drivers.motion.states import TRANSITIONS, Cause, State
 from drivers.motion.twins import LinuxCncTwin, MotionTrouble, SimulatedAxes
 from tests.drivers.motion.bench import (
@@ -34,7 +34,6 @@ from tests.drivers.motion.bench import (
     rig,
 )
 
-STRICT = Patience()
 WITHIN_S = 0.5
 SEEN_S = 2.0
 """A test that sees a stop later than it happened, on a busy machine, measures by the way gone."""

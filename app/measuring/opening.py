@@ -17,7 +17,7 @@ from app.measuring.moving import open_mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession, Indicators
 from app.version import program
-from calib.errors import GlidecalError, RecordError
+from calib.errors import GlidecalError, RecordError, UsageError
 from protocols.journal import Journal
 from protocols.procedure import Step
 from protocols.record import read_record
@@ -85,7 +85,9 @@ def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
     if plan.note and not plan.continued:
         guided.note(plan.note)
     if not plan.simulated:
-        with suppress(RecordError):  # a proposal for the next time: no session fails for it
+        with suppress(
+            RecordError, UsageError
+        ):  # a proposal for the next time: no session fails for it
             remember(plan.machine.name, plan.instruments)
     return guided
 

@@ -188,11 +188,12 @@ def export(
     if ini:
         offsets = replace(offsets, controller=read_controller(ini))
     offsets = replace(offsets, ambiguous=() if ambiguous else offsets.ambiguous)
-    for text in offsets.cautions:
+    exported = FORMATS[format_name](offsets)
+    for text in exported.cautions:
         say(f"glidecal: {text}")
     if format_name.startswith("linuxcnc") and offsets.controller is None:
         say(f"glidecal: WARNING: {UNKNOWN_HOME_OFFSET}")
-    deliver(output, FORMATS[format_name](offsets), force=force)
+    deliver(output, exported.files, force=force)
 
 
 def history(

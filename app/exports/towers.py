@@ -84,9 +84,16 @@ def fitted(offsets: Offsets) -> Entered:
 def comments(
     offsets: Offsets, found: Entered, put: str, holds: str, *, each_tower: bool = True
 ) -> list[str]:
-    """What stands above the values: where they go, what they are for, what they leave, cautions."""
+    """What stands above the values: where they go, what they are for, what they leave, cautions.
+
+    First that the height of the tool changes: at Zero each carriage is as far below its switch as
+    its endstop says, and the tool goes with the mean of the three.
+    """
     now = found.now
+    lower_mm = sum(found.endstops_mm((0.0, 0.0, 0.0))) / len(LEG_NAMES)
     said = [
+        "BEFORE THE FIRST MOVE: touch the plate again. With these values the tool at Zero stands "
+        f"about {abs(lower_mm):.2f} mm {'lower' if lower_mm > 0.0 else 'higher'} than now",
         *origin(offsets),
         put,
         f"made for a controller that now holds radius {now.radius_mm:.3f} mm, lengths of the bars "

@@ -71,7 +71,7 @@ def with_kinematics(offsets: Offsets) -> Export:
     said = [line for text in origin(offsets) for line in short_lines(text)]
     each = one_joint_a_drive(joints_of_drives(offsets), MODULE)
     hal = "".join(f"# {line}\n" for line in said)
-    hal += pins(offsets.model, unit, [(one.joint, one.way) for one in each])
+    hal += pins(offsets.model, unit, [(moved.joint, moved.way) for moved in each])
     own = {f"{MODULE}.comp": source, "calib.hal": hal}
     joints = joint_files(offsets, kinematics=True)
     return Export({**joints.files, **own}, joints.cautions)
@@ -116,15 +116,15 @@ def entries_of(offsets: Offsets) -> list[tuple[DriveJoint, JointEntries]]:
 
     Raises as `joints_of_drives` and `joint_entries`.
     """
-    stated_mm = offsets.joint_offsets_mm  # all of them are
+    offset_mm = offsets.joint_offsets_mm  # all are stated
     return [
         (
-            one,
-            joint_entries(offsets.model, one.drive, one.now, one.way)
-            if one.now
-            else JointEntries(one.way * stated_mm[one.drive]),
+            moved,
+            joint_entries(offsets.model, moved.drive, moved.now, moved.way)
+            if moved.now
+            else JointEntries(moved.way * offset_mm[moved.drive]),
         )
-        for one in joints_of_drives(offsets)
+        for moved in joints_of_drives(offsets)
     ]
 
 

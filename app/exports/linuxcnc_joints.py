@@ -85,7 +85,8 @@ def _named(
                 "no joints in the machine file: it states three, and this machine has a gantry",
             )
         return tuple(axes.lower())
-    if sorted(axes or "XYZ") == ["X", "Y", "Z"] and not gantry and (axes or count == 3):
+    usual = count == len(LEG_NAMES) and not (trivial and set(listed or "XYZ") != {"X", "Y", "Z"})
+    if sorted(axes or "XYZ") == ["X", "Y", "Z"] and not gantry and (axes or usual):
         return tuple((axes or "XYZ").lower())
     raise _unclear(
         controller,
@@ -99,12 +100,12 @@ def _unclear(controller: ControllerJoints, found: str, allowed: str) -> RecordEr
     kinematics = " ".join(
         (controller.kinematics, *([f"coordinates={controller.axes}"] if controller.axes else []))
     )
-    stated = f"KINEMATICS = {kinematics or 'nothing'}"
+    entries = f"KINEMATICS = {kinematics or 'nothing'}"
     if controller.coordinates:
-        stated += f", [TRAJ] COORDINATES = {controller.coordinates}"
+        entries += f", [TRAJ] COORDINATES = {controller.coordinates}"
     return RecordError(
         f"{controller.source}, [KINS] KINEMATICS",
-        f"{stated} with {found}",
+        f"{entries} with {found}",
         allowed,
         "An offset in the wrong joint moves the wrong carriage.",
     )
@@ -112,7 +113,7 @@ def _unclear(controller: ControllerJoints, found: str, allowed: str) -> RecordEr
 
 def one_joint_a_drive(joints: tuple[DriveJoint, ...], kinematics: str) -> list[DriveJoint]:
     """The joint of each drive x, y, z. Raises UsageError for a gantry."""
-    found = []
+    single = []
     for drive, leg in enumerate(LEG_NAMES):
         mine = [joint for joint in joints if joint.drive == drive]
         if len(mine) > 1:
@@ -123,8 +124,8 @@ def one_joint_a_drive(joints: tuple[DriveJoint, ...], kinematics: str) -> list[D
                 "one joint a drive",
                 "Use --format linuxcnc.",
             )
-        found += mine
-    return found
+        single += mine
+    return single
 
 
 def travel(offsets: Offsets, moved: DriveJoint, entries: JointEntries) -> Iterator[str]:
@@ -136,21 +137,21 @@ def travel(offsets: Offsets, moved: DriveJoint, entries: JointEntries) -> Iterat
     if now is None or offsets.controller is None or not offsets.controller.source:
         yield NOT_CHECKED
         return
-    found = travel_of(offsets.model, moved.drive, now, entries, moved.way)
+    course = travel_of(offsets.model, moved.drive, now, entries, moved.way)
     name = f"Joint {moved.joint} ({LEG_NAMES[moved.drive]})"
     missing = [
         f"no {key}"
         for key, limit in (("MIN_LIMIT", now.min_limit_mm), ("MAX_LIMIT", now.max_limit_mm))
         if limit is None
     ]
-    if found.now_mm and found.after_mm:
+    if course.now_mm and course.after_mm:
         yield (
-            f"{name} travels from {_range(found.now_mm)} mm now, {_range(found.after_mm)} mm after "
-            "the change, both in its coordinate after the change."
+            f"{name} travels from {_range(course.now_mm)} mm now, {_range(course.after_mm)} mm "
+            "after the change, both in its coordinate after the change."
         )
     else:
         yield f"{name}: travel not checked: the INI file states {', '.join(missing)}."
-    yield from _of_switch(offsets.controller, moved, now, found)
+    yield from _of_switch(offsets.controller, moved, now, course)
     yield NOT_IN_INI
 
 
@@ -160,9 +161,9 @@ def _range(limits_mm: tuple[float, float]) -> str:
 
 
 def _of_switch(
-    controller: ControllerJoints, moved: DriveJoint, now: ControllerJoint, found: JointTravel
+    controller: ControllerJoints, moved: DriveJoint, now: ControllerJoint, course: JointTravel
 ) -> Iterator[str]:
-    switch, name = found.switch, f"Joint {moved.joint} ({LEG_NAMES[moved.drive]})"
+    switch, name = course.switch, f"Joint {moved.joint} ({LEG_NAMES[moved.drive]})"
     if switch is None:
         why = "absolute encoder" if now.absolute_encoder else "HOME_SEARCH_VEL is 0 or not stated"
         yield f"{name} has no home switch: {why}."
@@ -193,10 +194,10 @@ def _of_switch(
             f"{at}. It stood short of {key} by {-before:.3f} mm, inside the limits; after the "
             f"change it is {beyond} {key} by {after:.3f} mm."
         )
-    if found.home_beyond_mm:
+    if course.home_beyond_mm:
         yield (
             f"WARNING: homing ends at HOME = {now.home_mm:g} mm, which is "
-            f"{found.home_beyond_mm:.3f} mm beyond the home switch with this HOME_OFFSET. "
+            f"{course.home_beyond_mm:.3f} mm beyond the home switch with this HOME_OFFSET. "
             "Change HOME of this joint."
         )
 

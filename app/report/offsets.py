@@ -112,7 +112,7 @@ class Export:
 
 def moves_the_tool(model: Model) -> tuple[StageEffect, ...]:
     """Its effects that a controller would have to correct."""
-    return tuple(one for one in model.effects if one.stage in MOVES_THE_TOOL)
+    return tuple(effect for effect in model.effects if effect.stage in MOVES_THE_TOOL)
 
 
 def held_in_part(
@@ -125,8 +125,8 @@ def held_in_part(
     """
     numbers = frozenset(
         number
-        for number, one in enumerate(offsets.model.effects)
-        if any(one is other for other in left_out)
+        for number, effect in enumerate(offsets.model.effects)
+        if any(effect is absent for absent in left_out)
     )
     rest_mm = rest_mm if rest_mm >= LEAST_MM else 0.0
     if not numbers and not rest_mm:
@@ -142,8 +142,8 @@ def held_in_part(
         leaves = "the bound of the tool includes what that leaves"
     names = ", ".join(dict.fromkeys(offsets.model.effects[number].id for number in sorted(numbers)))
     missing = [f"not in these files: {names}; {leaves}"] if names else []
-    said = [bound if one == offsets.bound else one for one in offsets.cautions]
-    return replace(offsets, bound=bound, cautions=tuple(filter(None, [*missing, *said])))
+    cautions = [bound if text == offsets.bound else text for text in offsets.cautions]
+    return replace(offsets, bound=bound, cautions=tuple(filter(None, [*missing, *cautions])))
 
 
 def _leave_mm(model: Model, numbers: Collection[int]) -> float:

@@ -34,19 +34,21 @@ PLAIN: dict[str, object] = {
 """A switch 10 mm above the limit, reached on the way up."""
 
 
-def asked(folder: Path, ini: str | None, *effects: object, kind: str = "linuxcnc") -> list[str]:
+def arguments_of(
+    folder: Path, ini: str | None, *effects: object, kind: str = "linuxcnc"
+) -> list[str]:
     model = {"schema": "glidecal.model/1", "parameters_mm": D_RHO, "effects": effects}
     (folder / "m.json").write_text(json.dumps(model))
-    found = ["export", str(folder / "m.json"), "--format", kind, "-o", str(folder / "out")]
+    arguments = ["export", str(folder / "m.json"), "--format", kind, "-o", str(folder / "out")]
     if ini is None:
-        return found
+        return arguments
     (folder / "m.ini").write_text(ini)
-    return [*found, "--ini", str(folder / "m.ini")]
+    return [*arguments, "--ini", str(folder / "m.ini")]
 
 
 def exported(folder: Path, ini: str | None, *effects: object) -> tuple[dict[int, str], str]:
     """The text of each include without its line breaks, and standard error."""
-    run = glidecal(*asked(folder, ini, *effects))
+    run = glidecal(*arguments_of(folder, ini, *effects))
     assert run.status == 0, run.err
     files = {
         int(path.stem[-1]): " ".join(path.read_text().replace("\n# ", " ").split())
@@ -56,9 +58,9 @@ def exported(folder: Path, ini: str | None, *effects: object) -> tuple[dict[int,
 
 
 def home_offset(text: str) -> float:
-    found = re.search(r"HOME_OFFSET = (\S+)", text)
-    assert found
-    return float(found[1])
+    entry = re.search(r"HOME_OFFSET = (\S+)", text)
+    assert entry
+    return float(entry[1])
 
 
 def test_each_file_says_what_its_carriage_travels_now_and_after(tmp_path: Path) -> None:
@@ -91,22 +93,22 @@ def test_a_switch_that_comes_inside_the_limits_is_refused(
     tmp_path: Path, entries: dict[str, object], limit: str | None, allowed: str
 ) -> None:
     """Joint y goes down by 0.25 mm: onto a switch above it, away from one below."""
-    arguments = asked(tmp_path, ini_of(PLAIN, PLAIN | entries, PLAIN))
+    arguments = arguments_of(tmp_path, ini_of(PLAIN, PLAIN | entries, PLAIN))
     if limit is None:
         assert glidecal(*arguments).status == 0
         return
-    said = refused(3, *arguments)
-    assert f"[JOINT_1] {limit}: found 400.000000" in said
-    assert "inside the limits" in said
-    assert allowed in said
+    words = refused(3, *arguments)
+    assert f"[JOINT_1] {limit}: found 400.000000" in words
+    assert "inside the limits" in words
+    assert allowed in words
     assert not (tmp_path / "out").exists()
 
 
 def test_a_switch_below_comes_inside_with_a_positive_offset(tmp_path: Path) -> None:
     below = PLAIN | {"HOME_OFFSET": 199.9, "HOME_SEARCH_VEL": -20, "HOME": 210}
-    said = refused(3, *asked(tmp_path, ini_of(below, PLAIN, PLAIN)))
-    assert "[JOINT_0] MIN_LIMIT: found 200.000000" in said
-    assert "at least 200.400000" in said
+    words = refused(3, *arguments_of(tmp_path, ini_of(below, PLAIN, PLAIN)))
+    assert "[JOINT_0] MIN_LIMIT: found 200.000000" in words
+    assert "at least 200.400000" in words
 
 
 def test_the_limit_that_is_proposed_is_taken(tmp_path: Path) -> None:
@@ -118,8 +120,8 @@ def test_the_limit_that_is_proposed_is_taken(tmp_path: Path) -> None:
 def test_limits_in_inches_are_told_in_inches_for_the_file(tmp_path: Path) -> None:
     inch: dict[str, object] = {key: float(str(value)) / 25.4 for key, value in PLAIN.items()}
     close = inch | {"HOME_OFFSET": 400.2 / 25.4}
-    said = refused(3, *asked(tmp_path, ini_of(inch, close, inch, unit="inch")))
-    assert f"at most {399.95 / 25.4:.6f}" in said
+    words = refused(3, *arguments_of(tmp_path, ini_of(inch, close, inch, unit="inch")))
+    assert f"at most {399.95 / 25.4:.6f}" in words
     files, _ = exported(tmp_path, ini_of(inch, inch, inch, unit="inch"))
     assert "199.750 to 399.750 mm now" in files[1]
 
@@ -142,7 +144,7 @@ def test_homing_that_ends_beyond_the_switch_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("without", "said"),
+    ("without", "words"),
     [
         ({"MAX_LIMIT"}, "not checked: the INI file states no MAX_LIMIT"),
         ({"MIN_LIMIT", "MAX_LIMIT"}, "not checked: the INI file states no MIN_LIMIT, no MAX_LIMIT"),
@@ -150,12 +152,12 @@ def test_homing_that_ends_beyond_the_switch_is_told(tmp_path: Path) -> None:
     ],
 )
 def test_what_the_ini_file_does_not_state_is_not_checked(
-    tmp_path: Path, without: set[str], said: str
+    tmp_path: Path, without: set[str], words: str
 ) -> None:
     close = {key: v for key, v in (PLAIN | {"HOME_OFFSET": 400.2}).items() if key not in without}
     files, err = exported(tmp_path, ini_of(PLAIN, close, PLAIN))
-    assert said in files[1]
-    assert said in err
+    assert words in files[1]
+    assert words in err
 
 
 def test_an_encoder_has_no_switch_and_an_index_is_not_the_switch(tmp_path: Path) -> None:
@@ -212,13 +214,14 @@ def test_every_joint_of_a_drive_gets_its_offset(tmp_path: Path, kins: str, legs:
 
 
 @pytest.mark.parametrize(
-    ("kins", "count", "traj", "said"),
+    ("kins", "count", "traj", "part"),
     [
         ("trivkins coordinates=XYZA", 4, "", "letters X, Y and Z"),
         ("trivkins coordinates=XZ", 3, "", "letters X, Y and Z"),
         ("trivkins coordinates=XYYZ", 3, "", "3 joints"),
         ("trivkins", 4, "COORDINATES = X Y Y Z\n", "coordinates="),
         ("trivkins", 4, "", "coordinates="),
+        ("trivkins", 3, "COORDINATES = X Y A\n", "coordinates="),
         ("", 4, "COORDINATES = XYYZ\n", "coordinates="),
         ("gantrykins", 4, "", "coordinates="),
         ("xyzac-trt-kins coordinates=XYZAC", 5, "", "coordinates="),
@@ -226,28 +229,28 @@ def test_every_joint_of_a_drive_gets_its_offset(tmp_path: Path, kins: str, legs:
 )
 @pytest.mark.parametrize("kind", ["linuxcnc", "linuxcnc-kins"])
 def test_joints_of_unclear_drives_are_refused_by_name(
-    tmp_path: Path, kins: str, count: int, traj: str, said: str, kind: str
+    tmp_path: Path, kins: str, count: int, traj: str, part: str, kind: str
 ) -> None:
-    arguments = asked(tmp_path, ini_of(*numbered(count), kins=kins, traj=traj), kind=kind)
+    arguments = arguments_of(tmp_path, ini_of(*numbered(count), kins=kins, traj=traj), kind=kind)
     words = refused(3, *arguments)
-    assert said in words
+    assert part in words
     assert (kins or "COORDINATES") in words
     assert not (tmp_path / "out").exists()
 
 
 def test_own_kinematics_take_one_joint_a_drive(tmp_path: Path) -> None:
     ini = ini_of(*numbered(4), kins="trivkins coordinates=XYYZ")
-    said = refused(2, *asked(tmp_path, ini, kind="linuxcnc-kins"))
-    assert "joints 1 and 2 on drive y" in said
+    words = refused(2, *arguments_of(tmp_path, ini, kind="linuxcnc-kins"))
+    assert "joints 1 and 2 on drive y" in words
 
 
 def test_joints_of_the_machine_file_are_three(tmp_path: Path) -> None:
     """It says which drive each of three joints moves; of a fourth it says nothing."""
-    asked(tmp_path, None)
+    arguments_of(tmp_path, None)
     model = json.loads((tmp_path / "m.json").read_text())
     model["machine"] = {"schema": "glidecal.machine/1", "joints": ["y", "x", "z"]}
     for kins, status in (("trivkins coordinates=XYYZ", 3), ("orthoglidekins", 0)):
-        arguments = asked(tmp_path, ini_of(*numbered(4), kins=kins))
+        arguments = arguments_of(tmp_path, ini_of(*numbered(4), kins=kins))
         (tmp_path / "m.json").write_text(json.dumps(model))
         run = glidecal(*arguments)
         assert run.status == status, run.err

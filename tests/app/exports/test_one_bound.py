@@ -33,8 +33,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A machine with two axes out of square, its session, and a model that has this effect."""
     folder = tmp_path_factory.mktemp("bound")
     truth = model_file(folder / "truth.json", 2.0, **TRUTH)
-    asked = ("--protocol", "two-station", "--seed", "3", "-o", folder / "s.jsonl")
-    assert glidecal("simulate", "--model", truth, *asked).status == 0
+    options = ("--protocol", "two-station", "--seed", "3", "-o", folder / "s.jsonl")
+    assert glidecal("simulate", "--model", truth, *options).status == 0
     model_file(folder / "m.json", 1.0)
     return folder
 
@@ -54,8 +54,7 @@ def true_error_mm(folder: Path, out: Path, *, holds_lean: bool) -> float:
     """What the tool is really off by with these values entered, over the workspace."""
     solved = json.loads((out / "o.json").read_text())["parameters"]
     entered = np.array([solved[name]["value"] for name in TRUTH])
-    found = read_model_file(folder / "truth.json")
-    true = to_model(found, "truth", known_effects())
+    true = to_model(read_model_file(folder / "truth.json"), "truth", known_effects())
     left = np.array(list(TRUTH.values())) - entered
     rest = Model(true.geometry, (*left.tolist(), 0.0, 0.0, 0.0))
     return tool_error_mm(rest if holds_lean else rest.with_effects(true.effects))
@@ -82,9 +81,9 @@ def test_every_file_states_the_bound_of_what_it_holds(
 def test_the_bound_of_files_that_hold_everything_is_that_of_the_result(
     folder: Path, tmp_path: Path
 ) -> None:
-    asked = ("--subset", "joint-offsets", "--model", folder / "m.json")
-    said = " ".join(glidecal("solve", folder / "s.jsonl", *asked).out.split())
-    (result, _) = BOUND.findall(said)
+    options = ("--subset", "joint-offsets", "--model", folder / "m.json")
+    text = " ".join(glidecal("solve", folder / "s.jsonl", *options).out.split())
+    (result, _) = BOUND.findall(text)
     for kind, same in (("linuxcnc-kins", True), ("model", True), ("linuxcnc", False)):
         files, _ = written(folder, tmp_path / kind, kind)
         assert {BOUND.findall(text)[0] == result for text in files} == {same}

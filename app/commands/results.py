@@ -79,7 +79,10 @@ def verify(
     tolerance: Tolerance = None,
     as_json: AsJson = False,
 ) -> None:
-    """Were the offsets entered, is the tool in tolerance? Exit 0: pass, 6: fail, 7: undecided."""
+    """Were the offsets entered, is the tool in tolerance?
+
+    Exit 0: pass, 6: fail, 7: undecided.
+    """
     from app.evaluating.comparison import verify_files
     from app.exit_codes import VERIFIED, Exit
     from app.report.schema.solution import VerificationReport

@@ -15,15 +15,20 @@ from calib.errors import (
 
 
 class Exit(IntEnum):
-    """0 done; 2 is also what typer itself uses for a wrong command line."""
+    """0 done; 2 is also what typer itself uses for a wrong command line, 1 is Python's own."""
 
     DONE = 0
     USAGE = 2
     RECORD = 3
     INDICATOR = 4
     RESULT = 5
+    FAILED = 6
+    UNDECIDED = 7
     INTERRUPTED = 130
 
+
+VERIFIED = {"pass": Exit.DONE, "fail": Exit.FAILED, "undecided": Exit.UNDECIDED}
+"""By the decision of a verification. Without a tolerance nothing is decided: UNDECIDED, too."""
 
 _STATUS = {
     UsageError: Exit.USAGE,

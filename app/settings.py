@@ -78,7 +78,10 @@ def read_settings(path: Path) -> Settings:
 
 
 def save_theme(path: Path, theme: str) -> None:
-    """Write the theme into the file and keep the rest as it is. Raises RecordError."""
+    """Write the theme into the file and keep the rest as it is.
+
+    Raises RecordError, UsageError where the file is a link.
+    """
     from protocols.files import write_files
 
     wanted = read_settings(path).model_copy(update={"theme": theme})

@@ -19,6 +19,9 @@ from calib.errors import RecordError, UsageError
 Written = Mapping[str, str | bytes]
 """Contents of files by their names; '' is the path itself."""
 
+STANDARD_OUTPUT = Path("-")
+"""As an output: the stream. No file and no folder of this name is written."""
+
 
 NO_WAIT = getattr(os, "O_NONBLOCK", 0)
 NO_LINK = getattr(os, "O_NOFOLLOW", 0)
@@ -187,7 +190,15 @@ class FilesThere(UsageError):
 
 def check_targets(targets: Iterable[Path], *, replace: bool = False) -> None:
     """Raises UsageError for a target that must not be replaced, FilesThere unless others may be."""
-    there = [target for target in targets if target.exists()]
+    every = list(targets)
+    if any(target.parts[:1] == STANDARD_OUTPUT.parts for target in every):
+        raise UsageError(
+            "output",
+            "'-', which is standard output",
+            "the name of a file or folder",
+            "Only a result that is one text goes to standard output.",
+        )
+    there = [target for target in every if os.path.lexists(target)]
     for target in there:
         _refuse_to_replace(target)
     if there and not replace:
@@ -196,6 +207,10 @@ def check_targets(targets: Iterable[Path], *, replace: bool = False) -> None:
 
 def write_files(path: Path, written: Written, *, replace: bool = False) -> list[Path]:
     """Write one file at ``path``, or several into the folder ``path``: all of them or none.
+
+    Every file that a person asks for is written here. None is written through a link: a target
+    that is one is refused, and what takes its name later is a file beside it that gets that name,
+    which replaces a link and never what it leads to.
 
     Several are never old and new side by side, not even if the program is killed: the old ones
     are out of the way before the first new one has its name. Raises as `check_targets`, and
@@ -208,8 +223,8 @@ def write_files(path: Path, written: Written, *, replace: bool = False) -> list[
     try:
         for target, content in targets.items():
             target.parent.mkdir(parents=True, exist_ok=True)
-            behind = target.resolve()  # behind a link, the file itself
-            staged[behind] = _stage(behind, content)
+            staged[target] = _stage(target, content)
+        _check_for_links(targets)  # once more: one that came meanwhile is not ours to replace
         _swap(staged)
     except OSError as problem:
         for part in staged.values():
@@ -225,6 +240,13 @@ def write_files(path: Path, written: Written, *, replace: bool = False) -> list[
     return list(targets)
 
 
+def _check_for_links(targets: Iterable[Path]) -> None:
+    """Raises OSError for a target that is a link."""
+    for target in targets:
+        if target.is_symlink():
+            raise OSError(errno.ELOOP, f"{target} has become a link")
+
+
 def _swap(staged: dict[Path, Path]) -> None:
     """Give the staged files their names. Raises OSError when everything is as before.
 
@@ -237,7 +259,7 @@ def _swap(staged: dict[Path, Path]) -> None:
     moved: list[tuple[Path, Path]] = []
     try:
         for target, part in staged.items():
-            if target.exists():
+            if os.path.lexists(target):
                 _move(target, _aside(part), moved)
         for target, part in staged.items():
             _move(part, target, moved)
@@ -279,6 +301,13 @@ def targets_of(path: Path, written: Written) -> dict[Path, str | bytes]:
 
 
 def _refuse_to_replace(target: Path) -> None:
+    if target.is_symlink():
+        raise UsageError(
+            "output",
+            f"{target}, a link to {target.readlink()}",
+            "a name that is no link",
+            "Name that file itself, or remove the link.",
+        )
     if not target.is_file():
         raise UsageError("output", f"{target}, not an ordinary file", "a file to write")
     with suppress(OSError), target.open("rb") as file:
@@ -294,8 +323,9 @@ def _stage(target: Path, content: str | bytes) -> Path:
         with os.fdopen(descriptor, "wb") as file:
             file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
+            if sys.platform != "win32":  # by its number: its name may be another file's by now
+                os.fchmod(file.fileno(), 0o644)  # mkstemp makes it private
             os.fsync(file.fileno())
-        part.chmod(0o644)  # mkstemp makes it private
     except OSError:
         part.unlink(missing_ok=True)
         raise

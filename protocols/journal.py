@@ -260,6 +260,12 @@ def check_new(path: Path) -> None:
     """
     if not path.name:
         raise RecordError("session", f"'{path}', a folder", "the name of a file")
+    if path == files.STANDARD_OUTPUT:
+        raise RecordError(
+            "session",
+            "'-', which is standard output",
+            "the name of a file: a record grows on the disk",
+        )
     # a regular file without a byte is left by a program that was killed as it began
     if os.path.lexists(path) and not (
         path.is_file() and not path.is_symlink() and path.stat().st_size == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 import threading
 import time
@@ -29,6 +30,8 @@ os.environ["XDG_CACHE_HOME"] = os.environ["XDG_DATA_HOME"]
 ROOT = Path(__file__).parent.parent
 SAMPLES = ROOT / "sample_sessions"
 PATIENCE_S = 2.0
+
+needs_links = pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege there")
 
 
 @pytest.fixture(autouse=True)

@@ -17,6 +17,7 @@ from app.machines.options import (
     Sessions,
     SubsetName,
     argument,
+    deliver,
     file,
     may_replace,
     number,
@@ -78,14 +79,22 @@ def verify(
     tolerance: Tolerance = None,
     as_json: AsJson = False,
 ) -> None:
-    """Were the offsets entered, is the tool in tolerance?"""
+    """Were the offsets entered, is the tool in tolerance?
+
+    Exit 0: pass, 6: fail, 7: undecided.
+    """
     from app.evaluating.comparison import verify_files
+    from app.exit_codes import VERIFIED, Exit
     from app.report.schema.solution import VerificationReport
-    from app.report.text.result import verification_text
+    from app.report.text.result import decided, verification_text
 
     found = verify_files(before, after, tolerance)
     answer = Answer(lambda: verification_text(found), lambda: VerificationReport.of(found=found))
     typer.echo(answer.shown(as_json=as_json))
+    status = VERIFIED[found.decision or "undecided"]
+    if status != Exit.DONE:
+        say(f"glidecal: the verification did not pass: {decided(found)}")
+    raise typer.Exit(status)
 
 
 def export(
@@ -150,17 +159,17 @@ def export(
 ) -> None:
     """Offsets for the controller, as files. For linuxcnc a folder of includes and tables.
 
-    With --table the numbers of a session instead.
+    With --table the numbers of a session instead. With -o - one text goes to standard output.
     """
-    from protocols.files import targets_of, write_files
+    from protocols.files import STANDARD_OUTPUT
 
     if table or format_name in ("xlsx", "parquet"):
         told = {"--home-offset": home_offset, "--endstops": endstops, "--ini": ini}
         _refuse_beside_table(table or "readings", format_name, {**told, "--ambiguous": ambiguous})
-        may = may_replace(force, output)
+        if output != STANDARD_OUTPUT or format_name != "csv":
+            force = may_replace(force, output)  # before long work
         found = _table(source, table or "readings", subset, method, model)
-        write_files(output, {"": found.written(format_name)}, replace=may)
-        say(f"{len(found.rows)} rows written: {output}")
+        deliver(output, {"": found.written(format_name)}, force=force)
         return
     from app.exports import FORMATS
     from app.exports.linuxcnc_ini import read_controller
@@ -182,14 +191,12 @@ def export(
     if ini:
         offsets = replace(offsets, controller=read_controller(ini))
     offsets = replace(offsets, ambiguous=() if ambiguous else offsets.ambiguous)
-    for text in offsets.cautions:
+    exported = FORMATS[format_name](offsets)
+    for text in exported.cautions:
         say(f"glidecal: {text}")
     if format_name.startswith("linuxcnc") and offsets.controller is None:
         say(f"glidecal: WARNING: {UNKNOWN_HOME_OFFSET}")
-    written = FORMATS[format_name](offsets)
-    may = may_replace(force, *targets_of(output, written))
-    for path in write_files(output, written, replace=may):
-        say(f"written: {path}")
+    deliver(output, exported.files, force=force)
 
 
 def history(
@@ -262,7 +269,9 @@ def report(
     force: Force = False,
 ) -> None:
     """The calibration report to sign, as .html or .pdf. With -o - as HTML on standard output."""
-    if output == Path("-"):
+    from protocols.files import STANDARD_OUTPUT
+
+    if output == STANDARD_OUTPUT:
         with extra("glidecal report", "report"):
             from app.report.pages.contents import report_of
             from app.report.pages.report import html_of

@@ -228,7 +228,8 @@ class Index:
     def __init__(self, path: Path) -> None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._data = self._opened(path)
+            # SQLite follows links, and no file is written through one
+            self._data = self._opened(":memory:" if path.is_symlink() else path)
         except sqlite3.OperationalError:  # no such place, or somebody else has it
             self._data = self._opened(":memory:")
         except (OSError, sqlite3.DatabaseError) as problem:

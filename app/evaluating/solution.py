@@ -117,6 +117,10 @@ class SessionSolution:
         """The same with the solution entered."""
         return self.choice.tool_bound(self.solution.subset)
 
+    def bound_after_without(self, absent: frozenset[int]) -> ToolBound:
+        """The same where the controller does not hold these effects of the model."""
+        return self.choice.tool_bound(self.solution.subset, absent) if absent else self.bound_after
+
     @cached_property
     def near_before_mm(self) -> float:
         """What the tool is off by at most relative to Zero, on a workpiece there, as it is now."""
@@ -126,6 +130,12 @@ class SessionSolution:
     def near_after_mm(self) -> float:
         """The same with the solution entered."""
         return self.choice.tool_near_mm(self.solution.subset)
+
+    def near_after_mm_without(self, absent: frozenset[int]) -> float:
+        """The same where the controller does not hold these effects of the model."""
+        if not absent:
+            return self.near_after_mm
+        return self.choice.tool_near_mm(self.solution.subset, absent)
 
     @property
     def helps(self) -> bool:

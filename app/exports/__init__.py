@@ -10,30 +10,40 @@ from pathlib import Path
 
 from app.evaluating.solution import SessionSolution
 from app.exports import linuxcnc, towers
-from app.report.offsets import Offsets, offsets_from_solved
+from app.report.offsets import (
+    Export,
+    Offsets,
+    held_in_part,
+    moves_the_tool,
+    offsets_from_solved,
+)
 from app.report.schema.document import to_json
 from app.report.schema.solution import OffsetsReport
 from calib.errors import UsageError
 from protocols.data_table import csv_text
-from protocols.files import Written, write_files
+from protocols.files import write_files
 from protocols.model_file import model_file
 
 
-def as_json(offsets: Offsets) -> Written:
-    """Schema ``glidecal.offsets/1``."""
-    return {"": to_json(OffsetsReport.of(offsets=offsets)) + "\n"}
+def as_json(offsets: Offsets) -> Export:
+    """Schema ``glidecal.offsets/1``, without the effects of a model."""
+    offsets = held_in_part(offsets, moves_the_tool(offsets.model))
+    text = to_json(OffsetsReport.of(offsets=offsets)) + "\n"
+    return Export({"": text}, offsets.cautions)
 
 
-def as_model(offsets: Offsets) -> Written:
+def as_model(offsets: Offsets) -> Export:
     """Schema ``glidecal.model/1``: for ``glidecal simulate --model``."""
-    return {"": model_file(offsets.model, offsets.machine, offsets.cautions).text()}
+    text = model_file(offsets.model, offsets.machine, offsets.cautions).text()
+    return Export({"": text}, offsets.cautions)
 
 
-def as_csv(offsets: Offsets) -> Written:
+def as_csv(offsets: Offsets) -> Export:
     """One row a parameter, below the cautions as ``#`` lines; point as decimal mark.
 
-    An unknown uncertainty stays empty.
+    An unknown uncertainty stays empty; effects of a model are not in it.
     """
+    offsets = held_in_part(offsets, moves_the_tool(offsets.model))
     rows: list[Sequence[str]] = [
         (
             "parameter",
@@ -52,7 +62,7 @@ def as_csv(offsets: Offsets) -> Written:
         )
         rows.append((name, *("" if mm is None else f"{mm:.6f}" for mm in known)))
     made = [f"{offsets.source}, {offsets.made}"] if offsets.made else []
-    return {"": csv_text(rows, [*made, *offsets.cautions])}
+    return Export({"": csv_text(rows, [*made, *offsets.cautions])}, offsets.cautions)
 
 
 FORMATS = {
@@ -65,7 +75,7 @@ FORMATS = {
     "klipper": towers.printer_cfg,
     "reprapfirmware": towers.config_g,
 }
-"""Each takes offsets and gives the texts of the files to write, by name ('' is the path itself)."""
+"""Each takes offsets and gives the files to write, by name ('' is the path itself)."""
 
 FILE_NAMES = {"json": "offsets.json", "csv": "offsets.csv", "model": "model.json"}
 
@@ -79,14 +89,14 @@ def export_offsets(
     The second result is why files for LinuxCNC are not among them, where effects stand against it.
     """
     offsets = offsets_from_solved(solved)
-    files = {file: FORMATS[name](offsets)[""] for name, file in FILE_NAMES.items()}
+    files = {file: FORMATS[name](offsets).files[""] for name, file in FILE_NAMES.items()}
     if offsets.machine.position_endstop_mm:
-        files["klipper.cfg"] = towers.printer_cfg(offsets)[""]
-        files["reprapfirmware.g"] = towers.config_g(offsets)[""]
+        files["klipper.cfg"] = towers.printer_cfg(offsets).files[""]
+        files["reprapfirmware.g"] = towers.config_g(offsets).files[""]
         return write_files(folder, files, replace=replace), ""
     refused = ""
     try:
-        files |= linuxcnc.joint_includes(offsets)
+        files |= linuxcnc.joint_includes(offsets).files
     except UsageError as problem:
         if not (offsets.model.effects or offsets.lengths_mm):
             raise

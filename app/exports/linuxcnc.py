@@ -12,7 +12,8 @@ from collections.abc import Iterator, Sequence
 from importlib import resources
 from textwrap import wrap
 
-from app.report.offsets import Offsets, one_line
+from app.exports.linuxcnc_joints import DriveJoint, joints_of_drives, one_joint_a_drive, travel
+from app.report.offsets import Export, Offsets, held_in_part, moves_the_tool, one_line
 from app.report.schema.solution import Offset
 from app.report.text.tables import WIDTH, uncertain
 from calib.arrays import LEG_NAMES
@@ -20,19 +21,15 @@ from calib.errors import UsageError
 from calib.tripod.controller import (
     INTERPOLATION_MM,
     NOTHING_MM,
-    ControllerJoint,
     JointEntries,
     Table,
     joint_entries,
     kinematics_of,
     not_told,
-    tool_error_mm,
 )
 from calib.tripod.pipeline import Model, Stage
-from protocols.files import Written
 
 MODULE = "orthoglidekins"
-MOVES_THE_TOOL = (Stage.ACTUATOR, Stage.FOOT, Stage.TOOL)
 UNITS = {1.0: "mm", 25.4: "inch"}
 
 
@@ -48,7 +45,7 @@ def table_text(table: Table, mm_per_unit: float = 1.0) -> str:
     )
 
 
-def joint_includes(offsets: Offsets) -> Written:
+def joint_includes(offsets: Offsets) -> Export:
     """``calib_joint<n>.inc`` for each joint, and ``calib_joint<n>.comp`` where it needs a table.
 
     Raises UsageError where lengths cannot be held, ImpossibleRequest as `joint_entries`.
@@ -64,7 +61,7 @@ def joint_includes(offsets: Offsets) -> Written:
     return joint_files(offsets, kinematics=False)
 
 
-def with_kinematics(offsets: Offsets) -> Written:
+def with_kinematics(offsets: Offsets) -> Export:
     """`joint_includes`, an own kinematics module and ``calib.hal`` with the values of its pins.
 
     What moves a carriage along its own drive stays with the joints: nothing is corrected twice.
@@ -72,30 +69,31 @@ def with_kinematics(offsets: Offsets) -> Written:
     unit = offsets.controller.mm_per_unit if offsets.controller else 1.0
     source = resources.files("app.exports").joinpath(f"{MODULE}.comp").read_text(encoding="utf-8")
     said = [line for text in origin(offsets) for line in short_lines(text)]
-    hal = "".join(f"# {line}\n" for line in said) + pins(offsets.model, unit, _joints(offsets))
+    each = one_joint_a_drive(joints_of_drives(offsets), MODULE)
+    hal = "".join(f"# {line}\n" for line in said)
+    hal += pins(offsets.model, unit, [(moved.joint, moved.way) for moved in each])
     own = {f"{MODULE}.comp": source, "calib.hal": hal}
-    return {**joint_files(offsets, kinematics=True), **own}
+    joints = joint_files(offsets, kinematics=True)
+    return Export({**joints.files, **own}, joints.cautions)
 
 
-def joint_files(offsets: Offsets, *, kinematics: bool) -> Written:
+def joint_files(offsets: Offsets, *, kinematics: bool) -> Export:
     """Include and table of each joint, for what the model says along the drives.
 
     With ``kinematics`` the rest of it stands in a file beside them. Raises as `joint_includes`.
     """
-    x, y, z = offsets.joint_offsets_mm  # all are stated
     controller, written = offsets.controller, {}
     _refuse_what_is_not_known(offsets)
-    joints = _joints(offsets)
-    left = list(_left(offsets.model, kinematics=kinematics))
-    for drive, offset in enumerate((x, y, z)):
-        joint, way = joints[drive]
-        held = controller.joints[joint] if controller else None
-        entries = (
-            joint_entries(offsets.model, drive, held, way) if held else JointEntries(way * offset)
-        )
+    offsets = held_in_part(offsets, not_told(offsets.model, kinematics=kinematics).effects)
+    within = list(_within(offsets.model, kinematics=kinematics))
+    travels: list[str] = []
+    for moved, entries in entries_of(offsets):
+        joint, drive, held = moved.joint, moved.drive, moved.now
         unit = controller.mm_per_unit if controller else 1.0
-        said = [*origin(offsets, joint, drive), *_of_joint(offsets, drive, way, held, entries)]
-        said += [*left, *offsets.cautions]
+        said = [*origin(offsets, joint, drive), *_of_joint(offsets, moved, entries)]
+        moving = list(travel(offsets, moved, entries))
+        travels += moving
+        said += [*moving, *within, *offsets.cautions]
         put = f"put '#INCLUDE calib_joint{joint}.inc' directly under [JOINT_{joint}]"
         lines = [f"# {line}" for text in said for line in short_lines(text)]
         lines.append(f"# {put}; LINEAR_UNITS = {UNITS.get(unit) or f'{1.0 / unit:g}'}")
@@ -110,7 +108,24 @@ def joint_files(offsets: Offsets, *, kinematics: bool) -> Written:
             lines += [f"COMP_FILE = {name}", "COMP_FILE_TYPE = 1"]
             written[name] = table_text(entries.table, unit)
         written[f"calib_joint{joint}.inc"] = "\n".join(lines) + "\n"
-    return written
+    return Export(written, (*dict.fromkeys(travels), *offsets.cautions))
+
+
+def entries_of(offsets: Offsets) -> list[tuple[DriveJoint, JointEntries]]:
+    """What each joint that moves a drive is to hold; the change alone where nobody stated the old.
+
+    Raises as `joints_of_drives` and `joint_entries`.
+    """
+    offset_mm = offsets.joint_offsets_mm  # all are stated
+    return [
+        (
+            moved,
+            joint_entries(offsets.model, moved.drive, moved.now, moved.way)
+            if moved.now
+            else JointEntries(moved.way * offset_mm[moved.drive]),
+        )
+        for moved in joints_of_drives(offsets)
+    ]
 
 
 def refuse_what_is_ambiguous(offsets: Offsets) -> None:
@@ -149,19 +164,6 @@ def _refuse_what_is_not_known(offsets: Offsets) -> None:
         )
 
 
-def _joints(offsets: Offsets) -> tuple[tuple[int, int], ...]:
-    """The joint of each drive, and -1 where it counts against it.
-
-    As the machine file says, else by the axes that the kinematics name, else in their order.
-    """
-    axes = offsets.controller.axes if offsets.controller else None
-    named = offsets.machine.joints or tuple((axes or "").lower()[:3])
-    if sorted(name[-1] for name in named) != list(LEG_NAMES):
-        named = LEG_NAMES
-    drives = [name[-1] for name in named]
-    return tuple((n := drives.index(leg), -1 if named[n][0] == "-" else 1) for leg in LEG_NAMES)
-
-
 def origin(offsets: Offsets, joint: int | None = None, drive: int = 0) -> list[str]:
     """Machine, session, when it was measured, digest, version."""
     of = "" if joint is None else f"joint {joint} ({LEG_NAMES[drive]}) of "
@@ -171,10 +173,9 @@ def origin(offsets: Offsets, joint: int | None = None, drive: int = 0) -> list[s
     ]
 
 
-def _of_joint(
-    offsets: Offsets, drive: int, way: int, held: ControllerJoint | None, entries: JointEntries
-) -> Iterator[str]:
+def _of_joint(offsets: Offsets, moved: DriveJoint, entries: JointEntries) -> Iterator[str]:
     """How the value comes about, or what to add to one that nobody stated."""
+    drive, way, held = moved.drive, moved.way, moved.now
     name = f"d_rho_{LEG_NAMES[drive]}"
     offset = way * offsets.parameters[name].value
     if way < 0:
@@ -195,17 +196,12 @@ def _of_joint(
     yield from known_lines(name, offsets.parameters[name], lacks_fit=offsets.lacks_fit)
 
 
-def _left(model: Model, *, kinematics: bool) -> Iterator[str]:
-    """Effects that these files do not hold, and what that leaves at the tool."""
+def _within(model: Model, *, kinematics: bool) -> Iterator[str]:
+    """Effects that these files hold."""
     left = not_told(model, kinematics=kinematics)
-    mine = [one for one in model.effects if one.stage in MOVES_THE_TOOL]
-    held = dict.fromkeys(one.id for one in mine if one not in left.effects)
-    out = dict.fromkeys(one.id for one in left.effects)
+    held = dict.fromkeys(one.id for one in moves_the_tool(model) if one not in left.effects)
     if held:
         yield f"in these files: {', '.join(held)}"
-    if out:
-        error = f"{tool_error_mm(left):.4f} mm r.m.s. at the tool"
-        yield f"not in these files: {', '.join(out)}; that leaves {error}"
     if kinematics and (misfit_mm := kinematics_of(model).misfit_mm) > INTERPOLATION_MM:
         yield f"the kinematics follow the drives within {misfit_mm:.4f} mm only"
 

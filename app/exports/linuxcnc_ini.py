@@ -24,6 +24,10 @@ from protocols.documents import read_text
 INCLUDE = "#INCLUDE"
 MM_OF_UNIT = {"mm": 1.0, "metric": 1.0, "in": 25.4, "inch": 25.4, "imperial": 25.4}
 LARGEST_MM = 100_000.0
+FARTHEST = 1e99
+"""What the controller takes for a limit that is none."""
+
+YES = ("yes", "true", "1", "on")
 
 
 def read_controller(path: Path) -> ControllerJoints:
@@ -38,9 +42,17 @@ def read_controller(path: Path) -> ControllerJoints:
         raise RecordError(f"INI file {path}, [KINS] JOINTS", str(count), "three joints or more")
     joints = tuple(_joint(ini, f"JOINT_{n}", mm_per_unit) for n in range(count))
     # which joint moves which axis, where the kinematics are told
-    named = re.search(r"\bcoordinates=([a-zA-Z]+)", ini.find("KINS", "KINEMATICS") or "")
-    axes = named[1].upper() if named else None
-    return ControllerJoints(joints, mm_per_unit, axes, max(ini.measured(), default=None))
+    kinematics = ini.find("KINS", "KINEMATICS") or ""
+    named = re.search(r"\bcoordinates=([a-zA-Z]+)", kinematics)
+    return ControllerJoints(
+        joints,
+        mm_per_unit,
+        axes=named[1].upper() if named else None,
+        entered=max(ini.measured(), default=None),
+        source=f"INI file {path}",
+        kinematics=next(iter(kinematics.split()), ""),
+        coordinates="".join((ini.find("TRAJ", "COORDINATES") or "").upper().split()),
+    )
 
 
 def _unit(ini: Entries) -> float:
@@ -67,13 +79,28 @@ def _joint(ini: Entries, section: str, mm_per_unit: float) -> ControllerJoint:
             f"at most {LARGEST_MM:g} mm",
         )
     latch = ini.number(section, "HOME_LATCH_VEL")
+    search = ini.number(section, "HOME_SEARCH_VEL")
+    low, high = (_limit_mm(ini, section, key, mm_per_unit) for key in ("MIN_LIMIT", "MAX_LIMIT"))
     return ControllerJoint(
         home_offset_mm=home,
         latch_sign=(latch > 0) - (latch < 0),
         absolute_encoder=ini.number(section, "HOME_ABSOLUTE_ENCODER") != 0.0,
         backlash_mm=ini.number(section, "BACKLASH") * mm_per_unit,
         compensated=ini.find(section, "COMP_FILE") is not None,
+        min_limit_mm=low,
+        max_limit_mm=high,
+        home_mm=ini.number(section, "HOME") * mm_per_unit,
+        search_sign=(search > 0) - (search < 0),
+        indexed=(ini.find(section, "HOME_USE_INDEX") or "").lower() in YES,
     )
+
+
+def _limit_mm(ini: Entries, section: str, key: str, mm_per_unit: float) -> float | None:
+    """A limit of a joint; None where it is not stated, or farther away than any machine is long."""
+    if ini.find(section, key) is None:
+        return None
+    limit_mm = ini.number(section, key, least=-FARTHEST, most=FARTHEST) * mm_per_unit
+    return limit_mm if abs(limit_mm) <= LARGEST_MM else None
 
 
 class Entries:
@@ -108,12 +135,20 @@ class Entries:
                 return entry[1].rstrip()
         return None
 
-    def number(self, section: str, key: str, *, least: float = -1e9, default: float = 0.0) -> float:
+    def number(
+        self,
+        section: str,
+        key: str,
+        *,
+        least: float = -1e9,
+        most: float = 1e9,
+        default: float = 0.0,
+    ) -> float:
         """A number with nothing behind it, which is what the controller accepts."""
         text = self.find(section, key)
         if text is None:
             return default
-        if not NUMBER.fullmatch(text) or not least <= float(text) <= 1e9:
+        if not NUMBER.fullmatch(text) or not least <= float(text) <= most:
             raise RecordError(
                 f"INI file {self.path}, [{section}] {key}",
                 repr(text) if text else "nothing",

@@ -16,12 +16,12 @@ from app.exports.linuxcnc import (
     refuse_what_is_ambiguous,
     short_lines,
 )
-from app.report.offsets import Offsets
+from app.exports.linuxcnc_joints import joints_of_drives, one_joint_a_drive
+from app.report.offsets import LEAST_MM, Export, Offsets, held_in_part
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import UsageError
 from calib.tripod.pipeline import Stage
-from calib.tripod.towers import LEAST_MM, Entered, Towers, each_alone, entered, tower_model
-from protocols.files import Written
+from calib.tripod.towers import Entered, Towers, each_alone, entered, tower_model
 
 USUAL_ANGLES_DEG = (210.0, 330.0, 90.0)
 """Of the first, second and third tower of printers, from x, anticlockwise."""
@@ -84,9 +84,16 @@ def fitted(offsets: Offsets) -> Entered:
 def comments(
     offsets: Offsets, found: Entered, put: str, holds: str, *, each_tower: bool = True
 ) -> list[str]:
-    """What stands above the values: where they go, what they are for, what they leave, cautions."""
+    """What stands above the values: where they go, what they are for, what they leave, cautions.
+
+    First that the height of the tool changes: at Zero each carriage is as far below its switch as
+    its endstop says, and the tool goes with the mean of the three.
+    """
     now = found.now
+    lower_mm = sum(found.endstops_mm((0.0, 0.0, 0.0))) / len(LEG_NAMES)
     said = [
+        "BEFORE THE FIRST MOVE: touch the plate again. With these values the tool at Zero stands "
+        f"about {abs(lower_mm):.2f} mm {'lower' if lower_mm > 0.0 else 'higher'} than now",
         *origin(offsets),
         put,
         f"made for a controller that now holds radius {now.radius_mm:.3f} mm, lengths of the bars "
@@ -122,7 +129,7 @@ def _three(values: FloatArray, decimals: int = 3) -> str:
 STEPPERS = "abc"
 
 
-def printer_cfg(offsets: Offsets) -> Written:
+def printer_cfg(offsets: Offsets) -> Export:
     """Klipper: a file to include at the end of ``printer.cfg``.
 
     Of a key that is there twice the last counts (klippy/kinematics). Raises as `drives_of_towers`,
@@ -130,6 +137,7 @@ def printer_cfg(offsets: Offsets) -> Written:
     """
     drives, now = drives_of_towers(offsets), endstops_now_mm(offsets)
     found = fitted(offsets)
+    offsets = held_in_part(offsets, rest_mm=found.after_mm)
     stops = found.endstops_mm(now)
     steppers = [
         f"stepper_{name} (tower {LEG_NAMES[drive]}) position_endstop {now[drive]:.6f} mm"
@@ -149,13 +157,13 @@ def printer_cfg(offsets: Offsets) -> Written:
             f"arm_length: {found.towers.length_mm[drive]:.6f}",
             f"angle: {found.towers.angle_deg[drive]:.6f}",
         ]
-    return {"": "\n".join(lines) + "\n"}
+    return Export({"": "\n".join(lines) + "\n"}, offsets.cautions)
 
 
 TOWERS = "XYZ"
 
 
-def config_g(offsets: Offsets) -> Written:
+def config_g(offsets: Offsets) -> Export:
     """RepRapFirmware: lines M665 and M666 for ``config.g``. Raises as `printer_cfg`.
 
     A switch trips at H + M666. X, Y, Z of M665 turn the towers at 210, 330 and 90° anticlockwise,
@@ -164,6 +172,7 @@ def config_g(offsets: Offsets) -> Written:
     """
     drives, now = drives_of_towers(offsets), endstops_now_mm(offsets)
     found = fitted(offsets)
+    offsets = held_in_part(offsets, rest_mm=found.after_mm)
     stops, towers = [found.endstops_mm(now)[drive] for drive in drives], found.towers
     height = sum(stops) / len(stops)
     held = [
@@ -184,7 +193,7 @@ def config_g(offsets: Offsets) -> Written:
     lines = [f"; {line}" for line in comments(offsets, found, put, ", ".join(held))]
     lines.append(f"M665 L{lengths} R{towers.radius_mm:.6f} H{height:.6f} {' '.join(turned)}")
     lines.append(f"M666 {' '.join(raised)}")
-    return {"": "\n".join(lines) + "\n"}
+    return Export({"": "\n".join(lines) + "\n"}, offsets.cautions)
 
 
 ANGLES_DEG = (90.0, 210.0, 330.0)
@@ -192,7 +201,7 @@ EXACT_DEG = 0.01
 """The kinematics have no angles of their own; numbers of a machine file are rounded."""
 
 
-def joints_and_pins(offsets: Offsets) -> Written:
+def joints_and_pins(offsets: Offsets) -> Export:
     """LinuxCNC with ``lineardeltakins``: includes and tables of the joints, ``calib.hal``.
 
     Its two pins hold one length and one radius. Joints 0, 1, 2 are the towers at 90, 210 and 330°,
@@ -211,6 +220,8 @@ def joints_and_pins(offsets: Offsets) -> Written:
             "none stated",
             "--ini, --home-offset, or home_offset_mm in the machine file",
         )
+    if sorted(held.axes or "XYZ") != ["X", "Y", "Z"]:
+        one_joint_a_drive(joints_of_drives(offsets), "lineardeltakins")
     of_joints = [LEG_NAMES[drive] for drive in drives]
     if held.axes:  # by drives, else in the order of the joints already
         named = [name.lower() for name in held.axes]
@@ -222,6 +233,7 @@ def joints_and_pins(offsets: Offsets) -> Written:
     found = entered(offsets.model.with_effects(across), each_tower=False)
     if max(found.now.length_mm) - min(found.now.length_mm) > LEAST_MM:
         raise UsageError("lengths of the bars held now", "unequal ones", "one length, pin L")
+    offsets = held_in_part(offsets, rest_mm=found.after_mm)
     joints = tower_model(offsets.model, found.change_mm, along)
     machine = offsets.machine.model_copy(update={"joints": tuple(of_joints)})
     told = replace(offsets, machine=machine, controller=held, model=joints)
@@ -243,4 +255,5 @@ def joints_and_pins(offsets: Offsets) -> Written:
         f"setp lineardeltakins.R {found.towers.radius_mm / unit:.6f}",
     ]
     hal = "\n".join([*(f"# {line}" for line in said), *pins]) + "\n"
-    return {**joint_files(told, kinematics=False), "calib.hal": hal}
+    joints_written = joint_files(told, kinematics=False)
+    return Export({**joints_written.files, "calib.hal": hal}, joints_written.cautions)

@@ -17,6 +17,7 @@ from app.machines.options import (
     Say,
     ScreenAnswer,
     Simulation,
+    deliver,
     file,
     machine_file_of,
     may_replace,
@@ -211,6 +212,7 @@ def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
     """Measured postures into a file."""
     from app.planning.hexaslide import Request, write_simulated
     from app.report.text.hexaslide_calibration import simulated_text
+    from protocols.files import STANDARD_OUTPUT
 
     if own.procedure is None or (own.posture_file is None) == (own.postures is None):
         raise UsageError(
@@ -226,17 +228,22 @@ def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
         posture_file=own.posture_file,
         seed=asked.seed,
     )
-    may = may_replace(asked.force, asked.output, own.truth)
+    printed = asked.output == STANDARD_OUTPUT
+    output = None if printed else asked.output
+    may = may_replace(asked.force, output, own.truth)
     measured = write_simulated(
         wanted,
-        asked.output,
+        output,
         own.truth,
         noise_mm=own.noise,
         angle_noise_mrad=own.angle_noise,
         errors_mm=own.errors,
         replace=may,
     )
-    say(f"{simulated_text(measured)}, written to {asked.output}")
+    if printed:
+        typer.echo(measured.text(), nl=False)
+    else:
+        say(f"{simulated_text(measured)}, written to {asked.output}")
     if own.truth is not None:
         say(f"the true machine written to {own.truth}")
 
@@ -276,12 +283,8 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
         solved = calibrate_file(files[0], own.truth, share)
     if own.corrected is not None:
         from app.exports.hexaslide import NOT_GENHEXKINS, calibrated_files
-        from protocols.files import targets_of, write_files
 
-        written = calibrated_files(solved, own.posture_file)
-        may = may_replace(own.force, *targets_of(own.corrected, written))
-        for path in write_files(own.corrected, written, replace=may):
-            say(f"written: {path}")
+        deliver(own.corrected, calibrated_files(solved, own.posture_file), force=own.force)
         say(NOT_GENHEXKINS)
     return Answer(
         lambda: calibration_text(solved), lambda: HexaSlideCalibrationReport.of(solved=solved)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.report.schema.document import Report
     from app.screens import Look, MakeScreen
     from calib.design.criteria import Criterion
+    from protocols.files import Written
 
 
 def _finite(value: float | None) -> float | None:
@@ -93,9 +94,25 @@ def may_replace(force: bool, *targets: Path | None) -> bool:
 
 def may_write(output: Path | None, suffix: str, *, force: bool) -> bool:
     """As `may_replace`. Raises UsageError for a name that does not end so."""
-    if output is not None and output.suffix != suffix:
+    if output is not None and output.name != "-" and output.suffix != suffix:
         raise UsageError("--output", f"{output}", f"a path that ends with {suffix}")
     return may_replace(force, output)
+
+
+def deliver(output: Path, written: Written, *, force: bool) -> None:
+    """Write the files of a result and say so; one text goes to standard output for ``-o -``.
+
+    Raises as `may_replace` and `write_files`.
+    """
+    from protocols.files import STANDARD_OUTPUT, targets_of, write_files
+
+    text = written.get("")
+    if output == STANDARD_OUTPUT and isinstance(text, str):
+        typer.echo(text, nl=False)
+        return
+    may = may_replace(force, *targets_of(output, written))
+    for path in write_files(output, written, replace=may):
+        say(f"written: {path}")
 
 
 @contextmanager

@@ -124,7 +124,7 @@ def last_used(machine: str) -> tuple[Instrument, ...]:
 
 
 def remember(machine: str, instruments: Sequence[Instrument]) -> None:
-    """Keep what is used for `last_used`. Raises RecordError."""
+    """Keep what is used for `last_used`. Raises RecordError, UsageError for a link."""
     known = _last_used()
     updated = RememberedIndicators(machines=known.machines | {machine: tuple(instruments)})
     if updated != known:

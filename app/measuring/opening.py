@@ -18,7 +18,7 @@ from app.measuring.moving import open_mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession, Indicators
 from app.version import program
-from calib.errors import RecordError
+from calib.errors import RecordError, UsageError
 from drivers.motion.line import STRICT, Patience
 from protocols.journal import Journal
 from protocols.procedure import Step
@@ -92,7 +92,9 @@ def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
     if plan.note and not plan.continued:
         guided.note(plan.note)
     if not plan.simulated:
-        with suppress(RecordError):  # a proposal for the next time: no session fails for it
+        with suppress(
+            RecordError, UsageError
+        ):  # a proposal for the next time: no session fails for it
             remember(plan.machine.name, plan.instruments)
     return guided
 

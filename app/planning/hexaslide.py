@@ -148,7 +148,7 @@ def table(names: Sequence[str], rows: Sequence[Sequence[float]]) -> str:
 
 def write_simulated(
     asked: Request,
-    output: Path,
+    output: Path | None,
     truth: Path | None,
     *,
     noise_mm: float | None = None,
@@ -158,12 +158,13 @@ def write_simulated(
 ) -> HexaSlideMeasurements:
     """Measurements on a machine that differs from its file, and that machine, into files.
 
+    Without ``output`` the measurements are only returned.
     ``errors_mm`` is the size of each error, 1 mm where it is None, ``noise_mm`` 0.01 mm; as many
     mrad as that is the noise of angles. Raises UsageError for a procedure, noise or target,
     RecordError for the machine file, CalibrationError for postures or machines that cannot be, and
     as `write_files`.
     """
-    if truth is not None and truth.resolve() == output.resolve():
+    if truth is not None and output is not None and truth.resolve() == output.resolve():
         raise UsageError("--truth and --output", f"{output} twice", "two files")
     own = load_hexaslide(asked.machine_file)
     procedure = procedure_on(own, asked.procedure, asked.measured)
@@ -197,7 +198,8 @@ def write_simulated(
         machine=own,
         postures=tuple(MeasuredPosture(sliders=tuple(s), values=tuple(v)) for s, v in rows),
     )
-    write_files(output, {"": measured.text()}, replace=replace)
+    if output is not None:
+        write_files(output, {"": measured.text()}, replace=replace)
     if truth is not None:
         hidden = HexaSlideTruth(
             schema=TRUTH_SCHEMA,

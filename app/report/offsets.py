@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Collection, Container, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -11,14 +11,21 @@ from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution, solve_files
 from app.report.schema.document import rows
 from app.report.schema.solution import Offset
-from app.report.text.caveats import bound_made_of, bound_now_and_then, caveats
+from app.report.text.caveats import (
+    BOUND,
+    NotHeld,
+    bound_made_of,
+    bound_now_and_then,
+    caveats,
+)
 from app.version import VERSION
 from calib.errors import RecordError
 from calib.identify.solution import Method, Subset
 from calib.printable import printable
-from calib.tripod.controller import ControllerJoints
+from calib.tripod.controller import ControllerJoints, tool_error_mm
 from calib.tripod.geometry import PARAMETER_NAMES
-from calib.tripod.pipeline import Model
+from calib.tripod.pipeline import Model, Stage, StageEffect
+from protocols.files import Written
 from protocols.machine import Machine
 from protocols.model_file import (
     ambiguity,
@@ -29,6 +36,10 @@ from protocols.model_file import (
 )
 
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
+MOVES_THE_TOOL = (Stage.ACTUATOR, Stage.FOOT, Stage.TOOL)
+
+LEAST_MM = 1e-4
+"""Less at the tool is nothing: no indicator of a workshop shows it."""
 
 MINUTE = "%Y-%m-%d %H:%M %z"
 """How a time stands in a file, for people and for `app.exports.linuxcnc_ini`."""
@@ -48,7 +59,8 @@ class Offsets:
     model leaves as noise. ``model`` holds the parameters, and effects fitted with them.
     ``controller`` is what the controller holds now, None where nobody stated it; ``measured`` is
     when the last session began, None where the source does not tell; ``ambiguous`` are effects that
-    these readings could not tell from others.
+    these readings could not tell from others. ``bound`` is the caution that states the bound at the
+    tool, for a controller that holds everything; ``solved`` is the result that it is from.
     """
 
     source: str
@@ -62,6 +74,8 @@ class Offsets:
     remarks: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
     lacks_fit: bool = False
+    bound: str = ""
+    solved: SessionSolution | None = None
 
     @property
     def made(self) -> str:
@@ -88,11 +102,63 @@ class Offsets:
         return {name: mm for name in names if (mm := self.parameters[name].value)}
 
 
+@dataclass(frozen=True)
+class Export:
+    """The texts of the files to write, and what a person must know of them, as the files say."""
+
+    files: Written
+    cautions: tuple[str, ...]
+
+
+def moves_the_tool(model: Model) -> tuple[StageEffect, ...]:
+    """Its effects that a controller would have to correct."""
+    return tuple(effect for effect in model.effects if effect.stage in MOVES_THE_TOOL)
+
+
+def held_in_part(
+    offsets: Offsets, left_out: Sequence[StageEffect] = (), rest_mm: float = 0.0
+) -> Offsets:
+    """The offsets for files that do not hold these effects of the model: with their own bound.
+
+    ``rest_mm`` is what else these files leave at the tool if the model is right. Where the source
+    is a model file, its bound is that of the whole model, and no other can be worked out.
+    """
+    numbers = frozenset(
+        number
+        for number, effect in enumerate(offsets.model.effects)
+        if any(effect is absent for absent in left_out)
+    )
+    rest_mm = rest_mm if rest_mm >= LEAST_MM else 0.0
+    if not numbers and not rest_mm:
+        return offsets
+    if (solved := offsets.solved) is None:
+        bound = ""
+        left_mm = _leave_mm(offsets.model, numbers)
+        leaves = f"that leaves {left_mm:.4f} mm r.m.s. at the tool, if the model is right"
+    else:
+        fitted = {size.at[0][0] for size in solved.choice.told.sizes}
+        without = NotHeld(numbers, rest_mm + _leave_mm(offsets.model, numbers - fitted))
+        bound = one_line(f"{bound_now_and_then(solved, without)} {bound_made_of(solved, without)}")
+        leaves = "the bound of the tool includes what that leaves"
+    names = ", ".join(dict.fromkeys(offsets.model.effects[number].id for number in sorted(numbers)))
+    missing = [f"not in these files: {names}; {leaves}"] if names else []
+    cautions = [bound if text == offsets.bound else text for text in offsets.cautions]
+    return replace(offsets, bound=bound, cautions=tuple(filter(None, [*missing, *cautions])))
+
+
+def _leave_mm(model: Model, numbers: Collection[int]) -> float:
+    """What these effects of a model do at the tool, r.m.s. over the workspace."""
+    if not numbers:
+        return 0.0
+    acting = tuple(model.effects[number] for number in sorted(numbers))
+    return tool_error_mm(Model(model.geometry).with_effects(acting))
+
+
 def offsets_from_solved(solved: SessionSolution) -> Offsets:
     """Offsets of a solution of session files."""
     solution = solved.solution
     machine = solved.sessions[0].opened.machine
-    bound = f"{bound_now_and_then(solved)} {bound_made_of(solved)}"
+    bound = one_line(f"{bound_now_and_then(solved)} {bound_made_of(solved)}")
     remark = (
         f"exported set: {solution.subset}; recommended: {solved.choice.recommended} "
         f"({solved.choice.reasons[0]})"
@@ -118,6 +184,8 @@ def offsets_from_solved(solved: SessionSolution) -> Offsets:
         remarks=(remark,) if solution.subset != solved.choice.recommended else (),
         cautions=tuple(map(one_line, (bound, *caveats(solved)))),
         lacks_fit=solution.lacks_fit,
+        bound=bound,
+        solved=solved,
     )
 
 
@@ -169,6 +237,7 @@ def _offsets_from_model(path: Path) -> Offsets:
         digests=tuple(dict.fromkeys(digest for one in known for digest in one.digests)),
         ambiguous=unsure,
         cautions=tuple(dict.fromkeys(one for one in said if one)),
+        bound=next((one for one in said if one.startswith(BOUND)), ""),
     )
 
 

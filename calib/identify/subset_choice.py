@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Container
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -102,21 +103,25 @@ class SubsetChoice:
             fitted.model, self.told.visited, fitted.noise, *known, sizes=self.told.sizes
         )[0]
 
-    def tool_bound(self, subset: Subset | None) -> ToolBound:
+    def tool_bound(self, subset: Subset | None, absent: Container[int] = ()) -> ToolBound:
         """What the tool is off by at most with a subset entered; None: as the controller is now.
 
-        With fitted sizes of effects the controller is taken to compensate them.
+        With fitted sizes of effects the controller is taken to compensate them, but for those
+        effects of the model whose numbers are ``absent``.
         """
-        return self._claim.bound(self._entered(subset))
+        return self._claim.bound(self._entered(subset, absent))
 
-    def tool_near_mm(self, subset: Subset | None) -> float:
+    def tool_near_mm(self, subset: Subset | None, absent: Container[int] = ()) -> float:
         """The same of the error relative to Zero, over a workpiece there."""
-        return self._claim.near_mm(self._entered(subset))
+        return self._claim.near_mm(self._entered(subset, absent))
 
-    def _entered(self, subset: Subset | None) -> FloatArray:
+    def _entered(self, subset: Subset | None, absent: Container[int] = ()) -> FloatArray:
         """Parameters and sizes, from the point at which the claim is linear."""
         model = self.solutions[subset].model if subset else Model(self.told.model.geometry)
-        sizes = [one.value(model) if subset else 0.0 for one in self.told.sizes]
+        sizes = [
+            one.value(model) if subset and one.at[0][0] not in absent else 0.0
+            for one in self.told.sizes
+        ]
         start = [*self.fitted.model.parameters_mm]
         start += [one.value(self.fitted.model) for one in self.told.sizes]
         return np.array([*model.parameters_mm, *sizes]) - start

@@ -47,7 +47,9 @@ class ControllerJoint:
 
     ``latch_sign`` is the sign of the movement onto the home switch, 0 where homing moves nothing,
     None where nobody said; with an absolute encoder there is no switch. ``compensated``: a
-    COMP_FILE is read already.
+    COMP_FILE is read already. Limits are None where they are not stated; ``home_mm`` is where
+    homing ends. ``search_sign`` is the sign of the search for the switch, 0 where there is none,
+    None where nobody said; with ``indexed`` the offset is the place of an encoder's index.
     """
 
     home_offset_mm: float
@@ -55,9 +57,14 @@ class ControllerJoint:
     absolute_encoder: bool = False
     backlash_mm: float = 0.0
     compensated: bool = False
+    min_limit_mm: float | None = None
+    max_limit_mm: float | None = None
+    home_mm: float = 0.0
+    search_sign: int | None = None
+    indexed: bool = False
 
     def turned(self) -> ControllerJoint:
-        """The same joint as its drive counts, where it counts the other way."""
+        """What homing meets, as the joint's drive counts, where it counts the other way."""
         latch = None if self.latch_sign is None else -self.latch_sign
         return replace(self, home_offset_mm=-self.home_offset_mm, latch_sign=latch)
 
@@ -67,13 +74,17 @@ class ControllerJoints:
     """Joints, the controller's unit, and the axis of each joint (``"XYZ"``) where that is told.
 
     ``entered`` is when the last session was measured whose offsets the joints hold, as far as the
-    controller's files tell.
+    controller's files tell. ``source`` names the file that all this was read from, empty where a
+    person stated it; ``kinematics`` is its module, ``coordinates`` the axes that it lists.
     """
 
     joints: tuple[ControllerJoint, ...]
     mm_per_unit: float = 1.0
     axes: str | None = None
     entered: datetime | None = None
+    source: str = ""
+    kinematics: str = ""
+    coordinates: str = ""
 
     @classmethod
     def homed_at(

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from app.settings import Settings, read_settings, save_theme, settings_path, with_theme
-from calib.errors import RecordError
+from calib.errors import RecordError, UsageError
 from tests.app.cli import glidecal, refused
+from tests.conftest import needs_links
 
 OWN = """\
 # mine
@@ -35,6 +36,21 @@ def write(path: Path, text: str) -> None:
 def test_without_a_file_everything_has_its_default(file: Path) -> None:
     assert settings_path() == file
     assert read_settings(file) == Settings(theme=None, animations=True, keys={})
+
+
+@needs_links
+def test_no_theme_is_written_through_a_link(file: Path, tmp_path: Path) -> None:
+    write(tmp_path / "real.toml", OWN)
+    file.symlink_to(tmp_path / "real.toml")
+    assert read_settings(file).animations is False
+    with pytest.raises(UsageError, match="a link to"):
+        save_theme(file, "nord")
+    assert (tmp_path / "real.toml").read_text(encoding="utf-8") == OWN
+    file.unlink()
+    file.symlink_to(tmp_path / "nowhere.toml")
+    with pytest.raises(UsageError, match="a link to"):
+        save_theme(file, "nord")
+    assert not (tmp_path / "nowhere.toml").exists()
 
 
 def test_without_the_variable_it_is_in_the_users_folder(

@@ -18,7 +18,7 @@ from protocols.journal import Journal, write_whole
 from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record, read_record
 from protocols.session import Line, Noted, Opened, Reading, Restored, Superseded, fold
-from tests.conftest import SAMPLES
+from tests.conftest import SAMPLES, needs_links
 from tests.recorded import unsealed
 
 
@@ -36,9 +36,6 @@ def reading(number: int) -> Reading:
         text=f"01A+0000.{125 * number}",
         mount="xy",
     )
-
-
-needs_links = pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege there")
 
 
 @pytest.fixture

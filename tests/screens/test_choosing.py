@@ -25,6 +25,7 @@ from drivers.profiles import PROFILES
 from drivers.twins import IndicatorTwin, LineTrouble, TwinPort, default_transport
 from protocols.machine import Instrument
 from protocols.record import read_record
+from tests.conftest import needs_links
 from tests.screens.driving import SIZE, fill_in, quick_plan, said, text, until
 
 SYLVAC = Instrument(profile="sylvac", port="/dev/ttyNONE7", axes="yx", serial_number="4711")
@@ -249,6 +250,18 @@ def test_a_session_that_was_begun_is_remembered_and_a_damaged_memory_does_no_har
     remember("another", [SYLVAC])
     stored = RememberedIndicators.model_validate_json(data_path().read_text(encoding="utf-8"))
     assert stored.machines == {plan.machine.name: (known,), "another": (SYLVAC,)}
+
+
+@needs_links
+def test_a_memory_that_is_a_link_is_not_written_and_ends_no_session(
+    tmp_path: Path, twin: TwinPort
+) -> None:
+    plan = replace(quick_plan(tmp_path), instruments=(Instrument(profile="tesa", port=twin.url),))
+    data_path().parent.mkdir(parents=True)
+    data_path().symlink_to(tmp_path / "nowhere")
+    start_session(plan).leave()
+    assert plan.path.exists()
+    assert not (tmp_path / "nowhere").exists()
 
 
 def test_simulated_indicators_are_nothing_to_remember(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ import app.report.schema
 import protocols
 from app.report.schema.document import Report
 from protocols.documents import Document
+from protocols.files import write_files
 from protocols.session import Event
 
 ROOMS = (app.report.schema, protocols)
@@ -69,5 +70,4 @@ def _text(name: str, kind: Any, *, written: bool) -> str:  # noqa: ANN401 (class
 
 
 if __name__ == "__main__":
-    for file, text in schemas().items():
-        Path(sys.argv[1], file).write_text(text, encoding="utf-8", newline="\n")
+    write_files(Path(sys.argv[1]), schemas(), replace=True)

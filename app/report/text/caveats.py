@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from app.evaluating.solution import NoisyChannel, SessionSolution
 from app.report.text.tables import decimals_for, free_words, signed, uncertain
@@ -32,14 +33,40 @@ MOST_NAMED = 8
 """So many of a kind are named; nobody reads hundreds."""
 
 
-def bound_now_and_then(solved: SessionSolution) -> str:
-    """What the tool is off by at most, without and with the values."""
-    before, after = solved.bound_before, solved.bound_after
+BOUND = "Tool over the workspace, r.m.s. (95 %): "
+"""So the sentence on the bound begins, in results and in files."""
+
+
+@dataclass(frozen=True)
+class NotHeld:
+    """What a file does not hold of a result: effects by their numbers in the model, and a rest.
+
+    ``rest_mm`` is what that rest leaves at the tool, r.m.s. over the workspace.
+    """
+
+    effects: frozenset[int] = frozenset()
+    rest_mm: float = 0.0
+
+
+EVERYTHING_HELD = NotHeld()
+
+
+def bound_now_and_then(solved: SessionSolution, without: NotHeld = EVERYTHING_HELD) -> str:
+    """What the tool is off by at most, without and with the values.
+
+    R.m.s. errors of parts add up to no more than their sum, so the rest is added.
+    """
+    before, after = solved.bound_before, solved.bound_after_without(without.effects)
+    # what the rest does near Zero alone is not known
+    near = "" if without.rest_mm else f"; {_near_words(solved, without)}"
     return (
-        f"Tool over the workspace, r.m.s. (95 %): at most {uncertain(before.bound_mm)} mm now, at "
-        f"most {uncertain(after.bound_mm)} mm with these values; "
-        f"{near_words(solved.near_before_mm, solved.near_after_mm)}."
+        f"{BOUND}at most {uncertain(before.bound_mm)} mm now, at most "
+        f"{uncertain(after.bound_mm + without.rest_mm)} mm with these values{near}."
     )
+
+
+def _near_words(solved: SessionSolution, without: NotHeld) -> str:
+    return near_words(solved.near_before_mm, solved.near_after_mm_without(without.effects))
 
 
 def near_words(now_mm: float, then_mm: float) -> str:
@@ -50,13 +77,15 @@ def near_words(now_mm: float, then_mm: float) -> str:
     )
 
 
-def bound_made_of(solved: SessionSolution) -> str:
+def bound_made_of(solved: SessionSolution, without: NotHeld = EVERYTHING_HELD) -> str:
     """What the bound with the values is made of; it follows on the bound."""
-    after, noise_mm = solved.bound_after, solved.bound_of_noise_mm
+    after, noise_mm = solved.bound_after_without(without.effects), solved.bound_of_noise_mm
     said = (
         f"Noise of the readings alone makes {uncertain(noise_mm)} mm; with parts that are off "
         f"within their tolerances it is {uncertain(after.parameters_mm)} mm"
     )
+    if without.rest_mm:
+        said = f"What these values cannot correct adds {uncertain(without.rest_mm)} mm. {said}"
     if not after.names:
         return f"{said}. Effects are not in these figures: none is modelled over a plane."
     if (worst := after.worst) is None:

@@ -21,7 +21,7 @@ from tests.app.commands.hostile_files import KINDS, hostile_case
 
 SEEDS = int(os.environ.get("GLIDECAL_FUZZ", "0")) or 2 * len(KINDS)
 AT_ONCE = 10
-DOCUMENTED = {0, 2, 3, 4, 5, 130}
+DOCUMENTED = {0, 2, 3, 4, 5, 6, 7, 130}
 MOST_CPU_S = 5.0
 NOT_FINITE = re.compile(r"(?<![\w'\"])[+-]?(nan|inf|infinity)\b", re.IGNORECASE)
 

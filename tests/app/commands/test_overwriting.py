@@ -9,8 +9,11 @@ import typer
 from typer.main import get_command
 
 from app.cli import cli
+from calib.errors import RecordError
+from protocols import files
 from protocols.files import FilesThere, write_files
 from tests.app.cli import glidecal, refused
+from tests.conftest import needs_links
 
 HEXA = ("--machine", "hexaslide", "--procedure", "pose-inverse", "--postures", "12")
 POSTURES = ("--procedure", "zero-max-min", "--count", "9", "--common")
@@ -96,6 +99,129 @@ def test_not_even_force_writes_over_a_session(name: str, tmp_path: Path, samples
     arguments = asked(WRITING[name][0], samples, tmp_path / "out")
     assert "records are kept" in refused(2, *arguments, "--force")
     assert target.read_bytes() == session
+
+
+@needs_links
+@pytest.mark.parametrize("force", [(), ("--force",)])
+@pytest.mark.parametrize("behind", ["nothing", "a file"])
+@pytest.mark.parametrize("name", WRITING)
+def test_no_verb_writes_through_a_link(
+    name: str, behind: str, force: tuple[str, ...], tmp_path: Path, samples: Path
+) -> None:
+    at, victim = tmp_path / "out", tmp_path / "victim"
+    target = target_of(name, at)
+    if behind == "a file":
+        victim.write_text("untouched", encoding="utf-8")
+    target.symlink_to(victim)
+    there = sorted(tmp_path.rglob("*"))
+    said = refused(2, *asked(WRITING[name][0], samples, at), *force)
+    assert f"{target}, a link to {victim}" in said
+    assert target.is_symlink()
+    assert victim.exists() == (behind == "a file")
+    assert not victim.exists() or victim.read_text(encoding="utf-8") == "untouched"
+    assert sorted(tmp_path.rglob("*")) == there, "nothing is half written beside it"
+
+
+@needs_links
+def test_a_folder_may_be_a_link(tmp_path: Path, samples: Path) -> None:
+    real, linked = tmp_path / "real", tmp_path / "linked"
+    real.mkdir()
+    linked.symlink_to(real)
+    sample = samples / "simulated_sweep.jsonl"
+    assert glidecal("export", sample, "--format", "csv", "-o", linked / "o.csv").status == 0
+    known = ("--home-offset", "0,0,0")
+    assert glidecal("export", sample, "--format", "linuxcnc", *known, "-o", linked).status == 0
+    assert {path.name for path in real.iterdir()} == {
+        "o.csv",
+        *(f"calib_joint{n}.inc" for n in range(3)),
+    }
+
+
+@needs_links
+@pytest.mark.parametrize("names", [("",), ("a", "b")])
+@pytest.mark.parametrize("replace", [False, True])
+def test_a_link_that_comes_while_a_file_is_written_leads_nowhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...], *, replace: bool
+) -> None:
+    """Between the look at a target and its new name somebody puts a link there."""
+    victim = tmp_path / "victim"
+    victim.write_text("untouched", encoding="utf-8")
+    out = tmp_path / "out"
+    last = out / names[-1] if names[-1] else out
+    stage = files._stage
+
+    def staged_slowly(target: Path, content: str | bytes) -> Path:
+        if target == last:
+            target.symlink_to(victim)
+        return stage(target, content)
+
+    monkeypatch.setattr(files, "_stage", staged_slowly)
+    with pytest.raises(RecordError, match="a link"):
+        write_files(out, dict.fromkeys(names, "new"), replace=replace)
+    assert victim.read_text(encoding="utf-8") == "untouched"
+    assert sorted(tmp_path.rglob("*.part")) == []
+
+
+NO_TEXT = {
+    "linuxcnc": ("export", SAMPLE, "--format", "linuxcnc", "--home-offset", "0,0,0", "-o", "-"),
+    "xlsx": ("export", SAMPLE, "--format", "xlsx", "-o", "-"),
+    "parquet": ("export", SAMPLE, "--format", "parquet", "-o", "-"),
+    "adopt": ("diagnose", SAMPLE, "--candidate", "backlash:y", "--adopt", "-"),
+    "next": ("diagnose", SAMPLE, "--next", "-"),
+    "template": ("import", "-", "--template"),
+    "its truth": ("simulate", *HEXA, "-o", "{}", "--truth", "-"),
+    "postures": ("postures", "orthoglide", *POSTURES, "-o", "-"),
+    "postures hexaslide": ("postures", "hexaslide", *NINE, "-o", "-"),
+}
+"""They write several files, bytes, or a file beside their result."""
+
+
+@pytest.mark.parametrize("name", NO_TEXT)
+def test_standard_output_takes_one_text_alone(name: str, tmp_path: Path, samples: Path) -> None:
+    arguments = asked(NO_TEXT[name], samples, tmp_path / "out")
+    assert "standard output" in refused(2, *arguments, cwd=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", RECORDING)
+def test_a_record_is_a_file(name: str, tmp_path: Path, samples: Path) -> None:
+    arguments = [
+        "-" if one == "{}" else one.replace("{samples}", str(samples)) for one in RECORDING[name]
+    ]
+    assert "standard output" in refused(3, *arguments, cwd=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("export", SAMPLE, "--format", "json"),
+        ("export", SAMPLE, "--format", "csv"),
+        ("export", SAMPLE, "--format", "model"),
+        ("export", SAMPLE, "--format", "csv", "--table", "residuals"),
+        ("export", "{delta}", "--format", "klipper", "--endstops", "300,300,300"),
+        ("export", "{delta}", "--format", "reprapfirmware", "--endstops", "300,300,300"),
+        ("simulate", *HEXA),
+        ("report", SAMPLE),
+    ],
+)
+def test_one_text_goes_to_standard_output(
+    arguments: tuple[str, ...], tmp_path: Path, samples: Path
+) -> None:
+    """The same text as in a file, and no file."""
+    delta, html = tmp_path / "delta.jsonl", ".html" if arguments[0] == "report" else ""
+    if "{delta}" in arguments:
+        run = glidecal("simulate", "--machine", "linear-delta", "-o", delta)
+        assert run.status == 0, run.err
+    filled = [one.replace("{delta}", str(delta)) for one in asked(arguments, samples, tmp_path)]
+    out, empty = tmp_path / f"out{html}", tmp_path / "empty"
+    empty.mkdir()
+    assert glidecal(*filled, "-o", out).status == 0
+    run = glidecal(*filled, "-o", "-", cwd=empty)
+    assert run.status == 0, run.err
+    assert run.out == out.read_text(encoding="utf-8")
+    assert "written" not in run.err
+    assert list(empty.iterdir()) == []
 
 
 def test_every_verb_with_a_file_to_write_stands_above() -> None:

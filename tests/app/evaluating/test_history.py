@@ -23,6 +23,7 @@ from protocols.journal import write_whole
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
 from tests.app.cli import glidecal, refused
+from tests.conftest import needs_links
 
 BEGAN = datetime(2026, 1, 1, tzinfo=UTC)
 NOW = BEGAN + timedelta(days=200)
@@ -165,6 +166,19 @@ def test_the_index_is_never_the_truth(tmp_path: Path) -> None:
     os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
     ((_, said),) = read_history(tmp_path, index=index).problems
     assert "was changed" in said
+
+
+@needs_links
+def test_the_index_is_not_written_through_a_link(tmp_path: Path) -> None:
+    measured(tmp_path, 0, (0.1, 0.1, 0.1))
+    index, victim = tmp_path / "index", tmp_path / "victim"
+    index.symlink_to(victim)
+    before = history_text(read_history(tmp_path, index=index), NOW)
+    assert not victim.exists()
+    victim.touch()
+    assert history_text(read_history(tmp_path, index=index), NOW) == before
+    assert victim.read_bytes() == b""
+    assert index.is_symlink()
 
 
 def test_what_is_known_is_not_solved_again(

@@ -38,7 +38,8 @@ def test_what_was_entered_and_whether_it_will_do(
 ) -> None:
     pair = (session(tmp_path, "a", 1.0, 1), session(tmp_path, "b", times, 2))
     run = glidecal("verify", *pair, "--tolerance", "0.05", "--json")
-    assert run.status == 0, run.err
+    assert run.status == {"pass": 0, "fail": 6}[decision]
+    assert ("the verification did not pass: FAIL" in run.err) == (decision == "fail")
     found = json.loads(run.out)
     assert found["schema"] == "glidecal.verification/1"
     assert [one["entered"] for one in found["offsets"]] == [entered] * 3
@@ -53,11 +54,13 @@ def test_the_tolerance_is_the_machines(tmp_path: Path) -> None:
     machine = {"schema": "glidecal.machine/1", "tool_tolerance_mm": 0.05}
     first = session(tmp_path, "a", 1.0, 1, machine=machine)
     second = session(tmp_path, "b", 0.0, 2, machine=machine)
-    assert "PASS: tolerance 0.05 mm" in glidecal("verify", first, second).out
-    assert (
-        "UNDECIDED: tolerance 0.0001 mm"
-        in glidecal("verify", first, second, "--tolerance", "0.0001").out
-    )
+    passed = glidecal("verify", first, second)
+    assert "PASS: tolerance 0.05 mm" in passed.out
+    assert (passed.status, passed.err) == (0, "")
+    undecided = glidecal("verify", first, second, "--tolerance", "0.0001")
+    assert "UNDECIDED: tolerance 0.0001 mm" in undecided.out
+    assert undecided.status == 7
+    assert "the verification did not pass: UNDECIDED" in undecided.err
 
 
 def test_without_a_tolerance_nothing_is_judged_and_a_hidden_effect_is_pointed_at(
@@ -70,9 +73,11 @@ def test_without_a_tolerance_nothing_is_judged_and_a_hidden_effect_is_pointed_at
     }
     first = session(tmp_path, "a", 1.0, 1, effects=[lean])
     second = session(tmp_path, "b", 0.0, 2, effects=[lean])
-    text = glidecal("verify", first, second).out
-    assert "NOT JUDGED" in text
-    assert "glidecal diagnose b.jsonl" in text
+    run = glidecal("verify", first, second)
+    assert "NOT JUDGED" in run.out
+    assert "glidecal diagnose b.jsonl" in run.out
+    assert run.status == 7, "a script must not take it for a pass"
+    assert "NOT JUDGED" in run.err
 
 
 def test_bad_pairs(tmp_path: Path) -> None:

@@ -227,6 +227,46 @@ def test_bars_towers_and_switches_go_into_the_firmware_of_printers(
 
 
 @pytest.mark.parametrize("kind", READ)
+@pytest.mark.parametrize("hidden", [ANYTHING, Hidden((-1.2, -0.9, -1.5)), Hidden()])
+def test_the_first_line_says_to_touch_the_plate_and_how_the_height_changes(
+    kind: str, hidden: Hidden, tmp_path: Path
+) -> None:
+    text = exported(hidden, kind, tmp_path).read_text()
+    zero = np.zeros(3)
+    raised = (hidden.tool(READ[kind](text)(zero)) - hidden.tool(BELIEVED(zero)))[2]
+    assert text.splitlines()[0].lstrip("#; ").startswith("BEFORE THE FIRST MOVE: touch the plate")
+    stated = re.search(r"stands about ([\d.]+) mm (lower|higher) than now", comments(text))
+    assert stated
+    value = float(stated[1]) * {"lower": -1.0, "higher": 1.0}[stated[2]]
+    # two decimals; the mean of the carriages leaves out that towers off their places tilt
+    assert value == pytest.approx(raised, abs=0.005 + 0.03 * abs(raised))
+    if hidden != Hidden():
+        assert abs(raised) > 0.1, "else this test shows nothing"
+
+
+def test_the_bound_counts_what_the_firmware_has_no_value_for(tmp_path: Path) -> None:
+    """Readings against a plate, of a machine whose towers lean, with the effect in the model."""
+    leaning, session = tmp_path / "m.json", tmp_path / "s.jsonl"
+    true = Hidden((0.2, -0.1, 0.3), lean_xy=0.002).model()
+    leaning.write_text(model_file(true, machine()).text(), encoding="utf-8")
+    assert glidecal("simulate", "--model", leaning, "-o", session).status == 0
+    asked = ("export", session, "--model", leaning, "--format")
+    bounds = {}
+    for kind in ("model", "klipper"):
+        run = glidecal(*asked, kind, "-o", tmp_path / kind)
+        assert run.status == 0, run.err
+        said = comments((tmp_path / kind).read_text()) if kind == "klipper" else run.err
+        (bounds[kind],) = re.findall(r"at most ([\d.]+) mm with these values", said)
+    found = re.search(r"now, ([\d.]+) mm with these values", said)
+    assert found
+    assert float(found[1]) > 0.01, "else this test shows nothing"
+    assert float(bounds["klipper"]) == pytest.approx(
+        float(bounds["model"]) + float(found[1]), abs=0.001
+    )
+    assert f"What these values cannot correct adds {float(found[1]):.3f} mm" in said
+
+
+@pytest.mark.parametrize("kind", READ)
 def test_the_other_sign_makes_it_worse(kind: str, tmp_path: Path) -> None:
     hidden = Hidden((0.8, -0.5, 0.3), (0.3, -0.2, 0.15))
     turned = Hidden(hidden.switch_mm, hidden.bar_mm, wrong_sign=True)

@@ -158,6 +158,11 @@ def test_a_controller_that_is_gone_is_told_with_the_emergency_stop(tmp_path: Pat
 
         with pytest.raises(MotionError, match="emergency stop"):
             measure_all(guided, bench.agree, switch_off)
+        mover = guided.mover
+        assert mover is not None
+        assert mover.line.not_stopped
+        mover.line.vouch()  # as who pressed it
+        assert comes_true(lambda: mover.state is State.FAULT)
     assert len(taken(path)) == 2
 
 

@@ -271,7 +271,7 @@ def _forget_typed() -> None:
         while msvcrt.kbhit():  # type: ignore[attr-defined]
             msvcrt.getwch()  # type: ignore[attr-defined]
     else:
-        with suppress(termios.error):  # no terminal
+        with suppress(termios.error, OSError, ValueError):  # no terminal
             termios.tcflush(sys.stdin, termios.TCIFLUSH)
 
 

@@ -99,8 +99,7 @@ class MotionLine:
     def __init__(self, controller: Controller, patience: Patience = STRICT) -> None:
         self.controller = controller
         self.listener: Callable[[], None] = lambda: None
-        self.why = ""
-        """What ended the last consent, in words."""
+        self._why = self._unseen = ""
         self.homing_confirmed = False
         """The operator says that it is homed, where the controller cannot tell."""
         self._patience = patience
@@ -135,6 +134,11 @@ class MotionLine:
         """Whether a stop should have been seen by now, and was not."""
         late = time.monotonic() - self._cause_s > STOP_S
         return self._state is State.STOPPING and late
+
+    @property
+    def why(self) -> str:
+        """What ended the last consent, in words."""
+        return f"{NOT_STOPPED} {self._why} ({self._unseen})" if self.not_stopped else self._why
 
     @property
     def place_mm(self) -> Triple | None:
@@ -172,7 +176,7 @@ class MotionLine:
             except ControllerFault as problem:
                 if not controller.locked:
                     raise
-                cause, self.why = Cause.FAILED, str(problem)
+                cause, self._why = Cause.FAILED, str(problem)
             self._guard = Guard(controller, self._patience.silence_s)
             self._guard.wait()
         except ControllerFault:
@@ -207,7 +211,7 @@ class MotionLine:
             if self.dead or unknown or not self._change(Cause.HOMING if to_home else Cause.CONSENT):
                 return False
             self._consent += 1
-            self.why = ""
+            self._why = ""
             self._face_s = time.monotonic()
         self.listener()
         return True
@@ -295,7 +299,7 @@ class MotionLine:
                     return
             elif not self._change(Cause.FAILED):
                 return
-            self.why = problem.thing if problem.kind is MotionFault.STOPPED else str(problem)
+            self._why = problem.thing if problem.kind is MotionFault.STOPPED else str(problem)
             self.homing_confirmed &= problem.kind in INTERFERENCE  # a fault may have lost it
             self._broken = self._broken or problem.kind in BROKEN
             self._calm_s = time.monotonic()
@@ -375,15 +379,14 @@ class MotionLine:
             if self._vouched:
                 self._rests(None)
         except Exception as problem:  # as above
-            self.why = str(_of_program(problem))
+            self._why = str(_of_program(problem))
         else:
             self._rests(place_mm)
 
     def _gives_up(self, why: str) -> bool:
         """Whether nobody waits to see it rest any more; why it is not seen is said meanwhile."""
         self._lives()
-        if self.not_stopped:
-            self.why = f"{NOT_STOPPED} {self._problem} ({why})"
+        self._unseen = why
         return self._vouched or self._closing
 
     def _went(self, consent: int, places_mm: tuple[Triple, ...], feed_mm_min: float) -> Triple:
@@ -493,7 +496,7 @@ class MotionLine:
     def _is_at(self, place_mm: Triple) -> Triple:
         """The position, where it is still this one; raises for what is not as it was."""
         if self._state not in LOOKED_AT:
-            raise self.controller.fault(MotionFault.STOPPED, self.why or f"{self._state}")
+            raise self.controller.fault(MotionFault.STOPPED, self._why or f"{self._state}")
         snapshot = self.controller.look()
         self._compare(snapshot)
         if not self.controller.is_at(snapshot.place_mm, place_mm):
@@ -523,7 +526,7 @@ class MotionLine:
         with self._lock:
             self._change(Cause.ANSWERED)
             self._calm_s = time.monotonic()
-            self.why = ""
+            self._why = ""
         self.listener()
         return there.place_mm
 

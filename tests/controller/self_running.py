@@ -373,7 +373,8 @@ import sys, time
 from drivers.motion import controller_of
 from drivers.motion.controller import Limits
 from drivers.motion.line import MotionLine
-line = MotionLine(controller_of(sys.argv[1], Limits((-100.0,) * 3, (60.0,) * 3, 120.0, 6000.0, coordinates="tool")))
+limits = Limits((-100.0,) * 3, (60.0,) * 3, 120.0, 6000.0, coordinates="tool")
+line = MotionLine(controller_of(sys.argv[1], limits))
 line.start()
 while not line.consent():
     time.sleep(0.05)

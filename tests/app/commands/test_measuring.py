@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from app.measuring.plan import Plan
 from app.measuring.simulated import simulated_session
 from calib.errors import MotionError, UsageError
 from calib.tripod.pipeline import Model
-from drivers.motion.twins import LinuxCncTwin, MotionTrouble, SimulatedAxes
+from drivers.motion.twins import MotionTrouble
 from protocols.journal import write_whole
 from protocols.machine import Instrument
 from protocols.procedure import load_procedure
@@ -59,14 +58,6 @@ def test_without_a_procedure_it_takes_one_that_nobody_would_type() -> None:
     assert by_hand.out.count("G53 G0 X") == 30
 
 
-def test_a_screen_asks_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody is asked twice: the check on the screen shows everything, and Enter is the answer."""
-    monkeypatch.setattr("sys.stdin", Terminal(""))
-    with closing(LinuxCncTwin(SimulatedAxes())) as twin:
-        measuring.ask(plan_of(tmp_path, twin.told, ("a", "b")), on_screen=True)
-        assert not twin.moves
-
-
 def test_what_the_record_tells_is_refused_beside_continue(tmp_path: Path) -> None:
     for words in (("--dry-run",), ("--seed", "1"), ("--note", "n"), ("-o", "b.jsonl")):
         said = refused(2, "run", "--continue", tmp_path / "a.jsonl", *words)
@@ -102,20 +93,20 @@ def test_the_operator_says_no(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr("sys.stdin", Terminal("n\n"))
     with following() as (_, twin, ports):
         with pytest.raises(typer.Exit) as left:
-            measuring.ask(plan_of(tmp_path, twin.told, ports), on_screen=False)
+            measuring.measure(plan_of(tmp_path, twin.told, ports), headless=True)
         assert left.value.exit_code == 130
         assert not twin.moves
 
 
 def test_a_machine_that_is_not_homed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", Terminal("y\n"))
-    with closing(LinuxCncTwin(SimulatedAxes())) as twin:
+    with following() as (_, twin, ports):
         twin.befall(MotionTrouble.NOT_HOMED)
         with pytest.raises(MotionError, match="home it"):
-            measuring.ask(plan_of(tmp_path, twin.told, ("a", "b")), on_screen=False)
-    monkeypatch.setattr("sys.stdin", Terminal("y\n"))
-    with pytest.raises(UsageError, match="linuxcnc:HOST:PORT or grbl:PORT"):
-        measuring.ask(plan_of(tmp_path, "klipper:x", ("a", "b")), on_screen=False)
+            measuring.measure(plan_of(tmp_path, twin.told, ports), headless=True)
+        with pytest.raises(UsageError, match="linuxcnc:HOST:PORT or grbl:PORT"):
+            measuring.measure(plan_of(tmp_path, "klipper:x", ports), headless=True)
+        assert not list(tmp_path.iterdir())
 
 
 def test_a_session_in_a_plain_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,7 +122,7 @@ def test_a_session_in_a_plain_terminal(tmp_path: Path, monkeypatch: pytest.Monke
     )
     path = tmp_path / "a.jsonl"
     with following() as (bench, twin, ports):
-        monkeypatch.setattr("sys.stdin", Terminal("y\ny\n"))
+        monkeypatch.setattr("sys.stdin", Terminal("y\ny\ny\n"))  # all of it, to Zero, a leg
         named = [
             word
             for port, axes in zip(ports, ("yzx", "zxy"), strict=True)

@@ -7,7 +7,6 @@ import os
 import signal
 import stat
 import sys
-import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -35,6 +34,7 @@ from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
 from app.exit_codes import Exit
+from app.measuring.moving import MotionKeys, Mover
 from app.report.text.home import REPLACE_CHOICES, WORDS_OF_LOOKS, key_list_text
 from app.report.text.tables import copied_text
 from app.screens import Look
@@ -46,7 +46,6 @@ from calib.printable import HIDDEN
 from protocols.files import FilesThere, unused_path
 
 if TYPE_CHECKING:
-    from app.measuring.moving import Mover
     from app.measuring.plan import Plan
     from app.measuring.session import GuidedSession, Indicators
 
@@ -142,12 +141,10 @@ class HelpDialog(Dialog[None]):
             yield Static(signalled(f"{self._text}\n\nEscape closes."))
 
 
-HELD_KEY_S = 1.0
-"""Presses of one key that follow this closely are one held key: terminals repeat it after up to a
-second, then many times a second."""
-
 ATTEND_S = 0.05
-GO, VIEW = "measure.go", "measure.plot"
+GO, VIEW = ("measure.go", "g"), ("measure.plot", "v")
+"""Their ids in the settings, and the usual key."""
+
 LEAVING = ("ctrl+c", "ctrl+q", "f10")
 
 PALETTE = (
@@ -223,7 +220,7 @@ class Interface(App[str]):
             self.animation_level = "none"
         self.indicators: Indicators | None = None
         self.guided: GuidedSession | None = None
-        self._go_s = -HELD_KEY_S
+        self._motion_keys = MotionKeys()
         self._attending: Timer | None = None
         self.form: Screen[None] | None = None
         """Of the preparation, as it was left."""
@@ -239,7 +236,7 @@ class Interface(App[str]):
     async def on_event(self, event: Event) -> None:
         """Input that comes when the last screen is gone is nobody's; some of it stops a machine."""
         given = isinstance(event, InputEvent | Paste)
-        if given and (not self.screen_stack or self._stops(event)):
+        if given and (not self.screen_stack or (not event.is_forwarded and self._stops(event))):
             return
         await super().on_event(event)
 
@@ -250,27 +247,19 @@ class Interface(App[str]):
         return owner.mover if owner else None
 
     def _stops(self, event: Event) -> bool:
-        """Whether this input stopped the machine, or was no more than a key that is still held.
+        """Whether this input stopped a machine, or was a key that is still held, and no more.
 
-        While a machine may move every key and every click stops it, whatever screen or dialog lies
-        on top, and does nothing else. Only the view may be turned, and who leaves leaves.
+        Whatever screen or dialog lies on top; only who leaves leaves.
         """
         mover = self.mover
         if mover is None or not isinstance(event, Key | MouseDown | Paste):
             return False
         key = event.key if isinstance(event, Key) else ""
-        goes = key in self._keys_of(GO, "g")
-        now_s = time.monotonic()
-        held, self._go_s = goes and now_s - self._go_s < HELD_KEY_S, now_s if goes else self._go_s
-        if held or not mover.line.may_move:
-            return held
-        if key in self._keys_of(VIEW, "v"):
-            return False
-        mover.stop("stopped by a key" if key else "stopped by a click", by_operator=True)
-        return key not in LEAVING
+        goes, views = (key in self._keys_of(known) for known in (GO, VIEW))
+        return self._motion_keys.ends_here(mover, goes=goes, views=views) and key not in LEAVING
 
-    def _keys_of(self, key_id: str, usual: str) -> tuple[str, ...]:
-        return tuple(map(str.strip, self._settings.keys.get(key_id, usual).split(",")))
+    def _keys_of(self, known: tuple[str, str]) -> tuple[str, ...]:
+        return tuple(map(str.strip, self._settings.keys.get(*known).split(",")))
 
     def attend(self, look: Callable[[], object]) -> None:
         """Tell the thread of the controller that the screens run, and look at the indicators.

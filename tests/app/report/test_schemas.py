@@ -10,6 +10,7 @@ import math
 import re
 from pathlib import Path
 
+import pydantic
 import pytest
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError
@@ -30,6 +31,10 @@ SWEEP = str(SAMPLES / "simulated_sweep.jsonl")
 EXTRAS = ("--tolerance", "0.3", "--map", "--monte-carlo", "20", "--subset", "both")
 
 
+@pytest.mark.skipif(
+    tuple(map(int, pydantic.VERSION.split(".")[:2])) < (2, 14),
+    reason="docs/schemas are as pydantic 2.14 describes classes; older ones leave keys out",
+)
 def test_the_schemas_are_those_of_the_program() -> None:
     held = {path.name: path.read_text(encoding="utf-8") for path in FOLDER.iterdir()}
     assert held == schemas(), "make schemas"

@@ -26,6 +26,10 @@ check: $(VENV)/dev.stamp
 processors: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.processors
 
+# the bounds of pyproject.toml: lowest versions on the oldest Python here, newest on the newest
+ends: $(VENV)/dev.stamp
+	$(BIN)/python -m tests.ends
+
 bench: $(VENV)/bench.stamp
 	$(BIN)/python -m benchmarks.run -o docs/benchmarks.md
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 SchemaId = Literal["glidecal.session/1", "glidecal.session/2"]
-"""Every schema of a record. A changed event needs a new one: docs/decisions/0016-schemas.md."""
+"""Every schema of a record. A changed event needs a new one: docs/decisions/0003-record.md."""
 
 SCHEMA: SchemaId = get_args(SchemaId)[-1]
 SCHEMA_NUMBER = len(get_args(SchemaId))

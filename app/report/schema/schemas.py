@@ -1,7 +1,7 @@
 """JSON Schemas of all documents: ``python -m app.report.schema.schemas FOLDER`` writes them.
 
 That of a line of the record stays as it is, for records are kept: a changed event gets a number of
-its own (docs/decisions/0016-schemas.md).
+its own (docs/decisions/0003-record.md).
 """
 
 from __future__ import annotations

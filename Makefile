@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 export PYTHONDONTWRITEBYTECODE :=
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet
 
-.PHONY: demo test check processors bench blind fuzz samples schemas clean
+.PHONY: demo test check processors bench blind fuzz samples schemas records ends clean
 
 demo: $(VENV)/runtime.stamp
 	$(BIN)/glidecal demo
@@ -26,6 +26,10 @@ check: $(VENV)/dev.stamp
 processors: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.processors
 
+# the bounds of pyproject.toml: lowest versions on the oldest Python here, newest on the newest
+ends: $(VENV)/dev.stamp
+	$(BIN)/python -m tests.ends
+
 bench: $(VENV)/bench.stamp
 	$(BIN)/python -m benchmarks.run -o docs/benchmarks.md
 
@@ -40,6 +44,10 @@ samples: $(VENV)/runtime.stamp
 
 schemas: $(VENV)/dev.stamp
 	$(BIN)/python -m app.report.schema.schemas docs/schemas
+
+# the schema of a line stays: after a changed event a new number comes first (CONTRIBUTING.md)
+records: $(VENV)/runtime.stamp
+	$(BIN)/python sample_sessions/make.py --every-schema
 
 # beside what: lmfit and iminuit; figaroh where FIGAROH_PYTHON names a Python that has it
 $(VENV)/bench.stamp: $(VENV)/dev.stamp

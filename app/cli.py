@@ -14,7 +14,7 @@ from app.commands import demo, diagnose, indicators, measuring, planning, result
 from app.exit_codes import Exit, exit_code
 from app.machines.registry import LOOKS, NAMED_BESIDE, CommandOfMachines
 from app.report.streams import guard_standard_streams
-from app.version import VERSION
+from app.version import program
 from calib.errors import GlidecalError
 
 cli = typer.Typer(
@@ -28,7 +28,7 @@ cli = typer.Typer(
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"glidecal {VERSION}")
+        typer.echo(program())
         raise typer.Exit
 
 

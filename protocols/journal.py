@@ -16,7 +16,7 @@ from calib.errors import RecordError
 from protocols import files
 from protocols.documents import unreadable
 from protocols.record import check_record, check_size, count_readings, digest_of
-from protocols.session import EVENT, FIRST_DIGEST, Closed, Continued, Event, Line, Opened
+from protocols.session import EVENT, FIRST_DIGEST, SCHEMA, Closed, Continued, Event, Line, Opened
 
 TAIL_BYTES = 4096
 """So much of the end of the file is looked at before it grows."""
@@ -90,7 +90,7 @@ class Journal:
             journal._unsure = content[record.whole_bytes :]
             aside = files.unused_path(path.with_name(f"{path.name}.torn"))
             files.close(files.write_new(aside, journal._unsure))
-        continued = Continued(program=program, torn_bytes=record.torn_bytes)
+        continued = Continued(schema=SCHEMA, program=program, torn_bytes=record.torn_bytes)
         paused_s = (continued.at - record.events[-1].at).total_seconds()
         journal.append(continued.model_copy(update={"paused_s": round(paused_s, 3)}))
         return journal

@@ -10,10 +10,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from pydantic import ValidationError
 
@@ -25,11 +27,13 @@ from protocols.session import (
     EVENT,
     FIRST_DIGEST,
     SCHEMA,
+    SCHEMA_NUMBER,
     Closed,
     Event,
     Opened,
     Reading,
     Restored,
+    SchemaId,
     Session,
     Superseded,
     fold,
@@ -40,6 +44,11 @@ MOST_BYTES = 64_000_000
 
 END_BYTES = 131_072
 """So much of the beginning and of the end of a large record tells what it is."""
+
+COUNTED = re.compile(rb'"indicators":[12],')
+"""A key of the first hours of schema 1: how many there are, which ``instruments`` tells."""
+
+NAMED_SCHEMA = re.compile(r"glidecal\.session/([1-9][0-9]{0,8})")
 
 
 @dataclass(frozen=True)
@@ -171,10 +180,14 @@ def parse_line(path: Path, number: int, line: bytes) -> Event:
     except (ValueError, RecursionError) as problem:
         other = "Is it a session? glidecal import makes one of a table." if number == 1 else ""
         raise RecordError(thing, _shown(line), "one JSON event", other) from problem
+    if isinstance(plain, dict):
+        _check_not_newer(path, plain)
     if not isinstance(plain, dict) or "event" not in plain:
         raise RecordError(thing, _shown(line), f"an event of schema {SCHEMA}")
     if number == 1:
         _check_schema(path, plain)
+        with suppress(ValidationError):
+            return EVENT.validate_json(COUNTED.sub(b"", line))
     raise RecordError(thing, found, f"an event of schema {SCHEMA}")
 
 
@@ -262,16 +275,22 @@ def count_readings(events: Sequence[Event]) -> int:
     return sum(event.event == "reading" for event in events)
 
 
-def _check_schema(path: Path, plain: dict[str, object]) -> None:
-    schema = plain.get("schema")
-    if schema != SCHEMA:
-        newer = isinstance(schema, str) and schema.startswith("glidecal.session/")
+def _check_not_newer(path: Path, line: dict[str, object]) -> None:
+    """For a line that is not understood: the first one and ``continued`` name the schema."""
+    named = NAMED_SCHEMA.fullmatch(str(line.get("schema")))
+    if named and int(named[1]) > SCHEMA_NUMBER:
         raise RecordError(
-            f"session {path}, schema",
-            repr(schema),
-            SCHEMA,
-            "Written by a newer glidecal: update the program." if newer else "Not a session file.",
+            f"session {path}",
+            reason=f"written by a newer glidecal (record schema {named[1]}; this one reads up to "
+            f"{SCHEMA_NUMBER}): update glidecal",
         )
+
+
+def _check_schema(path: Path, first: dict[str, object]) -> None:
+    schema = first.get("schema")
+    if schema not in get_args(SchemaId):
+        allowed = f"glidecal.session/1 … {SCHEMA_NUMBER}"
+        raise RecordError(f"session {path}, schema", repr(schema), allowed, "Not a session file.")
 
 
 def _shown(line: bytes) -> str:

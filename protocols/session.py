@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 from pydantic import AfterValidator, AwareDatetime, Field, TypeAdapter, model_validator
 
@@ -33,7 +33,13 @@ from protocols.procedure import SLIDING, Leg, Procedure, Step, Touched, position
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-SCHEMA = "glidecal.session/1"
+SchemaId = Literal["glidecal.session/1", "glidecal.session/2"]
+"""Every schema of a record. A changed event needs a new one: docs/decisions/0003-record.md."""
+
+SCHEMA: SchemaId = get_args(SchemaId)[-1]
+SCHEMA_NUMBER = len(get_args(SchemaId))
+"""Of what is written; it and all before it are read."""
+
 FIRST_DIGEST = "0" * 64
 
 
@@ -69,7 +75,7 @@ class Opened(Line):
     """
 
     event: Literal["opened"] = "opened"
-    schema_id: Literal["glidecal.session/1"] = Field(alias="schema", default="glidecal.session/1")
+    schema_id: SchemaId = Field(alias="schema", default=SCHEMA)
     program: Name
     origin: Literal["measured", "simulated", "imported"]
     machine: Machine
@@ -238,11 +244,13 @@ class Noted(Line):
 class Continued(Line):
     """The session goes on after an interruption; bytes of a torn last line were set aside.
 
+    The lines from here on keep to ``schema_id``, None: to that of the first line.
     ``paused_s`` is the time since the line before, known by the wall clock only: ``time_s`` of the
     readings goes on by so much, or by nothing where the clock was set back.
     """
 
     event: Literal["continued"] = "continued"
+    schema_id: SchemaId | None = Field(alias="schema", default=None)
     program: Name
     torn_bytes: int = 0
     paused_s: float | None = None

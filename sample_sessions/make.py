@@ -2,18 +2,36 @@
 
 Sources are the tables beside this file and the simulation. Existing files are replaced. Times
 and digests differ from run to run; values do not.
+
+With ``--every-schema`` only the records of the schema that this program writes, for tests: every
+event, every key. Those that exist are kept, as a later program could not write them.
 """
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 from app.measuring.simulated import simulated_session
 from app.version import program
 from calib.tripod.pipeline import Model
-from protocols.journal import write_whole
+from protocols.journal import Journal, write_whole
 from protocols.machine import load_machine
 from protocols.procedure import guided_procedure_names, load_procedure
+from protocols.session import (
+    SCHEMA_NUMBER,
+    Changed,
+    Event,
+    Faulted,
+    Mounted,
+    Moved,
+    Noted,
+    Reading,
+    Restored,
+    Session,
+    Skipped,
+    Superseded,
+)
 from protocols.table import opened_table
 
 HERE = Path(__file__).parent
@@ -81,6 +99,103 @@ def damaged() -> None:
     (HERE / "damaged.jsonl").write_text("".join(lines), encoding="utf-8", newline="\n")
 
 
+def every_schema() -> None:
+    """Small records of the present schema that hold each event and each key of it."""
+    folder = HERE / "every_schema" / f"{SCHEMA_NUMBER}"
+    folder.mkdir(parents=True, exist_ok=True)
+    _measured(folder / "measured.jsonl", _simulated("orthoglide", "zero-max-min"))
+    _whole(folder / "moved.jsonl", _simulated("orthoglide", "zero-max-min"), moved=True)
+    _whole(folder / "plane.jsonl", _simulated("orthoglide", "zero-max-min-plane"))
+    _whole(folder / "plate.jsonl", _simulated("linear-delta", "plate-rings"))
+
+
+def _simulated(machine_name: str, procedure_name: str) -> Session:
+    machine = load_machine(machine_name)
+    procedure = load_procedure(procedure_name, machine.geometry())
+    plate = procedure.plate and procedure.plate.model_copy(update={"lift_mm": 5.0})
+    return simulated_session(
+        procedure.model_copy(update={"cycles": 2, "plate": plate}),
+        machine,
+        Model(machine.geometry(), (*HIDDEN_MM[:3], 0.0, 0.0, 0.0)),
+        seed=1,
+        scatter_mm=0.002,
+        resolution_mm=0.001,
+    )
+
+
+def _whole(path: Path, session: Session, *, moved: bool = False) -> None:
+    if not path.exists():
+        zero_mm = session.opened.machine.geometry().zero_mm.tolist()
+        readings = session.readings
+        write_whole(
+            path,
+            session.opened,
+            [_moved(reading, zero_mm) for reading in readings] if moved else list(readings),
+        )
+
+
+def _moved(reading: Reading, zero_mm: list[float]) -> Reading:
+    """As if a controller had sent the carriages there, from 1 mm below."""
+    way_mm = [reading.displacement_mm if leg == reading.leg else 0.0 for leg in "xyz"]
+    x, y, z = (zero + way for zero, way in zip(zero_mm, way_mm, strict=True))
+    moved = Moved(
+        driver="linuxcnc",
+        coordinates="joint",
+        from_mm=(x - 1.0, y - 1.0, z - 1.0),
+        commanded_mm=(x, y, z),
+        read_back_mm=(x, y, z),
+        feed_mm_min=1500.0,
+    )
+    return reading.model_copy(update={"moved": moved})
+
+
+def _measured(path: Path, session: Session) -> None:
+    """What may happen while a person measures, an interruption among it."""
+    if path.exists():
+        return
+    opened = session.opened.model_copy(
+        update={
+            "origin": "measured",
+            "operator": "a sample",
+            "temperature_c": 20.5,
+            "verifies": "before.jsonl",
+            "aligned_to": "x",
+            "computer": "a computer",
+            "remarks": ("Values are simulated.",),
+        }
+    )
+    readings = [
+        reading.model_copy(update={"temperature_c": 20.5, "extra": {"column": "of a table"}})
+        for reading in session.readings
+    ]
+    first = readings[0]
+    mounts = {reading.axis: reading.mount for reading in readings if reading.leg == first.leg}
+    begun: list[Event] = [
+        Changed(
+            rail="y", towards="z", support_mm=100.0, asked_mm=0.2, moved_mm=0.19, reason="shims"
+        ),
+        Mounted(
+            leg=first.leg,
+            station=first.station,
+            over_plane=False,
+            mounts=mounts,
+        ),
+        *readings[:4],
+        Faulted(step=3, axis="y", kind="no answer", text=""),
+        Superseded(readings=(3, 4), reason="doubted"),
+        Noted(text="The stand was touched."),
+        Restored(readings=(3, 4), steps=(), reason="kept"),
+    ]
+    journal = Journal.create(path, opened)
+    journal.append(*begun)
+    journal.close()
+    resumed = Journal.resume(path, program())
+    last = max(reading.step or 0 for reading in readings)
+    left_out = Skipped(steps=(last,), reason="time")
+    resumed.append(*(reading for reading in readings[4:] if reading.step != last), left_out)
+    resumed.finish(complete=False)
+
+
 def _fresh(name: str) -> Path:
     path = HERE / f"{name}.jsonl"
     path.unlink(missing_ok=True)
@@ -88,6 +203,9 @@ def _fresh(name: str) -> Path:
 
 
 if __name__ == "__main__":
+    every_schema()
+    if "--every-schema" in sys.argv:
+        sys.exit()
     for experiment in PUBLISHED:
         published(experiment)
     for procedure in guided_procedure_names(load_machine(None).geometry()):

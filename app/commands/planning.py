@@ -16,6 +16,7 @@ from app.machines.options import (
     Question,
     ScreenAnswer,
     file,
+    finite_place,
     machine_file_of,
     number,
     say,
@@ -136,7 +137,11 @@ def workspace(
     at: Annotated[
         Place | None,
         typer.Option(
-            metavar="X Y Z", help="One place of the tool, mm from Zero.", min=-1e5, max=1e5
+            metavar="X Y Z",
+            help="One place of the tool, mm from Zero.",
+            min=-1e5,
+            max=1e5,
+            callback=finite_place,
         ),
     ] = None,
     as_json: AsJson = False,

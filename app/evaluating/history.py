@@ -18,7 +18,7 @@ from pathlib import Path
 from pydantic import AwareDatetime, ValidationError
 
 from app.settings import cache_path
-from app.version import VERSION
+from app.version import version
 from calib.control_chart import Watched, watch
 from calib.errors import GlidecalError, RecordError
 from calib.identify.accuracy import days_in_tolerance
@@ -139,7 +139,7 @@ def _entry_of(path: Path, remembered: Index, *, effects: bool) -> tuple[str, Ent
 
 def key_of(content: bytes) -> str:
     """Under which the index has a record with this content."""
-    return hashlib.sha256(VERSION.encode() + content).hexdigest()
+    return hashlib.sha256(version().encode() + content).hexdigest()
 
 
 def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:

@@ -243,6 +243,14 @@ class Simulation:
 Place = tuple[float, float, float]
 """Of the tool, mm from Zero."""
 
+
+def finite_place(place_mm: Place | None) -> Place | None:
+    """Refuse NaN and infinity in any coordinate."""
+    for value_mm in place_mm or ():
+        _finite(value_mm)
+    return place_mm
+
+
 Plan = Callable[[str | None, Sequence[Path], Any, Say], Answer]
 """Proposes the next measurement of a machine, None: that of the sessions."""
 

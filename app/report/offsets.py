@@ -18,7 +18,7 @@ from app.report.text.caveats import (
     bound_now_and_then,
     caveats,
 )
-from app.version import VERSION
+from app.version import program
 from calib.errors import RecordError
 from calib.identify.solution import Method, Subset
 from calib.printable import printable
@@ -83,7 +83,7 @@ class Offsets:
         if self.measured is None:
             return ""
         digests = ", ".join(digest[:DIGITS] for digest in self.digests)
-        return f"measured {self.measured:{MINUTE}}, digest {digests}, glidecal {VERSION}"
+        return f"measured {self.measured:{MINUTE}}, digest {digests}, {program()}"
 
     @property
     def joint_offsets_mm(self) -> tuple[float, float, float]:

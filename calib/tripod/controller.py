@@ -233,7 +233,7 @@ def kinematics_of(model: Model) -> Kinematics:
     for k, zero in enumerate(geometry.zero_mm):
         place = flow.carriage_mm[:, k] - zero
         powers = np.stack([np.ones_like(place), place, place**2], axis=1)
-        found[k] = np.linalg.lstsq(powers, flow.foot_mm[:, k])[0]
+        found[k] = np.linalg.lstsq(powers, flow.foot_mm[:, k], rcond=None)[0]
         misfit = max(misfit, float(np.abs(powers @ found[k] - flow.foot_mm[:, k]).max()))
     direction = np.where(np.abs(found[:, 1]) < 1e-15, 0.0, found[:, 1])
     return Kinematics(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
@@ -31,21 +32,37 @@ def run(*words: str | Path, **more: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Built from a copy: what a build leaves in a folder gets into the next wheel."""
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy, committed: what a build leaves in a folder gets into the next wheel."""
     if run(*PIP, "--version").returncode:
         pytest.skip("this environment has no pip")
     if int(version("setuptools").split(".")[0]) < 77:
         pytest.skip("setuptools is older than the project's build asks for")
-    source, target = (tmp_path_factory.mktemp(name) for name in ("source", "wheels"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source)
+    if not shutil.which("git"):
+        pytest.skip("no git, which the version comes from")
+    copy = tmp_path_factory.mktemp("source")
+    for name in ("pyproject.toml", "README.md", "LICENSE", ".gitignore"):
+        shutil.copy(ROOT / name, copy)
     for room in ("app", "calib", "drivers", "glidecal", "protocols"):
-        shutil.copytree(ROOT / room, source / room, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / room, copy / room, ignore=shutil.ignore_patterns("__pycache__"))
+    somebody = ("-c", "user.name=a", "-c", "user.email=a@b")
+    for words in (["init"], ["add", "."], [*somebody, "commit", "-m", "A copy"]):
+        done = run("git", "-C", copy, *words)
+        assert done.returncode == 0, done.stderr
+    return copy
+
+
+def built(source: Path, target: Path) -> Path:
+    """The wheel of a folder or an archive."""
     done = run(*PIP, "wheel", *OFFLINE, "--no-build-isolation", "-w", target, source)
     assert done.returncode == 0, done.stderr
-    (made,) = target.glob("glidecal-*.whl")
-    return made
+    (wheel,) = target.glob("glidecal-*.whl")
+    return wheel
+
+
+@pytest.fixture(scope="module")
+def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return built(source, tmp_path_factory.mktemp("wheels"))
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +130,20 @@ def test_the_wheel_alone_runs_and_a_stranger_over_it_is_told(
     assert "written over by another package" in environment.refused()
     environment.install(foreign)
     assert "holds orders.py of another package" in environment.refused()
+
+
+def test_the_wheel_tells_the_commit_also_where_it_was_built_from_an_archive(
+    environment: Environment, wheel: Path, source: Path, tmp_path: Path
+) -> None:
+    environment.install(wheel)
+    told = run(environment.glidecal, "--version").stdout.strip()
+    commit = run("git", "-C", source, "rev-parse", "HEAD").stdout[:7]
+    assert re.fullmatch(rf"glidecal 0\.1\.0\.dev\d+\+g{commit}\w*", told)
+    script = "from setuptools.build_meta import build_sdist; build_sdist('made')"
+    done = run(sys.executable, "-c", f"import os; os.chdir({str(source)!r}); {script}")
+    assert done.returncode == 0, done.stderr
+    (archive,) = (source / "made").glob("glidecal-*.tar.gz")
+    assert built(archive, tmp_path).name == wheel.name
 
 
 def test_installed_over_a_package_that_owns_app_it_refuses_to_start(

@@ -115,7 +115,7 @@ def test_lines_missing_doubled_or_moved(path: Path, how: str) -> None:
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        (b'{"event":"opened","schema":"glidecal.session/2"}\n', "newer glidecal"),
+        (b'{"event":"opened","schema":"glidecal.session/99"}\n', "newer glidecal"),
         (b'{"event":"opened","schema":"other/1"}\n', "Not a session"),
         (b'{"a":1}\n', "an event of schema"),
         (b"[1,2]\n", "an event of schema"),

@@ -1,4 +1,8 @@
-"""JSON Schemas of all documents: ``python -m app.report.schema.schemas FOLDER`` writes them."""
+"""JSON Schemas of all documents: ``python -m app.report.schema.schemas FOLDER`` writes them.
+
+That of a line of the record stays as it is, for records are kept: a changed event gets a number of
+its own (docs/decisions/0003-record.md).
+"""
 
 from __future__ import annotations
 
@@ -21,13 +25,18 @@ import protocols
 from app.report.schema.document import Report
 from protocols.documents import Document
 from protocols.files import write_files
-from protocols.session import Event
+from protocols.session import SCHEMA_NUMBER, Event, Line
 
 ROOMS = (app.report.schema, protocols)
 """Where all documents stand that are written, or read again; some of the latter are TOML."""
 
 
 ID = re.compile(r"glidecal\.(.+)/1")
+RECORD = f"session-{SCHEMA_NUMBER}.json"
+
+
+class FrozenSchema(Exception):
+    """What would have been written over is the schema of records that exist."""
 
 
 class _Untitled(GenerateJsonSchema):
@@ -46,18 +55,47 @@ def schemas() -> dict[str, str]:
     for kind in _documents(Document):
         (schema_id,) = get_args(kind.model_fields["schema_id"].annotation)
         by_name.setdefault(ID.sub(r"\1", schema_id), []).append(kind)
-    # the first line of a record has the id, a schema is for each of its lines
-    every = {name: reduce(or_, kinds) for name, kinds in by_name.items()} | {"session": Event}
-    return {
-        f"{name}-1.json": _text(name, kind, written=issubclass(by_name[name][0], Report))
-        for name, kind in every.items()
+    texts = {
+        f"{name}-1.json": _text(
+            f"{name}/1", reduce(or_, kinds), written=issubclass(kinds[0], Report)
+        )
+        for name, kinds in by_name.items()
     }
+    # the first line of a record has the id, a schema is for each of its lines
+    return texts | {RECORD: _text(f"session/{SCHEMA_NUMBER}", Event, written=False)}
+
+
+def meaning(schema: str) -> object:
+    """What a schema asks of a document: all but its descriptions."""
+    return _asked(json.loads(schema))
+
+
+def _asked(part: Any) -> Any:  # noqa: ANN401 (JSON)
+    if isinstance(part, list):
+        return [_asked(entry) for entry in part]
+    if not isinstance(part, dict):
+        return part
+    # a key of this name is a schema, a description a text
+    kept = {key: _asked(value) for key, value in part.items()}
+    return {key: v for key, v in kept.items() if key != "description" or not isinstance(v, str)}
+
+
+def write_schemas(folder: Path) -> None:
+    """Write all of them. Raises FrozenSchema where a line of the record changed."""
+    texts = schemas()
+    former = folder / RECORD
+    if former.exists() and meaning(former.read_text("utf-8")) != meaning(texts[RECORD]):
+        raise FrozenSchema(
+            f"{former}: a line of the record changed. Add glidecal.session/{SCHEMA_NUMBER + 1} to "
+            "SchemaId in protocols/session.py, then make schemas, make records."
+        )
+    write_files(folder, texts, replace=True)
 
 
 def _documents(above: type[Document]) -> Iterator[type[Document]]:
-    """Classes with an id, in the order in which they are defined."""
+    """Classes with an id, in the order in which they are defined; no lines of a record."""
     for kind in above.__subclasses__():
-        if "schema_id" in kind.model_fields:
+        if "schema_id" in kind.model_fields and not issubclass(kind, Line):
             yield kind
         yield from _documents(kind)
 
@@ -65,9 +103,12 @@ def _documents(above: type[Document]) -> Iterator[type[Document]]:
 def _text(name: str, kind: Any, *, written: bool) -> str:  # noqa: ANN401 (class or union)
     mode: JsonSchemaMode = "serialization" if written else "validation"
     found = TypeAdapter(kind).json_schema(mode=mode, schema_generator=_Untitled)
-    head = {"$schema": _Untitled.schema_dialect, "title": f"glidecal.{name}/1"}
+    head = {"$schema": _Untitled.schema_dialect, "title": f"glidecal.{name}"}
     return json.dumps(head | (found | head), indent=1, ensure_ascii=False) + "\n"
 
 
 if __name__ == "__main__":
-    write_files(Path(sys.argv[1]), schemas(), replace=True)
+    try:
+        write_schemas(Path(sys.argv[1]))
+    except FrozenSchema as problem:
+        sys.exit(str(problem))

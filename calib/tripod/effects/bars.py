@@ -65,7 +65,8 @@ def pull_of_weight(
     feet = foot_mm - geometry.platform
     tool = trilaterate(feet, length_mm, geometry.side)
     bars = (tool[..., None, :] - feet) / length_mm[..., None]
-    weight = np.asarray(geometry.gravity, dtype=np.float64)[:, None]
+    # a column for each posture: numpy 1 takes a single one for vectors
+    weight = np.broadcast_to(np.asarray(geometry.gravity)[:, None], (*bars.shape[:-1], 1))
     pull = np.linalg.solve(np.swapaxes(bars, -1, -2), weight)
     return np.asarray(pull[..., 0])
 

@@ -253,7 +253,8 @@ def test_help_fits_80_columns_in_whole_sentences(
     usage, *lines = said.splitlines()
     assert usage.startswith("Usage: ")
     assert all(len(line) <= 80 for line in lines)
-    assert not any(line.endswith("...") for line in lines)
+    several = "[SESSIONS]..."  # typer up to 0.25 shows arguments so
+    assert not any(line.removesuffix(several).endswith("...") for line in lines)
 
 
 def test_the_list_of_verbs_has_a_line_for_each(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -339,9 +340,3 @@ def test_a_certificate_has_a_date(tmp_path: Path, wrong: str) -> None:
     said = refused(3, *asked)
     assert f"machine file {machine}" in said
     assert "certificate_date" in said or "TOML" in said or "line 9" in said
-
-
-def test_version() -> None:
-    from importlib.metadata import version
-
-    assert glidecal("--version").out.strip() == f"glidecal {version('glidecal')}"

@@ -36,11 +36,11 @@ def machines(draw: st.DrawFn) -> Geometry:
     try:
         return replace(
             ORTHOGLIDE,
-            direction=three(Rotation.random(rng=chance).as_matrix()),
+            direction=three(Rotation.random(None, chance).as_matrix()),
             origin_mm=three(chance.uniform(-30.0, 30.0, (3, 3))),
             platform_mm=three(chance.uniform(-30.0, 30.0, (3, 3))),
             leg_length_mm=triple(chance.uniform(280.0, 340.0, 3)),
-            gravity=triple(Rotation.random(rng=chance).as_matrix()[0]),
+            gravity=triple(Rotation.random(None, chance).as_matrix()[0]),
         )
     except CalibrationError:
         assume(False)

@@ -145,7 +145,12 @@ class Board:
         self.carriages = CountedAxes(self._simulator.memory)
         self.axes: SimulatedAxes = self.carriages
         if homed:
-            self._home()
+            try:
+                self._home()
+            except AssertionError:
+                self._simulator.close()
+                self.carriages.close()
+                raise
         self._ours, self._theirs = os.openpty()
         tty.setraw(self._theirs)  # held open: a port does not hang up when a program leaves it
         self.told = f"grbl:{os.ttyname(self._theirs)}"

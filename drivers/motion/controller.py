@@ -291,7 +291,7 @@ class Controller(ABC):
                 report = self._report()
             except ControllerFault as problem:
                 why, first_mm, waits = problem.found or problem.reason, None, False
-                send_s = now_s + APART_S  # by another way, soon
+                send_s = min(send_s, now_s + APART_S)  # by another way, soon
                 time.sleep(SLICE_S)
                 continue
             if report is None:

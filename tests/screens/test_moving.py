@@ -227,6 +227,8 @@ async def test_what_befalls_it_is_said_and_answered_before_it_moves(
         assert len(moved.twin.moves) == moves
         moved.twin.mend()
         moved.bench.unplugged = False
+        gauges = moved.screen.guided.gauges
+        await until(moved.pilot, "values", lambda: not any(gauge.lost() for gauge in gauges))
         await moved.pilot.pause(QUIET_S)
         await moved.pilot.press("enter")
         await moved.comes(State.READY)

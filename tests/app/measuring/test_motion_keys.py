@@ -1,0 +1,187 @@
+"""Mashed keys, held keys, faults and second clients: no move without a fresh consent.
+
+What is judged is what reaches the controller, against rules of the test's own. GLIDECAL_FUZZ=10000
+plays so many sequences, from GLIDECAL_SEED on.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import random
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+
+import pytest
+
+from app.measuring import moving
+from app.measuring.moving import MotionKeys, Mover, limits_of
+from drivers.motion import controller_of
+from drivers.motion.line import MotionLine, Patience
+from drivers.motion.states import State
+from drivers.motion.twins import LinuxCncTwin, MotionTrouble, SimulatedAxes
+from protocols.procedure import Step, load_procedure
+from tests.app.measuring.moving_machine import FAST, linuxcnc
+from tests.drivers.motion.bench import Face, comes_true
+
+SEQUENCES = int(os.environ.get("GLIDECAL_FUZZ", "40"))
+FIRST = int(os.environ.get("GLIDECAL_SEED", "0"))
+EVENTS = 14
+DEAD_S = 0.06
+"""In place of the second of the program: sequences are as much shorter."""
+
+JITTER_S = 0.04
+"""A look at all that is supervised, and the move behind it, take no longer."""
+
+TROUBLES = (
+    MotionTrouble.MODE,
+    MotionTrouble.OVERRIDE,
+    MotionTrouble.OFFSET,
+    MotionTrouble.UNHOMED,
+    MotionTrouble.NAK,
+    MotionTrouble.ESTOP,
+    MotionTrouble.HANG_UP,
+)
+
+
+class TimedMoves(list[str]):
+    """Lines that moved the machine, each with its moment."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.at_s: list[float] = []
+
+    def append(self, line: str) -> None:
+        self.at_s.append(time.monotonic())
+        super().append(line)
+
+
+@dataclass
+class Operator:
+    """Presses keys through the same code as the screen, and remembers when."""
+
+    mover: Mover
+    twin: LinuxCncTwin
+    steps: tuple[Step, ...]
+    chance: random.Random
+    keys: MotionKeys = field(default_factory=MotionKeys)
+    goes_s: list[float] = field(default_factory=list)
+    others_s: list[float] = field(default_factory=list)
+    stops_s: list[float] = field(default_factory=list)
+    troubles_s: list[float] = field(default_factory=list)
+    at: int = 0
+
+    def go_on(self) -> None:
+        """As a session does that takes what stands still: on to the next step."""
+        step = self.steps[self.at]
+        if self.mover.is_there(step):
+            self.at = (self.at + 1) % len(self.steps)
+            following = self.steps[self.at]
+            self.mover.go(following, by_hand_first=following.place != step.place)
+
+    def press_go(self) -> None:
+        self.goes_s.append(time.monotonic())
+        if not self.keys.ends_here(self.mover, goes=True):
+            self.mover.consent()
+
+    def press_other(self) -> None:
+        now_s = time.monotonic()
+        self.others_s.append(now_s)
+        if self.twin.axes.moving:
+            self.stops_s.append(now_s)
+        self.keys.ends_here(self.mover)
+
+    def act(self) -> None:
+        match self.chance.choice(("go", "go", "go", "hold", "other", "mash", "trouble", "answer")):
+            case "go":
+                self.press_go()
+            case "hold":
+                for _ in range(self.chance.randrange(2, 8)):
+                    self.press_go()
+                    time.sleep(0.004)
+            case "other":
+                self.press_other()
+            case "mash":
+                for _ in range(self.chance.randrange(2, 6)):
+                    self.chance.choice((self.press_go, self.press_other))()
+            case "trouble":
+                self.interfere()
+            case "answer" if self.mover.state in (State.HELD, State.FAULT):
+                self.twin.mend()
+                self.mover.answer().exception(5.0)
+        time.sleep(self.chance.choice((0.0, 0.01, 0.02, DEAD_S + 0.02)))
+        self.go_on()
+
+    def interfere(self) -> None:
+        """Another client, the panel, a hand: what is done is noticed before the next move."""
+        self.troubles_s.append(time.monotonic())
+        if self.chance.random() < 0.3:
+            x, y, z = self.twin.axes.at_mm
+            self.twin.axes.go((x, y + 1.5, z), 1e5)
+        else:
+            self.twin.befall(self.chance.choice(TROUBLES))
+
+    def illegal(self, at_s: float) -> str:
+        """Why a move at this moment is none that the operator wanted."""
+        go_s = max((s for s in self.goes_s if s < at_s), default=None)
+        if go_s is None:
+            return "no consent at all"
+        # one consent covers a whole set-up: what is judged is the last press that could be one
+        presses = [s for s in self.goes_s if s <= go_s]
+        fresh = [
+            b for a, b in itertools.pairwise([-1e9, *presses]) if b - a >= moving.HELD_KEY_S - 0.001
+        ]
+        consent_s = fresh[-1] if fresh else None
+        if consent_s is None:
+            return "only repeats of a key"
+        if any(consent_s < s < at_s - JITTER_S for s in self.others_s):
+            return "another key came between"
+        if any(consent_s < s < at_s - JITTER_S for s in self.troubles_s):
+            return "something interfered between"
+        if any(0.0 < consent_s - s < DEAD_S - 0.005 for s in self.stops_s):
+            return "the consent came within the dead time"
+        return ""
+
+
+@pytest.fixture
+def operator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Operator]:
+    monkeypatch.setattr(moving, "HELD_KEY_S", DEAD_S)
+    procedure = load_procedure("zero-max-min", FAST.geometry())
+    with closing(linuxcnc(SimulatedAxes())) as twin:
+        assert isinstance(twin, LinuxCncTwin)
+        twin.moves = TimedMoves()
+        controller = controller_of(twin.told, limits_of(FAST))
+        controller.answer_s = 2.0
+        patience = Patience(silence_s=3.0, dead_s=DEAD_S)
+        line = MotionLine(controller, patience)
+        mover = Mover(line, procedure, FAST, ("xyz", "xyz"))
+        line.start()
+        face = Face(line)
+        steps = procedure.steps(FAST.geometry(), ("xyz", "xyz"))
+        yield Operator(mover, twin, steps, random.Random())
+        mover.close()
+        face.hang()
+
+
+def test_nothing_moves_without_a_fresh_consent(operator: Operator) -> None:
+    mover, moves = operator.mover, operator.twin.moves
+    assert isinstance(moves, TimedMoves)
+    mover.go(operator.steps[0], by_hand_first=True)
+    judged = 0
+    for seed in range(FIRST, FIRST + SEQUENCES):
+        operator.chance = random.Random(seed)
+        for _ in range(EVENTS):
+            operator.act()
+            wrong = [(at_s, why) for at_s in moves.at_s[judged:] if (why := operator.illegal(at_s))]
+            assert not wrong, (seed, wrong, operator.mover.why)
+            judged = len(moves.at_s)
+        operator.press_other()
+        assert comes_true(lambda: not mover.line.may_move), (seed, mover.state, mover.why)
+        assert not operator.twin.axes.moving or operator.troubles_s
+        operator.twin.mend()
+        if mover.state in (State.HELD, State.FAULT):
+            mover.answer().exception(5.0)
+            mover.go(operator.steps[operator.at], by_hand_first=False)
+    assert judged > SEQUENCES / 4  # or nothing was tried

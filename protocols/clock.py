@@ -21,6 +21,28 @@ def steady_s() -> float:
     return time.monotonic() if STEADY is None else time.clock_gettime(STEADY)
 
 
+AWAY_S = 60.0
+"""Where only one clock is to be had: a busy computer is not away for so long."""
+
+
+class SleepWatch:
+    """Tells sleep of the computer from a program that was held up."""
+
+    def __init__(self) -> None:
+        self._before = steady_s(), time.monotonic()
+
+    def slept_s(self) -> float:
+        """Seconds of sleep since the last look, 0 where there was none.
+
+        Of two clocks only one stands still meanwhile. Windows has no such pair.
+        """
+        before, self._before = self._before, (steady_s(), time.monotonic())
+        steady, awake = (now - then for now, then in zip(self._before, before, strict=True))
+        if STEADY is None:
+            return steady if steady > AWAY_S else 0.0
+        return steady - awake if steady - awake > JUMP_S else 0.0
+
+
 def wall() -> datetime:
     """What the clock of the computer shows."""
     return datetime.now(UTC)

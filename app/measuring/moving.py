@@ -166,7 +166,11 @@ class Mover:
 
     @property
     def _stands_at_zero(self) -> bool:
-        return self._zero or (self._at is not None and self._at.at_zero)
+        if self._zero or (self._at is not None and self._at.at_zero):
+            return True
+        place_mm = self.line.place_mm
+        zero = zero_mm(self._machine)
+        return place_mm is not None and self.line.controller.is_at(place_mm, zero)
 
     def go(self, step: Step, *, by_hand_first: bool) -> None:
         """To a step, at once where the consent covers it; else it is proposed.

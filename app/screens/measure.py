@@ -29,7 +29,7 @@ from app.screens.session_view import LegReviewScreen, SessionView
 from calib.errors import GlidecalError, sentence
 from drivers.motion.states import State
 from drivers.profile import Fault, IndicatorReading
-from protocols.clock import steady_s
+from protocols.clock import SleepWatch
 from protocols.expectation import Movement
 from protocols.procedure import Step
 
@@ -51,9 +51,6 @@ HELD_KEY_S = 0.15
 
 ANYWAY_S = 4.0
 """How long a second press takes readings that still move."""
-
-SLEPT_S = 5.0
-"""Between two looks: after so long the computer slept."""
 
 
 class KeysInForce(Footer, Resting):
@@ -89,13 +86,17 @@ class MeasureScreen(Corrections, Resting):
         self._lost: set[int] = set()
         self._waits: tuple[int, Movement] | None = None
         self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
-        self._looked_at = steady_s()
+        self._sleep = SleepWatch()
         self.automatic = guided.mover is not None
         self._moving: tuple[object, ...] | None = None
 
     def compose(self) -> ComposeResult:
         yield self.view
         yield KeysInForce(compact=True, show_command_palette=False)
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """The key that moves a machine is there where one moves itself."""
+        return action != "go" or self.guided.mover is not None
 
     def on_mount(self) -> None:
         # Collections pass over all that is loaded by now. `make bench`, event loop blocked while
@@ -137,11 +138,10 @@ class MeasureScreen(Corrections, Resting):
             self._show_live()
 
     def _look(self) -> None:
-        now = steady_s()
-        slept_s, self._looked_at = now - self._looked_at, now
-        if slept_s > SLEPT_S:
+        slept_s = self._sleep.slept_s()
+        if slept_s:
             self._set_hold(True, f"the computer slept for {slept_s:.0f} s")
-            self.say(texts.slept_text(slept_s))
+            self.say(texts.slept_text(slept_s, "P" if self.guided.mover is None else "G"))
         if not self.busy:  # a take holds the record, and looks itself
             self.write(self._look_at_clock)
         if time.monotonic() - self._shown_at > AGES_S / 2:  # else news has just shown the ages

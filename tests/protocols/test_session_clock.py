@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from app.evaluating.solution import load_sessions
-from protocols.clock import SessionClock
+from protocols.clock import STEADY, SessionClock, SleepWatch, steady_s
 from protocols.journal import write_whole
 from protocols.observations import to_observations
 from protocols.session import Continued, Event, Noted, fold
@@ -61,6 +63,21 @@ def test_a_clock_that_follows_a_time_server_is_not_set() -> None:
         clocks.set_s += 1800.0 * 500e-6
         assert clock.jump_s() == 0.0
     assert clock.time_s() == 86400.0
+
+
+@pytest.mark.skipif(STEADY is None, reason="one clock cannot tell sleep from a busy computer")
+@pytest.mark.parametrize(("held_up_s", "slept_s"), [(5.0, 0.0), (90.0, 0.0), (0.0, 720.0)])
+def test_a_busy_computer_did_not_sleep(
+    held_up_s: float, slept_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While a computer sleeps one of its two clocks stands still."""
+    watch = SleepWatch()
+    awake = time.monotonic
+    late = SimpleNamespace(monotonic=lambda: awake() + held_up_s)
+    monkeypatch.setattr("protocols.clock.steady_s", lambda: steady_s() + held_up_s + slept_s)
+    monkeypatch.setattr("protocols.clock.time", SimpleNamespace(**vars(time) | vars(late)))
+    assert watch.slept_s() == pytest.approx(slept_s, abs=1.0)
+    assert watch.slept_s() == 0.0
 
 
 @pytest.mark.parametrize(("paused_s", "counted_s"), [(600.0, 600.0), (-3000.0, 0.0)])

@@ -194,7 +194,7 @@ async def test_a_computer_that_slept_holds_the_session(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with measuring(tmp_path) as (pilot, _, screen):
-        monkeypatch.setattr("app.screens.measure.steady_s", lambda: steady_s() + 720.0)
+        monkeypatch.setattr("protocols.clock.steady_s", lambda: steady_s() + 720.0)
         await until(pilot, "hold", lambda: screen.held)
         assert "slept for 12 min" in on(screen, "#said")
         assert "press P to continue" in on(screen, "#said")

@@ -82,7 +82,8 @@ def proposal_text(proposal: Proposal) -> str:
         return f"to Zero, {proposal.first_mm:.1f} mm"
     if not proposal.places_mm:
         return f"reading here, then the rest of {count} at {step.touched}"
-    return f"to step {step.number}, {proposal.first_mm:.1f} mm, then {count} at {step.touched}"
+    first = f"{proposal.first_mm:.1f} mm to step {step.number}"
+    return f"through {count} at {step.touched}; the first way is {first}"
 
 
 def consent_question(proposal: Proposal) -> str:

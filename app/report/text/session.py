@@ -397,9 +397,9 @@ def clock_set_text(jump_s: float) -> str:
     )
 
 
-def slept_text(seconds: float) -> str:
-    """The computer was suspended while the session was open."""
+def slept_text(seconds: float, key: str) -> str:
+    """The computer was suspended while the session was open; the ``key`` goes on."""
     return (
         f"The computer slept for {max(1, round(seconds / 60.0))} min; the session is on hold. "
-        "If the stand was touched, press M. Then press P to continue."
+        f"If the stand was touched, press M. Then press {key} to continue."
     )

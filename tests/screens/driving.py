@@ -99,10 +99,12 @@ async def history_shown(pilot: Pilot[str], interface: Interface) -> str:
 async def to_measuring(pilot: Pilot[str], interface: Interface) -> MeasureScreen:
     await until(pilot, "indicators open", lambda: interface.indicators is not None)
     await pilot.press("enter")
-    await until(pilot, "measuring", lambda: isinstance(interface.screen, MeasureScreen))
-    screen = interface.screen
-    assert isinstance(screen, MeasureScreen)
-    return screen
+
+    def measuring() -> list[MeasureScreen]:  # a dialog may stand over it
+        return [screen for screen in interface.screen_stack if isinstance(screen, MeasureScreen)]
+
+    await until(pilot, "measuring", measuring)
+    return measuring()[0]
 
 
 async def press_for(

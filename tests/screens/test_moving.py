@@ -17,7 +17,7 @@ from textual.widgets import Input, Select
 from app.measuring.moving import Mover
 from app.measuring.plan import Plan
 from app.screens.check import CheckScreen
-from app.screens.interface import TextDialog
+from app.screens.interface import ChoiceDialog, TextDialog
 from app.screens.measure import MeasureScreen
 from app.screens.motion_dialog import MotionDialog
 from app.screens.prepare import PrepareScreen
@@ -25,10 +25,10 @@ from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from drivers.motion.line import Patience
 from drivers.motion.states import State
-from drivers.motion.twins import MotionTrouble, MotionTwin
+from drivers.motion.twins import TWINS, MotionTrouble, MotionTwin
 from protocols.machine import Instrument, Machine, MotionLimits
 from protocols.procedure import load_procedure
-from tests.app.measuring.moving_machine import Bench, following, taken, wrong
+from tests.app.measuring.moving_machine import Bench, following, linuxcnc, taken, wrong
 from tests.screens.driving import SIZE, fill_in, rows, text, to_measuring, until
 
 SLOW = Machine(motion=MotionLimits(feed_mm_min=3000.0))
@@ -94,13 +94,19 @@ class Moved:
 
 
 @asynccontextmanager
-async def measuring(folder: Path) -> AsyncIterator[Moved]:
+async def measuring(
+    folder: Path, name: str = "linuxcnc", *troubles: MotionTrouble
+) -> AsyncIterator[Moved]:
+    machine = SLOW if name == "linuxcnc" else SLOW.model_copy(update={"mdi": "joint"})
     procedure = load_procedure("zero-max-min", SLOW.geometry())
     short = procedure.model_copy(update={"cycles": 1, "legs": ("x",)})
     path = folder / "a.jsonl"
-    with following() as (bench, twin, ports):
+    make = linuxcnc if name == "linuxcnc" else TWINS[name]
+    with following(make, machine.mdi) as (bench, twin, ports):
+        for trouble in troubles:
+            twin.befall(trouble)
         instruments = tuple(Instrument(profile="mitutoyo-01a", port=port) for port in ports)
-        plan = Plan(path, SLOW, short, instruments, window_s=0.2, motion=twin.told)
+        plan = Plan(path, machine, short, instruments, window_s=0.2, motion=twin.told)
         interface = Glidecal(CheckScreen(plan))
         async with interface.run_test(size=SIZE, notifications=True) as pilot:
             screen = await to_measuring(pilot, interface)
@@ -257,6 +263,32 @@ async def test_what_others_do_while_hands_are_in_it_is_said(trouble: str, tmp_pa
         await moved.dialog()
         assert moved.mover.state is State.HELD
         assert len(moved.twin.moves) == 1
+
+
+async def test_a_board_that_its_port_reset_is_homed_from_here_with_a_word_for_it(
+    tmp_path: Path,
+) -> None:
+    """Opening the port of an Uno starts it anew; nobody else can then tell it to home."""
+    async with measuring(tmp_path, "grbl", MotionTrouble.NOT_HOMED) as moved:
+        await moved.dialog()
+        assert "H      Home it" in text(moved.interface, "#event")
+        await moved.pilot.pause(QUIET_S)
+        await moved.pilot.press("h")
+        await moved.comes(State.READY)
+        await moved.go()  # no question whether it is homed: it was seen
+
+
+async def test_a_board_that_cannot_tell_is_homed_by_the_operators_word(tmp_path: Path) -> None:
+    async with measuring(tmp_path, "grbl") as moved:
+        await moved.says("G moves it to Zero")
+        await moved.pilot.pause(QUIET_S)
+        await moved.pilot.press("g")
+        await until(
+            moved.pilot, "question", lambda: isinstance(moved.interface.screen, ChoiceDialog)
+        )
+        assert not moved.twin.moves
+        await moved.pilot.press("1")
+        await moved.go()
 
 
 async def test_a_machine_that_does_not_stop_is_said_in_red_until_it_does(tmp_path: Path) -> None:

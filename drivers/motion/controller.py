@@ -178,6 +178,8 @@ class Controller(ABC):
         self.answer_s = ANSWER_S
         self.on_wait: Callable[[], None] = lambda: None
         """Called while an answer is waited for: who waits is alive."""
+        self.taken_over: ControllerFault | None = None
+        """Set where control had to be taken from somebody else for the last stop."""
         self._received = b""
         self._stopping = False
 
@@ -275,7 +277,7 @@ class Controller(ABC):
         patience_s = AGAIN_S
         first_mm: Triple | None = None
         waits = False
-        why = "no answer"
+        why, self.taken_over = "no answer", None
         while not gives_up(why):
             now_s = time.monotonic()
             try:
@@ -291,6 +293,8 @@ class Controller(ABC):
                 report = self._report()
             except ControllerFault as problem:
                 why, first_mm, waits = problem.found or problem.reason, None, False
+                if problem.kind is MotionFault.CONTROL_LOST:
+                    self.taken_over = problem
                 send_s = min(send_s, now_s + APART_S)  # by another way, soon
                 time.sleep(SLICE_S)
                 continue

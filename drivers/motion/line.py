@@ -174,7 +174,7 @@ class MotionLine:
                 facts = controller.ready()
                 self._baseline(controller.survey())
             except ControllerFault as problem:
-                if not controller.locked:
+                if not controller.locked or problem.kind is not MotionFault.NOT_READY:
                     raise
                 cause, self._why = Cause.FAILED, str(problem)
             self._guard = Guard(controller, self._patience.silence_s)
@@ -381,6 +381,9 @@ class MotionLine:
         except Exception as problem:  # as above
             self._why = str(_of_program(problem))
         else:
+            taken = self.controller.taken_over
+            if self._by_operator and taken is not None:  # a key did not take control away
+                self._by_operator, self._problem, self._why = False, taken, str(taken)
             self._rests(place_mm)
 
     def _gives_up(self, why: str) -> bool:
@@ -471,7 +474,7 @@ class MotionLine:
                 there = controller.is_at(snapshot.place_mm, to_mm)
                 if there or now_s - idle_s > GRACE_S:
                     return
-            if now_s - max(way_s, began_s) > STALL_S or now_s - began_s > patience_s:
+            if now_s - way_s > STALL_S or now_s - began_s > patience_s:
                 waited_s = now_s - began_s
                 value = f"no further than {place_words(last_mm)} after {waited_s:.1f} s"
                 next_step = "Look for a feed hold, or an override of 0."

@@ -21,7 +21,7 @@ from drivers.motion.controller import ControllerFault
 from drivers.motion.guard import LEFT
 from drivers.motion.line import STRICT, MotionLine, Patience
 from drivers.motion.states import TRANSITIONS, Cause, State
-from drivers.motion.twins import LinuxCncTwin, MotionTrouble, SimulatedAxes
+from drivers.motion.twins import GrblTwin, LinuxCncTwin, MotionTrouble, SimulatedAxes
 from tests.drivers.motion.bench import (
     BUSY,
     FEED,
@@ -160,8 +160,6 @@ def test_closed_from_every_state(before: Act) -> None:
 
 
 def test_start_where_only_homing_helps_begins_in_a_fault() -> None:
-    from drivers.motion.twins import GrblTwin
-
     with closing(GrblTwin(SimulatedAxes(), "tcp")) as twin:
         twin.befall(MotionTrouble.NOT_HOMED)
         line = MotionLine(controller_of(twin.told, LIMITS), BUSY)
@@ -267,6 +265,29 @@ def test_a_second_stop_refused_is_no_stop() -> None:
         refuses.clear()
         r.comes(State.STOPPED)
         assert not r.axes.moving
+
+
+def test_a_stop_that_took_control_from_another_client_is_answered() -> None:
+    with rig("linuxcnc") as r:
+        r.on_the_way()
+        twin = r.twin
+        assert isinstance(twin, LinuxCncTwin)
+        with twin._lock:  # between two looks
+            twin._control = None
+            r.line.stop("a test", by_operator=True)
+        r.comes(State.HELD)
+        assert "another client has control" in r.line.why
+        assert not r.axes.moving
+
+
+def test_a_board_of_another_machine_is_not_homed_either() -> None:
+    with closing(GrblTwin(SimulatedAxes(), "tcp")) as twin:
+        twin.befall(MotionTrouble.NOT_HOMED)
+        twin._settings["130"] = "20.000"
+        line = MotionLine(controller_of(twin.told, LIMITS), BUSY)
+        with pytest.raises(ControllerFault, match="the board of another machine"):
+            line.start()
+        line.close()
 
 
 @pytest.mark.parametrize("name", ["linuxcnc", "grbl"])

@@ -9,8 +9,8 @@ from app.measuring.gauges import Motion
 from app.measuring.moving import Mover, Proposal
 from app.measuring.session import GuidedSession, TakenStep
 from calib.errors import IndicatorError, MotionError, sentence
+from drivers.exchange import LATEST
 from drivers.motion.states import State
-from drivers.profile import Fault
 from protocols.procedure import Step
 
 LOOK_S = 0.02
@@ -117,38 +117,35 @@ def _wait(guided: GuidedSession, mover: Mover) -> None:
 
 def _indicators_back(guided: GuidedSession, lost: str) -> None:
     """Return when every indicator answers again, each asked so often. Raises IndicatorError."""
-    for gauge in guided.gauges:
-        for _ in range(TRIES):
-            if not isinstance(gauge.ask().result(), Fault):
-                break
-        else:
+    slowest_s = max(gauge.profile.timeout_s for gauge in guided.gauges)
+    # after an answer that is missed its exchange is silent, lest an old one be taken for a new one
+    end_s = time.monotonic() + TRIES * (LATEST + 1.0) * slowest_s
+    while lost_words(guided) is not None:
+        if time.monotonic() > end_s:
             raise IndicatorError("motion", lost, "a reading")
+        time.sleep(LOOK_S)
 
 
 def _taken(guided: GuidedSession, step: Step) -> TakenStep:
     """The readings of a step; an indicator that answers late is asked again."""
     for tries_left in reversed(range(TRIES)):
-        _at_rest(guided, step, last=not tries_left)
+        _at_rest(guided, step)
         taken = guided.take()
         if taken is not None and not (taken.faults and tries_left):
             return taken
     raise MotionError(f"step {step.number}", "a closed session", "an open one")
 
 
-def _at_rest(guided: GuidedSession, step: Step, *, last: bool) -> None:
-    """Until the indicators of a step rest; with one that is lost only for the last try's reason."""
+def _at_rest(guided: GuidedSession, step: Step) -> None:
+    """Until the indicators of a step rest. Raises IndicatorError."""
     end_s = time.monotonic() + REST_S
-    while True:
-        lost = lost_words(guided)
-        if lost is not None and last:
-            raise IndicatorError("motion", lost, "a reading")
-        if lost is not None or all(
-            guided.gauges[k].live().motion is Motion.STABLE for k in step.indicators
-        ):
+    while time.monotonic() < end_s:
+        if (lost := lost_words(guided)) is not None:
+            _indicators_back(guided, lost)
+        if all(guided.gauges[k].live().motion is Motion.STABLE for k in step.indicators):
             return
-        if time.monotonic() > end_s:
-            raise IndicatorError("indicator", f"moving for {REST_S:g} s", "readings at rest")
         time.sleep(LOOK_S)
+    raise IndicatorError("indicator", f"moving for {REST_S:g} s", "readings at rest")
 
 
 def _check(taken: TakenStep) -> None:

@@ -17,7 +17,7 @@ from app.measuring.moving import Mover, Proposal, ways_of
 from app.measuring.opening import open_indicators, start_session
 from app.measuring.simulated import BenchSettings
 from app.measuring.unattended import REST_S, measure_all
-from calib.errors import MotionError, RecordError, UsageError
+from calib.errors import IndicatorError, MotionError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
 from drivers.exchange import Exchange
 from drivers.motion.controller import Triple
@@ -32,6 +32,7 @@ from protocols.record import read_record
 from protocols.session import Noted, fold
 from tests.app.measuring.moving_machine import (
     FAST,
+    PROMPT,
     SHORT,
     SLOWER,
     linuxcnc,
@@ -185,6 +186,41 @@ def test_a_second_client_is_noticed_before_the_next_take(tmp_path: Path) -> None
     assert not taken(path)
     notes = [one.text for one in read_record(path).events if isinstance(one, Noted)]
     assert any("step 1 not taken" in text for text in notes)
+
+
+@pytest.mark.parametrize("moving", [True, False], ids=["on the way", "at rest"])
+def test_an_indicator_that_answers_late_is_asked_again(moving: bool, tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    with moving_session(path, SLOWER, profile=PROMPT) as (guided, bench, _):
+
+        def back() -> None:
+            while bench.axes.moving is not moving:
+                time.sleep(0.002)
+            bench.unplugged = True
+            time.sleep(0.5)  # longer than an answer may take
+            bench.unplugged = False
+
+        def unplug(said: str) -> None:
+            if said.startswith("step 2 "):
+                threading.Thread(target=back).start()
+
+        measure_all(guided, bench.agree, unplug)
+    assert read_record(path).end == "closed"
+    assert len(taken(path)) == 2 * len(guided.steps)
+    assert not wrong(taken(path), bench)
+
+
+def test_an_indicator_that_stays_away_ends_the_session(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    with moving_session(path, SLOWER, profile=PROMPT) as (guided, bench, _):
+
+        def unplug(said: str) -> None:
+            bench.unplugged = said.startswith("step 2 ")
+
+        with pytest.raises(IndicatorError, match="a reading"):
+            measure_all(guided, bench.agree, unplug)
+        assert not bench.axes.moving
+    assert len(taken(path)) == 4
 
 
 def test_ways_beyond_the_limits_are_refused_before_anything_is_sent() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -290,33 +289,6 @@ class Mover:
                 if step is None:
                     self.release()
         self.on_news()
-
-
-HELD_KEY_S = 1.0
-"""Presses of one key that follow this closely are one held key: terminals repeat it after up to a
-second, then many times a second."""
-
-
-class MotionKeys:
-    """What the keys of a face do to a machine that moves itself, before they do anything else.
-
-    While it may move every key stops it, whatever lies on top of the screen, and does nothing else.
-    Only the view may be turned. The key that goes on counts once, however long it is held.
-    """
-
-    def __init__(self) -> None:
-        self._go_s = -math.inf
-
-    def ends_here(self, mover: Mover, *, goes: bool = False, views: bool = False) -> bool:
-        """Whether a press has done all that it does: it stopped the machine, or was a repeat."""
-        now_s = time.monotonic()
-        repeats = goes and now_s - self._go_s < HELD_KEY_S
-        if goes:
-            self._go_s = now_s
-        if repeats or views or not mover.line.may_move:
-            return repeats
-        mover.stop("stopped by the operator", by_operator=True)
-        return True
 
 
 def open_mover(

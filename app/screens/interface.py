@@ -34,7 +34,7 @@ from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
 from app.exit_codes import Exit
-from app.measuring.moving import MotionKeys, Mover
+from app.measuring.motion_keys import MotionKeys
 from app.report.text.home import REPLACE_CHOICES, WORDS_OF_LOOKS, key_list_text
 from app.report.text.tables import copied_text
 from app.screens import Look
@@ -46,6 +46,7 @@ from calib.printable import HIDDEN
 from protocols.files import FilesThere, unused_path
 
 if TYPE_CHECKING:
+    from app.measuring.moving import Mover
     from app.measuring.plan import Plan
     from app.measuring.session import GuidedSession, Indicators
 

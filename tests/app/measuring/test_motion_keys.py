@@ -17,8 +17,9 @@ from typing import Any
 
 import pytest
 
-from app.measuring import moving
-from app.measuring.moving import MotionKeys, Mover, limits_of
+from app.measuring import motion_keys
+from app.measuring.motion_keys import MotionKeys
+from app.measuring.moving import Mover, limits_of
 from drivers.motion import controller_of
 from drivers.motion.line import MotionLine, Patience
 from drivers.motion.states import State
@@ -147,7 +148,9 @@ class Operator:
         # one consent covers a whole set-up: what is judged is the last press that could be one
         presses = [s for s in self.goes_s if s <= go_s]
         fresh = [
-            b for a, b in itertools.pairwise([-1e9, *presses]) if b - a >= moving.HELD_KEY_S - 0.001
+            b
+            for a, b in itertools.pairwise([-1e9, *presses])
+            if b - a >= motion_keys.HELD_KEY_S - 0.001
         ]
         consent_s = fresh[-1] if fresh else None
         if consent_s is None:
@@ -164,7 +167,7 @@ class Operator:
 
 @pytest.fixture
 def operator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Operator]:
-    monkeypatch.setattr(moving, "HELD_KEY_S", DEAD_S)
+    monkeypatch.setattr(motion_keys, "HELD_KEY_S", DEAD_S)
     procedure = load_procedure("zero-max-min", FAST.geometry())
     with closing(TimedTwin(SimulatedAxes())) as twin:
         controller = controller_of(twin.told, limits_of(FAST))

@@ -133,12 +133,15 @@ class Operator:
 
     def interfere(self) -> None:
         """Another client, the panel, a hand: what is done is noticed before the next move."""
+        trouble = self.chance.choice(TROUBLES)
+        if trouble is MotionTrouble.MODE and self.twin._state["mode"] == "MANUAL":
+            return  # it is that already
         self.troubles_s.append(time.monotonic())
         if self.chance.random() < 0.3:
             x, y, z = self.twin.axes.at_mm
             self.twin.axes.go((x, y + 1.5, z), 1e5)
         else:
-            self.twin.befall(self.chance.choice(TROUBLES))
+            self.twin.befall(trouble)
 
     def illegal(self, at_s: float) -> str:
         """Why a move at this moment is none that the operator wanted."""

@@ -297,7 +297,7 @@ def test_the_port_of_a_board_is_opened_once_and_without_dtr(
             opened.append((port.dtr, port.rts))
             open_now()
 
-        port.open = open_it
+        port.open = open_it  # type: ignore[method-assign]
         return port
 
     monkeypatch.setattr("serial.serial_for_url", recorded)

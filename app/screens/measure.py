@@ -95,8 +95,9 @@ class MeasureScreen(Corrections, Resting):
         yield KeysInForce(compact=True, show_command_palette=False)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """The key that moves a machine is there where one moves itself."""
-        return action != "go" or self.guided.mover is not None
+        """G is for a machine that a controller moves, and takes by itself there; A for the rest."""
+        moves_itself = self.guided.mover is not None
+        return {"go": moves_itself, "automatic": not moves_itself}.get(action, True)
 
     def on_mount(self) -> None:
         # Collections pass over all that is loaded by now. `make bench`, event loop blocked while

@@ -240,11 +240,11 @@ async def test_plot_instead_of_the_table_and_help(tmp_path: Path) -> None:
         for _ in range(2):
             await take(pilot, screen)
         assert not screen.query_one(ChartPlot).display
-        await pilot.press("g")
+        await pilot.press("v")
         await pilot.pause()
         assert screen.query_one(ChartPlot).display
         assert not screen.query_one("#table").display
-        await pilot.press("g", "f1")
+        await pilot.press("v", "f1")
         await until(pilot, "help", lambda: isinstance(interface.screen, HelpDialog))
         await pilot.press("escape")
         assert screen.query_one("#table").display

@@ -120,7 +120,7 @@ async def test_compare_by_keys(folder: Path) -> None:
         assert not interface.screen.query_one("#compare-chart").display
         await pilot.press("y")
         assert interface.clipboard == text(interface, "#compare-text")
-        await pilot.press("g")
+        await pilot.press("v")
         await pilot.pause()
         assert interface.screen.query_one("#compare-chart").display
         assert not interface.screen.query_one("#compare-words").display

@@ -113,7 +113,7 @@ async def test_a_review_is_as_large_as_its_text(samples: Path, size: tuple[int, 
         seen = "\n".join(rows(interface.screen))
         assert all(line.strip() in seen for line in said)
         assert review.size.height <= max(len(said), 20), "no empty dialog around few lines"
-        await pilot.press("g")
+        await pilot.press("v")
         await pilot.pause()
         assert interface.screen.query_one("#review-chart").size.height >= 10
 

@@ -38,6 +38,7 @@ from app.screens.history import HistoryScreen
 from app.screens.home import HomeScreen, PickScreen, ReplayChoiceScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.measure import MeasureScreen
+from app.screens.motion_dialog import MotionDialog
 from app.screens.pages import PagedScreen
 from app.screens.prepare import IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
@@ -45,12 +46,14 @@ from app.screens.result import CompareScreen, ResultScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen, SetUpScreen
 from app.screens.start import Glidecal
 from app.screens.what_if import WhatIfScreen
+from drivers.motion.twins import MotionTrouble
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
 from protocols.record import read_record
 from protocols.session import Session, fold
 from tests.conftest import SAMPLES
 from tests.screens.driving import placed, quick_plan, said, take, to_measuring, until
+from tests.screens.test_moving import measuring as moving
 
 SIZES = [(80, 24), (100, 30), (120, 40)]
 TITLE_EDGES = 6
@@ -128,8 +131,8 @@ def kinds(of: type[Any]) -> Iterator[type[Any]]:
 
 
 def test_every_screen_is_looked_at() -> None:
-    """Two have tests of their own, for they need a session under way; one is in test_align."""
-    assert {*kinds(Screen)} - PARTS == {*MAKERS, MeasureScreen, AlignScreen}
+    """Three have tests of their own, for they need a session under way; one is in test_align."""
+    assert {*kinds(Screen)} - PARTS == {*MAKERS, MeasureScreen, MotionDialog, AlignScreen}
 
 
 def cut(interface: Interface) -> list[str]:
@@ -217,7 +220,7 @@ async def test_nothing_is_cut_while_measuring(tmp_path: Path) -> None:
         await take(pilot, screen)
         for size in SIZES:
             await pilot.resize_terminal(*size)
-            for key in ("g", "g", "g", "w", "s"):
+            for key in ("v", "v", "v", "w", "s"):
                 await pilot.press(key)
                 assert not await look(pilot, interface), (size, key)
                 if interface.screen is not screen:
@@ -228,6 +231,20 @@ async def test_nothing_is_cut_while_measuring(tmp_path: Path) -> None:
         assert not [one for one in await look(pilot, interface) if "'said'" in one]
         displays = screen.query(GaugeDisplay)
         assert all(cell_len(one.number) <= one.content_size.width for one in displays)
+
+
+async def test_nothing_is_cut_where_the_machine_moves_itself(tmp_path: Path) -> None:
+    """Its keys, and what befell it; the ports of this test have names longer than any device's."""
+    async with moving(tmp_path) as moved:
+        await moved.says("G moves it to Zero")
+        for befallen in (False, True):
+            if befallen:
+                moved.twin.befall(MotionTrouble.OFFSET)
+                await moved.dialog()
+            for size in SIZES:
+                await moved.pilot.resize_terminal(*size)
+                lines = await look(moved.pilot, moved.interface)
+                assert not [line for line in lines if "socket://" not in line], size
 
 
 async def test_a_terminal_that_is_too_small_says_what_is_needed() -> None:

@@ -187,9 +187,9 @@ async def test_plot_and_help(told: Path) -> None:
     async with interface.run_test(size=SIZE) as pilot:
         screen = await begin(pilot, interface)
         chart = screen.query_one("#chart")
-        await pilot.press("end", "g")
+        await pilot.press("end", "v")
         await until(pilot, "the plot", lambda: chart.region.height > 0)
-        await pilot.press("g")
+        await pilot.press("v")
         await until(pilot, "no plot", lambda: chart.region.height == 0)
         await pilot.press("f1")
         await until(pilot, "help", lambda: isinstance(interface.screen, HelpDialog))

@@ -30,7 +30,7 @@ Home, End     the start, the end
 J             jump to a step; in a table to a reading
 T             every reading so far, superseded ones with their
               reason; Page Up and Page Down move in it
-G             the plot in the place of the table, and back
+V             the plot in the place of the table, and back
 R             the result of the whole session
 Y             copy every reading so far as text
 Escape, F10   back, leave

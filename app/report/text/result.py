@@ -355,7 +355,7 @@ Each difference between two postures, before and after the joint offsets
 were entered in the controller. "Expected" is the residual of the first
 session: offsets cannot remove more than that.
 
-G  the plot instead of the text, and back
+V  the plot instead of the text, and back
 Y  copies the text"""
 
 

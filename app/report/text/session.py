@@ -31,11 +31,14 @@ B             an earlier step: measure it again, or take that back
 S             leave this step or the rest of the leg out, with a reason
 A             automatic: take when the readings have moved and are stable
               again; it says where it needs your key
-P             hold: nothing is taken until P again
+P             hold: nothing is taken until P again (until G where a
+              controller moves the machine)
 M             the stand was moved: later readings get a new zero
 N             write a note into the record
 W             where: leg, stand and indicators as a picture
-G             the plot, larger strip charts, and back to the table
+V             the plot, larger strip charts, and back to the table
+G             go: the machine moves, only where a controller moves it;
+              while it may move every key but V stops it
 Escape, F10   pause the session: to the home screen, or quit
 
 Each panel says whether its reading moves or is stable. A reading is on
@@ -357,7 +360,7 @@ def review_text(review: LegReview) -> str:
         f"{read} is done. {review_verdict(review)}",
         table,
         [f"{len(cells)} differences so far, mm", *rows],
-        "Space continues, P holds the session, G shows the plot.",
+        "Space continues, P holds the session, V shows the plot.",
     )
 
 

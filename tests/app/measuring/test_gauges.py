@@ -91,6 +91,14 @@ def test_what_was_silent_is_told(at_rest: Told) -> None:
     assert at_rest.hear(reading(0.5)) == 1
 
 
+def test_a_silence_is_missed_sooner_while_the_machine_moves(at_rest: Told) -> None:
+    at_rest.now_s += 0.3
+    assert at_rest.gauge.lost(moving=True) is None
+    at_rest.now_s += 0.1
+    assert at_rest.gauge.lost(moving=True) == "silent for 0.4 s"
+    assert at_rest.gauge.lost() is None
+
+
 def test_a_fault_another_one_and_its_end_are_told(at_rest: Told) -> None:
     silent, gone = Fault(FaultKind.NO_ANSWER, "", "no"), Fault(FaultKind.DISCONNECTED, "", "gone")
     assert at_rest.hear(silent) == 1

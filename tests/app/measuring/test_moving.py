@@ -144,6 +144,28 @@ def test_a_session_that_broke_off_is_continued_from_the_same_side(tmp_path: Path
     ]
 
 
+def test_an_indicator_that_is_gone_on_the_way_stops_it_and_ends_the_session(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "a.jsonl"
+    with moving_session(path, SLOWER, profile=PROMPT) as (guided, bench, _):
+
+        def pull_out() -> None:
+            while not bench.axes.moving:
+                time.sleep(0.002)
+            bench.unplugged = True
+
+        def pull(said: str) -> None:
+            if said.startswith("step 1 "):
+                threading.Thread(target=pull_out).start()
+
+        with pytest.raises(IndicatorError, match="indicator"):
+            measure_all(guided, bench.agree, pull)
+        assert not bench.axes.moving
+    assert len(taken(path)) == 2
+    assert read_record(path).end != "closed"
+
+
 def test_a_controller_that_is_gone_is_told_with_the_emergency_stop(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     with moving_session(path, SLOWER) as (guided, bench, twin):

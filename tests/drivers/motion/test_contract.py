@@ -9,8 +9,10 @@ from contextlib import closing
 from dataclasses import replace
 from itertools import count
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
+import serial
 
 from calib.errors import UsageError
 from drivers.motion import controller_of
@@ -172,11 +174,13 @@ def test_stops_short(name: str) -> None:
 
 
 @every
-def test_a_place_that_is_no_number_is_a_fault(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("coordinate", range(3))
+def test_a_place_that_is_no_number_is_a_fault(
+    coordinate: int, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = tuple(math.nan if k == coordinate else mm for k, mm in enumerate(START))
     with rig(name) as r:
-        monkeypatch.setattr(
-            type(r.axes), "at_mm", property(lambda _: (0.0, math.nan, 0.0)), raising=True
-        )
+        monkeypatch.setattr(type(r.axes), "at_mm", property(lambda _: place), raising=True)
         r.comes(State.FAULT)
         assert "Allowed: a number" in r.line.why
 
@@ -276,6 +280,36 @@ def test_unknown_controllers(told: str) -> None:
 def test_grbl_over_a_terminal() -> None:
     with rig("grbl", make=lambda axes: GrblTwin(axes, "pty")) as r:
         assert r.go((3.0, 2.0, -3.0)) == (3.0, 2.0, -3.0)
+
+
+def test_the_port_of_a_board_is_opened_once_and_without_dtr(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A board that resets when its port is opened loses its homing."""
+    opened: list[tuple[bool, bool]] = []
+    open_port = serial.serial_for_url
+
+    def recorded(*words: Any, **settings: Any) -> serial.Serial:  # noqa: ANN401 (pyserial's)
+        port = open_port(*words, **settings)
+        open_now = port.open
+
+        def open_it() -> None:
+            opened.append((port.dtr, port.rts))
+            open_now()
+
+        port.open = open_it  # type: ignore[method-assign]
+        return port
+
+    monkeypatch.setattr("serial.serial_for_url", recorded)
+    with rig("grbl") as r:
+        r.twin.befall(MotionTrouble.OFFSET)
+        r.comes(State.HELD)
+        r.twin.mend()
+        r.line.answered().result(PATIENCE_S)
+        r.go((3.0, 2.0, -3.0))
+        descriptor = r.line.controller.handles()
+        assert descriptor  # what the guard speaks through
+    assert opened == [(False, False)]
 
 
 def test_grbl_knows_no_tool() -> None:

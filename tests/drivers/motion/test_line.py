@@ -184,6 +184,17 @@ def test_a_board_that_cannot_tell_whether_it_is_homed_waits_for_the_operators_wo
         assert r.line.consent()
 
 
+def test_a_connected_machine_is_ready_and_nothing_moves() -> None:
+    with closing(LinuxCncTwin(SimulatedAxes())) as twin:
+        line = MotionLine(controller_of(twin.told, LIMITS), BUSY)
+        states = [line.state]
+        line.start()
+        states.append(line.state)
+        line.close()
+        assert states == [State.OFF, State.READY]
+        assert not twin.moves
+
+
 def test_nothing_moves_where_the_machine_is_not_ready() -> None:
     with closing(LinuxCncTwin(SimulatedAxes())) as twin:
         twin.befall(MotionTrouble.NOT_HOMED)
@@ -191,6 +202,18 @@ def test_nothing_moves_where_the_machine_is_not_ready() -> None:
         with pytest.raises(ControllerFault, match="home it"):
             line.start()
         line.close()
+        assert line.state is State.OFF
+        assert not twin.moves
+
+
+def test_without_a_guard_that_starts_there_is_no_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivers.motion.guard.PROGRAM", "raise SystemExit(1)")
+    with closing(LinuxCncTwin(SimulatedAxes())) as twin:
+        line = MotionLine(controller_of(twin.told, LIMITS), BUSY)
+        with pytest.raises(ControllerFault, match="guard beside the program: found did not start"):
+            line.start()
+        assert line.state is State.OFF
+        assert not line.consent()
         assert not twin.moves
 
 

@@ -1,10 +1,8 @@
-"""Ill controllers by seed: a twin behind a port that lies, lags, babbles, garbles, drops and refuses.
+"""Ill controllers by seed: behind a port that lies, lags, babbles, garbles, drops and refuses.
 
 The twin stays the honest machine; `Front` listens in its place (a socket, or a pseudo-terminal for
 grbl) and applies one to three ills to the bytes of both directions, each from a moment of its own.
 What happened to the axes is recorded exactly, apart from what anybody reports: `TrueAxes`.
-
-``python -m tests.drivers.motion.adversary grbl 17`` replays one seed and prints what happened.
 """
 
 from __future__ import annotations
@@ -109,8 +107,6 @@ class Ill:
 
     false_place = False
     """Whether it reports consistently that the machine is where it is not: nobody can tell."""
-    false_state = False
-    """Whether it reports consistently that nothing was changed."""
     deaf = False
     """Whether what is sent may not reach the machine, or not whole."""
 
@@ -599,6 +595,12 @@ class Front:
             self._ports.pop(link.number).close()
             self.links.remove(link)
 
+    def drops(self) -> None:
+        """Hang up on everybody, from another thread."""
+        for link in list(self.links):
+            with contextlib.suppress(OSError):
+                self._ports[link.number].shutdown(socket.SHUT_RDWR)
+
     def _serve(self) -> None:
         while not self._ends:
             chatty = False
@@ -647,9 +649,10 @@ class Front:
         if not came or (self._server is not None and link not in self.links):
             return
         with contextlib.suppress(Disconnected):
-            self._does(link, came)
+            self.does(link, came)
 
-    def _does(self, link: Link, came: bytes) -> None:
+    def does(self, link: Link, came: bytes) -> None:
+        """The machine hears this."""
         twin = self.twin
         if isinstance(twin, GrblTwin):
             if answer := twin.receive(came):

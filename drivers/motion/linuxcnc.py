@@ -83,13 +83,13 @@ class LinuxCnc(Controller):
         self._socket: socket.socket | None = None
         self._before: list[socket.socket] = []
         self._unit_mm = 1.0
-        self._aborted = self._last_try = False
+        self._aborted = self._last_try = self._took_control = False
         self._program = ""
 
     def connect(self) -> None:
         """Open the connection; nothing is asked of the machine."""
         self._join()
-        self._set("set_wait received", ACCEPT_S)
+        self._set("set_wait received", self.answer_s)
         units = self._get("user_linear_units")
         self._unit_mm = MM_PER_INCH if units == "INCH" else 1.0
 
@@ -110,6 +110,7 @@ class LinuxCnc(Controller):
             while self._line(deadline) != "SET VERBOSE ACK":  # what is echoed until then
                 if deadline.over:
                     raise self._stranger("lines without end")
+            self._took_control = True
             self._send(f"set enable {enable}")
             if self._line(deadline) != "SET ENABLE ACK":
                 raise self._refused("the password to enable")
@@ -244,7 +245,7 @@ class LinuxCnc(Controller):
             return
         if self._socket is not None:
             self._before.append(self._socket)
-        self._aborted, self._last_try = False, True
+        self._aborted, self._last_try, self._took_control = False, True, True
         self._open(REJOIN_S)
         connect, _, enable = os.environ.get(PASSWORDS, USUAL).partition(" ")
         # "get machine": it refuses an abort while it believes from before that the machine is off
@@ -274,7 +275,7 @@ class LinuxCnc(Controller):
 
     def close(self) -> None:
         """Let go of the connection."""
-        if self._socket is not None:
+        if self._socket is not None and self._took_control:
             with contextlib.suppress(ControllerFault):
                 # else the next stranger with the same number of a socket has control unasked
                 self._send("set enable off")
@@ -283,6 +284,7 @@ class LinuxCnc(Controller):
     def _hang_up(self) -> None:
         connections = [*self._before, *([self._socket] if self._socket else [])]
         self._socket, self._before, self._received = None, [], b""
+        self._took_control = False
         for connection in connections:
             connection.close()
 

@@ -265,6 +265,7 @@ class MotionLine:
         while self._state is State.STOPPING and self._owner_lives and time.monotonic() < end_s:
             time.sleep(SLICE_S)
         self._closing = True
+        self.controller.halt.set()  # whatever is asked, nobody waits for it any more
         for thread in (self._owner, self._watcher):
             if thread is not None and thread is not threading.current_thread():
                 thread.join(CLOSE_S)
@@ -375,11 +376,12 @@ class MotionLine:
         """Stop it; until that is seen the operator is told after `STOP_S`, and it is tried on."""
         try:
             place_mm = self.controller.stop(self._gives_up)
-        except ControllerFault:
+        except Exception as problem:  # as above
+            if not isinstance(problem, ControllerFault):
+                self._why = str(_of_program(problem))
+                time.sleep(SLICE_S)
             if self._vouched:
                 self._rests(None)
-        except Exception as problem:  # as above
-            self._why = str(_of_program(problem))
         else:
             self._rests(place_mm)
 
@@ -394,6 +396,7 @@ class MotionLine:
         limits = self.controller.limits
         for place_mm in places_mm:
             limits.check(place_mm, feed_mm_min)
+        self._wait_for_guard()
         before = self._checked_before()
         self._begun(consent)
         there_mm = before.place_mm
@@ -408,13 +411,19 @@ class MotionLine:
         self._compare(before)
         return before
 
+    def _wait_for_guard(self) -> None:
+        """Until its first beat came back: before the last look at the machine, not behind it."""
+        guard = self._guard
+        end_s = time.monotonic() + self._patience.silence_s
+        while self._state is State.CONSENTED and time.monotonic() < end_s:
+            if guard is None or guard.watches:
+                break
+            self._lives()
+            time.sleep(SLICE_S / 4)
+
     def _begun(self, consent: int) -> None:
         """Raises where this consent is not the present one, or nobody guards."""
         guard = self._guard
-        end_s = time.monotonic() + self._patience.silence_s
-        while guard is not None and not guard.watches and time.monotonic() < end_s:
-            self._lives()
-            time.sleep(SLICE_S / 4)  # its first beat is under way
         with self._lock:
             if consent != self._consent or self._state is not State.CONSENTED:
                 raise self.controller.fault(MotionFault.STOPPED, "before it moved")
@@ -484,6 +493,7 @@ class MotionLine:
             raise self.controller.fault(MotionFault.ELSEWHERE, place_words(place_mm), way)
 
     def _homed(self, consent: int) -> Triple:
+        self._wait_for_guard()
         self._begun(consent)
         self.controller.home()
         self.controller.ready()
@@ -513,11 +523,11 @@ class MotionLine:
         """After the operator's answer: a new connection where that is needed, and all is right."""
         if self._state not in (State.HELD, State.FAULT):
             raise self.controller.fault(MotionFault.STOPPED, f"{self._state}", "held, or a fault")
-        if self._broken:
-            self.controller.renew()
+        if self._broken or self._guard is None or not self._guard.runs:
+            if self._broken:
+                self.controller.renew()
+            self._renew_guard()  # with the port as it is now, where it was given the former one
             self._broken = False
-        if self._guard is None or not self._guard.runs:
-            self._renew_guard()
         self.controller.ready()
         there = self.controller.survey()
         if there.moving:

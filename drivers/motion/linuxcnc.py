@@ -38,6 +38,9 @@ REJOIN_S = 0.2
 
 MOST_ERRORS = 20
 JOINTS = 3
+AXES = 6
+"""Of a position, whatever there are."""
+
 IDENTITY = "1"
 """The kinematics in which X, Y and Z are the joints themselves."""
 
@@ -207,7 +210,7 @@ class LinuxCnc(Controller):
 
     def _place(self, answer: str) -> Triple:
         words = answer.split()
-        if len(words) < JOINTS:
+        if len(words) < AXES:  # one that was cut may be another number
             raise self._not_understood(answer)
         x, y, z = (self.finite(word) * self._unit_mm for word in words[:JOINTS])
         return x, y, z

@@ -111,6 +111,8 @@ class MotionLine:
         self._by_operator = self._vouched = self._closing = self._broken = False
         self._consent = 0
         self._rest_mm: Triple | None = None
+        self._way_mm: tuple[Triple, Triple] | None = None
+        """Of the move that was sent last: after a stop it rests there; None is anywhere."""
         self._states: dict[str, str] = {}
         now_s = time.monotonic()
         self._calm_s = self._cause_s = self._owner_s = self._face_s = now_s
@@ -312,6 +314,8 @@ class MotionLine:
             problem = self._problem
             if place_mm is None:
                 cause, self._broken = Cause.VOUCHED, True
+            elif stray := self._stray(place_mm):
+                cause, self._why = Cause.RESTS_HELD, str(stray)
             elif self._by_operator:
                 cause = Cause.RESTS
             elif problem is not None and problem.kind not in INTERFERENCE:
@@ -319,10 +323,24 @@ class MotionLine:
             else:
                 cause = Cause.RESTS_HELD
             self._rest_mm = place_mm or self._rest_mm
+            self._way_mm = (place_mm, place_mm) if place_mm else None
             self.controller.halt.clear()
             self._change(cause)
             self._calm_s = time.monotonic()
         self.listener()
+
+    def _stray(self, place_mm: Triple) -> ControllerFault | None:
+        """What is wrong with where it rests after an operator's stop: something else moved it."""
+        if not self._by_operator or self._way_mm is None:
+            return None
+        from_mm, to_mm = self._way_mm
+        if from_mm == to_mm and not self.controller.is_at(place_mm, to_mm):
+            return self._elsewhere(place_mm, to_mm)
+        try:
+            self._check_way(place_mm, from_mm, to_mm)
+        except ControllerFault as problem:
+            return problem
+        return None
 
     # What follows runs in the thread that owns the controller.
 
@@ -437,7 +455,7 @@ class MotionLine:
         with self._lock:
             if not self._change(Cause.ARRIVED):
                 raise self.controller.fault(MotionFault.STOPPED, "as it arrived")
-            self._rest_mm = there_mm
+            self._rest_mm, self._way_mm = there_mm, (there_mm, there_mm)
             self._calm_s = time.monotonic()
 
     def _moved(self, from_mm: Triple, to_mm: Triple, feed_mm_min: float) -> Triple:
@@ -447,6 +465,7 @@ class MotionLine:
         if controller.halt.is_set():
             raise controller.fault(MotionFault.STOPPED, "before it moved")
         self._states |= controller.own_states
+        self._way_mm = from_mm, to_mm
         controller.begin(to_mm, feed_mm_min)
         way_s = math.dist(from_mm, to_mm) / feed_mm_min * 60.0
         self._wait_there(from_mm, to_mm, SLOWER * way_s + SLACK_S)
@@ -495,6 +514,7 @@ class MotionLine:
     def _homed(self, consent: int) -> Triple:
         self._wait_for_guard()
         self._begun(consent)
+        self._way_mm = None
         self.controller.home()
         self.controller.ready()
         self.homing_confirmed = True
@@ -550,6 +570,7 @@ class MotionLine:
 
     def _baseline(self, snapshot: Snapshot) -> None:
         self._states, self._rest_mm = dict(snapshot.states), snapshot.place_mm
+        self._way_mm = snapshot.place_mm, snapshot.place_mm
 
     def _compare(self, snapshot: Snapshot) -> None:
         """Raises for anything at rest that is not as it was."""

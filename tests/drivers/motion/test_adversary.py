@@ -30,6 +30,7 @@ from drivers.motion.controller import ControllerFault, Triple
 from drivers.motion.grbl import Grbl
 from drivers.motion.guard import LEFT, Guard
 from drivers.motion.line import MotionLine, Patience
+from drivers.motion.linuxcnc import LinuxCnc
 from drivers.motion.states import MAY_MOVE, State
 from drivers.motion.twins import GrblTwin, MotionTrouble, SimulatedAxes
 from drivers.twins import Transport
@@ -362,9 +363,9 @@ class Scenario:
             return True
         if what == "jog":
             gone = math.dist(self._axes.place(changed_s), self._axes.place(asked_s))
-            before = [state for s, state in self._states if s <= changed_s]
-            # on the way, or before a stop was seen to rest, nobody knows where it will rest
-            if gone <= LIMITS.reached_mm * 1.8 or before[-1] in (State.MOVING, State.STOPPING):
+            before = [s for at_s, s in self._states if at_s <= changed_s and s != State.STOPPING]
+            # on the way, and where that was stopped, nobody knows where it will rest
+            if gone <= LIMITS.reached_mm * 1.8 or before[-1] is State.MOVING:
                 return True
         if what == MotionTrouble.ELSEWHERE:
             return True
@@ -613,6 +614,44 @@ def test_what_happens_while_the_guard_is_waited_for_is_noticed(
         monkeypatch.setattr(Present, "watches", True)
         assert isinstance(way.exception(10.0), ControllerFault)
         assert not front.twin.moves
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("begun", [False, True])
+def test_what_moved_it_as_the_operator_stopped_it_is_noticed(
+    name: str, begun: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Startled by a jog, the operator stops it before the next look: that is no answer to it."""
+    monkeypatch.setattr("drivers.motion.line.Guard", Present)
+    monkeypatch.setattr("drivers.motion.line.REST_LOOK_S", 1e9)
+    with lined(name, answer_s=2.0) as (front, line):
+        assert line.consent()
+        if begun:
+            line.go([(50.0, 2.0, -3.0)], 600.0)
+            assert comes_true(lambda: front.axes.moving)
+            monkeypatch.setattr(line.controller, "moving_look_s", 1e9)
+            time.sleep(0.1)
+        x, y, z = front.axes.at_mm
+        front.axes.jog((x, y + 9.0, z), 1e9)
+        line.stop("a test", by_operator=True)
+        assert comes_true(lambda: line.state is not State.STOPPING)
+        assert line.state is State.HELD
+        assert "Y11.000" in line.why
+        assert not line.consent()
+        line.answered().result(5.0)
+        for _ in range(2):  # a stop where nothing else moved it is the operator's own
+            assert line.consent()
+            line.stop("a test", by_operator=True)
+            assert comes_true(lambda: line.state is State.STOPPED)
+
+
+def test_a_position_that_was_cut_is_none() -> None:
+    controller = controller_of("linuxcnc:127.0.0.1:9", LIMITS)
+    assert isinstance(controller, LinuxCnc)
+    assert controller._place("1.5 2.0 -3.25 0.0 0.0 0.0") == (1.5, 2.0, -3.25)
+    for answer in ("1.5 2.0 -3", "1.5 2.0 -3.25 0.0 0.0", "0 0.000000", ""):
+        with pytest.raises(ControllerFault):
+            controller._place(answer)
 
 
 def test_an_operator_who_vouches_is_heard_whatever_a_driver_raises(

@@ -364,8 +364,11 @@ class Scenario:
         if what == "jog":
             gone = math.dist(self._axes.place(changed_s), self._axes.place(asked_s))
             before = [s for at_s, s in self._states if at_s <= changed_s and s != State.STOPPING]
-            # on the way, and where that was stopped, nobody knows where it will rest
-            if gone <= LIMITS.reached_mm * 1.8 or before[-1] is State.MOVING:
+            soon = [s for at_s, s in self._states if changed_s < at_s < changed_s + LOOK_S]
+            # on the way, and where that was stopped, nobody knows where it will rest; so it is
+            # between the last look before a move and the move, which goes to a place of its own
+            moving = before[-1] is State.MOVING or State.MOVING in soon
+            if gone <= LIMITS.reached_mm * 1.8 or moving:
                 return True
         if what == MotionTrouble.ELSEWHERE:
             return True
@@ -643,6 +646,17 @@ def test_what_moved_it_as_the_operator_stopped_it_is_noticed(
             assert line.consent()
             line.stop("a test", by_operator=True)
             assert comes_true(lambda: line.state is State.STOPPED)
+
+
+def test_a_jog_that_ended_meanwhile_is_not_put_on_hold() -> None:
+    """A hold is no more than a cancel in a jog, and locks a board that rests (tried with grbl)."""
+    controller = controller_of("grbl:/dev/none", LIMITS)
+    assert isinstance(controller, Grbl)
+    controller._wire = wire = Flood(b"")
+    controller._state = "Jog"  # as it was told last
+    for attempt in range(3):
+        controller._send_stop(attempt)
+    assert set(wire.sent) == {0x85}
 
 
 def test_a_position_that_was_cut_is_none() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -41,6 +42,12 @@ NOT_STOPPED = "NOT STOPPED. Use the emergency stop."
 
 LONGEST_LINE = 4096
 """Bytes of a line without an end, after which it is no controller that sends them."""
+
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+"""Python takes ``1_0`` and ``nan`` for numbers, too."""
+
+MOST = 1e6
+"""No place or setting of a machine is larger: it is a number that was garbled."""
 
 
 class MotionFault(StrEnum):
@@ -139,6 +146,8 @@ class Deadline:
 
     def __init__(self, wait_s: float) -> None:
         self.wait_s = wait_s
+        self.looked = False
+        """Whether what had come by then was heard, and nothing later counts."""
         self._end_s = time.monotonic() + wait_s
 
     @property
@@ -323,7 +332,6 @@ class Controller(ABC):
 
         Raises `ControllerFault` where none comes in time, or a stop is wished for meanwhile.
         """
-        late = False
         while True:
             received = self._received.replace(b"\r", b"\n").lstrip(b"\n ")
             line, end, self._received = received.partition(b"\n")
@@ -333,21 +341,19 @@ class Controller(ABC):
             if len(line) > LONGEST_LINE:
                 self._received = b""
                 raise self.fault(MotionFault.LOST, f"a line without an end: {line[:40]!r}")
-            if late:
+            if deadline.looked:
                 raise NoLine(self, deadline.wait_s)
             if self.halt.is_set() and not self._stopping:
                 raise self.fault(MotionFault.STOPPED, "while an answer was waited for")
             self.on_wait()
-            late = deadline.over  # before a last look: it came if only we were held up
+            # before a last look: it came if only we were held up
+            deadline.looked = deadline.over
             self._received += self._receive()
 
     def finite(self, word: str) -> float:
         """A number that a controller sent. Raises `ControllerFault` for what is none."""
-        try:
-            value = float(word)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
+        value = float(word) if NUMBER.fullmatch(word) else math.nan
+        if not abs(value) < MOST:
             raise self.fault(MotionFault.CONTROLLER, f"{word[:40]!r}", "a number")
         return value
 

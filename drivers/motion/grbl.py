@@ -50,6 +50,8 @@ SETTING = re.compile(r"\$(\d+)=([-+.\d]+)", re.ASCII)
 VERSION = re.compile(r"\[VER:1\.1\w?\.", re.ASCII)
 SAFE = {"9": "locked, as after an alarm", "15": "beyond its soft limits", "22": "no feed"}
 MOVING = ("Jog", "Run", "Home")
+ANSWERS_LINES = ("Idle", "Jog", "Alarm")
+"""In a hold a line waits for its end."""
 SUPERVISED = ("Ov", "WCO", "H")
 
 
@@ -112,6 +114,7 @@ class Grbl(Controller):
         self._state = self._part = ""
         self._fields: dict[str, str] = {}
         self._acknowledged = True
+        self._under_way = 0
         self.homing = False
         self.tells_homing = False
 
@@ -171,7 +174,7 @@ class Grbl(Controller):
         deadline, sample = Deadline(WAKE_S), ""
         self._acknowledged = True
         while not deadline.over:
-            self._send(REPORT)
+            self._question(REPORT)
             again = Deadline(min(self.answer_s, WAKE_S))
             while not again.over:
                 try:
@@ -302,26 +305,38 @@ class Grbl(Controller):
         if self._wire is None:  # its cable is out; it may be back
             self._wire = self._opened()
         self._send(RESET if self.homing else JOG_CANCEL)
-        if attempt and self._state in ("Run", "Jog"):  # at rest a hold would lock the board
+        if attempt and self._state == "Run":  # a jog may have ended: at rest a hold locks the board
             self._send(FEED_HOLD)
         if self._state == "Hold" and self._part == "0" and not self._acknowledged:
             self._send(RESET)  # a jog that waits in its buffer would move when the hold ends
 
     def _send_position(self) -> None:
-        self._send(REPORT)
+        self._question(REPORT)
+
+    def _question(self, mark: bytes) -> None:
+        self._under_way += 1
+        self._send(mark)
 
     def _position_of(self, line: str) -> tuple[Triple, bool] | None:
+        """It does not rest while a jog is not acknowledged: that may begin after its stop."""
         place_mm = self._note(line)
         if place_mm is None:
+            self._acknowledged |= line.startswith(("ok", "error:", "Grbl", "grblHAL"))
             return None
         holds = self._state == "Hold" and self._part != "0"
-        return place_mm, holds or self._state in MOVING
+        waits = not self._acknowledged and self._state != "Alarm"
+        return place_mm, holds or waits or self._state in MOVING
 
     def _status(self) -> Triple:
-        """The position of a fresh status report; its fields are kept."""
+        """The position of a fresh status report; its fields are kept.
+
+        Reports of earlier questions, asked twice or given up, are late: they come before "ok".
+        """
+        if self._under_way and self._state in ANSWERS_LINES:
+            self._done("")
         deadline = Deadline(self.answer_s)
         while True:
-            self._send(self._ask)
+            self._question(self._ask)
             again = Deadline(min(self.answer_s, ASK_AGAIN_S))  # a question may be lost
             try:
                 while (place_mm := self._note(self._heard(again))) is None:
@@ -337,6 +352,7 @@ class Grbl(Controller):
         report = STATUS.fullmatch(line)
         if report is None:
             return None
+        self._under_way = max(0, self._under_way - 1)
         name, part, text = report.groups()
         fields = dict(field.partition(":")[::2] for field in text.split("|"))
         self._state, self._part = name, part or ""
@@ -365,7 +381,7 @@ class Grbl(Controller):
                 answers.append(line)
             if len(answers) > 1000:
                 raise self.fault(MotionFault.LOST, "lines without an end")
-        self._acknowledged = True
+        self._acknowledged, self._under_way = True, 0
         return answers
 
     def _drain(self) -> None:
@@ -377,7 +393,7 @@ class Grbl(Controller):
         while time.monotonic() - quiet < 2 * SLICE_S and not deadline.over:
             if self._receive():
                 quiet = time.monotonic()
-        self._received, self._acknowledged = b"", True
+        self._received, self._acknowledged, self._under_way = b"", True, 0
 
     def _heard(self, deadline: Deadline) -> str:
         """The next line; an alarm, or a board that started anew, is a fault."""

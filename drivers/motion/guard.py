@@ -92,7 +92,8 @@ class Guard:
     def _listen(self, answers: IO[bytes]) -> None:
         with answers, contextlib.suppress(OSError, ValueError):
             while received := answers.read(64):
-                self._heard_s = time.monotonic()
+                if BEAT in received or HOMING in received:  # it is armed
+                    self._heard_s = time.monotonic()
                 self._ready = self._ready or READY in received
                 self._news.set()
 

@@ -111,6 +111,8 @@ class MotionLine:
         self._by_operator = self._vouched = self._closing = self._broken = False
         self._consent = 0
         self._rest_mm: Triple | None = None
+        self._way_mm: tuple[Triple, Triple] | None = None
+        """Of the move that was sent last: after a stop it rests there; None is anywhere."""
         self._states: dict[str, str] = {}
         now_s = time.monotonic()
         self._calm_s = self._cause_s = self._owner_s = self._face_s = now_s
@@ -265,6 +267,7 @@ class MotionLine:
         while self._state is State.STOPPING and self._owner_lives and time.monotonic() < end_s:
             time.sleep(SLICE_S)
         self._closing = True
+        self.controller.halt.set()  # whatever is asked, nobody waits for it any more
         for thread in (self._owner, self._watcher):
             if thread is not None and thread is not threading.current_thread():
                 thread.join(CLOSE_S)
@@ -311,6 +314,8 @@ class MotionLine:
             problem = self._problem
             if place_mm is None:
                 cause, self._broken = Cause.VOUCHED, True
+            elif stray := self._stray(place_mm):
+                cause, self._why = Cause.RESTS_HELD, str(stray)
             elif self._by_operator:
                 cause = Cause.RESTS
             elif problem is not None and problem.kind not in INTERFERENCE:
@@ -318,10 +323,24 @@ class MotionLine:
             else:
                 cause = Cause.RESTS_HELD
             self._rest_mm = place_mm or self._rest_mm
+            self._way_mm = (place_mm, place_mm) if place_mm else None
             self.controller.halt.clear()
             self._change(cause)
             self._calm_s = time.monotonic()
         self.listener()
+
+    def _stray(self, place_mm: Triple) -> ControllerFault | None:
+        """What is wrong with where it rests after an operator's stop: something else moved it."""
+        if not self._by_operator or self._way_mm is None:
+            return None
+        from_mm, to_mm = self._way_mm
+        if from_mm == to_mm and not self.controller.is_at(place_mm, to_mm):
+            return self._elsewhere(place_mm, to_mm)
+        try:
+            self._check_way(place_mm, from_mm, to_mm)
+        except ControllerFault as problem:
+            return problem
+        return None
 
     # What follows runs in the thread that owns the controller.
 
@@ -375,11 +394,12 @@ class MotionLine:
         """Stop it; until that is seen the operator is told after `STOP_S`, and it is tried on."""
         try:
             place_mm = self.controller.stop(self._gives_up)
-        except ControllerFault:
+        except Exception as problem:  # as above
+            if not isinstance(problem, ControllerFault):
+                self._why = str(_of_program(problem))
+                time.sleep(SLICE_S)
             if self._vouched:
                 self._rests(None)
-        except Exception as problem:  # as above
-            self._why = str(_of_program(problem))
         else:
             taken = self.controller.taken_over
             if self._by_operator and taken is not None:  # a key did not take control away
@@ -397,6 +417,7 @@ class MotionLine:
         limits = self.controller.limits
         for place_mm in places_mm:
             limits.check(place_mm, feed_mm_min)
+        self._wait_for_guard()
         before = self._checked_before()
         self._begun(consent)
         there_mm = before.place_mm
@@ -411,13 +432,19 @@ class MotionLine:
         self._compare(before)
         return before
 
+    def _wait_for_guard(self) -> None:
+        """Until its first beat came back: before the last look at the machine, not behind it."""
+        guard = self._guard
+        end_s = time.monotonic() + self._patience.silence_s
+        while self._state is State.CONSENTED and time.monotonic() < end_s:
+            if guard is None or guard.watches:
+                break
+            self._lives()
+            time.sleep(SLICE_S / 4)
+
     def _begun(self, consent: int) -> None:
         """Raises where this consent is not the present one, or nobody guards."""
         guard = self._guard
-        end_s = time.monotonic() + self._patience.silence_s
-        while guard is not None and not guard.watches and time.monotonic() < end_s:
-            self._lives()
-            time.sleep(SLICE_S / 4)  # its first beat is under way
         with self._lock:
             if consent != self._consent or self._state is not State.CONSENTED:
                 raise self.controller.fault(MotionFault.STOPPED, "before it moved")
@@ -431,7 +458,7 @@ class MotionLine:
         with self._lock:
             if not self._change(Cause.ARRIVED):
                 raise self.controller.fault(MotionFault.STOPPED, "as it arrived")
-            self._rest_mm = there_mm
+            self._rest_mm, self._way_mm = there_mm, (there_mm, there_mm)
             self._calm_s = time.monotonic()
 
     def _moved(self, from_mm: Triple, to_mm: Triple, feed_mm_min: float) -> Triple:
@@ -441,6 +468,7 @@ class MotionLine:
         if controller.halt.is_set():
             raise controller.fault(MotionFault.STOPPED, "before it moved")
         self._states |= controller.own_states
+        self._way_mm = from_mm, to_mm
         controller.begin(to_mm, feed_mm_min)
         way_s = math.dist(from_mm, to_mm) / feed_mm_min * 60.0
         self._wait_there(from_mm, to_mm, SLOWER * way_s + SLACK_S)
@@ -487,7 +515,9 @@ class MotionLine:
             raise self.controller.fault(MotionFault.ELSEWHERE, place_words(place_mm), way)
 
     def _homed(self, consent: int) -> Triple:
+        self._wait_for_guard()
         self._begun(consent)
+        self._way_mm = None
         self.controller.home()
         self.controller.ready()
         self.homing_confirmed = True
@@ -516,11 +546,11 @@ class MotionLine:
         """After the operator's answer: a new connection where that is needed, and all is right."""
         if self._state not in (State.HELD, State.FAULT):
             raise self.controller.fault(MotionFault.STOPPED, f"{self._state}", "held, or a fault")
-        if self._broken:
-            self.controller.renew()
+        if self._broken or self._guard is None or not self._guard.runs:
+            if self._broken:
+                self.controller.renew()
+            self._renew_guard()  # with the port as it is now, where it was given the former one
             self._broken = False
-        if self._guard is None or not self._guard.runs:
-            self._renew_guard()
         self.controller.ready()
         there = self.controller.survey()
         if there.moving:
@@ -543,6 +573,7 @@ class MotionLine:
 
     def _baseline(self, snapshot: Snapshot) -> None:
         self._states, self._rest_mm = dict(snapshot.states), snapshot.place_mm
+        self._way_mm = snapshot.place_mm, snapshot.place_mm
 
     def _compare(self, snapshot: Snapshot) -> None:
         """Raises for anything at rest that is not as it was."""

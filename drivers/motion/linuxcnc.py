@@ -38,6 +38,9 @@ REJOIN_S = 0.2
 
 MOST_ERRORS = 20
 JOINTS = 3
+AXES = 6
+"""Of a position, whatever there are."""
+
 IDENTITY = "1"
 """The kinematics in which X, Y and Z are the joints themselves."""
 
@@ -83,13 +86,13 @@ class LinuxCnc(Controller):
         self._socket: socket.socket | None = None
         self._before: list[socket.socket] = []
         self._unit_mm = 1.0
-        self._aborted = self._last_try = False
+        self._aborted = self._last_try = self._took_control = False
         self._program = ""
 
     def connect(self) -> None:
         """Open the connection; nothing is asked of the machine."""
         self._join()
-        self._set("set_wait received", ACCEPT_S)
+        self._set("set_wait received", self.answer_s)
         units = self._get("user_linear_units")
         self._unit_mm = MM_PER_INCH if units == "INCH" else 1.0
 
@@ -110,6 +113,7 @@ class LinuxCnc(Controller):
             while self._line(deadline) != "SET VERBOSE ACK":  # what is echoed until then
                 if deadline.over:
                     raise self._stranger("lines without end")
+            self._took_control = True
             self._send(f"set enable {enable}")
             if self._line(deadline) != "SET ENABLE ACK":
                 raise self._refused("the password to enable")
@@ -206,7 +210,7 @@ class LinuxCnc(Controller):
 
     def _place(self, answer: str) -> Triple:
         words = answer.split()
-        if len(words) < JOINTS:
+        if len(words) < AXES:  # one that was cut may be another number
             raise self._not_understood(answer)
         x, y, z = (self.finite(word) * self._unit_mm for word in words[:JOINTS])
         return x, y, z
@@ -244,7 +248,7 @@ class LinuxCnc(Controller):
             return
         if self._socket is not None:
             self._before.append(self._socket)
-        self._aborted, self._last_try = False, True
+        self._aborted, self._last_try, self._took_control = False, True, True
         self._open(REJOIN_S)
         connect, _, enable = os.environ.get(PASSWORDS, USUAL).partition(" ")
         # "get machine": it refuses an abort while it believes from before that the machine is off
@@ -274,7 +278,7 @@ class LinuxCnc(Controller):
 
     def close(self) -> None:
         """Let go of the connection."""
-        if self._socket is not None:
+        if self._socket is not None and self._took_control:
             with contextlib.suppress(ControllerFault):
                 # else the next stranger with the same number of a socket has control unasked
                 self._send("set enable off")
@@ -283,6 +287,7 @@ class LinuxCnc(Controller):
     def _hang_up(self) -> None:
         connections = [*self._before, *([self._socket] if self._socket else [])]
         self._socket, self._before, self._received = None, [], b""
+        self._took_control = False
         for connection in connections:
             connection.close()
 

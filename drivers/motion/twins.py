@@ -452,8 +452,8 @@ class GrblTwin:
             return "".join(f"${n}={v}\r\n" for n, v in self._settings.items()) + "ok\r\n"
         if line == "$I":
             return "[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n"
-        if line == "$H":
-            self._state = ""
+        if line in ("", "$H"):  # an empty line is there to synchronize
+            self._state = "" if line else self._state
             return "ok\r\n"
         if line == "G4P0.01":
             return "error:9\r\n" if self._state or self.axes.moving else "ok\r\n"

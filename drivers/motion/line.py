@@ -102,6 +102,8 @@ class MotionLine:
         self._why = self._unseen = ""
         self.homing_confirmed = False
         """The operator says that it is homed, where the controller cannot tell."""
+        self.facts: tuple[str, ...] = ()
+        """What the controller reported when it was last found ready."""
         self._patience = patience
         self._lock = threading.RLock()
         self._state = State.OFF
@@ -161,17 +163,16 @@ class MotionLine:
         return self.controller.locked
 
     def start(self) -> tuple[str, ...]:
-        """What is right and who says so.
+        """`facts`: what is right, and who says so.
 
         Raises `ControllerFault` for a machine that is not ready. One that only homing makes ready,
         and that nobody else can home, begins in a fault.
         """
         controller, cause = self.controller, Cause.CONNECTED
-        facts: tuple[str, ...] = ()
         try:
             controller.connect()
             try:
-                facts = controller.ready()
+                self.facts = controller.ready()
                 self._baseline(controller.survey())
             except ControllerFault as problem:
                 if not controller.locked:
@@ -188,7 +189,7 @@ class MotionLine:
             target=self._watch, name=f"motion watch {self.controller.address}", daemon=True
         )
         self._watcher.start()
-        return facts
+        return self.facts
 
     def _start_owner(self) -> None:
         self._owner_s = time.monotonic()
@@ -486,7 +487,7 @@ class MotionLine:
     def _homed(self, consent: int) -> Triple:
         self._begun(consent)
         self.controller.home()
-        self.controller.ready()
+        self.facts = self.controller.ready()
         self.homing_confirmed = True
         there = self.controller.survey()
         self._baseline(there)
@@ -518,7 +519,7 @@ class MotionLine:
             self._broken = False
         if self._guard is None or not self._guard.runs:
             self._renew_guard()
-        self.controller.ready()
+        self.facts = self.controller.ready()
         there = self.controller.survey()
         if there.moving:
             raise self.controller.fault(MotionFault.ELSEWHERE, "a move that is not of this session")

@@ -79,7 +79,7 @@ def proposal_text(proposal: Proposal) -> str:
     step = proposal.step
     count = "1 step" if proposal.steps == 1 else f"{proposal.steps} steps"
     if proposal.proof is not None:
-        return f"{proposal.proof.words}, and back: the proof of this carriage"
+        return f"{proposal.proof.words}, and back"
     if proposal.to_zero:
         return f"to Zero, {proposal.first_mm:.1f} mm"
     if not proposal.places_mm:

@@ -75,7 +75,8 @@ def linuxcnc(axes: SimulatedAxes) -> MotionTwin:
 class Bench:
     """Two indicators on the leg that is set up, and the machine behind its controller.
 
-    ``wired`` gives where carriages are for where the controller believes them.
+    ``wired`` gives where carriages are for where the controller believes them; an indicator of sign
+    -1 is held so that it counts against.
     """
 
     def __init__(
@@ -85,6 +86,7 @@ class Bench:
         self.leg, self.along, self.station = 0, (1, 2), 0.5
         self.unplugged = False
         self.wired: Callable[[list[float]], list[float]] = list
+        self.signs = (1.0, 1.0)
 
     def set_up(self, step: Step) -> bool:
         """What the operator does by hand."""
@@ -105,7 +107,8 @@ class Bench:
         return x, y, z
 
     def shows_mm(self, number: int) -> float:
-        return self.reading_mm(self.leg, self.along[number], self.station, self.tool_mm)
+        shown = self.reading_mm(self.leg, self.along[number], self.station, self.tool_mm)
+        return self.signs[number] * shown
 
     @property
     def carriages_mm(self) -> list[float]:
@@ -333,6 +336,8 @@ def killed_and_continued(
         usual = ["run", "--headless", "--motion", twin.told]
         for port, axes in zip(ports, ("yzx", "zxy"), strict=True):
             usual += ["--indicator", f"mitutoyo-01a:{port}@{axes}"]
+        either = (Instrument(profile="mitutoyo-01a"),) * 2
+        remember_proved(Plan(path, FAST, SHORT, either, motion=twin.told))
         new = ["--machine", "machine.toml", "--protocol", "short.toml", "-o", "a.jsonl"]
         for life in range(kills + 1):
             terminal = Terminal(folder, *usual, *(new if life == 0 else ["--continue", "a.jsonl"]))

@@ -16,12 +16,12 @@ import pytest
 from app.measuring.moving import Proposal, limits_of
 from app.measuring.opening import start_session
 from app.measuring.plan import Plan
-from app.measuring.proof import Proof, proved_path
+from app.measuring.proof import FEED_MM_MIN, Proof, proved_path
 from app.measuring.session import GuidedSession
 from app.measuring.unattended import measure_all
 from calib.errors import MotionError
 from drivers.motion.states import State
-from drivers.motion.twins import TWINS, MotionTwin
+from drivers.motion.twins import TWINS, MotionTrouble, MotionTwin
 from protocols.carriages import changes, moved_alone
 from protocols.machine import Instrument, load_machine
 from protocols.procedure import load_procedure
@@ -72,8 +72,6 @@ def unproved(
     wired: Carriages = list,
     *,
     controller: str = "linuxcnc",
-    prove: bool = False,
-    bench_in: Bench | None = None,
 ) -> Iterator[tuple[Plan, Bench, MotionTwin]]:
     """A machine that was never proved, behind its controller."""
     make = TWINS["grbl"] if controller == "grbl" else linuxcnc
@@ -82,29 +80,27 @@ def unproved(
         bench.wired = wired
         instruments = tuple(Instrument(profile="mitutoyo-01a", port=port) for port in ports)
         path = folder / "a.jsonl"
-        yield (
-            Plan(path, machine, SHORT, instruments, window_s=0.1, motion=twin.told, prove=prove),
-            bench,
-            twin,
-        )
+        plan = Plan(path, machine, SHORT, instruments, window_s=0.1, motion=twin.told)
+        yield plan, bench, twin
 
 
 class Operator:
     """Sets up what is to be, agrees, and sees what a carriage does while it moves."""
 
-    def __init__(self, bench: Bench, *, sees: bool = True) -> None:
+    def __init__(self, bench: Bench, *, missing: str = "nothing", to_the_end: bool = True) -> None:
         self.proposals: list[Proposal] = []
         self.questions: list[str] = []
-        self._bench, self._sees = bench, sees
+        self._bench, self._missing, self._to_the_end = bench, missing, to_the_end
 
     def agree(self, proposal: Proposal) -> bool:
         self.proposals.append(proposal)
         assert not self._bench.axes.moving
-        return self._bench.agree(proposal)
+        agrees = self._to_the_end or proposal.proof is not None
+        return agrees and self._bench.agree(proposal)
 
     def saw(self, question: str) -> bool:
         self.questions.append(question)
-        return self._sees
+        return self._missing not in question
 
 
 def measured(plan: Plan, operator: Operator) -> GuidedSession:
@@ -156,10 +152,9 @@ def test_each_carriage_is_proved_before_anything_longer(controller: str, tmp_pat
     [
         (exchanged(0, 2, 1), "Sent carriage Y 5 mm outward, .*carriage Z moves in its place"),
         (exchanged(1, 0, 2), "Sent carriage X 5 mm outward, .*carriage Y moves in its place"),
-        (times(1.0, 25.4, 25.4), "Sent carriage Y .*an inch for a mm is 25.4 times"),
-        (times(1.0, 1 / 25.4, 1.0), "Sent carriage Y .*0.0. times as far|or none did"),
+        (times(1.0, 1 / 25.4, 1.0), "Sent carriage Y .*(0.0. times as far|or none did)"),
         (times(1.0, 2.0, 2.0), "Sent carriage Y .*it goes too far"),
-        (times(1.0, 1.0, 0.5), "Sent carriage Z .*0.50 times as far"),
+        (times(1.0, 1.0, 0.5), "Sent carriage Z .*0.5[01] times as far"),
         (times(1.0, 1.1, 1.0), "Sent carriage Y .*(it goes too far|1.1. times as far)"),
         (times(1.0, 0.9, 1.0), "Sent carriage Y .*0.9. times as far"),
     ],
@@ -172,13 +167,24 @@ def test_a_controller_that_moves_another_carriage_or_another_length_moves_nothin
         with pytest.raises(MotionError, match=words) as refusal:
             measured(plan, Operator(bench))
         lengths = sent_mm(twin, start)
-        ways = [abs(now - s) for now, s in zip(bench.carriages_mm, START, strict=True)]
     assert "at the controller" in str(refusal.value)
     assert all(length <= MOST_MM for length in lengths)
-    assert max(ways) < 127.0  # an inch machine is stopped on its way
     assert not taken(plan.path)
     assert "proof failed" in notes(plan.path)
     assert not proved_path().exists()
+
+
+def test_a_machine_that_takes_mm_for_inches_is_stopped_on_its_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.measuring.moving.FEED_MM_MIN", FEED_MM_MIN)
+    with unproved(tmp_path, times(1.0, 25.4, 25.4)) as (plan, bench, twin):
+        start = bench.axes.at_mm
+        with pytest.raises(MotionError, match=r"Sent carriage Y .*an inch for a mm is 25.4 times"):
+            measured(plan, Operator(bench))
+        went_mm = bench.carriages_mm[1] - START[1]
+        assert 3.0 < went_mm < 40.0  # of 127
+        assert all(length <= MOST_MM for length in sent_mm(twin, start))
 
 
 @pytest.mark.parametrize("factors", [(-1.0, 1.0, 1.0), (1.0, 1.0, -1.0)])
@@ -187,9 +193,8 @@ def test_a_wrong_direction_is_seen_by_the_operator(
 ) -> None:
     """An indicator tells it, too, if it is not held so that it counts against: he is asked."""
     with unproved(tmp_path, times(*factors)) as (plan, bench, twin):
-        operator, start = Operator(bench), bench.axes.at_mm
-        reversed_one = "xyz"[factors.index(-1.0)]
-        operator.saw = lambda question: f"carriage {reversed_one.upper()}" not in question
+        reversed_one = "XYZ"[factors.index(-1.0)]
+        operator, start = Operator(bench, missing=f"carriage {reversed_one}"), bench.axes.at_mm
         with pytest.raises(MotionError, match=r"did not see carriage .* Correct the direction"):
             measured(plan, operator)
         assert all(length <= MOST_MM for length in sent_mm(twin, start))
@@ -199,24 +204,16 @@ def test_an_indicator_that_counts_against_is_noted_once_the_operator_saw_the_car
     tmp_path: Path,
 ) -> None:
     with unproved(tmp_path) as (plan, bench, _):
-        shows_mm = bench.shows_mm
-        bench.shows_mm = lambda number: shows_mm(number) * (-1.0 if number == 0 else 1.0)
-        operator = Operator(bench)
-        with pytest.raises(MotionError):  # the session itself goes on, up to its own end
-            measured(plan, replace_end(operator))
+        bench.signs = (-1.0, 1.0)
+        operator = Operator(bench, to_the_end=False)
+        with pytest.raises(MotionError, match="consent"):
+            measured(plan, operator)
         assert [("carriage X" in q, "carriage Y" in q) for q in operator.questions] == [
             (True, False),
             (False, True),
         ]
     assert "went the other way" in notes(plan.path)
     assert proved_path().exists()
-
-
-def replace_end(operator: Operator) -> Operator:
-    """Agrees to the proof alone."""
-    agree = operator.agree
-    operator.agree = lambda proposal: proposal.proof is not None and agree(proposal)
-    return operator
 
 
 def test_a_stop_in_the_middle_proves_nothing_and_the_carriage_begins_anew(tmp_path: Path) -> None:
@@ -241,12 +238,13 @@ def test_a_stop_in_the_middle_proves_nothing_and_the_carriage_begins_anew(tmp_pa
         assert proposal.proof is not None
         assert proposal.proof.carriage == "x"
         assert dist(start, bench.axes.at_mm) < MOST_MM
-        while mover.unproved is not None:
+        while (proof := mover.unproved) is not None:
             mover.alive()
             guided.follow_proof()
-            if mover.unproved.question:
+            if proof.question:
                 guided.answer_proof(yes=True)
-            mover.consent()
+            if proof is mover.unproved:
+                mover.consent()
             time.sleep(0.01)
         assert len(twin.moves) == 7
         assert all(length <= MOST_MM for length in sent_mm(twin, start)[1:])
@@ -285,11 +283,8 @@ def test_a_proved_machine_is_remembered_until_its_file_or_controller_is_another(
         longer = plan.machine.model_copy(update={"leg_length_mm": 311.0})
         assert needed(replace(plan, machine=longer))
         assert needed(replace(plan, machine=plan.machine.model_copy(update={"name": "other"})))
-        twin_state = twin._right
-        twin_state["user_linear_units"] = "INCH"
-        twin.mend()
+        twin.befall(MotionTrouble.INCH)  # it answers in inches now
         assert needed(plan)
-        twin_state["user_linear_units"] = "MM"
         twin.mend()
         assert not needed(plan)
         entered = plan.machine.model_copy(update={"entered_offsets_mm": (0.1, 0.2, 0.3)})

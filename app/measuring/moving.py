@@ -78,8 +78,8 @@ class Proposal:
 
     ``places_mm`` is the first way, from ``from_mm``; none where the machine is there. It leads to
     ``step``, and on through the other ``steps`` of the same set-up, or to Zero (``to_zero``).
-    ``by_hand``: a stand is set up before. With a ``proof`` one carriage moves a little and back,
-    and nothing else.
+    ``by_hand``: a stand is set up before; ``clears``: it is taken away. With a ``proof`` one
+    carriage moves a little and back, and nothing else.
     """
 
     step: Step
@@ -89,6 +89,7 @@ class Proposal:
     by_hand: bool
     steps: int
     proof: ProofMove | None = None
+    clears: bool = False
 
     @property
     def first_mm(self) -> float:
@@ -188,7 +189,8 @@ class Mover:
             steps = sum(other.place == step.place for other in self._steps[step.number - 1 :])
             by_hand = self._by_hand and not (there or to_zero)
             from_mm = self.line.place_mm
-            return Proposal(step, from_mm, tuple(places), to_zero, by_hand, steps)
+            clears = to_zero and self.proof is not None and self.proof.stands
+            return Proposal(step, from_mm, tuple(places), to_zero, by_hand, steps, clears=clears)
 
     def _proof_proposal(self, proof: Proof, step: Step) -> Proposal | None:
         from_mm = self.line.place_mm
@@ -391,6 +393,8 @@ class Mover:
                 self.on_arrival()
                 self._at, self._zero = step, step is None
                 if step is None:
+                    if self.proof is not None:
+                        self.proof.stands = False
                     self.release()
         self.on_news()
 

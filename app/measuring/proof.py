@@ -84,7 +84,8 @@ class Proof:
     """What one machine file and one controller have proved, carriage after carriage.
 
     ``wrong`` is why the last attempt failed, with what to do; ``question`` is put to the operator;
-    ``news`` are for the record. Proved anew where ``anew``, whatever is remembered.
+    ``news`` are for the record; ``stands``: the indicators stand where they were set up for it.
+    Proved anew where ``anew``, whatever is remembered.
     """
 
     def __init__(
@@ -99,6 +100,7 @@ class Proof:
         self.wrong = self.question = ""
         self.news: list[str] = []
         self.move: ProofMove | None = None
+        self.stands = False
         self._machine, self._limits = machine, limits
         self._identity = f"{controller}\n{machine.model_dump_json(include=MOTION_KEYS)}"
         self._instruments = tuple(instruments)
@@ -152,6 +154,7 @@ class Proof:
         """The move is consented to; the indicators rest and show this."""
         self.wrong = self._doubt = ""
         self.move, self._rest_mm, self._place = move, shown_mm, move.step.place
+        self.stands = True
 
     def beyond(self, shown_mm: Sequence[float]) -> bool:
         """Whether an indicator went further than this move can take it: it must be stopped."""

@@ -125,7 +125,8 @@ def _wait(guided: GuidedSession, mover: Mover) -> None:
         mover.alive()
         guided.follow_proof()
         lost = lost_words(guided) or lost
-        release_lost(guided)
+        if mover.proving:
+            release_lost(guided)
         state = mover.state
         if state is State.HELD and lost is not None:
             _indicators_back(guided, lost)

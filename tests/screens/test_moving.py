@@ -316,6 +316,7 @@ async def test_a_new_machine_moves_each_carriage_a_little_first(
                     moved.pilot, "eye", lambda: isinstance(moved.interface.screen, ChoiceDialog)
                 )
                 await moved.pilot.press("2")
+        await moved.says("Proved. Take the stand away from the bar.")
         await moved.says("G moves it to Zero, 3.7 mm.")
         assert moved.mover.unproved is None
         assert len(moved.twin.moves) == 6

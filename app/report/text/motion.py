@@ -98,13 +98,17 @@ def waiting_text(mover: Mover) -> str:
     wrong = f"NOT PROVED. {proof.wrong} " if proof and proof.wrong else ""
     if proposal is None:
         return f"{wrong}At rest."
+    if wrong:
+        return f"{wrong}{_by_hand_text(proposal)}G proves it again, 5 mm at a time."
     moves = "G moves" if proposal.proof else "G moves it"
     by_hand = _by_hand_text(proposal)
-    return f"{wrong}{by_hand}Nobody at the machine? {moves} {proposal_text(proposal)}."
+    return f"{by_hand}Nobody at the machine? {moves} {proposal_text(proposal)}."
 
 
 def _by_hand_text(proposal: Proposal) -> str:
     """What the operator does by hand before it moves."""
+    if proposal.clears:
+        return "Proved. Take the stand away from the bar. "
     if not proposal.by_hand:
         return ""
     here = ", with the machine where it is" if proposal.proof else ""

@@ -140,6 +140,8 @@ def test_each_carriage_is_proved_before_anything_longer(controller: str, tmp_pat
     assert operator.proposals[:3] == proofs
     assert [proposal.by_hand for proposal in proofs] == [True, False, False]
     assert operator.proposals[3].to_zero
+    assert [proposal.clears for proposal in operator.proposals].index(True) == 3
+    assert [proposal.clears for proposal in operator.proposals].count(True) == 1
     assert len(operator.questions) == 1  # of carriage x, which stands along the leg
     assert "carriage X 5 mm outward" in operator.questions[0]
     words = notes(plan.path)

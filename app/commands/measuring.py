@@ -78,6 +78,9 @@ def run(
         str | None,
         typer.Option(help="Controller that moves the machine: linuxcnc:HOST:PORT or grbl:PORT."),
     ] = None,
+    prove: Annotated[
+        bool, typer.Option("--prove", help="Prove each carriage by a short move once more.")
+    ] = False,
     until: Annotated[
         float | None, figure("Set-up after set-up, until the tool is off by at most this, mm.")
     ] = None,
@@ -97,7 +100,8 @@ def run(
     )
     if resume:
         whole = until is not None and read_record(resume).end == "closed"
-        plan = replace(plan_to_continue(resume, chosen, whole=whole), motion=motion)
+        plan = plan_to_continue(resume, chosen, whole=whole)
+        plan = replace(plan, motion=motion, prove=prove)
         measured_until(plan, until, headless=headless, done=whole)
         return
     named = protocol or procedure_of(known, moving=motion is not None)
@@ -117,6 +121,7 @@ def run(
         note=note,
         seed=seed,
         motion=motion,
+        prove=prove,
     )
     if not plan.simulated and (wrong := typed(context, ("seed",))):
         next_step = "The order of the steps is shuffled by --random-order."
@@ -155,6 +160,8 @@ def measured_until(plan: Plan, until: float | None, *, headless: bool, done: boo
 
     Raises UsageError where no set-up after set-up can be measured up to the bound ``until``.
     """
+    if plan.prove and plan.motion is None:
+        raise UsageError("--prove", "no --motion", "--motion, of a machine that moves itself")
     of_legs = bool(plan.procedure.levels) and plan.machine.geometry().orthogonal
     if until is not None and (plan.motion is None or not headless):
         raise UsageError("--until", "no --motion, or a screen", "--motion … --headless")
@@ -196,7 +203,7 @@ def _go_on(plan: Plan, until: float | None) -> None:
             return
         procedure = further_procedure(plan.procedure, chosen)
         plan = replace(plan, path=further_session(first), procedure=procedure, continued=False)
-        plan = replace(plan, before=None, verifies=None, note="")
+        plan = replace(plan, before=None, verifies=None, note="", prove=False)
         before_mm = reach.bound_mm
         measure(plan, headless=True)
 
@@ -222,7 +229,7 @@ def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --s
         raise UsageError("--headless", "real indicators", allowed)
     quick = replace(plan, interval_s=QUICK_INTERVAL_S)
     with start_session(quick, partial(_ask, plan)) as guided:
-        measure_all(guided, _consent, say)
+        measure_all(guided, _consent, say, _saw)
     say(f"{len(guided.session.readings)} readings in {guided.path}")
 
 
@@ -233,6 +240,12 @@ def _consent(proposal: Proposal) -> bool:
     time.sleep(DEAD_S)
     _forget_typed()
     return typer.confirm(consent_question(proposal), err=True)
+
+
+def _saw(question: str) -> bool:
+    """What the operator saw, typed after the question was shown."""
+    _forget_typed()
+    return typer.confirm(question, err=True)
 
 
 def _confirm_homed(mover: Mover) -> None:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
+from app.measuring.proof import FEED_MM_MIN, Proof, ProofMove
 from calib.errors import MotionError, UsageError
 from drivers.motion import controller_of
 from drivers.motion.controller import Limits, Triple
 from drivers.motion.line import STRICT, MotionLine, Patience
 from drivers.motion.states import LOOKED_AT, State
-from protocols.machine import Machine, MotionLimits
+from protocols.machine import Instrument, Machine, MotionLimits
 from protocols.motion import all_ways, box_mm, came_from, moves_mm, way_mm, zero_mm
 from protocols.procedure import Procedure, Step
 from protocols.session import Moved
@@ -75,7 +78,8 @@ class Proposal:
 
     ``places_mm`` is the first way, from ``from_mm``; none where the machine is there. It leads to
     ``step``, and on through the other ``steps`` of the same set-up, or to Zero (``to_zero``).
-    ``by_hand``: a stand is set up before.
+    ``by_hand``: a stand is set up before; ``clears``: it is taken away. With a ``proof`` one
+    carriage moves a little and back, and nothing else.
     """
 
     step: Step
@@ -84,6 +88,8 @@ class Proposal:
     to_zero: bool
     by_hand: bool
     steps: int
+    proof: ProofMove | None = None
+    clears: bool = False
 
     @property
     def first_mm(self) -> float:
@@ -99,17 +105,21 @@ class Mover:
     them, with every stop, and with `release`. ``on_news`` is called in whichever thread the news
     come. After a stop the next way begins anew, from the side from which the procedure comes.
     ``on_arrival`` is called before the machine counts as there: what the indicators showed on the
-    way is no rest. ``facts`` is what the controller reports of being ready.
+    way is no rest. While a ``proof`` is needed only its moves are proposed; None: there is nothing
+    to prove. ``shown_mm`` gives what the indicators of the step show, at rest where that is wished;
+    None without a reading of each.
     """
 
     def __init__(
         self, line: MotionLine, procedure: Procedure, machine: Machine, axes: Sequence[str]
     ) -> None:
         self.line = line
-        self.facts: tuple[str, ...] = ()
         self.on_news: Callable[[], None] = lambda: None
         self.on_arrival: Callable[[], None] = lambda: None
         self.on_set_up: Callable[[Step], None] = lambda _: None  # a simulated machine has no hands
+        self.proof: Proof | None = None
+        self._arrived_s = 0.0
+        self.shown_mm: Callable[[bool], tuple[float, ...] | None] = lambda _: None
         self._procedure, self._machine = procedure, machine
         self._steps = procedure.steps(machine.geometry(), axes)
         self._feed = feed_mm_min(machine)
@@ -123,6 +133,11 @@ class Mover:
         self._places: tuple[Triple, ...] = ()
         self._from_mm: Triple | None = None
         line.listener = lambda: self.on_news()
+
+    @property
+    def facts(self) -> tuple[str, ...]:
+        """What the controller reports of being ready."""
+        return self.line.facts
 
     @property
     def state(self) -> State:
@@ -141,8 +156,19 @@ class Mover:
 
     @property
     def under_way(self) -> bool:
-        """Whether a way was sent and has not ended."""
-        return self._way is not None
+        """Whether a way was sent and has not ended, with what belongs to it."""
+        return self._way is not None or self.proving
+
+    @property
+    def unproved(self) -> Proof | None:
+        """The proof that is needed before anything else moves."""
+        proof = self.proof
+        return proof if proof is not None and proof.needed(self.line.facts) else None
+
+    @property
+    def proving(self) -> bool:
+        """Whether a move of a proof is under way, or rests half-way."""
+        return self.proof is not None and self.proof.move is not None
 
     def is_there(self, step: Step) -> bool:
         """Whether the machine rests at a step."""
@@ -153,15 +179,30 @@ class Mover:
         """What waits for the operator's consent; None where nothing does. Raises RecordError."""
         with self._lock:
             step = self._step
-            if step is None or self._way is not None or self.line.may_move:
+            if step is None or self.under_way or self.line.may_move:
                 return None
+            if (proof := self.unproved) is not None:
+                return self._proof_proposal(proof, step)
             there = self.is_there(step)
             to_zero = self._by_hand and not (there or self._stands_at_zero)
             places = [zero_mm(self._machine)] if to_zero else [] if there else self._way_to(step)
             steps = sum(other.place == step.place for other in self._steps[step.number - 1 :])
             by_hand = self._by_hand and not (there or to_zero)
             from_mm = self.line.place_mm
-            return Proposal(step, from_mm, tuple(places), to_zero, by_hand, steps)
+            clears = to_zero and self.proof is not None and self.proof.stands
+            return Proposal(step, from_mm, tuple(places), to_zero, by_hand, steps, clears=clears)
+
+    def _proof_proposal(self, proof: Proof, step: Step) -> Proposal | None:
+        from_mm = self.line.place_mm
+        if from_mm is None or proof.question:
+            return None
+        try:
+            move = proof.next_move(step, from_mm)
+        except MotionError as problem:
+            proof.wrong = str(problem)
+            return None
+        by_hand = proof.sets_up(step)
+        return Proposal(step, from_mm, (move.to_mm,), False, by_hand, 0, move)
 
     @property
     def _stands_at_zero(self) -> bool:
@@ -192,6 +233,8 @@ class Mover:
         """
         with self._lock:
             proposal = self.proposal
+            if proposal is not None and proposal.proof is not None:
+                return self._begin_proof(proposal.proof)
             if proposal is None or not self.line.consent():
                 return False
             if proposal.by_hand:
@@ -201,6 +244,59 @@ class Mover:
                 self._send(list(proposal.places_mm), to_zero=proposal.to_zero)
         self.on_news()
         return True
+
+    def _begin_proof(self, move: ProofMove) -> bool:
+        shown_mm = self.shown_mm(True)
+        if self.proof is None or shown_mm is None or not self.line.consent():
+            return False
+        self._place = None
+        self.proof.begin(move, shown_mm)
+        self._send_proof(move.to_mm)
+        return True
+
+    def watch(self) -> list[str]:
+        """Go on with the move of a proof as the indicators tell; called often while it may move.
+
+        Returns what is to be noted in the record.
+        """
+        with self._lock:
+            proof = self.proof
+            if proof is None:
+                return []
+            if proof.move is not None:
+                self._watch(proof, proof.move)
+            news, proof.news = proof.news, []
+        return news
+
+    def _watch(self, proof: Proof, move: ProofMove) -> None:
+        if self.line.state not in (State.MOVING, State.CONSENTED):
+            proof.drop()  # stopped: it begins anew, from where it is then
+        elif self._way is not None:
+            shown_mm = self.shown_mm(False)
+            if shown_mm is not None and proof.beyond(shown_mm):
+                self.stop(f"not proved. {proof.wrong}")
+        elif (shown_mm := self.shown_mm(True)) is not None:
+            if self._places[-1] != move.to_mm:
+                proof.back(shown_mm)
+                proof.finish(self.line.facts)
+                self.release()
+            elif proof.there(shown_mm):
+                self._send_proof(move.from_mm)
+            else:
+                self.release()
+            self.on_news()
+        elif time.monotonic() - self._arrived_s > REST_S:
+            self.release()
+
+    def answer_proof(self, *, yes: bool) -> list[str]:
+        """What the operator saw of a carriage; returns what is to be noted in the record."""
+        with self._lock:
+            assert self.proof is not None
+            self.proof.answer(yes=yes)
+            self.proof.finish(self.line.facts)
+            self.line.calm()
+        self.on_news()
+        return self.watch()
 
     def release(self) -> None:
         """Nothing moves any more without another consent."""
@@ -277,6 +373,20 @@ class Mover:
         step = self._step
         way.add_done_callback(lambda done: self._arrived(done, None if to_zero else step))
 
+    def _send_proof(self, to_mm: Triple) -> None:
+        self._at, self._zero, self._places = None, False, (to_mm,)
+        self._way = self.line.go([to_mm], min(FEED_MM_MIN, self._feed))
+        self._way.add_done_callback(self._proof_arrived)
+
+    def _proof_arrived(self, done: Future[Triple]) -> None:
+        with self._lock:
+            if done is not self._way:
+                return
+            self._way, self._arrived_s = None, time.monotonic()
+            if done.exception() is None:
+                self.on_arrival()
+        self.on_news()
+
     def _arrived(self, done: Future[Triple], step: Step | None) -> None:
         """In the thread of the controller: at a step, or at Zero, or nowhere."""
         with self._lock:
@@ -287,23 +397,37 @@ class Mover:
                 self.on_arrival()
                 self._at, self._zero = step, step is None
                 if step is None:
+                    if self.proof is not None:
+                        self.proof.stands = False
                     self.release()
         self.on_news()
+
+
+REST_S = 90.0
+"""Longer than any window, 60 s: indicators that do not come to rest within it never do."""
+
+Proves = Literal["never", "once", "anew"]
+"""Whether a machine that moves itself is proved: never, once a machine, or even if it was."""
 
 
 def open_mover(
     controller: str,
     procedure: Procedure,
     machine: Machine,
-    axes: Sequence[str],
+    instruments: Sequence[Instrument],
     patience: Patience = STRICT,
+    proves: Proves = "never",
 ) -> Mover:
     """Connect to the controller that ``NAME:ADDRESS`` names; nothing moves yet.
 
     Raises UsageError, RecordError or MotionError.
     """
+    axes = tuple(instrument.axes for instrument in instruments)
     ways_of(procedure, machine, axes)
-    line = MotionLine(controller_of(controller, limits_of(machine)), patience)
+    limits = limits_of(machine)
+    line = MotionLine(controller_of(controller, limits), patience)
     mover = Mover(line, procedure, machine, axes)
-    mover.facts = line.start()
+    line.start()
+    if proves != "never":
+        mover.proof = Proof(machine, limits, instruments, controller, anew=proves == "anew")
     return mover

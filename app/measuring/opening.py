@@ -14,7 +14,7 @@ from app.measuring.indicators import (
     remember,
     this_computer,
 )
-from app.measuring.moving import open_mover
+from app.measuring.moving import Proves, open_mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession, Indicators
 from app.version import program
@@ -63,7 +63,9 @@ def open_indicators(plan: Plan) -> Indicators:
         if told is not None:  # an empty name is refused, or a person would have to move
             hurried = plan.bench.motion_s == 0.0 and bench is not None
             patience = HURRIED if hurried else STRICT
-            mover = open_mover(told, plan.procedure, plan.machine, plan.axes, patience)
+            proves: Proves = "never" if plan.simulated else "anew" if plan.prove else "once"
+            asked = plan.procedure, plan.machine, plan.instruments
+            mover = open_mover(told, *asked, patience, proves)
         undo.pop_all()
     if isinstance(bench, SimulatedBench):
         return Indicators(gauges, bench.go, bench.close, bench.turn)

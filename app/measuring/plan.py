@@ -34,6 +34,7 @@ class Plan:
     ``continued``: the record is there and goes on. With ``reference`` the rails are aligned to that
     one between rounds of measuring. ``motion`` names the controller that moves the machine;
     with ``by_itself`` a simulated machine is moved, by a simulated controller or a real LinuxCNC.
+    ``prove``: it proves itself again, though it did once.
     """
 
     path: Path
@@ -53,6 +54,7 @@ class Plan:
     reference: Leg | None = None
     motion: str | None = None
     by_itself: Literal["twin", "linuxcnc"] | None = None
+    prove: bool = False
 
     def __post_init__(self) -> None:
         """Against a plate, or over planes alone, the first indicator reads that may along it.

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from app.measuring.gauges import Gauge
+from app.measuring.gauges import Gauge, Motion
 from app.measuring.moving import Mover
 from calib.errors import MotionError
 from calib.tripod.pipeline import StageEffect
@@ -104,6 +104,8 @@ class GuidedSession:
         self._untold_jump_s = 0.0
         self._digits_mm: dict[int, float] = {}
         self._due: tuple[Session, tuple[ExpectedReading, ...]] | None = None
+        if self.mover is not None:
+            self.mover.shown_mm = self._shown_mm
 
     @property
     def path(self) -> Path:
@@ -140,6 +142,30 @@ class GuidedSession:
                 self.mover.go(step, by_hand_first=self.session.needs_new_zero(step))
             elif self._go is not None:
                 self._go(step)
+
+    def follow_proof(self) -> None:
+        """Go on with a proof of the machine that is under way; what it finds is noted."""
+        if self.mover is not None:
+            self._note_all(self.mover.watch())
+
+    def answer_proof(self, *, yes: bool) -> None:
+        """What the operator saw of a carriage that indicators cannot tell."""
+        if self.mover is not None:
+            self._note_all(self.mover.answer_proof(yes=yes))
+
+    def _note_all(self, news: Sequence[str]) -> None:
+        if news:
+            with self._lock:
+                self._append([Noted(text=text) for text in news])
+
+    def _shown_mm(self, at_rest: bool) -> tuple[float, ...] | None:
+        step = self.step()
+        states = [self.gauges[number].live() for number in step.indicators] if step else []
+        if at_rest and any(live.motion is not Motion.STABLE for live in states):
+            return None
+        shown = [live.outcome for live in states]
+        values = tuple(one.value_mm for one in shown if isinstance(one, IndicatorReading))
+        return values if shown and len(values) == len(shown) else None
 
     def _restart_windows(self) -> None:
         for gauge in self.gauges:

@@ -6,7 +6,8 @@ import time
 from collections.abc import Callable
 
 from app.measuring.gauges import Motion
-from app.measuring.moving import Mover, Proposal
+from app.measuring.moving import REST_S, Mover, Proposal
+from app.measuring.proof import Proof
 from app.measuring.session import GuidedSession, TakenStep
 from calib.errors import IndicatorError, MotionError, sentence
 from drivers.exchange import LATEST
@@ -19,9 +20,6 @@ TRIES = 3
 
 CONSENT_S = 5.0
 """For a consent to be taken: longer than the dead time after a stop or an arrival."""
-
-REST_S = 90.0
-"""Longer than any window, 60 s: indicators that do not come to rest within it never do."""
 
 
 def lost_words(guided: GuidedSession) -> str | None:
@@ -38,14 +36,25 @@ def lost_words(guided: GuidedSession) -> str | None:
     return None
 
 
+def release_lost(guided: GuidedSession) -> None:
+    """An indicator that gives no value ends the consent of a machine that rests."""
+    mover = guided.mover
+    if mover is None or mover.state is not State.CONSENTED or not lost_words(guided):
+        return
+    if mover.proving or not mover.under_way:
+        mover.release()
+
+
 def measure_all(
     guided: GuidedSession,
     confirm: Callable[[Proposal], bool] = lambda _: True,
     tell: Callable[[str], None] = lambda _: None,
+    saw: Callable[[str], bool] = lambda _: False,
 ) -> None:
     """The whole session without a screen; the record is closed.
 
-    Where the machine moves itself ``confirm`` is asked for each consent. Stops at the first thing
+    Where the machine moves itself ``confirm`` is asked for each consent, and ``saw`` what the
+    operator saw of a carriage that is proved. Stops at the first thing
     that is not as it should be, with nothing taken of it; the session can be continued. A simulated
     machine is where it was sent at once, and all of it is kept. Raises MotionError, IndicatorError
     or RecordError.
@@ -56,7 +65,7 @@ def measure_all(
         if mover is None:
             _take_simulated(guided)
             continue
-        _go(guided, mover, step, confirm)
+        _go(guided, mover, step, confirm, saw)
         taken = _taken(guided, step)
         _check(taken)
         tell(f"step {step.number} of {len(guided.steps)}")
@@ -72,19 +81,32 @@ def _take_simulated(guided: GuidedSession) -> None:
 
 
 def _go(
-    guided: GuidedSession, mover: Mover, step: Step, confirm: Callable[[Proposal], bool]
+    guided: GuidedSession,
+    mover: Mover,
+    step: Step,
+    confirm: Callable[[Proposal], bool],
+    saw: Callable[[str], bool],
 ) -> None:
     """To a step, with the operator's consent to each way that no earlier one covers."""
     while not mover.is_there(step):
         _wait(guided, mover)
         if mover.is_there(step):
             return
+        proof = mover.unproved
+        if proof is not None and proof.question:
+            guided.answer_proof(yes=saw(proof.question))
+        if proof is not None and proof.wrong:
+            raise _not_proved(proof)
         proposal = mover.proposal
         if proposal is None:
             continue
         if not confirm(proposal):
             raise MotionError("consent", "not given", "a consent to each way of the machine")
         _consent(guided, mover)
+
+
+def _not_proved(proof: Proof) -> MotionError:
+    return MotionError("machine, not proved", next_step=proof.wrong)
 
 
 def _consent(guided: GuidedSession, mover: Mover) -> None:
@@ -101,13 +123,18 @@ def _wait(guided: GuidedSession, mover: Mover) -> None:
     lost = None
     while True:
         mover.alive()
+        guided.follow_proof()
         lost = lost_words(guided) or lost
+        if mover.proving:
+            release_lost(guided)
         state = mover.state
         if state is State.HELD and lost is not None:
             _indicators_back(guided, lost)
             mover.answer().result()
             return
         if mover.interrupted or state is State.STOPPED:
+            if mover.unproved and mover.unproved.wrong:
+                raise _not_proved(mover.unproved)
             next_step = "Continue with: glidecal run --continue"
             raise MotionError("motion", mover.why, next_step=next_step)
         if not mover.under_way and state is not State.STOPPING:

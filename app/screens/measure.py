@@ -18,7 +18,7 @@ from app.measuring.gauges import Live, Motion
 from app.measuring.moving import Mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession, TakenStep
-from app.measuring.unattended import lost_words
+from app.measuring.unattended import lost_words, release_lost
 from app.report.text import motion
 from app.report.text import session as texts
 from app.screens.corrections import Corrections
@@ -112,10 +112,12 @@ class MeasureScreen(Corrections, Resting):
     def _look_at_machine(self) -> None:
         """Often: an indicator that is lost stops a machine that moves, and ends its consent."""
         mover = self.guided.mover
-        if mover is None or self.guided.closed or not mover.line.may_move:
+        if mover is None or self.guided.closed:
             return
-        if lost_words(self.guided) and mover.state is State.CONSENTED and not mover.under_way:
-            mover.release()
+        self.write(self.guided.follow_proof)
+        if mover.line.may_move:
+            lost_words(self.guided)
+            release_lost(self.guided)
 
     @work
     async def _follow(self) -> None:
@@ -221,7 +223,11 @@ class MeasureScreen(Corrections, Resting):
         step = self.guided.step() if mover is not None else None
         if mover is None or step is None or self.guided.closed:  # leaving stops it, too
             return
-        news = mover.state, mover.why, mover.is_there(step), mover.line.not_stopped
+        proof = mover.unproved
+        asks = "" if proof is None else proof.question
+        wrong = "" if proof is None else proof.wrong
+        there = mover.is_there(step)
+        news = mover.state, mover.why, there, mover.line.not_stopped, mover.proving, asks, wrong
         if news == self._moving:
             return
         self._moving = news
@@ -230,6 +236,16 @@ class MeasureScreen(Corrections, Resting):
             self._set_hold(True, f"the machine stopped: {mover.why}")
         if mover.interrupted:
             self._ask_what_happened(mover)
+        elif asks:
+            self._ask_what_moved(asks)
+
+    def _ask_what_moved(self, question: str) -> None:
+        if not self.asking:
+            self.ask(ChoiceDialog(question, motion.SAW_CHOICES), self._saw)
+
+    def _saw(self, answer: str | None) -> None:
+        if answer is not None:
+            self.write(lambda: self.guided.answer_proof(yes=answer == "yes"))
 
     def _ask_what_happened(self, mover: Mover) -> None:
         if not any(isinstance(screen, MotionDialog) for screen in self.app.screen_stack):
@@ -381,11 +397,13 @@ class MeasureScreen(Corrections, Resting):
             self._ask_what_happened(mover)
         elif mover.line.needs_homing_confirmed:
             self.ask(ChoiceDialog(motion.HOMED_QUESTION, motion.HOMED_CHOICES), self._homed)
+        elif mover.unproved and mover.unproved.question:
+            self._ask_what_moved(mover.unproved.question)
         elif mover.consent():
             self.held, self.automatic, self._waits = False, True, None
             self._show_step()
         else:
-            self.say("WAIT: release all keys for a second, then press G once.")
+            self.say(motion.no_consent_text(mover))
 
     def _homed(self, answer: str | None) -> None:
         mover = self.guided.mover

@@ -98,6 +98,10 @@ class Descriptor:
             os.close(self._number)
 
 
+WAYS = ("3", "100", "101", "102")
+"""Settings that turn a carriage round, or move it another length."""
+
+
 class Grbl(Controller):
     """One board on one port, which nobody else opens meanwhile."""
 
@@ -227,6 +231,8 @@ class Grbl(Controller):
             "H:1: homed" if self.tells_homing else f"$22={homing}: it locks until it is homed",
             f"$13={settings.get('13', 'none')}: {'inch' if self._unit_mm != 1.0 else 'mm'}",
             f"$20={soft}: {'its own soft limits are on' if soft == '1' else 'no soft limits'}",
+            " ".join(f"${number}={settings.get(number, 'none')}" for number in WAYS)
+            + ": directions, and steps a mm",
         )
 
     def _not_idle(self, next_step: str) -> ControllerFault:

@@ -102,11 +102,14 @@ class MotionLine:
         self._why = self._unseen = ""
         self.homing_confirmed = False
         """The operator says that it is homed, where the controller cannot tell."""
+        self.facts: tuple[str, ...] = ()
+        """What the controller reported when it was last found ready."""
         self._patience = patience
         self._lock = threading.RLock()
         self._state = State.OFF
         self._jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
         self._job: Job | None = None
+        self._unanswered: tuple[Job, ControllerFault] | None = None
         self._problem: ControllerFault | None = None
         self._by_operator = self._vouched = self._closing = self._broken = False
         self._consent = 0
@@ -163,17 +166,16 @@ class MotionLine:
         return self.controller.locked
 
     def start(self) -> tuple[str, ...]:
-        """What is right and who says so.
+        """`facts`: what is right, and who says so.
 
         Raises `ControllerFault` for a machine that is not ready. One that only homing makes ready,
         and that nobody else can home, begins in a fault.
         """
         controller, cause = self.controller, Cause.CONNECTED
-        facts: tuple[str, ...] = ()
         try:
             controller.connect()
             try:
-                facts = controller.ready()
+                self.facts = controller.ready()
                 self._baseline(controller.survey())
             except ControllerFault as problem:
                 if not controller.locked or problem.kind is not MotionFault.NOT_READY:
@@ -190,7 +192,7 @@ class MotionLine:
             target=self._watch, name=f"motion watch {self.controller.address}", daemon=True
         )
         self._watcher.start()
-        return facts
+        return self.facts
 
     def _start_owner(self) -> None:
         self._owner_s = time.monotonic()
@@ -373,13 +375,21 @@ class MotionLine:
             self._ended(_of_program(problem), job)
 
     def _ended(self, problem: ControllerFault, job: Job) -> None:
-        """A stop is waited for before the answer: who hears of a fault may rely on it."""
+        """A stop is waited for before the answer, as long as it may take."""
         if problem.kind is not MotionFault.STOPPED:
             self._interrupt(problem)
+        self._unanswered = job, problem
         while self._state is State.STOPPING and not self._closing:
             self._bring_to_rest()
-        with contextlib.suppress(Exception):
-            job.answer.set_exception(problem)
+        self._answer()
+
+    def _answer(self) -> None:
+        """The fault to whoever waits for it; once."""
+        if self._unanswered is not None:
+            job, problem = self._unanswered
+            self._unanswered = None
+            with contextlib.suppress(Exception):
+                job.answer.set_exception(problem)
 
     def _guarded(self, work: Callable[[], object]) -> None:
         try:
@@ -410,6 +420,8 @@ class MotionLine:
         """Whether nobody waits to see it rest any more; why it is not seen is said meanwhile."""
         self._lives()
         self._unseen = why
+        if self.not_stopped:
+            self._answer()
         return self._vouched or self._closing
 
     def _went(self, consent: int, places_mm: tuple[Triple, ...], feed_mm_min: float) -> Triple:
@@ -519,7 +531,7 @@ class MotionLine:
         self._begun(consent)
         self._way_mm = None
         self.controller.home()
-        self.controller.ready()
+        self.facts = self.controller.ready()
         self.homing_confirmed = True
         there = self.controller.survey()
         self._baseline(there)
@@ -551,7 +563,7 @@ class MotionLine:
                 self.controller.renew()
             self._renew_guard()  # with the port as it is now, where it was given the former one
             self._broken = False
-        self.controller.ready()
+        self.facts = self.controller.ready()
         there = self.controller.survey()
         if there.moving:
             raise self.controller.fault(MotionFault.ELSEWHERE, "a move that is not of this session")

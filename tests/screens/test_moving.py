@@ -28,7 +28,15 @@ from drivers.motion.states import State
 from drivers.motion.twins import TWINS, MotionTrouble, MotionTwin
 from protocols.machine import Instrument, Machine, MotionLimits
 from protocols.procedure import load_procedure
-from tests.app.measuring.moving_machine import Bench, following, linuxcnc, taken, wrong
+from tests.app.measuring.moving_machine import (
+    Bench,
+    carriages,
+    following,
+    linuxcnc,
+    remember_proved,
+    taken,
+    wrong,
+)
 from tests.screens.driving import SIZE, fill_in, rows, text, to_measuring, until
 
 SLOW = Machine(motion=MotionLimits(feed_mm_min=3000.0))
@@ -70,6 +78,18 @@ class Moved:
         await self.pilot.press("g")
         await until(self.pilot, "a move", lambda: len(self.twin.moves) > moves)
 
+    async def prove(self) -> None:
+        """G for a move of a proof, again where the indicators did not rest at that moment."""
+        moves = len(self.twin.moves)
+        for _ in range(5):
+            await until(self.pilot, "rest", self.screen.ready_by_hand)
+            await self.pilot.pause(QUIET_S)
+            await self.pilot.press("g")
+            await self.pilot.pause(0.2)
+            if len(self.twin.moves) > moves:
+                return
+        pytest.fail(f"no move: {text(self.interface, '#said')} {self.mover.why}")
+
     async def set_up(self) -> None:
         await self.says("Nobody at the machine? G moves it to Zero, 3.7 mm.")
         await self.go()
@@ -95,7 +115,7 @@ class Moved:
 
 @asynccontextmanager
 async def measuring(
-    folder: Path, name: str = "linuxcnc", *troubles: MotionTrouble
+    folder: Path, name: str = "linuxcnc", *troubles: MotionTrouble, proved: bool = True
 ) -> AsyncIterator[Moved]:
     machine = SLOW if name == "linuxcnc" else SLOW.model_copy(update={"mdi": "joint"})
     procedure = load_procedure("zero-max-min", SLOW.geometry())
@@ -107,6 +127,8 @@ async def measuring(
             twin.befall(trouble)
         instruments = tuple(Instrument(profile="mitutoyo-01a", port=port) for port in ports)
         plan = Plan(path, machine, short, instruments, window_s=0.2, motion=twin.told)
+        if proved:
+            remember_proved(plan)
         interface = Glidecal(CheckScreen(plan))
         async with interface.run_test(size=SIZE, notifications=True) as pilot:
             screen = await to_measuring(pilot, interface)
@@ -305,6 +327,69 @@ async def test_a_machine_that_does_not_stop_is_said_in_red_until_it_does(tmp_pat
         assert moved.mover.line.not_stopped
         moved.twin.mend()
         await moved.comes(State.STOPPED, State.FAULT)
+
+
+async def test_a_new_machine_moves_each_carriage_a_little_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.measuring.moving.FEED_MM_MIN", 1500.0)
+    async with measuring(tmp_path, proved=False) as moved:
+        await moved.says(
+            "Set up at leg X, station 0.5, along Y and Z, with the machine where it is"
+        )
+        step = moved.screen.guided.step()
+        assert step is not None
+        moved.bench.set_up(step)
+        for number, name in enumerate("XYZ"):
+            await moved.says(f"G moves carriage {name} 5 mm outward")
+            await moved.pilot.press("space", "enter")
+            await moved.prove()
+            await until(moved.pilot, "back", lambda n=number: len(moved.twin.moves) == 2 * n + 2)
+            if name == "X":
+                await until(
+                    moved.pilot, "eye", lambda: isinstance(moved.interface.screen, ChoiceDialog)
+                )
+                await moved.pilot.press("2")
+        await moved.says("Proved. Take the stand away from the bar.")
+        await moved.says("G moves it to Zero, 3.7 mm.")
+        assert moved.mover.unproved is None
+        assert len(moved.twin.moves) == 6
+
+
+async def test_a_machine_that_is_not_as_its_file_says_is_told_and_moves_no_further(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.measuring.moving.FEED_MM_MIN", 1500.0)
+    start = carriages((3.0, -2.0, 1.0))
+    async with measuring(tmp_path, proved=False) as moved:
+        moved.bench.wired = lambda now: [
+            start[k] + now[j] - start[j] for k, j in enumerate((1, 0, 2))
+        ]
+        await moved.says("G moves carriage X")
+        await moved.prove()
+        dialog = await moved.dialog()
+        assert "carriage Y moves in its place" in text(moved.interface, "#event")
+        await moved.pilot.pause(QUIET_S)
+        await moved.pilot.press("enter")
+        await until(moved.pilot, "an answer", lambda: moved.interface.screen is not dialog)
+        await moved.says("NOT PROVED. Sent carriage X 5 mm outward")
+        await moved.pilot.pause(QUIET_S)
+        await moved.pilot.press("space", "p", "enter")
+        assert len(moved.twin.moves) == 1
+
+
+async def test_any_key_stops_a_proof_half_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.measuring.moving.FEED_MM_MIN", 60.0)
+    async with measuring(tmp_path, proved=False) as moved:
+        await moved.says("G moves carriage X")
+        await moved.prove()
+        await moved.says("MOVING carriage X 5 mm outward")
+        await moved.pilot.press("x")
+        await moved.comes(State.STOPPED)
+        await moved.says("G moves carriage X 5 mm outward")
+        assert len(moved.twin.moves) == 1
 
 
 async def test_a_note_that_comes_when_the_record_is_let_go_of_is_refused(tmp_path: Path) -> None:

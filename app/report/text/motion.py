@@ -78,6 +78,8 @@ def proposal_text(proposal: Proposal) -> str:
     """What the operator's consent lets the machine do, with the length of the next way."""
     step = proposal.step
     count = "1 step" if proposal.steps == 1 else f"{proposal.steps} steps"
+    if proposal.proof is not None:
+        return f"{proposal.proof.words}, and back"
     if proposal.to_zero:
         return f"to Zero, {proposal.first_mm:.1f} mm"
     if not proposal.places_mm:
@@ -88,26 +90,54 @@ def proposal_text(proposal: Proposal) -> str:
 
 def consent_question(proposal: Proposal) -> str:
     """The same as a question on the command line."""
-    first = f"{set_up_text(proposal.step)}. " if proposal.by_hand else ""
-    return f"{first}Nobody at the machine? Move {proposal_text(proposal)}"
+    return f"{_by_hand_text(proposal)}Nobody at the machine? Move {proposal_text(proposal)}"
 
 
 def waiting_text(mover: Mover) -> str:
     """What waits for the operator's consent, and the key that gives it."""
-    proposal = mover.proposal
+    proposal, proof = mover.proposal, mover.unproved
+    wrong = f"NOT PROVED. {proof.wrong} " if proof and proof.wrong else ""
     if proposal is None:
-        return "At rest."
-    first = f"{set_up_text(proposal.step)}. " if proposal.by_hand else ""
-    return f"{first}Nobody at the machine? G moves it {proposal_text(proposal)}."
+        return f"{wrong}At rest."
+    if wrong:
+        return f"{wrong}{_by_hand_text(proposal)}G proves it again, 5 mm at a time."
+    moves = "G moves" if proposal.proof else "G moves it"
+    by_hand = _by_hand_text(proposal)
+    return f"{by_hand}Nobody at the machine? {moves} {proposal_text(proposal)}."
+
+
+def _by_hand_text(proposal: Proposal) -> str:
+    """What the operator does by hand before it moves."""
+    if proposal.clears:
+        return "Proved. Take the stand away from the bar. "
+    if not proposal.by_hand:
+        return ""
+    here = ", with the machine where it is" if proposal.proof else ""
+    return f"{set_up_text(proposal.step)}{here}. "
+
+
+def no_consent_text(mover: Mover) -> str:
+    """Why the key that gives a consent was not taken."""
+    proof = mover.unproved
+    if mover.proposal is None and proof is not None and proof.wrong:
+        return f"NOT PROVED. {proof.wrong}"
+    still = ", and all indicators rest" if proof is not None else ""
+    return f"WAIT until all keys were released for a second{still}, then press G once."
+
+
+SAW_CHOICES = (("no", "No, or I did not look"), ("yes", "Yes, I saw it"))
 
 
 def moving_text(mover: Mover, step: Step) -> str:
     """What the machine does now, in a line."""
     if mover.line.not_stopped:
         return mover.why
+    move = mover.proof.move if mover.proof else None
+    goal = f"to step {step.number}" if move is None else move.words
+    place = f"At step {step.number}" if move is None else "Half-way"
     words = {
-        State.MOVING: f"MOVING to step {step.number}. Any key stops it.",
-        State.CONSENTED: f"At step {step.number}. It goes on by itself; any key stops it.",
+        State.MOVING: f"MOVING {goal}. Any key stops it.",
+        State.CONSENTED: f"{place}. It goes on by itself; any key stops it.",
         State.STOPPING: "STOPPING …",
         State.HELD: f"HELD: {sentence(mover.why)} G asks what to do.",
         State.FAULT: f"FAULT: {sentence(mover.why)} G asks what to do.",

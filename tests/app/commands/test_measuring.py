@@ -21,7 +21,14 @@ from protocols.machine import Instrument
 from protocols.procedure import load_procedure
 from protocols.record import read_record
 from tests.app.cli import glidecal, refused, run_here
-from tests.app.measuring.moving_machine import FAST, SHORT, following, taken, wrong
+from tests.app.measuring.moving_machine import (
+    FAST,
+    SHORT,
+    following,
+    remember_proved,
+    taken,
+    wrong,
+)
 
 TWO = ("--indicator", "mitutoyo-01a:/dev/none0@xy", "--indicator", "mitutoyo-01a:/dev/none1@yzx")
 
@@ -128,6 +135,7 @@ def test_a_session_in_a_plain_terminal(tmp_path: Path, monkeypatch: pytest.Monke
             for port, axes in zip(ports, ("yzx", "zxy"), strict=True)
             for word in ("--indicator", f"mitutoyo-01a:{port}@{axes}")
         ]
+        remember_proved(plan_of(tmp_path, twin.told, ports))
         files = ("--protocol", f"{procedure}", "--machine", f"{machine}", "-o", f"{path}")
         status, _, said = run_here("run", *files, *named, "--headless", "--motion", twin.told)
     assert status == 0

@@ -13,10 +13,10 @@ import pytest
 
 from app.evaluating.solution import solve_for_controller
 from app.measuring.demo import SelfMovingBench, demo_plan
-from app.measuring.moving import Mover, Proposal, ways_of
+from app.measuring.moving import REST_S, Mover, Proposal, ways_of
 from app.measuring.opening import open_indicators, start_session
 from app.measuring.simulated import BenchSettings
-from app.measuring.unattended import REST_S, measure_all
+from app.measuring.unattended import measure_all
 from calib.errors import IndicatorError, MotionError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
 from drivers.exchange import Exchange

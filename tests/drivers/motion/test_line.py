@@ -28,6 +28,7 @@ from tests.drivers.motion.bench import (
     LIMITS,
     PATIENCE_S,
     SLOW,
+    START,
     Face,
     Rig,
     comes_true,
@@ -288,6 +289,17 @@ def test_a_second_stop_refused_is_no_stop() -> None:
         refuses.clear()
         r.comes(State.STOPPED)
         assert not r.axes.moving
+
+
+def test_who_asks_a_controller_that_dies_is_answered_before_anybody_vouches() -> None:
+    """Within a consent the fault is a stop, too, which nobody can see: the answer must not wait."""
+    with rig("linuxcnc", answer_s=0.2) as r:
+        r.consent()
+        r.twin.befall(MotionTrouble.SILENCE)
+        assert isinstance(r.line.at(START).exception(3.0), ControllerFault)
+        assert r.line.not_stopped
+        r.twin.mend()
+        r.comes(State.FAULT)
 
 
 def test_a_stop_that_took_control_from_another_client_is_answered() -> None:

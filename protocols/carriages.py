@@ -1,0 +1,95 @@
+"""One carriage moved alone: where its controller is sent, and what indicators then show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.arrays import LEG_NAMES, FloatArray, conditions
+from calib.errors import UnreachablePosture
+from calib.tripod.geometry import PARAMETER_NAMES, direct, inverse
+from calib.tripod.pipeline import readings_and_derivatives
+from protocols.documents import Triple
+from protocols.machine import Machine
+from protocols.procedure import ALL_AXES, Step, leg_number
+
+SIGMAS = 3.0
+"""A raw machine is off by at most so many standard deviations of its parts."""
+
+STAND_MM = 5.0
+"""So far along the bar a stand may be from the station."""
+
+LEAN = 0.1
+"""Of what is touched moving across an indicator, so much it shows: a tip on a round bar, a lean."""
+
+STILL_MM = 0.03
+"""Play, a digit and a stand that yields."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """How far an indicator goes, mm, on a nominal machine, and how far a raw one may be off it."""
+
+    nominal_mm: float
+    within_mm: float
+
+    def is_near(self, change_mm: float) -> bool:
+        """Whether a change is this one in size. The sign depends on how the indicator is held."""
+        return abs(abs(change_mm) - abs(self.nominal_mm)) <= self.within_mm
+
+
+def moved_alone(place_mm: Triple, carriage: str, way_mm: float, machine: Machine) -> Triple | None:
+    """Where the controller goes if one carriage moves alone, in its coordinates.
+
+    None where the bars do not reach.
+    """
+    geometry, place = machine.geometry(), np.array(place_mm)
+    along = way_mm * np.eye(3)[LEG_NAMES.index(carriage)]
+    try:
+        joints = (place if machine.mdi == "joint" else inverse(geometry, place)) + along
+        tool = direct(geometry, joints)
+    except UnreachablePosture:
+        return None
+    x, y, z = (joints if machine.mdi == "joint" else tool).tolist()
+    return x, y, z
+
+
+def is_allowed(place_mm: Triple, machine: Machine) -> bool:
+    """Whether bars and joint limits allow a place of the controller."""
+    return bool(machine.geometry().stands(_tool(place_mm, machine)[None])[0])
+
+
+def changes(step: Step, from_mm: Triple, to_mm: Triple, machine: Machine) -> tuple[Change, ...]:
+    """What the indicators of a set-up show of a move, if they were set up where it begins.
+
+    Raises UnreachablePosture.
+    """
+    geometry, tool = machine.geometry(), _tool(from_mm, machine)
+    # the same machine, with its Zero where indicators are set up: here
+    origins = (geometry.origins - tool).tolist()
+    here = replace(geometry, origin_mm=origins, workspace_mm=None, plane_mm=None)
+    there, leg = _tool(to_mm, machine) - tool, leg_number(step.leg)
+    bar_mm = here.leg_length_mm[leg] if step.leg in ALL_AXES else math.inf
+    aside = STAND_MM / bar_mm
+    stations = (step.station, step.station - aside, step.station + aside)
+    axes = [leg_number(axis) for axis in ALL_AXES]
+    taken = conditions(
+        [leg] * 9, axes * 3, [0.0] * 9, station=np.repeat(stations, 3).tolist(), position_mm=there
+    )
+    nominal = (0.0,) * len(PARAMETER_NAMES)
+    readings, by_parameter = readings_and_derivatives(here, nominal, taken)
+    raw_mm = SIGMAS * np.linalg.norm(by_parameter[:3] * machine.tolerances_mm(), axis=1)
+    moved, below, above = readings.reshape(3, 3)
+    aside_mm = np.abs(above - below) / 2.0
+    across_mm = np.sqrt(np.maximum((moved**2).sum() - moved**2, 0.0))
+    within = raw_mm + aside_mm + LEAN * across_mm + STILL_MM
+    rows = [LEG_NAMES.index(axis) for axis in step.axes]
+    return tuple(Change(float(moved[row]), float(within[row])) for row in rows)
+
+
+def _tool(place_mm: Sequence[float], machine: Machine) -> FloatArray:
+    place = np.asarray(place_mm, dtype=np.float64)
+    return np.asarray(direct(machine.geometry(), place)) if machine.mdi == "joint" else place

@@ -136,8 +136,9 @@ class Grbl(Controller):
         self.connect()
 
     def adopt(self, descriptor: int) -> None:
-        """Speak through the open port of another process."""
+        """Speak through the open port of another process, whose last line may wait in the board."""
         self._wire = Descriptor(descriptor)
+        self._acknowledged = False
 
     def handles(self) -> tuple[int, ...]:
         """The port, which cannot be opened twice."""
@@ -302,7 +303,7 @@ class Grbl(Controller):
         if self._wire is None:  # its cable is out; it may be back
             self._wire = self._opened()
         self._send(RESET if self.homing else JOG_CANCEL)
-        if attempt and self._state in ("Run", "Jog"):  # at rest a hold would lock the board
+        if self._state == "Run":  # no jog, so not ours; at rest a hold would lock the board
             self._send(FEED_HOLD)
         if self._state == "Hold" and self._part == "0" and not self._acknowledged:
             self._send(RESET)  # a jog that waits in its buffer would move when the hold ends
@@ -314,7 +315,8 @@ class Grbl(Controller):
         place_mm = self._note(line)
         if place_mm is None:
             return None
-        holds = self._state == "Hold" and self._part != "0"
+        # a line that was not acknowledged waits in its buffer, and moves it when the hold ends
+        holds = self._state == "Hold" and (self._part != "0" or not self._acknowledged)
         return place_mm, holds or self._state in MOVING
 
     def _status(self) -> Triple:

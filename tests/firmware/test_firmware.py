@@ -168,12 +168,18 @@ def test_what_follows_a_stop_begins_where_it_stands(firmware: str) -> None:
 @every
 @pytest.mark.parametrize("place", [TRAVEL_MM + 1.0, -1.0])
 def test_a_place_beyond_the_limits_of_the_board_is_refused(firmware: str, place: float) -> None:
-    with rig(firmware) as r:
-        before = r.joints_mm
-        with pytest.raises(ControllerFault, match="soft limits") as refusal:
-            r.line.controller.begin((place, 310.0, 310.0), FEED)
-        assert refusal.value.kind is MotionFault.CONTROLLER
-        assert r.joints_mm == before
+    need_firmware(firmware)
+    with closing(Board(firmware)) as board:
+        controller = controller_of(board.told, WHOLE)
+        controller.answer_s = 2.0
+        with closing(controller):
+            controller.connect()
+            controller.ready()
+            before = board.carriages.joints_mm
+            with pytest.raises(ControllerFault, match="soft limits") as refusal:
+                controller.begin((place, 310.0, 310.0), FEED)
+            assert refusal.value.kind is MotionFault.CONTROLLER
+            assert board.carriages.joints_mm == before
 
 
 @every

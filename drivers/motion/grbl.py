@@ -303,7 +303,7 @@ class Grbl(Controller):
         if self._wire is None:  # its cable is out; it may be back
             self._wire = self._opened()
         self._send(RESET if self.homing else JOG_CANCEL)
-        if self._state == "Run":  # no jog, so not ours; at rest a hold would lock the board
+        if attempt and self._state == "Run":  # no jog of ours; at rest it would lock the board
             self._send(FEED_HOLD)
         if self._state == "Hold" and self._part == "0" and not self._acknowledged:
             self._send(RESET)  # a jog that waits in its buffer would move when the hold ends

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -234,7 +234,7 @@ def test_a_homing_that_is_stopped_ends_within_half_a_second_and_homes_nothing(
 
 
 def test_a_board_that_was_unlocked_waits_for_the_operators_word() -> None:
-    """grbl 1.1 does not tell a board that was never homed from one that was."""
+    """A grbl 1.1 does not tell a board that was never homed from one that was."""
     with rig("grbl", homed=False, unlocked=True, confirmed=False) as r:
         assert r.line.state is State.READY
         assert r.line.needs_homing_confirmed
@@ -288,7 +288,7 @@ def test_the_hold_key_of_the_panel_at_rest_is_noticed(firmware: str) -> None:
 
 
 def test_the_hold_key_of_the_panel_on_the_way_stops_grbl() -> None:
-    """grblHAL drops it in a jog."""
+    """A grblHAL drops it in a jog."""
     with rig("grbl") as r:
         r.on_the_way()
         pressed_s = time.monotonic()

@@ -15,12 +15,14 @@ import contextlib
 import math
 import os
 import socket
+import time
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from drivers.motion.controller import (
     CONNECT_S,
     SLICE_S,
+    STILL_MM,
     Controller,
     ControllerFault,
     Deadline,
@@ -81,7 +83,9 @@ SUPERVISED = ("mode", "joint_homed", "joint_fault", "joint_limit", "feed_overrid
 """What another client or the panel may change while nobody looks."""
 
 LOOK = ("error", "enable", "estop", "machine", *SUPERVISED)
-PLACES = ("program_status", "abs_act_pos", "rel_act_pos")
+PLACES = ("program_status", "abs_act_pos", "abs_cmd_pos", "rel_cmd_pos")
+TAIL_S = 0.01
+"""It tells IDLE some milliseconds before the last micrometres of a move."""
 
 
 class LinuxCnc(Controller):
@@ -213,8 +217,9 @@ class LinuxCnc(Controller):
         states = {name: _short(answers[name]) for name in SUPERVISED}
         place_mm = self._place(answers["abs_act_pos"])
         moving = answers["program_status"] != "IDLE"
-        if not moving:  # the two are of one moment only at rest
-            offset = zip(self._place(answers["rel_act_pos"]), place_mm, strict=True)
+        commanded = answers["abs_cmd_pos"]
+        if not moving and self._get("abs_cmd_pos") == commanded:  # else they are of two moments
+            offset = zip(self._place(answers["rel_cmd_pos"]), self._place(commanded), strict=True)
             states["offset"] = " ".join(f"{round(a - b, 3) + 0.0:.3f}" for a, b in offset)
         return Snapshot(place_mm, moving, states)
 
@@ -274,6 +279,17 @@ class LinuxCnc(Controller):
                     f"limits in which {low_mm:g} … {high_mm:g} mm of the machine file lie",
                     "Is it the controller of another machine?",
                 )
+
+    def settle(self) -> Snapshot:
+        """A look when the last micrometres are gone, too."""
+        deadline, before = Deadline(self.answer_s), self.look()
+        while True:
+            time.sleep(TAIL_S)
+            there = self.look()
+            still = math.dist(before.place_mm, there.place_mm) <= STILL_MM
+            if (still and "offset" in there.states) or deadline.over:
+                return there
+            before = there
 
     @property
     def own_states(self) -> Mapping[str, str]:

@@ -283,9 +283,9 @@ class LinuxCncTwin:
                 value = "ON" if self._control is client else "OFF"
             elif name == "program_status":
                 value = "RUNNING" if moving else "IDLE"
-            elif name in ("abs_act_pos", "rel_act_pos"):
+            elif name in ("abs_act_pos", "abs_cmd_pos", "rel_act_pos", "rel_cmd_pos"):
                 x, y, z = self.axes.at_mm
-                x += self.offset_mm if name == "rel_act_pos" else 0.0
+                x += self.offset_mm if name.startswith("rel") else 0.0
                 unit = 25.4 if self._state["user_linear_units"] == "INCH" else 1.0
                 value = " ".join(f"{mm / unit:.6f}" for mm in (x, y, z, 0.0, 0.0, 0.0))
             elif name in self._state:

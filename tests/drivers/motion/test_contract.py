@@ -152,6 +152,21 @@ class Overheard(LinuxCncTwin):
         self._display.clear()
 
 
+def test_the_last_micrometres_behind_idle_are_no_offset_and_are_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """LinuxCNC tells IDLE while it creeps on: 0.007 mm between two answers, at 50 mm/s."""
+    with rig("linuxcnc") as r:
+        r.go((10.0, 0.0, 0.0))
+        monkeypatch.setattr(type(r.axes), "moving", property(lambda _: False))
+        r.axes.go((10.009, 0.0, 0.0), 6.0)  # 90 ms
+        there = r.line.controller
+        snapshots = []
+        r.line._asked(lambda: snapshots.append(there.settle()) or (0.0,) * 3).result(PATIENCE_S)  # type: ignore[func-returns-value]
+        assert snapshots[0].place_mm == (10.009, 0.0, 0.0)
+        assert snapshots[0].states["offset"] == "0.000 0.000 0.000"
+
+
 def test_diameters_of_another_client_halve_no_way() -> None:
     with rig("linuxcnc") as r:
         codes = r.twin._state["program_codes"]  # type: ignore[attr-defined]

@@ -149,6 +149,7 @@ class Board:
         (folder / "EEPROM.DAT").write_bytes(_configured(firmware, tuple(own.items())))
         self._simulator = Simulator(firmware, folder)
         self.moves: list[str] = []
+        self.late_s = 0.0
         self.carriages = CountedAxes(self._simulator.memory)
         self.axes: SimulatedAxes = self.carriages
         if homed or unlocked:

@@ -338,7 +338,11 @@ def killed_and_continued(
                 break
             terminal.until(lambda: bench.axes.moving)
             after_s = time.monotonic() + chance.uniform(0.0, 2.0)
-            terminal.until(lambda s=after_s: time.monotonic() > s and bench.axes.moving)
+
+            def moves_later(after_s: float = after_s) -> bool:
+                return time.monotonic() > after_s and bench.axes.moving
+
+            terminal.until(moves_later)
             terminal.process.kill()
             began = time.monotonic()
             while bench.axes.moving and time.monotonic() - began < 20.0:

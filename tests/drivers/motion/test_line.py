@@ -427,11 +427,11 @@ def test_a_place_beside_the_way_is_a_stop() -> None:
         assert not r.axes.moving
 
 
+@pytest.mark.parametrize("name", ["linuxcnc", "grbl"])
 def test_a_controller_that_is_done_too_early_is_waited_for(
-    monkeypatch: pytest.MonkeyPatch,
+    name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """LinuxCNC on a busy computer told so with 6.6 of 37 mm to go."""
-    with rig("linuxcnc") as r:
+    with rig(name) as r:
         monkeypatch.setattr(type(r.axes), "moving", property(lambda _: False))
         place = (11.0, 2.0, -3.0)  # a second's way
         assert r.go(place, feed=600.0) == pytest.approx(place, abs=0.01)

@@ -143,8 +143,9 @@ class Grbl(Controller):
         self.connect()
 
     def adopt(self, descriptor: int) -> None:
-        """Speak through the open port of another process."""
+        """Speak through the open port of another process, whose last line may wait in the board."""
         self._wire = Descriptor(descriptor)
+        self._acknowledged = False
 
     def handles(self) -> tuple[int, ...]:
         """The port, which cannot be opened twice."""

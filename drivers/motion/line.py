@@ -507,6 +507,7 @@ class MotionLine:
             self._check_way(snapshot.place_mm, from_mm, to_mm)
             if math.dist(snapshot.place_mm, last_mm) > STILL_MM:
                 last_mm, way_s = snapshot.place_mm, now_s
+                idle_s = None  # it may tell that it is done while it moves
             if snapshot.moving:
                 idle_s = None
             else:

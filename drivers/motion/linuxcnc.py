@@ -12,14 +12,17 @@ are cut or lost, and a line may be, so that only the position that is read back 
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import socket
-from collections.abc import Mapping
+import time
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from drivers.motion.controller import (
     CONNECT_S,
     SLICE_S,
+    STILL_MM,
     Controller,
     ControllerFault,
     Deadline,
@@ -50,10 +53,22 @@ PASSWORDS = "GLIDECAL_LINUXCNC_PASSWORDS"
 
 USUAL = "EMC EMCTOO"
 
-MODES = ("G21", "G90", "G94", "G61")
-"""mm, absolute, mm/min, exact way. In a line of their own, before the move: in one line F is taken
-before G21, and where G20 was active the machine goes 25.4 times as fast. Under G61 it stops with
-its whole acceleration, under the usual G64 with half of it."""
+MODES = ("G21", "G90", "G94", "G8", "G40", "G61")
+"""mm, absolute, mm/min, X as a radius, no compensation of a cutter, exact way. In a line of their
+own, before the move: in one line F is taken before G21, and where G20 was active the machine goes
+25.4 times as fast. Under G7, diameters, X goes half its way. Under G61 it stops with its whole
+acceleration, under the usual G64 with half of it."""
+
+MARK = "glidecal"
+TRAVEL = " ".join(
+    f"#<_ini[JOINT_{joint}]{end}_LIMIT>" for joint in range(JOINTS) for end in ("MIN", "MAX")
+)
+BINDING = f"mdi (DEBUG,{MARK} #<_ini[KINS]JOINTS> {TRAVEL})"
+"""A comment in which LinuxCNC puts numbers of its INI: nothing else of it can be read."""
+
+BIND_TRIES = 3
+ABSENT = "######"
+"""In the place of a number that does not stand in the INI."""
 
 READY = (
     ("estop", ("OFF",), "release the emergency stop"),
@@ -71,7 +86,9 @@ SUPERVISED = ("mode", "joint_homed", "joint_fault", "joint_limit", "feed_overrid
 """What another client or the panel may change while nobody looks."""
 
 LOOK = ("error", "enable", "estop", "machine", *SUPERVISED)
-PLACES = ("program_status", "abs_act_pos", "rel_act_pos")
+PLACES = ("program_status", "abs_act_pos", "abs_cmd_pos", "rel_cmd_pos")
+TAIL_S = 0.01
+"""It tells IDLE some milliseconds before the last micrometres of a move."""
 
 
 class LinuxCnc(Controller):
@@ -86,7 +103,7 @@ class LinuxCnc(Controller):
         self._socket: socket.socket | None = None
         self._before: list[socket.socket] = []
         self._unit_mm = 1.0
-        self._aborted = self._last_try = self._took_control = False
+        self._aborted = self._last_try = self._took_control = self._bound = False
         self._program = ""
 
     def connect(self) -> None:
@@ -98,6 +115,7 @@ class LinuxCnc(Controller):
 
     def _join(self) -> None:
         """Open a connection that has control."""
+        self._bound = False
         self._open(CONNECT_S)
         deadline = Deadline(CONNECT_S)
         connect, _, enable = os.environ.get(PASSWORDS, USUAL).partition(" ")
@@ -203,8 +221,9 @@ class LinuxCnc(Controller):
         states = {name: _short(answers[name]) for name in SUPERVISED}
         place_mm = self._place(answers["abs_act_pos"])
         moving = answers["program_status"] != "IDLE"
-        if not moving:  # the two are of one moment only at rest
-            offset = zip(self._place(answers["rel_act_pos"]), place_mm, strict=True)
+        commanded = answers["abs_cmd_pos"]
+        if not moving and self._get("abs_cmd_pos") == commanded:  # else they are of two moments
+            offset = zip(self._place(answers["rel_cmd_pos"]), self._place(commanded), strict=True)
             states["offset"] = " ".join(f"{round(a - b, 3) + 0.0:.3f}" for a, b in offset)
         return Snapshot(place_mm, moving, states)
 
@@ -222,11 +241,59 @@ class LinuxCnc(Controller):
         """
         if self._get("mode") != "MDI":
             self._set("mode mdi", ACCEPT_S)
+        if not self._bound:
+            self._bind()
         # G1, for G0 knows no feed; G53, whatever offset of a workpiece is active
         words = " ".join(f"{name}{mm:.6f}" for name, mm in zip("XYZ", to_mm, strict=True))
         if not set(MODES) <= set(self._get("program_codes").split()):
             self._set(f"mdi {' '.join(MODES)}", ACCEPT_S)
         self._set(f"mdi G53 G1 F{feed_mm_min:.3f} {words}", ACCEPT_S)
+
+    def _bind(self) -> None:
+        """Raises where this is no machine of three joints, or the box is no part of their travel.
+
+        It tells so in MDI only, and once: a screen beside the server may hear the message in place
+        of this client. What it did not hear it does not judge.
+        """
+        for _ in range(BIND_TRIES):
+            self._set(BINDING, ACCEPT_S)
+            words = self._get("operator_display").split()
+            if words[:1] == [MARK] and len(words) == 2 + 2 * JOINTS:
+                break
+        else:
+            return
+        _, joints, *travel = words
+        if joints != ABSENT and self.finite(joints) != JOINTS:
+            value = f"[KINS]JOINTS {self.finite(joints):g}"
+            raise self.fault(MotionFault.STRANGER, value, "three joints, one for each carriage")
+        if self.limits.coordinates == "joint":
+            self._check_travel(travel)
+        self._bound = True
+
+    def _check_travel(self, travel: Sequence[str]) -> None:
+        limits = self.limits
+        ends = zip(travel[::2], travel[1::2], limits.low_mm, limits.high_mm, strict=True)
+        for joint, (low, high, low_mm, high_mm) in enumerate(ends):
+            least_mm = -math.inf if low == ABSENT else self.finite(low) * self._unit_mm
+            most_mm = math.inf if high == ABSENT else self.finite(high) * self._unit_mm
+            if low_mm < least_mm or high_mm > most_mm:
+                raise self.fault(
+                    MotionFault.STRANGER,
+                    f"[JOINT_{joint}] from {least_mm:g} to {most_mm:g} mm",
+                    f"limits in which {low_mm:g} … {high_mm:g} mm of the machine file lie",
+                    "Is it the controller of another machine?",
+                )
+
+    def settle(self) -> Snapshot:
+        """A look when the last micrometres are gone, too."""
+        deadline, before = Deadline(self.answer_s), self.look()
+        while True:
+            time.sleep(TAIL_S)
+            there = self.look()
+            still = math.dist(before.place_mm, there.place_mm) <= STILL_MM
+            if (still and "offset" in there.states) or deadline.over:
+                return there
+            before = there
 
     @property
     def own_states(self) -> Mapping[str, str]:

@@ -133,7 +133,7 @@ RIGHT = {
     "mode": "MANUAL",
     "set_wait": "RECEIVED",
     "feed_override": "100",
-    "program_codes": "G1 G53 G17 G40 G20 G90 G94 G64",
+    "program_codes": "G1 G53 G17 G40 G20 G90 G94 G64 G8",
     "joint_homed": "YES YES YES NO NO NO",
     "joint_fault": "OK OK OK OK OK OK",
     "joint_limit": "OK OK OK OK OK OK",
@@ -141,6 +141,13 @@ RIGHT = {
     "user_linear_units": "MM",
 }
 """What a LinuxCNC says that is switched on and homed."""
+
+INI = {"[KINS]JOINTS": 3.0} | {
+    f"[JOINT_{joint}]{end}_LIMIT": limit
+    for joint in range(3)
+    for end, limit in (("MIN", -1000.0), ("MAX", 1000.0))
+}
+"""Numbers in the INI of that LinuxCNC, in mm."""
 
 WRONG = {
     MotionTrouble.NOT_HOMED: {"joint_homed": "YES NO YES NO NO NO"},
@@ -167,6 +174,7 @@ class LinuxCncTwin:
         self, axes: SimulatedAxes, coordinates: Literal["tool", "joint"] = "joint"
     ) -> None:
         self.axes, self.moves, self.errors = axes, list[str](), deque[str]()
+        self.ini, self._display = dict(INI), deque[str]()
         self.late_s, self.aborts, self.offset_mm = 0.0, 0, 0.0
         self._connect, self._enable = "EMC", "EMCTOO"
         self._lock = threading.Lock()
@@ -269,13 +277,15 @@ class LinuxCncTwin:
         with self._lock:
             if name == "error":
                 value = self.errors.popleft() if self.errors else "OK"
+            elif name == "operator_display":
+                value = self._display.popleft() if self._display else "OK"
             elif name == "enable":
                 value = "ON" if self._control is client else "OFF"
             elif name == "program_status":
                 value = "RUNNING" if moving else "IDLE"
-            elif name in ("abs_act_pos", "rel_act_pos"):
+            elif name in ("abs_act_pos", "abs_cmd_pos", "rel_act_pos", "rel_cmd_pos"):
                 x, y, z = self.axes.at_mm
-                x += self.offset_mm if name == "rel_act_pos" else 0.0
+                x += self.offset_mm if name.startswith("rel") else 0.0
                 unit = 25.4 if self._state["user_linear_units"] == "INCH" else 1.0
                 value = " ".join(f"{mm / unit:.6f}" for mm in (x, y, z, 0.0, 0.0, 0.0))
             elif name in self._state:
@@ -315,13 +325,16 @@ class LinuxCncTwin:
     def _modal(self, words: set[str]) -> None:
         """Words of G-code take the place of those that exclude them."""
         codes = self._state["program_codes"].split()
-        for group in ({"G20", "G21"}, {"G90", "G91"}, {"G93", "G94"}, {"G61", "G64"}):
+        for group in ({"G20", "G21"}, {"G90", "G91"}, {"G93", "G94"}, {"G61", "G64"}, {"G7", "G8"}):
             if new := group & words:
                 codes = [code for code in codes if code not in group] + sorted(new)
         self._state["program_codes"] = " ".join(codes)
 
     def _mdi(self, line: str) -> None:
         """Acknowledged whatever comes of it."""
+        if line.startswith("(DEBUG,"):
+            self._display.append(re.sub(r"#<_ini(\S+)>", self._number, line[7:-1]))
+            return
         found = {word[0]: float(word[1:]) for word in re.findall(r"[FXYZ][-+.\d]+", line)}
         unit = 25.4 if "G20" in self._state["program_codes"].split() else 1.0
         self._modal(set(line.split()))
@@ -334,6 +347,12 @@ class LinuxCncTwin:
             self.errors.append("Cannot do g1 with zero feed rate")
         else:
             self.axes.go((found["X"], found["Y"], found["Z"]), found["F"] * unit)
+
+    def _number(self, name: re.Match[str]) -> str:
+        """As a message of G-code shows a number of the INI, or that there is none."""
+        inch = self._state["user_linear_units"] == "INCH" and name[1].endswith("_LIMIT")
+        value = self.ini.get(name[1])
+        return "######" if value is None else f"{value / (25.4 if inch else 1.0):.6f}"
 
     def close(self) -> None:
         """Stop listening."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import socketserver
@@ -25,7 +26,10 @@ from app.exports.linuxcnc import pins
 from app.measuring.moving import ways_of
 from app.measuring.unattended import measure_all
 from calib.tripod.pipeline import Model
-from drivers.motion.controller import Triple
+from drivers.motion import controller_of
+from drivers.motion.controller import Limits, Triple
+from drivers.motion.line import MotionLine
+from drivers.motion.states import State
 from drivers.motion.twins import MotionTrouble, SimulatedAxes
 from protocols.machine import Machine, MotionLimits
 from protocols.procedure import load_procedure
@@ -40,6 +44,7 @@ from tests.conftest import ROOT
 from tests.controller import running
 from tests.controller.machine import L
 from tests.controller.machine import Machine as Machines
+from tests.drivers.motion.bench import BUSY, Face, comes_true
 
 PORT, TOLD_PORT = 5007, 5999
 NOMINAL = Machines()
@@ -68,8 +73,16 @@ shift 2
 """The controller begins again when it is killed; all ends with the program, the first one here."""
 
 
-def commanded(folder: Path, *words: str, timeout_s: float = 110.0) -> dict[str, object]:
-    """What this module tells, run as a program with these words beside LinuxCNC."""
+INCH = {"MIN_LIMIT": -20, "MAX_LIMIT": 20, "HOME": 0.0, "HOME_OFFSET": 0.0}
+
+
+def commanded(
+    folder: Path, *words: str, timeout_s: float = 110.0, in_inches: bool = False
+) -> dict[str, object]:
+    """What this module tells, run as a program with these words beside LinuxCNC.
+
+    With ``in_inches`` it is a machine whose joints are X, Y and Z.
+    """
     running.need_linuxcnc()
     config = folder / "config"
     for place in (config, folder / "tmp"):
@@ -82,9 +95,16 @@ def commanded(folder: Path, *words: str, timeout_s: float = 110.0) -> dict[str, 
     hal = running.CORE.replace(chain, "") + "".join(running.WIRED.format(k=k) for k in range(3))
     hal += "loadusr -W ./teller.py\nnet estop teller.chain iocontrol.0.emc-enable-in\n"
     for k in range(3):
-        entries = {**running.JOINT, **HERE, **BORNE}
+        entries = {**running.JOINT, **HERE, **BORNE, **(INCH if in_inches else {})}
         ini += f"[JOINT_{k}]\n" + "".join(f"{key} = {value}\n" for key, value in entries.items())
-    texts = {"machine.ini": ini, "core.hal": hal, "calib.hal": pins(Model()), "sim.tbl": ""}
+    kinematics = pins(Model())
+    if in_inches:
+        ini = ini.replace("LINEAR_UNITS = mm", "LINEAR_UNITS = inch")
+        ini = ini.replace("orthoglidekins", "trivkins coordinates=XYZ")
+        limits = "MIN_LIMIT = -20\nMAX_LIMIT = 20\n"
+        ini = re.sub(r"(\[AXIS_.\]\n)", rf"\1{limits}", ini)
+        kinematics = ""
+    texts = {"machine.ini": ini, "core.hal": hal, "calib.hal": kinematics, "sim.tbl": ""}
     for name, text in texts.items():
         (config / name).write_text(text)
     teller = config / "teller.py"
@@ -246,6 +266,16 @@ class FollowedAxes(SimulatedAxes):
         return x, y, z
 
     @property
+    def joints(self) -> Triple:
+        """Places of the joints, in the controller's unit."""
+        return self._joints
+
+    @property
+    def changed_s(self) -> float:
+        """When a joint was last seen to move."""
+        return self._changed
+
+    @property
     def moving(self) -> bool:
         return time.monotonic() - self._changed < 0.05
 
@@ -261,11 +291,11 @@ class Running:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         reached().close()
-        self._followed = FollowedAxes()
-        self._followed.switch_on()
+        self.followed = FollowedAxes()
+        self.followed.switch_on()
         self._cable = Cable()
         self.told = f"linuxcnc:127.0.0.1:{self._cable.server_address[1]}"
-        self.axes: SimulatedAxes = self._followed
+        self.axes: SimulatedAxes = self.followed
         self.moves: list[str] = []
         self.late_s = 0.0
         self._others: list[Client] = []
@@ -279,9 +309,9 @@ class Running:
             case MotionTrouble.HANG_UP:
                 self._cable.cut()
             case MotionTrouble.ESTOP:
-                self._followed.tell("estop")
+                self.followed.tell("estop")
             case MotionTrouble.FOLLOWING:
-                self._followed.tell("stuck")
+                self.followed.tell("stuck")
             case _:
                 assert trouble is MotionTrouble.DIED
                 os.kill(int((self._folder / "pid").read_text()), signal.SIGKILL)
@@ -295,11 +325,11 @@ class Running:
         if befell is MotionTrouble.DIED:
             reached().close()
         off = befell in (MotionTrouble.ESTOP, MotionTrouble.FOLLOWING, MotionTrouble.DIED)
-        if off or not self._followed.ready:
-            self._followed.switch_on()
+        if off or not self.followed.ready:
+            self.followed.switch_on()
 
     def close(self) -> None:
-        self._followed.close()
+        self.followed.close()
         self._cable.close()
         for other in self._others:
             other.close()
@@ -352,20 +382,24 @@ def disturbed(folder: Path, seed: int, draws: int, kinds: Sequence[str] = ()) ->
     return {"wrong": left, "stops_s": stops, "met": met}
 
 
-def killed(folder: Path) -> dict[str, object]:
-    """The program is killed on the way: how far the machine still went."""
+def ended(folder: Path) -> dict[str, object]:
+    """The program is killed, then suspended, on the way: how long and far the machine went on."""
+    told: dict[str, object] = {}
     real = Running(folder)
-    dying = subprocess.Popen([sys.executable, "-c", DIES, real.told])
-    while real.axes.at_mm[0] < 2.0:
-        time.sleep(0.01)
-    dying.kill()
-    began, at_mm = time.monotonic(), real.axes.at_mm[0]
-    dying.wait()
-    while real.axes.moving and time.monotonic() - began < PATIENCE_S:
-        time.sleep(0.005)
-    stopped_s, there_mm = time.monotonic() - began, real.axes.at_mm[0]
+    for end in (signal.SIGKILL, signal.SIGSTOP):
+        at_mm = real.axes.at_mm[0]
+        program = subprocess.Popen([sys.executable, "-c", DIES, real.told, f"{at_mm + 60.0}"])
+        while real.axes.at_mm[0] < at_mm + 5.0:
+            time.sleep(0.002)
+        began_s, from_mm = time.monotonic(), real.axes.at_mm[0]
+        program.send_signal(end)
+        time.sleep(2.0)
+        went_mm, went_s = real.axes.at_mm[0] - from_mm, real.followed.changed_s - began_s
+        told[end.name] = {"went_s": went_s, "went_mm": went_mm, "moving": real.axes.moving}
+        program.kill()
+        program.wait()
     real.close()
-    return {"at_mm": at_mm, "there_mm": there_mm, "stopped_s": stopped_s}
+    return told
 
 
 DIES = """
@@ -373,16 +407,151 @@ import sys, time
 from drivers.motion import controller_of
 from drivers.motion.controller import Limits
 from drivers.motion.line import MotionLine
-limits = Limits((-100.0,) * 3, (60.0,) * 3, 120.0, 6000.0, coordinates="tool")
+limits = Limits((-100.0,) * 3, (160.0,) * 3, 120.0, 6000.0, coordinates="tool")
 line = MotionLine(controller_of(sys.argv[1], limits))
 line.start()
 while not line.consent():
     time.sleep(0.05)
-line.go([(50.0, 0.0, 0.0)], 300.0)
+line.go([(float(sys.argv[2]), 0.0, 0.0)], 1200.0)
 while True:
     line.alive()
     time.sleep(0.02)
 """
+
+MEDDLERS = {
+    "manual": ("manual", ""),
+    "auto": ("auto", ""),
+    "unhome": ("unhome", "on"),
+    "override": ("override 0.5", "override 1.0"),
+    "offset": ("mdi G92 X5", "mdi G92.1"),
+    "jog": ("jog 10", ""),
+    "move": ("mdi G21 G90 G53 G1 F600 X-20", ""),
+    "hold": ("hold 1", "hold 0"),
+}
+"""What others do beside the program, and what its operator does about it."""
+
+SOON_S = 3.0
+MODES_LEFT = ("G20", "G7", "G91", "G20 G7 G91")
+
+
+class Meddled:
+    """A line beside which others do things, in one LinuxCNC."""
+
+    def __init__(self, folder: Path) -> None:
+        self._real = Running(folder)
+        limits = Limits((-100.0,) * 3, (60.0,) * 3, 120.0, 6000.0, coordinates="tool")
+        self._line = MotionLine(controller_of(self._real.told, limits), BUSY)
+        self._line.start()
+        self._face = Face(self._line)
+
+    def close(self) -> None:
+        self._line.close()
+        self._face.hang()
+        self._real.close()
+
+    def go(self, place_mm: Triple, feed: float = 6000.0) -> float:
+        """With a consent of its own; how long it took."""
+        assert comes_true(self._line.consent)
+        began_s = time.monotonic()
+        self._line.go([place_mm], feed).result(PATIENCE_S)
+        took_s = time.monotonic() - began_s
+        self._line.release()
+        return took_s
+
+    def sent(self) -> None:
+        assert comes_true(self._line.consent)
+        self._line.go([(40.0, 0.0, 0.0)], 1200.0)
+
+    def at_rest(self, name: str) -> dict[str, object]:
+        wish, mending = MEDDLERS[name]
+        began_s = time.monotonic()
+        self._real.followed.tell(wish)
+        if name == "hold":  # it changes nothing that can be read at rest
+            time.sleep(0.1)
+            self.sent()
+        return self._noticed(began_s, mending)
+
+    def on_the_way(self, name: str) -> dict[str, object]:
+        wish, mending = MEDDLERS[name]
+        self.sent()
+        assert comes_true(lambda: self._real.axes.at_mm[0] > 3.0)
+        began_s = time.monotonic()
+        self._real.followed.tell(wish)
+        return self._noticed(began_s, mending)
+
+    def with_modes(self, words: str) -> dict[str, object]:
+        """Left behind by another client."""
+        self._real.followed.tell(f"mdi {words}")
+        time.sleep(0.3)
+        took_s = self.go((10.0, 0.0, 0.0), 600.0)
+        at_mm = self._real.axes.at_mm[0]
+        self.go((0.0, 0.0, 0.0))
+        return {"took_s": took_s, "at_mm": at_mm}
+
+    def _noticed(self, began_s: float, mending: str) -> dict[str, object]:
+        line, real = self._line, self._real
+        comes_true(lambda: line.state in (State.HELD, State.FAULT), SOON_S)
+        found: dict[str, object] = {"seen_s": time.monotonic() - began_s}
+        found |= {"state": line.state, "why": line.why}
+        time.sleep(0.3)
+        found |= {"went_s": real.followed.changed_s - began_s, "moving": real.axes.moving}
+        found |= {"at_mm": real.axes.at_mm[0]}
+        # what another client sent ends; on a busy computer nobody tells of it for a moment
+        assert comes_true(lambda: time.monotonic() - real.followed.changed_s > 0.5)
+        if mending == "on":
+            real.followed.switch_on()
+        elif mending:
+            real.followed.tell(mending)
+        time.sleep(0.3)
+        if line.state not in (State.READY, State.STOPPED):
+            line.answered().result(PATIENCE_S)
+        found |= {"after_mm": real.axes.at_mm[0]}
+        self.go((-5.0, 0.0, 0.0))
+        self.go((0.0, 0.0, 0.0))
+        return found
+
+
+def meddled(folder: Path) -> dict[str, object]:
+    """Each of `MEDDLERS`: when the machine rests, and what is then said."""
+    told: dict[str, object] = {}
+    meddling = Meddled(folder)
+    try:
+        meddling.go((0.0, 0.0, 0.0))
+        for name in MEDDLERS:
+            told[f"{name} at rest"] = meddling.at_rest(name)
+            if name != "move":  # it waits for the end of ours
+                told[f"{name} on the way"] = meddling.on_the_way(name)
+        for words in MODES_LEFT:
+            told[words] = meddling.with_modes(words)
+    finally:
+        meddling.close()
+    return told
+
+
+def inch(folder: Path) -> dict[str, object]:
+    """A machine of three joints in inches: how far and how long it goes when it is sent 10 mm."""
+    real = Running(folder)
+    told: dict[str, object] = {}
+    for name, low_mm in (("beyond", -600.0), ("within", -100.0)):
+        limits = Limits((low_mm,) * 3, (100.0,) * 3, 120.0, 6000.0, coordinates="joint")
+        line = MotionLine(controller_of(real.told, limits), BUSY)
+        line.start()
+        face = Face(line)
+        before = real.followed.joints
+        line.consent()
+        began_s = time.monotonic()
+        way = line.go([(10.0, -4.0, 0.0)], 600.0)
+        problem = way.exception(PATIENCE_S)
+        told[name] = {
+            "took_s": time.monotonic() - began_s,
+            "problem": str(problem or ""),
+            "went": [b - a for a, b in zip(before, real.followed.joints, strict=True)],
+            "read_mm": None if problem else way.result(),
+        }
+        line.close()
+        face.hang()
+    real.close()
+    return told
 
 
 def main() -> None:
@@ -396,7 +565,7 @@ def main() -> None:
         made = Path(folder), int(rest[0]), int(rest[1]), float(rest[2])
         told = killed_and_continued(*made, lambda _: Running(Path(folder)))
     else:
-        told = killed(Path(folder))
+        told = {"ended": ended, "meddled": meddled, "inch": inch}[what](Path(folder))
     print(json.dumps(told))
 
 
@@ -404,7 +573,7 @@ def figures() -> None:
     """Those of docs/benchmarks.md: two stations at 50 mm/s, with the procedure's own rest."""
     faults = [("disturbed", str(seed), "99") for seed in range(5, 12)]
     continued = [("continued", str(seed), "7", "3000") for seed in (2, 3)]
-    for words in (("session", "two-station", "3000", "1.0"), ("killed",), *continued, *faults):
+    for words in (("session", "two-station", "3000", "1.0"), ("ended",), *continued, *faults):
         print(words, commanded(Path(mkdtemp()), *words, timeout_s=1000.0), flush=True)
 
 

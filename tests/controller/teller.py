@@ -4,7 +4,9 @@
 Runs under the system's Python, which has LinuxCNC's modules, and knows nothing of glidecal. Never
 asks the text server anything: two clients that ask it often disturb each other, for it parses with
 ``strtok`` in threads. Told "on" it switches on and homes what is not homed, as from a screen beside
-it; "estop" opens the chain of the emergency stop; "stuck" holds the first carriage.
+it; "estop" opens the chain of the emergency stop; "stuck" holds the first carriage. What a screen
+or a panel beside the program does: "mdi LINE", "manual", "auto", "unhome", "override SHARE",
+"jog SPEED", "hold 1" or "hold 0" at the pin of a feed hold.
 """
 
 from __future__ import annotations
@@ -26,8 +28,35 @@ told = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 told.setblocking(False)
 
 
+def beside(what: str, how: str) -> None:
+    """As a screen beside the program does it."""
+    command = linuxcnc.command()
+    if what == "mdi":
+        command.mode(linuxcnc.MODE_MDI)
+        command.wait_complete(1.0)
+        command.mdi(how)
+    elif what == "override":
+        command.feedrate(float(how))
+    elif what == "hold":
+        hal.set_p("motion.feed-hold", how)
+    else:
+        command.mode(linuxcnc.MODE_AUTO if what == "auto" else linuxcnc.MODE_MANUAL)
+        command.wait_complete(1.0)
+        if what == "unhome":
+            command.teleop_enable(0)
+            command.wait_complete(1.0)
+            command.unhome(1)
+        elif what == "jog":
+            command.teleop_enable(1)
+            command.wait_complete(1.0)
+            command.jog(linuxcnc.JOG_INCREMENT, 0, 0, float(how), 3.0)
+
+
 def do(wish: bytes) -> None:
-    if wish == b"estop":
+    what, _, how = wish.decode().partition(" ")
+    if what in ("mdi", "manual", "auto", "unhome", "override", "jog", "hold"):
+        beside(what, how)
+    elif wish == b"estop":
         component["chain"] = False
     elif wish == b"stuck":
         hal.set_p("rigjoint.0.stuck", "1")

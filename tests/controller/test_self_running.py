@@ -11,13 +11,16 @@ from pathlib import Path
 import pytest
 
 from calib.tripod.simulation import hidden_machine
+from drivers.motion.line import STALL_S
 from drivers.motion.twins import MotionTrouble
 from protocols.machine import load_machine
 from protocols.record import read_record
 from tests.app.measuring.moving_machine import taken
 from tests.conftest import ROOT
 from tests.controller.running import need_linuxcnc
-from tests.controller.self_running import commanded
+from tests.controller.self_running import MEDDLERS, MODES_LEFT, commanded
+
+STOP_S = 0.5
 
 
 @pytest.mark.parametrize(
@@ -36,9 +39,75 @@ def test_whatever_befalls_the_controller_no_reading_is_wrong_and_it_goes_on(
     assert told["met"] == len(kinds)
 
 
-def test_a_killed_program_leaves_it_at_rest(tmp_path: Path) -> None:
-    told = commanded(tmp_path, "killed")
-    assert 2.0 <= float(str(told["there_mm"])) < 49.0  # of ten seconds
+def test_a_killed_or_suspended_program_leaves_it_at_rest(tmp_path: Path) -> None:
+    told = commanded(tmp_path, "ended")
+    assert set(told) == {"SIGKILL", "SIGSTOP"}
+    for name in told:
+        ended = part(told, name)
+        assert not ended["moving"]
+        assert number(ended["went_s"]) < STOP_S
+        assert number(ended["went_mm"]) < 20.0 * STOP_S
+
+
+def part(told: dict[str, object], name: str) -> dict[str, object]:
+    found = told[name]
+    assert isinstance(found, dict)
+    return found
+
+
+def number(value: object) -> float:
+    assert isinstance(value, float)
+    return value
+
+
+@pytest.fixture(scope="module")
+def meddled(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
+    """One LinuxCNC for all that others do beside the program."""
+    return commanded(tmp_path_factory.mktemp("meddled"), "meddled")
+
+
+def soon_s(name: str) -> float:
+    """A hold tells nothing of itself: it is seen by a move that makes no way."""
+    return STOP_S + (STALL_S if name == "hold" else 0.0)
+
+
+@pytest.mark.parametrize("name", MEDDLERS)
+def test_what_others_do_at_rest_is_noticed(name: str, meddled: dict[str, object]) -> None:
+    told = part(meddled, f"{name} at rest")
+    assert told["state"] in ("held", "fault"), told
+    assert number(told["seen_s"]) < soon_s(name), told
+
+
+@pytest.mark.parametrize("name", [name for name in MEDDLERS if name != "move"])
+def test_what_others_do_on_the_way_stops_it(name: str, meddled: dict[str, object]) -> None:
+    told = part(meddled, f"{name} on the way")
+    assert told["state"] in ("held", "fault"), told
+    assert number(told["seen_s"]) < soon_s(name), told
+    assert number(told["went_s"]) < STOP_S, told
+    assert not told["moving"]
+    assert 3.0 < number(told["at_mm"]) < 3.0 + 30.0 * STOP_S
+    if name != "unhome":  # which is homed where it stands
+        assert told["after_mm"] == pytest.approx(told["at_mm"], abs=0.01)
+
+
+@pytest.mark.parametrize("words", MODES_LEFT)
+def test_modes_that_others_left_change_neither_feed_nor_way(
+    words: str, meddled: dict[str, object]
+) -> None:
+    told = part(meddled, words)
+    assert number(told["took_s"]) > 0.95  # 10 mm at 10 mm/s
+    assert number(told["at_mm"]) == pytest.approx(10.0, abs=0.001)
+
+
+def test_an_inch_machine_goes_as_far_and_as_fast_as_it_is_sent(tmp_path: Path) -> None:
+    told = commanded(tmp_path, "inch", in_inches=True)
+    within = part(told, "within")
+    assert within["went"] == pytest.approx([10.0 / 25.4, -4.0 / 25.4, 0.0], abs=1e-6)
+    assert within["read_mm"] == pytest.approx([10.0, -4.0, 0.0], abs=1e-3)
+    assert number(within["took_s"]) > 1.0
+    beyond = part(told, "beyond")
+    assert "[JOINT_0] from -508 to 508 mm" in str(beyond["problem"])
+    assert beyond["went"] == [0.0, 0.0, 0.0]
 
 
 def test_a_session_is_killed_and_continued_to_its_end(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from drivers.motion.controller import Triple
 from drivers.motion.twins import MotionTrouble, SimulatedAxes
 from protocols.machine import Machine as MachineFile
 from protocols.machine import MotionLimits
-from tests.controller.machine import L, Machine
+from tests.controller.machine import L
 from tests.firmware.sources import compiled
 
 PULSES_A_MM = 160
@@ -58,6 +58,7 @@ OWN_SETTINGS: Mapping[str, Mapping[str, int]] = MappingProxyType(
 )
 """A grblHAL is locked until it is homed, and counts from its switches, by bits of $22."""
 
+OWN_NONE: Mapping[str, int] = MappingProxyType({})
 IN_JOINTS = MachineFile(
     mdi="joint",
     motion=MotionLimits(feed_mm_min=FASTEST_MM_MIN),
@@ -76,7 +77,6 @@ RESTS_S = 0.08
 STARTED, LOCKED = "Grbl", "ALARM:11"
 """What both say when their power comes on, and one of them until it is homed."""
 
-NOMINAL = Machine()
 JOG = re.compile(rb"\$J=[^\n]*")
 
 
@@ -121,9 +121,8 @@ class CountedAxes(SimulatedAxes):
 
     @property
     def at_mm(self) -> Triple:
-        """Where the tool of an Orthoglide without errors is."""
-        x, y, z = NOMINAL.tool(self.joints_mm).tolist()
-        return x, y, z
+        """Where the carriages are: what this board counts in."""
+        return self.joints_mm
 
     @property
     def moving(self) -> bool:
@@ -137,16 +136,25 @@ class CountedAxes(SimulatedAxes):
 class Board:
     """In the place of a twin: a board with firmware, homed by its operator."""
 
-    def __init__(self, firmware: str, *, homed: bool = True) -> None:
+    def __init__(
+        self,
+        firmware: str,
+        *,
+        homed: bool = True,
+        unlocked: bool = False,
+        settings: Mapping[str, int] = OWN_NONE,
+    ) -> None:
         folder = Path(mkdtemp(prefix="glidecal-run-"))
-        (folder / "EEPROM.DAT").write_bytes(_configured(firmware))
+        own = {**OWN_SETTINGS[firmware], **settings}
+        (folder / "EEPROM.DAT").write_bytes(_configured(firmware, tuple(own.items())))
         self._simulator = Simulator(firmware, folder)
         self.moves: list[str] = []
+        self.late_s = 0.0
         self.carriages = CountedAxes(self._simulator.memory)
         self.axes: SimulatedAxes = self.carriages
-        if homed:
+        if homed or unlocked:
             try:
-                self._home()
+                self._home() if homed else self._simulator.done("$X")
             except AssertionError:
                 self._simulator.close()
                 self.carriages.close()
@@ -188,6 +196,10 @@ class Board:
     def press(self, keys: int) -> None:
         """Keys of the panel that are held from now on."""
         self._simulator.press(keys)
+
+    def from_elsewhere(self, words: bytes) -> None:
+        """Sent by another program through another way into the board; all hear its answers."""
+        self._simulator.send(words)
 
     def befall(self, trouble: MotionTrouble) -> None:
         raise NotImplementedError(f"{trouble}: done at a board by its panel")
@@ -278,11 +290,11 @@ class Simulator:
 
 
 @cache
-def _configured(firmware: str) -> bytes:
+def _configured(firmware: str, own: tuple[tuple[str, int], ...]) -> bytes:
     """What a board keeps without power once its settings were written."""
     folder = Path(mkdtemp(prefix="glidecal-run-"))
     simulator = Simulator(firmware, folder)
-    for number, value in {**SETTINGS, **OWN_SETTINGS[firmware]}.items():
+    for number, value in {**SETTINGS, **dict(own)}.items():
         simulator.done(f"${number}={value}")
     simulator.close()
     return (folder / "EEPROM.DAT").read_bytes()

@@ -3,28 +3,32 @@
 from __future__ import annotations
 
 import math
+import signal
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from app.measuring.moving import check_motion
 from app.measuring.unattended import measure_all
 from drivers.motion import controller_of
-from drivers.motion.controller import Controller, ControllerFault, Limits, MotionFault, Triple
+from drivers.motion.controller import ControllerFault, Limits, MotionFault, Triple
+from drivers.motion.line import STRICT, MotionLine, Patience
+from drivers.motion.states import State
 from protocols.record import read_record
 from protocols.session import Reading
 from tests.app.measuring.moving_machine import SHORT, Bench, moving_session, taken
 from tests.conftest import ROOT
+from tests.drivers.motion.bench import BUSY, Face, comes_true
 from tests.firmware.rig import (
     AT_POWER_ON_MM,
     HOLD,
     IN_JOINTS,
+    OWN_NONE,
     PULSES_A_MM,
     RESET,
     TRAVEL_MM,
@@ -36,168 +40,348 @@ from tests.firmware.sources import FOLDER, SOURCES, folder_of_sources, need_firm
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
-every = pytest.mark.parametrize(
-    "firmware",
-    [
-        "grbl",
-        pytest.param(
-            "grblHAL",
-            marks=pytest.mark.xfail(
-                raises=ControllerFault,
-                reason="the driver takes $22=1 only, and $22 is a mask in grblHAL",
-                strict=True,
-            ),
-        ),
-    ],
-)
-WIDE = Limits((-50.0,) * 3, (450.0,) * 3, longest_mm=300.0, fastest_mm_min=60_000.0)
-"""Beyond what the board allows."""
+every = pytest.mark.parametrize("firmware", SOURCES)
+WHOLE = Limits((0.0,) * 3, (TRAVEL_MM,) * 3, longest_mm=300.0, fastest_mm_min=60_000.0)
+"""All that the board allows."""
 
+FAR = (370.25, *AT_POWER_ON_MM[1:])
 FEED = 3000.0
-PATIENCE_S = 2.0
+PATIENCE_S = 20.0
 STOP_S = 0.5
+SEES_S = 0.1
+"""A busy computer runs a thread that sees a stop later than it was; the ways are of seconds."""
+
 PULSE_MM = 1.0 / PULSES_A_MM
 READ_MM = 2.0 * PULSE_MM
 """A reading follows a carriage that stands at a whole pulse, and so does its zero."""
 
 
+class Rig:
+    """A line that is started, the board behind it, and what stands for the screens."""
+
+    def __init__(self, line: MotionLine, board: Board) -> None:
+        self.line, self.board = line, board
+
+    @property
+    def joints_mm(self) -> Triple:
+        return self.board.carriages.joints_mm
+
+    def go(self, to_mm: Triple, feed: float = FEED) -> Triple:
+        """With a consent of its own, to the end."""
+        assert self.line.consent()
+        there = self.line.go([to_mm], feed).result(PATIENCE_S)
+        self.line.release()
+        return there
+
+    def on_the_way(self, feed: float = FEED) -> None:
+        """A move of 57 mm is under way when this returns."""
+        assert self.line.consent()
+        self.line.go([FAR], feed)
+        departed(self.board)
+
+    def comes(self, *states: State) -> None:
+        assert comes_true(lambda: self.line.state in states), (self.line.state, self.line.why)
+
+    def rests_since(self, began_s: float) -> None:
+        """At rest soon after that moment, on its way and not at its end."""
+        time.sleep(STOP_S)
+        assert self.board.carriages.changed_s - began_s < STOP_S
+        assert self.joints_mm[0] < 350.0
+        assert not self.board.carriages.moving
+
+
 @contextmanager
-def beside(
-    firmware: str, *, homed: bool = True, ready: bool = True
-) -> Iterator[tuple[Controller, Board]]:
+def rig(
+    firmware: str,
+    *,
+    homed: bool = True,
+    unlocked: bool = False,
+    confirmed: bool = True,
+    patience: Patience = BUSY,
+    settings: Mapping[str, int] = OWN_NONE,
+) -> Iterator[Rig]:
     need_firmware(firmware)
-    with closing(Board(firmware, homed=homed)) as board:
-        controller = controller_of(board.told, WIDE)
-        controller.answer_s = PATIENCE_S
-        with closing(controller):
-            controller.connect()
-            if ready:
-                controller.ready()
-            yield controller, board
+    with closing(Board(firmware, homed=homed, unlocked=unlocked, settings=settings)) as board:
+        controller = controller_of(board.told, WHOLE)
+        controller.answer_s = 2.0
+        line = MotionLine(controller, patience)
+        line.start()
+        line.homing_confirmed = confirmed
+        face = Face(line)
+        try:
+            yield Rig(line, board)
+        finally:
+            line.close()
+            face.hang()
 
 
 def off_mm(carriages: CountedAxes, place_mm: Triple) -> float:
     return max(abs(a - b) for a, b in zip(carriages.joints_mm, place_mm, strict=True))
 
 
-def on_the_way(board: Board, from_mm: Triple, gone_mm: float) -> None:
-    end = time.monotonic() + PATIENCE_S
-    while math.dist(board.carriages.joints_mm, from_mm) < gone_mm:
-        assert time.monotonic() < end, "it does not depart"
-        time.sleep(0.002)
+def departed(board: Board, gone_mm: float = 5.0) -> None:
+    def gone() -> bool:
+        return math.dist(board.carriages.joints_mm, AT_POWER_ON_MM) > gone_mm
 
-
-class Move(threading.Thread):
-    """A move in the thread that owns the controller, and what became of it."""
-
-    def __init__(self, controller: Controller, to_mm: Triple, feed_mm_min: float) -> None:
-        super().__init__(daemon=True)
-        self._go: Callable[[], Triple] = lambda: controller.move_to(to_mm, feed_mm_min)
-        self.problem: ControllerFault | None = None
-        self.start()
-
-    def run(self) -> None:
-        try:
-            self._go()
-        except ControllerFault as problem:
-            self.problem = problem
-
-    def fault(self) -> ControllerFault:
-        self.join(10.0)
-        assert not self.is_alive()
-        assert self.problem is not None
-        return self.problem
+    assert comes_true(gone, 30.0), "it does not depart"
 
 
 @every
-def test_goes_where_it_is_told(firmware: str) -> None:
-    with beside(firmware) as (controller, board):
-        assert off_mm(board.carriages, AT_POWER_ON_MM) < PULSE_MM
+def test_goes_where_it_is_sent(firmware: str) -> None:
+    with rig(firmware) as r:
+        assert off_mm(r.board.carriages, AT_POWER_ON_MM) < PULSE_MM
         for place in ((300.0, 320.0, 310.0), (310.25, 310.25, 310.25), (311.0, 210.25, 370.25)):
-            read_back = controller.move_to(place, 2.0 * FEED)
-            assert read_back == pytest.approx(place, abs=PULSE_MM)
-            assert off_mm(board.carriages, place) < PULSE_MM
+            assert r.go(place, 2.0 * FEED) == pytest.approx(place, abs=PULSE_MM)
+            assert off_mm(r.board.carriages, place) < PULSE_MM
+
+
+@every
+def test_a_board_that_reports_inches_goes_as_far(firmware: str) -> None:
+    with rig(firmware, settings={"13": 1}) as r:
+        place = (300.0, 320.0, 310.0)
+        assert r.go(place, 2.0 * FEED) == pytest.approx(place, abs=PULSE_MM)
+        assert off_mm(r.board.carriages, place) < PULSE_MM
 
 
 @every
 def test_stands_still_within_half_a_second_of_a_stop(firmware: str) -> None:
-    with beside(firmware) as (controller, board):
-        move = Move(controller, (370.25, *AT_POWER_ON_MM[1:]), FEED)
-        on_the_way(board, AT_POWER_ON_MM, 5.0)
+    with rig(firmware) as r:
+        r.on_the_way()
         stopped_s = time.monotonic()
-        controller.halt.set()
-        assert move.fault().kind is MotionFault.STOPPED
-        time.sleep(STOP_S)
-        assert board.carriages.changed_s - stopped_s < STOP_S
-        there = board.carriages.joints_mm
-        assert there[0] < 350.0  # a second of the way was left
-        assert controller.position() == pytest.approx(there, abs=PULSE_MM)
-        assert len(board.moves) == 1
+        r.line.stop("a test", by_operator=True)
+        r.comes(State.STOPPED)
+        r.rests_since(stopped_s)
+        assert r.line.place_mm == pytest.approx(r.joints_mm, abs=PULSE_MM)
+        assert len(r.board.moves) == 1
 
 
 @every
 def test_what_follows_a_stop_begins_where_it_stands(firmware: str) -> None:
-    with beside(firmware) as (controller, board):
-        move = Move(controller, (370.25, *AT_POWER_ON_MM[1:]), FEED)
-        on_the_way(board, AT_POWER_ON_MM, 5.0)
-        controller.halt.set()
-        move.fault()
-        controller.halt.clear()
-        controller.ready()
-        controller.move_to(AT_POWER_ON_MM, FEED)
-        assert off_mm(board.carriages, AT_POWER_ON_MM) < PULSE_MM
+    with rig(firmware) as r:
+        r.on_the_way()
+        r.line.stop("a test", by_operator=True)
+        r.comes(State.STOPPED)
+        r.go(AT_POWER_ON_MM)
+        assert off_mm(r.board.carriages, AT_POWER_ON_MM) < PULSE_MM
 
 
 @every
 @pytest.mark.parametrize("place", [TRAVEL_MM + 1.0, -1.0])
 def test_a_place_beyond_the_limits_of_the_board_is_refused(firmware: str, place: float) -> None:
-    with beside(firmware) as (controller, board):
-        near = TRAVEL_MM - 1.0 if place > TRAVEL_MM else 150.0
-        controller.move_to((near, 310.0, 310.0), 9000.0)
-        before = board.carriages.joints_mm
-        with pytest.raises(ControllerFault, match="soft limits") as caught:
-            controller.move_to((place, 310.0, 310.0), FEED)
-        assert caught.value.kind is MotionFault.CONTROLLER
-        assert board.carriages.joints_mm == before
-
-
-@pytest.mark.parametrize("firmware", SOURCES)
-def test_a_board_that_is_not_homed_is_refused(firmware: str) -> None:
-    with beside(firmware, homed=False, ready=False) as (controller, board):
-        with pytest.raises(ControllerFault, match="Alarm") as caught:
+    need_firmware(firmware)
+    with closing(Board(firmware)) as board:
+        controller = controller_of(board.told, WHOLE)
+        controller.answer_s = 2.0
+        with closing(controller):
+            controller.connect()
             controller.ready()
-        assert caught.value.kind is MotionFault.NOT_READY
-        assert board.carriages.joints_mm == (0.0, 0.0, 0.0)
-        assert board.moves == []
+            before = board.carriages.joints_mm
+            with pytest.raises(ControllerFault, match="soft limits") as refusal:
+                controller.begin((place, 310.0, 310.0), FEED)
+            assert refusal.value.kind is MotionFault.CONTROLLER
+            assert board.carriages.joints_mm == before
+
+
+@every
+def test_a_board_of_a_smaller_machine_is_refused(firmware: str) -> None:
+    need_firmware(firmware)
+    with closing(Board(firmware)) as board:
+        wide = replace(WHOLE, high_mm=(TRAVEL_MM + 50.0,) * 3)
+        line = MotionLine(controller_of(board.told, wide))
+        with pytest.raises(ControllerFault, match=r"\$130=400") as refusal:
+            line.start()
+        assert refusal.value.kind is MotionFault.STRANGER
+        line.close()
+
+
+@every
+def test_a_board_that_is_locked_is_homed_with_the_operators_consent_only(firmware: str) -> None:
+    with rig(firmware, homed=False, confirmed=False) as r:
+        assert r.line.state is State.FAULT
+        assert "Alarm" in r.line.why
+        assert r.line.can_home
+        assert not r.line.consent()
+        assert r.joints_mm == (0.0, 0.0, 0.0)
+        assert r.line.consent(to_home=True)
+        r.line.home().result(60.0)
+        r.line.release()
+        assert not r.line.needs_homing_confirmed
+        r.board.carriages.homed()
+        place = (60.0, 50.0, 40.0)
+        assert r.go(place) == pytest.approx(place, abs=PULSE_MM)
+        assert off_mm(r.board.carriages, place) < PULSE_MM
+
+
+@every
+def test_a_homing_that_is_stopped_ends_within_half_a_second_and_homes_nothing(
+    firmware: str,
+) -> None:
+    with rig(firmware, homed=False) as r:  # it was homed before, says its operator
+        assert r.line.consent(to_home=True)
+        homing = r.line.home()
+        assert comes_true(lambda: r.joints_mm[0] < -2.0)
+        stopped_s = time.monotonic()
+        r.line.stop("a test", by_operator=True)
+        assert isinstance(homing.exception(PATIENCE_S), ControllerFault)
+        r.comes(State.FAULT)
+        time.sleep(STOP_S)
+        assert r.board.carriages.changed_s - stopped_s < STOP_S
+        assert r.joints_mm[0] > -15.0  # the switches are at -20
+        assert not r.line.homing_confirmed
+        assert not r.line.consent()
+        assert r.line.answered().exception(PATIENCE_S)
+        assert r.line.can_home
+
+
+def test_a_board_that_was_unlocked_waits_for_the_operators_word() -> None:
+    """A grbl 1.1 does not tell a board that was never homed from one that was."""
+    with rig("grbl", homed=False, unlocked=True, confirmed=False) as r:
+        assert r.line.state is State.READY
+        assert r.line.needs_homing_confirmed
+        assert not r.line.consent()
+        assert r.board.moves == []
+
+
+def test_a_board_that_was_never_homed_and_reports_so_is_refused() -> None:
+    """grblHAL, which is not locked at its start with $22=1."""
+    need_firmware("grblHAL")
+    with closing(Board("grblHAL", homed=False, settings={"22": 1})) as board:
+        line = MotionLine(controller_of(board.told, WHOLE))
+        with pytest.raises(ControllerFault, match="H:0") as refusal:
+            line.start()
+        assert refusal.value.kind is MotionFault.NOT_READY
+        line.close()
 
 
 @every
 def test_the_reset_key_of_the_panel_is_a_fault(firmware: str) -> None:
-    with beside(firmware) as (controller, board):
-        move = Move(controller, (370.25, *AT_POWER_ON_MM[1:]), FEED)
-        on_the_way(board, AT_POWER_ON_MM, 5.0)
+    with rig(firmware) as r:
+        r.on_the_way()
         pressed_s = time.monotonic()
-        board.press(RESET)
-        assert move.fault().kind is MotionFault.CONTROLLER
-        time.sleep(STOP_S)
-        assert board.carriages.changed_s - pressed_s < STOP_S
-        board.press(0)
-        with pytest.raises(ControllerFault, match="Alarm"):
-            controller.ready()
+        r.board.press(RESET)
+        r.comes(State.FAULT)
+        r.rests_since(pressed_s)
+        r.board.press(0)
+        assert isinstance(r.line.answered().exception(PATIENCE_S), ControllerFault)
+        assert not r.line.consent()
+        assert not r.line.homing_confirmed
 
 
 @every
-def test_the_hold_key_of_the_panel_at_rest_is_noticed_before_a_move(firmware: str) -> None:
-    """A line that is sent in a hold has no answer, and moves the machine when the hold ends."""
-    with beside(firmware) as (controller, board):
-        board.press(HOLD)
-        time.sleep(0.2)
-        with pytest.raises(ControllerFault, match="Hold"):
-            controller.ready()
-        assert board.moves == []
+def test_a_reset_at_rest_is_noticed(firmware: str) -> None:
+    with rig(firmware) as r:
+        r.board.from_elsewhere(b"\x18")
+        r.comes(State.FAULT)
+        assert "started anew" in r.line.why
+        assert not r.line.homing_confirmed
+        assert r.board.moves == []
 
 
-DIES = """
+@every
+def test_the_hold_key_of_the_panel_at_rest_is_noticed(firmware: str) -> None:
+    with rig(firmware) as r:
+        r.board.press(HOLD)
+        r.comes(State.HELD, State.FAULT)
+        assert "Hold" in r.line.why
+        assert not r.line.consent()
+        assert r.board.moves == []
+
+
+def test_the_hold_key_of_the_panel_on_the_way_stops_grbl() -> None:
+    """A grblHAL drops it in a jog."""
+    with rig("grbl") as r:
+        r.on_the_way()
+        pressed_s = time.monotonic()
+        r.board.press(HOLD)
+        r.comes(State.HELD, State.FAULT)
+        r.rests_since(pressed_s)
+
+
+@every
+def test_a_move_that_waits_in_a_hold_never_starts(
+    firmware: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pressed between the last look and the line: that has no answer, and ``~`` would start it."""
+    with rig(firmware) as r:
+        begin = r.line.controller.begin
+
+        def late(to_mm: Triple, feed: float) -> None:
+            r.board.from_elsewhere(b"!")
+            time.sleep(0.1)
+            begin(to_mm, feed)
+
+        monkeypatch.setattr(r.line.controller, "begin", late)
+        assert r.line.consent()
+        way = r.line.go([FAR], FEED)
+        assert isinstance(way.exception(PATIENCE_S), ControllerFault)
+        r.comes(State.FAULT)
+        assert len(r.board.moves) == 1
+        r.board.from_elsewhere(b"~")
+        time.sleep(1.0)
+        assert off_mm(r.board.carriages, AT_POWER_ON_MM) < PULSE_MM
+
+
+@every
+def test_a_move_that_waits_in_a_hold_never_starts_where_the_operator_stops_at_once(
+    firmware: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with rig(firmware) as r:
+        begin = r.line.controller.begin
+
+        def late(to_mm: Triple, feed: float) -> None:
+            r.board.from_elsewhere(b"!")
+            time.sleep(0.1)
+            begin(to_mm, feed)
+
+        monkeypatch.setattr(r.line.controller, "begin", late)
+        assert r.line.consent()
+        way = r.line.go([FAR], FEED)
+        assert comes_true(lambda: len(r.board.moves) == 1)
+        r.line.stop("a test", by_operator=True)
+        assert isinstance(way.exception(PATIENCE_S), ControllerFault)
+        r.board.from_elsewhere(b"~")
+        time.sleep(1.0)
+        assert off_mm(r.board.carriages, AT_POWER_ON_MM) < PULSE_MM
+
+
+@every
+def test_an_offset_of_another_client_is_noticed_before_the_next_move(firmware: str) -> None:
+    with rig(firmware) as r:
+        r.board.from_elsewhere(b"G92X0Y0Z0\n")
+        time.sleep(0.1)
+        if r.line.consent():
+            assert isinstance(r.line.go([FAR], FEED).exception(PATIENCE_S), ControllerFault)
+        r.comes(State.HELD)
+        assert r.board.moves == []
+        assert "WCO" in r.line.why
+
+
+@every
+def test_a_jog_of_another_client_is_noticed_at_rest(firmware: str) -> None:
+    with rig(firmware) as r:
+        r.board.from_elsewhere(b"$J=G91G21X1F600\n")
+        r.comes(State.HELD)
+        assert not r.line.consent()
+
+
+@every
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGSTOP])
+def test_without_its_guard_it_rests(firmware: str, end: signal.Signals) -> None:
+    with rig(firmware, patience=STRICT) as r:
+        assert comes_true(r.line.consent)
+        r.line.go([FAR], FEED)
+        departed(r.board)
+        guard = r.line._guard
+        assert guard is not None
+        ended_s = time.monotonic()
+        guard._process.send_signal(end)
+        r.comes(State.FAULT)
+        assert "guard" in r.line.why
+        r.rests_since(ended_s)
+        guard._process.send_signal(signal.SIGKILL)
+
+
+LIVES = """
 import sys, time
 from drivers.motion import controller_of
 from drivers.motion.controller import Limits
@@ -205,28 +389,37 @@ from drivers.motion.line import MotionLine
 limits = Limits((0.0,) * 3, (400.0,) * 3, 120.0, 6000.0)
 line = MotionLine(controller_of(sys.argv[1], limits))
 line.start()
-line.go([(370.25, float(sys.argv[2]), float(sys.argv[3]))], 300.0)
-time.sleep(60.0)
+line.homing_confirmed = True
+while not line.consent():
+    time.sleep(0.05)
+line.go([tuple(map(float, sys.argv[2:]))], 3000.0)
+while True:
+    line.alive()
+    time.sleep(0.02)
 """
 
 
-def test_a_killed_program_leaves_the_machine_at_rest() -> None:
-    need_firmware("grbl")
-    with closing(Board("grbl")) as board:
-        y, z = map(str, AT_POWER_ON_MM[1:])
-        dying = subprocess.Popen([sys.executable, "-c", DIES, board.told, y, z], cwd=ROOT)
-        end = time.monotonic() + 30.0
-        while math.dist(board.carriages.joints_mm, AT_POWER_ON_MM) < 2.0:
-            assert time.monotonic() < end, "it does not depart"
-            time.sleep(0.002)
-        dying.kill()
-        killed_s = time.monotonic()
-        dying.wait()
-        time.sleep(2.0)
-        assert not board.carriages.moving
-        # the guard is a program that starts with Python's own slowness; the way was eleven seconds
-        assert board.carriages.changed_s - killed_s < 1.0
-        assert board.carriages.joints_mm[0] < AT_POWER_ON_MM[0] + 10.0
+@every
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_program_that_is_killed_or_suspended_leaves_the_machine_at_rest(
+    firmware: str, end: signal.Signals
+) -> None:
+    need_firmware(firmware)
+    with closing(Board(firmware)) as board:
+        words = [sys.executable, "-c", LIVES, board.told, *map(str, FAR)]
+        program = subprocess.Popen(words, cwd=ROOT)
+        try:
+            departed(board)
+            ended_s = time.monotonic()
+            program.send_signal(end)
+            assert comes_true(lambda: not board.carriages.moving)
+            assert board.carriages.changed_s - ended_s < STOP_S
+            time.sleep(STOP_S)
+            assert not board.carriages.moving
+            assert board.carriages.joints_mm[0] < 350.0
+        finally:
+            program.kill()
+            program.wait()
 
 
 def wrong(readings: tuple[Reading, ...], bench: Bench) -> list[str]:
@@ -242,24 +435,13 @@ def wrong(readings: tuple[Reading, ...], bench: Bench) -> list[str]:
     return left
 
 
-def ready_board(firmware: str) -> Board:
-    """One that the driver takes: what it refuses is known before indicators are asked."""
-    board = Board(firmware)
-    try:
-        check_motion(board.told, IN_JOINTS)
-    except ControllerFault:
-        board.close()
-        raise
-    return board
-
-
 @every
 def test_a_whole_session(firmware: str, tmp_path: Path) -> None:
     need_firmware(firmware)
     path = tmp_path / "a.jsonl"
-    with moving_session(path, IN_JOINTS, SHORT, lambda _: ready_board(firmware)) as real:
+    with moving_session(path, IN_JOINTS, SHORT, lambda _: Board(firmware)) as real:
         guided, bench, _ = real
-        measure_all(guided, bench.set_up, lambda _: None)
+        measure_all(guided, bench.agree, lambda _: None)
         readings = taken(path)
         assert wrong(readings, bench) == []
     assert read_record(path).end == "closed"

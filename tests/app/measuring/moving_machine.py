@@ -56,6 +56,7 @@ PROMPT = replace(MITUTOYO_01A, timeout_s=0.4)
 missed only, for a busy machine lets answers wait so long, too."""
 
 STOP_S = 0.5
+QUESTION = b"[y/N]: "
 
 
 def carriages(tool: Triple) -> list[float]:
@@ -317,6 +318,21 @@ def operator_looks(guided: GuidedSession) -> None:
         time.sleep(0.05)
 
 
+class Answering(Terminal):
+    """Its operator says yes to each question as it appears: may it move, is it set up?"""
+
+    _answered = 0
+
+    def until(self, condition: Callable[[], bool]) -> None:
+        def holds() -> bool:
+            if self.shown.count(QUESTION) > self._answered:
+                self._answered += 1
+                self.press(b"y\n")
+            return condition()
+
+        super().until(holds)
+
+
 def killed_and_continued(
     folder: Path,
     seed: int,
@@ -340,20 +356,17 @@ def killed_and_continued(
         remember_proved(Plan(path, FAST, SHORT, either, motion=twin.told))
         new = ["--machine", "machine.toml", "--protocol", "short.toml", "-o", "a.jsonl"]
         for life in range(kills + 1):
-            terminal = Terminal(folder, *usual, *(new if life == 0 else ["--continue", "a.jsonl"]))
-            for question in (1, 2):  # may it move? and: is it set up?
-
-                def asked(terminal: Terminal = terminal, question: int = question) -> bool:
-                    return terminal.shown.count(b"[y/N]: ") >= question
-
-                terminal.until(asked)
-                terminal.press(b"y\n")
+            terminal = Answering(folder, *usual, *(new if life == 0 else ["--continue", "a.jsonl"]))
             if life == kills:
                 terminal.until(terminal.ended)
                 break
-            time.sleep(chance.uniform(0.0, 2.0))
-            while not bench.axes.moving:
-                time.sleep(0.002)
+            terminal.until(lambda: bench.axes.moving)
+            after_s = time.monotonic() + chance.uniform(0.0, 2.0)
+
+            def moves_later(after_s: float = after_s) -> bool:
+                return time.monotonic() > after_s and bench.axes.moving
+
+            terminal.until(moves_later)
             terminal.process.kill()
             began = time.monotonic()
             while bench.axes.moving and time.monotonic() - began < 20.0:

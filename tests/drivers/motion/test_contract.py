@@ -106,6 +106,77 @@ def test_nothing_is_sent_outside_the_limits(name: str, to: Triple, feed: float) 
         assert r.axes.at_mm == START
 
 
+STRANGERS = {
+    "four joints": ({"[KINS]JOINTS": 4.0}, r"\[KINS\]JOINTS 4"),
+    "a longer box": ({"[JOINT_1]MAX_LIMIT": 59.0}, r"\[JOINT_1\] from -1000 to 59 mm"),
+    "a deeper box": ({"[JOINT_2]MIN_LIMIT": -99.0}, r"\[JOINT_2\] from -99 to 1000 mm"),
+}
+
+
+@pytest.mark.parametrize("stranger", STRANGERS)
+@pytest.mark.parametrize("inch", [False, True], ids=["mm", "inch"])
+def test_another_machine_behind_linuxcnc_is_refused(stranger: str, inch: bool) -> None:
+    numbers, words = STRANGERS[stranger]
+
+    def other(axes: SimulatedAxes) -> MotionTwin:
+        twin = LinuxCncTwin(axes)
+        twin.ini |= numbers
+        if inch:
+            twin.befall(MotionTrouble.INCH)
+        return twin
+
+    with rig("linuxcnc", make=other) as r:
+        r.consent()
+        with pytest.raises(ControllerFault, match=words) as refusal:
+            r.line.go([(10.0, 0.0, 0.0)], FEED).result(PATIENCE_S)
+        assert refusal.value.kind is MotionFault.STRANGER
+        r.comes(State.FAULT)
+        assert not r.twin.moves
+        assert r.axes.at_mm == START
+
+
+def test_limits_that_no_one_states_or_that_another_screen_heard_bind_nothing() -> None:
+    def silent(axes: SimulatedAxes) -> MotionTwin:
+        twin = LinuxCncTwin(axes)
+        twin.ini = {}
+        return twin
+
+    for make in (silent, Overheard):
+        with rig("linuxcnc", make=make) as r:
+            assert r.go((10.0, 0.0, 0.0)) == (10.0, 0.0, 0.0)
+
+
+class Overheard(LinuxCncTwin):
+    """A screen beside the server reads each message first."""
+
+    def _mdi(self, line: str) -> None:
+        super()._mdi(line)
+        self._display.clear()
+
+
+def test_the_last_micrometres_behind_idle_are_no_offset_and_are_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """LinuxCNC tells IDLE while it creeps on: 0.007 mm between two answers, at 50 mm/s."""
+    with rig("linuxcnc") as r:
+        r.go((10.0, 0.0, 0.0))
+        monkeypatch.setattr(type(r.axes), "moving", property(lambda _: False))
+        r.axes.go((10.009, 0.0, 0.0), 6.0)  # 90 ms
+        there = r.line.controller
+        snapshots = []
+        r.line._asked(lambda: snapshots.append(there.settle()) or (0.0,) * 3).result(PATIENCE_S)  # type: ignore[func-returns-value]
+        assert snapshots[0].place_mm == (10.009, 0.0, 0.0)
+        assert snapshots[0].states["offset"] == "0.000 0.000 0.000"
+
+
+def test_diameters_of_another_client_halve_no_way() -> None:
+    with rig("linuxcnc") as r:
+        codes = r.twin._state["program_codes"]  # type: ignore[attr-defined]
+        r.twin._state["program_codes"] = codes.replace("G8", "G7")  # type: ignore[attr-defined]
+        r.go((10.0, 0.0, 0.0))
+        assert "G8" in r.twin._state["program_codes"].split()  # type: ignore[attr-defined]
+
+
 @every
 @pytest.mark.parametrize(
     "trouble", [MotionTrouble.NOT_HOMED, MotionTrouble.OFF, MotionTrouble.ESTOP]
@@ -335,6 +406,13 @@ def test_bytes_of_the_text_server() -> None:
         ("get error", b"ERROR OK\r\n"),
         ("set mdi G21 G90 G53 G1 F0 X0 Y0 Z0", b"SET MDI ACK\n\r"),
         ("get error", b"ERROR Cannot do g1 with zero feed rate\r\n"),
+        ("get operator_display", b"OPERATOR_DISPLAY OK\r\n"),
+        (
+            "set mdi (DEBUG,glidecal #<_ini[KINS]JOINTS> #<_ini[JOINT_4]MIN_LIMIT>)",
+            b"SET MDI ACK\n\r",
+        ),
+        ("get operator_display", b"OPERATOR_DISPLAY glidecal 3.000000 ######\r\n"),
+        ("get operator_display", b"OPERATOR_DISPLAY OK\r\n"),
         ("set enable off", b"SET ENABLE ACK\n\r"),
         ("get enable", b"ENABLE OFF\r\n"),
         (

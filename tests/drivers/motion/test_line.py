@@ -483,6 +483,16 @@ def test_a_place_beside_the_way_is_a_stop() -> None:
         assert not r.axes.moving
 
 
+@pytest.mark.parametrize("name", ["linuxcnc", "grbl"])
+def test_a_controller_that_is_done_too_early_is_waited_for(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with rig(name) as r:
+        monkeypatch.setattr(type(r.axes), "moving", property(lambda _: False))
+        place = (11.0, 2.0, -3.0)  # a second's way
+        assert r.go(place, feed=600.0) == pytest.approx(place, abs=0.01)
+
+
 @pytest.mark.parametrize(
     ("place", "beside"), [((5.0, 0.0, 0.0), 0.0), ((5.0, 3.0, 4.0), 5.0), ((13.0, 4.0, 0.0), 5.0)]
 )

@@ -468,6 +468,7 @@ class Meddled:
         self._real.followed.tell(wish)
         if name == "hold":  # it changes nothing that can be read at rest
             time.sleep(0.1)
+            began_s = time.monotonic()
             self.sent()
         return self._noticed(began_s, mending)
 

@@ -340,7 +340,7 @@ class Scenario:
     def _judge_moves(self) -> None:
         """Each move lies within a consent, and none follows a change that nobody answered."""
         heard = [(s, line) for s, came in self._front.heard for line in came.split(b"\n")]
-        moves = [s for s, line in heard if b"$J" in line or (b"mdi" in line and b"X" in line)]
+        moves = [s for s, line in heard if b"$J" in line or (b"mdi" in line and b" G1 " in line)]
         for at_s in moves:
             slack_s = LOOK_S + self._ticker.held_up(at_s - 1.0, at_s)
             if not any(begin <= at_s <= end + slack_s for begin, end in self._consents):

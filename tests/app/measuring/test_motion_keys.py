@@ -136,8 +136,11 @@ class Operator:
         trouble = self.chance.choice(TROUBLES)
         if trouble is MotionTrouble.MODE and self.twin._state["mode"] == "MANUAL":
             return  # it is that already
+        jogs = self.chance.random() < 0.3
+        if jogs and self.mover.state is State.MOVING:
+            return  # a move that is sent just then takes the place of the jog, and nothing is left
         self.troubles_s.append(time.monotonic())
-        if self.chance.random() < 0.3:
+        if jogs:
             x, y, z = self.twin.axes.at_mm
             self.twin.axes.go((x, y + 1.5, z), 1e5)
         else:

@@ -9,7 +9,6 @@ program still run, and the guard, a process that looks whether this one does.
 from __future__ import annotations
 
 import contextlib
-import math
 import queue
 import threading
 import time
@@ -19,17 +18,15 @@ from dataclasses import dataclass, field
 
 from drivers.motion.controller import (
     NOT_STOPPED,
-    STILL_MM,
     STOP_S,
     Controller,
     ControllerFault,
     MotionFault,
-    Snapshot,
     Triple,
-    place_words,
 )
 from drivers.motion.guard import BEAT, BEAT_S, HOMING, REST, SILENCE_S, Guard
 from drivers.motion.states import LOOKED_AT, MAY_MOVE, TRANSITIONS, Cause, State
+from drivers.motion.supervision import Supervision
 
 REST_LOOK_S = 0.2
 """A machine at rest is looked at so often: hands may be in it."""
@@ -38,18 +35,6 @@ SLICE_S = 0.02
 DEAD_S = 1.0
 """After a stop, an arrival, a fault or an answer no consent is taken: a key pressed then was meant
 for what was before."""
-
-GRACE_S = 0.5
-"""So long a move may take to begin."""
-
-STALL_S = 1.0
-"""A move that makes no way for so long is held by something."""
-
-SLOWER, SLACK_S = 2.0, 5.0
-"""A move that takes longer than its way at its feed by this is held up by something."""
-
-STRAY_MM = 1.0
-"""So far beside its straight way a machine may be while it moves: following errors are less."""
 
 CLOSE_S = 1.5
 """For a stop before the program leaves; then the guard goes on with it."""
@@ -104,6 +89,7 @@ class MotionLine:
         """The operator says that it is homed, where the controller cannot tell."""
         self.facts: tuple[str, ...] = ()
         """What the controller reported when it was last found ready."""
+        self._watched = Supervision(controller)
         self._patience = patience
         self._lock = threading.RLock()
         self._state = State.OFF
@@ -148,7 +134,7 @@ class MotionLine:
     @property
     def place_mm(self) -> Triple | None:
         """Where the machine was last seen at rest."""
-        return self._rest_mm
+        return self._watched.rest_mm
 
     @property
     def dead(self) -> bool:
@@ -176,7 +162,7 @@ class MotionLine:
             controller.connect()
             try:
                 self.facts = controller.ready()
-                self._baseline(controller.survey())
+                self._watched.baseline(controller.survey())
             except ControllerFault as problem:
                 if not controller.locked or problem.kind is not MotionFault.NOT_READY:
                     raise
@@ -316,7 +302,7 @@ class MotionLine:
             problem = self._problem
             if place_mm is None:
                 cause, self._broken = Cause.VOUCHED, True
-            elif stray := self._stray(place_mm):
+            elif self._by_operator and (stray := self._watched.strayed(place_mm)):
                 cause, self._why = Cause.RESTS_HELD, str(stray)
             elif self._by_operator:
                 cause = Cause.RESTS
@@ -324,25 +310,11 @@ class MotionLine:
                 cause = Cause.RESTS_FAULT
             else:
                 cause = Cause.RESTS_HELD
-            self._rest_mm = place_mm or self._rest_mm
-            self._way_mm = (place_mm, place_mm) if place_mm else None
+            self._watched.rests(place_mm)
             self.controller.halt.clear()
             self._change(cause)
             self._calm_s = time.monotonic()
         self.listener()
-
-    def _stray(self, place_mm: Triple) -> ControllerFault | None:
-        """What is wrong with where it rests after an operator's stop: something else moved it."""
-        if not self._by_operator or self._way_mm is None:
-            return None
-        from_mm, to_mm = self._way_mm
-        if from_mm == to_mm and not self.controller.is_at(place_mm, to_mm):
-            return self._elsewhere(place_mm, to_mm)
-        try:
-            self._check_way(place_mm, from_mm, to_mm)
-        except ControllerFault as problem:
-            return problem
-        return None
 
     # What follows runs in the thread that owns the controller.
 
@@ -430,19 +402,12 @@ class MotionLine:
         for place_mm in places_mm:
             limits.check(place_mm, feed_mm_min)
         self._wait_for_guard()
-        before = self._checked_before()
+        there_mm = self._watched.survey().place_mm
         self._begun(consent)
-        there_mm = before.place_mm
         for place_mm in places_mm:
-            there_mm = self._moved(there_mm, place_mm, feed_mm_min)
+            there_mm = self._watched.move(there_mm, place_mm, feed_mm_min)
         self._arrived(there_mm)
         return there_mm
-
-    def _checked_before(self) -> Snapshot:
-        """All that is supervised, as it was when the operator consented."""
-        before = self.controller.survey()
-        self._compare(before)
-        return before
 
     def _wait_for_guard(self) -> None:
         """Until its first beat came back: before the last look at the machine, not behind it."""
@@ -470,72 +435,18 @@ class MotionLine:
         with self._lock:
             if not self._change(Cause.ARRIVED):
                 raise self.controller.fault(MotionFault.STOPPED, "as it arrived")
-            self._rest_mm, self._way_mm = there_mm, (there_mm, there_mm)
+            self._watched.rests(there_mm)
             self._calm_s = time.monotonic()
-
-    def _moved(self, from_mm: Triple, to_mm: Triple, feed_mm_min: float) -> Triple:
-        """One straight move: begun, watched, settled, and read back where it was to be."""
-        controller = self.controller
-        controller.limits.check_way(from_mm, to_mm)
-        if controller.halt.is_set():
-            raise controller.fault(MotionFault.STOPPED, "before it moved")
-        self._states |= controller.own_states
-        self._way_mm = from_mm, to_mm
-        controller.begin(to_mm, feed_mm_min)
-        way_s = math.dist(from_mm, to_mm) / feed_mm_min * 60.0
-        self._wait_there(from_mm, to_mm, SLOWER * way_s + SLACK_S)
-        there = controller.settle()
-        self._compare_states(there)
-        if there.moving or not controller.is_at(there.place_mm, to_mm):
-            raise self._elsewhere(there.place_mm, to_mm)
-        return there.place_mm
-
-    def _wait_there(self, from_mm: Triple, to_mm: Triple, patience_s: float) -> None:
-        """Until it no longer moves and is there, or will not be."""
-        controller = self.controller
-        began_s = way_s = time.monotonic()
-        idle_s: float | None = None
-        last_mm = from_mm
-        while True:
-            if controller.halt.wait(controller.moving_look_s):
-                why = f"on the way to {place_words(to_mm)}"
-                raise controller.fault(MotionFault.STOPPED, why)
-            self._lives()
-            now_s = time.monotonic()
-            snapshot = controller.look()
-            self._compare_states(snapshot)
-            self._check_way(snapshot.place_mm, from_mm, to_mm)
-            if math.dist(snapshot.place_mm, last_mm) > STILL_MM:
-                last_mm, way_s = snapshot.place_mm, now_s
-                idle_s = None  # it may tell that it is done while it moves
-            if snapshot.moving:
-                idle_s = None
-            else:
-                idle_s = idle_s or now_s
-                there = controller.is_at(snapshot.place_mm, to_mm)
-                if there or now_s - idle_s > GRACE_S:
-                    return
-            if now_s - way_s > STALL_S or now_s - began_s > patience_s:
-                waited_s = now_s - began_s
-                value = f"no further than {place_words(last_mm)} after {waited_s:.1f} s"
-                next_step = "Look for a feed hold, or an override of 0."
-                raise controller.fault(MotionFault.LATE, value, place_words(to_mm), next_step)
-
-    def _check_way(self, place_mm: Triple, from_mm: Triple, to_mm: Triple) -> None:
-        """Raises for a place beside the straight way."""
-        if not _beside(place_mm, from_mm, to_mm) <= STRAY_MM:
-            way = f"within {STRAY_MM:g} mm of the way to {place_words(to_mm)}"
-            raise self.controller.fault(MotionFault.ELSEWHERE, place_words(place_mm), way)
 
     def _homed(self, consent: int) -> Triple:
         self._wait_for_guard()
         self._begun(consent)
-        self._way_mm = None
+        self._watched.way_mm = None
         self.controller.home()
         self.facts = self.controller.ready()
         self.homing_confirmed = True
         there = self.controller.survey()
-        self._baseline(there)
+        self._watched.baseline(there)
         self._arrived(there.place_mm)
         return there.place_mm
 
@@ -543,15 +454,11 @@ class MotionLine:
         """The position, where it is still this one; raises for what is not as it was."""
         if self._state not in LOOKED_AT:
             raise self.controller.fault(MotionFault.STOPPED, self._why or f"{self._state}")
-        snapshot = self.controller.look()
-        self._compare(snapshot)
-        if not self.controller.is_at(snapshot.place_mm, place_mm):
-            raise self._elsewhere(snapshot.place_mm, place_mm)
-        return snapshot.place_mm
+        return self._watched.at(place_mm)
 
     def _look_at_rest(self) -> None:
         if self._state in LOOKED_AT:
-            self._compare(self.controller.look())
+            self._watched.compare(self.controller.look())
         elif self._state is State.HELD:
             self.controller.look()  # a fault only: what was changed is said already
 
@@ -568,7 +475,7 @@ class MotionLine:
         there = self.controller.survey()
         if there.moving:
             raise self.controller.fault(MotionFault.ELSEWHERE, "a move that is not of this session")
-        self._baseline(there)
+        self._watched.baseline(there)
         with self._lock:
             self._change(Cause.ANSWERED)
             self._calm_s = time.monotonic()
@@ -583,31 +490,6 @@ class MotionLine:
         guard = Guard(self.controller, self._patience.silence_s)
         guard.wait()
         self._guard = guard
-
-    def _baseline(self, snapshot: Snapshot) -> None:
-        self._states, self._rest_mm = dict(snapshot.states), snapshot.place_mm
-        self._way_mm = snapshot.place_mm, snapshot.place_mm
-
-    def _compare(self, snapshot: Snapshot) -> None:
-        """Raises for anything at rest that is not as it was."""
-        self._compare_states(snapshot)
-        if snapshot.moving:
-            value = "a move that is not of this session"
-            raise self.controller.fault(MotionFault.CHANGED, value)
-        if self._rest_mm is not None and not self.controller.is_at(
-            snapshot.place_mm, self._rest_mm
-        ):
-            raise self._elsewhere(snapshot.place_mm, self._rest_mm)
-
-    def _compare_states(self, snapshot: Snapshot) -> None:
-        if changes := snapshot.changes(self._states):
-            raise self.controller.fault(MotionFault.CHANGED, ", ".join(changes))
-        self._states |= {k: v for k, v in snapshot.states.items() if k not in self._states}
-
-    def _elsewhere(self, place_mm: Triple, wanted_mm: Triple) -> ControllerFault:
-        value = f"{place_words(place_mm)} in place of {place_words(wanted_mm)}"
-        allowed = f"within {self.controller.limits.reached_mm:g} mm of it"
-        return self.controller.fault(MotionFault.ELSEWHERE, value, allowed)
 
     # What follows runs in the thread that looks after the others.
 
@@ -684,13 +566,3 @@ def _guard_gone() -> ControllerFault:
 
 def _of_program(problem: object) -> ControllerFault:
     return ControllerFault(MotionFault.PROGRAM, "thread of the controller", f"{problem!r}")
-
-
-def _beside(place_mm: Triple, from_mm: Triple, to_mm: Triple) -> float:
-    """Distance of a place from the straight line between two others, mm."""
-    way = [b - a for a, b in zip(from_mm, to_mm, strict=True)]
-    gone = [b - a for a, b in zip(from_mm, place_mm, strict=True)]
-    length2 = sum(part * part for part in way)
-    share = sum(a * b for a, b in zip(way, gone, strict=True)) / length2 if length2 else 0.0
-    share = min(1.0, max(0.0, share))
-    return math.dist(gone, [share * part for part in way])

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from calib.tripod.simulation import hidden_machine
-from drivers.motion.line import STALL_S
+from drivers.motion.supervision import STALL_S
 from drivers.motion.twins import MotionTrouble
 from protocols.machine import load_machine
 from protocols.record import read_record

@@ -497,10 +497,10 @@ def test_a_controller_that_is_done_too_early_is_waited_for(
     ("place", "beside"), [((5.0, 0.0, 0.0), 0.0), ((5.0, 3.0, 4.0), 5.0), ((13.0, 4.0, 0.0), 5.0)]
 )
 def test_how_far_a_place_is_beside_a_way(place: tuple[float, ...], beside: float) -> None:
-    from drivers.motion.line import _beside
+    from drivers.motion.supervision import beside as distance_beside
 
     x, y, z = place
-    assert math.isclose(_beside((x, y, z), (0.0,) * 3, (10.0, 0.0, 0.0)), beside)
+    assert math.isclose(distance_beside((x, y, z), (0.0,) * 3, (10.0, 0.0, 0.0)), beside)
 
 
 def test_pairs_that_are_no_row_change_nothing() -> None:

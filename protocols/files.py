@@ -223,7 +223,7 @@ def write_files(path: Path, written: Written, *, replace: bool = False) -> list[
     try:
         for target, content in targets.items():
             target.parent.mkdir(parents=True, exist_ok=True)
-            staged[target] = _stage(target, content)
+            staged[target] = stage(target, content)
         _check_for_links(targets)  # once more: one that came meanwhile is not ours to replace
         _swap(staged)
     except OSError as problem:
@@ -315,7 +315,7 @@ def _refuse_to_replace(target: Path) -> None:
             raise UsageError("output", f"{target}, a session", "another file: records are kept")
 
 
-def _stage(target: Path, content: str | bytes) -> Path:
+def stage(target: Path, content: str | bytes) -> Path:
     """The content beside its target under another name, safe on the disk."""
     descriptor, name = tempfile.mkstemp(dir=target.parent, prefix=target.name, suffix=".part")
     part = Path(name)

@@ -31,7 +31,7 @@ from app.report.streams import need_terminal
 from calib.errors import GlidecalError, UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
-    from app.measuring.moving import Mover, Proposal
+    from app.measuring.moving import MoveProposal, Mover
     from app.measuring.plan import Plan
     from app.measuring.session import Indicators
     from protocols.procedure import Leg
@@ -233,7 +233,7 @@ def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --s
     say(f"{len(guided.session.readings)} readings in {guided.path}")
 
 
-def _consent(proposal: Proposal) -> bool:
+def _consent(proposal: MoveProposal) -> bool:
     """The operator's word, typed after the question was shown: nothing typed before counts."""
     from app.report.text.motion import consent_question
 

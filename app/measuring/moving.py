@@ -73,7 +73,7 @@ def ways_of(procedure: Procedure, machine: Machine, axes: Sequence[str]) -> Ways
 
 
 @dataclass(frozen=True)
-class Proposal:
+class MoveProposal:
     """What the operator's consent lets the machine do: nothing else, and only once.
 
     ``places_mm`` is the first way, from ``from_mm``; none where the machine is there. It leads to
@@ -175,7 +175,7 @@ class Mover:
         return self._at == step and self.state in LOOKED_AT
 
     @property
-    def proposal(self) -> Proposal | None:
+    def proposal(self) -> MoveProposal | None:
         """What waits for the operator's consent; None where nothing does. Raises RecordError."""
         with self._lock:
             step = self._step
@@ -190,9 +190,11 @@ class Mover:
             by_hand = self._by_hand and not (there or to_zero)
             from_mm = self.line.place_mm
             clears = to_zero and self.proof is not None and self.proof.stands
-            return Proposal(step, from_mm, tuple(places), to_zero, by_hand, steps, clears=clears)
+            return MoveProposal(
+                step, from_mm, tuple(places), to_zero, by_hand, steps, clears=clears
+            )
 
-    def _proof_proposal(self, proof: Proof, step: Step) -> Proposal | None:
+    def _proof_proposal(self, proof: Proof, step: Step) -> MoveProposal | None:
         from_mm = self.line.place_mm
         if from_mm is None or proof.question:
             return None
@@ -202,7 +204,7 @@ class Mover:
             proof.wrong = str(problem)
             return None
         by_hand = proof.sets_up(step)
-        return Proposal(step, from_mm, (move.to_mm,), False, by_hand, 0, move)
+        return MoveProposal(step, from_mm, (move.to_mm,), False, by_hand, 0, move)
 
     @property
     def _stands_at_zero(self) -> bool:

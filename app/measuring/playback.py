@@ -137,7 +137,7 @@ SPEEDS = (1, 2, 5, 10, 20, 50, 100)
 FALLBACK_RESOLUTION_MM = 0.001
 
 
-class State(StrEnum):
+class PlaybackState(StrEnum):
     """What the replay is doing, in one word."""
 
     PLAYING = "PLAYING"
@@ -188,11 +188,11 @@ class Playback:
         return SPEEDS[self._speed]
 
     @property
-    def state(self) -> State:
+    def state(self) -> PlaybackState:
         """Playing, paused, or at the end."""
         if self.at_end:
-            return State.END
-        return State.PLAYING if self._playing else State.PAUSED
+            return PlaybackState.END
+        return PlaybackState.PLAYING if self._playing else PlaybackState.PAUSED
 
     @property
     def at_end(self) -> bool:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 from app.measuring.gauges import Motion
-from app.measuring.moving import REST_S, Mover, Proposal
+from app.measuring.moving import REST_S, MoveProposal, Mover
 from app.measuring.proof import Proof
 from app.measuring.session import GuidedSession, TakenStep
 from calib.errors import IndicatorError, MotionError, sentence
@@ -47,7 +47,7 @@ def release_lost(guided: GuidedSession) -> None:
 
 def measure_all(
     guided: GuidedSession,
-    confirm: Callable[[Proposal], bool] = lambda _: True,
+    confirm: Callable[[MoveProposal], bool] = lambda _: True,
     tell: Callable[[str], None] = lambda _: None,
     saw: Callable[[str], bool] = lambda _: False,
 ) -> None:
@@ -84,7 +84,7 @@ def _go(
     guided: GuidedSession,
     mover: Mover,
     step: Step,
-    confirm: Callable[[Proposal], bool],
+    confirm: Callable[[MoveProposal], bool],
     saw: Callable[[str], bool],
 ) -> None:
     """To a step, with the operator's consent to each way that no earlier one covers."""

@@ -254,15 +254,15 @@ class Controller(ABC):
         """What comes within `SLICE_S`: a part of a line, or nothing."""
 
     @abstractmethod
-    def _send_stop(self, attempt: int) -> None:
+    def send_stop(self, attempt: int) -> None:
         """Send the command that ends the present move; of attempt 1 on by every way there is."""
 
     @abstractmethod
-    def _send_position(self) -> None:
+    def send_position(self) -> None:
         """Ask for the position, not waiting for the answer."""
 
     @abstractmethod
-    def _position_of(self, line: str) -> tuple[Triple, bool] | None:
+    def position_of(self, line: str) -> tuple[Triple, bool] | None:
         """The position that a line tells, and whether it says that the machine moves.
 
         None for a line about something else.
@@ -293,12 +293,12 @@ class Controller(ABC):
                 if now_s >= send_s:
                     send_s = now_s + AGAIN_S * (attempts + 1)
                     attempts += 1
-                    self._send_stop(attempts - 1)
+                    self.send_stop(attempts - 1)
                 if waits and now_s >= lost_s:
                     waits, patience_s = False, 2.0 * patience_s  # that answer is lost, or late
                 if not waits and now_s >= ask_s:
                     waits, lost_s = True, now_s + patience_s
-                    self._send_position()
+                    self.send_position()
                 report = self._report()
             except ControllerFault as problem:
                 why, first_mm, waits = problem.found or problem.reason, None, False
@@ -325,7 +325,7 @@ class Controller(ABC):
             line = self._line(Deadline(SLICE_S))
         except NoLine:
             return None
-        return self._position_of(line)
+        return self.position_of(line)
 
     def _line(self, deadline: Deadline) -> str:
         """The next line that is not empty; CR, LF and both in any order end one.

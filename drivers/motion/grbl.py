@@ -111,11 +111,11 @@ class Grbl(Controller):
 
     def __init__(self, address: str, limits: Limits) -> None:
         super().__init__(address, limits)
-        self._wire: Wire | None = None
+        self.wire: Wire | None = None
         self._unit_mm = 1.0
         self._ask = REPORT
         self._firmware = ""
-        self._state = self._part = ""
+        self.state = self._part = ""
         self._fields: dict[str, str] = {}
         self._acknowledged = True
         self._under_way = 0
@@ -127,11 +127,11 @@ class Grbl(Controller):
 
         In a hold it is not asked who it is: its lines would wait for the hold's end.
         """
-        if self._wire is None:
-            self._wire = self._opened()
+        if self.wire is None:
+            self.wire = self._opened()
         try:
             self._wake()
-            if self._state in ("Idle", "Alarm"):
+            if self.state in ("Idle", "Alarm"):
                 self._identify()
         except ControllerFault:
             self.close()
@@ -144,13 +144,13 @@ class Grbl(Controller):
 
     def adopt(self, descriptor: int) -> None:
         """Speak through the open port of another process, whose last line may wait in the board."""
-        self._wire = Descriptor(descriptor)
+        self.wire = Descriptor(descriptor)
         self._acknowledged = False
 
     def handles(self) -> tuple[int, ...]:
         """The port, which cannot be opened twice."""
-        numbered = self._wire is not None and hasattr(self._wire, "fileno")  # not on Windows
-        return (self._wire.fileno(),) if self._wire is not None and numbered else ()
+        numbered = self.wire is not None and hasattr(self.wire, "fileno")  # not on Windows
+        return (self.wire.fileno(),) if self.wire is not None and numbered else ()
 
     def _opened(self) -> serial.Serial:
         try:
@@ -209,8 +209,8 @@ class Grbl(Controller):
         """What is right, in the controller's own words."""
         self.homing = False
         self._status()
-        self.locked = self._state == "Alarm"
-        if self._state not in ("Idle", "Alarm"):
+        self.locked = self.state == "Alarm"
+        if self.state not in ("Idle", "Alarm"):
             raise self._not_idle("At the controller: end what it does.")
         settings = dict(SETTING.findall("\n".join(self._done("$$"))))
         homing = settings.get("22", "none")
@@ -228,7 +228,7 @@ class Grbl(Controller):
         soft = settings.get("20", "none")
         return (
             self._firmware,
-            f"state {self._state}",
+            f"state {self.state}",
             "H:1: homed" if self.tells_homing else f"$22={homing}: it locks until it is homed",
             f"$13={settings.get('13', 'none')}: {'inch' if self._unit_mm != 1.0 else 'mm'}",
             f"$20={soft}: {'its own soft limits are on' if soft == '1' else 'no soft limits'}",
@@ -256,7 +256,7 @@ class Grbl(Controller):
 
     @property
     def _words(self) -> str:
-        return f"{self._state}:{self._part}" if self._part else self._state
+        return f"{self.state}:{self._part}" if self._part else self.state
 
     def look(self) -> Snapshot:
         """One look at the state of the board; parts of it are told in turn."""
@@ -273,17 +273,17 @@ class Grbl(Controller):
             if {"Ov", "WCO"} <= self._fields.keys():
                 return place_mm
             place_mm = self._status()
-        if self._state == "Idle":  # a board whose $10 leaves them out
+        if self.state == "Idle":  # a board whose $10 leaves them out
             offsets = [line for line in self._done("$#") if line.startswith(("[G92:", "[TLO:"))]
             self._fields["WCO"] = " ".join(offsets)
         return place_mm
 
     def _snapshot(self, place_mm: Triple) -> Snapshot:
-        if self._state not in ("Idle", "Jog"):
+        if self.state not in ("Idle", "Jog"):
             value = f"state {self._words}"
             raise self.fault(MotionFault.CONTROLLER, value, "Idle, or Jog on the way")
         states = {name: self._fields[name] for name in SUPERVISED if name in self._fields}
-        return Snapshot(place_mm, self._state == "Jog", states)
+        return Snapshot(place_mm, self.state == "Jog", states)
 
     def begin(self, to_mm: Triple, feed_mm_min: float) -> None:
         """Send a jog in machine coordinates and mm, whatever units and offsets the board has."""
@@ -303,43 +303,44 @@ class Grbl(Controller):
 
     def close(self) -> None:
         """Let go of the port."""
-        wire, self._wire, self._received = self._wire, None, b""
+        wire, self.wire, self._received = self.wire, None, b""
         if wire is not None:
             close_port(wire)
 
-    def _send_stop(self, attempt: int) -> None:
+    def send_stop(self, attempt: int) -> None:
         """End the jog; no reset, no position lost. Homing hears nothing but a reset."""
-        if self._wire is None:  # its cable is out; it may be back
-            self._wire = self._opened()
+        if self.wire is None:  # its cable is out; it may be back
+            self.wire = self._opened()
         self._send(RESET if self.homing else JOG_CANCEL)
-        if attempt and self._state == "Run":  # a jog may have ended: at rest a hold locks the board
+        if attempt and self.state == "Run":  # a jog may have ended: at rest a hold locks the board
             self._send(FEED_HOLD)
-        if self._state == "Hold" and self._part == "0" and not self._acknowledged:
+        if self.state == "Hold" and self._part == "0" and not self._acknowledged:
             self._send(RESET)  # a jog that waits in its buffer would move when the hold ends
 
-    def _send_position(self) -> None:
+    def send_position(self) -> None:
+        """Ask for a status report."""
         self._question(REPORT)
 
     def _question(self, mark: bytes) -> None:
         self._under_way += 1
         self._send(mark)
 
-    def _position_of(self, line: str) -> tuple[Triple, bool] | None:
+    def position_of(self, line: str) -> tuple[Triple, bool] | None:
         """It does not rest while a jog is not acknowledged: that may begin after its stop."""
         place_mm = self._note(line)
         if place_mm is None:
             self._acknowledged |= line.startswith(("ok", "error:", "Grbl", "grblHAL"))
             return None
-        holds = self._state == "Hold" and self._part != "0"
-        waits = not self._acknowledged and self._state != "Alarm"
-        return place_mm, holds or waits or self._state in MOVING
+        holds = self.state == "Hold" and self._part != "0"
+        waits = not self._acknowledged and self.state != "Alarm"
+        return place_mm, holds or waits or self.state in MOVING
 
     def _status(self) -> Triple:
         """The position of a fresh status report; its fields are kept.
 
         Reports of earlier questions, asked twice or given up, are late: they come before "ok".
         """
-        if self._under_way and self._state in ANSWERS_LINES:
+        if self._under_way and self.state in ANSWERS_LINES:
             self._done("")
         deadline = Deadline(self.answer_s)
         while True:
@@ -362,7 +363,7 @@ class Grbl(Controller):
         self._under_way = max(0, self._under_way - 1)
         name, part, text = report.groups()
         fields = dict(field.partition(":")[::2] for field in text.split("|"))
-        self._state, self._part = name, part or ""
+        self.state, self._part = name, part or ""
         self._fields |= {key: value for key, value in fields.items() if key in SUPERVISED}
         place = fields.get("MPos", "").split(",")
         if len(place) < 3:
@@ -393,7 +394,7 @@ class Grbl(Controller):
 
     def _drain(self) -> None:
         """Hear out what is still on its way."""
-        if self._wire is None:
+        if self.wire is None:
             return
         quiet = time.monotonic()
         deadline = Deadline(self.answer_s)
@@ -415,18 +416,18 @@ class Grbl(Controller):
 
     def _receive(self) -> bytes:
         try:
-            if self._wire is None:
+            if self.wire is None:
                 raise self.fault(MotionFault.LOST, "the port is closed")
-            waiting = getattr(self._wire, "in_waiting", 0)
-            return bytes(self._wire.read(max(1, waiting)))
+            waiting = getattr(self.wire, "in_waiting", 0)
+            return bytes(self.wire.read(max(1, waiting)))
         except PORT_ERRORS as problem:
             raise self._gone(problem) from problem
 
     def _send(self, words: bytes) -> None:
         try:
-            if self._wire is None:
+            if self.wire is None:
                 raise self.fault(MotionFault.LOST, "the port is closed")
-            self._wire.write(words)
+            self.wire.write(words)
         except PORT_ERRORS as problem:
             raise self._gone(problem) from problem
 

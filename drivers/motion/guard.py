@@ -62,7 +62,7 @@ class Guard:
         name = f"{controller.name}:{controller.address}"
         root = str(Path(__file__).parents[2])
         words = [sys.executable, "-P", "-c", PROGRAM, root, name, f"{silence_s:g}"]
-        self._process = subprocess.Popen(
+        self.process = subprocess.Popen(
             [*words, *map(str, ports)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -70,9 +70,9 @@ class Guard:
             bufsize=0,
             start_new_session=True,  # a key that ends this program must not end it, too
         )
-        assert self._process.stdout is not None
+        assert self.process.stdout is not None
         self._listens = threading.Thread(
-            target=self._listen, args=(self._process.stdout,), name="guard", daemon=True
+            target=self._listen, args=(self.process.stdout,), name="guard", daemon=True
         )
         self._listens.start()
 
@@ -80,7 +80,7 @@ class Guard:
         """Return when it watches. Raises `ControllerFault` where it does not start."""
         end_s = time.monotonic() + START_S
         while not self._ready:
-            if self._process.poll() is not None or time.monotonic() > end_s:
+            if self.process.poll() is not None or time.monotonic() > end_s:
                 self.close()
                 next_step = "Without it nothing moves."
                 raise ControllerFault(
@@ -100,34 +100,34 @@ class Guard:
     @property
     def runs(self) -> bool:
         """Whether the process is there."""
-        return self._process.poll() is None
+        return self.process.poll() is None
 
     @property
     def watches(self) -> bool:
         """Whether its last beat came back in time."""
-        return self._process.poll() is None and time.monotonic() - self._heard_s < self._silence_s
+        return self.process.poll() is None and time.monotonic() - self._heard_s < self._silence_s
 
     def send(self, word: bytes) -> None:
         """A beat or a word; nothing where it is gone."""
-        assert self._process.stdin is not None
+        assert self.process.stdin is not None
         with contextlib.suppress(OSError, ValueError):
-            self._process.stdin.write(word)
+            self.process.stdin.write(word)
 
     def close(self, *, resting: bool = True) -> None:
         """Let it go; where the machine was not seen to rest it goes on stopping it."""
         if resting:
             self.send(BYE)
-        assert self._process.stdin is not None
+        assert self.process.stdin is not None
         with contextlib.suppress(OSError):
-            self._process.stdin.close()
+            self.process.stdin.close()
         try:
-            self._process.wait(START_S if resting else LEAVING_S)
+            self.process.wait(START_S if resting else LEAVING_S)
         except subprocess.TimeoutExpired:
             if not resting:
-                LEFT.append(self._process)
+                LEFT.append(self.process)
                 return
-            self._process.kill()
-            self._process.wait()
+            self.process.kill()
+            self.process.wait()
         self._listens.join()
 
 

@@ -105,9 +105,9 @@ class MotionLine:
         self._states: dict[str, str] = {}
         now_s = time.monotonic()
         self._calm_s = self._cause_s = self._owner_s = self._face_s = now_s
-        self._owner: threading.Thread | None = None
-        self._watcher: threading.Thread | None = None
-        self._guard: Guard | None = None
+        self.owner: threading.Thread | None = None
+        self.watcher: threading.Thread | None = None
+        self.guard: Guard | None = None
         controller.on_wait = self._lives
 
     @property
@@ -167,25 +167,25 @@ class MotionLine:
                 if not controller.locked or problem.kind is not MotionFault.NOT_READY:
                     raise
                 cause, self._why = Cause.FAILED, str(problem)
-            self._guard = Guard(controller, self._patience.silence_s)
-            self._guard.wait()
+            self.guard = Guard(controller, self._patience.silence_s)
+            self.guard.wait()
         except ControllerFault:
             controller.close()
             raise
         self._change(cause)
         self._start_owner()
-        self._watcher = threading.Thread(
+        self.watcher = threading.Thread(
             target=self._watch, name=f"motion watch {self.controller.address}", daemon=True
         )
-        self._watcher.start()
+        self.watcher.start()
         return self.facts
 
     def _start_owner(self) -> None:
         self._owner_s = time.monotonic()
-        self._owner = threading.Thread(
+        self.owner = threading.Thread(
             target=self._own, name=f"motion {self.controller.address}", daemon=True
         )
-        self._owner.start()
+        self.owner.start()
 
     def alive(self) -> None:
         """The face of the program runs: called more often than the patience is long."""
@@ -222,20 +222,20 @@ class MotionLine:
     def go(self, places_mm: Sequence[Triple], feed_mm_min: float) -> Future[Triple]:
         """Move to these places one after the other, each waited for, within the present consent."""
         consent = self._consent
-        return self._asked(lambda: self._went(consent, tuple(places_mm), feed_mm_min))
+        return self.ask(lambda: self._went(consent, tuple(places_mm), feed_mm_min))
 
     def home(self) -> Future[Triple]:
         """Home the machine, within the present consent."""
         consent = self._consent
-        return self._asked(lambda: self._homed(consent))
+        return self.ask(lambda: self._homed(consent))
 
     def at(self, place_mm: Triple) -> Future[Triple]:
         """The position now, where it is still this one and nothing else is wrong."""
-        return self._asked(lambda: self._is_at(place_mm))
+        return self.ask(lambda: self._is_at(place_mm))
 
     def answered(self) -> Future[Triple]:
         """The operator looked at what happened: ready again, if the controller is."""
-        return self._asked(self._ready_again)
+        return self.ask(self._ready_again)
 
     def vouch(self) -> None:
         """The operator saw that the machine stands still, which the controller cannot tell."""
@@ -256,15 +256,15 @@ class MotionLine:
             time.sleep(SLICE_S)
         self._closing = True
         self.controller.halt.set()  # whatever is asked, nobody waits for it any more
-        for thread in (self._owner, self._watcher):
+        for thread in (self.owner, self.watcher):
             if thread is not None and thread is not threading.current_thread():
                 thread.join(CLOSE_S)
         resting = self._state is not State.STOPPING
         self._answer_nobody()
         self.controller.close()
-        if self._guard is not None:
-            self._guard.close(resting=resting)
-            self._guard = None
+        if self.guard is not None:
+            self.guard.close(resting=resting)
+            self.guard = None
         self._change(Cause.CLOSED)
 
     # What follows is of the states.
@@ -411,7 +411,7 @@ class MotionLine:
 
     def _wait_for_guard(self) -> None:
         """Until its first beat came back: before the last look at the machine, not behind it."""
-        guard = self._guard
+        guard = self.guard
         end_s = time.monotonic() + self._patience.silence_s
         while self._state is State.CONSENTED and time.monotonic() < end_s:
             if guard is None or guard.watches:
@@ -421,7 +421,7 @@ class MotionLine:
 
     def _begun(self, consent: int) -> None:
         """Raises where this consent is not the present one, or nobody guards."""
-        guard = self._guard
+        guard = self.guard
         with self._lock:
             if consent != self._consent or self._state is not State.CONSENTED:
                 raise self.controller.fault(MotionFault.STOPPED, "before it moved")
@@ -466,7 +466,7 @@ class MotionLine:
         """After the operator's answer: a new connection where that is needed, and all is right."""
         if self._state not in (State.HELD, State.FAULT):
             raise self.controller.fault(MotionFault.STOPPED, f"{self._state}", "held, or a fault")
-        if self._broken or self._guard is None or not self._guard.runs:
+        if self._broken or self.guard is None or not self.guard.runs:
             if self._broken:
                 self.controller.renew()
             self._renew_guard()  # with the port as it is now, where it was given the former one
@@ -484,12 +484,12 @@ class MotionLine:
         return there.place_mm
 
     def _renew_guard(self) -> None:
-        before, self._guard = self._guard, None
+        before, self.guard = self.guard, None
         if before is not None:
             before.close()
         guard = Guard(self.controller, self._patience.silence_s)
         guard.wait()
-        self._guard = guard
+        self.guard = guard
 
     # What follows runs in the thread that looks after the others.
 
@@ -504,12 +504,12 @@ class MotionLine:
                 silent = self._look_after(gap_s, now_s)
                 word = HOMING if getattr(self.controller, "homing", False) else BEAT
                 if not silent:
-                    self._send(word)
+                    self.tell_guard(word)
                     sent = word
                 if self.not_stopped:
                     self.listener()
             elif sent != REST:
-                self._send(sent := REST)
+                self.tell_guard(sent := REST)
             if not self._owner_lives and not self._closing:
                 self._revive()
 
@@ -520,7 +520,7 @@ class MotionLine:
             self.stop(f"the program did not run for {gap_s:.1f} s")
         elif self._state is State.MOVING and now_s - self._face_s > silence_s:
             self.stop(f"the screen did not run for {now_s - self._face_s:.1f} s")
-        elif self._state is State.MOVING and self._guard and not self._guard.watches:
+        elif self._state is State.MOVING and self.guard and not self.guard.watches:
             self._interrupt(_guard_gone())
         hung = now_s - self._owner_s > silence_s or not self._owner_lives
         if hung:
@@ -529,7 +529,7 @@ class MotionLine:
 
     @property
     def _owner_lives(self) -> bool:
-        return self._owner is not None and self._owner.is_alive()
+        return self.owner is not None and self.owner.is_alive()
 
     def _revive(self) -> None:
         """The thread is dead: another one takes over, and stops the machine."""
@@ -540,11 +540,13 @@ class MotionLine:
         self._broken = not self.controller.handles()
         self._start_owner()
 
-    def _send(self, word: bytes) -> None:
-        if self._guard is not None:
-            self._guard.send(word)
+    def tell_guard(self, word: bytes) -> None:
+        """A beat, or a word; nothing where there is no guard."""
+        if self.guard is not None:
+            self.guard.send(word)
 
-    def _asked(self, work: Callable[[], Triple]) -> Future[Triple]:
+    def ask(self, work: Callable[[], Triple]) -> Future[Triple]:
+        """Have something done in the thread that owns the controller."""
         job = Job(work)
         self._jobs.put(job)
         if self._closing or not self._owner_lives:

@@ -219,15 +219,18 @@ class LinuxCnc(Controller):
                 value = f"{name} {answers[name]}"
                 raise self.fault(MotionFault.NOT_READY, value, f"{name} {wanted}")
         states = {name: _short(answers[name]) for name in SUPERVISED}
-        place_mm = self._place(answers["abs_act_pos"])
+        place_mm = self.place_of(answers["abs_act_pos"])
         moving = answers["program_status"] != "IDLE"
         commanded = answers["abs_cmd_pos"]
         if not moving and self._get("abs_cmd_pos") == commanded:  # else they are of two moments
-            offset = zip(self._place(answers["rel_cmd_pos"]), self._place(commanded), strict=True)
+            offset = zip(
+                self.place_of(answers["rel_cmd_pos"]), self.place_of(commanded), strict=True
+            )
             states["offset"] = " ".join(f"{round(a - b, 3) + 0.0:.3f}" for a, b in offset)
         return Snapshot(place_mm, moving, states)
 
-    def _place(self, answer: str) -> Triple:
+    def place_of(self, answer: str) -> Triple:
+        """The place that an answer tells, mm."""
         words = answer.split()
         if len(words) < AXES:  # one that was cut may be another number
             raise self._not_understood(answer)
@@ -300,7 +303,7 @@ class LinuxCnc(Controller):
         """A move is told in MDI."""
         return {"mode": "MDI"}
 
-    def _send_stop(self, attempt: int) -> None:
+    def send_stop(self, attempt: int) -> None:
         """Abort; then also over a new connection: this one is gone, has no control, or is deaf.
 
         The old one stays open meanwhile: what is on its way there must not be lost with it.
@@ -324,10 +327,11 @@ class LinuxCnc(Controller):
             f"set enable {enable}\nget machine\nset abort"
         )
 
-    def _send_position(self) -> None:
+    def send_position(self) -> None:
+        """Ask whether a program runs, and for the place."""
         self._send("get program_status\nget abs_act_pos")
 
-    def _position_of(self, line: str) -> tuple[Triple, bool] | None:
+    def position_of(self, line: str) -> tuple[Triple, bool] | None:
         """Answers come in the order of questions: what comes before that of the abort is old.
 
         A refused abort is tried with control of its own; refused again, the machine is off.
@@ -340,7 +344,7 @@ class LinuxCnc(Controller):
         elif name == "PROGRAM_STATUS":
             self._program = value
         elif name == "ABS_ACT_POS" and self._aborted:
-            return self._place(value), self._program != "IDLE"
+            return self.place_of(value), self._program != "IDLE"
         return None
 
     def close(self) -> None:

@@ -52,43 +52,43 @@ class SimulatedAxes:
 
     def __init__(self, at_mm: Triple = (0.0, 0.0, 0.0), hurry: float = 1.0) -> None:
         self._hurry = hurry
-        self._lock = threading.Lock()
-        self._from = self._to = at_mm
-        self._departed_s, self._way_s = time.monotonic(), 0.0
+        self.lock = threading.Lock()
+        self.from_mm = self.to_mm = at_mm
+        self._departed_s, self.way_s = time.monotonic(), 0.0
         self._turned: deque[Triple] = deque(maxlen=PASSED)
         self.short_mm = 0.0
         self.frozen = False
 
     def go(self, to_mm: Triple, feed_mm_min: float) -> None:
         """Depart from where it is."""
-        with self._lock:
-            self._from = self._now()
-            self._turned.append(self._from)
-            self._to = (to_mm[0] + self.short_mm, to_mm[1], to_mm[2])
+        with self.lock:
+            self.from_mm = self._now()
+            self._turned.append(self.from_mm)
+            self.to_mm = (to_mm[0] + self.short_mm, to_mm[1], to_mm[2])
             self._departed_s = time.monotonic()
-            self._way_s = math.dist(self._from, self._to) / feed_mm_min * 60.0 / self._hurry
+            self.way_s = math.dist(self.from_mm, self.to_mm) / feed_mm_min * 60.0 / self._hurry
 
     def stop(self) -> None:
         """Stand still where it is."""
-        with self._lock:
-            self._from = self._to = self._now()
-            self._way_s, self.frozen = 0.0, False
+        with self.lock:
+            self.from_mm = self.to_mm = self._now()
+            self.way_s, self.frozen = 0.0, False
 
     def freeze(self) -> None:
         """Stand still on its way, which it has not given up."""
-        with self._lock:
-            self._from = self._to = self._now()
+        with self.lock:
+            self.from_mm = self.to_mm = self._now()
             self.frozen = True
 
     @property
     def at_mm(self) -> Triple:
         """Where it is now."""
-        with self._lock:
+        with self.lock:
             return self._now()
 
     def passed_mm(self) -> list[Triple]:
         """Where it turned since this was asked last, and where it is now."""
-        with self._lock:
+        with self.lock:
             turned = [*self._turned, self._now()]
             self._turned.clear()
         return turned
@@ -96,13 +96,13 @@ class SimulatedAxes:
     @property
     def moving(self) -> bool:
         """Whether it is on its way."""
-        with self._lock:
-            return self.frozen or time.monotonic() - self._departed_s < self._way_s
+        with self.lock:
+            return self.frozen or time.monotonic() - self._departed_s < self.way_s
 
     def _now(self) -> Triple:
         gone_s = time.monotonic() - self._departed_s
-        share = 1.0 if gone_s >= self._way_s else gone_s / self._way_s
-        x, y, z = (a + share * (b - a) for a, b in zip(self._from, self._to, strict=True))
+        share = 1.0 if gone_s >= self.way_s else gone_s / self.way_s
+        x, y, z = (a + share * (b - a) for a, b in zip(self.from_mm, self.to_mm, strict=True))
         return x, y, z
 
 
@@ -174,13 +174,13 @@ class LinuxCncTwin:
         self, axes: SimulatedAxes, coordinates: Literal["tool", "joint"] = "joint"
     ) -> None:
         self.axes, self.moves, self.errors = axes, list[str](), deque[str]()
-        self.ini, self._display = dict(INI), deque[str]()
+        self.ini, self.display = dict(INI), deque[str]()
         self.late_s, self.aborts, self.offset_mm = 0.0, 0, 0.0
         self._connect, self._enable = "EMC", "EMCTOO"
-        self._lock = threading.Lock()
-        self._control: _Client | None = None
+        self.lock = threading.Lock()
+        self.control: Client | None = None
         self._right = {**RIGHT, "kinematics_type": "1" if coordinates == "joint" else "4"}
-        self._state = dict(self._right)
+        self.state = dict(self._right)
         self._silent = False
         self._clients: list[socket.socket] = []
         self._dead = False
@@ -203,10 +203,10 @@ class LinuxCncTwin:
 
     def befall(self, trouble: MotionTrouble) -> None:
         """From now on this is so."""
-        with self._lock:
-            self._state |= WRONG.get(trouble, {})
+        with self.lock:
+            self.state |= WRONG.get(trouble, {})
             if trouble is MotionTrouble.NAK:
-                self._control = None
+                self.control = None
             elif trouble is MotionTrouble.SILENCE:
                 self._silent = True
             elif trouble is MotionTrouble.ELSEWHERE:
@@ -227,12 +227,12 @@ class LinuxCncTwin:
 
     def mend(self) -> None:
         """Switched on and homed again; one that was killed runs again at the same port."""
-        with self._lock:
-            mode = {"mode": self._state["mode"], "program_codes": self._state["program_codes"]}
-            self._state, self._silent, self.axes.short_mm = self._right | mode, False, 0.0
+        with self.lock:
+            mode = {"mode": self.state["mode"], "program_codes": self.state["program_codes"]}
+            self.state, self._silent, self.axes.short_mm = self._right | mode, False, 0.0
             self.offset_mm, self.axes.frozen = 0.0, False
         if self._dead:
-            self._dead, self._control = False, None
+            self._dead, self.control = False, None
             self._listen(self._server.server_address[1])
 
     def hang_up(self) -> None:
@@ -243,7 +243,7 @@ class LinuxCncTwin:
 
     def serve(self, connection: socket.socket) -> None:
         """One client until it leaves, in a thread of its own."""
-        client = _Client()
+        client = Client()
         self._clients.append(connection)
         received = b""
         with contextlib.suppress(OSError):
@@ -253,12 +253,13 @@ class LinuxCncTwin:
                 received = (received + came).replace(b"\r", b"\n")
                 *lines, received = received.split(b"\n")
                 for line in lines:
-                    answer = self._answer(client, line.decode("latin-1").split())
+                    answer = self.answer(client, line.decode("latin-1").split())
                     time.sleep(self.late_s)
                     if answer and not self._silent:
                         connection.sendall(answer.encode("latin-1"))
 
-    def _answer(self, client: _Client, words: list[str]) -> str:
+    def answer(self, client: Client, words: list[str]) -> str:
+        """What one client hears for one line."""
         match [word.upper() for word in words[:2]]:
             case ["HELLO", _]:
                 client.linked = client.linked or words[1] == self._connect
@@ -272,44 +273,44 @@ class LinuxCncTwin:
                 return f"SET {name} {'ACK' if done else 'NAK'}\n\r"
         return "SET NAK\r\n" if words and words[0].upper() == "SET" else ""
 
-    def _got(self, client: _Client, name: str) -> str:
+    def _got(self, client: Client, name: str) -> str:
         moving = self.axes.moving
-        with self._lock:
+        with self.lock:
             if name == "error":
                 value = self.errors.popleft() if self.errors else "OK"
             elif name == "operator_display":
-                value = self._display.popleft() if self._display else "OK"
+                value = self.display.popleft() if self.display else "OK"
             elif name == "enable":
-                value = "ON" if self._control is client else "OFF"
+                value = "ON" if self.control is client else "OFF"
             elif name == "program_status":
                 value = "RUNNING" if moving else "IDLE"
             elif name in ("abs_act_pos", "abs_cmd_pos", "rel_act_pos", "rel_cmd_pos"):
                 x, y, z = self.axes.at_mm
                 x += self.offset_mm if name.startswith("rel") else 0.0
-                unit = 25.4 if self._state["user_linear_units"] == "INCH" else 1.0
+                unit = 25.4 if self.state["user_linear_units"] == "INCH" else 1.0
                 value = " ".join(f"{mm / unit:.6f}" for mm in (x, y, z, 0.0, 0.0, 0.0))
-            elif name in self._state:
-                value = self._state[name]
+            elif name in self.state:
+                value = self.state[name]
             else:
                 return f"GET {name.upper()} NAK\r\n\r\n"
         return f"{name.upper()} {value}\r\n"
 
-    def _set(self, client: _Client, name: str, words: list[str]) -> bool:
+    def _set(self, client: Client, name: str, words: list[str]) -> bool:
         if name in ("echo", "verbose"):
             setattr(client, name, words[:1] == ["on"])
             return True
-        with self._lock:
+        with self.lock:
             if name == "enable" and words[:1] == [self._enable]:
-                self._control = client
-            if name == "enable" and words[:1] == ["off"] and self._control is client:
-                self._control = None
+                self.control = client
+            if name == "enable" and words[:1] == ["off"] and self.control is client:
+                self.control = None
                 return True
-            if self._control is not client or name == "enable":
-                return self._control is client and words[:1] == [self._enable]
+            if self.control is not client or name == "enable":
+                return self.control is client and words[:1] == [self._enable]
             if name in ("mode", "set_wait"):
-                self._state[name] = words[0].upper()
+                self.state[name] = words[0].upper()
             elif name == "abort":
-                if self._state["machine"] != "ON":
+                if self.state["machine"] != "ON":
                     return False
                 self._abort()
             elif name == "mdi":
@@ -320,28 +321,28 @@ class LinuxCncTwin:
         """Stop; the modes of the interpreter are the usual ones again."""
         self.aborts += 1
         self.axes.stop()
-        self._modal({"G64"})
+        self.modal({"G64"})
 
-    def _modal(self, words: set[str]) -> None:
+    def modal(self, words: set[str]) -> None:
         """Words of G-code take the place of those that exclude them."""
-        codes = self._state["program_codes"].split()
+        codes = self.state["program_codes"].split()
         for group in ({"G20", "G21"}, {"G90", "G91"}, {"G93", "G94"}, {"G61", "G64"}, {"G7", "G8"}):
             if new := group & words:
                 codes = [code for code in codes if code not in group] + sorted(new)
-        self._state["program_codes"] = " ".join(codes)
+        self.state["program_codes"] = " ".join(codes)
 
     def _mdi(self, line: str) -> None:
         """Acknowledged whatever comes of it."""
         if line.startswith("(DEBUG,"):
-            self._display.append(re.sub(r"#<_ini(\S+)>", self._number, line[7:-1]))
+            self.display.append(re.sub(r"#<_ini(\S+)>", self._number, line[7:-1]))
             return
         found = {word[0]: float(word[1:]) for word in re.findall(r"[FXYZ][-+.\d]+", line)}
-        unit = 25.4 if "G20" in self._state["program_codes"].split() else 1.0
-        self._modal(set(line.split()))
+        unit = 25.4 if "G20" in self.state["program_codes"].split() else 1.0
+        self.modal(set(line.split()))
         if not found:
             return
         self.moves.append(line)
-        if self._state["machine"] != "ON" or "NO" in self._state["joint_homed"].split()[:3]:
+        if self.state["machine"] != "ON" or "NO" in self.state["joint_homed"].split()[:3]:
             self.errors.append("Can't issue MDI command when not homed")
         elif found.get("F", 0.0) <= 0.0:
             self.errors.append("Cannot do g1 with zero feed rate")
@@ -350,7 +351,7 @@ class LinuxCncTwin:
 
     def _number(self, name: re.Match[str]) -> str:
         """As a message of G-code shows a number of the INI, or that there is none."""
-        inch = self._state["user_linear_units"] == "INCH" and name[1].endswith("_LIMIT")
+        inch = self.state["user_linear_units"] == "INCH" and name[1].endswith("_LIMIT")
         value = self.ini.get(name[1])
         return "######" if value is None else f"{value / (25.4 if inch else 1.0):.6f}"
 
@@ -371,7 +372,7 @@ class _Server(socketserver.ThreadingTCPServer):
     allow_reuse_address = True
 
 
-class _Client:
+class Client:
     """What the text server knows of one connection."""
 
     linked = False
@@ -398,13 +399,13 @@ class GrblTwin:
 
     def __init__(self, axes: SimulatedAxes, transport: Transport) -> None:
         self.axes, self.moves = axes, list[str]()
-        self._received = b""
-        self._state = ""
+        self.received = b""
+        self.state = ""
         self._pending: list[str] = []
-        self._settings = {"10": "1", "13": "0", "20": "1", "22": "1"}
-        self._settings |= {"130": "1000.000", "131": "1000.000", "132": "1000.000"}
+        self.settings = {"10": "1", "13": "0", "20": "1", "22": "1"}
+        self.settings |= {"130": "1000.000", "131": "1000.000", "132": "1000.000"}
         self._silent = self._gone = False
-        self._override, self.offset_mm, self.late_s = 100, 0.0, 0.0
+        self.override, self.offset_mm, self.late_s = 100, 0.0, 0.0
         self.aborts = self._reports = 0
         self._port = TwinPort(self, transport)
         self.address = self._port.url
@@ -412,15 +413,15 @@ class GrblTwin:
 
     def befall(self, trouble: MotionTrouble) -> None:
         """From now on this is so."""
-        self._state = BOARD_STATES.get(trouble, self._state)
-        if self._state == "Hold:0":
+        self.state = BOARD_STATES.get(trouble, self.state)
+        if self.state == "Hold:0":
             self.axes.freeze()
         elif trouble is MotionTrouble.OVERRIDE:
-            self._override = 50
+            self.override = 50
         elif trouble is MotionTrouble.OFFSET:
             self.offset_mm = -5.0
         elif trouble is MotionTrouble.INCH:
-            self._settings["13"] = "1"
+            self.settings["13"] = "1"
         elif trouble in (MotionTrouble.FOLLOWING, MotionTrouble.ESTOP):
             self.axes.stop()
             self._pending = ["ALARM:3"]
@@ -433,9 +434,9 @@ class GrblTwin:
 
     def mend(self) -> None:
         """Unlocked and homed again; a cable that is out stays out."""
-        self._state, self._silent, self.axes.short_mm = "", False, 0.0
-        self._pending, self._settings["13"] = [], "0"
-        self._override, self.offset_mm, self.axes.frozen = 100, 0.0, False
+        self.state, self._silent, self.axes.short_mm = "", False, 0.0
+        self._pending, self.settings["13"] = [], "0"
+        self.override, self.offset_mm, self.axes.frozen = 100, 0.0, False
 
     def receive(self, request: bytes) -> bytes:
         """Realtime characters take effect at once, lines when they are whole."""
@@ -449,40 +450,41 @@ class GrblTwin:
             elif mark == b"\x85":
                 self.aborts += 1
                 self.axes.stop()
-            elif mark == b"!" and self._state == "Run":
+            elif mark == b"!" and self.state == "Run":
                 self.axes.freeze()
-                self._state = "Hold:0"
-        *lines, self._received = (self._received + REALTIME.sub(b"", request)).split(b"\n")
+                self.state = "Hold:0"
+        *lines, self.received = (self.received + REALTIME.sub(b"", request)).split(b"\n")
         for line in lines:
-            told += self._answer(line.decode("latin-1").strip())
+            told += self.answer(line.decode("latin-1").strip())
         time.sleep(self.late_s)
         return b"" if self._silent else told.encode("latin-1")
 
     def _report(self) -> str:
-        state = self._state or ("Jog" if self.axes.moving else "Idle")
+        state = self.state or ("Jog" if self.axes.moving else "Idle")
         self._reports += 1
-        part = {1: f"|WCO:{self.offset_mm:.3f},0.000,0.000", 2: f"|Ov:{self._override},100,100"}
-        unit = 25.4 if self._settings["13"] == "1" else 1.0
+        part = {1: f"|WCO:{self.offset_mm:.3f},0.000,0.000", 2: f"|Ov:{self.override},100,100"}
+        unit = 25.4 if self.settings["13"] == "1" else 1.0
         place = ",".join(f"{mm / unit:.3f}" for mm in self.axes.at_mm)
         return f"<{state}|MPos:{place}|FS:0,0{part.get(self._reports % 10, '')}>\r\n"
 
-    def _answer(self, line: str) -> str:
+    def answer(self, line: str) -> str:
+        """What the board says to one line."""
         if line == "$$":
-            return "".join(f"${n}={v}\r\n" for n, v in self._settings.items()) + "ok\r\n"
+            return "".join(f"${n}={v}\r\n" for n, v in self.settings.items()) + "ok\r\n"
         if line == "$I":
             return "[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n"
         if line in ("", "$H"):  # an empty line is there to synchronize
-            self._state = "" if line else self._state
+            self.state = "" if line else self.state
             return "ok\r\n"
         if line == "G4P0.01":
-            return "error:9\r\n" if self._state or self.axes.moving else "ok\r\n"
+            return "error:9\r\n" if self.state or self.axes.moving else "ok\r\n"
         self.moves.append(line)
         found = JOG.fullmatch(line)
         x, y, z, feed = map(float, found.groups()) if found else (0.0,) * 4
-        if found and feed and not self._state:
+        if found and feed and not self.state:
             self.axes.go((x, y, z), feed)
             return "ok\r\n"
-        return "error:20\r\n" if not found else "error:9\r\n" if self._state else "error:22\r\n"
+        return "error:20\r\n" if not found else "error:9\r\n" if self.state else "error:22\r\n"
 
     def close(self) -> None:
         """Stop listening."""

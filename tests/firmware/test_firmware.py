@@ -371,14 +371,14 @@ def test_without_its_guard_it_rests(firmware: str, end: signal.Signals) -> None:
         assert comes_true(r.line.consent)
         r.line.go([FAR], FEED)
         departed(r.board)
-        guard = r.line._guard
+        guard = r.line.guard
         assert guard is not None
         ended_s = time.monotonic()
-        guard._process.send_signal(end)
+        guard.process.send_signal(end)
         r.comes(State.FAULT)
         assert "guard" in r.line.why
         r.rests_since(ended_s)
-        guard._process.send_signal(signal.SIGKILL)
+        guard.process.send_signal(signal.SIGKILL)
 
 
 LIVES = """

@@ -8,7 +8,7 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Log
 
-from app.measuring.playback import State
+from app.measuring.playback import PlaybackState
 from app.report.text.replay import reading_lines
 from app.screens.home import ReplayChoiceScreen
 from app.screens.interface import HelpDialog, Interface, TextDialog
@@ -103,7 +103,7 @@ async def test_play_pause_and_speed(told: Path) -> None:
         await pilot.press(*["up"] * 9)
         assert "×100 · PAUSED" in text(interface, "#progress")
         await pilot.press("space")
-        await until(pilot, "the end", lambda: screen.playback.state is State.END)
+        await until(pilot, "the end", lambda: screen.playback.state is PlaybackState.END)
         await until(pilot, "said", lambda: "END" in text(interface, "#progress"))
         assert text(interface, "#said") == "Closed with 8 readings, not complete."
         assert screen.playback.session == fold(read_record(told).events)

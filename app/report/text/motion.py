@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from shlex import quote
 
-from app.measuring.moving import Mover, Proposal, feed_mm_min, limits_of, ways_of
+from app.measuring.moving import MoveProposal, Mover, feed_mm_min, limits_of, ways_of
 from app.measuring.plan import Plan
 from app.report.text.preparing import dry_run_text
 from app.report.text.tables import paragraphs, uncertain, wrapped
@@ -74,7 +74,7 @@ def set_up_text(step: Step) -> str:
     return f"Set up at {step.touched}, station {step.station:g}, along {axes}"
 
 
-def proposal_text(proposal: Proposal) -> str:
+def proposal_text(proposal: MoveProposal) -> str:
     """What the operator's consent lets the machine do, with the length of the next way."""
     step = proposal.step
     count = "1 step" if proposal.steps == 1 else f"{proposal.steps} steps"
@@ -88,7 +88,7 @@ def proposal_text(proposal: Proposal) -> str:
     return f"through {count} at {step.touched}; the first way is {first}"
 
 
-def consent_question(proposal: Proposal) -> str:
+def consent_question(proposal: MoveProposal) -> str:
     """The same as a question on the command line."""
     return f"{_by_hand_text(proposal)}Nobody at the machine? Move {proposal_text(proposal)}"
 
@@ -106,7 +106,7 @@ def waiting_text(mover: Mover) -> str:
     return f"{by_hand}Nobody at the machine? {moves} {proposal_text(proposal)}."
 
 
-def _by_hand_text(proposal: Proposal) -> str:
+def _by_hand_text(proposal: MoveProposal) -> str:
     """What the operator does by hand before it moves."""
     if proposal.clears:
         return "Proved. Take the stand away from the bar. "

@@ -148,14 +148,14 @@ def test_a_link_that_comes_while_a_file_is_written_leads_nowhere(
     victim.write_text("untouched", encoding="utf-8")
     out = tmp_path / "out"
     last = out / names[-1] if names[-1] else out
-    stage = files._stage
+    stage = files.stage
 
     def staged_slowly(target: Path, content: str | bytes) -> Path:
         if target == last:
             target.symlink_to(victim)
         return stage(target, content)
 
-    monkeypatch.setattr(files, "_stage", staged_slowly)
+    monkeypatch.setattr(files, "stage", staged_slowly)
     with pytest.raises(RecordError, match="a link"):
         write_files(out, dict.fromkeys(names, "new"), replace=replace)
     assert victim.read_text(encoding="utf-8") == "untouched"

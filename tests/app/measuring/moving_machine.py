@@ -20,7 +20,7 @@ from tempfile import mkdtemp
 import numpy as np
 
 from app.measuring.gauges import Gauge
-from app.measuring.moving import Mover, Proposal, limits_of, open_mover
+from app.measuring.moving import MoveProposal, Mover, limits_of, open_mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession, Indicators
 from app.measuring.unattended import lost_words, measure_all
@@ -95,7 +95,7 @@ class Bench:
         self.along = ("xyz".index(step.axes[0]), "xyz".index(step.axes[1]))
         return True
 
-    def agree(self, proposal: Proposal) -> bool:
+    def agree(self, proposal: MoveProposal) -> bool:
         """The operator's consent, after what is to be set up by hand."""
         return not proposal.by_hand or self.set_up(proposal.step)
 
@@ -309,7 +309,11 @@ def operator_looks(guided: GuidedSession) -> None:
         time.sleep(0.05)
     assert guided.mover is not None
     mover = guided.mover
-    while time.monotonic() < end and mover.state in (State.STOPPING, State.HELD, State.FAULT):
+    while time.monotonic() < end and mover.state in (
+        State.STOPPING,
+        State.HELD,
+        State.FAULT,
+    ):
         if mover.line.not_stopped:
             mover.line.vouch()
         elif mover.state is not State.STOPPING:

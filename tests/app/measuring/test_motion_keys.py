@@ -134,7 +134,7 @@ class Operator:
     def interfere(self) -> None:
         """Another client, the panel, a hand: what is done is noticed before the next move."""
         trouble = self.chance.choice(TROUBLES)
-        if trouble is MotionTrouble.MODE and self.twin._state["mode"] == "MANUAL":
+        if trouble is MotionTrouble.MODE and self.twin.state["mode"] == "MANUAL":
             return  # it is that already
         jogs = self.chance.random() < 0.3
         if jogs and self.mover.state is State.MOVING:

@@ -13,7 +13,7 @@ import pytest
 
 from app.evaluating.solution import solve_for_controller
 from app.measuring.demo import SelfMovingBench, demo_plan
-from app.measuring.moving import REST_S, Mover, Proposal, ways_of
+from app.measuring.moving import REST_S, MoveProposal, Mover, ways_of
 from app.measuring.opening import open_indicators, start_session
 from app.measuring.simulated import BenchSettings
 from app.measuring.unattended import measure_all
@@ -60,7 +60,7 @@ def test_a_session_measures_itself(name: str, tmp_path: Path) -> None:
     make = TWINS[name] if name == "grbl" else linuxcnc
     with moving_session(path, machine, make=make) as (guided, bench, twin):
 
-        def agree(proposal: Proposal) -> bool:
+        def agree(proposal: MoveProposal) -> bool:
             if proposal.by_hand:
                 asked.append((bench.tool_mm, bench.axes.moving))
             return bench.agree(proposal)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.measuring.gauges import Live, Motion
-from app.measuring.playback import BREAK_S, SHORTEST_S, SPEEDS, Playback, State, frames_of
+from app.measuring.playback import BREAK_S, SHORTEST_S, SPEEDS, Playback, PlaybackState, frames_of
 from app.report.text.replay import reading_lines, said_text
 from calib.errors import RecordError, UsageError
 from drivers.profile import Fault, FaultKind, IndicatorReading
@@ -49,11 +49,11 @@ def test_every_sample_plays_to_the_end(path: Path) -> None:
     playback.toggle()
     shown = {playback.position}
     for _ in range(100_000):
-        if playback.state is State.END:
+        if playback.state is PlaybackState.END:
             break
         playback.advance(0.5)
         shown.add(playback.position)
-    assert playback.state is State.END
+    assert playback.state is PlaybackState.END
     assert playback.position == len(kept.events)
     assert playback.session == fold(kept.events)
     assert shown == {frame.end for frame in playback.frames}
@@ -138,7 +138,7 @@ def test_time_passes_at_the_speed(speed: int) -> None:
     assert playback.time_s == pytest.approx(20.1)
     assert playback.position == 2
     playback.toggle()
-    assert playback.state is State.PAUSED
+    assert playback.state is PlaybackState.PAUSED
     assert playback.advance(100.0) is False
 
 
@@ -151,17 +151,17 @@ def test_the_first_speed_lets_a_usual_step_be_seen(samples: Path) -> None:
 def test_play_at_the_end_begins_again() -> None:
     playback = told()
     playback.go(len(playback.frames))
-    assert playback.state is State.END
+    assert playback.state is PlaybackState.END
     playback.toggle()
-    assert (playback.state, playback.position) == (State.PLAYING, 1)
+    assert (playback.state, playback.position) == (PlaybackState.PLAYING, 1)
     playback.advance(10_000.0)
-    assert (playback.state, playback.position) == (State.END, 16)
+    assert (playback.state, playback.position) == (PlaybackState.END, 16)
 
 
 def test_a_record_of_one_line_is_at_its_end() -> None:
     playback = Playback(record([opened()]))
     playback.toggle()
-    assert playback.state is State.END
+    assert playback.state is PlaybackState.END
     assert playback.advance(1.0) is False
     assert playback.place == "step 1 of 30"
     assert [live.motion for live in playback.live] == [Motion.WAITING] * 2
@@ -320,7 +320,7 @@ def test_any_way_leads_to_the_same_picture(moves: list[tuple[str, float | str | 
         assert playback.frames[frame].time_s <= playback.time_s
         if frame + 1 < len(ends):
             assert playback.time_s < playback.frames[frame + 1].time_s
-        assert (playback.state is State.END) == (frame + 1 == len(ends))
+        assert (playback.state is PlaybackState.END) == (frame + 1 == len(ends))
         assert all(live.age_s >= 0.0 for live in playback.live)
         straight = told()
         straight.step(frame)

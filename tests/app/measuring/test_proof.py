@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from app.measuring.moving import Proposal, limits_of
+from app.measuring.moving import MoveProposal, limits_of
 from app.measuring.opening import start_session
 from app.measuring.plan import Plan
 from app.measuring.proof import FEED_MM_MIN, Proof, proved_path
@@ -88,11 +88,11 @@ class Operator:
     """Sets up what is to be, agrees, and sees what a carriage does while it moves."""
 
     def __init__(self, bench: Bench, *, missing: str = "nothing", to_the_end: bool = True) -> None:
-        self.proposals: list[Proposal] = []
+        self.proposals: list[MoveProposal] = []
         self.questions: list[str] = []
         self._bench, self._missing, self._to_the_end = bench, missing, to_the_end
 
-    def agree(self, proposal: Proposal) -> bool:
+    def agree(self, proposal: MoveProposal) -> bool:
         self.proposals.append(proposal)
         assert not self._bench.axes.moving
         agrees = self._to_the_end or proposal.proof is not None

@@ -22,12 +22,12 @@ from dataclasses import dataclass, field
 
 from drivers.motion.controller import Triple
 from drivers.motion.twins import (
+    Client,
     GrblTwin,
     LinuxCncTwin,
     MotionTrouble,
     MotionTwin,
     SimulatedAxes,
-    _Client,
 )
 from drivers.twins import Disconnected, Transport
 
@@ -67,7 +67,7 @@ class TrueAxes(SimulatedAxes):
 
     def _remember(self) -> None:
         now_s = time.monotonic()
-        self.ways.append((now_s, self._from, self._to, self._way_s, self.by_itself))
+        self.ways.append((now_s, self.from_mm, self.to_mm, self.way_s, self.by_itself))
 
     def _way(self, at_s: float) -> tuple[float, Triple, Triple, float, bool]:
         return next((way for way in reversed(self.ways) if way[0] <= at_s), self.ways[0])
@@ -95,7 +95,7 @@ class Link:
     """One client of a front."""
 
     number: int
-    client: _Client = field(default_factory=_Client)
+    client: Client = field(default_factory=Client)
     received: bytes = b""
     inward: deque[tuple[float, bytes]] = field(default_factory=deque)
     outward: deque[tuple[float, bytes]] = field(default_factory=deque)
@@ -427,7 +427,7 @@ class Inches(Ill):
     def acts(self, front: Front) -> None:
         if not self._done and isinstance(front.twin, LinuxCncTwin):
             self._done = True
-            front.twin._modal({"G20"})
+            front.twin.modal({"G20"})
 
 
 class Jogs(Ill):
@@ -461,7 +461,7 @@ class Restarts(Ill):
         self._done = True
         if isinstance(front.twin, GrblTwin):
             front.axes.stop()
-            front.twin._received = b""
+            front.twin.received = b""
             if self.locked:
                 front.changed("restart", lambda: front.twin.befall(MotionTrouble.NOT_HOMED))
             for link in front.links:
@@ -572,10 +572,10 @@ class Front:
     def _supervised(self) -> object:
         twin = self.twin
         if isinstance(twin, LinuxCncTwin):
-            states = {k: v for k, v in twin._state.items() if k != "program_codes"}
-            return states, twin.offset_mm, twin._control is None
+            states = {k: v for k, v in twin.state.items() if k != "program_codes"}
+            return states, twin.offset_mm, twin.control is None
         assert isinstance(twin, GrblTwin)
-        return twin._state, twin.offset_mm, twin._override
+        return twin.state, twin.offset_mm, twin.override
 
     def answer(self, link: Link, text: bytes) -> None:
         """Send this when it is due."""
@@ -665,7 +665,7 @@ class Front:
         for line in lines:
             text = ""
             with contextlib.suppress(ValueError, IndexError, KeyError):  # a garbled line
-                text = twin._answer(link.client, line.decode("latin-1").split())
+                text = twin.answer(link.client, line.decode("latin-1").split())
             if text:
                 self.answer(link, text.encode("latin-1"))
 

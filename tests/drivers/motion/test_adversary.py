@@ -140,11 +140,11 @@ class Scenario:
         self._note(", ".join(map(repr, self._ills)))
         try:
             if self._started():
-                owner = self._line._owner
+                owner = self._line.owner
                 end_s = time.monotonic() + SPAN_S + 0.3
                 while time.monotonic() < end_s and len(self.wrong) < MOST_WRONG:
                     self._act()
-                if self._line._owner is not owner or owner is None or not owner.is_alive():
+                if self._line.owner is not owner or owner is None or not owner.is_alive():
                     self._blame("the thread that owns the controller ended")
             self._closes()
             self._judge_moves()
@@ -315,12 +315,12 @@ class Scenario:
 
     def _closes(self) -> None:
         line = self._line
-        guard, threads = line._guard, (line._owner, line._watcher)
+        guard, threads = line.guard, (line.owner, line.watcher)
         self._timed("close", CLOSE_S, line.close)
         for thread in threads:
             if thread is not None and thread.is_alive():
                 self._blame(f"{thread.name} still runs")
-        if isinstance(guard, Guard) and guard._process not in LEFT and guard.runs:
+        if isinstance(guard, Guard) and guard.process not in LEFT and guard.runs:
             self._blame("the guard still runs")
 
     def _timed(self, what: str, within_s: float, work: Callable[[], object]) -> None:
@@ -450,10 +450,10 @@ def test_no_flood_of_whole_lines_makes_a_question_longer(
     controller = controller_of("grbl:/dev/none", LIMITS)
     assert isinstance(controller, Grbl)
     controller.answer_s = ANSWER_S
-    controller._state = "Idle"
-    controller._wire = flood = Flood(line)
+    controller.state = "Idle"
+    controller.wire = flood = Flood(line)
     for work in (controller.connect, controller.look, lambda: controller.begin(START, FEED)):
-        controller._wire = flood
+        controller.wire = flood
         began_s = time.monotonic()
         with contextlib.suppress(ControllerFault):
             work()
@@ -561,17 +561,17 @@ def test_the_guard_has_the_port_as_it_is_after_a_new_connection(
 ) -> None:
     patience = Patience(silence_s=0.6, dead_s=0.0)
     with lined("grbl", answer_s=2.0, patience=patience) as (front, line):
-        before = line._guard
+        before = line.guard
         front.drops()
         assert comes_true(lambda: line.state is State.FAULT)
         line.answered().result(10.0)
-        assert line._guard is not before
+        assert line.guard is not before
         line.homing_confirmed = True
         assert comes_true(line.consent)
         line.go([(50.0, 2.0, -3.0)], 600.0)
         assert comes_true(lambda: line.state is State.MOVING and front.axes.moving)
         monkeypatch.setattr(Guard, "watches", True)
-        monkeypatch.setattr(line, "_send", lambda _: None)  # as from a program that hangs
+        monkeypatch.setattr(line, "tell_guard", lambda _: None)  # as from a program that hangs
         assert comes_true(lambda: not front.axes.moving, 3.0)
         assert front.axes.at_mm[0] < 49.0
 
@@ -580,7 +580,9 @@ def test_the_guard_has_the_port_as_it_is_after_a_new_connection(
 def test_nothing_moves_before_the_guard_is_armed(monkeypatch: pytest.MonkeyPatch) -> None:
     """That it started is no sign that it would stop the machine: only a beat arms it."""
     with lined("linuxcnc", patience=Patience(silence_s=1.0, dead_s=0.0)) as (front, line):
-        monkeypatch.setattr(line, "_send", lambda _: None)  # as if killed before the first beat
+        monkeypatch.setattr(
+            line, "tell_guard", lambda _: None
+        )  # as if killed before the first beat
         assert line.consent()
         assert isinstance(line.go([(2.0, 2.0, -3.0)], FEED).exception(10.0), ControllerFault)
         assert not front.twin.moves
@@ -592,7 +594,7 @@ def test_a_close_waits_for_no_question(monkeypatch: pytest.MonkeyPatch) -> None:
         front.drops()
         assert comes_true(lambda: line.state is State.FAULT)
         front.ills = [always(Mute)]
-        answer, owner = line.answered(), line._owner
+        answer, owner = line.answered(), line.owner
         time.sleep(0.1)
         began_s = time.monotonic()
         line.close()
@@ -652,20 +654,20 @@ def test_a_jog_that_ended_meanwhile_is_not_put_on_hold() -> None:
     """A hold is no more than a cancel in a jog, and locks a board that rests (tried with grbl)."""
     controller = controller_of("grbl:/dev/none", LIMITS)
     assert isinstance(controller, Grbl)
-    controller._wire = wire = Flood(b"")
-    controller._state = "Jog"  # as it was told last
+    controller.wire = wire = Flood(b"")
+    controller.state = "Jog"  # as it was told last
     for attempt in range(3):
-        controller._send_stop(attempt)
+        controller.send_stop(attempt)
     assert set(wire.sent) == {0x85}
 
 
 def test_a_position_that_was_cut_is_none() -> None:
     controller = controller_of("linuxcnc:127.0.0.1:9", LIMITS)
     assert isinstance(controller, LinuxCnc)
-    assert controller._place("1.5 2.0 -3.25 0.0 0.0 0.0") == (1.5, 2.0, -3.25)
+    assert controller.place_of("1.5 2.0 -3.25 0.0 0.0 0.0") == (1.5, 2.0, -3.25)
     for answer in ("1.5 2.0 -3", "1.5 2.0 -3.25 0.0 0.0", "0 0.000000", ""):
         with pytest.raises(ControllerFault):
-            controller._place(answer)
+            controller.place_of(answer)
 
 
 def test_an_operator_who_vouches_is_heard_whatever_a_driver_raises(
@@ -714,10 +716,10 @@ def firmware(axes: SimulatedAxes) -> GrblTwin:
     """A board that is none of grbl 1.1."""
 
     class Other(GrblTwin):
-        def _answer(self, line: str) -> str:
+        def answer(self, line: str) -> str:
             if line == "$I":
                 return "[VER:3.7 FluidNC v3.7.12:]\r\n[OPT:PHS]\r\nok\r\n"
-            return super()._answer(line)
+            return super().answer(line)
 
     return Other(axes, "tcp")
 

@@ -151,7 +151,7 @@ class Overheard(LinuxCncTwin):
 
     def _mdi(self, line: str) -> None:
         super()._mdi(line)
-        self._display.clear()
+        self.display.clear()
 
 
 def test_the_last_micrometres_behind_idle_are_no_offset_and_are_waited_for(
@@ -164,17 +164,17 @@ def test_the_last_micrometres_behind_idle_are_no_offset_and_are_waited_for(
         r.axes.go((10.009, 0.0, 0.0), 6.0)  # 90 ms
         there = r.line.controller
         snapshots = []
-        r.line._asked(lambda: snapshots.append(there.settle()) or (0.0,) * 3).result(PATIENCE_S)  # type: ignore[func-returns-value]
+        r.line.ask(lambda: snapshots.append(there.settle()) or (0.0,) * 3).result(PATIENCE_S)  # type: ignore[func-returns-value]
         assert snapshots[0].place_mm == (10.009, 0.0, 0.0)
         assert snapshots[0].states["offset"] == "0.000 0.000 0.000"
 
 
 def test_diameters_of_another_client_halve_no_way() -> None:
     with rig("linuxcnc") as r:
-        codes = r.twin._state["program_codes"]  # type: ignore[attr-defined]
-        r.twin._state["program_codes"] = codes.replace("G8", "G7")  # type: ignore[attr-defined]
+        codes = r.twin.state["program_codes"]  # type: ignore[attr-defined]
+        r.twin.state["program_codes"] = codes.replace("G8", "G7")  # type: ignore[attr-defined]
         r.go((10.0, 0.0, 0.0))
-        assert "G8" in r.twin._state["program_codes"].split()  # type: ignore[attr-defined]
+        assert "G8" in r.twin.state["program_codes"].split()  # type: ignore[attr-defined]
 
 
 @every

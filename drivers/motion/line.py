@@ -22,6 +22,7 @@ from drivers.motion.controller import (
     Controller,
     ControllerFault,
     MotionFault,
+    Snapshot,
     Triple,
 )
 from drivers.motion.guard import BEAT, BEAT_S, HOMING, REST, SILENCE_S, Guard
@@ -466,6 +467,22 @@ class MotionLine:
         """After the operator's answer: a new connection where that is needed, and all is right."""
         if self._state not in (State.HELD, State.FAULT):
             raise self.controller.fault(MotionFault.STOPPED, f"{self._state}", "held, or a fault")
+        try:
+            there = self._ready_at_rest()
+        except (
+            ControllerFault
+        ) as problem:  # of now, not of before
+            self._why, self._broken = str(problem), self._broken or problem.kind in BROKEN
+            raise
+        self._watched.baseline(there)
+        with self._lock:
+            self._change(Cause.ANSWERED)
+            self._calm_s = time.monotonic()
+            self._why = ""
+        self.listener()
+        return there.place_mm
+
+    def _ready_at_rest(self) -> Snapshot:
         if self._broken or self.guard is None or not self.guard.runs:
             if self._broken:
                 self.controller.renew()
@@ -475,13 +492,7 @@ class MotionLine:
         there = self.controller.survey()
         if there.moving:
             raise self.controller.fault(MotionFault.ELSEWHERE, "a move that is not of this session")
-        self._watched.baseline(there)
-        with self._lock:
-            self._change(Cause.ANSWERED)
-            self._calm_s = time.monotonic()
-            self._why = ""
-        self.listener()
-        return there.place_mm
+        return there
 
     def _renew_guard(self) -> None:
         before, self.guard = self.guard, None

@@ -351,8 +351,9 @@ class LinuxCnc(Controller):
         """Let go of the connection."""
         if self._socket is not None and self._took_control:
             with contextlib.suppress(ControllerFault):
-                # else the next stranger with the same number of a socket has control unasked
-                self._send("set enable off")
+                # Else the next stranger with the same number of a socket has control unasked. It is
+                # waited for: heard late it would take control from the connection that comes next.
+                self._accepts("enable off", REJOIN_S)
         self._hang_up()
 
     def _hang_up(self) -> None:

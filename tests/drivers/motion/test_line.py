@@ -308,6 +308,20 @@ def test_who_asks_a_controller_that_dies_is_answered_before_anybody_vouches() ->
         r.comes(State.FAULT)
 
 
+def test_control_that_is_lost_while_it_is_answered_is_said_and_taken_with_the_next_answer() -> None:
+    with rig("linuxcnc") as r:
+        fault(r)
+        r.twin.mend()
+        second = controller_of(r.twin.told, LIMITS)
+        second.connect()
+        assert isinstance(r.line.answered().exception(PATIENCE_S), ControllerFault)
+        assert r.line.state is State.FAULT
+        assert "another client has control" in r.line.why
+        second.close()
+        answer(r)
+        assert r.line.consent()
+
+
 def test_a_stop_that_took_control_from_another_client_is_answered() -> None:
     with rig("linuxcnc") as r:
         r.on_the_way()

@@ -139,12 +139,12 @@ class Operator:
         jogs = self.chance.random() < 0.3
         if jogs and self.mover.state is State.MOVING:
             return  # a move that is sent just then takes the place of the jog, and nothing is left
-        self.troubles_s.append(time.monotonic())
         if jogs:
             x, y, z = self.twin.axes.at_mm
             self.twin.axes.go((x, y + 1.5, z), 1e5)
         else:
             self.twin.befall(trouble)
+        self.troubles_s.append(time.monotonic())  # from here on it is there to be seen
 
     def illegal(self, at_s: float) -> str:
         """Why a move at this moment is none that the operator wanted."""

@@ -469,9 +469,7 @@ class MotionLine:
             raise self.controller.fault(MotionFault.STOPPED, f"{self._state}", "held, or a fault")
         try:
             there = self._ready_at_rest()
-        except (
-            ControllerFault
-        ) as problem:  # of now, not of before
+        except ControllerFault as problem:  # of now, not of before
             self._why, self._broken = str(problem), self._broken or problem.kind in BROKEN
             raise
         self._watched.baseline(there)

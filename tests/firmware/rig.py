@@ -17,6 +17,7 @@ import threading
 import time
 import tty
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -182,7 +183,8 @@ class Board:
     def _carry(self) -> None:
         line = b""
         while received := self._read():
-            self._simulator.send(received)
+            with suppress(OSError, ValueError):  # a guard may still speak while all is closed
+                self._simulator.send(received)
             *lines, line = (line + received).split(b"\n")
             for words in lines:
                 self.moves += [jog.decode("latin-1") for jog in JOG.findall(words)]

@@ -28,6 +28,8 @@ CONNECT_S = 2.0
 STOP_S = 0.5
 """Within it a machine is at rest after the cause of a stop, or the operator is told."""
 
+MM_PER_INCH = 25.4
+
 AGAIN_S = 0.2
 """So long after its command a stop is sent once more, by every other way there is."""
 

@@ -18,6 +18,7 @@ import serial
 
 from calib.errors import IndicatorError
 from drivers.motion.controller import (
+    MM_PER_INCH,
     SLICE_S,
     Controller,
     ControllerFault,
@@ -36,7 +37,6 @@ WAKE_S = 3.5
 
 ACCEPT_S = 1.0
 HOMING_S = 180.0
-MM_PER_INCH = 25.4
 ASK_AGAIN_S = 0.2
 FULL_REPORT, REPORT = b"\x87", b"?"
 """grblHAL tells all of its state for the first; grbl 1.1 drops it, and tells parts in turn."""

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 
 from drivers.motion.controller import (
     NOT_STOPPED,
+    SLICE_S,
     STOP_S,
     Controller,
     ControllerFault,
@@ -32,7 +33,6 @@ from drivers.motion.supervision import Supervision
 REST_LOOK_S = 0.2
 """A machine at rest is looked at so often: hands may be in it."""
 
-SLICE_S = 0.02
 DEAD_S = 1.0
 """After a stop, an arrival, a fault or an answer no consent is taken: a key pressed then was meant
 for what was before."""

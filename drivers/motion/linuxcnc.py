@@ -21,6 +21,7 @@ from typing import ClassVar
 
 from drivers.motion.controller import (
     CONNECT_S,
+    MM_PER_INCH,
     SLICE_S,
     STILL_MM,
     Controller,
@@ -47,7 +48,6 @@ AXES = 6
 IDENTITY = "1"
 """The kinematics in which X, Y and Z are the joints themselves."""
 
-MM_PER_INCH = 25.4
 PASSWORDS = "GLIDECAL_LINUXCNC_PASSWORDS"
 """Environment variable: the password to connect with, a blank, and the one to enable with."""
 

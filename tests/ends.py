@@ -121,7 +121,8 @@ def calibrate(glidecal: Path, wheel: Path, folder: Path) -> None:
         run(glidecal, "export", before, *table, cwd=folder)
         run(glidecal, "import", f"t.{kind}", "-o", f"{kind}.jsonl", cwd=folder)
     run(glidecal, "report", before, "--after", after, "-o", "report.html", cwd=folder)
-    run(glidecal, "verify", before, after, cwd=folder)
+    # without a tolerance nothing is judged; this one is wide: measurements differ
+    run(glidecal, "verify", before, after, "--tolerance", "0.2", cwd=folder)
 
 
 def tests(python: Path, folder: Path) -> None:

@@ -21,8 +21,8 @@ import numpy as np
 
 from tests.blind import blunders
 from tests.blind.cases import PROCEDURES, SHAPES, STRENGTHS, USUAL_NOISES, Case
-from tests.blind.effects import EFFECT_IDS
-from tests.blind.forward import FloatArray, Hidden, readings
+from tests.blind.effects import EFFECT_IDS, Candidate
+from tests.blind.forward import FloatArray, Hidden, Hypothesis, Rows, readings
 from tests.blind.generator import (
     LENGTH_SPREAD_MM,
     ZERO_LIMIT_MM,
@@ -44,20 +44,34 @@ TOLERANCE_MM = 0.1
 """Of lengths, as the prototype's machine file states it."""
 
 OFFSET_LIMIT_MM = 2.0
+TILTED = "axes tilted"
+LEAN_LIMITS = (0.3e-3, 2e-3)
+SHIFT_LIMITS_MM = (0.1, 0.8)
 TRIES = 400
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One session: its table, the resolution of its indicators, and the machine behind it."""
+    """One session: its table, the resolution of its indicators, and the machine behind it.
+
+    ``rows``, ``values_mm`` and ``noise_mm`` are the readings before any gross mistake and their
+    r.m.s. noise, ``effects`` what is hidden beside offsets and lengths.
+    """
 
     table: str
     resolution_mm: float | None
     hidden: Hidden
+    rows: Rows
+    values_mm: FloatArray
+    noise_mm: float
+    effects: tuple[Candidate, ...]
 
 
 def claim(case: Case, seed: int, length_spread_mm: float = LENGTH_SPREAD_MM) -> Claim:
-    """The session of a case, ``strengths`` in units of detection. Raises ValueError."""
+    """The session of a case, ``strengths`` in units of detection. Raises ValueError.
+
+    In the cell `TILTED` all three axes lean and are shifted, too.
+    """
     rng = case.generator(seed)
     for _ in range(TRIES):
         try:
@@ -76,6 +90,11 @@ def _attempt(case: Case, rng: np.random.Generator, length_spread_mm: float) -> C
     plain = Hidden().plus([(e, float(v)) for e, v in zip(BASE, drawn, strict=True)])
     waves = tuple((float(rng.uniform(0.03, 0.09)), float(rng.uniform(0, 6.3))) for _ in range(3))
     hidden = Hidden(plain.amounts, 5.0, float(rng.uniform(17.0, 45.0)), waves)
+    effects: list[Candidate] = []
+    if case.cell == TILTED:
+        tilts = _tilts(rng)
+        effects.append(Candidate(TILTED, "all", tuple(((entry, 1.0),) for entry, _ in tilts)))
+        hidden = hidden.plus(tilts)
     columns = Columns(rows, hidden)
     for effect, strength in zip(
         case.effects or (case.shape,) * bool(case.shape), case.strengths, strict=True
@@ -90,11 +109,28 @@ def _attempt(case: Case, rng: np.random.Generator, length_spread_mm: float) -> C
         weights *= strength * np.sqrt(detection_ncp(len(shown)) / float(seen @ seen))
         changes = changes_of(candidate.directions, weights, rng)
         check_size(changes)
-        hidden = Hidden(hidden.plus(changes).amounts, candidate.lead_mm, *settings_of(hidden))
+        lead_mm = candidate.lead_mm if candidate.id == "actuator_cyclic" else hidden.lead_mm
+        hidden = Hidden(hidden.plus(changes).amounts, lead_mm, *settings_of(hidden))
+        effects.append(candidate)
     zeros = rng.uniform(-ZERO_LIMIT_MM, ZERO_LIMIT_MM, rows.mount.max() + 1)
     values = readings(rows, hidden) + zeros[rows.mount] + noise.values_mm
-    text = table_text(blunders.Table(rows, values), noise.resolution_mm)
-    return Claim(text, noise.resolution_mm, hidden)
+    table = blunders.Table(rows, values)
+    if case.blunder:
+        table = blunders.commit(case.blunder, table, noise.rms_mm, rng)[0]
+    text, truth = table_text(table, noise.resolution_mm), (rows, values, noise.rms_mm)
+    return Claim(text, noise.resolution_mm, hidden, *truth, tuple(effects))
+
+
+def _tilts(rng: np.random.Generator) -> list[tuple[Hypothesis, float]]:
+    """Leans and shifts of all three axes, each in a direction of its own."""
+    changes: list[tuple[Hypothesis, float]] = []
+    for name, (low, high) in (("lean", LEAN_LIMITS), ("shift", SHIFT_LIMITS_MM)):
+        for axis in range(3):
+            size, angle = rng.uniform(low, high), rng.uniform(0.0, 2.0 * np.pi)
+            across = (size * np.cos(angle), size * np.sin(angle))
+            sides = [side for side in range(3) if side != axis]
+            changes += [((name, (axis, k)), float(v)) for k, v in zip(sides, across, strict=True)]
+    return changes
 
 
 def _held(columns: Columns, values: FloatArray, noise_mm: float) -> FloatArray:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
 
 import numpy as np
 
 from tests.blind.forward import LEG_MM, FloatArray, Hidden, feet_of, tool_of
+
+Commanded = Callable[[FloatArray, float], FloatArray]
+"""Tool places ``(n, 3)`` and the way by which carriages come (1 up, -1 down) → the joint
+coordinates ``(n, 3)``, absolute (`LEG_MM` at Zero), that a controller sends for them, all mm."""
 
 LIMITS_MM = (-100.0, 60.0)
 HIGHEST_MM = 84.0
@@ -29,18 +34,29 @@ def _joints(tool_mm: FloatArray, lengths_mm: FloatArray) -> FloatArray:
     return np.asarray(tool_mm + np.sqrt(lengths_mm**2 - across))
 
 
-def tool_errors_mm(hidden: Hidden, offsets_mm: FloatArray, lengths_mm: FloatArray) -> FloatArray:
-    """Tool less where it was sent ``(2 n, 3)``, all carriages having come up, then down.
+def entered(offsets_mm: FloatArray, lengths_mm: FloatArray) -> Commanded:
+    """A controller that holds joint offsets ``(3,)`` and errors of bar lengths ``(3,)``.
 
     The controller's joint is the true one less the entered offset, for bars of L + entered length.
     """
+    return lambda tool_mm, _: _joints(tool_mm, LEG_MM + lengths_mm) - offsets_mm
+
+
+def reached_mm(hidden: Hidden, joints_mm: FloatArray, way: float) -> FloatArray:
+    """Where the tool is ``(n, 3)`` for joints ``(n, 3)``, all carriages having come one way."""
+    return tool_of(hidden, feet_of(hidden, joints_mm, np.full(joints_mm.shape, way)))
+
+
+def errors_mm(hidden: Hidden, commanded: Commanded) -> FloatArray:
+    """Tool less where it was sent ``(2 n, 3)``, all carriages having come up, then down."""
     wanted = reachable_mm()
-    commanded = _joints(wanted, LEG_MM + lengths_mm) - offsets_mm
-    found = []
-    for way in (1.0, -1.0):
-        feet = feet_of(hidden, commanded, np.full(commanded.shape, way))
-        found.append(tool_of(hidden, feet) - wanted)
-    return np.concatenate(found)
+    off = [reached_mm(hidden, commanded(wanted, way), way) - wanted for way in (1.0, -1.0)]
+    return np.concatenate(off)
+
+
+def tool_errors_mm(hidden: Hidden, offsets_mm: FloatArray, lengths_mm: FloatArray) -> FloatArray:
+    """The same with these joint offsets and lengths entered."""
+    return errors_mm(hidden, entered(offsets_mm, lengths_mm))
 
 
 def rms_mm(errors_mm: FloatArray) -> float:

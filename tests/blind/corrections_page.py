@@ -33,7 +33,7 @@ def beside(lines: Sequence[Json], others: Sequence[Json]) -> list[Json]:
             continue
         if not np.isclose(line["errors"][BEFORE]["machine"], other["errors"][BEFORE]["machine"]):
             raise ValueError(f"session {line['key']} is another one: made with another seed")
-        both = dict(line)
+        both = line | {"failure": line["failure"] or other["failure"]}
         for part in ("errors", "bounds"):
             was = {f"was {name}": v for name, v in other[part].items() if name not in (BEFORE, LAW)}
             both[part] = line[part] | was
@@ -78,8 +78,12 @@ def _left(groups: Groups, names: Sequence[str], frame: str) -> list[str]:
     for title, lines in groups.items():
         cells = []
         for name in names:
-            true = np.array([line["errors"][name][frame] for line in lines])
-            cells.append(f"{np.sqrt(np.mean(true**2)):.4f} [{np.median(true):.4f}]")
+            true, best = (
+                np.array([line["errors"][one][frame] for line in lines]) for one in (name, LAW)
+            )
+            rms, least = (float(np.sqrt(np.mean(mm**2))) for mm in (true, best))
+            times = "" if name in (BEFORE, LAW) else f" {rms / least:.1f} ×"
+            cells.append(f"{rms:.4f} [{np.median(true):.4f}]{times}")
         rows.append(_row(title, str(len(lines)), *cells))
     return rows
 

@@ -14,8 +14,6 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from tests.blind.corrections import Answer
 from tests.blind.corrections_page import OFFSETS
 
@@ -92,8 +90,7 @@ def _of(solved: SessionSolution, *, lengths: bool = True) -> Commanded:
     from calib.tripod.controller import commanded_with
 
     model = solved.solution.model
-    parameters = np.array(model.parameters_mm)
-    parameters[3:] *= lengths
+    parameters = [*model.parameters_mm[:3], *(mm * lengths for mm in model.parameters_mm[3:])]
     return lambda tool_mm, _: commanded_with(model.geometry, parameters)(tool_mm)
 
 

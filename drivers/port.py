@@ -106,7 +106,7 @@ def close_port(port: Closable) -> None:
 def cannot_open(port: str, problem: Exception) -> IndicatorError:
     """Why a port cannot be opened, and what to do."""
     said = str(problem)
-    look = "Plug the indicator in; glidecal ports lists what is there"
+    look = "Plug the device in; glidecal ports lists what is there"
     # Windows says PermissionError for a port that another program holds, so that comes first
     reasons = {
         "No such file": ("no such port", look),
@@ -118,6 +118,8 @@ def cannot_open(port: str, problem: Exception) -> IndicatorError:
         ),
         "exclusively lock": ("in use by another program", "Close the other program"),
         "busy": ("in use by another program", "Close the other program"),
+        "Inappropriate ioctl": ("no serial port", "glidecal ports lists what is there"),
+        "Is a directory": ("no serial port", "glidecal ports lists what is there"),
         "refused": ("no device answers at this address", "Start the device or the simulator first"),
     }
     found = (why for sign, why in reasons.items() if sign in said)

@@ -16,7 +16,7 @@ from typing import ClassVar, Literal, Protocol
 
 import serial
 
-from calib.errors import IndicatorError
+from calib.errors import IndicatorError, sentence
 from drivers.motion.controller import (
     MM_PER_INCH,
     SLICE_S,
@@ -29,7 +29,7 @@ from drivers.motion.controller import (
     Snapshot,
     Triple,
 )
-from drivers.port import PORT_ERRORS, check_port, close_port
+from drivers.port import PORT_ERRORS, cannot_open, check_port, close_port
 
 BAUD = 115200
 WAKE_S = 3.5
@@ -170,8 +170,9 @@ class Grbl(Controller):
         except IndicatorError as problem:
             raise self.fault(MotionFault.UNREACHABLE, problem.found, problem.allowed) from problem
         except PORT_ERRORS as problem:
-            next_step = "glidecal ports lists what is there; close other programs that use it."
-            raise self.fault(MotionFault.UNREACHABLE, str(problem), "", next_step) from problem
+            why = cannot_open(self.address, problem)
+            next_step = sentence(why.next_step)
+            raise self.fault(MotionFault.UNREACHABLE, why.reason, "", next_step) from problem
         return port
 
     def _wake(self) -> None:

@@ -99,6 +99,7 @@ class MotionLine:
         self._unanswered: tuple[Job, ControllerFault] | None = None
         self._problem: ControllerFault | None = None
         self._by_operator = self._vouched = self._closing = self._broken = False
+        self._left_unseen = False
         self._consent = 0
         self._rest_mm: Triple | None = None
         self._way_mm: tuple[Triple, Triple] | None = None
@@ -123,9 +124,9 @@ class MotionLine:
 
     @property
     def not_stopped(self) -> bool:
-        """Whether a stop should have been seen by now, and was not."""
+        """Whether a stop should have been seen by now, or before all was let go, and was not."""
         late = time.monotonic() - self._cause_s > STOP_S
-        return self._state is State.STOPPING and late
+        return self._left_unseen or (self._state is State.STOPPING and late)
 
     @property
     def why(self) -> str:
@@ -261,6 +262,7 @@ class MotionLine:
             if thread is not None and thread is not threading.current_thread():
                 thread.join(CLOSE_S)
         resting = self._state is not State.STOPPING
+        self._left_unseen = self._left_unseen or not resting
         self._answer_nobody()
         self.controller.close()
         if self.guard is not None:

@@ -34,6 +34,7 @@ from drivers.motion.controller import (
 )
 
 PORT = 5007
+THERE = "Is linuxcncrsh running there, and does this port belong to it?"
 ACCEPT_S = 3.0
 """For what the controller has to accept; it looks ten times a second."""
 
@@ -135,8 +136,10 @@ class LinuxCnc(Controller):
             self._send(f"set enable {enable}")
             if self._line(deadline) != "SET ENABLE ACK":
                 raise self._refused("the password to enable")
-        except ControllerFault:
+        except ControllerFault as problem:
             self.close()
+            if problem.kind is MotionFault.LOST:
+                raise self.fault(problem.kind, problem.found, next_step=THERE) from problem
             raise
 
     def _open(self, within_s: float) -> None:
@@ -151,10 +154,9 @@ class LinuxCnc(Controller):
             self._socket = socket.create_connection((host, int(port)), timeout=within_s)
         except (OSError, ValueError) as problem:  # ValueError: a name that is none
             why = getattr(problem, "strerror", None) or str(problem) or "no answer"
-            if isinstance(problem, ValueError):
+            if isinstance(problem, ValueError) or "/" in host:
                 why = f"{host[:60]!r}, no name of a computer"
-            next_step = "Is linuxcncrsh running there, and does this port belong to it?"
-            raise self.fault(MotionFault.UNREACHABLE, why, next_step=next_step) from problem
+            raise self.fault(MotionFault.UNREACHABLE, why, next_step=THERE) from problem
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._received = b""
 

@@ -298,8 +298,9 @@ def test_the_hold_key_of_the_panel_on_the_way_stops_grbl() -> None:
 
 
 @every
+@pytest.mark.parametrize("by_operator", [False, True], ids=["seen in a look", "stopped at once"])
 def test_a_move_that_waits_in_a_hold_never_starts(
-    firmware: str, monkeypatch: pytest.MonkeyPatch
+    firmware: str, by_operator: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Pressed between the last look and the line: that has no answer, and ``~`` would start it."""
     with rig(firmware) as r:
@@ -313,32 +314,13 @@ def test_a_move_that_waits_in_a_hold_never_starts(
         monkeypatch.setattr(r.line.controller, "begin", late)
         assert r.line.consent()
         way = r.line.go([FAR], FEED)
+        if by_operator:
+            assert comes_true(lambda: len(r.board.moves) == 1)
+            r.line.stop("a test", by_operator=True)
         assert isinstance(way.exception(PATIENCE_S), ControllerFault)
-        r.comes(State.FAULT)
+        if not by_operator:
+            r.comes(State.FAULT)
         assert len(r.board.moves) == 1
-        r.board.from_elsewhere(b"~")
-        time.sleep(1.0)
-        assert off_mm(r.board.carriages, AT_POWER_ON_MM) < PULSE_MM
-
-
-@every
-def test_a_move_that_waits_in_a_hold_never_starts_where_the_operator_stops_at_once(
-    firmware: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with rig(firmware) as r:
-        begin = r.line.controller.begin
-
-        def late(to_mm: Triple, feed: float) -> None:
-            r.board.from_elsewhere(b"!")
-            time.sleep(0.1)
-            begin(to_mm, feed)
-
-        monkeypatch.setattr(r.line.controller, "begin", late)
-        assert r.line.consent()
-        way = r.line.go([FAR], FEED)
-        assert comes_true(lambda: len(r.board.moves) == 1)
-        r.line.stop("a test", by_operator=True)
-        assert isinstance(way.exception(PATIENCE_S), ControllerFault)
         r.board.from_elsewhere(b"~")
         time.sleep(1.0)
         assert off_mm(r.board.carriages, AT_POWER_ON_MM) < PULSE_MM

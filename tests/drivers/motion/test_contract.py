@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 import os
+import re
+import socket
+import threading
 import time
 from contextlib import closing
 from dataclasses import replace
 from itertools import count
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,6 +21,7 @@ import serial
 from calib.errors import UsageError
 from drivers.motion import controller_of
 from drivers.motion.controller import ControllerFault, MotionFault, Triple
+from drivers.motion.guard import LEFT
 from drivers.motion.states import State
 from drivers.motion.twins import (
     TWINS,
@@ -234,6 +239,17 @@ def test_a_controller_that_falls_silent_is_not_stopped_and_says_so(name: str) ->
         assert not r.axes.moving
 
 
+def test_who_leaves_a_machine_that_is_not_seen_to_rest_reads_that() -> None:
+    with rig("linuxcnc", answer_s=0.2) as r:
+        r.on_the_way()
+        r.twin.befall(MotionTrouble.SILENCE)
+        r.line.close()
+        assert r.line.not_stopped
+        assert r.line.why.startswith("NOT STOPPED. Use the emergency stop.")
+        r.twin.mend()
+        assert comes_true(lambda: all(guard.poll() is not None for guard in LEFT))
+
+
 @every
 def test_stops_short(name: str) -> None:
     with rig(name) as r:
@@ -322,23 +338,60 @@ def test_password_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    "words",
+    ("words", "why"),
     [
-        "linuxcnc:127.0.0.1:9",
-        "linuxcnc:127.0.0.1:x",
-        "linuxcnc:[::1]:9",
-        "linuxcnc:[::1",
-        "linuxcnc:a..b:5007",
-        f"linuxcnc:{'a' * 70}.b:5007",
-        "linuxcnc:\0:5007",
-        "grbl:/dev/none",
+        ("linuxcnc:127.0.0.1:9", "Is linuxcncrsh running there"),
+        ("linuxcnc:127.0.0.1:x", "Allowed: 1 … 65535"),
+        ("linuxcnc:[::1]:9", "Is linuxcncrsh running there"),
+        ("linuxcnc:[::1", "Is linuxcncrsh running there"),
+        ("linuxcnc:a..b:5007", "no name of a computer"),
+        (f"linuxcnc:{'a' * 70}.b:5007", "no name of a computer"),
+        ("linuxcnc:\0:5007", "Is linuxcncrsh running there"),
+        ("linuxcnc:/dev/ttyACM0", "'/dev/ttyACM0', no name of a computer"),
+        ("grbl:/dev/none", "cannot be reached: found no such port"),
+        ("grbl:socket://127.0.0.1:9", "found no device answers at this address"),
+        ("grbl:spy://x", "cannot be reached: found 'spy'"),
     ],
 )
-def test_nobody_there(words: str) -> None:
+def test_nobody_there(words: str, why: str) -> None:
     controller = controller_of(words, LIMITS)
-    with pytest.raises(ControllerFault) as refusal:
+    with pytest.raises(ControllerFault, match=re.escape(why)) as refusal:
         controller.connect()
     assert refusal.value.kind is MotionFault.UNREACHABLE
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows has no files that are ports")
+def test_a_file_is_no_port_of_a_board(tmp_path: Path) -> None:
+    plain = tmp_path / "plain.txt"
+    plain.write_text("kept")
+    for path in (plain, tmp_path, Path(os.devnull)):
+        with pytest.raises(ControllerFault, match="cannot be reached: found no serial port"):
+            controller_of(f"grbl:{path}", LIMITS).connect()
+    assert plain.read_text() == "kept"
+
+
+@pytest.mark.parametrize("hangs_up", [True, False])
+def test_a_server_that_is_no_linuxcnc_is_asked_about(
+    hangs_up: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.motion.linuxcnc.CONNECT_S", 0.3)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            client, _ = server.accept()
+            client.recv(100)
+            if hangs_up:
+                client.close()
+            clients.append(client)
+
+        clients: list[socket.socket] = []
+        thread = threading.Thread(target=serve)
+        thread.start()
+        port = server.getsockname()[1]
+        with pytest.raises(ControllerFault, match="Is linuxcncrsh running there"):
+            controller_of(f"linuxcnc:127.0.0.1:{port}", LIMITS).connect()
+        thread.join()
+        clients[0].close()
 
 
 @pytest.mark.parametrize("told", ["linuxcnc", "linuxcnc:", "klipper:/dev/x", ""])
@@ -390,8 +443,6 @@ def test_grbl_knows_no_tool() -> None:
 
 def test_bytes_of_the_text_server() -> None:
     """As LinuxCNC 2.9 answered them, recorded with a client of its own."""
-    import socket
-
     recorded = [
         ("hello WRONG me 1", b"HELLO NAK\r\n"),
         ("hello EMC me 1", b"HELLO ACK EMCNETSVR 1.1\r\n"),

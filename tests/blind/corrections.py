@@ -177,7 +177,9 @@ HIDDEN: dict[str, Sequence[tuple[str, ...]]] = {
 CELLS = tuple(HIDDEN)
 
 
-def cases(cell: str, count: int, seed: int) -> Iterator[tuple[Case, float]]:
+def cases(
+    cell: str, count: int, seed: int, strengths: Sequence[float] = EFFECT_STRENGTHS
+) -> Iterator[tuple[Case, float]]:
     """So many cases of a cell, each with the spread of the bars; every effect in turn."""
     rng = np.random.default_rng([seed, crc32(cell.encode())])
     effects: list[tuple[str, ...]] = []
@@ -185,7 +187,7 @@ def cases(cell: str, count: int, seed: int) -> Iterator[tuple[Case, float]]:
         if not effects:
             effects = [HIDDEN[cell][k] for k in rng.permutation(len(HIDDEN[cell]))]
         names = effects.pop()
-        strengths = tuple(float(rng.choice(EFFECT_STRENGTHS)) for _ in names)
+        sizes = tuple(float(rng.choice(strengths)) for _ in names)
         shape = names[0] if names and names[0] in SHAPES else ""
         blunder = BLUNDERS[n % len(BLUNDERS)] if cell == "gross mistakes beside" else ""
         yield (
@@ -195,7 +197,7 @@ def cases(cell: str, count: int, seed: int) -> Iterator[tuple[Case, float]]:
                 PROCEDURES[n % len(PROCEDURES)],
                 str(rng.choice(USUAL_NOISES)),
                 () if shape else names,
-                strengths,
+                sizes,
                 blunder,
                 shape,
             ),
@@ -203,10 +205,18 @@ def cases(cell: str, count: int, seed: int) -> Iterator[tuple[Case, float]]:
         )
 
 
-def sessions(count: int, seed: int, cells: Sequence[str] = CELLS) -> Iterator[tuple[Case, Claim]]:
-    """So many sessions of each cell, the same for the same seed."""
+def sessions(
+    count: int,
+    seed: int,
+    cells: Sequence[str] = CELLS,
+    strengths: Sequence[float] = EFFECT_STRENGTHS,
+) -> Iterator[tuple[Case, Claim]]:
+    """So many sessions of each cell, the same for the same seed; strengths as in `claim`.
+
+    Strength 1 is what readings just show; a fault that a workshop would notice has 10 and more.
+    """
     for cell in cells:
-        for case, spread_mm in cases(cell, count, seed):
+        for case, spread_mm in cases(cell, count, seed, strengths):
             yield case, claim(case, seed, spread_mm)
 
 
@@ -239,6 +249,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=6)
     parser.add_argument("--count", type=int, default=4, help="sessions of each cell")
     parser.add_argument("--cells", nargs="+", choices=CELLS, default=CELLS)
+    parser.add_argument("--strengths", nargs="+", type=float, default=EFFECT_STRENGTHS)
     parser.add_argument(
         "--answerer", default="tests.blind.today:answers", help="MODULE:FUNCTION that answers"
     )
@@ -250,7 +261,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     module, _, name = options.answerer.partition(":")
     answerer: Answerer = getattr(importlib.import_module(module), name)
     lines = []
-    for case, session in sessions(options.count, options.seed, options.cells):
+    for case, session in sessions(options.count, options.seed, options.cells, options.strengths):
         lines.append(measured(case, session, answerer))
         if options.jsonl:
             with options.jsonl.open("a", encoding="utf-8") as target:

@@ -32,7 +32,9 @@ def beside(lines: Sequence[Json], others: Sequence[Json]) -> list[Json]:
         if (other := known.get(line["key"])) is None:
             continue
         if not np.isclose(line["errors"][BEFORE]["machine"], other["errors"][BEFORE]["machine"]):
-            raise ValueError(f"session {line['key']} is another one: made with another seed")
+            raise ValueError(
+                f"session {line['key']} is another one: made with another seed or strength"
+            )
         both = line | {"failure": line["failure"] or other["failure"]}
         for part in ("errors", "bounds"):
             was = {f"was {name}": v for name, v in other[part].items() if name not in (BEFORE, LAW)}

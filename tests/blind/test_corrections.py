@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from tests.blind.cases import Case
-from tests.blind.claims import TILTED, claim
+from tests.blind.claims import TILTED, Claim, claim
 from tests.blind.corrections import (
     CELLS,
     Answer,
-    Claim,
     cases,
     inverse_of,
     judge,

@@ -2,8 +2,8 @@
 
 The table is imported. Where the diagnosis names mistakes in the readings they are corrected and the
 record is diagnosed again. What it names of the machine is adopted, and the joints are those with
-which the adopted model stands where it was sent; where it names nothing the recommended set is
-entered. For `tests.blind.corrections`.
+which the exported model stands where it was sent; where it names nothing, or the export of the
+model is refused, the recommended set is entered. For `tests.blind.corrections`.
 """
 
 from __future__ import annotations
@@ -62,16 +62,20 @@ def _adopted(diagnosed: SessionDiagnosis, session: Path, otherwise: Answer, verd
     """The named effects adopted; the other answer where nothing can be adopted."""
     from app.evaluating.diagnosis import SETS, adopt
     from app.evaluating.solution import solve_files
-    from calib.errors import CalibrationError, NotIdentifiable, UsageError
-    from protocols.model_file import read_model_file, to_model
+    from app.report.offsets import offsets_from_file
+    from calib.errors import CalibrationError, NotIdentifiable, RecordError, UsageError
 
     target = session.with_name("model.json")
     try:
-        adopt(diagnosed, target)
+        written = adopt(diagnosed, target)
     except UsageError:
         return Answer("today", otherwise.commanded, otherwise.bounds, verdict)
-    written = read_model_file(target)
-    names = ", ".join(f"{one.id}:{one.where}" for one in written.effects)
+    names = ", ".join(f"{effect.id}:{effect.where}" for effect in written.effects)
+    try:
+        exported = offsets_from_file(target, None, "exact")
+    except RecordError:  # a model whose offsets nothing determined
+        remark = f"{verdict}: {names}; export refused"
+        return Answer("today", otherwise.commanded, otherwise.bounds, remark)
     bound = diagnosed.tool_bound
     bounds = {} if bound is None else dict.fromkeys(BOUNDED, bound.bound_mm)
     for subset in SETS:
@@ -80,7 +84,7 @@ def _adopted(diagnosed: SessionDiagnosis, session: Path, otherwise: Answer, verd
         except (NotIdentifiable, CalibrationError):
             continue
         break
-    return Answer("today", inverse_of(to_model(written, "model")), bounds, f"{verdict}: {names}")
+    return Answer("today", inverse_of(exported.model), bounds, f"{verdict}: {names}")
 
 
 BOUNDED = ("machine", "touched_off", "aligned")

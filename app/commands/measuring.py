@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 from math import inf
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -33,11 +34,13 @@ from calib.errors import GlidecalError, UsageError
 if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.moving import MoveProposal, Mover
     from app.measuring.plan import Plan
-    from app.measuring.session import Indicators
+    from app.measuring.session import GuidedSession, Indicators
     from protocols.procedure import Leg
 
 DEAD_S = 1.0
 """Between the last thing that moved and the next question: a key pressed then was meant for it."""
+
+LOOK_S = 0.02
 
 SessionFile = Annotated[Path | None, file("Session file.", "--output", "-o")]
 Resume = Annotated[Path | None, file("Go on with an interrupted session.", "--continue")]
@@ -229,23 +232,56 @@ def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --s
         raise UsageError("--headless", "real indicators", allowed)
     quick = replace(plan, interval_s=QUICK_INTERVAL_S)
     with start_session(quick, partial(_ask, plan)) as guided:
-        measure_all(guided, _consent, say, _saw)
+        try:
+            measure_all(guided, _consent, say, _saw)
+        except BaseException as problem:
+            if guided.mover is not None:
+                _end_motion(guided.mover)
+            if isinstance(problem, KeyboardInterrupt | typer.Abort):
+                say(_paused_words(plan, guided))
+            raise
     say(f"{len(guided.session.readings)} readings in {guided.path}")
+
+
+def _end_motion(mover: Mover) -> None:
+    """Stop what moves, and report at once where it is not seen to rest: closing takes seconds."""
+    from drivers.motion.states import State
+
+    mover.stop("the session ended", by_operator=True)
+    while mover.state in (State.MOVING, State.STOPPING) and not mover.line.not_stopped:
+        mover.alive()
+        time.sleep(LOOK_S)
+    if mover.line.not_stopped:
+        say(mover.why)
+
+
+def _paused_words(plan: Plan, guided: GuidedSession) -> str:
+    """What was measured, and how to go on."""
+    done, steps = len(guided.session.done()), len(guided.steps)
+    motion = f" --motion {plan.motion}" if plan.motion else ""
+    command = f"glidecal run --headless --continue {quote(str(guided.path))}{motion}"
+    return (
+        f"Session paused after {done} of {steps} steps; every reading taken is on the disk. "
+        f"Continue with: {command}"
+    )
 
 
 def _consent(proposal: MoveProposal) -> bool:
     """The operator's word, typed after the question was shown: nothing typed before counts."""
     from app.report.text.motion import consent_question
+    from app.report.text.tables import wrapped
 
     time.sleep(DEAD_S)
     _forget_typed()
-    return typer.confirm(consent_question(proposal), err=True)
+    return typer.confirm(wrapped(consent_question(proposal)), err=True)
 
 
 def _saw(question: str) -> bool:
     """What the operator saw, typed after the question was shown."""
+    from app.report.text.tables import wrapped
+
     _forget_typed()
-    return typer.confirm(question, err=True)
+    return typer.confirm(wrapped(question), err=True)
 
 
 def _confirm_homed(mover: Mover) -> None:
@@ -265,11 +301,15 @@ def _confirm_homed(mover: Mover) -> None:
         if not typer.confirm(HOME_QUESTION, err=True):
             raise typer.Exit(Exit.INTERRUPTED)
         homed = mover.home()
-        while homed is not None and not homed.done():
-            mover.alive()
-            time.sleep(0.02)
-        if homed is not None:
-            homed.result()
+        try:
+            while homed is not None and not homed.done():
+                mover.alive()
+                time.sleep(LOOK_S)
+            if homed is not None:
+                homed.result()
+        except BaseException:
+            _end_motion(mover)
+            raise
     else:
         mover.confirm_homed()
 

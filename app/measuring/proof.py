@@ -69,8 +69,13 @@ class ProofMove:
     @property
     def words(self) -> str:
         """What moves, how far and which way: seen from the platform its carriage is outward."""
+        return f"carriage {self.carriage.upper()} {self.way_words}"
+
+    @property
+    def way_words(self) -> str:
+        """How far and which way."""
         way = "outward, from the platform" if self.way_mm > 0.0 else "inward, to the platform"
-        return f"carriage {self.carriage.upper()} {abs(self.way_mm):g} mm {way}"
+        return f"{abs(self.way_mm):g} mm {way}"
 
     @property
     def clearest(self) -> int | None:
@@ -203,7 +208,8 @@ class Proof:
             return
         self.move = None
         if self._doubt:
-            self.question = f"{self._doubt} Did {move.words} move, it alone, and come back?"
+            alone = f"Did carriage {move.carriage.upper()} alone move {move.way_words}"
+            self.question = f"{self._doubt} {alone}, and come back?"
         else:
             del self._left[0]
 

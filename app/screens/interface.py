@@ -444,10 +444,11 @@ class Interface(App[str]):
             except GlidecalError as problem:
                 self._status = Exit.RECORD
                 return str(problem)
-            done, steps = len(guided.session.done()), len(guided.steps)
+            mover, done, steps = guided.mover, len(guided.session.done()), len(guided.steps)
+            warning = f"{mover.why}\n" if mover and mover.line.not_stopped else ""
             return (
-                f"Session paused after {done} of {steps} steps; every reading taken is on the "
-                f"disk. Continue with: glidecal run --continue {guided.path}"
+                f"{warning}Session paused after {done} of {steps} steps; every reading taken is "
+                f"on the disk. Continue with: glidecal run --continue {guided.path}"
             )
         if indicators is not None:
             await asyncio.to_thread(indicators.close)

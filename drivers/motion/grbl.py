@@ -11,6 +11,7 @@ import contextlib
 import os
 import re
 import select
+import socket
 import time
 from typing import ClassVar, Literal, Protocol
 
@@ -305,6 +306,9 @@ class Grbl(Controller):
     def close(self) -> None:
         """Let go of the port."""
         wire, self.wire, self._received = self.wire, None, b""
+        shared: socket.socket | None = getattr(wire, "_socket", None)
+        if shared is not None:  # pyserial would shut it down, for the guard, too
+            shared.close()
         if wire is not None:
             close_port(wire)
 
@@ -313,6 +317,8 @@ class Grbl(Controller):
         if self.wire is None:  # its cable is out; it may be back
             self.wire = self._opened()
         self._send(RESET if self.homing else JOG_CANCEL)
+        if isinstance(self.wire, Descriptor) and not self._acknowledged:
+            self._send(b"\n")  # its "ok" comes after those that the other process has read
         if attempt and self.state == "Run":  # a jog may have ended: at rest a hold locks the board
             self._send(FEED_HOLD)
         if self.state == "Hold" and self._part == "0" and not self._acknowledged:

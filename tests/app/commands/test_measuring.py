@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import _thread
 import io
 import re
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,9 +19,12 @@ from app.measuring.plan import Plan
 from app.measuring.simulated import simulated_session
 from calib.errors import MotionError, UsageError
 from calib.tripod.pipeline import Model
-from drivers.motion.twins import MotionTrouble
+from drivers.motion.guard import LEFT
+from drivers.motion.line import MotionLine
+from drivers.motion.twins import MotionTrouble, MotionTwin
 from protocols.journal import write_whole
-from protocols.machine import Instrument
+from protocols.machine import Instrument, MotionLimits
+from protocols.machine import Machine as MachineFile
 from protocols.procedure import load_procedure
 from protocols.record import read_record
 from tests.app.cli import glidecal, refused, run_here
@@ -29,6 +36,7 @@ from tests.app.measuring.moving_machine import (
     taken,
     wrong,
 )
+from tests.drivers.motion.bench import comes_true
 
 TWO = ("--indicator", "mitutoyo-01a:/dev/none0@xy", "--indicator", "mitutoyo-01a:/dev/none1@yzx")
 
@@ -144,6 +152,71 @@ def test_a_session_in_a_plain_terminal(tmp_path: Path, monkeypatch: pytest.Monke
     assert read_record(path).end == "closed"
     assert len(taken(path)) == 6
     assert not wrong(taken(path), bench)
+
+
+USUAL = MachineFile(motion=MotionLimits())
+
+
+@contextmanager
+def on_its_way(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, then: Callable[[MotionTwin], None]
+) -> Iterator[tuple[Plan, MotionTwin]]:
+    """A plan whose machine is proved; ``then`` is called once, in a thread, when it moves."""
+    monkeypatch.setattr("sys.stdin", Terminal("y\n" * 9))
+    with following() as (_, twin, ports):
+        plan = replace(plan_of(folder, twin.told, ports), machine=USUAL)
+        remember_proved(plan)
+
+        def befall() -> None:
+            if comes_true(lambda: twin.axes.moving):
+                then(twin)
+
+        thread = threading.Thread(target=befall)
+        thread.start()
+        yield plan, twin
+        thread.join()
+        twin.mend()
+        assert comes_true(lambda: all(guard.poll() is not None for guard in LEFT))
+
+
+def test_ctrl_c_stops_it_and_says_how_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with on_its_way(tmp_path, monkeypatch, lambda _: _thread.interrupt_main()) as (plan, twin):
+        with pytest.raises(KeyboardInterrupt):
+            measuring.measure(plan, headless=True)
+        assert not twin.axes.moving
+        assert twin.axes.at_mm != (0.0, 0.0, 0.0)
+    said = " ".join(capsys.readouterr().err.split())
+    assert "Session paused after 0 of" in said
+    assert f"glidecal run --headless --continue {plan.path} --motion {twin.told}" in said
+    assert "NOT STOPPED" not in said
+
+
+@pytest.mark.parametrize("key", [True, False], ids=["Ctrl-C", "no key"])
+def test_a_machine_that_does_not_stop_is_said_before_anything_is_let_go(
+    key: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Letting go of a controller that does not answer takes seconds: no time to lose then."""
+    said: list[str] = []
+    before: list[str] = []
+    close = MotionLine.close
+
+    def noted(line: MotionLine) -> None:
+        before.extend(said)
+        close(line)
+
+    def silent(twin: MotionTwin) -> None:
+        twin.befall(MotionTrouble.SILENCE)
+        if key:
+            _thread.interrupt_main()
+
+    with on_its_way(tmp_path, monkeypatch, silent) as (plan, _):
+        monkeypatch.setattr(measuring, "say", said.append)
+        monkeypatch.setattr(MotionLine, "close", noted)
+        with pytest.raises(KeyboardInterrupt if key else MotionError):
+            measuring.measure(plan, headless=True)
+        assert any(words.startswith("NOT STOPPED. Use the emergency stop.") for words in before)
 
 
 TRUTH = Model(FAST.geometry(), (0.8, -1.3, 0.45, 0.02, -0.01, 0.03))

@@ -143,7 +143,7 @@ def test_each_carriage_is_proved_before_anything_longer(controller: str, tmp_pat
     assert [proposal.clears for proposal in operator.proposals].index(True) == 3
     assert [proposal.clears for proposal in operator.proposals].count(True) == 1
     assert len(operator.questions) == 1  # of carriage x, which stands along the leg
-    assert "carriage X 5 mm outward" in operator.questions[0]
+    assert "Did carriage X alone move 5 mm outward" in operator.questions[0]
     words = notes(plan.path)
     assert "carriage Y 5 mm outward" in words
     assert "direction, order and scale of every carriage" in words

@@ -239,8 +239,9 @@ def test_a_controller_that_falls_silent_is_not_stopped_and_says_so(name: str) ->
         assert not r.axes.moving
 
 
-def test_who_leaves_a_machine_that_is_not_seen_to_rest_reads_that() -> None:
-    with rig("linuxcnc", answer_s=0.2) as r:
+@every
+def test_who_leaves_a_machine_that_is_not_seen_to_rest_reads_that(name: str) -> None:
+    with rig(name, answer_s=0.2) as r:
         r.on_the_way()
         r.twin.befall(MotionTrouble.SILENCE)
         r.line.close()

@@ -221,6 +221,34 @@ class StraightnessOfThirdOrder(Straightness):
     power = 3
 
 
+@dataclass(frozen=True)
+class StraightnessOfFourthOrder(Straightness):
+    """A guide bent like a W; ``"xy"``: axis x towards +y at both ends of its travel."""
+
+    id = "straightness_fourth"
+    title = "a guide is bent like a W: the foot leaves its line sideways"
+    parameters = (EffectParameter("w_shape_at_100mm", "mm", 0.02),)
+    power = 4
+
+
+@dataclass(frozen=True)
+class AxisLean(OfFoot):
+    """One axis leans; ``"xy"``: axis x towards +y, in proportion to its coordinate.
+
+    Leg readings see the sum of both leans of a pair only (`AxisSquareness`); the difference turns
+    the machine's frame.
+    """
+
+    id = "axis_lean"
+    title = "an actuator axis leans"
+    parameters = (EffectParameter("axis_lean", "mrad", 0.5),)
+    controller = "axis {axis}: the kinematics of export --format linuxcnc-kins"
+
+    def off(self, at: Acting) -> NDArray[Any]:
+        """By value · coordinate."""
+        return PER_THOUSAND * at.values[0] * at.flow.carriage_mm[..., at.leg]
+
+
 def cyclic_of(names: Iterable[str]) -> ActuatorCyclic | None:
     """The law of any lead whose parameters have these names; None where there is none."""
     wanted = set(names)

@@ -1,0 +1,4 @@
+"""One posterior over parameters, effects, laws without a name and something else.
+
+May import all of `calib` but `calib.diagnosis`.
+"""

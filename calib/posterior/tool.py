@@ -1,0 +1,89 @@
+"""The tool over the workspace: what parameters and effects do to it, in three frames.
+
+The error of the tool is linear in parameters and sizes, so every mean square over the workspace is
+a quadratic form of them. A frame that is set anyway is projected out: touched off, a shift is free;
+aligned, a small turn too; the machine's own is used as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Literal
+
+import numpy as np
+
+from calib.arrays import FloatArray
+from calib.posterior.readings import BASE, Placed
+from calib.tripod.effects.candidates import tool_columns
+from calib.tripod.geometry import Geometry
+from calib.tripod.workspace import tool_jacobian_at, workspace_points
+
+Frame = Literal["touched-off", "aligned", "machine"]
+FRAMES: tuple[Frame, ...] = ("touched-off", "aligned", "machine")
+
+
+@dataclass(frozen=True, eq=False)
+class ToolField:
+    """Derivatives of the tool by base parameters and effects at places, over the workspace.
+
+    ``rows`` ``(2 n_points * 3, 6 + k)``: half of the postures are reached with all carriages coming
+    up, half down. ``starts`` ``(n_placed + 1,)`` are the columns of each of ``placed``, mm per unit.
+    """
+
+    placed: tuple[Placed, ...]
+    starts: tuple[int, ...]
+    rows: FloatArray
+    points_mm: FloatArray
+
+    def columns_of(self, one: Placed) -> range:
+        """The columns of a law at a place."""
+        k = self._number[one]
+        return range(self.starts[k], self.starts[k + 1])
+
+    @cached_property
+    def _number(self) -> dict[Placed, int]:
+        return {one: k for k, one in enumerate(self.placed)}
+
+    @cached_property
+    def metrics(self) -> dict[Frame, FloatArray]:
+        """Mean squares ``(6 + k, 6 + k)`` over the workspace in each frame, mm² per unit²."""
+        count = len(self.rows) // 3
+        return {
+            frame: np.asarray(rows.T @ rows / count)
+            for frame in FRAMES
+            for rows in (self.rows_in(frame),)
+        }
+
+    def rows_in(self, frame: Frame) -> FloatArray:
+        """`rows` with what the frame takes up projected out."""
+        if frame == "machine":
+            return self.rows
+        places = np.tile(self.points_mm, (2, 1))
+        rigid = np.zeros((len(places), 3, 6))
+        for k in range(3):
+            rigid[:, k, k] = 1.0
+            rigid[:, :, 3 + k] = np.cross(np.eye(3)[k], places)
+        columns = rigid.reshape(-1, 6)[:, : 3 if frame == "touched-off" else 6]
+        basis = np.linalg.qr(columns)[0]
+        return np.asarray(self.rows - basis @ (basis.T @ self.rows))
+
+
+@lru_cache(maxsize=8)
+def tool_field(geometry: Geometry, placed: tuple[Placed, ...]) -> ToolField:
+    """Of the nominal machine."""
+    points = workspace_points(geometry)
+    base = tool_jacobian_at(geometry, points)
+    both = [
+        np.concatenate([base, tool_columns(geometry, points, placed, way)], axis=2)
+        for way in (1.0, -1.0)
+    ]
+    rows = np.concatenate(both).reshape(-1, both[0].shape[2])
+    starts = np.cumsum([BASE, *(len(effect.parameters) for effect, _ in placed)])
+    return ToolField(placed, tuple(starts.tolist()), rows, points)
+
+
+def mean_square(metric: FloatArray, values: Sequence[float] | FloatArray) -> float:
+    """Of these values ``(6 + k,)``."""
+    return float(np.asarray(values) @ metric @ np.asarray(values))

@@ -128,9 +128,7 @@ def _projected(posterior: Posterior, index: Sequence[int], frame: Frame) -> Floa
     return values
 
 
-def _doubt(
-    posterior: Posterior, frame: Frame, with_it: FloatArray, without: FloatArray
-) -> str:
+def _doubt(posterior: Posterior, frame: Frame, with_it: FloatArray, without: FloatArray) -> str:
     """Why a part is not worth entering; empty where it is."""
     metric = posterior.field.metrics[frame]
     gain, worst = 0.0, 0.0
@@ -166,19 +164,19 @@ def distances_of(posterior: Posterior, frame: Frame, values: FloatArray) -> list
         variance = 2.0 * float(np.trace(moved @ moved)) + 4.0 * float(
             slope @ model.covariance @ slope
         )
-        alike = [k for k in model.members if posterior.components[k].id == ELSE]
-        if not alike:
+        unseen = posterior.unseen(model)
+        hidden = np.outer(unseen, unseen) * posterior.field.rigid_metrics[frame]
+        size += float(np.trace(hidden))
+        variance += 2.0 * float(np.trace(hidden @ hidden))
+        if not any(posterior.components[k].id == ELSE for k in model.members):
             found.append((model.weight, size, variance))
             continue
-        for square in posterior_else(posterior, model, frame):
-            found.append((model.weight / 8.0, size + square, variance + 2.0 * square**2))
+        squares = posterior.something_else(model, metric)
+        found += [
+            (model.weight / len(squares), size + square, variance + 2.0 * square**2)
+            for square in squares.tolist()
+        ]
     return found
-
-
-def posterior_else(posterior: Posterior, model: object, frame: Frame) -> list[float]:
-    """Mean squares at the tool of something else: octiles over laws without a name."""
-    del model
-    return [0.0] * 8
 
 
 def quantile_mm(distances: Sequence[Distance]) -> float:

@@ -24,7 +24,7 @@ from calib.posterior.readings import (
 )
 from calib.posterior.tool import ToolField, tool_field
 from calib.tripod.effects.drives import AxisLean, AxisOffset, Backlash, effects_of
-from calib.tripod.effects.effect import Effect
+from calib.tripod.effects.effect import PER_THOUSAND, Effect
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
 
@@ -37,6 +37,10 @@ BEYOND = 1.0
 
 ELSE_UNIT_MM = 0.003
 """R.m.s. of something else that nobody would remark on, in the readings."""
+
+
+MOST_UNITS = 16.0
+"""Unremarkable sizes that a law without a name may have where readings hardly show it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +62,8 @@ class Posterior:
     components: tuple[Component, ...]
     models: tuple[Weighted, ...]
     field: ToolField
-    unseen: FloatArray
+    columns: tuple[IntArray, ...]
+    inner: FloatArray
 
     @property
     def geometry(self) -> Geometry:
@@ -98,6 +103,54 @@ class Posterior:
         return np.asarray(
             sum(model.weight * self.in_field(model)[0] for model in self.models), dtype=np.float64
         )
+
+    def unseen(self, model: Weighted) -> FloatArray:
+        """Standard deviations ``(6,)`` of shifts, mm, and turns, rad, that no leg reading shows.
+
+        Of a pair of axes that leans the readings see the sum, of axes that miss each other the
+        distances: the rest turns and shifts the machine as a whole.
+        """
+        variance = np.zeros(6)
+        for k, scale in zip(model.members, model.scales, strict=True):
+            component = self.components[k]
+            size = scale * float(component.unit[0])
+            turns = component.id == "axis_squareness"
+            if not component.candidate or not (turns or component.id == "axis_offset"):
+                continue
+            for share in component.candidate.shares:
+                (third,) = {0, 1, 2} - {"xyz".index(name) for name in share.place[:2]}
+                if turns:
+                    variance[3 + third] += (PER_THOUSAND * size) ** 2 / 2.0
+                else:
+                    variance[third] += size**2 / 2.0
+        return np.sqrt(variance)
+
+    def something_else(self, model: Weighted, metric: FloatArray) -> FloatArray:
+        """Mean squares at the tool if what is left were any law without a name, one for each.
+
+        As large as leaves as much in the readings, at most `MOST_UNITS`.
+        """
+        at = len(model.mean) - sum(len(self.components[k].unit) for k in model.members)
+        energy = 0.0
+        for k in model.members:
+            width = len(self.components[k].unit)
+            if self.components[k].id == ELSE:
+                unit = self.components[k].unit
+                index = self.columns[k]
+                size = model.mean[at : at + width] / unit
+                block = model.covariance[at : at + width, at : at + width] / np.outer(unit, unit)
+                inner = self.inner[np.ix_(index, index)]
+                energy += float(size @ inner @ size + np.trace(inner @ block))
+            at += width
+        squares = []
+        for k, component in enumerate(self.components):
+            if component.kind != "nameless" or len(component.unit) != 1:
+                continue
+            (column,) = self.columns[k]
+            size = min(energy / max(float(self.inner[column, column]), 1e-12), MOST_UNITS**2)
+            moved = self.into_field[k][:, 0] * component.unit[0]
+            squares.append(size * float(moved @ metric @ moved))
+        return np.array(squares)
 
     def probability(self, component_id: str) -> float:
         """That it is among what is true."""
@@ -142,9 +195,7 @@ class _Builder:
         models = _with_common_lengths([cells.model for cells in sessions])
         taken = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
         known = library(taken, effects)
-        known.append(
-            Component(ELSE, "all", ELSE, np.full(1, ELSE_UNIT_MM), None, math.log(0.05))
-        )
+        known.append(Component(ELSE, "all", ELSE, np.full(1, ELSE_UNIT_MM), None, math.log(0.05)))
         laws = dict.fromkeys(s.effect for c in known if c.candidate for s in c.candidate.shares)
         placed = [placed_columns(model, means, tuple(laws)) for model, means in taken]
         order = tuple(dict.fromkeys(one for each in placed for one in each))
@@ -199,7 +250,14 @@ class _Builder:
             )
         )
         field = tool_field(self.geometry, placed)
-        return Posterior(self.sessions, self.components, tuple(weighted), field, np.zeros(0))
+        return Posterior(
+            self.sessions,
+            self.components,
+            tuple(weighted),
+            field,
+            self.columns,
+            race.products.inner,
+        )
 
     @property
     def geometry(self) -> Geometry:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
@@ -29,6 +28,8 @@ LOG_CAUSES = np.log([0.45, 0.40, 0.12, 0.03])
 BESIDE = 14
 """Components that are tried with every other; of pairs `BESIDE_PAIRS`."""
 BESIDE_PAIRS = 8
+CLOSEST = 8
+"""Components that leave least, whatever they cost: two wide ones may be needed together."""
 
 LIGHTEST = 1e-4
 """Models of less weight change nothing."""
@@ -114,6 +115,7 @@ class Race:
         plain = self.products
         nothing = self.log_evidence(np.array(plain.square), np.array(plain.room))
         weights[()] = float(LOG_CAUSES[0] + nothing)
+        closest: list[tuple[tuple[int, float], ...]] = []
         starts: list[tuple[tuple[tuple[int, float], ...], Products]] = [((), plain)]
         for causes, most in ((1, BESIDE), (2, BESIDE_PAIRS), (3, 0)):
             added: dict[tuple[tuple[int, float], ...], float] = {}
@@ -121,6 +123,9 @@ class Race:
                 square, room = self._one_more(products)
                 log = self.log_evidence(square, room) + LOG_SCALES[:, None] + self.log_prior
                 log += LOG_CAUSES[causes] + sum(self._cost(*one) for one in members)
+                if causes == 1:
+                    order = np.argsort(square.min(axis=0), kind="stable")[:CLOSEST]
+                    closest = [((int(k), SCALES[int(log[:, k].argmax())]),) for k in order]
                 best = float(log.max())
                 for row, k in np.argwhere(log > best - 14.0):
                     if any(k == member for member, _ in members):
@@ -131,11 +136,13 @@ class Race:
             if not most:
                 break
             heaviest = sorted(added, key=lambda key: -added[key])[: 4 * most]
+            if causes == 1:  # what leaves least: one of two that are wide and needed together
+                heaviest += closest
             sets: dict[tuple[int, ...], tuple[tuple[int, float], ...]] = {}
             for key in heaviest:  # each set of components once, at its best scales
                 sets.setdefault(tuple(k for k, _ in key), key)
             starts = []
-            for key in list(sets.values())[:most]:
+            for key in list(sets.values())[: most + CLOSEST]:
                 products = plain
                 for k, scale in key:
                     products = products.beside(self.columns[k], scale)
@@ -152,6 +159,3 @@ class Race:
 
     def _cost(self, member: int, scale: float) -> float:
         return float(self.log_prior[member] + LOG_SCALES[SCALES.index(scale)])
-
-
-product

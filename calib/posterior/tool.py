@@ -56,18 +56,34 @@ class ToolField:
             for rows in (self.rows_in(frame),)
         }
 
-    def rows_in(self, frame: Frame) -> FloatArray:
-        """`rows` with what the frame takes up projected out."""
-        if frame == "machine":
-            return self.rows
+    @cached_property
+    def rigid_metrics(self) -> dict[Frame, FloatArray]:
+        """Mean squares ``(6, 6)`` of shifts and small turns of the machine in each frame."""
+        found: dict[Frame, FloatArray] = {}
+        for frame in FRAMES:
+            rows = self._in_frame(self._rigid, frame)
+            found[frame] = np.asarray(rows.T @ rows / (len(rows) // 3))
+        return found
+
+    @cached_property
+    def _rigid(self) -> FloatArray:
+        """Shifts and small turns about Zero ``(2 n_points * 3, 6)``."""
         places = np.tile(self.points_mm, (2, 1))
         rigid = np.zeros((len(places), 3, 6))
         for k in range(3):
             rigid[:, k, k] = 1.0
             rigid[:, :, 3 + k] = np.cross(np.eye(3)[k], places)
-        columns = rigid.reshape(-1, 6)[:, : 3 if frame == "touched-off" else 6]
-        basis = np.linalg.qr(columns)[0]
-        return np.asarray(self.rows - basis @ (basis.T @ self.rows))
+        return rigid.reshape(-1, 6)
+
+    def rows_in(self, frame: Frame) -> FloatArray:
+        """`rows` with what the frame takes up projected out."""
+        return self._in_frame(self.rows, frame)
+
+    def _in_frame(self, rows: FloatArray, frame: Frame) -> FloatArray:
+        if frame == "machine":
+            return rows
+        basis = np.linalg.qr(self._rigid[:, : 3 if frame == "touched-off" else 6])[0]
+        return np.asarray(rows - basis @ (basis.T @ rows))
 
 
 @lru_cache(maxsize=8)

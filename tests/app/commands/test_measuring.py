@@ -168,7 +168,7 @@ def on_its_way(
         remember_proved(plan)
 
         def befall() -> None:
-            if comes_true(lambda: twin.axes.moving):
+            if comes_true(lambda: twin.axes.moving, within_s=60.0):
                 then(twin)
 
         thread = threading.Thread(target=befall)
@@ -193,9 +193,8 @@ def test_ctrl_c_stops_it_and_says_how_to_go_on(
     assert "NOT STOPPED" not in said
 
 
-@pytest.mark.parametrize("key", [True, False], ids=["Ctrl-C", "no key"])
 def test_a_machine_that_does_not_stop_is_said_before_anything_is_let_go(
-    key: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Letting go of a controller that does not answer takes seconds: no time to lose then."""
     said: list[str] = []
@@ -208,13 +207,11 @@ def test_a_machine_that_does_not_stop_is_said_before_anything_is_let_go(
 
     def silent(twin: MotionTwin) -> None:
         twin.befall(MotionTrouble.SILENCE)
-        if key:
-            _thread.interrupt_main()
 
     with on_its_way(tmp_path, monkeypatch, silent) as (plan, _):
         monkeypatch.setattr(measuring, "say", said.append)
         monkeypatch.setattr(MotionLine, "close", noted)
-        with pytest.raises(KeyboardInterrupt if key else MotionError):
+        with pytest.raises(MotionError):
             measuring.measure(plan, headless=True)
         assert any(words.startswith("NOT STOPPED. Use the emergency stop.") for words in before)
 

@@ -85,6 +85,7 @@ class Operator:
     chance: random.Random
     keys: MotionKeys = field(default_factory=MotionKeys)
     goes_s: list[float] = field(default_factory=list)
+    taken_s: list[float] = field(default_factory=list)
     others_s: list[float] = field(default_factory=list)
     stops_s: list[float] = field(default_factory=list)
     troubles_s: list[float] = field(default_factory=list)
@@ -100,7 +101,9 @@ class Operator:
 
     def press_go(self) -> None:
         self.goes_s.append(time.monotonic())
-        if not self.keys.ends_here(self.mover, goes=True):
+        ends = self.keys.ends_here(self.mover, goes=True)
+        self.taken_s.append(time.monotonic())
+        if not ends:
             self.mover.consent()
 
     def press_other(self) -> None:
@@ -152,11 +155,12 @@ class Operator:
         if go_s is None:
             return "no consent at all"
         # one consent covers a whole set-up: what is judged is the last press that could be one
-        presses = [s for s in self.goes_s if s <= go_s]
+        # a press that waited for a processor is dated by the program between these two moments
+        presses = [(s, t) for s, t in zip(self.goes_s, self.taken_s, strict=True) if s <= go_s]
         fresh = [
-            b
-            for a, b in itertools.pairwise([-1e9, *presses])
-            if b - a >= motion_keys.HELD_KEY_S - 0.001
+            press_s
+            for (before_s, _), (press_s, taken_s) in itertools.pairwise([(-1e9, 0.0), *presses])
+            if taken_s - before_s >= motion_keys.HELD_KEY_S
         ]
         consent_s = fresh[-1] if fresh else None
         if consent_s is None:

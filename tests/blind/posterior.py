@@ -34,9 +34,7 @@ def answers(table: str, resolution_mm: float | None) -> list[Answer]:
     names = ", ".join(f"{i}:{w} {p:.2f}" for (i, w), p in list(told.places.items())[:4])
     for holds in HOLDS:
         entered = correction(told, holds)
-        bounds = {
-            frame.replace("-", "_"): entered.bound_mm[frame] for frame in entered.bound_mm
-        }
+        bounds = {frame.replace("-", "_"): entered.bound_mm[frame] for frame in entered.bound_mm}
         name = OFFSETS if holds == "offsets" else holds
         found.append(Answer(name, inverse_of(entered.model), bounds, names))
     return found

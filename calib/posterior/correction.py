@@ -11,14 +11,21 @@ import numpy as np
 from scipy.special import gammainc
 
 from calib.arrays import FloatArray
-from calib.posterior.library import ELSE, POWERS
-from calib.posterior.posterior import Posterior, _held
-from calib.posterior.readings import BASE, Placed
+from calib.posterior.library import POWERS
+from calib.posterior.posterior import Posterior
+from calib.posterior.readings import BASE
 from calib.posterior.tool import FRAMES, Frame
 from calib.stats import COVERAGE
 from calib.tripod.effects.bars import GravitySag
-from calib.tripod.effects.drives import ActuatorCyclic, ActuatorScale, Backlash, Straightness
-from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.effects.drives import (
+    ActuatorCyclic,
+    ActuatorScale,
+    AxisLean,
+    AxisOffset,
+    Backlash,
+    Straightness,
+)
+from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import Empirical
 from calib.tripod.pipeline import Model
 
@@ -58,50 +65,39 @@ class Correction:
     left_out: tuple[LeftOut, ...]
 
 
-def parts_of(posterior: Posterior, holds: Holds) -> list[tuple[str, list[int]]]:
-    """Parts that a controller can hold and their columns in the field; offsets are one part."""
-    field = posterior.field
-    offsets = [("offsets", [0, 1, 2])]
-    by_place: dict[str, list[int]] = {}
+def parts_of(posterior: Posterior, holds: Holds) -> list[tuple[Holds, list[int]]]:
+    """What a controller holds and its columns in the field, the simplest first."""
+    columns: dict[Holds, list[int]] = {"offsets": [0, 1, 2], "play": [], "tables": []}
+    columns["kinematics"] = [3, 4, 5]
+    for law in posterior.field.placed:
+        if part := _part_of(law[0]):
+            columns[part] += posterior.field.columns_of(law)
+    return [(part, columns[part]) for part in HOLDS[: HOLDS.index(holds) + 1]]
 
-    def add(part: str, one: Placed) -> None:
-        by_place.setdefault(part, []).extend(field.columns_of(one))
 
-    shift, lean = _held(posterior.geometry)
-    for one in field.placed:
-        effect, place = one
-        if isinstance(effect, Backlash):
-            if holds != "offsets":
-                add(f"play of {place}", one)
-        elif isinstance(effect, ActuatorScale | ActuatorCyclic) or (
-            isinstance(effect, Empirical) and len(effect.bases) == 1 and effect.bases[0] in POWERS
-        ):
-            if holds in ("tables", "kinematics"):
-                add(f"table of {place}", one)
-        elif holds == "kinematics":
-            if effect in (shift, lean):
-                add(f"axis {place[0]}", one)
-            elif type(effect) is Straightness:
-                add(f"guide {place[0]}", one)
-            elif isinstance(effect, GravitySag):
-                add("weight on the bars", one)
-    if holds == "kinematics":
-        by_place["lengths"] = [3, 4, 5]
-    return [*offsets, *by_place.items()]
+def _part_of(effect: Effect) -> Holds | None:
+    """Which part of a controller holds a law."""
+    if isinstance(effect, Backlash):
+        return "play"
+    if isinstance(effect, ActuatorScale | ActuatorCyclic):
+        return "tables"
+    if isinstance(effect, Empirical) and len(effect.bases) == 1 and effect.bases[0] in POWERS:
+        return "tables"
+    axes = isinstance(effect, AxisLean) or type(effect) in (AxisOffset, Straightness)
+    return "kinematics" if axes or isinstance(effect, GravitySag) else None
 
 
 def correction(posterior: Posterior, holds: Holds, frame: Frame = "touched-off") -> Correction:
     """The best values to enter."""
-    parts = parts_of(posterior, holds)
+    kept: list[int] = []
+    values = np.zeros(len(posterior.mean))
     left_out: list[LeftOut] = []
-    values = _projected(posterior, [k for _, index in parts for k in index], frame)
-    for name, index in list(parts[1:]):
-        without = [k for part, some in parts if part != name for k in some]
-        reason = _doubt(posterior, frame, values, _projected(posterior, without, frame))
-        if reason:
-            parts.remove((name, index))
-            left_out.append(LeftOut(name, reason))
-            values = _projected(posterior, without, frame)
+    for part, index in parts_of(posterior, holds):
+        more = _projected(posterior, [*kept, *index], frame)
+        if kept and (reason := _doubt(posterior, frame, more, values)):
+            left_out.append(LeftOut(part, reason))
+            continue
+        kept, values = [*kept, *index], more
     distances = {one: distances_of(posterior, one, values) for one in FRAMES}
     return Correction(
         frame,
@@ -132,9 +128,8 @@ def _doubt(posterior: Posterior, frame: Frame, with_it: FloatArray, without: Flo
     """Why a part is not worth entering; empty where it is."""
     metric = posterior.field.metrics[frame]
     gain, worst = 0.0, 0.0
-    for model in posterior.models:
-        mean, _ = posterior.in_field(model)
-        before, after = mean - without, mean - with_it
+    for model in posterior.models_in_field:
+        before, after = model.mean - without, model.mean - with_it
         more = float(before @ metric @ before - after @ metric @ after)
         gain += model.weight * more
         if model.weight >= DOUBTED:
@@ -153,30 +148,28 @@ Distance = tuple[float, float, float]
 def distances_of(posterior: Posterior, frame: Frame, values: FloatArray) -> list[Distance]:
     """Of every model with these values entered; something else acts as each law without a name."""
     metric = posterior.field.metrics[frame]
-    found: list[Distance] = []
-    for model in posterior.models:
-        mean, into = posterior.in_field(model)
-        off = mean - values
-        inner = into.T @ metric @ into
-        moved = inner @ model.covariance
-        slope = into.T @ (metric @ off)
-        size = float(np.trace(moved) + off @ metric @ off)
-        variance = 2.0 * float(np.trace(moved @ moved)) + 4.0 * float(
-            slope @ model.covariance @ slope
+    shared: dict[int, tuple[FloatArray, float, float]] = {}
+    every: list[Distance] = []
+    for model in posterior.models_in_field:
+        key = id(model.base)
+        if key not in shared:
+            moved = metric @ model.base
+            shared[key] = moved, float(np.trace(moved)), float((moved * moved.T).sum())
+        moved, size, square = shared[key]
+        more = model.inflated**2
+        off = model.mean - values
+        slope, own = metric @ off, metric @ model.root
+        inner = model.root.T @ own
+        through = model.base @ own
+        size = more * size + float(np.trace(inner) + off @ slope)
+        square = (
+            more**2 * square + 2.0 * more * float((own * through).sum()) + float((inner**2).sum())
         )
-        unseen = posterior.unseen(model)
-        hidden = np.outer(unseen, unseen) * posterior.field.rigid_metrics[frame]
-        size += float(np.trace(hidden))
-        variance += 2.0 * float(np.trace(hidden @ hidden))
-        if not any(posterior.components[k].id == ELSE for k in model.members):
-            found.append((model.weight, size, variance))
-            continue
-        squares = posterior.something_else(model, metric)
-        found += [
-            (model.weight / len(squares), size + square, variance + 2.0 * square**2)
-            for square in squares.tolist()
-        ]
-    return found
+        along = more * float(slope @ model.base @ slope) + float(
+            ((model.root.T @ slope) ** 2).sum()
+        )
+        every.append((model.weight, size, 2.0 * square + 4.0 * along))
+    return every
 
 
 def quantile_mm(distances: Sequence[Distance]) -> float:

@@ -94,7 +94,7 @@ class Race:
         widths = np.array([len(one) for one in self.columns])
         for width in np.unique(widths):
             members = np.flatnonzero(widths == width)
-            index = np.array([self.columns[k] for k in members])
+            index = np.array([self.columns[k] for k in members.tolist()])
             if width == 1:
                 sizes = np.maximum(products.inner[index[:, 0], index[:, 0]], 0.0)[:, None]
                 along = products.along[index]

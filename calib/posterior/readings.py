@@ -139,14 +139,16 @@ class Rows:
 
     ``residual`` ``(n,)`` is measured less predicted; ``base`` ``(n, b)`` are derivatives by the
     lengths that sessions share, then by the joint offsets of each; ``columns`` ``(n, k)`` those of
-    effects. ``value`` ``(b,)`` is where the models have the base parameters, ``prior`` ``(b,)``
-    where they are expected, within ``spread`` ``(b,)``. ``free`` directions are left to readings
-    beside zeros and joint offsets; ``freedom`` belongs to the noise.
+    effects. The first ``cells`` rows are means of cells, the others what readings do within them.
+    ``value`` ``(b,)`` is where the models have the base parameters, ``prior`` ``(b,)`` where they
+    are expected, within ``spread`` ``(b,)``. ``free`` directions are left to readings beside zeros
+    and joint offsets; ``freedom`` belongs to the noise.
     """
 
     residual: FloatArray
     base: FloatArray
     columns: FloatArray
+    cells: int
     value: FloatArray
     prior: FloatArray
     spread: FloatArray
@@ -154,53 +156,60 @@ class Rows:
     freedom: float
 
 
+def whitened(cells: Cells, rows: FloatArray) -> FloatArray:
+    """Rows ``(n_cells, ...)`` in standard deviations of their cells, zeros of mountings free."""
+    weight = 1.0 / cells.variance_mm2
+    return np.asarray(np.sqrt(weight)[:, None] * without_zeros(cells.means, weight, rows))
+
+
 def rows_of(
     sessions: Sequence[Cells],
     models: Sequence[Model],
     placed: Sequence[Mapping[Placed, FloatArray]],
-    order: Sequence[Placed],
-    widths: Sequence[int],
+    widths: Mapping[Placed, int],
+    *,
+    within: bool = True,
 ) -> Rows:
-    """The sessions about these models; ``placed`` are columns of effects in each, zero elsewhere."""
+    """The sessions about these models; ``placed`` are columns of laws in each, zero elsewhere.
+
+    ``widths`` are how many values each law has, in the order of `Rows.columns`; without ``within``
+    only the means of cells.
+    """
     count = len(sessions)
-    width, total = LENGTHS + 3 * count, sum(widths)
-    parts = []
-    for number, (cells, model, effects) in enumerate(zip(sessions, models, placed, strict=True)):
+    width, total = LENGTHS + 3 * count, sum(widths.values())
+    starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
+    parts, timed_parts = [], []
+    for number, (cells, model, laws) in enumerate(zip(sessions, models, placed, strict=True)):
         means = cells.means
+        rows = np.zeros((len(means), 1 + width + total))
+        rows[:, 0] = means.value_mm - model.readings(means)
         by_base = design_of(model, means, range(BASE), ())
-        base = np.zeros((len(means), width))
-        base[:, :LENGTHS] = by_base[:, 3:]
-        base[:, LENGTHS + 3 * number : LENGTHS + 3 * number + 3] = by_base[:, :3]
-        columns = np.hstack(
-            [
-                effects.get(one, np.zeros((len(means), k)))
-                for one, k in zip(order, widths, strict=True)
-            ]
-            or [np.zeros((len(means), 0))]
-        )
-        rows = np.column_stack([means.value_mm - model.readings(means), base, columns])
-        weight = 1.0 / cells.variance_mm2
-        parts.append(np.sqrt(weight)[:, None] * without_zeros(means, weight, rows))
-        timed = [k for k, (effect, _) in enumerate(order) if depends_on_time(effect)]
-        timed = [k for k in timed if order[k] in effects]
-        if timed and len(cells.visited) > len(means):
-            by_effect = placed_columns(model, cells.visited, [order[k][0] for k in timed])
-            shown = cells.in_time(np.hstack([by_effect[order[k]] for k in timed]))
-            more = np.zeros((len(shown), 1 + width + total))
+        rows[:, 1 : 1 + LENGTHS] = by_base[:, 3:]
+        first = 1 + LENGTHS + 3 * number
+        rows[:, first : first + 3] = by_base[:, :3]
+        for law, columns in laws.items():
+            at = 1 + width + starts[law]
+            rows[:, at : at + columns.shape[1]] = columns
+        parts.append(whitened(cells, rows))
+        timed = [law for law in laws if depends_on_time(law[0])]
+        if within and timed and len(cells.visited) > len(means):
+            by_law = placed_columns(model, cells.visited, [law[0] for law in timed])
+            shown = cells.in_time(np.hstack([by_law[law] for law in timed]))
+            more = np.zeros((len(shown), rows.shape[1]))
             more[:, 0] = shown[:, 0]
-            starts = np.cumsum([0, *widths])
-            index = [1 + width + c for k in timed for c in range(starts[k], starts[k + 1])]
+            index = [1 + width + starts[law] + k for law in timed for k in range(widths[law])]
             more[:, index] = shown[:, 1:]
-            parts.append(more)
-    rows = np.vstack(parts)
+            timed_parts.append(more)
+    rows = np.vstack([*parts, *timed_parts])
 
     def base_of(values: Sequence[Sequence[float] | FloatArray]) -> FloatArray:
-        return np.array([*values[0][3:], *(v for one in values for v in one[:3])])
+        return np.array([*values[0][3:], *(v for each in values for v in each[:3])])
 
     return Rows(
         rows[:, 0],
         rows[:, 1 : 1 + width],
         rows[:, 1 + width :],
+        sum(map(len, parts)),
         base_of([model.parameters_mm for model in models]),
         base_of([cells.case.model.parameters_mm for cells in sessions]),
         base_of([cells.case.tolerance_mm for cells in sessions]),

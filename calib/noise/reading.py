@@ -10,14 +10,17 @@ import numpy as np
 from scipy.special import fdtrc
 
 from calib.arrays import FloatArray, IntArray, Observations, descending, numbered, ranks
-from calib.noise.repeats import Outlier, Repeats, cycle_drift, outlying_readings
+from calib.noise.repeats import (
+    Outlier,
+    Repeats,
+    arithmetic_mm2,
+    cycle_drift,
+    outlying_readings,
+)
 from calib.noise.rounding import quantisation_of_repeatability, quantisation_variance
 
 NoiseSource = Literal["repeats", "instrument", "residuals"]
 Repeated = Literal["nothing", "equal", "rounding", "scatter"]
-
-ROUNDING = 8 * float(np.finfo(np.float64).eps)
-"""Relative scatter that floating point arithmetic alone makes of equal values."""
 
 LEAST_NOISE_MM = 1e-9
 """Less than this is arithmetic, not measurement."""
@@ -240,10 +243,9 @@ def reading_noise(visited: Observations, indicator: IndicatorFigures) -> Noise |
     free = repeats.degrees_of_freedom
     step = indicator.display_mm
     squares = repeats.sums_of_squares(visited.value_mm[:, None])[:, 0]
-    arithmetic = (ROUNDING * float(np.abs(visited.value_mm).max())) ** 2
     if free.sum() <= 0.0:
         return indicator.noise(visited.indicator_count)
-    if float(squares.sum()) <= arithmetic * free.sum():
+    if float(squares.sum()) <= arithmetic_mm2(visited) * free.sum():
         count = visited.indicator_count
         known = indicator.noise(count) or IndicatorFigures(resolution_mm=step).noise(count)
         return replace(known, repeated="equal") if known else None

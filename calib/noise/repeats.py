@@ -28,6 +28,9 @@ OUTLIER_LEVEL = 0.01
 UNEQUAL_LEVEL = 0.02
 """Chance, on either side, that an indicator like the others is judged by itself alone."""
 
+ROUNDING = 8 * float(np.finfo(np.float64).eps)
+"""Relative scatter that floating point arithmetic alone makes of equal values."""
+
 TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -104,6 +107,11 @@ def _cycles_beside_cells(visited: Observations, rows: IntArray, cell: IntArray) 
         return np.zeros((len(rows), 0))
     root, columns = np.sqrt(visited.averaged[rows]), incidence(cycle)[:, 1:]
     return basis_by_products(_without_cells(root, numbered(cell), columns))
+
+
+def arithmetic_mm2(observed: Observations) -> float:
+    """Less than this is floating point arithmetic, not scatter."""
+    return (ROUNDING * float(np.abs(observed.value_mm).max(initial=0.0))) ** 2
 
 
 def outlying_readings(repeats: Repeats, floor_mm2: float) -> tuple[Outlier, ...]:

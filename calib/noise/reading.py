@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -232,14 +233,16 @@ def _visit_numbers(observed: Observations) -> IntArray:
     return visit
 
 
-def reading_noise(visited: Observations, indicator: IndicatorFigures) -> Noise | None:
+def reading_noise(
+    visited: Observations, indicator: IndicatorFigures, apart: Sequence[int] = ()
+) -> Noise | None:
     """Noise from repeats where they tell something, else from the stated instrument, else None.
 
     The scatter of repeats is taken for each indicator, drift removed, and pooled but for those that
     scatter more than chance allows. Repeats that all agree say nothing: then the resolution
-    rules, stated or seen in the text of the readings.
+    rules, stated or seen in the text of the readings. Rows that stand ``apart`` are no repeats.
     """
-    repeats = Repeats.of(visited)
+    repeats = Repeats.of(visited, apart)
     free = repeats.degrees_of_freedom
     step = indicator.display_mm
     squares = repeats.sums_of_squares(visited.value_mm[:, None])[:, 0]

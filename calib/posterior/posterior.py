@@ -364,13 +364,10 @@ class _Builder:
 
     def _bends(self, models: Sequence[Model], mean: FloatArray, entry: Entry) -> bool:
         """Whether readings differ from what derivatives say."""
-        from calib.arrays import without_zeros
-
-        rows = []
-        for cells, model in zip(self.sessions, models, strict=True):
-            off = cells.means.value_mm - model.readings(cells.means)
-            weight = 1.0 / cells.variance_mm2
-            rows.append(np.sqrt(weight) * without_zeros(cells.means, weight, off))
+        rows = [
+            cells.whitened(cells.means.value_mm - model.readings(cells.means))
+            for cells, model in zip(self.sessions, models, strict=True)
+        ]
         count = len(self.rows.value)
         block = self._block(entry.members)
         ours = [k for k, c in zip(entry.members, self._widths(entry), strict=True) if c]
@@ -473,15 +470,9 @@ def _with_common_lengths(models: Sequence[Model]) -> tuple[Model, ...]:
 
 def _else_rows(sessions: Sequence[Cells], total: int, timed: int | None = None) -> FloatArray:
     """Columns of something else ``(n, r)``, per mm, each session with its own; whitened."""
-    from calib.arrays import without_zeros
-
     if timed is None:
         timed = (total - sum(len(cells.means) for cells in sessions)) // len(sessions)
-    blocks = []
-    for cells in sessions:
-        columns = something_else(cells.means)
-        weight = 1.0 / cells.variance_mm2
-        blocks.append(np.sqrt(weight)[:, None] * without_zeros(cells.means, weight, columns))
+    blocks = [cells.whitened(something_else(cells.means)) for cells in sessions]
     found = np.zeros((total, sum(block.shape[1] for block in blocks)))
     row = column = 0
     for block in blocks:

@@ -172,7 +172,9 @@ def within_play(procedure: str, rng: np.random.Generator) -> Session:
         visit = rows.visit[first]
         del visit
         share = float(rng.uniform())
-        between = share * readings(down, hidden)[first] + (1.0 - share) * readings(up, hidden)[first]
+        between = (
+            share * readings(down, hidden)[first] + (1.0 - share) * readings(up, hidden)[first]
+        )
         values[first] += between - as_driven[first]
     return plain(rows, values, hidden, f"backlash:{LETTERS[leg]}")
 
@@ -243,18 +245,12 @@ def judged(session: Session) -> dict[str, Any]:
     uncertainty = np.sqrt(np.maximum(covariance.diagonal(), 1e-300))
     truth = session.hidden.amounts
     off = list((mean[3:6] - truth["length"]) / uncertainty[3:6])
-    for (effect, place), columns in zip(
-        answer.field.placed, _columns(answer), strict=True
-    ):
+    for (effect, place), columns in zip(answer.field.placed, _columns(answer), strict=True):
         if effect.id == "backlash" and truth["lost"].any():
             true_mm = truth["lost"][LETTERS.index(place)]
             spread = max(uncertainty[columns[0]], 1e-4)
             off.append((mean[columns[0]] - true_mm) / spread)
-    names = {
-        f"{one}:{where}": p
-        for (one, where), p in answer.places.items()
-        if p >= 0.05
-    }
+    names = {f"{one}:{where}": p for (one, where), p in answer.places.items() if p >= 0.05}
     mistakes = getattr(answer, "mistakes", {})
     return {
         "names": names,
@@ -289,8 +285,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--kinds", nargs="+", choices=[*KINDS], default=[*KINDS])
     parser.add_argument("--each", action="store_true", help="a line for each session")
     options = parser.parse_args(arguments)
-    print("| kind | sessions | no effect ≥ 0.5 | no effect of time ≥ 0.05 | mistake named ≥ 0.5 | "
-          "lengths and play ≤ 2 u | CPU s |\n|---|---|---|---|---|---|---|")
+    print(
+        "| kind | sessions | no effect ≥ 0.5 | no effect of time ≥ 0.05 | mistake named ≥ 0.5 | "
+        "lengths and play ≤ 2 u | CPU s |\n|---|---|---|---|---|---|---|"
+    )
     for number, kind in enumerate(options.kinds):
         results = []
         for n in range(options.count):
@@ -308,8 +306,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         timeless = sum(not any(n.split(":")[0] in TIMED for n in one["names"]) for one in results)
         mistaken = sum(any(p >= 0.5 for p in one["mistakes"].values()) for one in results)
         within = sum(one["off_u"] <= 2.0 for one in results)
-        print(f"| {kind} | {len(results)} | {clean} | {timeless} | {mistaken} | {within} | "
-              f"{np.mean([one['cpu_s'] for one in results]):.2f} |", flush=True)
+        print(
+            f"| {kind} | {len(results)} | {clean} | {timeless} | {mistaken} | {within} | "
+            f"{np.mean([one['cpu_s'] for one in results]):.2f} |",
+            flush=True,
+        )
     return 0
 
 

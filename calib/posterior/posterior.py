@@ -12,7 +12,8 @@ import numpy as np
 from calib.arrays import FloatArray, IntArray
 from calib.errors import NotIdentifiable
 from calib.posterior.library import ELSE, Component, library, something_else
-from calib.posterior.race import Entry, Products, Race
+from calib.posterior.labels import Beside, Mistake, Solved, with_mistakes
+from calib.posterior.race import LIGHTEST, Entry, Products, Race
 from calib.posterior.readings import (
     LENGTHS,
     Case,
@@ -27,6 +28,9 @@ from calib.tripod.effects.drives import AxisLean, AxisOffset, Backlash, effects_
 from calib.tripod.effects.effect import PER_THOUSAND, Effect
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
+
+MOST_BESIDE = 3
+"""Models beside which mistakes are looked for."""
 
 REFINED = 8
 """Models that are followed through the simulation; the others stay linear."""
@@ -52,6 +56,7 @@ class Weighted:
     mean: FloatArray
     covariance: FloatArray
     scales: tuple[float, ...]
+    mistakes: tuple[Mistake, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,11 +174,59 @@ class Posterior:
                 found[name] = found.get(name, 0.0) + model.weight
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
+    @property
+    def mistakes(self) -> dict[tuple[str, str], float]:
+        """Probability of each mistake of labels or readings, and its place."""
+        found: dict[tuple[str, str], float] = {}
+        for model in self.models:
+            for name in {(one.id, one.where) for one in model.mistakes}:
+                found[name] = found.get(name, 0.0) + model.weight
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
 
 def posterior(cases: Sequence[Case], effects: Sequence[Effect] | None = None) -> Posterior:
     """Of these sessions together. Raises NotIdentifiable where one cannot be fitted."""
-    sessions = tuple(Cells.of(case) for case in cases)
-    return _Builder.of(sessions, effects).make()
+
+    def solve(sessions: Sequence[Cells]) -> Solved[Posterior]:
+        return _Builder.of(tuple(sessions), effects).make()
+
+    return _mixed(with_mistakes([Cells.of(case) for case in cases], solve))
+
+
+def _mixed(every: Sequence[Solved[Posterior]]) -> Posterior:
+    """The sessions as they are, and put right in each way, weighed by their evidence.
+
+    The first knows the sessions; each has components of its own, since its rows differ.
+    """
+    log = np.array([one.log_weight for one in every])
+    share = np.exp(log - log.max())
+    share /= share.sum()
+    parts = [(one, w) for one, w in zip(every, share.tolist(), strict=True) if w > LIGHTEST]
+    first = parts[0][0].solution
+    components: list[Component] = []
+    models: list[Weighted] = []
+    columns: list[IntArray] = []
+    width = sum(len(one.solution.inner) for one, _ in parts)
+    inner, begin = np.zeros((width, width)), 0
+    for one, weight in parts:
+        here = one.solution
+        number = len(components)
+        models += [
+            replace(
+                model,
+                members=tuple(number + k for k in model.members),
+                weight=weight * model.weight,
+                mistakes=one.mistakes,
+            )
+            for model in here.models
+        ]
+        components += here.components
+        columns += [begin + index for index in here.columns]
+        inner[begin : begin + len(here.inner), begin : begin + len(here.inner)] = here.inner
+        begin += len(here.inner)
+    return Posterior(
+        first.sessions, tuple(components), tuple(models), first.field, tuple(columns), inner
+    )
 
 
 HELD: tuple[Effect, ...] = (Backlash(), AxisOffset(), AxisLean())
@@ -220,7 +273,7 @@ class _Builder:
         joined = np.hstack(blocks)
         return cls(sessions, models, tuple(known), order, rows, joined, tuple(columns))
 
-    def make(self) -> Posterior:
+    def make(self) -> Solved[Posterior]:
         rows = self.rows
         count = len(rows.spread)
         # tolerances are rows beside the readings: no product of derivatives loses digits
@@ -237,9 +290,10 @@ class _Builder:
             np.array([component.log_prior for component in self.components]),
             rows.free,
             rows.freedom,
+            rows.excess,
         )
         entries = race.run()
-        weighted = self._weighted(race, entries)
+        weighted, log_evidence = self._weighted(race, entries)
         placed = tuple(
             dict.fromkeys(
                 [
@@ -250,7 +304,7 @@ class _Builder:
             )
         )
         field = tool_field(self.geometry, placed)
-        return Posterior(
+        told = Posterior(
             self.sessions,
             self.components,
             tuple(weighted),
@@ -258,13 +312,35 @@ class _Builder:
             self.columns,
             race.products.inner,
         )
+        constant = rows.log_constant
+        plain = next((one for one in entries if not one.members), Entry((), (), -math.inf))
+        heaviest = [plain, *[one for one in entries if one.members][:MOST_BESIDE]]
+        beside = [
+            [Beside(one.log_weight + constant, self._beside(number, one)) for one in heaviest]
+            for number in range(len(self.sessions))
+        ]
+        return Solved(told, log_evidence + constant, beside)
+
+    def _beside(self, number: int, entry: Entry) -> FloatArray:
+        """Columns ``(n_cells, r)`` of a model in a session, each of the size that it expects."""
+        begin = sum(len(c.means) for c in self.sessions[:number]) + sum(self._timed[:number])
+        cells = self.sessions[number]
+        rows = slice(begin, begin + len(cells.means))
+        blocks = [
+            scale * self.joined[rows, self.columns[k]]
+            for k, scale in zip(entry.members, entry.scales, strict=True)
+        ]
+        return cells.coloured(np.hstack([np.zeros((len(cells.means), 0)), *blocks]))
 
     @property
     def geometry(self) -> Geometry:
         return self.models[0].geometry
 
-    def _weighted(self, race: Race, entries: Sequence[Entry]) -> list[Weighted]:
-        """Each model with its normal; the heaviest followed through the simulation."""
+    def _weighted(self, race: Race, entries: Sequence[Entry]) -> tuple[list[Weighted], float]:
+        """Each model with its normal; the heaviest followed through the simulation.
+
+        With the log evidence of all of them.
+        """
         found = []
         log = np.empty(len(entries))
         plain_room = self._plain_room()
@@ -286,8 +362,10 @@ class _Builder:
                 covariance = covariance * max(more, 1.0)
             found.append(Weighted(entry.members, 0.0, mean, covariance, entry.scales))
         share = np.exp(log - log.max())
+        log_evidence = float(log.max() + np.log(share.sum()))
         share /= share.sum()
-        return [replace(one, weight=float(w)) for one, w in zip(found, share, strict=True)]
+        every = [replace(one, weight=float(w)) for one, w in zip(found, share, strict=True)]
+        return every, log_evidence
 
     def _block(self, members: tuple[int, ...]) -> FloatArray:
         """Columns ``(n, r)`` of these components, per unit of their values."""

@@ -91,7 +91,11 @@ class Cells:
     @classmethod
     def of(cls, case: Case) -> Cells:
         """Group the visits of a session."""
-        visited = visits(case.observed)
+        return cls.of_visits(case, visits(case.observed))
+
+    @classmethod
+    def of_visits(cls, case: Case, visited: Observations) -> Cells:
+        """Group visits, which need not be those of the session as it is written."""
         cell, serial, excess = visited.cell, 0.0, 0.0
         floor_mm2 = case.indicator.display_mm**2 / 12.0
         apart = np.array(disagreeing(Repeats.of(visited), floor_mm2), dtype=np.intp)
@@ -141,6 +145,15 @@ class Cells:
         """Rows ``(n_cells, ...)`` made independent, of unit variance, less the best zeros."""
         flat = self._independent(rows.reshape(len(rows), -1))
         return np.asarray(without(self._zeros, flat).reshape(rows.shape))
+
+    def coloured(self, rows: FloatArray) -> FloatArray:
+        """The opposite ``(n_cells, k)``, but for what zeros took."""
+        if not self.serial:
+            return np.asarray(rows * np.sqrt(self.variance_mm2)[:, None])
+        columns = np.empty_like(rows)
+        for cells, root in self._roots:
+            columns[cells] = root @ rows[cells]
+        return columns
 
     @cached_property
     def _zeros(self) -> FloatArray:
@@ -215,7 +228,7 @@ def _means(
         value_mm, time_s = (np.bincount(cell, column / scatter_mm2) / total for column in both.T)
         variance = 1.0 / total
     else:
-        value_mm, time_s, variance = np.empty((3, len(rows)))
+        value_mm, time_s, variance = (np.empty(len(rows)) for _ in range(3))
         for there, cells, basis, inverse in _by_mounting(visited, cell, scatter_mm2, serial):
             known = both[there] / np.sqrt(scatter_mm2[there])[:, None]
             value_mm[cells], time_s[cells] = (inverse @ (basis.T @ independent(serial, known))).T
@@ -348,7 +361,8 @@ def rows_of(
     def base_of(values: Sequence[Sequence[float] | FloatArray]) -> FloatArray:
         return np.array([*values[0][3:], *(v for one in values for v in one[:3])])
 
-    free = len(rows) - sum(set_up_unknowns(cells.means) + 3 for cells in sessions)
+    free = len(rows) + sum(len(cells.apart) for cells in sessions)
+    free -= sum(set_up_unknowns(cells.means) + 3 for cells in sessions)
     freedom = sum(cells.freedom for cells in sessions)
     return Rows(
         rows[:, 0],
@@ -357,7 +371,7 @@ def rows_of(
         base_of([model.parameters_mm for model in models]),
         base_of([cells.case.model.parameters_mm for cells in sessions]),
         base_of([cells.case.tolerance_mm for cells in sessions]),
-        free + sum(len(cells.apart) for cells in sessions),
+        free,
         freedom,
         sum(cells.excess for cells in sessions),
         sum(cells.log_constant for cells in sessions) + _log_of_student(freedom, free),

@@ -1,4 +1,4 @@
-"""Set-ups as they are in a workshop: labels exchanged, first takes that differ, noise with a memory.
+"""Set-ups as they are in a workshop: exchanged labels, first takes apart, noise with a memory.
 
 ``python -m tests.blind.nuisances --count 10`` makes sessions of the bench's own machines, hands
 their tables to the posterior and counts what it answers.
@@ -133,10 +133,10 @@ def legs_exchanged(procedure: str, rng: np.random.Generator) -> Session:
                 (leg, k): np.flatnonzero(
                     (rows.leg == leg) & (rows.axis == axis) & (rows.station == station)
                 )
-                for k, axis in enumerate(axes if not crossed else axes[::-1])
+                for k, axis in enumerate(axes)
             }
         for k in range(2):
-            here, there = tables[a, k], tables[b, k if not crossed else k]
+            here, there = tables[a, k], tables[b, 1 - k if crossed else k]
             written[here], written[there] = values[there], values[here]
     return plain(rows, written, hidden, f"legs {LETTERS[min(a, b)]}{LETTERS[max(a, b)]}")
 

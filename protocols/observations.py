@@ -12,6 +12,7 @@ import numpy as np
 
 from calib.arrays import LEG_NAMES, TOUCHED_NAMES, FloatArray, IntArray, Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
+from calib.noise.display import display_step_mm
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.movements import carriage_movement
@@ -213,7 +214,8 @@ def indicator_figures(sessions: Sequence[Session]) -> IndicatorFigures:
     """The worst that is stated or seen of the indicators of all sessions.
 
     ``resolution_mm`` is the coarsest stated of an indicator or with a reading, ``step_mm`` the
-    coarsest step in which the readings of a session are written down.
+    coarsest step in which the readings of a session are written down, ``values_step_mm`` the
+    coarsest one on which its values lie.
     """
     stated = worst_stated(one for session in sessions for one in session.opened.instruments)
     shown = (reading.resolution_mm for session in sessions for reading in session.readings)
@@ -221,7 +223,14 @@ def indicator_figures(sessions: Sequence[Session]) -> IndicatorFigures:
         stated,
         resolution_mm=_worst([stated.resolution_mm, *shown]),
         step_mm=_worst(session.step_mm for session in sessions),
+        values_step_mm=_worst(_values_step_mm(session) for session in sessions),
     )
+
+
+def _values_step_mm(session: Session) -> float | None:
+    """The step of the display that the values of a session show; a mean of several is none."""
+    values = np.array([r.value_mm for r in session.readings if r.averaged == 1])
+    return display_step_mm(values, session.step_mm)
 
 
 def worst_stated(instruments: Iterable[Instrument]) -> IndicatorFigures:

@@ -15,8 +15,9 @@ import numpy as np
 
 from calib.arrays import FloatArray, IntArray
 from calib.errors import NotIdentifiable
+from calib.posterior.labels import Beside, Mistake, Solved, with_mistakes
 from calib.posterior.library import ELSE, Component, library, something_else
-from calib.posterior.race import Entry, Products, Race
+from calib.posterior.race import LIGHTEST, Entry, Products, Race
 from calib.posterior.readings import (
     LENGTHS,
     Case,
@@ -25,12 +26,14 @@ from calib.posterior.readings import (
     Rows,
     placed_columns,
     rows_of,
-    whitened,
 )
 from calib.posterior.tool import RIGID, ToolField, laws_held, tool_field
 from calib.tripod.effects.effect import PER_THOUSAND, Effect
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
+
+MOST_BESIDE = 3
+"""Models beside which mistakes are looked for."""
 
 REFINED = 8
 """Models that are followed through the simulation; the others stay linear."""
@@ -49,7 +52,8 @@ class Weighted:
     """One model: components, their scales, weight, and the normal of its values ``(b + r,)``.
 
     A root of their covariance is ``base`` ``(b, b)``, which many models share, beside ``sizes``
-    ``(b + r, r)``, both times ``inflated``.
+    ``(b + r, r)``, both times ``inflated``. The base ends with sizes of the components
+    ``everywhere``; ``mistakes`` of labels and readings were put right.
     """
 
     members: tuple[int, ...]
@@ -59,6 +63,8 @@ class Weighted:
     base: FloatArray
     sizes: FloatArray
     inflated: float
+    everywhere: tuple[int, ...]
+    mistakes: tuple[Mistake, ...] = ()
 
     @property
     def variance(self) -> FloatArray:
@@ -95,13 +101,11 @@ class InField:
 class Posterior:
     """What readings tell of the machine.
 
-    Values of the base are lengths, offsets of each session, then the sizes of the components of
-    ``everywhere``.
+    Values of the base are lengths, offsets of each session, then a little of every law.
     """
 
     sessions: tuple[Cells, ...]
     components: tuple[Component, ...]
-    everywhere: tuple[int, ...]
     models: tuple[Weighted, ...]
     field: ToolField
 
@@ -127,10 +131,10 @@ class Posterior:
         parameters = np.zeros((self.field.rows.shape[1], self.parameter_count))
         parameters[3:6, :LENGTHS] = np.eye(3)
         parameters[:3, -3:] = np.eye(3)
-        base = np.hstack([parameters, *(self._into_field[k] for k in self.everywhere)])
         shared: dict[int, FloatArray] = {}
         every = []
         for model in self.models:
+            base = np.hstack([parameters, *(self._into_field[k] for k in model.everywhere)])
             into = np.hstack([base, *(self._into_field[k] for k in model.members)])
             key = id(model.base)
             if key not in shared:
@@ -199,6 +203,15 @@ class Posterior:
         )
 
     @property
+    def mistakes(self) -> dict[tuple[str, str], float]:
+        """Probability of each mistake of labels or readings, and its place."""
+        shares: dict[tuple[str, str], float] = {}
+        for model in self.models:
+            for name in {(one.id, one.where) for one in model.mistakes}:
+                shares[name] = shares.get(name, 0.0) + model.weight
+        return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+    @property
     def places(self) -> dict[tuple[str, str], float]:
         """Probability of each id and place."""
         shares: dict[tuple[str, str], float] = {}
@@ -210,7 +223,42 @@ class Posterior:
 
 def posterior(cases: Sequence[Case], effects: Sequence[Effect] | None = None) -> Posterior:
     """Of these sessions together. Raises NotIdentifiable where one cannot be fitted."""
-    return _Problem.of(tuple(Cells.of(case) for case in cases), effects).posterior()
+
+    def solve(sessions: Sequence[Cells]) -> Solved[Posterior]:
+        return _Problem.of(tuple(sessions), effects).solved()
+
+    return _mixed(with_mistakes([Cells.of(case) for case in cases], solve))
+
+
+def _mixed(every: Sequence[Solved[Posterior]]) -> Posterior:
+    """The sessions as they are, and put right in each way, weighed by their evidence.
+
+    The first knows the sessions; each has components of its own, since its rows differ.
+    """
+    log = np.array([one.log_weight for one in every])
+    share = np.exp(log - log.max())
+    share /= share.sum()
+    components: list[Component] = []
+    models: list[Weighted] = []
+    for one, weight in zip(every, share.tolist(), strict=True):
+        if weight < LIGHTEST:
+            continue
+        first = len(components)
+        models += [
+            replace(
+                model,
+                members=tuple(first + k for k in model.members),
+                everywhere=tuple(first + k for k in model.everywhere),
+                weight=weight * model.weight,
+                mistakes=one.mistakes,
+            )
+            for model in one.solution.models
+        ]
+        components += one.solution.components
+    likeliest = every[0].solution
+    laws = (law for one in every for law in one.solution.field.placed)
+    field = tool_field(likeliest.geometry, tuple(dict.fromkeys(laws)))
+    return Posterior(likeliest.sessions, tuple(components), tuple(models), field)
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,7 +329,7 @@ class _Problem:
         away[: len(rows.spread)] = (rows.prior - rows.value) / rows.spread
         return away
 
-    def posterior(self) -> Posterior:
+    def solved(self) -> Solved[Posterior]:
         """Race, then each model with its normal; the heaviest followed through the simulation."""
         about = _About.of(self.base, self.rows.residual, self.expected(self.rows))
         columns, residual = about.left_by(self.columns), about.left
@@ -291,19 +339,39 @@ class _Problem:
             np.array([component.log_prior for component in self.components]),
             self.rows.free,
             self.rows.freedom,
+            self.rows.excess,
         )
-        models = self._weighted(race, race.run(), about)
+        entries = race.run()
+        models, log_evidence = self._weighted(race, entries, about)
         field = tool_field(
             self.geometry, tuple(dict.fromkeys([*self.placed, *laws_held(self.geometry)]))
         )
-        return Posterior(self.sessions, self.components, self.everywhere, tuple(models), field)
+        result = Posterior(self.sessions, self.components, tuple(models), field)
+        constant = self.rows.log_constant
+        plain = next((one for one in entries if not one.members), Entry((), (), -math.inf))
+        heaviest = [plain, *[one for one in entries if one.members][:MOST_BESIDE]]
+        beside = [
+            [Beside(one.log_weight + constant, self._beside(number, one)) for one in heaviest]
+            for number in range(len(self.sessions))
+        ]
+        return Solved(result, log_evidence + constant, beside)
+
+    def _beside(self, number: int, entry: Entry) -> FloatArray:
+        """Columns ``(n_cells, r)`` of a model in a session, each of the size that it expects."""
+        begin = sum(len(cells.means) for cells in self.sessions[:number])
+        cells = self.sessions[number]
+        scale = self._unit(entry)[1]
+        own = self.columns[begin : begin + len(cells.means), self._index(entry)]
+        return cells.coloured(own * scale)
 
     @property
     def geometry(self) -> Geometry:
         """The nominal machine."""
         return self.sessions[0].case.model.geometry
 
-    def _weighted(self, race: Race, entries: Sequence[Entry], about: _About) -> list[Weighted]:
+    def _weighted(
+        self, race: Race, entries: Sequence[Entry], about: _About
+    ) -> tuple[list[Weighted], float]:
         every = []
         log = np.array([entry.log_weight for entry in entries])
         shared = self.base_unit[:, None] * about.inverse
@@ -318,11 +386,22 @@ class _Problem:
                 more = (race.freedom + fit.square) / max(race.freedom + race.free - 2.0, 1.0)
                 inflated = math.sqrt(max(more, 1.0))
             every.append(
-                Weighted(entry.members, entry.scales, 0.0, fit.mean, fit.base, fit.sizes, inflated)
+                Weighted(
+                    entry.members,
+                    entry.scales,
+                    0.0,
+                    fit.mean,
+                    fit.base,
+                    fit.sizes,
+                    inflated,
+                    self.everywhere,
+                )
             )
         share = np.exp(log - log.max())
+        log_evidence = float(log.max() + np.log(share.sum()))
         share /= share.sum()
-        return [replace(one, weight=float(w)) for one, w in zip(every, share, strict=True)]
+        models = [replace(one, weight=float(w)) for one, w in zip(every, share, strict=True)]
+        return models, log_evidence
 
     def _index(self, entry: Entry) -> IntArray:
         return np.concatenate([np.zeros(0, np.intp), *(self.index[k] for k in entry.members)])
@@ -434,7 +513,7 @@ class _Problem:
     def _residual(self, models: Sequence[Model], entry: Entry, fit: _Fit) -> FloatArray:
         """What a model leaves of the means of cells ``(cells,)``, whitened."""
         parts = [
-            whitened(cells, (cells.means.value_mm - model.readings(cells.means))[:, None])[:, 0]
+            cells.whitened(cells.means.value_mm - model.readings(cells.means))
             for cells, model in zip(self.sessions, models, strict=True)
         ]
         return np.concatenate(parts) - self._linear_part(entry, fit.mean)
@@ -548,7 +627,7 @@ def _with_common_lengths(models: Sequence[Model]) -> tuple[Model, ...]:
 
 def _of_postures(sessions: Sequence[Cells], total: int) -> FloatArray:
     """Columns ``(total, r)`` of errors of each posture's own, 1 mm r.m.s., for each session."""
-    blocks = [whitened(cells, something_else(cells.means)) for cells in sessions]
+    blocks = [cells.whitened(something_else(cells.means)) for cells in sessions]
     every = np.zeros((total, sum(block.shape[1] for block in blocks)))
     row = column = 0
     for block in blocks:

@@ -219,7 +219,7 @@ def _result(solved: SessionSolution, judged: str) -> Section:
             "more than its expanded uncertainty (95 %); undecided in between.",
             verdict_words(solved),
             bound_made_of(solved),
-            noise_words(solution),
+            noise_words(solved),
             parameter_table(solution),
             *([size_table(solution)] if solution.sizes else []),
             subset_table(solved),

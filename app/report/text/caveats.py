@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from app.evaluating.solution import NoisyChannel, SessionSolution
-from app.report.text.tables import decimals_for, free_words, signed, uncertain
+from app.report.text.tables import free_words, signed, uncertain
 from calib.arrays import LEG_NAMES
 from calib.identify.solution import Subset
 from calib.noise.reading import LEAST_NOISE_MM
@@ -230,12 +230,11 @@ def _place(r: Reading) -> str:
 def _of_the_measurement(solved: SessionSolution) -> Iterator[str]:
     """Repeats that show no scatter, readings without a movement between, legs not touched."""
     # repeats that agree to the last digit tell only that the noise is below the display's step
-    step_mm = indicator_figures(solved.sessions).step_mm
+    step_mm = indicator_figures(solved.sessions).display_mm
     if solved.solution.noise.repeated == "equal" and step_mm:
         yield (
-            f"NOTE: all repeats agree to the last digit, "
-            f"{step_mm:.{decimals_for(step_mm, 0) - 1}f} mm. They do not show how much the "
-            "readings scatter, and more of them would not make the result better."
+            f"NOTE: all repeats agree to the last digit, {step_mm:g} mm. They do not show how much "
+            "the readings scatter, and more of them would not make the result better."
         )
     in_place = solved.reading_count - len(solved.visits)
     if in_place:

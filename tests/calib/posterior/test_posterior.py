@@ -30,7 +30,7 @@ def dense(result: Posterior, model: Weighted) -> tuple[FloatArray, FloatArray]:
     ]
     everywhere = [
         (result.components[k].candidate, EVERYWHERE * result.components[k].unit)
-        for k in result.everywhere
+        for k in model.everywhere
     ]
     spread = np.concatenate(
         [tolerance_mm[3:], tolerance_mm[:3], *(s for _, s in everywhere), *(s for _, s in effects)]

@@ -84,7 +84,7 @@ def test_a_model_has_the_mean_and_the_spread_of_its_normal_equations(
     assert [result.components[k].id for k in model.members] == [e.id for e in effects]
     mean_mm, deviation_mm = dense(result, model)
     assert (np.abs(model.mean[:6] - mean_mm) < deviation_mm / 50.0).all()
-    assert np.sqrt(model.variance[:6]) == pytest.approx(deviation_mm, rel=1e-3)
+    assert np.sqrt(model.variance[:6]) == pytest.approx(deviation_mm, rel=5e-3)
     assert np.sqrt(model.covariance.diagonal()) == pytest.approx(np.sqrt(model.variance))
 
 

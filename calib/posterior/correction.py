@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -28,6 +28,9 @@ HOLDS: tuple[Holds, ...] = ("offsets", "play", "tables", "kinematics")
 TIED = 1e-4
 """Of the mean square in the machine's own frame: what a frame leaves free is entered as small as
 that makes it, and no combination that does nothing is entered at all."""
+
+NOTHING_MM = 1e-4
+"""A part that moves the tool by less, r.m.s. over the workspace, is not worth an entry."""
 
 DOUBTED = 0.05
 """Weight from which a model has a say on each part."""
@@ -90,10 +93,24 @@ def parts_of(posterior: Posterior, holds: Holds) -> list[tuple[str, list[int]]]:
     return [*offsets, *by_place.items()]
 
 
-def correction(posterior: Posterior, holds: Holds, frame: Frame = "touched-off") -> Correction:
-    """The best values to enter."""
-    parts = parts_of(posterior, holds)
-    left_out: list[LeftOut] = []
+def correction(
+    posterior: Posterior,
+    holds: Holds,
+    frame: Frame = "touched-off",
+    absent: Mapping[str, str] | None = None,
+) -> Correction:
+    """The best values to enter.
+
+    ``absent`` are parts that this controller does not take, with the reason: by their name
+    (``play of x``), or all that begin with a word (``play``).
+    """
+    parts, left_out = [], []
+    for part, index in parts_of(posterior, holds):
+        reason = (absent or {}).get(part) or (absent or {}).get(part.split()[0], "")
+        if reason:
+            left_out.append(LeftOut(part, reason))
+        else:
+            parts.append((part, index))
     values = _projected(posterior, [k for _, index in parts for k in index], frame)
     for name, index in list(parts[1:]):
         without = [k for part, some in parts if part != name for k in some]
@@ -114,23 +131,32 @@ def correction(posterior: Posterior, holds: Holds, frame: Frame = "touched-off")
     )
 
 
-def _projected(posterior: Posterior, index: Sequence[int], frame: Frame) -> FloatArray:
-    """Least squares of the expected error over the workspace ``(6 + k,)``."""
+def projector_of(posterior: Posterior, index: Sequence[int], frame: Frame) -> FloatArray:
+    """Values of these columns ``(n,)`` as a map ``(n, 6 + k)`` of what is expected in the field."""
     field = posterior.field
     metric, whole = field.metrics[frame], field.metrics["machine"]
     chosen = list(index)
     inner = metric + TIED * whole
     scale = 1.0 / np.sqrt(np.maximum(inner[chosen, chosen], 1e-30))
     block = inner[np.ix_(chosen, chosen)] * scale[:, None] * scale
-    target = scale * (inner[chosen] @ posterior.mean)
+    target = scale[:, None] * inner[chosen]
+    found = np.linalg.solve(block + 1e-9 * np.eye(len(chosen)), target)
+    return np.asarray(scale[:, None] * found)
+
+
+def _projected(posterior: Posterior, index: Sequence[int], frame: Frame) -> FloatArray:
+    """Least squares of the expected error over the workspace ``(6 + k,)``."""
     values = np.zeros(len(posterior.mean))
-    values[chosen] = scale * np.linalg.solve(block + 1e-9 * np.eye(len(chosen)), target)
+    values[list(index)] = projector_of(posterior, index, frame) @ posterior.mean
     return values
 
 
 def _doubt(posterior: Posterior, frame: Frame, with_it: FloatArray, without: FloatArray) -> str:
     """Why a part is not worth entering; empty where it is."""
     metric = posterior.field.metrics[frame]
+    moved = with_it - without
+    if moved @ metric @ moved < NOTHING_MM**2:
+        return "it moves the tool by less than 0.0001 mm"
     gain, worst = 0.0, 0.0
     for model in posterior.models:
         mean, _ = posterior.in_field(model)
@@ -179,8 +205,8 @@ def distances_of(posterior: Posterior, frame: Frame, values: FloatArray) -> list
     return found
 
 
-def quantile_mm(distances: Sequence[Distance]) -> float:
-    """Root of the 95 % quantile of a mixture of gamma distributions of these moments."""
+def quantile_mm(distances: Sequence[Distance], share: float = COVERAGE) -> float:
+    """Root of the quantile of a mixture of gamma distributions of these moments."""
     weight, size, variance = np.array(distances).T
     variance = np.maximum(variance, 1e-12 * size**2)
     shape, scale = size**2 / variance, variance / np.maximum(size, 1e-300)
@@ -188,7 +214,7 @@ def quantile_mm(distances: Sequence[Distance]) -> float:
     for _ in range(60):
         middle = (low + high) / 2.0
         below = float((weight * gammainc(shape, middle / scale)).sum() / weight.sum())
-        low, high = (middle, high) if below < COVERAGE else (low, middle)
+        low, high = (middle, high) if below < share else (low, middle)
     return math.sqrt(high)
 
 

@@ -24,9 +24,9 @@ from calib.posterior.readings import (
 )
 from calib.posterior.tool import ToolField, tool_field
 from calib.tripod.effects.drives import AxisLean, AxisOffset, Backlash, effects_of
-from calib.tripod.effects.effect import PER_THOUSAND, Effect
+from calib.tripod.effects.effect import PER_THOUSAND, Effect, EffectInstance
 from calib.tripod.geometry import Geometry
-from calib.tripod.pipeline import Model
+from calib.tripod.pipeline import MOVES_THE_TOOL, Model
 
 REFINED = 8
 """Models that are followed through the simulation; the others stay linear."""
@@ -56,7 +56,10 @@ class Weighted:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """What readings tell of the machine. Base parameters are lengths, then offsets of sessions."""
+    """What readings tell of the machine. Base parameters are lengths, then offsets of sessions.
+
+    ``start`` ``(6 + k,)`` are effects that the model of the sessions has, in the tool's field.
+    """
 
     sessions: tuple[Cells, ...]
     components: tuple[Component, ...]
@@ -64,6 +67,7 @@ class Posterior:
     field: ToolField
     columns: tuple[IntArray, ...]
     inner: FloatArray
+    start: FloatArray
 
     @property
     def geometry(self) -> Geometry:
@@ -95,7 +99,7 @@ class Posterior:
         into[3:6, :LENGTHS] = np.eye(3)
         into[:3, base - 3 :] = np.eye(3)
         whole = np.hstack([into, *(self.into_field[k] for k in model.members)])
-        return whole @ model.mean, whole
+        return self.start + whole @ model.mean, whole
 
     @cached_property
     def mean(self) -> FloatArray:
@@ -111,6 +115,8 @@ class Posterior:
         distances: the rest turns and shifts the machine as a whole.
         """
         variance = np.zeros(6)
+        if not self.geometry.orthogonal:  # readings are of the tool, in the frame of its plate
+            return variance
         for k, scale in zip(model.members, model.scales, strict=True):
             component = self.components[k]
             size = scale * float(component.unit[0])
@@ -246,10 +252,14 @@ class _Builder:
                     *(one for one in self.order),
                     *((e, p) for e in effects_of(HELD, self.geometry) for p in _all_places(e)),
                     *((e, p) for e in _held(self.geometry) for p in _all_places(e)),
+                    *((e.effect, e.place) for e in self._known),
                 ]
             )
         )
         field = tool_field(self.geometry, placed)
+        start = np.zeros(field.rows.shape[1])
+        for known in self._known:
+            start[list(field.columns_of((known.effect, known.place)))] += np.real(known.values)
         return Posterior(
             self.sessions,
             self.components,
@@ -257,11 +267,21 @@ class _Builder:
             field,
             self.columns,
             race.products.inner,
+            start,
         )
 
     @property
     def geometry(self) -> Geometry:
         return self.models[0].geometry
+
+    @property
+    def _known(self) -> list[EffectInstance]:
+        """Effects of the sessions' model that move the tool."""
+        return [
+            effect
+            for effect in self.sessions[-1].case.model.effects
+            if isinstance(effect, EffectInstance) and effect.stage in MOVES_THE_TOOL
+        ]
 
     def _weighted(self, race: Race, entries: Sequence[Entry]) -> list[Weighted]:
         """Each model with its normal; the heaviest followed through the simulation."""

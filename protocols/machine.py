@@ -35,6 +35,10 @@ LEAST_LENGTH = 1e-6
 
 USUAL_PROCEDURE = "zero-max-min"
 
+Frame = Literal["touched-off", "aligned", "machine"]
+"""What is free when the tool is judged: a shift, as the workpiece is touched off; a shift and a
+turn, as it is aligned too; nothing, as coordinates are the machine's own."""
+
 
 def _somewhere(vector: Triple) -> Triple:
     if math.hypot(*vector) < LEAST_LENGTH:
@@ -139,7 +143,8 @@ class Machine(Document):
     they count from the tool's place at Zero. ``usable_bar`` are the fractions of every bar, from
     the tool end, between which joints and stand leave room for an indicator. ``procedure`` is taken
     where none is named; ``tool_tolerance_mm`` is what the tool may be off by, r.m.s., for
-    ``glidecal verify``.
+    ``glidecal verify``. ``frame`` is how workpieces are set on this machine: the correction is the
+    best one in this frame.
 
     ``home_offset_mm`` are the controller's present HOME_OFFSET values, of the joints that move x, y
     and z, needed to write new ones; ``position_endstop_mm``, in its place, heights of the tool over
@@ -192,6 +197,7 @@ class Machine(Document):
     set_at_zero: bool | None = None
     procedure: str | None = None
     tool_tolerance_mm: Tolerance | None = None
+    frame: Frame = "touched-off"
 
     @model_validator(mode="after")
     def _possible(self) -> Machine:

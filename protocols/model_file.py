@@ -15,7 +15,7 @@ from calib.errors import RecordError, UsageError
 from calib.identify.fit import Size
 from calib.identify.solution import Solution
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
-from calib.tripod.effects.drives import cyclic_of, effects_of
+from calib.tripod.effects.drives import AxisLean, cyclic_of, effects_of
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import BASES, EMPIRICAL, empirical_effect
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
@@ -30,6 +30,9 @@ from protocols.documents import (
 )
 from protocols.files import open_to_read
 from protocols.machine import Machine
+
+OF_CORRECTIONS: tuple[Effect, ...] = (AxisLean(),)
+"""What a controller is told of one axis; readings show pairs of them, which have the names."""
 
 Value = Annotated[float, Field(ge=-1e9, le=1e9)]
 
@@ -167,7 +170,8 @@ def _effect_of(
             return unnamed
         found = ", ".join(dict.fromkeys(named)) or "none"
         raise RecordError(f"{thing}, parameters of {EMPIRICAL}", found, ", ".join(BASES))
-    known = (*effects_of((*effects, *BESIDE_CATALOGUE), geometry), *effects)
+    every = (*effects, *BESIDE_CATALOGUE, *OF_CORRECTIONS)
+    known = (*effects_of(every, geometry), *effects)
     variants = [effect for effect in known if effect.id == entry.id]
     if not variants:
         raise RecordError(

@@ -33,7 +33,7 @@ from protocols.procedure import SLIDING, Leg, Procedure, Step, Touched, position
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-SchemaId = Literal["glidecal.session/1", "glidecal.session/2"]
+SchemaId = Literal["glidecal.session/1", "glidecal.session/2", "glidecal.session/3"]
 """Every schema of a record. A changed event needs a new one: docs/decisions/0003-record.md."""
 
 SCHEMA: SchemaId = get_args(SchemaId)[-1]

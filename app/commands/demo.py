@@ -85,7 +85,7 @@ def run_headless(plan: Plan) -> tuple[SessionSolution, SessionSolution]:
 
     before = _measured(plan)
     folder = plan.path.with_suffix("")
-    for path in export_offsets(before, folder)[0]:
+    for path in export_offsets(before, folder):
         say(f"exported: {path}")
     after = _measured(verification_plan(plan, before))
     if not after.solution.rms_before_mm < before.solution.rms_before_mm:
@@ -99,11 +99,11 @@ def run_headless(plan: Plan) -> tuple[SessionSolution, SessionSolution]:
 
 
 def _measured(plan: Plan) -> SessionSolution:
-    from app.evaluating.solution import solve_for_controller
+    from app.evaluating.solution import solve_files
     from app.measuring.opening import start_session
     from app.measuring.unattended import measure_all
 
     with start_session(plan) as guided:
         say(f"measuring {len(guided.steps)} steps into {plan.path}")
         measure_all(guided)
-    return solve_for_controller(plan.path)
+    return solve_files([plan.path])

@@ -12,6 +12,7 @@ from app.machines.options import (
     Answer,
     AsJson,
     Force,
+    FrameName,
     Method,
     Output,
     Sessions,
@@ -129,10 +130,7 @@ def export(
     ] = None,
     subset: Annotated[
         SubsetName | None,
-        typer.Option(
-            help="Parameters to identify from a session; default joint-offsets; of a plate "
-            "with-tolerances."
-        ),
+        typer.Option(help="Write this set of parameters as it is identified, not the correction."),
     ] = None,
     method: Method = "exact",
     model: Annotated[
@@ -152,12 +150,10 @@ def export(
     ini: Annotated[
         Path | None, typer.Option(help="LinuxCNC INI file: what the joints hold now.")
     ] = None,
-    ambiguous: Annotated[
-        bool, typer.Option("--ambiguous", help="Export effects that stayed ambiguous, too.")
-    ] = False,
+    frame: FrameName = None,
     force: Force = False,
 ) -> None:
-    """Offsets for the controller, as files. For linuxcnc a folder of includes and tables.
+    """What to enter in the controller, as files. For linuxcnc a folder of includes and tables.
 
     With --table the numbers of a session instead. With -o - one text goes to standard output.
     """
@@ -165,7 +161,7 @@ def export(
 
     if table or format_name in ("xlsx", "parquet"):
         told = {"--home-offset": home_offset, "--endstops": endstops, "--ini": ini}
-        _refuse_beside_table(table or "readings", format_name, {**told, "--ambiguous": ambiguous})
+        _refuse_beside_table(table or "readings", format_name, {**told, "--frame": frame})
         if output != STANDARD_OUTPUT or format_name != "csv":
             force = may_replace(force, output)  # before long work
         found = _table(source, table or "readings", subset, method, model)
@@ -181,7 +177,7 @@ def export(
         raise UsageError("--home-offset, --endstops and --ini", "more than one", "one of them")
     if ini and format_name in ("klipper", "reprapfirmware"):
         raise UsageError("--ini", f"--format {format_name}", "a LinuxCNC format, or --endstops")
-    offsets = offsets_from_file(source, subset, method, model)
+    offsets = offsets_from_file(source, subset, method, model, frame)
     machine = offsets.machine
     home = _triple("--home-offset", home_offset)
     if home is None:
@@ -190,7 +186,6 @@ def export(
         offsets = replace(offsets, controller=ControllerJoints.homed_at(home, machine.joints))
     if ini:
         offsets = replace(offsets, controller=read_controller(ini))
-    offsets = replace(offsets, ambiguous=() if ambiguous else offsets.ambiguous)
     exported = FORMATS[format_name](offsets)
     for text in exported.cautions:
         say(f"glidecal: {text}")

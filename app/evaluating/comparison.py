@@ -6,16 +6,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from app.evaluating.solution import SessionSolution, check_tolerance, solve_sessions
+from app.evaluating.solution import (
+    SessionSolution,
+    check_tolerance,
+    decided_in,
+    solve_sessions,
+)
 from calib.errors import CalibrationError, RecordError
-from calib.identify.accuracy import Decision, decide
+from calib.identify.accuracy import Decision
+from calib.tripod.geometry import PARAMETER_NAMES
 from protocols.observations import changed_between
 from protocols.record import Record, read_record
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The solutions of two sessions for the controller, and what a reader must know of them."""
+    """The solutions of two sessions, and what a reader must know of them."""
 
     before: SessionSolution
     after: SessionSolution
@@ -35,7 +41,7 @@ MOVED = (
 
 
 def compare_files(before: Path, after: Path) -> Comparison:
-    """Solve both sessions for the controller and lay them side by side.
+    """Solve both sessions and lay them side by side.
 
     Raises RecordError for files that cannot be used or are the same session, CalibrationError for
     sessions with nothing in common.
@@ -54,7 +60,7 @@ def compare_files(before: Path, after: Path) -> Comparison:
             "two sessions of one machine",
         )
     sessions = earlier.session, later.session
-    first, second = (solve_sessions([session]).for_controller() for session in sessions)
+    first, second = (solve_sessions([session]) for session in sessions)
     measured, again = _differences(first), _differences(second)
     if not measured & again:
         raise CalibrationError(
@@ -146,19 +152,36 @@ def verify_files(before: Path, after: Path, tolerance_mm: float | None = None) -
     compared = compare_files(before, after)
     if compared.changed:
         raise changed_between(f"sessions {before} and {after}", "solve")
-    first, second = compared.before.solution, compared.after.solution
-    if compared.after.sessions[0].opened.machine.set_at_zero:
-        first, second = first.without_common(), second.without_common()
+    earlier, later = compared.before, compared.after
+    common = later.sessions[0].opened.machine.set_at_zero or False
+    if common:
         compared = replace(compared, remarks=(*compared.remarks, LESS_COMMON))
-    tolerance = tolerance_mm or compared.after.sessions[0].opened.machine.tool_tolerance_mm
-    spread = (first.inflated_expanded_mm**2 + second.inflated_expanded_mm**2) ** 0.5
-    columns = zip(first.names, first.values_mm, second.values_mm, spread, strict=True)
-    offsets = tuple(
-        RemainingOffset(name, float(was), float(now), float(half))
-        for name, was, now, half in columns
-    )
-    left, decision = compared.after, None
+    tolerance = tolerance_mm or later.sessions[0].opened.machine.tool_tolerance_mm
+    decision = None
     if tolerance:
-        bound_mm = left.bound_before.bound_mm
-        decision = decide(left.tool_before, bound_mm, tolerance, left.tool_factor)
-    return Verification(compared, offsets, tolerance, decision)
+        decision = decided_in(later.corrections.off_now, later.frame, tolerance)
+    return Verification(compared, _remaining(earlier, later, common=common), tolerance, decision)
+
+
+def _remaining(
+    before: SessionSolution, after: SessionSolution, *, common: bool
+) -> tuple[RemainingOffset, ...]:
+    """Joint offsets of both corrections; ``common`` is taken off where a plate does not show it."""
+    entered, left = (_offsets(solved, common=common) for solved in (before, after))
+    return tuple(
+        RemainingOffset(name, was, now, (half**2 + half_now**2) ** 0.5)
+        for name, (was, half), (now, half_now) in zip(
+            PARAMETER_NAMES[:3], entered, left, strict=True
+        )
+    )
+
+
+def _offsets(solved: SessionSolution, *, common: bool) -> list[tuple[float, float]]:
+    """Joint offsets that are entered, with their 95 % half widths, mm."""
+    spread = solved.corrections.spread(less_common=common)
+    values_mm = solved.joint_offsets_mm
+    shared_mm = sum(values_mm) / len(values_mm) if common else 0.0
+    return [
+        (value - shared_mm, half)
+        for value, half in zip(values_mm, spread.expanded_mm.tolist(), strict=True)
+    ]

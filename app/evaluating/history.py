@@ -36,8 +36,8 @@ class Entry(Document):
     """What one record says; ``problem`` in place of a result where it gives none.
 
     ``offsets_mm`` are d_rho with what was entered before added: where the joints truly stand, so
-    that entering offsets changes nothing. ``expanded_mm`` (95 %) counts what the model leaves as
-    noise. ``effects`` are None where nobody asked for a diagnosis.
+    that entering offsets changes nothing. ``expanded_mm`` (95 %) is over all
+    that may be true of the machine. ``effects`` are None where nobody asked for a diagnosis.
     """
 
     began: AwareDatetime
@@ -155,19 +155,21 @@ def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
         verifies=opened.verifies,
     )
     try:
-        solved = solve_sessions([session]).for_controller()
+        solved = solve_sessions([session])
+        entered = solved.correction
+        spread = solved.corrections.spread()
         named = _named(session) if effects else None
     except GlidecalError as problem:
         return entry.model_copy(update={"problem": f"{path.name}: {problem}"})
-    x, y, z = solved.solution.inflated_expanded_mm.tolist()[:3]
+    x, y, z = spread.expanded_mm.tolist()
     totals = zip(opened.machine.entered_offsets_mm, solved.joint_offsets_mm, strict=True)
     return Entry.model_validate(
         {
             **dict(entry),
             "offsets_mm": tuple(entered + left for entered, left in totals),
             "expanded_mm": (x, y, z),
-            "bound_before_mm": solved.bound_before.bound_mm,
-            "bound_after_mm": solved.bound_after.bound_mm,
+            "bound_before_mm": entered.now_mm,
+            "bound_after_mm": entered.bound_mm,
             "effects": named,
             "problem": record.unfinished,
         }

@@ -8,20 +8,20 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from app.evaluating.correction import Corrections, Gain, SessionCorrection
 from calib.arrays import Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
-from calib.identify.accuracy import Decision, ToolError, decide
+from calib.identify.accuracy import Decision, decide
 from calib.identify.fit import plane_tilts_mrad
 from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
 from calib.identify.solution import Method, Solution, Subset, Weights
-from calib.identify.subset_choice import CLEARLY_BETTER, SubsetChoice, choose_subset
+from calib.identify.subset_choice import SubsetChoice, choose_subset
 from calib.noise.reading import (
     NoisyIndicator,
     noisy_indicators,
     single_posture_rows,
     visit_starts,
 )
-from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 from protocols.data_table import Cell, DataTable
 from protocols.observations import indicator_figures, to_observations
@@ -33,23 +33,28 @@ if TYPE_CHECKING:  # asked for by option only
     from pandas import DataFrame
 
     from calib.identify.fit import Size
-    from calib.identify.tool_bound import ToolBound
-    from protocols.machine import Machine
+    from calib.posterior.correction import Holds
+    from calib.posterior.entered import ToolOff
+    from calib.posterior.posterior import Posterior
+    from protocols.machine import Frame, Machine
     from protocols.model_file import ModelFile
 
 
 @dataclass(frozen=True, eq=False)
 class SessionSolution:
-    """One set of a choice, with what its readings tell, as the sessions know them.
+    """What to enter, and one of the papers' sets as a view beside it, with what readings tell.
 
-    ``ambiguous`` are effects of the model that stand for a set of which any would do, ``held``
-    sizes of the model that a person stated; ``warnings`` are those of the session files.
+    ``holds`` is what the controller can hold. ``ambiguous`` are effects of the model that stand for
+    a set of which any would do, ``held`` sizes of the model that a person stated; ``warnings`` are
+    those of the session files.
     """
 
     sessions: tuple[Session, ...]
     observed: Observations
     choice: SubsetChoice
     subset: Subset
+    corrections: Corrections
+    holds: Holds = "offsets"
     ambiguous: tuple[str, ...] = ()
     held: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -64,20 +69,35 @@ class SessionSolution:
         """That of the set."""
         return self.choice.solutions[self.subset]
 
-    @cached_property
-    def tool_before(self) -> ToolError:
-        """The tool's error with what the controller holds now."""
-        return self.choice.error_before(self.subset)
+    @property
+    def frame(self) -> Frame:
+        """What is free where the tool is judged."""
+        return self.corrections.frame
 
     @property
-    def tool_after(self) -> ToolError:
-        """What is expected with the solution entered."""
-        return self.choice.tool_after[self.subset]
+    def posterior(self) -> Posterior:
+        """What the sessions tell of the machine; worked out once for all sets and controllers."""
+        return self.corrections.posterior
 
     @property
-    def tool_factor(self) -> float:
-        """Coverage factor (95 %) for both: of the six parameters alone, as the bounds are not."""
-        return self.choice.tool_factor(self.subset)
+    def correction(self) -> SessionCorrection:
+        """What to enter in the controller. Raises NotIdentifiable."""
+        return self.corrections.of(self.holds)
+
+    @property
+    def others(self) -> tuple[Gain, ...]:
+        """What the tool keeps where the same controller holds something else."""
+        return self.corrections.others(self.holds)
+
+    @property
+    def is_worked_out(self) -> bool:
+        """Whether `work_out` was done, for whichever set."""
+        return self.corrections.is_worked_out
+
+    def work_out(self) -> SessionSolution:
+        """The same with every correction worked out: later they take no time."""
+        _ = self.correction, self.others
+        return self
 
     @cached_property
     def visits(self) -> tuple[tuple[str, Reading], ...]:
@@ -107,47 +127,6 @@ class SessionSolution:
             for rows in single_posture_rows(self.observed)
         )
 
-    @cached_property
-    def bound_before(self) -> ToolBound:
-        """What the tool is off by at most with what the controller holds now."""
-        return self.choice.tool_bound(None)
-
-    @cached_property
-    def bound_after(self) -> ToolBound:
-        """The same with the solution entered."""
-        return self.choice.tool_bound(self.solution.subset)
-
-    def bound_after_without(self, absent: frozenset[int]) -> ToolBound:
-        """The same where the controller does not hold these effects of the model."""
-        return self.choice.tool_bound(self.solution.subset, absent) if absent else self.bound_after
-
-    @cached_property
-    def near_before_mm(self) -> float:
-        """What the tool is off by at most relative to Zero, on a workpiece there, as it is now."""
-        return self.choice.tool_near_mm(None)
-
-    @cached_property
-    def near_after_mm(self) -> float:
-        """The same with the solution entered."""
-        return self.choice.tool_near_mm(self.solution.subset)
-
-    def near_after_mm_without(self, absent: frozenset[int]) -> float:
-        """The same where the controller does not hold these effects of the model."""
-        if not absent:
-            return self.near_after_mm
-        return self.choice.tool_near_mm(self.solution.subset, absent)
-
-    @property
-    def helps(self) -> bool:
-        """Whether the tool is bounded clearly more closely with the solution entered than now."""
-        return self.bound_after.bound_mm < CLEARLY_BETTER * self.bound_before.bound_mm
-
-    @property
-    def bound_of_noise_mm(self) -> float:
-        """What of it is noise of the readings; tolerances may know better than weak readings."""
-        noise_mm = self.choice.tool_noise_mm(self.solution.subset)
-        return min(noise_mm, self.bound_after.parameters_mm)
-
     def with_subset(self, subset: Subset) -> SessionSolution:
         """Another set of the same choice; nothing is fitted again.
 
@@ -158,15 +137,6 @@ class SessionSolution:
         found = replace(self, subset=subset)
         refuse_leaning_planes(self.sessions, found.solution.model, self.observed)
         return found
-
-    def for_controller(self) -> SessionSolution:
-        """Joint offsets alone; as the tolerances hold them where a plate cannot show them alone.
-
-        Raises NotIdentifiable.
-        """
-        at_zero = self.sessions[0].opened.machine.set_at_zero
-        alone = "joint-offsets" not in self.choice.refused
-        return self.with_subset("joint-offsets" if alone or not at_zero else "with-tolerances")
 
     @property
     def reads_tool(self) -> bool:
@@ -204,9 +174,8 @@ class SessionSolution:
 
     @property
     def joint_offsets_mm(self) -> tuple[float, float, float]:
-        """d_rho of joints x, y, z; 0 for a set that holds them as they are."""
-        found = dict(zip(self.solution.names, map(float, self.solution.values_mm), strict=True))
-        x, y, z = (found.get(name, 0.0) for name in PARAMETER_NAMES[:3])
+        """d_rho of joints x, y, z that are entered where the controller holds nothing else."""
+        x, y, z = self.corrections.of("offsets").model.parameters_mm[:3]
         return x, y, z
 
 
@@ -323,12 +292,16 @@ def solve_sessions(
     method: Method = "exact",
     weights: Weights = "equal",
     model: ModelFile | None = None,
+    frame: Frame | None = None,
+    holds: Holds = "offsets",
 ) -> SessionSolution:
-    """Identify; without a subset the recommended one is taken.
+    """Identify; without a subset joint offsets are the view, or what takes their place.
 
-    The sizes of a model's effects are fitted with the parameters, except those that it holds.
-    Raises NotIdentifiable where the readings do not determine what was asked for, UsageError for a
-    model of another machine, RecordError as `refuse_leaning_planes`.
+    The correction is for a ``frame``, that of the machine file where none is named, and for a
+    controller that ``holds`` so much. The sizes of a model's effects are fitted with the
+    parameters, except those that it holds. Raises NotIdentifiable where the readings do not
+    determine what was asked for, UsageError for a model of another machine, RecordError as
+    `refuse_leaning_planes`.
     """
     observed = to_observations(sessions)
     machine = sessions[0].opened.machine
@@ -342,8 +315,9 @@ def solve_sessions(
         tolerance_mm=machine.tolerances_mm(),
         sizes=sizes,
     )
-    chosen = subset or choice.recommended  # works out more than the set that is asked for
-    found = SessionSolution(tuple(sessions), observed, choice, chosen)
+    chosen = subset or choice.usual
+    corrections = Corrections.of_sessions(sessions, choice.fitted.model, frame or machine.frame)
+    found = SessionSolution(tuple(sessions), observed, choice, chosen, corrections, holds)
     if model is not None:
         from protocols.model_file import ambiguous_effects, held_sizes
 
@@ -397,6 +371,8 @@ def solve_files(
     method: Method = "exact",
     weights: Weights = "equal",
     model: Path | None = None,
+    frame: Frame | None = None,
+    holds: Holds = "offsets",
 ) -> SessionSolution:
     """`load_sessions` and `solve_sessions` in one step, with the warnings."""
     sessions, warnings = load_sessions(paths)
@@ -407,18 +383,21 @@ def solve_files(
         from protocols.model_file import read_model_file
 
         known = read_model_file(model)
-    found = solve_sessions(sessions, subset=subset, method=method, weights=weights, model=known)
+    found = solve_sessions(
+        sessions,
+        subset=subset,
+        method=method,
+        weights=weights,
+        model=known,
+        frame=frame,
+        holds=holds,
+    )
     return replace(found, warnings=tuple(warnings))
-
-
-def solve_for_controller(path: Path) -> SessionSolution:
-    """The solution whose offsets go into the controller, exact fit."""
-    return solve_files([path]).for_controller()
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """The bound at the tool against a tolerance, before and after; fail with a guard band."""
+    """What the tool is off by against a tolerance, as it is now and with the correction entered."""
 
     tolerance_mm: float
     before: Decision
@@ -426,17 +405,22 @@ class Judgement:
 
 
 def judge(solved: SessionSolution, tolerance_mm: float) -> Judgement:
-    """Pass, fail or undecided, now and with the solution entered (ISO 14253-1).
+    """Pass, fail or undecided, now and with the correction entered (ISO 14253-1).
 
     Raises UsageError for a tolerance that is no positive length.
     """
     check_tolerance(tolerance_mm)
-    factor = solved.tool_factor
+    found = solved.correction
     return Judgement(
         tolerance_mm,
-        decide(solved.tool_before, solved.bound_before.bound_mm, tolerance_mm, factor),
-        decide(solved.tool_after, solved.bound_after.bound_mm, tolerance_mm, factor),
+        decided_in(found.off_now, solved.frame, tolerance_mm),
+        decided_in(found.off, solved.frame, tolerance_mm),
     )
+
+
+def decided_in(off: ToolOff, frame: Frame, tolerance_mm: float) -> Decision:
+    """The decision on what the tool is off by in a frame."""
+    return decide(off.least_mm[frame], off.bound_mm[frame], tolerance_mm)
 
 
 def check_tolerance(tolerance_mm: float | None) -> None:

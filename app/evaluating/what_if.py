@@ -45,7 +45,7 @@ COARSE = 10
 class Trial:
     """An effect, ``entry``, whose sizes are moved beside a model that does not have it.
 
-    Everything else is worked out once. ``subset`` None: at every size the recommended one.
+    Everything else is worked out once. ``subset`` None: at every size the usual one.
     """
 
     sessions: tuple[Session, ...]
@@ -89,8 +89,8 @@ class Trial:
         found = self.solution(self.entry.freed())
         return found.sizes[len(found.sizes) - len(self.entry.parameters) :]
 
-    def recommended(self) -> Trial:
-        """With the set of parameters that is recommended once the sizes are fitted, where they can.
+    def usual(self) -> Trial:
+        """With the set of parameters that the readings determine beside the sizes, where they can.
 
         Raises NotIdentifiable where nothing can be solved.
         """

@@ -13,37 +13,37 @@ from app.exports import linuxcnc, towers
 from app.report.offsets import (
     Export,
     Offsets,
-    held_in_part,
+    for_controller,
     moves_the_tool,
     offsets_from_solved,
 )
 from app.report.schema.document import to_json
 from app.report.schema.solution import OffsetsReport
-from calib.errors import UsageError
 from protocols.data_table import csv_text
 from protocols.files import write_files
 from protocols.model_file import model_file
 
 
 def as_json(offsets: Offsets) -> Export:
-    """Schema ``glidecal.offsets/1``, without the effects of a model."""
-    offsets = held_in_part(offsets, moves_the_tool(offsets.model))
+    """Schema ``glidecal.offsets/1``: joint offsets, without the effects of a model."""
+    offsets = for_controller(offsets, "offsets", moves_the_tool(offsets.model))
     text = to_json(OffsetsReport.of(offsets=offsets)) + "\n"
     return Export({"": text}, offsets.cautions)
 
 
 def as_model(offsets: Offsets) -> Export:
     """Schema ``glidecal.model/1``: for ``glidecal simulate --model``."""
+    offsets = for_controller(offsets, "kinematics")
     text = model_file(offsets.model, offsets.machine, offsets.cautions).text()
     return Export({"": text}, offsets.cautions)
 
 
 def as_csv(offsets: Offsets) -> Export:
-    """One row a parameter, below the cautions as ``#`` lines; point as decimal mark.
+    """One row a joint offset, below the cautions as ``#`` lines; point as decimal mark.
 
     An unknown uncertainty stays empty; effects of a model are not in it.
     """
-    offsets = held_in_part(offsets, moves_the_tool(offsets.model))
+    offsets = for_controller(offsets, "offsets", moves_the_tool(offsets.model))
     rows: list[Sequence[str]] = [
         (
             "parameter",
@@ -80,25 +80,16 @@ FORMATS = {
 FILE_NAMES = {"json": "offsets.json", "csv": "offsets.csv", "model": "model.json"}
 
 
-def export_offsets(
-    solved: SessionSolution, folder: Path, *, replace: bool = False
-) -> tuple[list[Path], str]:
-    """Offsets of a session's solution in every format, into a folder. Raises as `write_files`.
+def export_offsets(solved: SessionSolution, folder: Path, *, replace: bool = False) -> list[Path]:
+    """The correction of sessions in every format, into a folder. Raises as `write_files`.
 
     Where the machine file has heights of switches, as firmware of printers does, in its formats.
-    The second result is why files for LinuxCNC are not among them, where effects stand against it.
     """
     offsets = offsets_from_solved(solved)
     files = {file: FORMATS[name](offsets).files[""] for name, file in FILE_NAMES.items()}
     if offsets.machine.position_endstop_mm:
         files["klipper.cfg"] = towers.printer_cfg(offsets).files[""]
         files["reprapfirmware.g"] = towers.config_g(offsets).files[""]
-        return write_files(folder, files, replace=replace), ""
-    refused = ""
-    try:
+    else:
         files |= linuxcnc.joint_includes(offsets).files
-    except UsageError as problem:
-        if not (offsets.model.effects or offsets.lengths_mm):
-            raise
-        refused = str(problem)
-    return write_files(folder, files, replace=replace), refused
+    return write_files(folder, files, replace=replace)

@@ -13,11 +13,12 @@ from importlib import resources
 from textwrap import wrap
 
 from app.exports.linuxcnc_joints import DriveJoint, joints_of_drives, one_joint_a_drive, travel
-from app.report.offsets import Export, Offsets, held_in_part, moves_the_tool, one_line
+from app.report.offsets import Export, Offsets, for_controller, moves_the_tool, one_line
 from app.report.schema.solution import Offset
 from app.report.text.tables import WIDTH, uncertain
 from calib.arrays import LEG_NAMES
 from calib.errors import UsageError
+from calib.posterior.correction import Holds
 from calib.tripod.controller import (
     INTERPOLATION_MM,
     NOTHING_MM,
@@ -56,9 +57,32 @@ def joint_includes(offsets: Offsets) -> Export:
             "LinuxCNC joint includes",
             f"leg length errors ({shown} mm)",
             "joint offsets alone: HOME_OFFSET cannot hold a length",
-            "Export with --subset joint-offsets, or use --format linuxcnc-kins.",
+            "Leave out --subset, or use --format linuxcnc-kins.",
         )
-    return joint_files(offsets, kinematics=False)
+    return joint_files(for_joints(offsets, "tables"), kinematics=False)
+
+
+NOT_HOMED = "nothing states how the joints home (--ini), and homing meets it at the switch"
+COMPENSATED = "the INI file has another table for this joint, with which the machine was measured"
+
+
+def for_joints(offsets: Offsets, holds: Holds) -> Offsets:
+    """What these joints can hold, beside kinematics where ``holds`` says so.
+
+    Play and tables need what homing meets at the switch; a joint that reads another table takes
+    neither.
+    """
+    controller = offsets.controller
+    absent: dict[str, str] = {}
+    if controller is None or any(one.latch_sign is None for one in controller.joints):
+        absent = dict.fromkeys(("play", "table"), NOT_HOMED)
+    else:
+        for moved in joints_of_drives(offsets):
+            if moved.now is not None and moved.now.compensated:
+                leg = LEG_NAMES[moved.drive]
+                absent |= dict.fromkeys((f"play of {leg}", f"table of {leg}"), COMPENSATED)
+    left_out = not_told(offsets.model, kinematics=holds == "kinematics").effects
+    return for_controller(offsets, holds, left_out, absent)
 
 
 def with_kinematics(offsets: Offsets) -> Export:
@@ -68,6 +92,7 @@ def with_kinematics(offsets: Offsets) -> Export:
     """
     unit = offsets.controller.mm_per_unit if offsets.controller else 1.0
     source = resources.files("app.exports").joinpath(f"{MODULE}.comp").read_text(encoding="utf-8")
+    offsets = for_joints(offsets, "kinematics")
     said = [line for text in origin(offsets) for line in short_lines(text)]
     each = one_joint_a_drive(joints_of_drives(offsets), MODULE)
     hal = "".join(f"# {line}\n" for line in said)
@@ -84,7 +109,6 @@ def joint_files(offsets: Offsets, *, kinematics: bool) -> Export:
     """
     controller, written = offsets.controller, {}
     _refuse_what_is_not_known(offsets)
-    offsets = held_in_part(offsets, not_told(offsets.model, kinematics=kinematics).effects)
     within = list(_within(offsets.model, kinematics=kinematics))
     travels: list[str] = []
     for moved, entries in entries_of(offsets):
@@ -128,19 +152,7 @@ def entries_of(offsets: Offsets) -> list[tuple[DriveJoint, JointEntries]]:
     ]
 
 
-def refuse_what_is_ambiguous(offsets: Offsets) -> None:
-    """Raises UsageError for a model with effects that stand for others, too."""
-    if offsets.ambiguous:
-        raise UsageError(
-            "export of a model",
-            f"{', '.join(offsets.ambiguous)}, one of several effects that would do",
-            "effects that the readings tell from others",
-            "Measure what glidecal diagnose --next proposes, or give --ambiguous.",
-        )
-
-
 def _refuse_what_is_not_known(offsets: Offsets) -> None:
-    refuse_what_is_ambiguous(offsets)
     controller = offsets.controller
     entered = controller.entered if controller else None
     if (

@@ -10,17 +10,24 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from app.exports.linuxcnc import (
+    for_joints,
     joint_files,
     known_lines,
     origin,
-    refuse_what_is_ambiguous,
     short_lines,
 )
 from app.exports.linuxcnc_joints import joints_of_drives, one_joint_a_drive
-from app.report.offsets import LEAST_MM, Export, Offsets, held_in_part
+from app.report.offsets import (
+    LEAST_MM,
+    Export,
+    Offsets,
+    bound_of_files,
+    for_controller,
+    with_bound,
+)
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import UsageError
-from calib.tripod.pipeline import Stage
+from calib.tripod.pipeline import Stage, StageEffect
 from calib.tripod.towers import Entered, Towers, each_alone, entered, tower_model
 
 USUAL_ANGLES_DEG = (210.0, 330.0, 90.0)
@@ -75,10 +82,22 @@ def endstops_now_mm(offsets: Offsets) -> list[float]:
     return [at - below for at, below in zip(home, zero, strict=True)]
 
 
-def fitted(offsets: Offsets) -> Entered:
-    """Values of firmware that holds each bar and tower. Raises UsageError for what is not sure."""
-    refuse_what_is_ambiguous(offsets)
-    return entered(offsets.model, each_tower=True)
+def fitted(offsets: Offsets) -> tuple[Offsets, Entered]:
+    """Values of firmware that holds each bar and tower, with the bound of what they hold."""
+    whole = for_controller(offsets, "kinematics")
+    found = entered(whole.model, each_tower=True)
+    return _bounded(whole, found), found
+
+
+def _bounded(offsets: Offsets, found: Entered, along: Sequence[StageEffect] = ()) -> Offsets:
+    """The bound with these values, and those of the joints for effects ``along`` the drives.
+
+    That of a model file is gone where they leave a part of it.
+    """
+    if offsets.solved is not None:
+        off = offsets.solved.corrections.off_with_towers(found, along)
+        return with_bound(offsets, bound_of_files(offsets.solved, off))
+    return with_bound(offsets, offsets.bound if found.after_mm < LEAST_MM else "")
 
 
 def comments(
@@ -136,8 +155,7 @@ def printer_cfg(offsets: Offsets) -> Export:
     `endstops_now_mm` and `fitted`.
     """
     drives, now = drives_of_towers(offsets), endstops_now_mm(offsets)
-    found = fitted(offsets)
-    offsets = held_in_part(offsets, rest_mm=found.after_mm)
+    offsets, found = fitted(offsets)
     stops = found.endstops_mm(now)
     steppers = [
         f"stepper_{name} (tower {LEG_NAMES[drive]}) position_endstop {now[drive]:.6f} mm"
@@ -171,8 +189,7 @@ def config_g(offsets: Offsets) -> Export:
     nothing, as automatic calibration leaves them.
     """
     drives, now = drives_of_towers(offsets), endstops_now_mm(offsets)
-    found = fitted(offsets)
-    offsets = held_in_part(offsets, rest_mm=found.after_mm)
+    offsets, found = fitted(offsets)
     stops, towers = [found.endstops_mm(now)[drive] for drive in drives], found.towers
     height = sum(stops) / len(stops)
     held = [
@@ -211,7 +228,6 @@ def joints_and_pins(offsets: Offsets) -> Export:
     Raises UsageError for bars that are held unequal now or a HOME_OFFSET that nobody stated (a
     change of L or R without it would move the tool), and as `joint_files`.
     """
-    refuse_what_is_ambiguous(offsets)
     drives = drives_of_towers(offsets, ANGLES_DEG, EXACT_DEG)
     held = offsets.controller
     if held is None:
@@ -228,15 +244,15 @@ def joints_and_pins(offsets: Offsets) -> Export:
         held = replace(
             held, joints=tuple(held.joints[named.index(name)] for name in of_joints), axes=None
         )
+    machine = offsets.machine.model_copy(update={"joints": tuple(of_joints)})
+    offsets = for_joints(replace(offsets, machine=machine, controller=held), "kinematics")
     along = tuple(one for one in offsets.model.effects if one.stage == Stage.ACTUATOR)
     across = tuple(one for one in offsets.model.effects if one.stage != Stage.ACTUATOR)
     found = entered(offsets.model.with_effects(across), each_tower=False)
     if max(found.now.length_mm) - min(found.now.length_mm) > LEAST_MM:
         raise UsageError("lengths of the bars held now", "unequal ones", "one length, pin L")
-    offsets = held_in_part(offsets, rest_mm=found.after_mm)
-    joints = tower_model(offsets.model, found.change_mm, along)
-    machine = offsets.machine.model_copy(update={"joints": tuple(of_joints)})
-    told = replace(offsets, machine=machine, controller=held, model=joints)
+    offsets = _bounded(offsets, found, along)
+    told = replace(offsets, model=tower_model(offsets.model, found.change_mm, along))
     unit = held.mm_per_unit
     put = (
         "name this file as HALFILE after the one that loads lineardeltakins, and put the includes "

@@ -163,6 +163,19 @@ Seed = Annotated[int, typer.Option(min=0, help="Seed of the simulation.")]
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON document on standard output.")]
 Channel = Annotated[int, typer.Option(min=1, max=99, help="Input of an interface.")]
 SubsetName = Literal["joint-offsets", "leg-lengths", "both", "with-tolerances"]
+HoldsName = Annotated[
+    Literal["offsets", "play", "tables", "kinematics"],
+    typer.Option("--holds", help="What the controller can hold: the values shown are for that."),
+]
+FrameName = Annotated[
+    Literal["touched-off", "aligned", "machine"] | None,
+    typer.Option(
+        "--frame",
+        help="How workpieces are set: touched-off (a shift is free), aligned (shift and turn), or "
+        "machine (its own frame).",
+        show_default="that of the machine file",
+    ),
+]
 Method = Annotated[
     Literal["linear", "exact"],
     typer.Option(help="linear: system (11); exact: nonlinear, raw readings."),

@@ -14,6 +14,8 @@ from app.machines.options import (
     SCATTER_MM,
     Answer,
     Family,
+    FrameName,
+    HoldsName,
     Method,
     Place,
     PostureSearch,
@@ -170,9 +172,11 @@ class SolveOptions:
 
     subset: Annotated[
         SubsetName | None,
-        typer.Option(help="Parameters to identify; default: the recommended set."),
+        typer.Option(help="Set of parameters to view; default: joint-offsets."),
     ] = None
     method: Method = "exact"
+    frame: FrameName = None
+    holds: HoldsName = "offsets"
     weights: Annotated[
         Literal["equal", "covariance"],
         typer.Option(help="Linear method only: equal as in the papers, or covariance (14)."),
@@ -198,8 +202,14 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
 
     with working("Solving"):
         solved = solve_files(
-            files, subset=own.subset, method=own.method, weights=own.weights, model=own.model
-        )
+            files,
+            subset=own.subset,
+            method=own.method,
+            weights=own.weights,
+            model=own.model,
+            frame=own.frame,
+            holds=own.holds,
+        ).work_out()
     for warning in solved.warnings:
         say(f"glidecal: {warning}")
     judged = mapped = simulated = None

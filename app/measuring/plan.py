@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from app.evaluating.comparison import partner_of
-from app.evaluating.solution import SessionSolution, solve_for_controller
+from app.evaluating.solution import SessionSolution, solve_files
 from app.measuring.indicators import SIMULATED, from_file, this_computer
 from app.measuring.simulated import BenchSettings
 from calib.errors import RecordError, UsageError
@@ -132,7 +132,7 @@ def _planned(
         operator=opened.operator,
         temperature_c=opened.temperature_c,
         seed=opened.seed or 0,
-        before=solve_for_controller(verified) if verified else None,
+        before=solve_files([verified]) if verified else None,
         verifies=opened.verifies,
     )
 

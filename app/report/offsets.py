@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Container, Sequence
+from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
+from app.evaluating.correction import SessionCorrection
 from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution, solve_files
 from app.report.schema.document import rows
 from app.report.schema.solution import Offset
-from app.report.text.caveats import (
+from app.report.text.caveats import caveats, caveats_of_view
+from app.report.text.correction import (
     BOUND,
-    NotHeld,
-    bound_made_of,
-    bound_now_and_then,
-    caveats,
+    bound_line,
+    correction_lines,
+    off_line,
+    view_words,
 )
 from app.version import program
 from calib.errors import RecordError
 from calib.identify.solution import Method, Subset
+from calib.posterior.correction import Holds
+from calib.posterior.entered import ToolOff
 from calib.printable import printable
 from calib.tripod.controller import ControllerJoints, tool_error_mm
 from calib.tripod.geometry import PARAMETER_NAMES
-from calib.tripod.pipeline import Model, Stage, StageEffect
+from calib.tripod.pipeline import MOVES_THE_TOOL, Model, StageEffect
 from protocols.files import Written
-from protocols.machine import Machine
+from protocols.machine import Frame, Machine
 from protocols.model_file import (
     ambiguity,
     ambiguous_effects,
@@ -36,7 +40,6 @@ from protocols.model_file import (
 )
 
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
-MOVES_THE_TOOL = (Stage.ACTUATOR, Stage.FOOT, Stage.TOOL)
 
 LEAST_MM = 1e-4
 """Less at the tool is nothing: no indicator of a workshop shows it."""
@@ -54,13 +57,12 @@ NOT_KNOWN = "NOTE: the values are of a model file: it does not hold how well the
 class Offsets:
     """Parameters in mm with their uncertainties (none where the source has none).
 
-    ``cautions`` are the bound at the tool, what stands below the first lines of the result, and
-    that a session is unfinished, one line each; with ``lacks_fit`` its warning counts what the
-    model leaves as noise. ``model`` holds the parameters, and effects fitted with them.
-    ``controller`` is what the controller holds now, None where nobody stated it; ``measured`` is
-    when the last session began, None where the source does not tell; ``ambiguous`` are effects that
-    these readings could not tell from others. ``bound`` is the caution that states the bound at the
-    tool, for a controller that holds everything; ``solved`` is the result that it is from.
+    ``cautions`` are the bound at the tool, what is not in the files, what else to know of the
+    readings, one line each. ``model`` holds the parameters, and effects with them. ``controller``
+    is what the controller holds now, None where nobody stated it; ``measured`` is when the last
+    session began, None where the source does not tell. ``bound`` is the caution that states the
+    bound at the tool. ``solved`` is the result that it is from, None for a model file; with
+    ``view`` one of its sets is written as it is, in place of the correction.
     """
 
     source: str
@@ -70,12 +72,12 @@ class Offsets:
     controller: ControllerJoints | None
     measured: datetime | None = None
     digests: tuple[str, ...] = ()
-    ambiguous: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
     lacks_fit: bool = False
     bound: str = ""
     solved: SessionSolution | None = None
+    view: bool = False
 
     @property
     def made(self) -> str:
@@ -115,35 +117,73 @@ def moves_the_tool(model: Model) -> tuple[StageEffect, ...]:
     return tuple(effect for effect in model.effects if effect.stage in MOVES_THE_TOOL)
 
 
-def held_in_part(
-    offsets: Offsets, left_out: Sequence[StageEffect] = (), rest_mm: float = 0.0
+def for_controller(
+    offsets: Offsets,
+    holds: Holds,
+    left_out: Sequence[StageEffect] = (),
+    absent: Mapping[str, str] | None = None,
 ) -> Offsets:
-    """The offsets for files that do not hold these effects of the model: with their own bound.
+    """What files are written from that hold this: the correction, with the bound of these files.
 
-    ``rest_mm`` is what else these files leave at the tool if the model is right. Where the source
-    is a model file, its bound is that of the whole model, and no other can be worked out.
+    A set that was asked for, and a model file, are written as they are, without the effects
+    ``left_out`` that these files do not hold. ``absent`` as `Corrections.of` has it. The bound of
+    a model file is that of the whole model, and no other can be worked out.
     """
+    solved = offsets.solved
+    if solved is not None and not offsets.view:
+        made = solved.corrections.of(holds, absent)
+        return replace(
+            offsets,
+            parameters=entered_parameters(made),
+            model=made.model,
+            bound=one_line(bound_line(made)),
+            cautions=tuple(map(one_line, (*correction_lines(solved, made), *offsets.cautions))),
+        )
     numbers = frozenset(
         number
         for number, effect in enumerate(offsets.model.effects)
         if any(effect is absent for absent in left_out)
     )
-    rest_mm = rest_mm if rest_mm >= LEAST_MM else 0.0
-    if not numbers and not rest_mm:
+    if not numbers:
         return offsets
-    if (solved := offsets.solved) is None:
+    if solved is None:
         bound = ""
         left_mm = _leave_mm(offsets.model, numbers)
         leaves = f"that leaves {left_mm:.4f} mm r.m.s. at the tool, if the model is right"
     else:
-        fitted = {size.at[0][0] for size in solved.choice.told.sizes}
-        without = NotHeld(numbers, rest_mm + _leave_mm(offsets.model, numbers - fitted))
-        bound = one_line(f"{bound_now_and_then(solved, without)} {bound_made_of(solved, without)}")
+        kept = [one for n, one in enumerate(offsets.model.effects) if n not in numbers]
+        off = solved.corrections.off(offsets.model.with_effects(tuple(kept)))
+        bound = bound_of_files(solved, off)
         leaves = "the bound of the tool includes what that leaves"
     names = ", ".join(dict.fromkeys(offsets.model.effects[number].id for number in sorted(numbers)))
-    missing = [f"not in these files: {names}; {leaves}"] if names else []
-    cautions = [bound if text == offsets.bound else text for text in offsets.cautions]
-    return replace(offsets, bound=bound, cautions=tuple(filter(None, [*missing, *cautions])))
+    missing = f"not in these files: {names}; {leaves}"
+    return with_bound(offsets, bound, missing)
+
+
+def with_bound(offsets: Offsets, bound: str, *more: str) -> Offsets:
+    """The offsets with the bound of the files in the place of that before, and further cautions."""
+    others = [text for text in offsets.cautions if text != offsets.bound]
+    return replace(offsets, bound=bound, cautions=tuple(filter(None, [*more, bound, *others])))
+
+
+def bound_of_files(solved: SessionSolution, off: ToolOff) -> str:
+    """The caution that states what the tool is off by with what the files hold."""
+    return one_line(off_line(solved.frame, solved.corrections.off_now, off))
+
+
+def entered_parameters(made: SessionCorrection) -> dict[str, Offset]:
+    """d_rho and d_L of a correction; how well they are known, where offsets are entered alone."""
+    names = [name for name in made.values if name in PARAMETER_NAMES]
+    values = {name: made.values[name].value for name in names}
+    if made.spread is None:
+        return {name: Offset(values[name]) for name in names}
+    known = zip(
+        names,
+        made.spread.standard_mm.tolist(),
+        made.spread.expanded_mm.tolist(),
+        strict=True,
+    )
+    return {name: Offset(values[name], u, wide, wide / u) for name, u, wide in known}
 
 
 def _leave_mm(model: Model, numbers: Collection[int]) -> float:
@@ -154,18 +194,27 @@ def _leave_mm(model: Model, numbers: Collection[int]) -> float:
     return tool_error_mm(Model(model.geometry).with_effects(acting))
 
 
-def offsets_from_solved(solved: SessionSolution) -> Offsets:
-    """Offsets of a solution of session files."""
-    solution = solved.solution
+def offsets_from_solved(solved: SessionSolution, *, view: bool = False) -> Offsets:
+    """What is exported of sessions; with ``view`` the set of parameters that is shown."""
     machine = solved.sessions[0].opened.machine
-    bound = one_line(f"{bound_now_and_then(solved)} {bound_made_of(solved)}")
-    remark = (
-        f"exported set: {solution.subset}; recommended: {solved.choice.recommended} "
-        f"({solved.choice.reasons[0]})"
-    )
-    return Offsets(
+    offsets = Offsets(
         source=", ".join(solved.names),
         machine=machine,
+        parameters={},
+        model=Model(machine.geometry()),
+        controller=_stated(machine),
+        measured=max(one.opened.at for one in solved.sessions),
+        digests=tuple(session.digest for session in solved.sessions),
+        cautions=tuple(map(one_line, caveats(solved))),
+        solved=solved,
+        view=view,
+    )
+    if not view:
+        return offsets
+    solution = solved.solution
+    bound = bound_of_files(solved, solved.corrections.off(solution.model))
+    return replace(
+        offsets,
         parameters=rows(
             Offset,
             solution.names,
@@ -177,15 +226,10 @@ def offsets_from_solved(solved: SessionSolution) -> Offsets:
             solution.expanded_with_tolerances_mm,
         ),
         model=solution.model,
-        controller=_stated(machine),
-        measured=max(one.opened.at for one in solved.sessions),
-        digests=tuple(session.digest for session in solved.sessions),
-        ambiguous=solved.ambiguous,
-        remarks=(remark,) if solution.subset != solved.choice.recommended else (),
-        cautions=tuple(map(one_line, (bound, *caveats(solved)))),
+        remarks=(one_line(view_words(solved)),),
+        cautions=(bound, *offsets.cautions, *map(one_line, caveats_of_view(solved))),
         lacks_fit=solution.lacks_fit,
         bound=bound,
-        solved=solved,
     )
 
 
@@ -201,21 +245,23 @@ def one_line(text: str) -> str:
 
 
 def offsets_from_file(
-    path: Path, subset: Subset | None, method: Method, model: Path | None = None
+    path: Path,
+    subset: Subset | None,
+    method: Method,
+    model: Path | None = None,
+    frame: Frame | None = None,
 ) -> Offsets:
-    """Offsets of a session or a model file; an unfinished session is a caution, too.
+    """What is exported of a session or a model file; an unfinished session is a caution, too.
 
-    With a model the sizes of its effects are fitted to the session, too; without a subset that
-    for the controller is taken.
+    With a model its effects are fitted to the session, too. A subset is written as it is, in place
+    of the correction.
 
     Raises RecordError where the file is neither, NotIdentifiable where it gives no result.
     """
     if is_model(path):
         return _offsets_from_model(path)
-    solved = solve_files([path], subset=subset, method=method, model=model)
-    if subset is None:
-        solved = solved.for_controller()
-    offsets = offsets_from_solved(solved)
+    solved = solve_files([path], subset=subset, method=method, model=model, frame=frame)
+    offsets = offsets_from_solved(solved, view=subset is not None)
     return replace(offsets, cautions=(*map(one_line, solved.warnings), *offsets.cautions))
 
 
@@ -235,7 +281,6 @@ def _offsets_from_model(path: Path) -> Offsets:
         controller=_stated(found.machine),
         measured=max((one.measured for one in known if one.measured), default=None),
         digests=tuple(dict.fromkeys(digest for one in known for digest in one.digests)),
-        ambiguous=unsure,
         cautions=tuple(dict.fromkeys(one for one in said if one)),
         bound=next((one for one in said if one.startswith(BOUND)), ""),
     )

@@ -217,7 +217,7 @@ class HomeScreen(Screen[None]):
         from app.measuring.plan import plan_to_repeat
         from app.screens.result import ResultScreen
 
-        solved = solve_files([path])
+        solved = solve_files([path]).work_out()
         plan = None if self.app.read_only else plan_to_repeat(path)
 
         def show() -> None:
@@ -228,14 +228,14 @@ class HomeScreen(Screen[None]):
         return show
 
     def _export(self, path: Path, *, replace: bool = False) -> Callable[[], object]:
-        from app.evaluating.solution import solve_for_controller
+        from app.evaluating.solution import solve_files
         from app.exports import export_offsets
         from app.report.text.result import export_caution, exported_text
 
         folder = path.with_suffix("")
-        solved = solve_for_controller(path)
-        written, refused = export_offsets(solved, folder, replace=replace)
-        said, caution = exported_text(folder, written), export_caution(solved, refused)
+        solved = solve_files([path])
+        written = export_offsets(solved, folder, replace=replace)
+        said, caution = exported_text(folder, written), export_caution(solved)
         if caution:  # stays until it is read
             return partial(self.app.push_screen, HelpDialog(f"{said}\n\nWARNING: {caution}"))
         return partial(self.app.notify, said, timeout=10, markup=False)

@@ -93,7 +93,17 @@ class ResultScreen(PagedScreen):
         yield ChartPlot(before_and_after(before.solution, now), plot_id="before-after")
 
     def on_mount(self) -> None:
-        self._show()
+        self._begin()
+
+    @work(exclusive=True)
+    async def _begin(self) -> None:
+        """What takes long is worked out apart, once for all that the keys show."""
+        if not self.solved.is_worked_out:
+            self.query_one("#text", Static).update(texts.WORKING_OUT)
+            with self.app.complaining():
+                await apart(self, self.solved.work_out)
+        if self.solved.is_worked_out:
+            self._show()
 
     def _show(self) -> None:
         text = texts.result_text(
@@ -132,24 +142,19 @@ class ResultScreen(PagedScreen):
         """What was written is said in passing, what to beware of stays on the page."""
         folder = self.path.with_suffix("")
         with self.app.complaining(partial(self.action_export, replace=True)):
-            offsets = await asyncio.to_thread(self._joint_offsets)
-            written, refused = await asyncio.to_thread(
-                export_offsets, offsets, folder, replace=replace
-            )
+            solved = self.solved
+            written = await asyncio.to_thread(export_offsets, solved, folder, replace=replace)
             self.app.notify(texts.exported_text(folder, written), timeout=10, markup=False)
-            self.caution = texts.export_caution(offsets, refused)
+            self.caution = texts.export_caution(solved)
             if not is_left(self):
                 self._show()
-
-    def _joint_offsets(self) -> SessionSolution:
-        return self.solved.with_subset("joint-offsets")
 
     def action_verify(self) -> None:
         """The same procedure again, after the offsets were entered in the controller."""
         if self.plan is None:
             return
         with self.app.complaining():
-            plan = verification_plan(self.plan, self._joint_offsets())
+            plan = verification_plan(self.plan, self.solved)
             self.app.push_screen(self.app.check(plan))
 
     def action_report(self) -> None:
@@ -201,6 +206,7 @@ class ResultScreen(PagedScreen):
         with self.app.complaining():
             written = await asyncio.to_thread(resize, sessions, model, entry)
             solved = await asyncio.to_thread(solve_sessions, sessions, subset=subset, model=written)
+            await asyncio.to_thread(solved.work_out)
             self.app.notify(what_if_texts.RESIZED.format(model), timeout=10, markup=False)
             if not is_left(self):
                 self.solved = solved

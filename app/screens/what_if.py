@@ -102,7 +102,7 @@ class WhatIfScreen(PagedScreen):
         fitted: tuple[FittedSize, ...] = ()
         why_not = ""
         try:
-            trial = await apart(self, self.trial.recommended)
+            trial = await apart(self, self.trial.usual)
             try:
                 fitted = await apart(self, lambda: trial.fitted)
             except NotIdentifiable as problem:

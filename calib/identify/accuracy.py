@@ -76,17 +76,14 @@ def tool_map(
     return plane_map(geometry, plane, points, off_mm)
 
 
-def decide(
-    found: ToolError, bound_mm: float, tolerance_mm: float, coverage_factor: float
-) -> Decision:
-    """Pass where even the bound (95 %) keeps the tolerance.
+def decide(least_mm: float, bound_mm: float, tolerance_mm: float) -> Decision:
+    """Pass where 95 of 100 such machines keep the tolerance, fail where 95 of 100 exceed it.
 
-    Fail beyond a guard band of the expanded uncertainty of what was found (ISO 14253-1).
+    ``bound_mm`` and ``least_mm`` are what 95 % keep and exceed: the guard bands of ISO 14253-1.
     """
-    guard_mm = coverage_factor * found.standard_uncertainty_mm
     if bound_mm <= tolerance_mm:
         return "pass"
-    return "fail" if found.rms_mm - guard_mm > tolerance_mm else "undecided"
+    return "fail" if least_mm > tolerance_mm else "undecided"
 
 
 def days_in_tolerance(

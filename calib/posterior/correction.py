@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -36,6 +36,9 @@ TIED = 1e-4
 """Of the mean square in the machine's own frame: what a frame leaves free is entered as small as
 that makes it, and no combination that does nothing is entered at all."""
 
+WORTH = 0.01
+"""Of the expected mean square of the tool's error: what gains less is not worth an entry."""
+
 DOUBTED = 0.05
 """Weight from which a model has a say on each part."""
 
@@ -65,39 +68,63 @@ class Correction:
     left_out: tuple[LeftOut, ...]
 
 
-def parts_of(posterior: Posterior, holds: Holds) -> list[tuple[Holds, list[int]]]:
-    """What a controller holds and its columns in the field, the simplest first."""
-    columns: dict[Holds, list[int]] = {"offsets": [0, 1, 2], "play": [], "tables": []}
-    columns["kinematics"] = [3, 4, 5]
+Part = tuple[str, tuple[int, ...]]
+"""What a controller holds as one entry, by its name, and its columns in the tool's field."""
+
+
+def parts_of(posterior: Posterior, holds: Holds) -> dict[Holds, list[Part]]:
+    """What a controller holds, the simplest first; each in the parts that it is entered in."""
+    parts: dict[tuple[Holds, str], list[int]] = {("offsets", "offsets"): [0, 1, 2]}
+    parts["kinematics", "lengths"] = [3, 4, 5]
     for law in posterior.field.placed:
-        if part := _part_of(law[0]):
-            columns[part] += posterior.field.columns_of(law)
-    return [(part, columns[part]) for part in HOLDS[: HOLDS.index(holds) + 1]]
+        if named := _part_of(*law):
+            parts.setdefault(named, []).extend(posterior.field.columns_of(law))
+    return {
+        group: [(name, tuple(index)) for (of, name), index in parts.items() if of == group]
+        for group in HOLDS[: HOLDS.index(holds) + 1]
+    }
 
 
-def _part_of(effect: Effect) -> Holds | None:
-    """Which part of a controller holds a law."""
+def _part_of(effect: Effect, place: str) -> tuple[Holds, str] | None:
+    """Which part of a controller holds a law at a place."""
     if isinstance(effect, Backlash):
-        return "play"
-    if isinstance(effect, ActuatorScale | ActuatorCyclic):
-        return "tables"
-    if isinstance(effect, Empirical) and len(effect.bases) == 1 and effect.bases[0] in POWERS:
-        return "tables"
-    axes = isinstance(effect, AxisLean) or type(effect) in (AxisOffset, Straightness)
-    return "kinematics" if axes or isinstance(effect, GravitySag) else None
+        return "play", f"play of {place}"
+    powers = isinstance(effect, Empirical) and len(effect.bases) == 1 and effect.bases[0] in POWERS
+    if powers or isinstance(effect, ActuatorScale | ActuatorCyclic):
+        return "tables", f"table of {place}"
+    if isinstance(effect, AxisLean) or type(effect) is AxisOffset:
+        return "kinematics", f"axis {place[0]}"
+    if type(effect) is Straightness:
+        return "kinematics", f"guide {place[0]}"
+    return ("kinematics", "weight on the bars") if isinstance(effect, GravitySag) else None
 
 
-def correction(posterior: Posterior, holds: Holds, frame: Frame = "touched-off") -> Correction:
-    """The best values to enter."""
-    kept: list[int] = []
+def correction(
+    posterior: Posterior,
+    holds: Holds,
+    frame: Frame = "touched-off",
+    absent: Mapping[str, str] | None = None,
+) -> Correction:
+    """The best values to enter.
+
+    ``absent`` are parts that this controller does not take, with the reason: by their name
+    (``play of x``), or all that begin with a word (``play``).
+    """
+    absent = absent or {}
+    kept: list[Part] = []
     values = np.zeros(len(posterior.mean))
     left_out: list[LeftOut] = []
-    for part, index in parts_of(posterior, holds):
-        more = _projected(posterior, [*kept, *index], frame)
-        if kept and (reason := _doubt(posterior, frame, more, values)):
-            left_out.append(LeftOut(part, reason))
+    for group, parts in parts_of(posterior, holds).items():
+        fitting = []
+        for part in parts:
+            reason = absent.get(part[0]) or absent.get(part[0].split()[0], "")
+            left_out += [LeftOut(part[0], reason)] if reason else []
+            fitting += [] if reason else [part]
+        more = _projected(posterior, [*kept, *fitting], frame)
+        if kept and fitting and (reason := _doubt(posterior, frame, more, values)):
+            left_out.append(LeftOut(group, reason))
             continue
-        kept, values = [*kept, *index], more
+        kept, values = [*kept, *fitting], more
     distances = {one: distances_of(posterior, one, values) for one in FRAMES}
     return Correction(
         frame,
@@ -110,32 +137,41 @@ def correction(posterior: Posterior, holds: Holds, frame: Frame = "touched-off")
     )
 
 
-def _projected(posterior: Posterior, index: Sequence[int], frame: Frame) -> FloatArray:
-    """Least squares of the expected error over the workspace ``(6 + k,)``."""
+def projector_of(posterior: Posterior, index: Sequence[int], frame: Frame) -> FloatArray:
+    """Values of these columns ``(n,)`` as a map ``(n, f)`` of what is expected in the field."""
     field = posterior.field
     metric, whole = field.metrics[frame], field.metrics["machine"]
     chosen = list(index)
     inner = metric + TIED * whole
     scale = 1.0 / np.sqrt(np.maximum(inner[chosen, chosen], 1e-30))
     block = inner[np.ix_(chosen, chosen)] * scale[:, None] * scale
-    target = scale * (inner[chosen] @ posterior.mean)
+    target = scale[:, None] * inner[chosen]
+    mapped = np.linalg.solve(block + 1e-9 * np.eye(len(chosen)), target)
+    return np.asarray(scale[:, None] * mapped)
+
+
+def _projected(posterior: Posterior, parts: Sequence[Part], frame: Frame) -> FloatArray:
+    """Least squares of the expected error over the workspace ``(f,)``."""
+    index = [k for _, columns in parts for k in columns]
     values = np.zeros(len(posterior.mean))
-    values[chosen] = scale * np.linalg.solve(block + 1e-9 * np.eye(len(chosen)), target)
+    values[index] = projector_of(posterior, index, frame) @ posterior.mean
     return values
 
 
 def _doubt(posterior: Posterior, frame: Frame, with_it: FloatArray, without: FloatArray) -> str:
-    """Why a part is not worth entering; empty where it is."""
+    """Why more is not worth entering; empty where it is."""
     metric = posterior.field.metrics[frame]
-    gain, worst = 0.0, 0.0
+    gain, worst, whole = 0.0, 0.0, 0.0
+    for weight, size, _ in distances_of(posterior, frame, without):
+        whole += weight * size
     for model in posterior.models_in_field:
         before, after = model.mean - without, model.mean - with_it
         more = float(before @ metric @ before - after @ metric @ after)
         gain += model.weight * more
         if model.weight >= DOUBTED:
             worst = max(worst, -more)
-    if gain <= 0.0:
-        return "it does not lower the expected error of the tool"
+    if gain <= WORTH * whole:
+        return f"it lowers the expected square of the tool's error by less than {WORTH:.0%}"
     if worst > gain:
         return "it would raise the error under a model that the readings leave open"
     return ""
@@ -172,8 +208,8 @@ def distances_of(posterior: Posterior, frame: Frame, values: FloatArray) -> list
     return every
 
 
-def quantile_mm(distances: Sequence[Distance]) -> float:
-    """Root of the 95 % quantile of a mixture of gamma distributions of these moments."""
+def quantile_mm(distances: Sequence[Distance], share: float = COVERAGE) -> float:
+    """Root of the quantile of a mixture of gamma distributions of these moments."""
     weight, size, variance = np.array(distances).T
     variance = np.maximum(variance, 1e-12 * size**2)
     shape, scale = size**2 / variance, variance / np.maximum(size, 1e-300)
@@ -181,7 +217,7 @@ def quantile_mm(distances: Sequence[Distance]) -> float:
     for _ in range(60):
         middle = (low + high) / 2.0
         below = float((weight * gammainc(shape, middle / scale)).sum() / weight.sum())
-        low, high = (middle, high) if below < COVERAGE else (low, middle)
+        low, high = (middle, high) if below < share else (low, middle)
     return math.sqrt(high)
 
 

@@ -28,9 +28,9 @@ from calib.posterior.readings import (
     rows_of,
 )
 from calib.posterior.tool import RIGID, ToolField, laws_held, tool_field
-from calib.tripod.effects.effect import PER_THOUSAND, Effect
+from calib.tripod.effects.effect import PER_THOUSAND, Effect, EffectInstance
 from calib.tripod.geometry import Geometry
-from calib.tripod.pipeline import Model
+from calib.tripod.pipeline import MOVES_THE_TOOL, Model
 
 MOST_BESIDE = 3
 """Models beside which mistakes are looked for."""
@@ -144,10 +144,22 @@ class Posterior:
             root = [model.inflated * (into @ model.sizes), unseen[:, unseen.any(axis=0)]]
             every.append(
                 InField(
-                    model.weight, into @ model.mean, shared[key], model.inflated, np.hstack(root)
+                    model.weight,
+                    self.start + into @ model.mean,
+                    shared[key],
+                    model.inflated,
+                    np.hstack(root),
                 )
             )
         return every
+
+    @cached_property
+    def start(self) -> FloatArray:
+        """Effects ``(f,)`` that the model of the sessions has, in the tool's field."""
+        start = np.zeros(self.field.rows.shape[1])
+        for known in effects_of_tool(self.sessions[-1].case.model):
+            start[list(self.field.columns_of((known.effect, known.place)))] += np.real(known.values)
+        return start
 
     @cached_property
     def _into_field(self) -> list[FloatArray]:
@@ -176,6 +188,8 @@ class Posterior:
         rest turns or shifts the machine as a whole; it is taken to be as large, r.m.s.
         """
         deviation = np.zeros(self.field.rows.shape[1])
+        if not self.geometry.orthogonal:  # readings are of the tool, in the frame of its plate
+            return deviation
         shifts, turns = deviation[-RIGID:-3], deviation[-3:]
         for k, at in zip(model.members, self.starts(model), strict=True):
             component = self.components[k]
@@ -219,6 +233,15 @@ class Posterior:
             for name in {(self.components[k].id, self.components[k].where) for k in model.members}:
                 shares[name] = shares.get(name, 0.0) + model.weight
         return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+def effects_of_tool(model: Model) -> list[EffectInstance]:
+    """Effects of a model that move the tool."""
+    return [
+        effect
+        for effect in model.effects
+        if isinstance(effect, EffectInstance) and effect.stage in MOVES_THE_TOOL
+    ]
 
 
 def posterior(cases: Sequence[Case], effects: Sequence[Effect] | None = None) -> Posterior:
@@ -343,9 +366,10 @@ class _Problem:
         )
         entries = race.run()
         models, log_evidence = self._weighted(race, entries, about)
-        field = tool_field(
-            self.geometry, tuple(dict.fromkeys([*self.placed, *laws_held(self.geometry)]))
-        )
+        acting = effects_of_tool(self.sessions[-1].case.model)
+        known = [(one.effect, one.place) for one in acting]
+        laws = dict.fromkeys([*self.placed, *laws_held(self.geometry), *known])
+        field = tool_field(self.geometry, tuple(laws))
         result = Posterior(self.sessions, self.components, tuple(models), field)
         constant = self.rows.log_constant
         plain = next((one for one in entries if not one.members), Entry((), (), -math.inf))

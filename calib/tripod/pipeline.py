@@ -37,6 +37,10 @@ class Stage(StrEnum):
     READING = "reading"  # reading (..., n), mm
 
 
+MOVES_THE_TOOL = (Stage.ACTUATOR, Stage.FOOT, Stage.TOOL)
+"""Stages of the machine; the others are of what is touched and read."""
+
+
 class StageEffect(Protocol):
     """A change in exactly one stage."""
 

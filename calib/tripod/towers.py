@@ -63,6 +63,12 @@ class Towers:
         """How far each carriage is above the tool in the middle ``(3,)``."""
         return np.sqrt(self.length_mm**2 - self.radius_mm**2)
 
+    @property
+    def feet_mm(self) -> FloatArray:
+        """Where the towers stand about the tool ``(3, 2)``."""
+        angle = np.radians(self.angle_deg)
+        return np.asarray(self.radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+
     def apart_deg(self, angles_deg: Sequence[float]) -> list[list[float]]:
         """How far each of these places is from the tower of each drive, degrees."""
         turn = self.angle_deg - np.array(angles_deg)[:, None]
@@ -71,9 +77,7 @@ class Towers:
 
     def carriages_mm(self, tool_mm: FloatArray) -> FloatArray:
         """Heights of the carriages ``(n, 3)`` that the firmware commands for tools ``(n, 3)``."""
-        angle = np.radians(self.angle_deg)
-        towers = self.radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        across = tool_mm[:, None, :2] - towers
+        across = tool_mm[:, None, :2] - self.feet_mm
         return np.asarray(tool_mm[:, 2:] + np.sqrt(self.length_mm**2 - (across**2).sum(axis=-1)))
 
 

@@ -49,11 +49,12 @@ def test_solving_a_path_or_a_session_is_what_the_command_says() -> None:
     assert dict(zip(frame["parameter"], frame["value"], strict=True)) == values
 
 
-def test_the_set_that_is_asked_for_is_compared_with_no_other() -> None:
+def test_a_set_is_a_view_beside_the_same_correction() -> None:
     asked, chosen = glidecal.solve(SESSION, subset="leg-lengths"), glidecal.solve(SESSION)
     assert asked.solution.subset == "leg-lengths"
-    assert "recommended" not in vars(asked.choice)  # nor what it takes, as long as nobody asks
-    assert chosen.solution.subset == chosen.choice.recommended
+    assert chosen.solution.subset == chosen.choice.usual
+    assert not asked.is_worked_out  # the correction takes time only where it is asked for
+    assert asked.correction.values == chosen.correction.values  # whatever set is viewed
 
 
 def test_tables_of_a_solution_are_its_numbers() -> None:

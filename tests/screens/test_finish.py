@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from app.evaluating.solution import SessionSolution, solve_files, solve_for_controller
+from app.evaluating.solution import SessionSolution, solve_files
 from app.measuring.opening import start_session
 from app.measuring.plan import QUICK_INTERVAL_S
 from app.measuring.unattended import measure_all
@@ -30,7 +30,7 @@ async def test_skipped_steps_are_named_in_the_result(tmp_path: Path) -> None:
         guided.skip([2, 3], "cable in [the] way")
         guided.skip([4], "no time")
         measure_all(guided)
-    shown = " ".join(solution_text(solve_for_controller(plan.path)).split())
+    shown = " ".join(solution_text(solve_files([plan.path])).split())
     assert "Remark: 3 steps left out: cable in [the] way; no time" in shown
 
 

@@ -223,7 +223,7 @@ async def test_a_signal_ends_what_is_computed_when_the_screens_are_gone(
 
 
 async def test_a_continued_verification_still_compares(tmp_path: Path) -> None:
-    from app.evaluating.solution import solve_for_controller
+    from app.evaluating.solution import solve_files
     from app.measuring.opening import start_session
     from app.measuring.plan import verification_plan
     from app.measuring.unattended import measure_all
@@ -231,7 +231,7 @@ async def test_a_continued_verification_still_compares(tmp_path: Path) -> None:
     plan = replace(quick_plan(tmp_path), interval_s=QUICK_INTERVAL_S)
     with start_session(plan) as guided:
         measure_all(guided)
-    verify = verification_plan(plan, solve_for_controller(plan.path))
+    verify = verification_plan(plan, solve_files([plan.path]))
     interface = Glidecal(CheckScreen(verify))
     async with interface.run_test(size=SIZE) as pilot:
         await take(pilot, await to_measuring(pilot, interface))
@@ -240,5 +240,5 @@ async def test_a_continued_verification_still_compares(tmp_path: Path) -> None:
     assert again.before is not None
     with start_session(replace(again, interval_s=QUICK_INTERVAL_S)) as guided:
         measure_all(guided)
-    after = solve_for_controller(verify.path).solution
+    after = solve_files([verify.path]).solution
     assert after.rms_before_mm < 0.1 * again.before.solution.rms_before_mm

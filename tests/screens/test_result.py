@@ -13,7 +13,7 @@ from textual.screen import Screen
 from textual.widgets import Static, TabbedContent
 from textual.widgets._footer import FooterKey
 
-from app.evaluating.solution import SessionSolution, solve_files, solve_for_controller
+from app.evaluating.solution import SessionSolution, solve_files
 from app.measuring.demo import demo_plan
 from app.measuring.opening import start_session
 from app.measuring.plan import QUICK_INTERVAL_S, Plan, plan_to_repeat, verification_plan
@@ -65,10 +65,10 @@ def verified(tmp_path_factory: pytest.TempPathFactory) -> tuple[SessionSolution,
     plan = demo_plan(tmp_path_factory.mktemp("demo"), "zero-max-min", 1)
     with start_session(plan) as guided:
         measure_all(guided)
-    second = verification_plan(plan, solve_for_controller(plan.path))
+    second = verification_plan(plan, solve_files([plan.path]))
     with start_session(second) as guided:
         measure_all(guided)
-    return solve_for_controller(second.path), second
+    return solve_files([second.path]), second
 
 
 def hear(interface: Interface, monkeypatch: pytest.MonkeyPatch) -> list[str]:
@@ -367,7 +367,7 @@ async def test_any_finished_session_can_be_verified_later(samples: Path, tmp_pat
     assert again is not None
     assert (again.procedure, again.instruments) == (plan.procedure, plan.instruments)
     assert plan_to_repeat(samples / "experiment_2_twelve.jsonl") is None
-    solved = solve_for_controller(guided.path)
+    solved = solve_files([guided.path])
     interface = Glidecal(ResultScreen(solved, again, guided.path))
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "verify offered", lambda: "v" in offered(interface))

@@ -284,7 +284,7 @@ async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) 
 
 def test_verification_carries_the_new_home_offset(tmp_path: Path) -> None:
     """A second export must start from what the first one made the controller hold."""
-    from app.evaluating.solution import solve_for_controller
+    from app.evaluating.solution import solve_files
     from app.measuring.opening import start_session
     from app.measuring.plan import verification_plan
     from app.measuring.unattended import measure_all
@@ -294,7 +294,7 @@ def test_verification_carries_the_new_home_offset(tmp_path: Path) -> None:
     plan = replace(plan, machine=machine)
     with start_session(plan) as guided:
         measure_all(guided)
-    before = solve_for_controller(plan.path)
+    before = solve_files([plan.path])
     held = verification_plan(plan, before).machine.home_offset_mm
     assert held is not None
     expected = [old + new for old, new in zip((10, 20, 30), before.solution.values_mm, strict=True)]

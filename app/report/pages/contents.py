@@ -19,7 +19,16 @@ from app.report.charts.results import (
 )
 from app.report.charts.tripod import drawn_set_up
 from app.report.pages.figures import bars_svg, drawings_svg, evidence_svg, maps_svg, svg_of
-from app.report.text.caveats import SUBSET_WORDS, bound_made_of, caveats
+from app.report.text.caveats import caveats, caveats_of_view
+from app.report.text.correction import (
+    FRAME_WORDS,
+    UNSEEN,
+    bound_table,
+    gains_table,
+    left_out_lines,
+    shown_value,
+    useless_lines,
+)
 from app.report.text.diagnosis import SHOWN_CANDIDATES, candidates_table, effects_text, gap_text
 from app.report.text.model import effect_words
 from app.report.text.result import (
@@ -40,8 +49,6 @@ from app.report.text.tables import LEAST_MM, new_table, signed, uncertain
 from app.version import program
 from calib.arrays import LEG_NAMES
 from calib.diagnosis.results import Diagnosis
-from calib.errors import NotIdentifiable
-from calib.identify.solution import Subset
 from calib.printable import printable
 from protocols.machine import Machine
 from protocols.model_file import read_model_file
@@ -102,13 +109,19 @@ def report_of(
             "What was measured",
             [_machine(machine, tolerance), *_sessions(sessions), *_set_ups(solved.sessions[0])],
         ),
-        _result(solved, judged if verified else ""),
+        _controller(solved, judged if verified else "", model),
+        _view(solved),
         _budget(solved),
-        _controller(solved, model),
         *([_again(verified)] if verified else []),
         Section(
             "What limits this result",
-            [*solved.warnings, *diagnosed.warnings, *caveats(solved), *remarks],
+            [
+                *solved.warnings,
+                *diagnosed.warnings,
+                *caveats(solved),
+                *caveats_of_view(solved),
+                *remarks,
+            ],
         ),
         _missing(diagnosed),
         _fit(solved),
@@ -138,14 +151,11 @@ def _judged(solved: SessionSolution, tolerance_mm: float | None) -> str:
 
 
 def _in_a_sentence(solved: SessionSolution) -> str:
-    solution = solved.solution
-    known = uncertain(float(solution.expanded_with_tolerances_mm.max()))
-    subset: Subset = "both" if solution.subset == "with-tolerances" else solution.subset
+    made = solved.correction
     return (
-        f"{SUBSET_WORDS[subset].capitalize()} are known to ±{known} mm (95 %); with them "
-        f"entered the tool is off by at most {uncertain(solved.bound_after.bound_mm)} mm r.m.s. "
-        f"over the workspace (95 %), as it is now by at most "
-        f"{uncertain(solved.bound_before.bound_mm)} mm."
+        f"With these values entered the tool is off by at most {uncertain(made.bound_mm)} mm "
+        f"r.m.s. over the workspace (95 %), {FRAME_WORDS[made.frame]}; as it is now by at most "
+        f"{uncertain(made.now_mm)} mm."
     )
 
 
@@ -205,20 +215,50 @@ def _set_ups(session: Session) -> list[Picture]:
     return [Picture(drawings_svg(shown), caption)] if shown else []
 
 
-def _result(solved: SessionSolution, judged: str) -> Section:
-    solution = solved.solution
-    caption = (
-        "Expected error of the tool with these values, µm r.m.s., on three planes through Zero."
+def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Section:
+    """What is to be entered and what the tool keeps then, with remedies of a model."""
+    machine, made = solved.sessions[0].opened.machine, solved.correction
+    named = read_model_file(model).effects if model else ()
+    table = new_table("joint", "entered when measured, mm", "add, mm", "± U (95 %)", "together, mm")
+    held_mm, added_mm = machine.entered_offsets_mm, solved.joint_offsets_mm
+    wide_mm = solved.corrections.spread().expanded_mm.tolist()
+    for name, held, added, wide in zip(LEG_NAMES, held_mm, added_mm, wide_mm, strict=True):
+        row = shown_value(held), shown_value(added), uncertain(wide, 4), shown_value(held + added)
+        table.add_row(name, *row)
+    said = (
+        "True position of a joint = believed position + offset. These are the values that glidecal "
+        "export writes for a controller that holds joint offsets, on top of those entered when it "
+        f"was measured. They leave least of the tool's error, {FRAME_WORDS[made.frame]}."
     )
     return Section(
-        "Result",
+        "What to enter in the controller",
         [
             judged,
-            "Decision rule (ISO 14253-1): passed where the bound, which 95 of 100 such machines "
-            "keep, is within the tolerance; failed where the error that is shown exceeds it by "
-            "more than its expanded uncertainty (95 %); undecided in between.",
+            "Decision rule (ISO 14253-1): passed where 95 of 100 such machines keep the tolerance, "
+            "failed where 95 of 100 exceed it, undecided in between.",
+            said,
+            *useless_lines(made),
+            table,
+            bound_table(made),
+            "" if solved.reads_tool else UNSEEN,
+            gains_table(solved),
+            *left_out_lines(made),
+            *(effect_words(one, machine) for one in named),
+        ],
+    )
+
+
+def _view(solved: SessionSolution) -> Section:
+    """One set of parameters as the papers identify it."""
+    solution = solved.solution
+    caption = (
+        "Expected error of the tool with the values of this view, µm r.m.s., on three planes "
+        "through Zero."
+    )
+    return Section(
+        "Parameters as the papers identify them",
+        [
             verdict_words(solved),
-            bound_made_of(solved),
             noise_words(solved),
             parameter_table(solution),
             *([size_table(solution)] if solution.sizes else []),
@@ -229,47 +269,20 @@ def _result(solved: SessionSolution, judged: str) -> Section:
 
 
 def _budget(solved: SessionSolution) -> Section:
-    """What the uncertainties are made of."""
-    solution, bound = solved.solution, solved.bound_after
+    """What the uncertainties of the view are made of."""
+    solution = solved.solution
     sources = solution.budget_mm
     together, left = solution.expanded_with_tolerances_mm, solution.inflated_expanded_mm
     of_values = new_table("± in mm (95 %)", *sources, "± U together", "if what is left is noise")
     columns = (*sources.values(), together, left)
     for name, *row in zip(solution.names, *(one.tolist() for one in columns), strict=True):
         of_values.add_row(name, *(uncertain(mm, 4) if mm > LEAST_MM else "0" for mm in row))
-    of_tool = new_table("bound at the tool with these values", "mm r.m.s.")
-    of_tool.add_row("noise of the readings alone", uncertain(solved.bound_of_noise_mm))
-    of_tool.add_row("and parts within tolerance", uncertain(bound.parameters_mm))
-    for one in bound.names[:MOST_OPEN]:
-        of_tool.add_row(f"and {one.title} ({one.id}, {one.where})", uncertain(one.bound_mm))
     said = (
-        "The sources know nothing of each other: their squares add up to that of U. What the model "
-        "leaves stands by itself, for the case that it is noise. At the tool each effect stands by "
-        "itself with noise and parts: the bound is the largest line."
+        "The sources are independent; U is the root of the sum of their squares. The last column "
+        "is for the case that what the parameters leave is noise. The bound at the tool is not "
+        "made of these: it is over everything that may be true of the machine."
     )
-    return Section("Uncertainty budget", [said, of_values, of_tool])
-
-
-def _controller(solved: SessionSolution, model: Path | None) -> Section:
-    """What the controller held, and what is to be entered: offsets, and remedies of a model."""
-    machine = solved.sessions[0].opened.machine
-    heading = "What to enter in the controller"
-    named = read_model_file(model).effects if model else ()
-    effects = [effect_words(one, machine) for one in named]
-    try:
-        found_mm = solved.for_controller().joint_offsets_mm
-    except NotIdentifiable as problem:
-        return Section(heading, [f"No joint offsets: {problem}", *effects])
-    table = new_table("joint", "entered when measured, mm", "found, mm", "together, mm")
-    held_mm = machine.entered_offsets_mm
-    for name, held, found in zip(LEG_NAMES, held_mm, found_mm, strict=True):
-        table.add_row(name, signed(held, 4), signed(found, 4), signed(held + found, 4))
-    said = (
-        "True position of a joint = believed position + offset. These are the offsets that "
-        "glidecal export writes, on top of those entered when it was measured; where the result "
-        "has another set of parameters, its d_rho differ from them."
-    )
-    return Section(heading, [said, *effects, table])
+    return Section("Uncertainty budget of these parameters", [said, of_values])
 
 
 def _again(verified: Verification) -> Section:
@@ -392,7 +405,5 @@ def _state(session: Session, reading: Reading) -> str:
 
 BESIDE = 3
 """So many sessions stand beside each other in a table."""
-
-MOST_OPEN = 8
 
 WHISKER_WORDS = "; below, on a scale of its own. Whiskers: twice the standard uncertainty."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
+from types import SimpleNamespace
 from typing import Annotated, Literal
 
 from app.evaluating.comparison import Comparison, Entered
@@ -23,10 +24,10 @@ from app.report.schema.document import (
     rows,
     schema,
 )
-from calib.identify.accuracy import Decision, ToolError
+from calib.identify.accuracy import Decision
 from calib.identify.solution import FittedSize, Method, Solution, Subset, Weights
 from calib.noise.reading import NoiseSource, Repeated
-from protocols.machine import Instrument
+from protocols.machine import Frame, Instrument
 
 
 @dataclass(frozen=True)
@@ -104,18 +105,6 @@ class IsolatedReadingsEntry(Report):
     readings: Annotated[list[int], made(lambda readings: [one.reading for one in readings])]
 
 
-class ToolErrors(Report):
-    """With what the controller holds now, and with the solution entered.
-
-    Of noise in the six parameters, and of what a larger set of them would change; ``tool_bound``
-    is what the tool is off by at most.
-    """
-
-    before: ToolError = at("tool_before")
-    after: ToolError = at("tool_after")
-    coverage_factor: float = at("tool_factor", "for both, 95 %")
-
-
 class OpenNameEntry(Report):
     """What the readings do not rule out, and the bound if it is the one."""
 
@@ -126,24 +115,55 @@ class OpenNameEntry(Report):
     shown: bool = at("shown", "it fits what the readings show; false: they could not have seen it")
 
 
-class ToolBoundEntry(Report):
-    """R.m.s. over the reachable workspace that 95 of 100 machines keep.
+class FramesEntry(Report):
+    """R.m.s. error of the tool over the workspace that 95 of 100 such machines keep, by frame."""
 
-    Of noise, of parts within their tolerances, and of every effect of the catalogue that these
-    readings leave open, one at a time.
-    """
+    touched_off_mm: float = at("touched_off_mm", "a shift is free")
+    aligned_mm: float = at("aligned_mm", "a shift and a turn are free")
+    machine_mm: float = at("machine_mm", "in the machine's own frame")
 
-    before_mm: float = at("bound_before.bound_mm", "with what the controller holds now")
-    after_mm: float = at("bound_after.bound_mm", "with the solution entered")
-    noise_mm: float = at("bound_of_noise_mm", "of it, noise of the readings alone")
-    parameters_mm: float = at(
-        "bound_after.parameters_mm", "of it, where nothing is missing and parts keep tolerances"
+
+def _by_frame(bound_mm: dict[Frame, float]) -> SimpleNamespace:
+    names = {f"{frame.replace('-', '_')}_mm": mm for frame, mm in bound_mm.items()}
+    return SimpleNamespace(**names)
+
+
+ByFrame = Annotated[FramesEntry, made(_by_frame)]
+
+
+class EnteredEntry(Report):
+    """A value to enter, in its unit."""
+
+    value: float
+    unit: str
+
+
+class LeftOutEntry(Report):
+    """A part that is not entered, and why."""
+
+    part: str
+    reason: str
+
+
+class GainEntry(Report):
+    """What the tool keeps where the same controller holds something else."""
+
+    holds: Literal["offsets", "play", "tables", "kinematics"]
+    bound_mm: float
+
+
+class CorrectionEntry(Report):
+    """What is entered in the controller: what every screen, report and export shows first."""
+
+    frame: Frame = at("correction.frame")
+    holds: Literal["offsets", "play", "tables", "kinematics"] = at("correction.holds")
+    values: dict[str, EnteredEntry] = at(
+        "correction.values", "true position = believed position + d_rho; sizes as in a model"
     )
-    near_before_mm: float = at(
-        "near_before_mm", "as before_mm, relative to Zero over a workpiece of 100 mm about it"
-    )
-    near_after_mm: float = at("near_after_mm", "the same with the solution entered")
-    open: tuple[OpenNameEntry, ...] = at("bound_after.names", "the worst first, one for each id")
+    bound: ByFrame = at("correction.off.bound_mm", "with the values entered")
+    bound_now: ByFrame = at("correction.off_now.bound_mm", "with what the controller holds now")
+    left_out: tuple[LeftOutEntry, ...] = at("correction.left_out")
+    others: tuple[GainEntry, ...] = at("others", "in the same frame")
 
 
 class WeakDirection(Report):
@@ -205,7 +225,8 @@ class SolutionReport(Report):
     measured: tuple[MeasuredSession, ...] = at("solved.sessions", "in the order of the sessions")
     method: Method = at("solved.solution.method")
     weights: Weights = at("solved.solution.weights")
-    subset: Subset = at("solved.solution.subset")
+    correction: CorrectionEntry = at("solved", "what is entered; parameters are a view")
+    subset: Subset = at("solved.solution.subset", "of the view")
     parameters: Annotated[dict[str, Parameter], made(_parameters)] = at("solved.solution")
     covariance: Covariance = at("solved.solution")
     differences: Annotated[dict[str, Difference], made(_differences)] = at(
@@ -223,8 +244,6 @@ class SolutionReport(Report):
     )
     suspect_readings: tuple[SuspectReading, ...] = at("solved.suspects")
     lost_readings: tuple[IsolatedReadingsEntry, ...] = at("solved.isolated")
-    tool_error: ToolErrors = at("solved")
-    tool_bound: ToolBoundEntry = at("solved")
     enlarged_by_lack_of_fit: float = at(
         "solved.solution.inflation",
         "factor on the standard deviation of the noise if what the model leaves is taken for "
@@ -251,8 +270,10 @@ class SolutionReport(Report):
     ] = at("solved.solution")
     condition_number: float = at("solved.solution.condition_number")
     weak_directions: tuple[WeakDirection, ...] = at("solved.solution.weak_directions")
-    recommended_subset: Subset = at("solved.choice.recommended")
-    reasons: tuple[str, ...] = at("solved.choice.reasons")
+    recommended_subset: Subset = at(
+        "solved.choice.usual", "the view where none is asked for; what is entered is correction"
+    )
+    reasons: tuple[str, ...] = at("solved.choice.reasons", "why sets are missing")
     effects: tuple[FittedSize, ...] | None = asked("sizes", "with --model")
     ambiguous_effects: tuple[str, ...] = at(
         "solved.ambiguous", "those of the model that are one of several that would do"
@@ -319,19 +340,12 @@ class VerificationReport(Report):
     schema_id: Literal["glidecal.verification/1"] = schema("glidecal.verification/1")
     before: FirstName = at("found.compared.before.names")
     after: FirstName = at("found.compared.after.names")
-    tool_expected: ToolError = at("found.compared.before.tool_after", "of the six parameters alone")
-    tool_found: ToolError = at("found.compared.after.tool_before", "of the six parameters alone")
+    frame: Frame = at("found.compared.after.frame")
     bound_expected_mm: float = at(
-        "found.compared.before.bound_after.bound_mm", "promised by the first session, 95 %"
+        "found.compared.before.correction.bound_mm", "promised by the first session, 95 %"
     )
     bound_found_mm: float = at(
-        "found.compared.after.bound_before.bound_mm", "by the second one; what is decided by"
-    )
-    near_expected_mm: float = at(
-        "found.compared.before.near_after_mm", "as bound_expected_mm, relative to Zero near it"
-    )
-    near_found_mm: float = at(
-        "found.compared.after.near_before_mm", "as bound_found_mm, relative to Zero near it"
+        "found.compared.after.correction.now_mm", "by the second one; what is decided by"
     )
     tolerance_mm: float | None = at("found.tolerance_mm")
     decision: Decision | None = at("found.decision", "null: no tolerance")

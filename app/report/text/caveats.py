@@ -4,24 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from app.evaluating.solution import NoisyChannel, SessionSolution
-from app.report.text.tables import free_words, signed, uncertain
+from app.report.text.correction import SUBSET_WORDS
+from app.report.text.tables import decimals_for, free_words, signed, uncertain
 from calib.arrays import LEG_NAMES
-from calib.identify.solution import Subset
 from calib.noise.reading import LEAST_NOISE_MM
-from calib.tripod.workspace import NEAR_ZERO_MM
 from protocols.observations import indicator_figures
 from protocols.procedure import position_words
 from protocols.session import Reading
-
-SUBSET_WORDS: dict[Subset, str] = {
-    "joint-offsets": "joint offsets",
-    "leg-lengths": "leg lengths",
-    "both": "joint offsets and leg lengths",
-    "with-tolerances": "both, constrained by tolerances",
-}
 
 UNKNOWN_HOME_OFFSET = (
     "nobody stated the present HOME_OFFSET, so the files hold no value to enter, only what to add "
@@ -33,72 +24,8 @@ MOST_NAMED = 8
 """So many of a kind are named; nobody reads hundreds."""
 
 
-BOUND = "Tool over the workspace, r.m.s. (95 %): "
-"""So the sentence on the bound begins, in results and in files."""
-
-
-@dataclass(frozen=True)
-class NotHeld:
-    """What a file does not hold of a result: effects by their numbers in the model, and a rest.
-
-    ``rest_mm`` is what that rest leaves at the tool, r.m.s. over the workspace.
-    """
-
-    effects: frozenset[int] = frozenset()
-    rest_mm: float = 0.0
-
-
-EVERYTHING_HELD = NotHeld()
-
-
-def bound_now_and_then(solved: SessionSolution, without: NotHeld = EVERYTHING_HELD) -> str:
-    """What the tool is off by at most, without and with the values.
-
-    R.m.s. errors of parts add up to no more than their sum, so the rest is added.
-    """
-    before, after = solved.bound_before, solved.bound_after_without(without.effects)
-    # what the rest does near Zero alone is not known
-    near = "" if without.rest_mm else f"; {_near_words(solved, without)}"
-    return (
-        f"{BOUND}at most {uncertain(before.bound_mm)} mm now, at most "
-        f"{uncertain(after.bound_mm + without.rest_mm)} mm with these values{near}."
-    )
-
-
-def _near_words(solved: SessionSolution, without: NotHeld) -> str:
-    return near_words(solved.near_before_mm, solved.near_after_mm_without(without.effects))
-
-
-def near_words(now_mm: float, then_mm: float) -> str:
-    """The error without the shift of the whole, which milling does not show."""
-    return (
-        f"relative to Zero, on a workpiece of {2.0 * NEAR_ZERO_MM:g} mm there, {uncertain(now_mm)} "
-        f"and {uncertain(then_mm)} mm"
-    )
-
-
-def bound_made_of(solved: SessionSolution, without: NotHeld = EVERYTHING_HELD) -> str:
-    """What the bound with the values is made of; it follows on the bound."""
-    after, noise_mm = solved.bound_after_without(without.effects), solved.bound_of_noise_mm
-    said = (
-        f"Noise of the readings alone makes {uncertain(noise_mm)} mm; with parts that are off "
-        f"within their tolerances it is {uncertain(after.parameters_mm)} mm"
-    )
-    if without.rest_mm:
-        said = f"What these values cannot correct adds {uncertain(without.rest_mm)} mm. {said}"
-    if not after.names:
-        return f"{said}. Effects are not in these figures: none is modelled over a plane."
-    if (worst := after.worst) is None:
-        return f"{said}. No effect that these readings leave open does more."
-    lowers = "" if solved.reads_tool else " glidecal plan says what lowers it."
-    return (
-        f"{said}; up to {uncertain(worst.bound_mm)} mm if {worst.title} ({worst.id}, "
-        f"{worst.where}), which these readings do not rule out.{lowers}"
-    )
-
-
 def caveats(solved: SessionSolution) -> list[str]:
-    """One line each, the gravest first."""
+    """What to know of the readings and the model, one line each, the gravest first."""
     said = []
     if solved.ambiguous:
         from protocols.model_file import ambiguity  # with a model only
@@ -106,13 +33,18 @@ def caveats(solved: SessionSolution) -> list[str]:
         said.append(f"WARNING: {ambiguity(solved.ambiguous)}")
     if solved.held:
         said.append(f"Held as a person stated it, not fitted: {'; '.join(solved.held)}.")
-    for part in (_of_the_fit, _of_noise, _of_readings, _of_the_measurement, _of_the_choice):
+    for part in (_of_noise, _of_readings, _of_the_measurement):
         said += part(solved)
     return said
 
 
+def caveats_of_view(solved: SessionSolution) -> list[str]:
+    """What to know of the set of parameters that is shown, one line each, the gravest first."""
+    return [*_of_the_fit(solved), *_of_weak_directions(solved), *_of_residuals(solved)]
+
+
 def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
-    """What the model leaves, sets that the readings do not determine, values of no use."""
+    """What the model leaves, and sets that the readings do not determine."""
     solution, refused = solved.solution, solved.choice.refused
     fit = solution.lack_of_fit
     if fit and solution.lacks_fit:
@@ -143,34 +75,16 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
             "tolerance is wrong, or these values stand for something that is missing from the "
             "model (glidecal diagnose)."
         )
-    if not solved.helps:
-        yield (
-            "WARNING: these values are not expected to make the tool more accurate: the bound "
-            "with them is not clearly smaller than the bound now."
-        )
 
 
 def _of_noise(solved: SessionSolution) -> Iterator[str]:
-    """No noise at all, combinations that it hides, indicators with more of it, drift."""
-    solution, noise = solved.solution, solved.solution.noise
+    """No noise at all, indicators with more of it, drift."""
+    noise = solved.solution.noise
     if noise.standard_deviation_mm < LEAST_NOISE_MM:
         yield (
             "WARNING: these readings show no noise, so the uncertainties are only rounding. "
             "State the resolution and repeatability of the indicators."
         )
-    factor = solution.coverage_factor
-    for one in solution.weak_directions:
-        against = ""
-        if one.against:
-            name, uncertainty = one.against
-            against = f" ({name} to ±{uncertain(uncertainty * factor)})"
-        yield (
-            f"WEAK: {one.combination} known only to "
-            f"±{uncertain(one.standard_uncertainty_mm * factor, 2)} mm{against}; at the tool that "
-            f"is {uncertain(one.tool_mm * factor, 2)} mm."
-        )
-    if solution.weak_directions and not solved.reads_tool:
-        yield "What to measure to improve this: glidecal plan."
     if solved.noisy:
         shown = "; ".join(map(_noisy, solved.noisy[:MOST_NAMED]))
         rest = len(solved.noisy) - MOST_NAMED
@@ -187,6 +101,24 @@ def _of_noise(solved: SessionSolution) -> Iterator[str]:
             "within a cycle is part of the differences. Is the machine warm? Is the stand firm? "
             "glidecal diagnose looks for drift."
         )
+
+
+def _of_weak_directions(solved: SessionSolution) -> Iterator[str]:
+    """Combinations of parameters that the noise hides."""
+    solution = solved.solution
+    factor = solution.coverage_factor
+    for one in solution.weak_directions:
+        against = ""
+        if one.against:
+            name, uncertainty = one.against
+            against = f" ({name} to ±{uncertain(uncertainty * factor)})"
+        yield (
+            f"WEAK: {one.combination} known only to "
+            f"±{uncertain(one.standard_uncertainty_mm * factor, 2)} mm{against}; at the tool that "
+            f"is {uncertain(one.tool_mm * factor, 2)} mm."
+        )
+    if solution.weak_directions and not solved.reads_tool:
+        yield "What to measure to improve this: glidecal plan."
 
 
 def _noisy(channel: NoisyChannel) -> str:
@@ -252,9 +184,9 @@ def _of_the_measurement(solved: SessionSolution) -> Iterator[str]:
         )
 
 
-def _of_the_choice(solved: SessionSolution) -> Iterator[str]:
-    """A fit without residuals cannot be checked; which set of parameters is recommended."""
-    solution, choice = solved.solution, solved.choice
+def _of_residuals(solved: SessionSolution) -> Iterator[str]:
+    """A fit without residuals cannot be checked."""
+    solution = solved.solution
     if solution.noise.source == "residuals":
         yield (
             "NOTE: there are no repeats and no stated figures of the indicator, so the residual is "
@@ -263,8 +195,3 @@ def _of_the_choice(solved: SessionSolution) -> Iterator[str]:
         )
     elif solution.lack_of_fit is None:
         yield "NOTE: no degree of freedom is left, so the fit of the model cannot be checked."
-    same = solution.subset == choice.recommended
-    begin = "Recommended set" if same else "RECOMMENDED instead"
-    other_is_better = min(choice.expected_mm.values()) < choice.expected_mm[choice.recommended]
-    why = f"; {choice.reasons[1]}" if other_is_better else ""
-    yield f"{begin}: {SUBSET_WORDS[choice.recommended]}{why}."

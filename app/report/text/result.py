@@ -11,13 +11,16 @@ from rich.table import Table
 
 from app.evaluating.comparison import Comparison
 from app.evaluating.solution import SessionSolution
-from app.report.text.caveats import (
+from app.report.text.caveats import UNKNOWN_HOME_OFFSET, caveats, caveats_of_view
+from app.report.text.correction import (
+    FRAME_WORDS,
     SUBSET_WORDS,
-    UNKNOWN_HOME_OFFSET,
-    bound_made_of,
-    bound_now_and_then,
-    caveats,
-    near_words,
+    UNSEEN,
+    bound_table,
+    correction_table,
+    gains_table,
+    left_out_lines,
+    useless_lines,
 )
 from app.report.text.tables import (
     decimals_for,
@@ -42,27 +45,46 @@ if TYPE_CHECKING:  # asked for by option only, and heavy
 
 
 def solution_text(solved: SessionSolution) -> str:
-    """The whole result: the gravest sentence, the numbers, what else to know, then the tables."""
-    solution, said = solved.solution, caveats(solved)
-    grave = said[: said[0].startswith("WARNING")] if said else []  # the first, or none
-    bound = uncertain(solved.bound_after.bound_mm)
-    tool = f"Tool: at most {bound} mm with these values. {bound_made_of(solved)}"
+    """What to enter and what the tool keeps then; below it a set of the papers as a view."""
     remarks = [remark for session in solved.sessions for remark in session.opened.remarks]
     for session in solved.sessions:
         remarks += [*dict.fromkeys(session.notes), *left_out_words(session)]
     return paragraphs(
-        f"{', '.join(solved.names)}: {SUBSET_WORDS[solution.subset]}, "
-        f"{_method_words(solution)}, {solved.reading_count} readings",
-        "\n".join([*grave, verdict_words(solved)]),
-        parameter_table(solution),
-        *([size_table(solution)] if solution.sizes else []),
-        "\n".join([tool, *said[len(grave) :]]),
-        difference_table(solution),
-        subset_table(solved),
-        noise_words(solved),
+        *entered_parts(solved),
+        *view_parts(solved),
         "\n".join(map(_measured_words, solved.sessions)),
         *(f"Remark: {remark}" for remark in remarks),
     )
+
+
+def entered_parts(solved: SessionSolution) -> list[str | Table]:
+    """The correction: values, the bound with them, what other exports would keep, cautions."""
+    made = solved.correction
+    return [
+        f"{', '.join(solved.names)}: values to enter in the controller, "
+        f"{FRAME_WORDS[made.frame]}, {solved.reading_count} readings",
+        "\n".join(useless_lines(made)),
+        correction_table(made),
+        bound_table(made),
+        "" if solved.reads_tool else UNSEEN,
+        gains_table(solved),
+        "\n".join([*left_out_lines(made), *caveats(solved)]),
+    ]
+
+
+def view_parts(solved: SessionSolution) -> list[str | Table]:
+    """One set of parameters as the papers identify it: a view, which is not what is entered."""
+    solution = solved.solution
+    return [
+        f"View: {SUBSET_WORDS[solution.subset]}, {_method_words(solution)}",
+        verdict_words(solved),
+        parameter_table(solution),
+        *([size_table(solution)] if solution.sizes else []),
+        "\n".join(caveats_of_view(solved)),
+        difference_table(solution),
+        subset_table(solved),
+        noise_words(solved),
+    ]
 
 
 def left_out_words(session: Session) -> list[str]:
@@ -99,13 +121,12 @@ def _method_words(solution: Solution) -> str:
 
 
 def verdict_words(solved: SessionSolution) -> str:
-    """How well the parameters are known, and what that is at legs and tool, a line each."""
+    """How well the parameters of the view are known, and what that is at legs, a line each."""
     solution = solved.solution
     return (
         f"{_known_words(solution)}\n"
         f"{'Tool' if solved.reads_tool else 'Leg'} deviations {solution.rms_before_mm:.4f} → "
-        f"{solution.rms_after_mm:.4f} mm r.m.s.\n"
-        f"{bound_now_and_then(solved)}"
+        f"{solution.rms_after_mm:.4f} mm r.m.s."
     )
 
 
@@ -168,15 +189,13 @@ def difference_table(solution: Solution) -> Table:
 
 
 def subset_table(solved: SessionSolution) -> Table:
-    """What each set of parameters would leave, and the bound at the tool."""
-    table = new_table("set of parameters", "residual r.m.s., mm", "tool at most, mm", "")
+    """What each set of parameters leaves of the differences."""
+    table = new_table("set of parameters", "residual r.m.s., mm")
     for subset in SUBSETS:
-        residual, expected = "left out", ""
+        residual = "left out"
         if subset in solved.choice.solutions:
             residual = f"{solved.choice.solutions[subset].rms_after_mm:.4f}"
-            expected = uncertain(solved.choice.tool_bound(subset).bound_mm)
-        mark = "recommended" if subset == solved.choice.recommended else ""
-        table.add_row(SUBSET_WORDS[subset], residual, expected, mark)
+        table.add_row(SUBSET_WORDS[subset], residual)
     return table
 
 
@@ -222,8 +241,8 @@ DECISION_WORDS = {"pass": "passes", "fail": "fails", "undecided": "cannot be dec
 def judged_text(judged: Judgement) -> str:
     """Against the tolerance, with the guard band."""
     return paragraphs(
-        f"Tolerance {judged.tolerance_mm:g} mm for the tool, r.m.s.: passed where the bound keeps "
-        "it, failed beyond a guard band of the expanded uncertainty. Now it "
+        f"Tolerance {judged.tolerance_mm:g} mm for the tool, r.m.s.: passed where 95 of 100 such "
+        "machines keep it, failed where 95 of 100 exceed it. Now it "
         f"{DECISION_WORDS[judged.before]}, with these values it {DECISION_WORDS[judged.after]}."
     )
 
@@ -267,15 +286,16 @@ def comparison_sentence(before: Solution, after: Solution) -> str:
     )
 
 
+WORKING_OUT = "Working out what to enter …"
 WRITING_REPORT = "Writing the report …"
 REPORT_WRITTEN = "Report written: {}. Open it in a browser to read, print and sign it."
 
 RESULT_HELP = """\
-1 2 3         joint offsets, leg lengths, or both
-4             both, constrained by the tolerances of the parts
+1 2 3         view joint offsets, leg lengths, or both
+4             view both, constrained by the tolerances of the parts
 Tab, arrows   Result, Plot, and after a verification Before/after
-E             write the joint offsets, in every format, into a folder
-              beside the session
+E             write the values to enter, in every format, into a
+              folder beside the session
 V             measure again after the offsets were entered, and compare
 R             write the report to sign (HTML) beside the session
 D             diagnose: where readings and model disagree, and why
@@ -284,11 +304,11 @@ Y             copy the text to the clipboard
 Escape, H     back; to the home screen
 F10           quit
 
-U is the expanded uncertainty (95 %) of a parameter: noise of the
-readings, and parts outside the set that may be off within their
-tolerance. The bound at the tool adds every effect that these readings
-leave open. The residual is what the model does not explain. If it is
-much larger than the noise, something is missing from the model."""
+The values to enter leave least of the tool's error, over everything
+that may be true of the machine with these readings. 95 of 100 such
+machines keep the bound. A set of parameters is a view: U is its
+expanded uncertainty (95 %). The residual is what the view does not
+explain. If it is much larger than the noise, D looks for the cause."""
 
 ONLY_SHOWN = "This program only shows sessions: nothing is written and nothing is measured."
 NO_PLAN = (
@@ -306,7 +326,12 @@ def next_text(solved: SessionSolution, *, exports: bool, measures: bool) -> str:
         )
     if not exports:
         return ""
-    if not solved.helps:
+    if not solved.correction.helps:
+        if solved.corrections.more_helps:
+            return (
+                "Next: joint offsets alone would not make the tool more accurate. Export for what "
+                "the controller can hold beside them: glidecal export --format."
+            )
         return (
             "Next: leave the controller as it is. These offsets would not make the tool more "
             "accurate."
@@ -337,10 +362,8 @@ def exported_text(folder: Path, paths: Sequence[Path]) -> str:
     return f"Written to {folder}: {', '.join(path.name for path in paths)}"
 
 
-def export_caution(solved: SessionSolution, refused: str) -> str:
-    """What was not exported, or could not be known; empty where nothing is to be said."""
-    if refused:
-        return f"No files for LinuxCNC were written (any that are there are older): {refused}"
+def export_caution(solved: SessionSolution) -> str:
+    """What could not be known of an export; empty where nothing is to be said."""
     stated = solved.sessions[0].opened.machine.home_at_mm() is not None
     return "" if stated else UNKNOWN_HOME_OFFSET
 
@@ -376,10 +399,9 @@ def verification_text(found: Verification) -> str:
     before, after = found.compared.before, found.compared.after
     return paragraphs(
         [f"before: {before.names[0]}", f"after:  {after.names[0]}"],
-        f"{decided(found)} Tool over the workspace, r.m.s. (95 %): at most "
-        f"{uncertain(before.bound_after.bound_mm)} mm was expected, at most "
-        f"{uncertain(after.bound_before.bound_mm)} mm is left; "
-        f"{near_words(before.near_after_mm, after.near_before_mm)}.",
+        f"{decided(found)} Tool over the workspace, r.m.s. (95 %), {FRAME_WORDS[after.frame]}: at "
+        f"most {uncertain(before.correction.bound_mm)} mm was expected, at most "
+        f"{uncertain(after.correction.now_mm)} mm is left.",
         offsets_table(found),
         "\n".join(what_to_do(found)),
         *(f"Remark: {remark}" for remark in found.compared.remarks),

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.evaluating.what_if import Choice, Trial, WhatIf
-from app.report.text.caveats import SUBSET_WORDS
+from app.report.text.correction import SUBSET_WORDS
 from app.report.text.tables import (
     LEAST_MM,
     decimals,

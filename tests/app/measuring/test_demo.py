@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.evaluating.solution import solve_for_controller
+from app.evaluating.solution import solve_files
 from app.measuring.demo import demo_plan
 from app.measuring.opening import start_session
 from app.measuring.plan import Plan, verification_plan
@@ -119,7 +119,7 @@ def test_the_record_tells_nothing_and_verification_keeps_it(tmp_path: Path) -> N
     text = plan.path.read_text(encoding="utf-8")
     assert "square" not in text
     assert "effect" not in text
-    after = verification_plan(plan, solve_for_controller(plan.path))
+    after = verification_plan(plan, solve_files([plan.path]))
     assert after.bench.effects == plan.bench.effects
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from app.evaluating.solution import solve_for_controller
+from app.evaluating.solution import solve_files
 from app.measuring.demo import SelfMovingBench, demo_plan
 from app.measuring.moving import REST_S, MoveProposal, Mover, ways_of
 from app.measuring.opening import open_indicators, start_session
@@ -280,7 +280,7 @@ def test_a_demonstration_that_moves_itself_finds_the_hidden_offsets(tmp_path: Pa
     plan = replace(plan, procedure=once)
     with start_session(plan) as guided:
         measure_all(guided, lambda _: True, lambda _: None)
-    found = solve_for_controller(plan.path).joint_offsets_mm
+    found = solve_files([plan.path]).joint_offsets_mm
     hidden = hidden_machine(plan.machine.geometry(), 5).parameters_mm
     assert found == pytest.approx(hidden[:3], abs=0.1)  # lengths, 0.03 mm, are taken for offsets
     first = taken(plan.path)[0].moved

@@ -14,7 +14,6 @@ from calib.arrays import Observations
 from calib.errors import NotIdentifiable
 from calib.identify.identify import identify
 from calib.identify.solution import Solution, Subset
-from calib.identify.subset_choice import choose_subset
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.differences import differences, reading_matrix
 from calib.tripod.geometry import Geometry
@@ -130,16 +129,6 @@ def test_accuracy_of_equations_12_and_14(
     assert np.sqrt(np.diag(solution.covariance_mm2))[0] == pytest.approx(
         expected, abs=last_digit / 2
     )
-
-
-@pytest.mark.parametrize("name", ["experiment_1_six", "experiment_2_six", "experiment_2_twelve"])
-def test_joint_offsets_alone_are_recommended(samples: Path, name: str) -> None:
-    """As the authors chose for experiment 2, here by computation with the machine's tolerances."""
-    tolerance_mm = np.array([2.0] * 3 + [0.1] * 3)
-    choice = choose_subset(
-        MODEL, published(samples, name), indicator=STATED, tolerance_mm=tolerance_mm
-    )
-    assert choice.recommended == "joint-offsets"
 
 
 def test_what_is_left_is_ten_times_the_noise(samples: Path) -> None:

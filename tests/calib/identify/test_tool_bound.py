@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.arrays import observe
+from calib.arrays import Observations, observe
 from calib.identify.subset_choice import choose_subset
-from calib.identify.tool_bound import NAMELESS, quantile_mm
+from calib.identify.tool_bound import NAMELESS, ToolBound, claim_of, quantile_mm
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import tool_columns
@@ -77,6 +77,14 @@ def test_the_workspace_keeps_the_joint_limits() -> None:
     assert 0.65 * 12**3 < len(points) < 0.75 * 12**3
 
 
+def bound_with_offsets(data: Observations) -> ToolBound:
+    """With the joint offsets entered that these readings give."""
+    choice = choose_subset(Model(), data, indicator=FIGURES, tolerance_mm=TOLERANCES)
+    fitted, entered = choice.fitted.model, choice.solutions["joint-offsets"].model
+    claim, _ = claim_of(fitted, data, choice.fitted.noise, TOLERANCES, (0.0,) * 6)
+    return claim.bound(np.array(entered.parameters_mm) - np.array(fitted.parameters_mm))
+
+
 def test_more_readings_lower_the_bound_and_a_hidden_scale_is_in_it() -> None:
     """Three times more set-ups rule more out; a scale of 1 mm/m does 0.05 mm at the tool."""
     few = observed([0.1, -0.2, 0.3, 0.0, 0.0, 0.0], postures(), scatter_mm=0.002, seed=1)
@@ -87,9 +95,7 @@ def test_more_readings_lower_the_bound_and_a_hidden_scale_is_in_it() -> None:
     scale = next(effect for effect in CATALOGUE if effect.id == "actuator_scale")
     wrong = replace(hidden, effects=(EffectInstance(scale, "y", (1.0,)),))
     bounds = [
-        choose_subset(Model(), data, indicator=FIGURES, tolerance_mm=TOLERANCES).tool_bound(
-            "joint-offsets"
-        )
+        bound_with_offsets(data)
         for data in (
             few,
             observe(stations, hidden.readings(stations) + noise),

@@ -64,7 +64,7 @@ def test_the_bound_is_what_95_of_100_machines_drawn_from_the_posterior_keep(
 def test_no_other_values_leave_less(unsure: Posterior, frame: Frame) -> None:
     entered = correction(unsure, "kinematics", frame)
     generator = np.random.default_rng(2)
-    held = [k for _, index in parts_of(unsure, "kinematics") for k in index]
+    held = [k for parts in parts_of(unsure, "kinematics").values() for _, i in parts for k in i]
     off = unsure.field.rows @ (unsure.mean - entered.values)
     least = float(in_frame(unsure, off[:, None], frame)[0])
     for _ in range(40):

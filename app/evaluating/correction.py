@@ -1,0 +1,222 @@
+"""What to enter in the controller: one answer for whatever it holds, worked out once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from calib.arrays import LEG_NAMES
+from calib.errors import ImpossibleRequest
+from calib.posterior.correction import HOLDS, Holds, LeftOut, correction
+from calib.posterior.entered import (
+    OffsetSpread,
+    ToolOff,
+    nothing_entered,
+    offset_spread,
+    tower_values,
+    values_of,
+)
+from calib.posterior.posterior import Posterior, posterior
+from calib.posterior.readings import Case
+from calib.tripod.controller import table_of
+from calib.tripod.effects.drives import Backlash
+from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.geometry import PARAMETER_NAMES
+from calib.tripod.pipeline import Model, Stage
+from protocols.observations import indicator_figures, to_observations
+
+if TYPE_CHECKING:
+    from calib.tripod.pipeline import StageEffect
+    from calib.tripod.towers import Entered
+    from protocols.machine import Frame
+    from protocols.session import Session
+
+JOINT_OFFSETS = PARAMETER_NAMES[:3]
+
+NO_PLAY = "the expected play is negative, and no joint has that"
+
+CLEARLY_BETTER = 0.9
+"""Values that are worth entering leave less than this share of the bound as it is now."""
+
+
+@dataclass(frozen=True)
+class EnteredValue:
+    """A number to enter, in its unit; d_rho and d_L are true less believed."""
+
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What the tool is off by at most where the same controller holds something else."""
+
+    holds: str
+    bound_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class SessionCorrection:
+    """The best values that a controller can hold, and what the tool keeps with them.
+
+    ``model`` is the machine as the controller then knows it; ``off_now`` and ``off`` are the tool
+    without and with the values. ``spread`` tells how well joint offsets are known where they are
+    entered alone.
+    """
+
+    frame: Frame
+    holds: Holds
+    model: Model
+    off_now: ToolOff
+    off: ToolOff
+    left_out: tuple[LeftOut, ...]
+    spread: OffsetSpread | None
+
+    @property
+    def values(self) -> dict[str, EnteredValue]:
+        """By name: d_rho of all joints, d_L and sizes of effects where they are not 0."""
+        named = zip(PARAMETER_NAMES, self.model.parameters_mm, strict=True)
+        found = {
+            name: EnteredValue(float(mm), "mm") for name, mm in named if name in JOINT_OFFSETS or mm
+        }
+        for effect in self.model.effects:
+            if isinstance(effect, EffectInstance):
+                for parameter, value in zip(effect.effect.parameters, effect.values, strict=True):
+                    name = f"{effect.id} {effect.place}: {parameter.name}"
+                    found[name] = EnteredValue(float(value.real), parameter.unit)
+        return found
+
+    @property
+    def bound_mm(self) -> float:
+        """What 95 of 100 such machines keep in the chosen frame."""
+        return self.off.bound_mm[self.frame]
+
+    @property
+    def now_mm(self) -> float:
+        """The same with what the controller holds now."""
+        return self.off_now.bound_mm[self.frame]
+
+    @property
+    def helps(self) -> bool:
+        """Whether the tool is bounded clearly more closely with these values than now."""
+        return self.bound_mm < CLEARLY_BETTER * self.now_mm
+
+
+@dataclass(frozen=True, eq=False)
+class Corrections:
+    """Sessions of one machine as they are corrected in a frame; each answer is worked out once.
+
+    Joint offsets are those of the last session.
+    """
+
+    cases: tuple[Case, ...]
+    frame: Frame
+    _made: dict[tuple[Holds, tuple[tuple[str, str], ...]], SessionCorrection] = field(
+        default_factory=dict
+    )
+
+    @classmethod
+    def of_sessions(cls, sessions: Sequence[Session], model: Model, frame: Frame) -> Corrections:
+        """``model`` has the effects of an adopted model at their fitted sizes."""
+        known = Model(model.geometry).with_effects(model.effects)
+        return cls(tuple(_case(session, known) for session in sessions), frame)
+
+    @cached_property
+    def posterior(self) -> Posterior:
+        """What the sessions tell of the machine. Raises NotIdentifiable."""
+        return posterior(self.cases)
+
+    @cached_property
+    def off_now(self) -> ToolOff:
+        """The tool with what the controller holds now."""
+        return ToolOff(self.posterior, nothing_entered(self.posterior))
+
+    @property
+    def is_worked_out(self) -> bool:
+        """Whether the answer for every controller is there."""
+        return {holds for holds, absent in self._made if not absent} == set(HOLDS)
+
+    def off(self, model: Model) -> ToolOff:
+        """The tool where the controller holds this model. Raises ImpossibleRequest."""
+        return ToolOff(self.posterior, values_of(self.posterior, model))
+
+    def off_with_towers(self, entered: Entered, along: Sequence[StageEffect] = ()) -> ToolOff:
+        """The tool with values for firmware of printers, effects ``along`` drives in the joints."""
+        joints = Model(self.posterior.geometry).with_effects(tuple(along))
+        values = tower_values(self.posterior, entered) + values_of(self.posterior, joints)
+        return ToolOff(self.posterior, values)
+
+    def of(self, holds: Holds, absent: Mapping[str, str] | None = None) -> SessionCorrection:
+        """The correction for a controller that holds this; ``absent`` as `correction` has them.
+
+        Play that comes out negative and tables that the controller cannot follow are absent, too.
+        """
+        key = (holds, tuple(sorted((absent or {}).items())))
+        if key not in self._made:
+            self._made[key] = self._made_for(holds, dict(absent or {}))
+        return self._made[key]
+
+    def _made_for(self, holds: Holds, absent: dict[str, str]) -> SessionCorrection:
+        while True:
+            made = correction(self.posterior, holds, self.frame, absent)
+            impossible = _impossible(made.model)
+            if not impossible.keys() - absent.keys():
+                break
+            absent |= impossible
+        alone = holds == "offsets"
+        return SessionCorrection(
+            frame=self.frame,
+            holds=holds,
+            model=made.model,
+            off_now=self.off_now,
+            off=ToolOff(self.posterior, made.values, made.bound_mm),
+            left_out=made.left_out,
+            spread=self.spread() if alone else None,
+        )
+
+    def spread(self, *, less_common: bool = False) -> OffsetSpread:
+        """How well joint offsets are known that are entered alone."""
+        return offset_spread(self.posterior, self.frame, less_common=less_common)
+
+    def others(self, holds: Holds) -> tuple[Gain, ...]:
+        """What the same controller would keep if it held something else."""
+        return tuple(Gain(other, self.of(other).bound_mm) for other in HOLDS if other != holds)
+
+    @property
+    def more_helps(self) -> bool:
+        """Whether a controller that holds more than joint offsets would be worth it."""
+        return any(self.of(holds).helps for holds in HOLDS)
+
+
+def _case(session: Session, model: Model) -> Case:
+    """A session with the load that its tool carried."""
+    machine = session.opened.machine
+    geometry = replace(model.geometry, load=machine.load)
+    return Case(
+        replace(model, geometry=geometry),
+        to_observations([session]),
+        indicator_figures([session]),
+        machine.tolerances_mm(),
+    )
+
+
+def _impossible(model: Model) -> dict[str, str]:
+    """Parts of a correction that no joint takes, and why."""
+    found = {
+        f"play of {effect.place}": NO_PLAY
+        for effect in model.effects
+        if isinstance(effect, EffectInstance)
+        and isinstance(effect.effect, Backlash)
+        and effect.values[0].real < 0.0
+    }
+    for joint, leg in enumerate(LEG_NAMES):
+        along = [one for one in model.effects if one.stage == Stage.ACTUATOR]
+        if all(isinstance(one, EffectInstance) and one.place != leg for one in along):
+            continue
+        try:
+            table_of(model, joint)
+        except ImpossibleRequest as problem:
+            found[f"table of {leg}"] = problem.found
+    return found

@@ -1,0 +1,155 @@
+"""What to enter in the controller, in words and tables: values, what the tool keeps, what else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+from app.evaluating.correction import SessionCorrection
+from app.evaluating.solution import SessionSolution
+from app.report.text.tables import new_table, signed, uncertain
+from calib.identify.solution import Subset
+from calib.posterior.tool import FRAMES
+
+if TYPE_CHECKING:
+    from calib.posterior.entered import ToolOff
+    from protocols.machine import Frame
+
+SUBSET_WORDS: dict[Subset, str] = {
+    "joint-offsets": "joint offsets",
+    "leg-lengths": "leg lengths",
+    "both": "joint offsets and leg lengths",
+    "with-tolerances": "both, constrained by tolerances",
+}
+
+FRAME_WORDS: dict[Frame, str] = {
+    "touched-off": "touched off",
+    "aligned": "aligned",
+    "machine": "in the machine's own frame",
+}
+
+FREE_WORDS: dict[Frame, str] = {
+    "touched-off": "touched off: a shift is free",
+    "aligned": "aligned: a shift and a turn are free",
+    "machine": "the machine's own frame",
+}
+
+HOLDS_WORDS = {
+    "offsets": "joint offsets",
+    "play": "play beside them (BACKLASH)",
+    "tables": "a table of each joint, too (linuxcnc)",
+    "kinematics": "lengths and axes, too (linuxcnc-kins)",
+}
+
+FORMATS_WORDS = {
+    "offsets": "joint offsets alone",
+    "play": "with play",
+    "tables": "with tables of the joints (linuxcnc)",
+    "kinematics": "with own kinematics (linuxcnc-kins)",
+}
+
+BOUND = "Tool over the workspace, r.m.s. (95 %): "
+"""So the sentence on the bound begins, in results and in files."""
+
+UNSEEN = (
+    "Readings of legs do not show how the whole machine is turned. Where a turn is not free, the "
+    "figure contains what that may be; a square or a ball bar on the table shows it."
+)
+
+
+def correction_table(made: SessionCorrection) -> Table:
+    """The values to enter."""
+    table = new_table("enter", "value", "", "± U (95 %)")
+    wide = {} if made.spread is None else dict(zip("xyz", made.spread.expanded_mm, strict=True))
+    for name, entry in made.values.items():
+        half = wide.get(name[-1]) if name.startswith("d_rho") else None
+        shown = "" if half is None else uncertain(float(half), 4)
+        table.add_row(name, shown_value(entry.value), entry.unit, shown)
+    return table
+
+
+def shown_value(value: float) -> str:
+    """A value to enter as it is shown wherever it is."""
+    return signed(value, 4)
+
+
+def frames_of(frame: Frame) -> list[Frame]:
+    """The chosen frame, then the others."""
+    return [frame, *(other for other in FRAMES if other != frame)]
+
+
+def bound_table(made: SessionCorrection) -> Table:
+    """What the tool is off by at most, now and with the values, in each frame."""
+    table = new_table("tool error, r.m.s. (95 %)", "now, mm", "with these values, mm")
+    for frame in frames_of(made.frame):
+        now, after = made.off_now.bound_mm[frame], made.off.bound_mm[frame]
+        table.add_row(FREE_WORDS[frame], uncertain(now), uncertain(after))
+    return table
+
+
+def gains_table(solved: SessionSolution) -> Table:
+    """What other exports of the same controller would keep."""
+    table = new_table("the same controller with", "tool at most, mm")
+    for gain in solved.others:
+        table.add_row(HOLDS_WORDS[gain.holds], uncertain(gain.bound_mm))
+    return table
+
+
+def off_line(frame: Frame, off_now: ToolOff, off: ToolOff) -> str:
+    """The bound as one line, the chosen frame first."""
+    first, *others = frames_of(frame)
+    beside = ", ".join(f"{FRAME_WORDS[one]} {uncertain(off.bound_mm[one])} mm" for one in others)
+    return (
+        f"{BOUND}at most {uncertain(off_now.bound_mm[first])} mm now, at most "
+        f"{uncertain(off.bound_mm[first])} mm with these values, {FRAME_WORDS[first]}; {beside}."
+    )
+
+
+def bound_line(made: SessionCorrection) -> str:
+    """The bound of a correction as one line."""
+    return off_line(made.frame, made.off_now, made.off)
+
+
+def left_out_lines(made: SessionCorrection) -> Iterator[str]:
+    """Parts that are not entered, a line for each reason."""
+    by_reason: dict[str, list[str]] = {}
+    for one in made.left_out:
+        by_reason.setdefault(one.reason, []).append(one.part)
+    for reason, parts in by_reason.items():
+        yield f"Left out: {', '.join(parts)}. Reason: {reason}."
+
+
+def gain_line(solved: SessionSolution, made: SessionCorrection) -> str:
+    """What other exports of the same controller would keep, as one line."""
+    gains = solved.corrections.others(made.holds)
+    beside = ", ".join(f"{FORMATS_WORDS[one.holds]} {uncertain(one.bound_mm)} mm" for one in gains)
+    return f"Other exports for the same controller: tool at most {beside}."
+
+
+def correction_lines(solved: SessionSolution, made: SessionCorrection) -> Iterable[str]:
+    """What every file of a correction says of it."""
+    return (
+        bound_line(made),
+        *left_out_lines(made),
+        gain_line(solved, made),
+        *useless_lines(made),
+    )
+
+
+def useless_lines(made: SessionCorrection) -> Iterator[str]:
+    """A warning where the values are not worth entering."""
+    if not made.helps:
+        yield (
+            "WARNING: these values are not expected to make the tool more accurate: the bound "
+            "with them is not clearly smaller than the bound now."
+        )
+
+
+def view_words(solved: SessionSolution) -> str:
+    """That a set of the papers is written in place of the correction."""
+    return (
+        f"exported set: {solved.subset}, as it was asked for; without --subset the export writes "
+        "the correction that leaves least at the tool"
+    )

@@ -1,0 +1,122 @@
+"""What the tool keeps with any values entered: a correction, a view of the papers, nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.special import ndtr
+
+from calib.arrays import LEG_NAMES, FloatArray
+from calib.errors import ImpossibleRequest
+from calib.posterior.correction import Distance, distances_of, projector_of, quantile_mm
+from calib.posterior.posterior import Posterior
+from calib.posterior.readings import BASE
+from calib.posterior.tool import FRAMES, Frame
+from calib.stats import COVERAGE
+from calib.tripod.effects.drives import AxisOffset
+from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.pipeline import MOVES_THE_TOOL, Model
+from calib.tripod.towers import Entered
+
+OFFSETS = (0, 1, 2)
+"""Columns of the joint offsets in the tool's field."""
+
+
+@dataclass(frozen=True, eq=False)
+class ToolOff:
+    """R.m.s. error of the tool over the workspace with values of the field ``(6 + k,)`` entered.
+
+    In each frame, mm; ``stated`` is `bound_mm` where it was worked out already.
+    """
+
+    posterior: Posterior
+    values: FloatArray
+    stated: dict[Frame, float] | None = None
+
+    @cached_property
+    def _distances(self) -> dict[Frame, list[Distance]]:
+        return {frame: distances_of(self.posterior, frame, self.values) for frame in FRAMES}
+
+    @cached_property
+    def bound_mm(self) -> dict[Frame, float]:
+        """95 % of the posterior keep it."""
+        if self.stated is not None:
+            return self.stated
+        return {frame: quantile_mm(each) for frame, each in self._distances.items()}
+
+    @cached_property
+    def least_mm(self) -> dict[Frame, float]:
+        """95 % of the posterior exceed it."""
+        return {frame: quantile_mm(each, 1.0 - COVERAGE) for frame, each in self._distances.items()}
+
+
+def nothing_entered(posterior: Posterior) -> FloatArray:
+    """Values ``(6 + k,)`` of a controller that stays as it is."""
+    return np.zeros(posterior.field.rows.shape[1])
+
+
+def values_of(posterior: Posterior, model: Model) -> FloatArray:
+    """Parameters and effects of a model in the field ``(6 + k,)``; those of readings are not there.
+
+    Raises ImpossibleRequest for an effect of the tool that the field does not know.
+    """
+    field, values = posterior.field, nothing_entered(posterior)
+    values[:BASE] = model.parameters_mm
+    for effect in model.effects:
+        if isinstance(effect, EffectInstance) and (effect.effect, effect.place) in field.placed:
+            columns = list(field.columns_of((effect.effect, effect.place)))
+            values[columns] += np.real(effect.values)
+        elif effect.stage in MOVES_THE_TOOL:
+            raise ImpossibleRequest(
+                f"effect {effect.id}", "no law of this posterior", "effects of its sessions' model"
+            )
+    return values
+
+
+def tower_values(posterior: Posterior, entered: Entered) -> FloatArray:
+    """Switches, bars and towers of a printer's firmware in the field ``(6 + k,)``."""
+    field, values = posterior.field, nothing_entered(posterior)
+    values[:3] = entered.change_mm
+    values[3:BASE] = entered.towers.length_mm - entered.now.length_mm
+    moved = entered.towers.feet_mm - entered.now.feet_mm
+    law = AxisOffset(tuple(posterior.geometry.across))
+    for place, across in posterior.geometry.across.items():
+        (column,) = field.columns_of((law, place))
+        values[column] = moved[LEG_NAMES.index(place[0])] @ across[:2]
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class OffsetSpread:
+    """Joint offsets of a correction: standard uncertainty and 95 % half width ``(3,)``, mm."""
+
+    standard_mm: FloatArray
+    expanded_mm: FloatArray
+
+
+def offset_spread(posterior: Posterior, frame: Frame, *, less_common: bool = False) -> OffsetSpread:
+    """How well joint offsets that are entered alone are known, over all models.
+
+    With ``less_common`` less what all three share.
+    """
+    into = projector_of(posterior, OFFSETS, frame)
+    if less_common:
+        into = into - into.mean(axis=0)
+    middle = into @ posterior.mean
+    means, variances = [], []
+    for model in posterior.models_in_field:
+        means.append(into @ model.mean - middle)
+        of_base = np.einsum("ij,jk,ik->i", into, model.base, into)
+        variances.append(model.inflated**2 * of_base + ((into @ model.root) ** 2).sum(axis=1))
+    off, variance = np.array(means), np.maximum(np.array(variances), 1e-18)
+    weight = np.array([model.weight for model in posterior.models])
+    standard = np.sqrt(weight @ (variance + off**2))
+    low, high = np.zeros(len(OFFSETS)), 30.0 * standard
+    deviation = np.sqrt(variance)
+    for _ in range(60):
+        half = (low + high) / 2.0
+        inside = weight @ (ndtr((half - off) / deviation) - ndtr((-half - off) / deviation))
+        low, high = np.where(inside < COVERAGE, half, low), np.where(inside < COVERAGE, high, half)
+    return OffsetSpread(standard, high)

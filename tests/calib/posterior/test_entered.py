@@ -1,0 +1,146 @@
+"""What the tool keeps with values entered; an adopted model as the start; parts that are absent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.arrays import observe
+from calib.noise.reading import IndicatorFigures
+from calib.posterior.correction import HOLDS, Holds, correction, projector_of
+from calib.posterior.entered import (
+    OFFSETS,
+    ToolOff,
+    nothing_entered,
+    offset_spread,
+    tower_values,
+    values_of,
+)
+from calib.posterior.posterior import Posterior, posterior
+from calib.posterior.readings import Case
+from calib.posterior.tool import FRAMES
+from calib.tripod.effects.drives import ActuatorCyclic, AxisOffset, AxisSquareness, Backlash
+from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.movements import with_first_movements
+from calib.tripod.pipeline import Model
+from calib.tripod.towers import entered
+from tests.builders import conditions_of
+from tests.calib.tripod.test_linear_delta import rings
+from tests.tripods import DELTA, ORTHOGLIDE
+
+FIGURES = IndicatorFigures(repeatability_mm=0.002)
+TOLERANCES = np.array([2.0, 2.0, 2.0, 0.1, 0.1, 0.1])
+OFFSETS_MM = (0.8, -1.3, 0.4)
+PLAY = EffectInstance(Backlash(), "y", (0.06,))
+
+
+def case(*hidden: EffectInstance, known: tuple[EffectInstance, ...] = ()) -> Case:
+    """A session of a machine with offsets and these effects, against a model with others."""
+    taken = with_first_movements(conditions_of("two-station"))
+    truth = Model(ORTHOGLIDE, (*OFFSETS_MM, 0.0, 0.0, 0.0), hidden)
+    noise = np.random.default_rng(5).normal(scale=0.002, size=len(taken))
+    data = observe(taken, truth.readings(taken) + noise)
+    return Case(Model(ORTHOGLIDE).with_effects(known), data, FIGURES, TOLERANCES)
+
+
+@pytest.fixture(scope="module")
+def plain() -> Posterior:
+    return posterior([case(PLAY)])
+
+
+def test_values_of_a_correction_are_those_of_its_model(plain: Posterior) -> None:
+    made = correction(plain, "tables")
+    assert values_of(plain, made.model) == pytest.approx(made.values)
+
+
+def test_the_bound_of_a_correction_is_that_of_its_values(plain: Posterior) -> None:
+    made = correction(plain, "play", "aligned")
+    off = ToolOff(plain, made.values)
+    assert off.bound_mm == pytest.approx(made.bound_mm)
+    now = ToolOff(plain, nothing_entered(plain))
+    for frame in FRAMES:
+        assert off.least_mm[frame] < off.bound_mm[frame] < now.least_mm[frame]
+
+
+def test_parts_that_a_controller_does_not_take_are_left_out_with_the_reason(
+    plain: Posterior,
+) -> None:
+    """All of a kind, or one; what they did goes into the others as far as it can."""
+    one = correction(plain, "play", absent={"play of y": "worn"})
+    assert "worn" in [left.reason for left in one.left_out if left.part == "play of y"]
+    assert one.values[list(plain.field.columns_of((Backlash(), "y")))] == pytest.approx([0.0])
+    made = correction(plain, "tables", absent={"table": "no tables here", "play": "no play"})
+    reasons = {one.part: one.reason for one in made.left_out}
+    assert {reasons[f"table of {leg}"] for leg in "xyz"} == {"no tables here"}
+    assert made.model.effects == ()
+    alone = correction(plain, "offsets")
+    assert made.values == pytest.approx(alone.values)
+
+
+def test_a_part_that_does_nothing_at_the_tool_is_left_out(plain: Posterior) -> None:
+    reasons = {one.part: one.reason for one in correction(plain, "play").left_out}
+    assert reasons["play of x"] == "it moves the tool by less than 0.0001 mm"
+
+
+@pytest.mark.parametrize("holds", HOLDS[:2])
+def test_an_effect_that_the_model_has_is_entered_as_far_as_it_can_be(
+    plain: Posterior, holds: Holds
+) -> None:
+    """The same values whether the play is found or known: it is entered once."""
+    known = posterior([case(PLAY, known=(PLAY,))])
+    assert known.start[list(known.field.columns_of((Backlash(), "y")))] == pytest.approx([0.06])
+    same = correction(known, holds), correction(plain, holds)
+    assert same[0].values[:3] == pytest.approx(same[1].values[:3], abs=0.003)
+    play = [
+        made.values[list(found.field.columns_of((Backlash(), "y")))]
+        for made, found in zip(same, (known, plain), strict=True)
+    ]
+    assert play[0] == pytest.approx(play[1], abs=0.003)
+
+
+def test_a_lead_that_no_library_has_is_known_of_a_model() -> None:
+    odd = EffectInstance(ActuatorCyclic(7.3), "x", (12.0, 0.0))
+    made = correction(posterior([case(odd, known=(odd,))]), "tables")
+    held = [one for one in made.model.effects if one.effect == ActuatorCyclic(7.3)]
+    assert [one.values[0] for one in held] == pytest.approx([12.0], abs=0.5)
+
+
+def test_squareness_of_a_model_goes_into_the_axes() -> None:
+    lean = EffectInstance(AxisSquareness(), "xy", (2.0,))
+    known = posterior([case(lean, known=(lean,))])
+    offsets, axes = (correction(known, holds, "aligned") for holds in ("offsets", "kinematics"))
+    assert axes.bound_mm["aligned"] < 0.2 * offsets.bound_mm["aligned"]
+
+
+def test_how_well_offsets_are_known_is_that_of_drawn_machines(plain: Posterior) -> None:
+    """Standard deviation and 95 % half width of the projected offsets against 200,000 draws."""
+    into = projector_of(plain, OFFSETS, "touched-off")
+    generator, drawn = np.random.default_rng(1), []
+    for model in plain.models:
+        mean, own = plain.in_field(model)
+        count = round(200_000 * model.weight)
+        root = np.linalg.cholesky(model.covariance + 1e-24 * np.eye(len(model.covariance)))
+        noise = generator.normal(size=(count, len(root))) @ root.T
+        drawn.append((mean + noise @ own.T) @ into.T)
+    off = np.concatenate(drawn) - into @ plain.mean
+    found = offset_spread(plain, "touched-off")
+    assert found.standard_mm == pytest.approx(np.sqrt((off**2).mean(axis=0)), rel=0.03)
+    assert found.expanded_mm == pytest.approx(np.quantile(np.abs(off), 0.95, axis=0), rel=0.03)
+
+
+def test_towers_of_firmware_stand_in_the_field_where_they_are() -> None:
+    """Switches, bars and places that the firmware holds wholly: what it is told is the truth."""
+    taken = rings(repeats=2)
+    moved = tuple(
+        EffectInstance(AxisOffset(tuple(DELTA.across)), place, (mm,))
+        for place, mm in (("xt", 0.2), ("yt", -0.1), ("zr", 0.3))
+    )
+    truth = Model(DELTA, (0.1, -0.2, 0.1, 0.05, -0.05, 0.02), moved)
+    data = observe(taken, Model(DELTA).readings(taken))
+    tolerance = np.array([1.0] * 3 + [0.3] * 3)
+    found = posterior([Case(Model(DELTA), data, FIGURES, tolerance)])
+    rows = found.field.rows
+    told = rows @ tower_values(found, entered(truth, each_tower=True))
+    wanted = rows @ values_of(found, truth)
+    assert np.abs(wanted).max() > 0.15
+    assert np.abs(told - wanted).max() < 0.005

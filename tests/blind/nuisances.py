@@ -269,11 +269,10 @@ def in_field(answer: Posterior) -> tuple[FloatArray, FloatArray]:
     """Mean ``(6 + k,)`` and covariance over all models, lengths and sizes."""
     mean = answer.mean
     whole = np.zeros((len(mean), len(mean)))
-    for model in answer.models:
-        here, into = answer.in_field(model)
-        whole += model.weight * (
-            into @ model.covariance @ into.T + np.outer(here - mean, here - mean)
-        )
+    for model in answer.models_in_field:
+        off = model.mean - mean
+        covariance = model.inflated**2 * model.base + model.root @ model.root.T
+        whole += model.weight * (covariance + np.outer(off, off))
     return mean, whole
 
 

@@ -101,10 +101,6 @@ class MotionLine:
         self._by_operator = self._vouched = self._closing = self._broken = False
         self._left_unseen = False
         self._consent = 0
-        self._rest_mm: Triple | None = None
-        self._way_mm: tuple[Triple, Triple] | None = None
-        """Of the move that was sent last: after a stop it rests there; None is anywhere."""
-        self._states: dict[str, str] = {}
         now_s = time.monotonic()
         self._calm_s = self._cause_s = self._owner_s = self._face_s = now_s
         self.owner: threading.Thread | None = None

@@ -97,6 +97,17 @@ def read_json(path: Path, kind: type[D], what: str, allowed: str, next_step: str
         raise RecordError(f"{what} {path}", describe(problem), allowed, next_step) from problem
 
 
+def read_remembered(path: Path, kind: type[D], what: str) -> D:
+    """What the program remembers in a JSON file of its own; ``kind()`` where there is none yet.
+
+    Raises as `read_json`.
+    """
+    if not path.exists():
+        return kind()
+    allowed, next_step = "what the program wrote", "Remove the file; it is written anew"
+    return read_json(path, kind, what, allowed, next_step)
+
+
 def read_text(path: Path, what: str, most_bytes: int = MOST_BYTES) -> str:
     """The text of a file as UTF-8, line breaks as ``\\n``. Raises as `read_bytes`."""
     try:

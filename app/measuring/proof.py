@@ -191,7 +191,7 @@ class Proof:
             return False
         best = move.clearest
         if best is None:
-            self._doubt = "The indicators cannot tell it."
+            self._doubt = "The indicators cannot show this move."
         elif gone_mm[best] * move.due[best].nominal_mm < 0.0:
             self._doubt = "Its indicator went the other way: it is held so, or the carriage did."
         self.news.append(f"proof: {move.words}: {_shown(move, gone_mm)}")

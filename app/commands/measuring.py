@@ -36,6 +36,8 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.session import Indicators
     from protocols.procedure import Leg
 
+WITHOUT_A_SCREEN = "--headless with --simulated or --motion"
+
 SessionFile = Annotated[Path | None, file("Session file.", "--output", "-o")]
 Resume = Annotated[Path | None, file("Go on with an interrupted session.", "--continue")]
 
@@ -66,7 +68,11 @@ def run(
     ] = None,
     resume: Resume = None,
     headless: Annotated[
-        bool, typer.Option("--headless", help="Unattended, simulated machine only.")
+        bool,
+        typer.Option(
+            "--headless",
+            help="No screen: a simulated machine, or with --motion questions in the terminal.",
+        ),
     ] = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show every step; open and write nothing.")
@@ -85,12 +91,15 @@ def run(
     """The guided session on real indicators. With --simulated on a simulated machine."""
     from app.measuring.indicators import check_indicators, choose_indicators, simulated_indicators
     from app.measuring.plan import Plan, plan_to_continue, session_name
+    from drivers.motion import check_controller
     from protocols.machine import load_machine
     from protocols.motion import procedure_of
     from protocols.procedure import load_procedure, shuffled
     from protocols.record import read_record
 
     refuse_beside_continue(context)
+    if motion is not None:
+        check_controller(motion)
     known = load_machine(machine)
     chosen = choose_indicators(
         indicator or (), port or (), profile, machine=known, simulated=simulated
@@ -205,7 +214,7 @@ def _go_on(plan: Plan, until: float | None) -> None:
         measure(plan, headless=True)
 
 
-def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --simulated") -> None:
+def measure(plan: Plan, *, headless: bool, otherwise: str = WITHOUT_A_SCREEN) -> None:
     """On the screen, or ``otherwise``; unattended where a program moves the machine."""
     from app.measuring.opening import start_session
     from app.measuring.plan import QUICK_INTERVAL_S
@@ -223,8 +232,7 @@ def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --s
 
         raise typer.Exit(open_session(plan, LOOKS))
     if not (plan.simulated or plan.motion):
-        allowed = "--headless with --simulated or --motion"
-        raise UsageError("--headless", "real indicators", allowed)
+        raise UsageError("--headless", "real indicators", WITHOUT_A_SCREEN)
     quick = replace(plan, interval_s=QUICK_INTERVAL_S)
     with start_session(quick, partial(_ask, plan)) as guided:
         try:

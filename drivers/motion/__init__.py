@@ -13,15 +13,21 @@ from drivers.motion.linuxcnc import LinuxCnc
 CONTROLLERS: dict[str, type[Controller]] = {kind.name: kind for kind in (LinuxCnc, Grbl)}
 
 
-def controller_of(words: str, limits: Limits) -> Controller:
-    """The controller that ``NAME:ADDRESS`` names, not yet connected.
-
-    Raises UsageError for an unknown one, `ControllerFault` for coordinates that it does not take.
-    """
+def check_controller(words: str) -> None:
+    """Raises UsageError where the words are not ``NAME:ADDRESS`` of a known controller."""
     name, _, address = words.partition(":")
     if name not in CONTROLLERS or not address:
         allowed = " or ".join(f"{kind.name}:{kind.form}" for kind in CONTROLLERS.values())
         raise UsageError("--motion", repr(words), allowed)
+
+
+def controller_of(words: str, limits: Limits) -> Controller:
+    """The controller that ``NAME:ADDRESS`` names, not yet connected.
+
+    Raises as `check_controller`, `ControllerFault` for coordinates that it does not take.
+    """
+    check_controller(words)
+    name, _, address = words.partition(":")
     kind = CONTROLLERS[name]
     if kind.coordinates not in (None, limits.coordinates):
         raise ControllerFault(

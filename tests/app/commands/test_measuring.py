@@ -89,7 +89,11 @@ def test_a_seed_of_the_simulation_is_refused_beside_real_indicators(tmp_path: Pa
 @pytest.mark.parametrize(
     ("words", "status", "said"),
     [
-        ((*TWO, "--motion", "klipper:x"), 2, "nobody to ask"),
+        ((*TWO, "--motion", "klipper:x"), 2, "--motion: found 'klipper:x'. Allowed: linuxcnc:"),
+        ((*TWO, "--motion", "klipper:x", "--dry-run"), 2, "--motion: found 'klipper:x'"),
+        ((*TWO, "--motion", "", "--headless"), 2, "--motion: found ''. Allowed: linuxcnc:HOST"),
+        ((*TWO, "--motion", ""), 2, "--motion: found ''. Allowed: linuxcnc:HOST:PORT or grbl:"),
+        (TWO, 2, "Allowed: a terminal, or --headless with --simulated or --motion"),
         ((*TWO, "--motion", "linuxcnc:localhost:1"), 2, "nobody to ask"),
         ((*TWO, "--motion", "linuxcnc:localhost:1", "--headless"), 2, "nobody to ask"),
         (("--simulated", "--motion", "linuxcnc:localhost:1"), 2, "simulated machine"),

@@ -303,8 +303,8 @@ def _forget_typed() -> None:
     except ImportError:  # Windows
         import msvcrt
 
-        while msvcrt.kbhit():  # type: ignore[attr-defined]
-            msvcrt.getwch()  # type: ignore[attr-defined]
+        while msvcrt.kbhit():  # type: ignore[attr-defined]  # typeshed: on Windows only
+            msvcrt.getwch()  # type: ignore[attr-defined]  # typeshed: on Windows only
     else:
         with suppress(termios.error, OSError, ValueError):  # no terminal
             termios.tcflush(sys.stdin, termios.TCIFLUSH)

@@ -144,8 +144,8 @@ class Exchange:
             outcome = self.outcome()
             if form == self._form or not isinstance(outcome, IndicatorReading):
                 return outcome
-        advice = "answers of different length: bytes are lost, check cable, plugs and speed"
-        return Fault(FaultKind.PARTIAL_LINE, outcome.text, advice)
+        message = "answers of different length: bytes are lost, check cable, plugs and speed"
+        return Fault(FaultKind.PARTIAL_LINE, outcome.text, message)
 
     def outcome(self) -> Outcome:
         """One exchange at the device's pace, repeated while the device says that it is busy."""
@@ -182,8 +182,8 @@ class Exchange:
             if self._pending:
                 self._unanswered(self._silence())
             self.ready_at = self._now() + REOPEN_S
-            advice = f"port {self.port} is gone: check the cable ({problem})"
-            return Fault(FaultKind.DISCONNECTED, "", advice)
+            message = f"port {self.port} is gone: check the cable ({problem})"
+            return Fault(FaultKind.DISCONNECTED, "", message)
 
     def _question(self, port: serial.Serial) -> Outcome:
         self._received = b""
@@ -234,8 +234,8 @@ class Exchange:
             return
         if len(heard) > FLOOD:
             self._received, self._begun_before = b"", True
-            advice = "the device sends without end: wrong device on this port, or wrong speed?"
-            self._doubt(Fault(FaultKind.SENDS_UNASKED, "", advice), APART_S)
+            message = "the device sends without end: wrong device on this port, or wrong speed?"
+            self._doubt(Fault(FaultKind.SENDS_UNASKED, "", message), APART_S)
             return
         self._leave_flood()
         *lines, remainder = (self._received + heard).replace(b"\n", b"\r").split(b"\r")
@@ -269,12 +269,12 @@ class Exchange:
             silence_s = APART_S if by_itself else AFTER_LATE * self.profile.timeout_s
             fault = self._fault if owed else _unasked(unasked[-1])
             if owed and late:
-                advice = (
+                message = (
                     f"answers come later than {self.profile.timeout_s:g} s, too slow to tell old "
                     "from new: none is taken; check cable, radio link and what else asks this "
                     "indicator"
                 )
-                fault = Fault(FaultKind.TOO_SLOW, "", advice)
+                fault = Fault(FaultKind.TOO_SLOW, "", message)
             self._doubt(fault, silence_s)
             return
         (first, *later) = unasked
@@ -339,13 +339,13 @@ class Exchange:
         received, self._received = self._received, b""
         text = received.decode("latin-1")
         if looks_like_parity(received):
-            advice = "the bytes carry a parity bit: set 7 data bits, even parity on this port"
-            return Fault(FaultKind.WRONG_PARITY, text, advice)
+            message = "the bytes carry a parity bit: set 7 data bits, even parity on this port"
+            return Fault(FaultKind.WRONG_PARITY, text, message)
         if received.strip(b"\x00\r\n"):
-            advice = "the answer broke off: check cable, speed and line settings"
-            return Fault(FaultKind.PARTIAL_LINE, text, advice)
-        advice = f"no answer within {self.profile.timeout_s:g} s: is it switched on and connected?"
-        return Fault(FaultKind.NO_ANSWER, "", advice)
+            message = "the answer broke off: check cable, speed and line settings"
+            return Fault(FaultKind.PARTIAL_LINE, text, message)
+        message = f"no answer within {self.profile.timeout_s:g} s: is it switched on and connected?"
+        return Fault(FaultKind.NO_ANSWER, "", message)
 
 
 def looks_like_parity(received: bytes) -> bool:

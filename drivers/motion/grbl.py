@@ -193,8 +193,8 @@ class Grbl(Controller):
                 if not line.startswith(("Grbl", "grbl", "[MSG", "ok")):
                     sample = line
         value = f"{sample[:60]!r}" if sample else "no answer"
-        expectation, next_step = "a status report of grbl", "Is another device at this port?"
-        raise self.fault(MotionFault.STRANGER, value, expectation, next_step)
+        requirement, next_step = "a status report of grbl", "Is another device at this port?"
+        raise self.fault(MotionFault.STRANGER, value, requirement, next_step)
 
     def _identify(self) -> None:
         answers = self._done("$I")

@@ -166,9 +166,9 @@ class LinuxCnc(Controller):
         return self.fault(MotionFault.REFUSED, value, next_step=next_step)
 
     def _stranger(self, answer: str) -> ControllerFault:
-        expectation = "what linuxcncrsh answers"
+        requirement = "what linuxcncrsh answers"
         value = repr(answer[:60])
-        return self.fault(MotionFault.STRANGER, value, expectation, "Is it another program?")
+        return self.fault(MotionFault.STRANGER, value, requirement, "Is it another program?")
 
     def ready(self) -> tuple[str, ...]:
         """What is right, in the controller's own words."""
@@ -179,8 +179,8 @@ class LinuxCnc(Controller):
             if not states or len(set(states)) != 1 or states[0] not in ready_states:
                 next_step = f"At the controller: {otherwise}."
                 value = f"{name} {' '.join(states)}"
-                expectation = f"{name} {' or '.join(ready_states)}"
-                raise self.fault(MotionFault.NOT_READY, value, expectation, next_step)
+                requirement = f"{name} {' or '.join(ready_states)}"
+                raise self.fault(MotionFault.NOT_READY, value, requirement, next_step)
             facts.append(f"{name} {' '.join(states)}")
         self._errors()  # of before
         self._in_control(self._get("enable"))
@@ -197,8 +197,8 @@ class LinuxCnc(Controller):
         if (kinematics == IDENTITY) != identity:
             takes = "joint" if kinematics == IDENTITY else "tool"
             value = f"kinematics_type {kinematics}: it takes {takes} coordinates"
-            expectation = f'mdi = "{self.limits.coordinates}", as the machine file says'
-            raise self.fault(MotionFault.STRANGER, value, expectation, "Correct one of the two.")
+            requirement = f'mdi = "{self.limits.coordinates}", as the machine file says'
+            raise self.fault(MotionFault.STRANGER, value, requirement, "Correct one of the two.")
         return f"kinematics_type {kinematics}"
 
     def _in_control(self, enable: str) -> None:
@@ -432,9 +432,9 @@ class LinuxCnc(Controller):
         return self.fault(MotionFault.LOST, why)
 
     def _not_understood(self, answer: str) -> ControllerFault:
-        expectation = "what linuxcncrsh answers"
+        requirement = "what linuxcncrsh answers"
         value = repr(answer[:60])
-        return self.fault(MotionFault.LOST, value, expectation, "Is it another program?")
+        return self.fault(MotionFault.LOST, value, requirement, "Is it another program?")
 
 
 def _short(states: str) -> str:

@@ -262,7 +262,7 @@ class _Screen:
         """About a model of the session."""
         visited = cells.visited
         root = np.sqrt(_even_mm2(cells))
-        spread = cells.case.tolerance_mm
+        spread = cells.case.spread_mm
         derivatives = design_of(model, visited, range(BASE), ()) * spread
         expected = (np.array(cells.case.model.parameters_mm) - model.parameters_mm) / spread
         zeros = np.hstack([incidence(visited.mount), tilts(visited)])

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Conditions, FloatArray, numbered
+from calib.arrays import LEG_NAMES, Conditions, FloatArray, numbered
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
 from calib.tripod.effects.candidates import Candidate, Share, candidates_together
 from calib.tripod.effects.drives import StraightnessOfFourthOrder, effects_of
@@ -101,7 +101,7 @@ def library(
     found = []
     for candidate in candidates_together(sessions, tuple(dict.fromkeys(every))):
         nameless = candidate.kind == Kind.EMPIRICAL or candidate.id == "straightness_fourth"
-        if nameless and candidate.arrangement != "one":
+        if nameless and not at_one_place(candidate):
             continue
         kind = "nameless" if nameless else "named" if candidate.id in known else "beside"
         unit = np.array([parameter.tolerance for parameter in candidate.parameters])
@@ -109,6 +109,11 @@ def library(
     found += _axes_together(found)
     found.append(Component(ELSE, "all", ELSE, np.full(1, ELSE_UNIT_MM), None))
     return _with_priors(found)
+
+
+def at_one_place(candidate: Candidate) -> bool:
+    """Whether a law acts at one place; both directions across a drive are one."""
+    return candidate.arrangement == "one" or candidate.where in LEG_NAMES
 
 
 def _axes_together(every: Sequence[Component]) -> list[Component]:

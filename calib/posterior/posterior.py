@@ -16,7 +16,7 @@ import numpy as np
 from calib.arrays import FloatArray, IntArray
 from calib.errors import NotIdentifiable
 from calib.posterior.labels import Beside, Mistake, Solved, with_mistakes
-from calib.posterior.library import ELSE, Component, library, something_else
+from calib.posterior.library import ELSE, Component, at_one_place, library, something_else
 from calib.posterior.race import LIGHTEST, Entry, Products, Race
 from calib.posterior.readings import (
     LENGTHS,
@@ -303,6 +303,13 @@ class _Problem:
         models = _with_common_lengths([cells.model for cells in sessions])
         taken = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
         components = library(taken, effects)
+        if not any(component.candidate for component in components):
+            raise NotIdentifiable(
+                "readings",
+                "no two postures of one mounting",
+                "readings of one indicator in two postures or more",
+                "Move the machine and read the indicator again.",
+            )
         rows, placed, blocks = _linear(sessions, models, components)
         own = _of_postures(sessions, len(rows.residual))
         every = []
@@ -331,7 +338,7 @@ class _Problem:
         return tuple(
             k
             for k, component in enumerate(self.components)
-            if component.candidate and component.candidate.arrangement == "one"
+            if component.candidate and at_one_place(component.candidate)
         )
 
     @cached_property
@@ -373,12 +380,17 @@ class _Problem:
         result = Posterior(self.sessions, self.components, tuple(models), field)
         constant = self.rows.log_constant
         plain = next((one for one in entries if not one.members), Entry((), (), -math.inf))
-        heaviest = [plain, *[one for one in entries if one.members][:MOST_BESIDE]]
+        # something else explains any mistake away
+        named = [one for one in entries if one.members and not self._else(one)]
+        heaviest = [plain, *named[:MOST_BESIDE]]
         beside = [
             [Beside(one.log_weight + constant, self._beside(number, one)) for one in heaviest]
             for number in range(len(self.sessions))
         ]
         return Solved(result, log_evidence + constant, beside)
+
+    def _else(self, entry: Entry) -> bool:
+        return any(self.components[k].id == ELSE for k in entry.members)
 
     def _beside(self, number: int, entry: Entry) -> FloatArray:
         """Columns ``(n_cells, r)`` of a model in a session, each of the size that it expects."""

@@ -64,6 +64,11 @@ class Case:
     indicator: IndicatorFigures
     tolerance_mm: FloatArray
 
+    @property
+    def spread_mm(self) -> FloatArray:
+        """Those standard deviations ``(6,)``; a tolerance of 0 is a value known as it stands."""
+        return np.maximum(self.tolerance_mm, FINEST_MM)
+
 
 @dataclass(frozen=True, eq=False)
 class Cells:
@@ -139,7 +144,7 @@ class Cells:
     def model(self) -> Model:
         """Base parameters fitted within their tolerances. Raises NotIdentifiable."""
         case = self.case
-        return prior_fit(case.model, self.means, 1.0 / self.variance_mm2, case.tolerance_mm).model
+        return prior_fit(case.model, self.means, 1.0 / self.variance_mm2, case.spread_mm).model
 
     def whitened(self, rows: FloatArray) -> FloatArray:
         """Rows ``(n_cells, ...)`` made independent, of unit variance, less the best zeros."""
@@ -374,7 +379,7 @@ def rows_of(
         sum(map(len, parts)),
         base_of([model.parameters_mm for model in models]),
         base_of([cells.case.model.parameters_mm for cells in sessions]),
-        base_of([cells.case.tolerance_mm for cells in sessions]),
+        base_of([cells.case.spread_mm for cells in sessions]),
         free,
         freedom,
         sum(cells.excess for cells in sessions),

@@ -51,6 +51,12 @@ PRIOR = {
 WILD_OCTAVES = math.log(1000.0)
 """A reading that is wrong is off by anything between 10 µm and 10 mm, each octave alike."""
 
+LEAST = {"first_take": 6.0, "wild_reading": 13.0, "stand_slip": 8.0}
+"""Standard deviations of a reading from which on it is a mistake: less is in the tail of noise.
+
+Of Student's t with 3 degrees of freedom one of 60 readings is beyond 13 in one session of thirty.
+"""
+
 MOST = 3
 """Mistakes of one session that are looked for together."""
 
@@ -60,6 +66,9 @@ RACED = 4
 
 DOUBTED = 5.0
 """Of log evidence below the best: what is less likely than that is not tried."""
+
+BENDS = 40.0
+"""The same where derivatives are far from where the readings would be without the mistake."""
 
 FITS = 1.0
 """Standard deviations of the square sum above what noise leaves up to which labels fit."""
@@ -156,8 +165,12 @@ def _tables(visited: Observations) -> Iterator[_Exchange]:
                 ]
                 if pairs[0] and pairs[1]:
                     where = LEG_NAMES[a] + "," + LEG_NAMES[b]
-                    both = [np.concatenate(rows) for rows in zip(*pairs, strict=True)]  # type: ignore[arg-type]
-                    yield _Exchange("legs_exchanged", where, f"their tables exchanged{at}", *both)
+                    here, there = (
+                        np.concatenate([one, other])
+                        for one, other in zip(pairs[0], pairs[1], strict=True)
+                    )
+                    title = f"their tables exchanged{at}"
+                    yield _Exchange("legs_exchanged", where, title, here, there)
 
 
 def _matched(
@@ -211,12 +224,11 @@ def _pairs(
         here, there = np.flatnonzero(level == one), np.flatnonzero(level == other)
         count = min(len(here), len(there))
         # of a first or last visit more than the others have, either may be the one that is right
-        for i, j in {
-            (tuple(here[:count]), tuple(there[:count])),
-            (tuple(here[-count:]), tuple(there[-count:])),
-        }:
-            words = " and ".join(visited.posture_words(int(rows[k])) for k in (i[0], j[0]))
-            yield np.array(i), np.array(j), f"{words} exchanged in all cycles"
+        words = " and ".join(visited.posture_words(int(rows[k[0]])) for k in (here, there))
+        for k in {0, len(here) - count}:
+            for m in {0, len(there) - count}:
+                title = f"{words} exchanged in all cycles"
+                yield here[k : k + count], there[m : m + count], title
 
 
 def place_of(observed: Observations, rows: IntArray) -> str:
@@ -322,12 +334,17 @@ def suspects(cells: Cells, beside: Sequence[Beside], log_evidence: float) -> lis
             whole = one.log_weight + score
             if key not in scored or scored[key][0] < whole:
                 scored[key] = (whole, mistake)
-    likely = [each for each in scored.values() if each[0] > log_evidence - DOUBTED]
-    likely = sorted(likely, key=lambda each: -each[0])[:TRIED]
-    if len(likely) <= RACED:
-        return [mistake for _, mistake in likely]
-    fitted = [(max(score, beside[0].log_weight + _gain(cells, m)), m) for score, m in likely]
-    return [mistake for _, mistake in sorted(fitted, key=lambda each: -each[0])[:RACED]]
+    best = max((score for score, _ in scored.values()), default=-math.inf)
+    bar = max(log_evidence, best) - BENDS
+    likely = sorted((one for one in scored.values() if one[0] > bar), key=lambda each: -each[0])
+    fitted = [
+        (max(score, beside[0].log_weight + _gain(cells, mistake)), mistake)
+        for score, mistake in likely[:TRIED]
+    ]
+    best = max((score for score, _ in fitted), default=-math.inf)
+    bar = max(log_evidence, best - DOUBTED) - DOUBTED
+    fitted = sorted((one for one in fitted if one[0] > bar), key=lambda each: -each[0])
+    return [mistake for _, mistake in fitted[:RACED]]
 
 
 def _gain(cells: Cells, mistake: Mistake) -> float:
@@ -389,11 +406,16 @@ def _apart(screen: _Screen, left: FloatArray, square: float) -> Iterator[tuple[f
             ("wild_reading", place_of(visited, np.array([row])), title, [np.array([row])], count)
         )
     stands = numbered(visited.leg[first], visited.station[first], visited.over_plane[first])
-    for members in rows_of(stands):
-        where = TOUCHED_LETTERS[visited.leg[first[members[0]]]]
-        groups.append(("first_take", where, _FIRST, [np.array([row]) for row in first[members]], 3))
-    if stands.max(initial=0):
-        groups.append(("first_take", "all", _FIRST, [np.array([row]) for row in first], 3))
+    taken = {
+        tuple(first[members].tolist())
+        for key in (stands, visited.leg[first], np.zeros_like(first))
+        for members in rows_of(numbered(key))
+    }
+    for members in sorted(taken):
+        legs = {TOUCHED_LETTERS[leg] for leg in visited.leg[list(members)].tolist()}
+        where = legs.pop() if len(legs) == 1 else "all"
+        each = [np.array([row]) for row in members]
+        groups.append(("first_take", where, _FIRST, each, len(taken)))
     for rows in visited.mountings:
         groups += [
             (
@@ -411,10 +433,12 @@ def _apart(screen: _Screen, left: FloatArray, square: float) -> Iterator[tuple[f
             columns[rows, k] = 1.0 / root[rows]
         columns -= screen.basis @ (screen.basis.T @ columns)
         inner = columns.T @ columns
-        size, axes = np.linalg.eigh(inner)
+        size = np.linalg.eigvalsh(inner)
         if size[0] < 1e-6 / float(root.max()) ** 2:
             continue
         off_mm = np.linalg.solve(inner, columns.T @ left)
+        if np.abs(off_mm).max() < LEAST[name] * np.median(root):
+            continue
         after = square - float(off_mm @ inner @ off_mm)
         more = screen.log_likelihood(after, screen.freedom - len(moved))
         more = more - screen.log_likelihood(square)

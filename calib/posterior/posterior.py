@@ -13,7 +13,7 @@ from calib.arrays import FloatArray, IntArray
 from calib.errors import NotIdentifiable
 from calib.posterior.library import ELSE, Component, library, something_else
 from calib.posterior.labels import Beside, Mistake, Solved, with_mistakes
-from calib.posterior.race import LIGHTEST, Entry, Products, Race
+from calib.posterior.race import LIGHTEST, LOG_CAUSES, Entry, Products, Race
 from calib.posterior.readings import (
     LENGTHS,
     Case,
@@ -313,7 +313,9 @@ class _Builder:
             race.products.inner,
         )
         constant = rows.log_constant
-        plain = next((one for one in entries if not one.members), Entry((), (), -math.inf))
+        nothing = race.products
+        log_plain = race.log_evidence(np.array(nothing.square), np.array(nothing.room))
+        plain = Entry((), (), float(LOG_CAUSES[0] + log_plain))
         heaviest = [plain, *[one for one in entries if one.members][:MOST_BESIDE]]
         beside = [
             [Beside(one.log_weight + constant, self._beside(number, one)) for one in heaviest]

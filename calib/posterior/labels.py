@@ -61,14 +61,14 @@ MOST = 3
 """Mistakes of one session that are looked for together."""
 
 TRIED = 12
-"""Mistakes that are fitted, of which `RACED` are compared with all that may be true."""
+"""Mistakes that are likely enough, of which `RACED` are compared with all that may be true."""
 RACED = 4
 
 DOUBTED = 5.0
 """Of log evidence below the best: what is less likely than that is not tried."""
 
-BENDS = 40.0
-"""The same where derivatives are far from where the readings would be without the mistake."""
+FITTED = 6
+"""Exchanges that are fitted in any case: derivatives are far from where the labels are right."""
 
 FITS = 1.0
 """Standard deviations of the square sum above what noise leaves up to which labels fit."""
@@ -209,26 +209,43 @@ def _pairs(
     visited: Observations, rows: IntArray, cycle: IntArray, level: IntArray
 ) -> Iterator[tuple[IntArray, IntArray, str]]:
     """Places in a mounting whose values may be exchanged, and words for it."""
-    for number in np.unique(cycle).tolist():
-        mine = np.flatnonzero(cycle == number)
+    cycles = [np.flatnonzero(cycle == number) for number in np.unique(cycle)]
+    pairs: dict[tuple[tuple[int, ...], tuple[int, ...]], str] = {}
+
+    def add(here: Sequence[int], there: Sequence[int], when: str) -> None:
+        words = " and ".join(visited.posture_words(int(rows[k])) for k in (here[0], there[0]))
+        pairs.setdefault((tuple(here), tuple(there)), f"{words} exchanged in {when}")
+
+    for mine in cycles:
+        when = f"cycle {cycle[mine[0]]}"
         near = 1 if len(mine) > VISITS_OF_CYCLE else len(mine)
-        for first, i in enumerate(mine):
-            for j in mine[first + 1 : first + 1 + near]:
+        for first, i in enumerate(mine.tolist()):
+            for j in mine[first + 1 : first + 1 + near].tolist():
                 if level[i] != level[j]:
-                    words = " and ".join(visited.posture_words(int(rows[k])) for k in (i, j))
-                    title = f"{words} exchanged in cycle {number}"
-                    yield np.array([i]), np.array([j]), title
-    if len(np.unique(cycle)) == 1 or len(np.unique(level)) > VISITS_OF_CYCLE:
-        return
-    for one, other in combinations(np.unique(level).tolist(), 2):
-        here, there = np.flatnonzero(level == one), np.flatnonzero(level == other)
-        count = min(len(here), len(there))
-        # of a first or last visit more than the others have, either may be the one that is right
-        words = " and ".join(visited.posture_words(int(rows[k[0]])) for k in (here, there))
-        for k in {0, len(here) - count}:
-            for m in {0, len(there) - count}:
-                title = f"{words} exchanged in all cycles"
-                yield here[k : k + count], there[m : m + count], title
+                    add([i], [j], when)
+    levels = np.unique(level).tolist()
+    for one, other in combinations(levels if len(levels) <= VISITS_OF_CYCLE else [], 2):
+        for last in (False, True):
+            each = [_paired(mine, level[mine], one, other, last=last) for mine in cycles]
+            for k, (here, there) in enumerate(each):
+                if here:
+                    add(here, there, f"cycle {cycle[cycles[k][0]]}")
+            every = [[i for pair in each for i in pair[side]] for side in range(2)]
+            if every[0]:
+                add(*every, "all cycles")
+    for (here, there), title in pairs.items():
+        yield np.array(here), np.array(there), title
+
+
+def _paired(
+    places: IntArray, level: IntArray, one: int, other: int, *, last: bool
+) -> tuple[list[int], list[int]]:
+    """Visits of two postures in a cycle, as many of each; of more the first or the last."""
+    here, there = places[level == one], places[level == other]
+    count = min(len(here), len(there))
+    if last:
+        return here[len(here) - count :].tolist(), there[len(there) - count :].tolist()
+    return here[:count].tolist(), there[:count].tolist()
 
 
 def place_of(observed: Observations, rows: IntArray) -> str:
@@ -334,12 +351,13 @@ def suspects(cells: Cells, beside: Sequence[Beside], log_evidence: float) -> lis
             whole = one.log_weight + score
             if key not in scored or scored[key][0] < whole:
                 scored[key] = (whole, mistake)
-    best = max((score for score, _ in scored.values()), default=-math.inf)
-    bar = max(log_evidence, best) - BENDS
-    likely = sorted((one for one in scored.values() if one[0] > bar), key=lambda each: -each[0])
+    ordered = sorted(scored.values(), key=lambda each: -each[0])
+    moved = [one for one in ordered if one[1].id not in LEAST]
+    likely = [one for one in ordered if one[0] > log_evidence - DOUBTED][:TRIED]
+    likely += [one for one in moved[:FITTED] if one not in likely]
     fitted = [
         (max(score, beside[0].log_weight + _gain(cells, mistake)), mistake)
-        for score, mistake in likely[:TRIED]
+        for score, mistake in likely
     ]
     best = max((score for score, _ in fitted), default=-math.inf)
     bar = max(log_evidence, best - DOUBTED) - DOUBTED
@@ -348,7 +366,9 @@ def suspects(cells: Cells, beside: Sequence[Beside], log_evidence: float) -> lis
 
 
 def _gain(cells: Cells, mistake: Mistake) -> float:
-    """Log likelihood that a mistake adds in its own plain fit, its prior included."""
+    """Log likelihood that an exchange adds in its own plain fit, its prior included."""
+    if mistake.id in LEAST:
+        return -math.inf
     square = []
     for each in (cells, Cells.of_visits(cells.case, mistake.visited)):
         try:

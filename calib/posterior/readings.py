@@ -97,10 +97,10 @@ class Cells:
     def of_visits(cls, case: Case, visited: Observations) -> Cells:
         """Group visits, which need not be those of the session as it is written."""
         cell, serial, excess, weight = visited.cell, 0.0, 0.0, np.ones(len(visited))
-        repeats = Repeats.of(visited)
+        repeats = Repeats.of(visited, steady=True)
         floor_mm2 = case.indicator.display_mm**2 / 12.0
         apart = np.array(disagreeing(repeats, floor_mm2), dtype=np.intp)
-        noise = reading_noise(visited, case.indicator, apart.tolist())
+        noise = reading_noise(visited, case.indicator, apart.tolist(), steady=True)
         if noise is None:  # equal weights: what the model leaves tells the variance
             centred = without_zeros(visited, visited.averaged, visited.value_mm)
             scatter = max(1e-4 * float((centred**2).mean()), 1e-8) / visited.averaged

@@ -9,9 +9,11 @@ leave the same readings have equal evidence: both come back, and neither alone i
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
+from functools import cache
+from itertools import combinations, islice, product
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -40,7 +42,7 @@ PRIOR = {
     "wild_reading": 0.003,
     "stand_slip": 0.003,
     "gauge_swap": 0.003,
-    "legs_exchanged": 0.003,
+    "legs_exchanged": 0.001,
     "tables_exchanged": 0.001,
     "postures_exchanged": 0.003,
     "gauge_sign": 0.003,
@@ -67,14 +69,20 @@ RACED = 4
 DOUBTED = 5.0
 """Of log evidence below the best: what is less likely than that is not tried."""
 
+ROUGH = 20.0
+"""The same below no mistake: how far an exchange beside the plain model alone may be off."""
+
 FITTED = 6
 """Exchanges that are fitted in any case: derivatives are far from where the labels are right."""
 
 FITS = 1.0
 """Standard deviations of the square sum above what noise leaves up to which labels fit."""
 
-MOST_VALUES = 2_000_000
+MOST_VALUES = 4_000_000
 """Values of exchanges that are held at once."""
+
+BENT = 50.0
+"""Square sum, for each degree of freedom, from which on derivatives may be too far away."""
 
 VISITS_OF_CYCLE = 16
 """Of cycles of more visits only neighbours are tried as exchanged."""
@@ -117,13 +125,13 @@ class _Exchange:
 def exchanges(visited: Observations) -> Iterator[_Exchange]:
     """Every exchange of labels: of indicators, legs, tables, postures; sign and unit."""
     yield from _tables(visited)
-    yield from _postures(visited)
     moved = np.abs(without_means(visited.mount, visited.averaged, visited.value_mm))
     for where, rows in _groups(visited):
         if moved[rows].max() > 1e-9:  # a factor would change zeros of mountings only
             yield _Exchange("gauge_sign", where, "sign reversed", rows, rows, -1.0)
             yield _Exchange("unit_mixup", where, "inch recorded as mm", rows, rows, INCH_MM)
             yield _Exchange("unit_mixup", where, "mm recorded as inch", rows, rows, 1.0 / INCH_MM)
+    yield from _postures(visited)
 
 
 def _groups(visited: Observations) -> list[tuple[str, IntArray]]:
@@ -169,7 +177,8 @@ def _tables(visited: Observations) -> Iterator[_Exchange]:
                         np.concatenate([one, other])
                         for one, other in zip(pairs[0], pairs[1], strict=True)
                     )
-                    title = f"their tables exchanged{at}"
+                    swapped = f"{LEG_NAMES[third]} with {LEG_NAMES[axes[1]]}"
+                    title = f"their tables exchanged{at}, axis {swapped}"
                     yield _Exchange("legs_exchanged", where, title, here, there)
 
 
@@ -209,43 +218,42 @@ def _pairs(
     visited: Observations, rows: IntArray, cycle: IntArray, level: IntArray
 ) -> Iterator[tuple[IntArray, IntArray, str]]:
     """Places in a mounting whose values may be exchanged, and words for it."""
-    cycles = [np.flatnonzero(cycle == number) for number in np.unique(cycle)]
+    cycles = {
+        f"cycle {number}": np.flatnonzero(cycle == number) for number in np.unique(cycle).tolist()
+    }
     pairs: dict[tuple[tuple[int, ...], tuple[int, ...]], str] = {}
-
-    def add(here: Sequence[int], there: Sequence[int], when: str) -> None:
-        words = " and ".join(visited.posture_words(int(rows[k])) for k in (here[0], there[0]))
-        pairs.setdefault((tuple(here), tuple(there)), f"{words} exchanged in {when}")
-
-    for mine in cycles:
-        when = f"cycle {cycle[mine[0]]}"
+    for when, mine in cycles.items():
         near = 1 if len(mine) > VISITS_OF_CYCLE else len(mine)
-        for first, i in enumerate(mine.tolist()):
-            for j in mine[first + 1 : first + 1 + near].tolist():
-                if level[i] != level[j]:
-                    add([i], [j], when)
+        places = combinations(range(len(mine)), 2)
+        pairs |= {
+            ((int(mine[i]),), (int(mine[j]),)): when
+            for i, j in places
+            if j - i <= near and level[mine[i]] != level[mine[j]]
+        }
     levels = np.unique(level).tolist()
-    for one, other in combinations(levels if len(levels) <= VISITS_OF_CYCLE else [], 2):
-        for last in (False, True):
-            each = [_paired(mine, level[mine], one, other, last=last) for mine in cycles]
-            for k, (here, there) in enumerate(each):
-                if here:
-                    add(here, there, f"cycle {cycle[cycles[k][0]]}")
-            every = [[i for pair in each for i in pair[side]] for side in range(2)]
-            if every[0]:
-                add(*every, "all cycles")
-    for (here, there), title in pairs.items():
-        yield np.array(here), np.array(there), title
+    some = combinations(levels if len(levels) <= VISITS_OF_CYCLE else [], 2)
+    for (one, other), last in product(some, (False, True)):
+        each = {
+            when: _paired(mine, level[mine], one, other, last=last) for when, mine in cycles.items()
+        }
+        here, there = (tuple(i for pair in each.values() for i in pair[side]) for side in range(2))
+        for when, pair in ({**each, "all cycles": (here, there)}).items():
+            if pair[0]:
+                pairs.setdefault(pair, when)
+    for (here, there), when in pairs.items():
+        words = " and ".join(visited.posture_words(int(rows[k])) for k in (here[0], there[0]))
+        yield np.array(here), np.array(there), f"{words} exchanged in {when}"
 
 
 def _paired(
     places: IntArray, level: IntArray, one: int, other: int, *, last: bool
-) -> tuple[list[int], list[int]]:
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Visits of two postures in a cycle, as many of each; of more the first or the last."""
     here, there = places[level == one], places[level == other]
     count = min(len(here), len(there))
     if last:
-        return here[len(here) - count :].tolist(), there[len(there) - count :].tolist()
-    return here[:count].tolist(), there[:count].tolist()
+        here, there = here[len(here) - count :], there[len(there) - count :]
+    return tuple(here[:count].tolist()), tuple(there[:count].tolist())
 
 
 def place_of(observed: Observations, rows: IntArray) -> str:
@@ -344,25 +352,54 @@ def suspects(cells: Cells, beside: Sequence[Beside], log_evidence: float) -> lis
     except NotIdentifiable:
         model = cells.case.model
     scored: dict[tuple[str, str, str], tuple[float, Mistake]] = {}
+    moved: _Exchanged | None = None
+    bent = False
     for one in beside:
         screen = _Screen.of(cells, model, one.columns)
-        for score, mistake in _scores(cells, screen):
-            key = (mistake.id, mistake.where, mistake.title)
-            whole = one.log_weight + score
+        left = screen.left(cells.visited.value_mm[:, None])[:, 0]
+        square, free = float(left @ left), screen.freedom
+        scores = [*_apart(screen, left, square)]
+        if moved or square > free + FITS * math.sqrt(2.0 * free) or cells.noise is None:
+            moved = moved or _Exchanged.of(cells)
+            bent |= square > BENT * free
+            scores += _scores(moved, screen, square)
+        for score, mistake in scores:
+            key, whole = (mistake.id, mistake.where, mistake.title), one.log_weight + score
             if key not in scored or scored[key][0] < whole:
                 scored[key] = (whole, mistake)
     ordered = sorted(scored.values(), key=lambda each: -each[0])
-    moved = [one for one in ordered if one[1].id not in LEAST]
-    likely = [one for one in ordered if one[0] > log_evidence - DOUBTED][:TRIED]
-    likely += [one for one in moved[:FITTED] if one not in likely]
+    likely = [each for each in ordered if each[0] > log_evidence - DOUBTED]
+    if bent:
+        likely = _fitted(cells, ordered, likely, beside[0].log_weight, log_evidence)
+    best = likely[0][0] if likely else 0.0
+    return [mistake for score, mistake in likely if score > best - DOUBTED][:RACED]
+
+
+def _fitted(
+    cells: Cells,
+    ordered: Sequence[tuple[float, Mistake]],
+    likely: Sequence[tuple[float, Mistake]],
+    log_plain: float,
+    log_evidence: float,
+) -> list[tuple[float, Mistake]]:
+    """Those likely, and exchanges that are so by their own fit, the likeliest first.
+
+    Where the plain model leaves much, its derivatives are far from where the labels are right.
+    """
+    postures = [one for one in ordered if one[1].id == "postures_exchanged"]
+    tables = [one for one in ordered if one[1].id not in (*LEAST, "postures_exchanged")]
+    some = {id(mistake): (score, mistake) for score, mistake in likely[:TRIED]}
+    for score, mistake in (*tables[:FITTED], *postures[:FITTED]):
+        some.setdefault(id(mistake), (score, mistake))
     fitted = [
-        (max(score, beside[0].log_weight + _gain(cells, mistake)), mistake)
-        for score, mistake in likely
+        (max(score, log_plain + _gain(cells, mistake)), mistake) for score, mistake in some.values()
     ]
-    best = max((score for score, _ in fitted), default=-math.inf)
-    bar = max(log_evidence, best - DOUBTED) - DOUBTED
-    fitted = sorted((one for one in fitted if one[0] > bar), key=lambda each: -each[0])
-    return [mistake for _, mistake in fitted[:RACED]]
+    rough = {id(mistake) for _, mistake in tables}
+    return [
+        one
+        for one in sorted(fitted, key=lambda each: -each[0])
+        if one[0] > log_evidence - (ROUGH if id(one[1]) in rough else DOUBTED)
+    ]
 
 
 def _gain(cells: Cells, mistake: Mistake) -> float:
@@ -381,36 +418,46 @@ def _gain(cells: Cells, mistake: Mistake) -> float:
     return float(after - before) + mistake.log_prior
 
 
-def _scores(cells: Cells, screen: _Screen) -> Iterator[tuple[float, Mistake]]:
-    """Mistakes with the log likelihood that each adds, its prior included."""
-    left = screen.left(cells.visited.value_mm[:, None])[:, 0]
-    square = float(left @ left)
-    yield from _apart(screen, left, square)
-    if square > screen.freedom + FITS * math.sqrt(2.0 * screen.freedom) or cells.noise is None:
-        yield from _exchanged(screen, square)
+@dataclass(frozen=True, eq=False)
+class _Exchanged:
+    """Exchanges of a session that change what is read, and the values ``(n, k)`` of each."""
 
+    visited: Observations
+    every: list[_Exchange]
+    values_mm: FloatArray
+    names: Counter[str]
 
-def _exchanged(screen: _Screen, square: float) -> Iterator[tuple[float, Mistake]]:
-    visited = screen.visited
-    every = list(exchanges(visited))
-    names = [one.id for one in every]
-    squares = np.empty(len(every))
-    at_once = max(MOST_VALUES // max(len(visited), 1), 1)
-    for first in range(0, len(every), at_once):
-        some = every[first : first + at_once]
+    @classmethod
+    def of(cls, cells: Cells) -> _Exchanged:
+        """As many as can be held at once; those of whole tables come first."""
+        visited = cells.visited
+        some = list(islice(exchanges(visited), MOST_VALUES // max(len(visited), 1)))
         values = np.column_stack([one.put_right(visited.value_mm) for one in some])
-        squares[first : first + at_once] = (screen.left(values) ** 2).sum(axis=0)
-    more = screen.log_likelihood(squares) - screen.log_likelihood(square)
-    for k in np.argsort(-more, kind="stable")[: 4 * TRIED].tolist():
-        one = every[k]
+        least_mm = LEAST["stand_slip"] * math.sqrt(float(np.median(_even_mm2(cells))))
+        changed = np.abs(values - visited.value_mm[:, None]).max(axis=0) > least_mm
+        every = [one for one, large in zip(some, changed.tolist(), strict=True) if large]
+        return cls(visited, every, values[:, changed], Counter(one.id for one in some))
+
+    @cache
+    def mistake(self, k: int) -> Mistake:
+        """The mistake that an exchange puts right."""
+        one, visited = self.every[k], self.visited
         rows = np.union1d(one.here, one.there)
-        log_prior = math.log(PRIOR[one.id] / names.count(one.id))
         # readings of a mounting but one: its zero is free whatever the unit
         free = len(rows) - len(np.unique(visited.mount[rows]))
+        log_prior = math.log(PRIOR[one.id] / self.names[one.id])
         log_prior += free * math.log(abs(one.factor))
-        right = replace(visited, value_mm=one.put_right(visited.value_mm))
-        mistake = Mistake(one.id, one.where, one.title, rows, right, log_prior)
-        yield float(more[k]) + log_prior, mistake
+        right = replace(visited, value_mm=self.values_mm[:, k])
+        return Mistake(one.id, one.where, one.title, rows, right, log_prior)
+
+
+def _scores(moved: _Exchanged, screen: _Screen, square: float) -> Iterator[tuple[float, Mistake]]:
+    """The exchanges that leave least, with the log likelihood that each adds, its prior included."""
+    squares = (screen.left(moved.values_mm) ** 2).sum(axis=0)
+    more = screen.log_likelihood(squares) - screen.log_likelihood(square)
+    for k in np.argsort(-more, kind="stable")[: 4 * TRIED].tolist():
+        mistake = moved.mistake(k)
+        yield float(more[k]) + mistake.log_prior, mistake
 
 
 def _apart(screen: _Screen, left: FloatArray, square: float) -> Iterator[tuple[float, Mistake]]:

@@ -184,7 +184,7 @@ class Cells:
         """Of each mounting its cells, and the Cholesky root of the covariance of their means."""
         shared = self.noise.quantisation_mm2(self.means) if self.noise else np.zeros(0)
         return [
-            (cells, np.linalg.cholesky(inverse @ inverse.T + np.diag(shared[cells])))
+            (cells, np.asarray(np.linalg.cholesky(inverse @ inverse.T + np.diag(shared[cells]))))
             for _, cells, _, inverse in _by_mounting(
                 self.visited, self.cell, self._counted_mm2, self.serial
             )
@@ -334,7 +334,7 @@ def rows_of(
     order: Sequence[Placed],
     widths: Sequence[int],
 ) -> Rows:
-    """The sessions about these models; ``placed`` are columns of effects in each, zero elsewhere."""
+    """The sessions about these models; ``placed`` are columns of effects in each, else zero."""
     count = len(sessions)
     width, total = LENGTHS + 3 * count, sum(widths)
     parts = []

@@ -234,15 +234,20 @@ def _visit_numbers(observed: Observations) -> IntArray:
 
 
 def reading_noise(
-    visited: Observations, indicator: IndicatorFigures, apart: Sequence[int] = ()
+    visited: Observations,
+    indicator: IndicatorFigures,
+    apart: Sequence[int] = (),
+    *,
+    steady: bool = False,
 ) -> Noise | None:
     """Noise from repeats where they tell something, else from the stated instrument, else None.
 
     The scatter of repeats is taken for each indicator, drift removed, and pooled but for those that
     scatter more than chance allows. Repeats that all agree say nothing: then the resolution
-    rules, stated or seen in the text of the readings. Rows that stand ``apart`` are no repeats.
+    rules, stated or seen in the text of the readings. Rows that stand ``apart`` are no repeats, a
+    ``steady`` drift is removed as in `Repeats.of`.
     """
-    repeats = Repeats.of(visited, apart)
+    repeats = Repeats.of(visited, apart, steady=steady)
     free = repeats.degrees_of_freedom
     step = indicator.display_mm
     squares = repeats.sums_of_squares(visited.value_mm[:, None])[:, 0]

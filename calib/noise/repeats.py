@@ -71,16 +71,20 @@ class Repeats:
     degrees_of_freedom: FloatArray
 
     @classmethod
-    def of(cls, visited: Observations, apart: Sequence[int] = ()) -> Repeats:
+    def of(
+        cls, visited: Observations, apart: Sequence[int] = (), *, steady: bool = False
+    ) -> Repeats:
         """The repeats among readings of `calib.noise.reading.visits`.
 
-        Rows that stand ``apart`` are repeats of nothing.
+        Rows that stand ``apart`` are repeats of nothing. Where a drift is ``steady``, a rate of
+        each mounting is removed in place of its cycles.
         """
         cell = set_apart(visited.cell, apart)
         leverage = visited.averaged / np.bincount(cell, visited.averaged)[cell]
         cycles: list[tuple[IntArray, FloatArray]] = []
         for rows in visited.mountings:
-            basis = _cycles_beside_cells(visited, rows, cell[rows])
+            drift = _rate if steady else _cycles
+            basis = _beside_cells(visited, rows, cell[rows], drift(visited, rows))
             cycles.append((rows, basis))
             leverage[rows] += (basis * basis).sum(axis=1)
         free = np.bincount(visited.indicator, 1.0 - leverage, visited.indicator_count)
@@ -113,12 +117,26 @@ def _without_cells(root: FloatArray, cell: IntArray, value: FloatArray) -> Float
     return root[:, None] * without_means(cell, root**2, value)
 
 
-def _cycles_beside_cells(visited: Observations, rows: IntArray, cell: IntArray) -> FloatArray:
-    """Orthonormal basis ``(n_rows, rank)`` of the cycles of a mounting, cell means taken out."""
-    cycle = numbered(visited.cycle[rows])
-    if not cycle.any():
+def _cycles(visited: Observations, rows: IntArray) -> FloatArray:
+    """Columns ``(n_rows, k)``, one for each cycle of a mounting but the first."""
+    return incidence(numbered(visited.cycle[rows]))[:, 1:]
+
+
+def _rate(visited: Observations, rows: IntArray) -> FloatArray:
+    """A column ``(n_rows, 1)`` of the time, of the order where no time is known."""
+    time_s = visited.time_s[rows]
+    known = np.isfinite(time_s).all() and np.ptp(time_s) > 0.0
+    clock = time_s - time_s[0] if known else np.arange(len(rows), dtype=np.float64)
+    return np.asarray(clock / max(float(np.ptp(clock)), 1.0))[:, None]
+
+
+def _beside_cells(
+    visited: Observations, rows: IntArray, cell: IntArray, columns: FloatArray
+) -> FloatArray:
+    """Orthonormal basis ``(n_rows, rank)`` of columns of a mounting, cell means taken out."""
+    if not columns.any():
         return np.zeros((len(rows), 0))
-    root, columns = np.sqrt(visited.averaged[rows]), incidence(cycle)[:, 1:]
+    root = np.sqrt(visited.averaged[rows])
     return basis_by_products(_without_cells(root, numbered(cell), columns))
 
 

@@ -9,15 +9,15 @@ leave the same readings have equal evidence: both come back, and neither alone i
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import combinations
+from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from calib.arrays import (
-    LEG_NAMES,
     TOUCHED_LETTERS,
     FloatArray,
     IntArray,
@@ -26,21 +26,20 @@ from calib.arrays import (
     numbered,
     rows_of,
     tilts,
-    without_means,
 )
 from calib.errors import NotIdentifiable
 from calib.identify.fit import design_of
+from calib.posterior.exchanges import Exchange, exchanges, place_of
 from calib.posterior.readings import BASE, Cells
 from calib.tripod.pipeline import Model
-
-INCH_MM = 25.4
 
 PRIOR = {
     "first_take": 0.02,
     "wild_reading": 0.003,
+    "label_error": 0.003,
     "stand_slip": 0.003,
     "gauge_swap": 0.003,
-    "legs_exchanged": 0.003,
+    "legs_exchanged": 0.001,
     "tables_exchanged": 0.001,
     "postures_exchanged": 0.003,
     "gauge_sign": 0.003,
@@ -48,27 +47,42 @@ PRIOR = {
 }
 """Of a session; shared by all places of a kind."""
 
-WILD_OCTAVES = math.log(1000.0)
+LEAST = {"first_take": 6.0, "wild_reading": 13.0, "label_error": 13.0, "stand_slip": 8.0}
+"""Standard deviations of a reading from which on it is a mistake: less is in the tail of noise.
+
+Of Student's t with 3 degrees of freedom one of 60 readings is beyond 13 in one session of thirty.
+"""
+
+LEAST_CHANGED = 8.0
+"""Standard deviations of a reading by which an exchange changes at least one."""
+
+LOG_RANGE = math.log(1000.0)
 """A reading that is wrong is off by anything between 10 µm and 10 mm, each octave alike."""
 
 MOST = 3
-"""Mistakes of one session that are looked for together."""
+"""Mistakes that are looked for together."""
 
 TRIED = 12
-"""Mistakes that are fitted, of which `RACED` are compared with all that may be true."""
+"""Mistakes that are likely enough, of which `RACED` are compared with all that may be true."""
 RACED = 4
 
 DOUBTED = 5.0
 """Of log evidence below the best: what is less likely than that is not tried."""
 
+ROUGH = 20.0
+"""The same below no mistake: how far an exchange beside the plain model alone may be off."""
+
 FITS = 1.0
 """Standard deviations of the square sum above what noise leaves up to which labels fit."""
 
-MOST_VALUES = 2_000_000
-"""Values of exchanges that are held at once."""
+BENT = 50.0
+"""Square sum, for each degree of freedom, from which on derivatives may be too far away."""
 
-VISITS_OF_CYCLE = 16
-"""Of cycles of more visits only neighbours are tried as exchanged."""
+FITTED = 6
+"""Exchanges of tables, and as many of postures, that are fitted then."""
+
+MOST_VALUES = 4_000_000
+"""Values of exchanges that are held at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,150 +101,6 @@ class Mistake:
 
 
 @dataclass(frozen=True, eq=False)
-class _Exchange:
-    """Values of rows ``here`` that belong to ``there``, and of ``there`` to ``here``; a factor."""
-
-    id: str
-    where: str
-    title: str
-    here: IntArray
-    there: IntArray
-    factor: float = 1.0
-
-    def put_right(self, value_mm: FloatArray) -> FloatArray:
-        """The values ``(n,)`` where they belong."""
-        right = value_mm.copy()
-        right[self.here] = self.factor * value_mm[self.there]
-        right[self.there] = self.factor * value_mm[self.here]
-        return right
-
-
-def exchanges(visited: Observations) -> Iterator[_Exchange]:
-    """Every exchange of labels: of indicators, legs, tables, postures; sign and unit."""
-    yield from _tables(visited)
-    yield from _postures(visited)
-    moved = np.abs(without_means(visited.mount, visited.averaged, visited.value_mm))
-    for where, rows in _groups(visited):
-        if moved[rows].max() > 1e-9:  # a factor would change zeros of mountings only
-            yield _Exchange("gauge_sign", where, "sign reversed", rows, rows, -1.0)
-            yield _Exchange("unit_mixup", where, "inch recorded as mm", rows, rows, INCH_MM)
-            yield _Exchange("unit_mixup", where, "mm recorded as inch", rows, rows, 1.0 / INCH_MM)
-
-
-def _groups(visited: Observations) -> list[tuple[str, IntArray]]:
-    """Rows that one indicator may have taken: a mounting, a place, one of the indicators."""
-    places = [*visited.mountings, *rows_of(numbered(visited.leg, visited.axis))]
-    groups = [(place_of(visited, rows), rows) for rows in places]
-    indicators = enumerate(rows_of(visited.indicator), start=1)
-    groups += [(f"indicator {number}", rows) for number, rows in indicators]
-    every = {tuple(rows.tolist()): (where, rows) for where, rows in reversed(groups)}
-    return [group for key, group in every.items() if len(key) < len(visited)]
-
-
-def _tables(visited: Observations) -> Iterator[_Exchange]:
-    """Tables of a leg and axis exchanged: two of a leg, of two legs, or all of two legs."""
-    stations = np.unique(visited.station[visited.leg >= 0]).tolist()
-    for of in ([stations] if len(stations) > 1 else []) + [[one] for one in stations]:
-        there = np.isin(visited.station, of) & ~visited.over_plane
-        at = "" if len(of) == len(stations) else f" at station {of[0]:g}"
-        tables = {
-            (leg, axis): np.flatnonzero(there & (visited.leg == leg) & (visited.axis == axis))
-            for leg in range(3)
-            for axis in range(3)
-            if leg != axis
-        }
-        for one, other in combinations(tables, 2):
-            pair = _matched(visited, tables[one], tables[other])
-            if pair and one[0] == other[0]:
-                where = LEG_NAMES[one[0]]
-                yield _Exchange("gauge_swap", where, f"indicators exchanged{at}", *pair)
-            elif pair:
-                where = ",".join(LEG_NAMES[leg] + LEG_NAMES[axis] for leg, axis in (one, other))
-                yield _Exchange("tables_exchanged", where, f"their tables exchanged{at}", *pair)
-        for a, b in combinations(range(3), 2):
-            third = 3 - a - b
-            for axes in ((a, third), (third, a)):
-                pairs = [
-                    _matched(visited, tables[a, axis], tables[b, other])
-                    for axis, other in zip((b, third), axes, strict=True)
-                ]
-                if pairs[0] and pairs[1]:
-                    where = LEG_NAMES[a] + "," + LEG_NAMES[b]
-                    both = [np.concatenate(rows) for rows in zip(*pairs, strict=True)]  # type: ignore[arg-type]
-                    yield _Exchange("legs_exchanged", where, f"their tables exchanged{at}", *both)
-
-
-def _matched(
-    visited: Observations, one: IntArray, other: IntArray
-) -> tuple[IntArray, IntArray] | None:
-    """Rows of two tables with the same postures in the same cycles; None where these differ."""
-    if not len(one) or len(one) != len(other):
-        return None
-    keys = [(visited.cycle[rows], visited.level[rows]) for rows in (one, other)]
-    first, second = (np.lexsort(key) for key in keys)
-    for k in range(2):
-        if not np.array_equal(keys[0][k][first], keys[1][k][second]):
-            return None
-    return one[first], other[second]
-
-
-def _postures(visited: Observations) -> Iterator[_Exchange]:
-    """Two visits of a cycle, or two postures of all cycles, of one indicator or of a whole leg."""
-    stands = numbered(visited.leg, visited.station, visited.over_plane)
-    for stand in rows_of(stands):
-        mountings = [stand[rows] for rows in rows_of(numbered(visited.mount[stand]))]
-        sets = [[rows] for rows in mountings]
-        if len(mountings) > 1 and len({len(rows) for rows in mountings}) == 1:
-            sets.append(mountings)
-        for members in sets:
-            where = place_of(visited, members[0])
-            where = where if len(members) == 1 else where[0]
-            cycle, level = visited.cycle[members[0]], visited.level[members[0]]
-            for i, j, title in _pairs(visited, members[0], cycle, level):
-                here = np.concatenate([rows[i] for rows in members])
-                there = np.concatenate([rows[j] for rows in members])
-                yield _Exchange("postures_exchanged", where, title, here, there)
-
-
-def _pairs(
-    visited: Observations, rows: IntArray, cycle: IntArray, level: IntArray
-) -> Iterator[tuple[IntArray, IntArray, str]]:
-    """Places in a mounting whose values may be exchanged, and words for it."""
-    for number in np.unique(cycle).tolist():
-        mine = np.flatnonzero(cycle == number)
-        near = 1 if len(mine) > VISITS_OF_CYCLE else len(mine)
-        for first, i in enumerate(mine):
-            for j in mine[first + 1 : first + 1 + near]:
-                if level[i] != level[j]:
-                    words = " and ".join(visited.posture_words(int(rows[k])) for k in (i, j))
-                    title = f"{words} exchanged in cycle {number}"
-                    yield np.array([i]), np.array([j]), title
-    if len(np.unique(cycle)) == 1 or len(np.unique(level)) > VISITS_OF_CYCLE:
-        return
-    for one, other in combinations(np.unique(level).tolist(), 2):
-        here, there = np.flatnonzero(level == one), np.flatnonzero(level == other)
-        count = min(len(here), len(there))
-        # of a first or last visit more than the others have, either may be the one that is right
-        for i, j in {
-            (tuple(here[:count]), tuple(there[:count])),
-            (tuple(here[-count:]), tuple(there[-count:])),
-        }:
-            words = " and ".join(visited.posture_words(int(rows[k])) for k in (i[0], j[0]))
-            yield np.array(i), np.array(j), f"{words} exchanged in all cycles"
-
-
-def place_of(observed: Observations, rows: IntArray) -> str:
-    """Leg (or ``t``, the tool) and axis of the first of these rows, in letters."""
-    first = rows[0]
-    return TOUCHED_LETTERS[observed.leg[first]] + LEG_NAMES[observed.axis[first]]
-
-
-def words_of(observed: Observations, row: int) -> str:
-    """Posture and cycle of a reading."""
-    return f"at {observed.posture_words(row)}, cycle {observed.cycle[row]}"
-
-
-@dataclass(frozen=True, eq=False)
 class Beside:
     """A model that may be true beside a mistake: its log weight, and columns ``(n_cells, r)``.
 
@@ -241,67 +111,8 @@ class Beside:
     columns: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class _Screen:
-    """Visits of one session about a model: what is left of other values of the same rows.
-
-    ``basis`` ``(n + p, r)`` are zeros, base parameters and columns beside them, with their
-    expectations as ``p`` rows; all visits have the middle variance of the indicators.
-    """
-
-    visited: Observations
-    predicted_mm: FloatArray
-    root: FloatArray
-    basis: FloatArray
-    expected: FloatArray
-    freedom: float
-    known: bool
-
-    @classmethod
-    def of(cls, cells: Cells, model: Model, columns: FloatArray) -> _Screen:
-        """About a model of the session."""
-        visited = cells.visited
-        root = np.sqrt(_even_mm2(cells))
-        spread = cells.case.spread_mm
-        derivatives = design_of(model, visited, range(BASE), ()) * spread
-        expected = (np.array(cells.case.model.parameters_mm) - model.parameters_mm) / spread
-        zeros = np.hstack([incidence(visited.mount), tilts(visited)])
-        shown = np.hstack([zeros, derivatives, columns[cells.cell]]) / root[:, None]
-        below = np.hstack(
-            [np.zeros((BASE + columns.shape[1], zeros.shape[1])), np.eye(BASE + columns.shape[1])]
-        )
-        basis = np.linalg.qr(np.vstack([shown, below]))[0]
-        target = np.concatenate([expected, np.zeros(columns.shape[1])])
-        freedom = len(visited) - zeros.shape[1] - 3.0
-        known = cells.noise is not None and math.isinf(cells.noise.degrees_of_freedom)
-        return cls(visited, model.readings(visited), root, basis, target, freedom, known)
-
-    def left(self, value_mm: FloatArray) -> FloatArray:
-        """What is left ``(n + p, k)`` of values ``(n, k)``."""
-        rows = (value_mm - self.predicted_mm[:, None]) / self.root[:, None]
-        expected = np.repeat(self.expected[:, None], rows.shape[1], axis=1)
-        rows = np.vstack([rows, expected])
-        return np.asarray(rows - self.basis @ (self.basis.T @ rows))
-
-    def log_likelihood(
-        self, square: FloatArray | float, freedom: float | None = None
-    ) -> FloatArray:
-        """Of what is left, but for what does not depend on it."""
-        if self.known:
-            return np.asarray(-0.5 * np.asarray(square))
-        free = self.freedom if freedom is None else freedom
-        return np.asarray(
-            math.lgamma(free / 2.0) - 0.5 * free * np.log(np.maximum(square, 1e-9) / 2.0)
-        )
-
-
-def _even_mm2(cells: Cells) -> FloatArray:
-    """Variance of each visit ``(n,)``, of the middle of the indicators: none in another unit."""
-    noise = cells.noise
-    if noise is None:
-        return cells.scatter_mm2
-    middle = float(np.median([one.variance_mm2 for one in noise.indicators]))
-    return np.maximum(middle / cells.visited.averaged, 1e-10)
+Scored = tuple[float, Mistake]
+"""A log weight and the mistake that has it."""
 
 
 def suspects(cells: Cells, beside: Sequence[Beside], log_evidence: float) -> list[Mistake]:
@@ -310,141 +121,276 @@ def suspects(cells: Cells, beside: Sequence[Beside], log_evidence: float) -> lis
     ``beside`` are models of the session as it is, the plain one first, ``log_evidence`` that of all
     of them.
     """
-    try:
-        model = cells.model
-    except NotIdentifiable:
-        model = cells.case.model
-    scored: dict[tuple[str, str, str], tuple[float, Mistake]] = {}
+    scored: dict[tuple[str, str, str], Scored] = {}
+    moved: _Moved | None = None
     for one in beside:
-        screen = _Screen.of(cells, model, one.columns)
-        for score, mistake in _scores(cells, screen):
-            key = (mistake.id, mistake.where, mistake.title)
-            whole = one.log_weight + score
+        screen = _Screen.of(cells, one.columns)
+        scores = [*_apart(screen)]
+        if screen.square > screen.freedom + FITS * math.sqrt(2.0 * screen.freedom):
+            moved = moved or _Moved.of(screen)
+            scores += moved.scores(screen)
+        for score, mistake in scores:
+            key, whole = (mistake.id, mistake.where, mistake.title), one.log_weight + score
             if key not in scored or scored[key][0] < whole:
                 scored[key] = (whole, mistake)
-    likely = [each for each in scored.values() if each[0] > log_evidence - DOUBTED]
-    likely = sorted(likely, key=lambda each: -each[0])[:TRIED]
-    if len(likely) <= RACED:
-        return [mistake for _, mistake in likely]
-    fitted = [(max(score, beside[0].log_weight + _gain(cells, m)), m) for score, m in likely]
-    return [mistake for _, mistake in sorted(fitted, key=lambda each: -each[0])[:RACED]]
+    ordered = sorted(scored.values(), key=lambda each: -each[0])
+    likely = [each for each in ordered if each[0] > log_evidence - DOUBTED][:TRIED]
+    plain = _Screen.of(cells, beside[0].columns)
+    if plain.square > BENT * plain.freedom:
+        likely = _fitted(plain, ordered, likely, beside[0].log_weight, log_evidence)
+    best = likely[0][0] if likely else 0.0
+    return [mistake for score, mistake in likely if score > best - DOUBTED][:RACED]
 
 
-def _gain(cells: Cells, mistake: Mistake) -> float:
-    """Log likelihood that a mistake adds in its own plain fit, its prior included."""
-    square = []
-    for each in (cells, Cells.of_visits(cells.case, mistake.visited)):
-        try:
-            screen = _Screen.of(each, each.model, np.zeros((len(each.means), 0)))
-        except NotIdentifiable:
-            return -math.inf
-        screen = replace(screen, root=np.sqrt(_even_mm2(cells)))
-        square.append(float((screen.left(each.visited.value_mm[:, None]) ** 2).sum()))
-    before, after = screen.log_likelihood(np.array(square), screen.freedom)
-    return float(after - before) + mistake.log_prior
+def _fitted(
+    plain: _Screen,
+    ordered: Sequence[Scored],
+    likely: Sequence[Scored],
+    log_plain: float,
+    log_evidence: float,
+) -> list[Scored]:
+    """Those likely, and exchanges that are so by their own fit, the likeliest first.
+
+    Where the plain model leaves much, its derivatives are far from where the labels are right.
+    """
+    postures = [one for one in ordered if one[1].id == "postures_exchanged"]
+    tables = [one for one in ordered if one[1].id not in (*LEAST, "postures_exchanged")]
+    some = dict.fromkeys([*likely, *tables[:FITTED], *postures[:FITTED]])
+    fitted = []
+    for score, mistake in some:
+        own = score if mistake.id in LEAST else log_plain + plain.gain(mistake)
+        allowed = ROUGH if (score, mistake) in tables else DOUBTED
+        if max(score, own) > log_evidence - allowed:
+            fitted.append((max(score, own), mistake))
+    return sorted(fitted, key=lambda each: -each[0])
 
 
-def _scores(cells: Cells, screen: _Screen) -> Iterator[tuple[float, Mistake]]:
-    """Mistakes with the log likelihood that each adds, its prior included."""
-    left = screen.left(cells.visited.value_mm[:, None])[:, 0]
-    square = float(left @ left)
-    yield from _apart(screen, left, square)
-    if square > screen.freedom + FITS * math.sqrt(2.0 * screen.freedom) or cells.noise is None:
-        yield from _exchanged(screen, square)
+@dataclass(frozen=True, eq=False)
+class _Screen:
+    """Visits of one session about its plain model: what is left of other values of its rows.
 
+    ``basis`` ``(n + p, r)`` are zeros, base parameters and columns beside them, with what is
+    expected of these as ``p`` rows; all visits have the middle variance of the indicators.
+    ``left`` ``(n + p,)`` of the values as they are written has the sum of squares ``square``.
+    """
 
-def _exchanged(screen: _Screen, square: float) -> Iterator[tuple[float, Mistake]]:
-    visited = screen.visited
-    every = list(exchanges(visited))
-    names = [one.id for one in every]
-    squares = np.empty(len(every))
-    at_once = max(MOST_VALUES // max(len(visited), 1), 1)
-    for first in range(0, len(every), at_once):
-        some = every[first : first + at_once]
-        values = np.column_stack([one.put_right(visited.value_mm) for one in some])
-        squares[first : first + at_once] = (screen.left(values) ** 2).sum(axis=0)
-    more = screen.log_likelihood(squares) - screen.log_likelihood(square)
-    for k in np.argsort(-more, kind="stable")[: 4 * TRIED].tolist():
-        one = every[k]
-        rows = np.union1d(one.here, one.there)
-        log_prior = math.log(PRIOR[one.id] / names.count(one.id))
-        # readings of a mounting but one: its zero is free whatever the unit
-        free = len(rows) - len(np.unique(visited.mount[rows]))
-        log_prior += free * math.log(abs(one.factor))
-        right = replace(visited, value_mm=one.put_right(visited.value_mm))
-        mistake = Mistake(one.id, one.where, one.title, rows, right, log_prior)
-        yield float(more[k]) + log_prior, mistake
+    cells: Cells
+    predicted_mm: FloatArray
+    root: FloatArray
+    basis: FloatArray
+    expected: FloatArray
+    freedom: float
+    left: FloatArray
+    square: float
 
-
-def _apart(screen: _Screen, left: FloatArray, square: float) -> Iterator[tuple[float, Mistake]]:
-    """Readings with a zero of their own: single ones, first takes, all after a stand moved."""
-    visited, count = screen.visited, len(screen.visited)
-    basis, root = screen.basis[:count], screen.root
-    first = np.unique(visited.mount, return_index=True)[1]
-    groups: list[tuple[str, str, str, list[IntArray], int]] = []
-    one_alone = left[:count] ** 2 / np.maximum(1.0 - (basis**2).sum(axis=1), 1e-6)
-    for row in np.argsort(-one_alone, kind="stable")[:TRIED].tolist():
-        title = f"one outlier {words_of(visited, row)}"
-        groups.append(
-            ("wild_reading", place_of(visited, np.array([row])), title, [np.array([row])], count)
+    @classmethod
+    def of(cls, cells: Cells, columns: FloatArray, root: FloatArray | None = None) -> _Screen:
+        """Beside columns ``(n_cells, r)``; ``root`` ``(n,)`` in place of its own deviations, mm."""
+        visited, model = cells.visited, _plain(cells)
+        root = _even_mm(cells) if root is None else root
+        spread, count = cells.case.spread_mm, BASE + columns.shape[1]
+        derivatives = design_of(model, visited, range(BASE), ()) * spread
+        zeros = np.hstack([incidence(visited.mount), tilts(visited)])
+        shown = np.hstack([zeros, derivatives, columns[cells.cell]]) / root[:, None]
+        below = np.hstack([np.zeros((count, zeros.shape[1])), np.eye(count)])
+        basis = np.linalg.qr(np.vstack([shown, below]))[0]
+        expected = np.zeros(count)
+        known = np.array(cells.case.model.parameters_mm) - model.parameters_mm
+        expected[:BASE] = known / spread
+        freedom = len(visited) - zeros.shape[1] - 3.0
+        blank = cls(
+            cells, model.readings(visited), root, basis, expected, freedom, np.zeros(0), 0.0
         )
-    stands = numbered(visited.leg[first], visited.station[first], visited.over_plane[first])
-    for members in rows_of(stands):
-        where = TOUCHED_LETTERS[visited.leg[first[members[0]]]]
-        groups.append(("first_take", where, _FIRST, [np.array([row]) for row in first[members]], 3))
-    if stands.max(initial=0):
-        groups.append(("first_take", "all", _FIRST, [np.array([row]) for row in first], 3))
-    for rows in visited.mountings:
-        groups += [
-            (
-                "stand_slip",
-                place_of(visited, rows),
-                "the stand moved before the reading " + words_of(visited, int(rows[k])),
-                [rows[k:]],
-                count,
-            )
-            for k in _clearest_steps(left, basis, root, rows)
-        ]
-    for name, where, title, moved, share in groups:
-        columns = np.zeros((len(screen.basis), len(moved)))
-        for k, rows in enumerate(moved):
+        left = blank.left_of(visited.value_mm[:, None])[:, 0]
+        return replace(blank, left=left, square=float(left @ left))
+
+    def left_of(self, value_mm: FloatArray) -> FloatArray:
+        """What is left ``(n + p, k)`` of values ``(n, k)``."""
+        rows = (value_mm - self.predicted_mm[:, None]) / self.root[:, None]
+        rows = np.vstack([rows, np.tile(self.expected[:, None], rows.shape[1])])
+        return np.asarray(rows - self.basis @ (self.basis.T @ rows))
+
+    def log_likelihood(self, square: FloatArray | float, fewer: int = 0) -> FloatArray:
+        """Of what is left, with so many directions fewer, but for what does not depend on it."""
+        if math.isinf(self.cells.freedom):
+            return np.asarray(-0.5 * np.asarray(square))
+        half = (self.freedom - fewer) / 2.0
+        return np.asarray(math.lgamma(half) - half * np.log(np.maximum(square, 1e-9) / 2.0))
+
+    def gain(self, mistake: Mistake) -> float:
+        """Log likelihood that an exchange adds by its own plain fit, its prior included."""
+        right = Cells.of_visits(self.cells.case, mistake.visited)
+        other = _Screen.of(right, np.zeros((len(right.means), 0)), self.root)
+        more = self.log_likelihood(other.square) - self.log_likelihood(self.square)
+        return float(more) + mistake.log_prior
+
+
+def _plain(cells: Cells) -> Model:
+    """The fit without effects; where labels are too wrong for one, the model of the session."""
+    try:
+        return cells.model
+    except NotIdentifiable:
+        return cells.case.model
+
+
+def _even_mm(cells: Cells) -> FloatArray:
+    """Standard deviation of each visit ``(n,)``, that of the middle indicator: no other unit."""
+    if cells.noise is None:
+        return np.sqrt(cells.scatter_mm2)
+    middle = float(np.median([one.variance_mm2 for one in cells.noise.indicators]))
+    return np.sqrt(np.maximum(middle / cells.visited.averaged, 1e-10))
+
+
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """Exchanges of a session that change what is read, and the values ``(n, k)`` of each."""
+
+    visited: Observations
+    every: list[Exchange]
+    values_mm: FloatArray
+    places: Counter[str]
+
+    @classmethod
+    def of(cls, screen: _Screen) -> _Moved:
+        """As many as can be held at once."""
+        visited = screen.cells.visited
+        some = list(islice(exchanges(visited), MOST_VALUES // max(len(visited), 1)))
+        values = np.column_stack([one.put_right(visited.value_mm) for one in some])
+        change = np.abs(values - visited.value_mm[:, None]).max(axis=0)
+        large = change > LEAST_CHANGED * np.median(screen.root)
+        every = [one for one, counts in zip(some, large.tolist(), strict=True) if counts]
+        return cls(visited, every, values[:, large], Counter(one.id for one in some))
+
+    def scores(self, screen: _Screen) -> Iterator[Scored]:
+        """Exchanges that leave least, and the log likelihood that each adds, with its prior."""
+        squares = (screen.left_of(self.values_mm) ** 2).sum(axis=0)
+        more = screen.log_likelihood(squares) - screen.log_likelihood(screen.square)
+        for k in np.argsort(-more, kind="stable")[: 4 * TRIED].tolist():
+            one, visited = self.every[k], self.visited
+            rows = np.union1d(one.here, one.there)
+            # of each mounting all readings but one tell a unit: its zero is free
+            free = len(rows) - len(np.unique(visited.mount[rows]))
+            log_prior = math.log(PRIOR[one.id] / self.places[one.id])
+            log_prior += free * math.log(abs(one.factor))
+            right = replace(visited, value_mm=self.values_mm[:, k])
+            mistake = Mistake(one.id, one.where, one.words(visited), rows, right, log_prior)
+            yield float(more[k]) + log_prior, mistake
+
+
+@dataclass(frozen=True, eq=False)
+class _Apart:
+    """Rows with zeros of their own, a group for each, and how many places such a mistake has."""
+
+    id: str
+    where: str
+    title: str
+    groups: tuple[IntArray, ...]
+    places: int
+
+
+def _apart(screen: _Screen) -> Iterator[Scored]:
+    """Readings that stand apart, and the log likelihood that each adds, its prior included."""
+    visited, root = screen.cells.visited, screen.root
+    for one in (*_single(screen), *_first_takes(visited), *_slips(screen)):
+        columns = np.zeros((len(screen.basis), len(one.groups)))
+        for k, rows in enumerate(one.groups):
             columns[rows, k] = 1.0 / root[rows]
         columns -= screen.basis @ (screen.basis.T @ columns)
         inner = columns.T @ columns
-        size, axes = np.linalg.eigh(inner)
-        if size[0] < 1e-6 / float(root.max()) ** 2:
+        sizes = np.linalg.eigvalsh(inner)
+        if sizes[0] < 1e-6 / float(root.max()) ** 2:
             continue
-        off_mm = np.linalg.solve(inner, columns.T @ left)
-        after = square - float(off_mm @ inner @ off_mm)
-        more = screen.log_likelihood(after, screen.freedom - len(moved))
-        more = more - screen.log_likelihood(square)
-        room = 0.5 * (len(moved) * math.log(2.0 * math.pi) - float(np.log(size).sum()))
-        log_sizes = -np.log(2.0 * WILD_OCTAVES * np.maximum(np.abs(off_mm), root.min())).sum()
-        log_prior = math.log(PRIOR[name] / share) + float(log_sizes)
+        off_mm = np.linalg.solve(inner, columns.T @ screen.left)
+        if np.abs(off_mm).max() < LEAST[one.id] * np.median(root):
+            continue
+        more = screen.log_likelihood(
+            screen.square - float(off_mm @ inner @ off_mm), len(one.groups)
+        ) - screen.log_likelihood(screen.square)
+        room = 0.5 * float(np.log(2.0 * math.pi / sizes).sum())
+        density = 1.0 / (2.0 * LOG_RANGE * np.maximum(np.abs(off_mm), root.min()))
+        name, title = one.id, one.title
+        if name == "wild_reading":
+            row = int(one.groups[0][0])
+            chance, words = _other_label(visited, row, float(root[row]))
+            if chance > density[0]:
+                name, title, density = (
+                    "label_error",
+                    f"{title}; it fits {words}",
+                    np.array([chance]),
+                )
+        log_prior = math.log(PRIOR[name] / one.places) + float(np.log(density).sum())
         mount = visited.mount.copy()
-        for k, rows in enumerate(moved):
+        for k, rows in enumerate(one.groups):
             mount[rows] = visited.mount_count + k
         right = replace(visited, mount=numbered(mount))
-        rows = np.concatenate(moved)
-        mistake = Mistake(name, where, title, rows, right, log_prior)
+        mistake = Mistake(name, one.where, title, np.concatenate(one.groups), right, log_prior)
         yield float(more) + room + log_prior, mistake
 
 
-_FIRST = "the first take stands apart: it settled, stood within a play or was another posture"
+def _single(screen: _Screen) -> Iterator[_Apart]:
+    """The readings that lie furthest from where all others expect them."""
+    visited = screen.cells.visited
+    count = len(visited)
+    share = np.maximum(1.0 - (screen.basis[:count] ** 2).sum(axis=1), 1e-6)
+    furthest = np.argsort(-(screen.left[:count] ** 2) / share, kind="stable")
+    for row in furthest[:TRIED].tolist():
+        title = f"one reading is wrong, {words_of(visited, row)}"
+        yield _Apart("wild_reading", place_of(visited, row), title, (np.array([row]),), count)
 
 
-def _clearest_steps(
-    left: FloatArray, basis: FloatArray, root: FloatArray, rows: IntArray
-) -> list[int]:
-    """The rows of a mounting, counted, from which on a shift explains most; not at its ends."""
-    if len(rows) < 4:
-        return []
-    along = np.cumsum((left[rows] / root[rows])[::-1])[::-1]
-    shown = np.cumsum((basis[rows] / root[rows, None])[::-1], axis=0)[::-1]
-    size = np.cumsum((1.0 / root[rows] ** 2)[::-1])[::-1] - (shown**2).sum(axis=1)
-    gain = np.where(size > 1e-6 * size.max(), along**2 / np.maximum(size, 1e-12), 0.0)
-    order = 2 + np.argsort(-gain[2:-1], kind="stable")
-    return [int(k) for k in order[:2]]
+def words_of(visited: Observations, row: int) -> str:
+    """Posture and cycle of a reading."""
+    return f"at {visited.posture_words(row)}, cycle {visited.cycle[row]}"
+
+
+def _other_label(visited: Observations, row: int, deviation_mm: float) -> tuple[float, str]:
+    """Density, 1/mm, of a reading that belongs to another posture or leg, and words for which."""
+    level, mount = visited.level, visited.mount
+    postures = (mount == mount[row]) & (level != level[row])
+    legs = (visited.axis == visited.axis[row]) & (visited.station == visited.station[row])
+    legs &= (visited.leg != visited.leg[row]) & (level == level[row])
+    others = np.flatnonzero(postures | legs)
+    if not len(others):
+        return 0.0, ""
+    off = np.abs(visited.value_mm[others] - visited.value_mm[row]) / deviation_mm
+    nearest = int(others[off.argmin()])
+    labels = len(np.unique(np.column_stack([mount, level])[others], axis=0))
+    chance = math.exp(-(float(off.min()) ** 2) / 4.0) / (math.sqrt(4.0 * math.pi) * deviation_mm)
+    words = visited.posture_words(nearest)
+    if mount[nearest] != mount[row]:
+        words = f"leg {TOUCHED_LETTERS[visited.leg[nearest]].upper()}"
+    return chance / labels, words
+
+
+def _first_takes(visited: Observations) -> Iterator[_Apart]:
+    """The first visits of a stand, of a leg, and of all mountings."""
+    first = np.unique(visited.mount, return_index=True)[1]
+    leg, station = visited.leg[first], visited.station[first]
+    stands = (numbered(leg, station, visited.over_plane[first]), leg, np.zeros_like(leg))
+    sets = {tuple(first[k].tolist()) for key in stands for k in rows_of(numbered(key))}
+    title = "the first take stands apart: it settled, stood in a play, or was another posture"
+    for members in sorted(sets):
+        legs = {TOUCHED_LETTERS[number] for number in visited.leg[list(members)].tolist()}
+        groups = tuple(np.array([row]) for row in members)
+        where = legs.pop() if len(legs) == 1 else "all"
+        yield _Apart("first_take", where, title, groups, len(sets))
+
+
+def _slips(screen: _Screen) -> Iterator[_Apart]:
+    """For each mounting the two rows from which on a shift explains most, not at its ends."""
+    visited, root = screen.cells.visited, screen.root
+    for rows in visited.mountings:
+        if len(rows) < 4:
+            continue
+        along = np.cumsum((screen.left[rows] / root[rows])[::-1])[::-1]
+        known = np.cumsum((screen.basis[rows] / root[rows, None])[::-1], axis=0)[::-1]
+        size = np.cumsum((1.0 / root[rows] ** 2)[::-1])[::-1] - (known**2).sum(axis=1)
+        gains = np.where(size > 1e-6 * size.max(), along**2 / np.maximum(size, 1e-12), 0.0)
+        for k in (2 + np.argsort(-gains[2:-1], kind="stable"))[:2].tolist():
+            row = int(rows[k])
+            title = f"the stand moved before the reading {words_of(visited, row)}"
+            place = place_of(visited, row)
+            yield _Apart("stand_slip", place, title, (rows[k:],), len(visited))
 
 
 Solution = TypeVar("Solution")
@@ -457,7 +403,7 @@ class Solved(Generic[Solution]):
     solution: Solution
     log_evidence: float
     beside: Sequence[Sequence[Beside]]
-    mistakes: tuple[Mistake, ...] = field(default=())
+    mistakes: tuple[Mistake, ...] = ()
 
     @property
     def log_weight(self) -> float:
@@ -466,28 +412,26 @@ class Solved(Generic[Solution]):
 
 
 def with_mistakes(
-    sessions: Sequence[Cells],
-    solve: Callable[[Sequence[Cells]], Solved[Solution]],
+    sessions: Sequence[Cells], solve: Callable[[Sequence[Cells]], Solved[Solution]]
 ) -> list[Solved[Solution]]:
     """The sessions as they are, and put right in each way that may be true; the likeliest first.
 
     One mistake after the other: each is looked for in the readings that the likeliest ones before
     leave.
     """
-    every = [solve(sessions)]
-    best, now = every[0], list(sessions)
+    best, now = solve(sessions), list(sessions)
+    every = [best]
     for _ in range(MOST):
         tried = []
         for number, cells in enumerate(now):
             for mistake in suspects(cells, best.beside[number], best.log_evidence):
+                others = now.copy()
+                others[number] = Cells.of_visits(cells.case, mistake.visited)
                 try:
-                    right = Cells.of_visits(cells.case, mistake.visited)
-                    others = [*now[:number], right, *now[number + 1 :]]
                     solved = solve(others)
                 except NotIdentifiable:
                     continue
-                solved = replace(solved, mistakes=(*best.mistakes, mistake))
-                tried.append((solved, others))
+                tried.append((replace(solved, mistakes=(*best.mistakes, mistake)), others))
         every += [solved for solved, _ in tried]
         better = max(tried, key=lambda each: each[0].log_weight, default=None)
         if better is None or better[0].log_weight < best.log_weight:

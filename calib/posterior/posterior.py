@@ -17,7 +17,7 @@ from calib.arrays import FloatArray, IntArray
 from calib.errors import NotIdentifiable
 from calib.posterior.labels import Beside, Mistake, Solved, with_mistakes
 from calib.posterior.library import ELSE, Component, at_one_place, library, something_else
-from calib.posterior.race import LIGHTEST, Entry, Products, Race
+from calib.posterior.race import LIGHTEST, LOG_CAUSES, Entry, Products, Race
 from calib.posterior.readings import (
     LENGTHS,
     Case,
@@ -379,7 +379,9 @@ class _Problem:
         field = tool_field(self.geometry, tuple(laws))
         result = Posterior(self.sessions, self.components, tuple(models), field)
         constant = self.rows.log_constant
-        plain = next((one for one in entries if not one.members), Entry((), (), -math.inf))
+        nothing = race.products
+        log_plain = race.log_evidence(np.array(nothing.square), np.array(nothing.room))
+        plain = Entry((), (), float(LOG_CAUSES[0] + log_plain))
         # something else explains any mistake away
         named = [one for one in entries if one.members and not self._else(one)]
         heaviest = [plain, *named[:MOST_BESIDE]]

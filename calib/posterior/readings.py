@@ -16,6 +16,7 @@ import numpy as np
 
 from calib.arrays import (
     DEPENDENT,
+    NEW_DIRECTION,
     FloatArray,
     IntArray,
     Observations,
@@ -46,8 +47,6 @@ FINEST_MM = 1e-5
 USUAL = 3.0
 """Standard deviations from its repeats up to which a reading counts in full."""
 
-ROBUST_ROUNDS = 5
-
 Placed = tuple[Effect, str]
 """A law and its place."""
 
@@ -75,11 +74,11 @@ class Cells:
     """One session by its cells: ``means`` of them, with a variance ``(n_cells,)`` of each in mm².
 
     ``cell`` ``(n_visits,)`` numbers the cell of each visit, ``scatter_mm2`` ``(n_visits,)`` is its
-    variance, larger where it lies far from its repeats; ``serial`` correlates each with the next of
-    its mounting. Nobody saw how the first reading of a mounting was reached: its approach is not
-    known, so it shares no cell. ``noise`` is None where nothing tells it. Visits that stand
-    ``apart`` disagree with their repeats: they are no noise, and ``excess`` is what they add to the
-    square sum within cells.
+    variance, ``weight`` ``(n_visits,)`` less than 1 where it lies far from its repeats; ``serial``
+    correlates each with the next of its mounting. Nobody saw how the first reading of a mounting
+    was reached: its approach is not known, so it shares no cell. ``noise`` is None where nothing
+    tells it. Visits that stand ``apart`` disagree with their repeats: they are no noise, and
+    ``excess`` is what they add to the square sum within cells.
     """
 
     case: Case
@@ -88,6 +87,7 @@ class Cells:
     means: Observations
     variance_mm2: FloatArray
     scatter_mm2: FloatArray
+    weight: FloatArray
     noise: Noise | None
     serial: float
     apart: IntArray
@@ -101,10 +101,11 @@ class Cells:
     @classmethod
     def of_visits(cls, case: Case, visited: Observations) -> Cells:
         """Group visits, which need not be those of the session as it is written."""
-        cell, serial, excess = visited.cell, 0.0, 0.0
+        cell, serial, excess, weight = visited.cell, 0.0, 0.0, np.ones(len(visited))
+        repeats = Repeats.of(visited, steady=True)
         floor_mm2 = case.indicator.display_mm**2 / 12.0
-        apart = np.array(disagreeing(Repeats.of(visited), floor_mm2), dtype=np.intp)
-        noise = reading_noise(visited, case.indicator, apart.tolist())
+        apart = np.array(disagreeing(repeats, floor_mm2), dtype=np.intp)
+        noise = reading_noise(visited, case.indicator, apart.tolist(), steady=True)
         if noise is None:  # equal weights: what the model leaves tells the variance
             centred = without_zeros(visited, visited.averaged, visited.value_mm)
             scatter = max(1e-4 * float((centred**2).mean()), 1e-8) / visited.averaged
@@ -117,11 +118,12 @@ class Cells:
             serial = serial_correlation(visited, alone, scatter)
             if serial:
                 scatter = scatter * _underrated(visited, alone, scatter, serial)
-            scatter = scatter / _robust_weights(visited.value_mm, cell, scatter)
-        means, variance = _means(visited, cell, scatter, serial)
+            weight = _robust_weights(repeats, scatter)
+        means, variance = _means(visited, cell, scatter / weight, serial)
         shared = noise.quantisation_mm2(means) if noise else 0.0
         variance = np.maximum(variance + shared, FINEST_MM**2)
-        return cls(case, visited, cell, means, variance, scatter, noise, serial, apart, excess)
+        scatters = variance, scatter, weight
+        return cls(case, visited, cell, means, *scatters, noise, serial, apart, excess)
 
     @property
     def freedom(self) -> float:
@@ -134,11 +136,18 @@ class Cells:
 
         With it the evidences of sessions with other labels, or fewer readings, compare.
         """
-        scatter = self.scatter_mm2
-        zeros = np.bincount(self.visited.mount, 1.0 / scatter)
-        repeats = len(self.visited) - len(self.means) - len(self.apart)
-        log_scales = np.log(2.0 * np.pi * scatter).sum() + np.log(zeros / (2.0 * np.pi)).sum()
-        return -0.5 * float(log_scales + (repeats if self.noise else 0))
+        visited, scatter = self.visited, self.scatter_mm2
+        root = 1.0 / np.sqrt(scatter)[:, None]
+        zeros = [float((independent(self.serial, root[r]) ** 2).sum()) for r in visited.mountings]
+        log_scales = float(np.log(2.0 * np.pi * scatter).sum())
+        log_scales += float(np.log(np.array(zeros) / (2.0 * np.pi)).sum())
+        log_scales += (len(visited) - len(zeros)) * math.log(1.0 - self.serial**2)
+        repeats = len(visited) - len(self.means) - len(self.apart) if self.noise else 0
+        return -0.5 * (log_scales + repeats)
+
+    @cached_property
+    def _counted_mm2(self) -> FloatArray:
+        return self.scatter_mm2 / self.weight
 
     @cached_property
     def model(self) -> Model:
@@ -180,9 +189,9 @@ class Cells:
         """Of each mounting its cells, and the Cholesky root of the covariance of their means."""
         shared = self.noise.quantisation_mm2(self.means) if self.noise else np.zeros(0)
         return [
-            (cells, np.linalg.cholesky(inverse @ inverse.T + np.diag(shared[cells])))
+            (cells, np.asarray(np.linalg.cholesky(inverse @ inverse.T + np.diag(shared[cells]))))
             for _, cells, _, inverse in _by_mounting(
-                self.visited, self.cell, self.scatter_mm2, self.serial
+                self.visited, self.cell, self._counted_mm2, self.serial
             )
         ]
 
@@ -192,9 +201,9 @@ class Cells:
         The readings come first; independent, of unit variance.
         """
         rows = np.column_stack([columns, self.visited.value_mm])
-        root = np.sqrt(self.scatter_mm2)[:, None]
+        root = np.sqrt(self._counted_mm2)[:, None]
         if self.serial:
-            mountings = _by_mounting(self.visited, self.cell, self.scatter_mm2, self.serial)
+            mountings = _by_mounting(self.visited, self.cell, self._counted_mm2, self.serial)
             left = np.vstack(
                 [
                     without(basis, independent(self.serial, rows[there] / root[there]))
@@ -202,7 +211,7 @@ class Cells:
                 ]
             )
         else:
-            left = without_means(self.cell, 1.0 / self.scatter_mm2, rows) / root
+            left = without_means(self.cell, 1.0 / self._counted_mm2, rows) / root
         upper = np.linalg.qr(left, mode="r")[: columns.shape[1]]
         return np.column_stack([upper[:, -1], upper[:, :-1]])
 
@@ -268,19 +277,18 @@ def _underrated(
     return square / free if free and square > 0.0 else 1.0
 
 
-def _robust_weights(value_mm: FloatArray, cell: IntArray, scatter_mm2: FloatArray) -> FloatArray:
+def _robust_weights(repeats: Repeats, scatter_mm2: FloatArray) -> FloatArray:
     """Weights ``(n_visits,)`` with which what lies far from its repeats does not pull the mean.
 
-    Huber's: 1 up to `USUAL` standard deviations, from there on falling with the distance. A cell of
-    few readings, of which one lies far, is known less well.
+    Huber's: 1 up to `USUAL` standard deviations, from there on falling with the distance; what all
+    readings of a cycle share is no distance. A cell of few readings, of which one lies far, is
+    known less well.
     """
-    weight = np.ones(len(value_mm))
-    share = 1.0 - 1.0 / np.bincount(cell)[cell]
-    for _ in range(ROBUST_ROUNDS):
-        off_mm = without_means(cell, weight / scatter_mm2, value_mm)
-        distance = np.abs(off_mm) / np.sqrt(scatter_mm2 * np.maximum(share, 1e-9))
-        weight = USUAL / np.maximum(np.where(share > 0.0, distance, 0.0), USUAL)
-    return weight
+    left = repeats.scatter(repeats.observed.value_mm[:, None])[:, 0]
+    share = np.maximum(1.0 - repeats.leverage, NEW_DIRECTION)
+    averaged = repeats.observed.averaged
+    distance = np.abs(left) / np.sqrt(averaged * scatter_mm2 * share)
+    return np.asarray(USUAL / np.maximum(distance, USUAL))
 
 
 def placed_columns(

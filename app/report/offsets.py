@@ -253,15 +253,15 @@ def offsets_from_file(
 ) -> Offsets:
     """What is exported of a session or a model file; an unfinished session is a caution, too.
 
-    With a model its effects are fitted to the session, too. A subset is written as it is, in place
-    of the correction.
+    With a model its effects are fitted to the session, too. A subset, and what the linear method
+    gives, is written as it is, in place of the correction.
 
     Raises RecordError where the file is neither, NotIdentifiable where it gives no result.
     """
     if is_model(path):
         return _offsets_from_model(path)
     solved = solve_files([path], subset=subset, method=method, model=model, frame=frame)
-    offsets = offsets_from_solved(solved, view=subset is not None)
+    offsets = offsets_from_solved(solved, view=subset is not None or method != "exact")
     return replace(offsets, cautions=(*map(one_line, solved.warnings), *offsets.cautions))
 
 

@@ -62,9 +62,7 @@ def joint_includes(offsets: Offsets) -> Export:
     return joint_files(for_joints(offsets, "tables"), kinematics=False)
 
 
-NOT_HOMED = (
-    "nothing states how the joints home (--ini), and homing meets it at the switch"
-)
+NOT_HOMED = "nothing states how the joints home (--ini), and homing meets it at the switch"
 COMPENSATED = "the INI file has another table for this joint, with which the machine was measured"
 
 

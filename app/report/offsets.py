@@ -72,7 +72,6 @@ class Offsets:
     controller: ControllerJoints | None
     measured: datetime | None = None
     digests: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
     lacks_fit: bool = False
     bound: str = ""
@@ -226,8 +225,12 @@ def offsets_from_solved(solved: SessionSolution, *, view: bool = False) -> Offse
             solution.expanded_with_tolerances_mm,
         ),
         model=solution.model,
-        remarks=(one_line(view_words(solved)),),
-        cautions=(bound, *offsets.cautions, *map(one_line, caveats_of_view(solved))),
+        cautions=(
+            bound,
+            one_line(view_words(solved)),
+            *offsets.cautions,
+            *map(one_line, caveats_of_view(solved)),
+        ),
         lacks_fit=solution.lacks_fit,
         bound=bound,
     )

@@ -54,8 +54,8 @@ BOUND = "Tool over the workspace, r.m.s. (95 %): "
 """So the sentence on the bound begins, in results and in files."""
 
 UNSEEN = (
-    "Readings of legs do not show a turn of the whole machine. Where a turn is not free, the figure "
-    "contains it. A square or a ball bar shows it."
+    "Readings of legs do not show a turn of the whole machine. Where a turn is not free, the "
+    "figure contains it. A square or a ball bar shows it."
 )
 
 
@@ -150,6 +150,6 @@ def useless_lines(made: SessionCorrection) -> Iterator[str]:
 def view_words(solved: SessionSolution) -> str:
     """That a set of the papers is written in place of the correction."""
     return (
-        f"exported set: {solved.subset}, as it was asked for; without --subset and --method the "
-        "export writes the correction that leaves least at the tool"
+        f"NOTE: the set {solved.subset} is written as it was asked for. Without --subset and "
+        "--method the export writes the correction that leaves least at the tool."
     )

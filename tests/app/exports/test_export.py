@@ -275,7 +275,7 @@ def test_weak_combinations_are_said_of_the_full_set(session: Path, tmp_path: Pat
     cautions = json.loads(out.read_text())["cautions"]
     assert sum(line.startswith("WEAK") for line in cautions) == 3
     shown = " ".join(glidecal("solve", session, *both).out.split())
-    assert all(line in shown for line in cautions if not line.startswith(BOUND))
+    assert all(line in shown for line in cautions if not line.startswith((BOUND, "NOTE: the set")))
 
 
 def test_uncertainties_of_a_set_are_those_of_solve(session: Path, tmp_path: Path) -> None:
@@ -324,9 +324,9 @@ def test_an_unfinished_session_is_a_caution(session: Path, tmp_path: Path) -> No
     cut = tmp_path / "cut.jsonl"
     cut.write_text("".join(session.read_text().splitlines(keepends=True)[:-1]))
     assert glidecal("export", cut, "--format", "json", "-o", tmp_path / "o").status == 0
-    first = json.loads((tmp_path / "o").read_text())["cautions"][0]
-    assert first.startswith("cut.jsonl: not closed after line")  # no folder of this machine
-    assert first.endswith("the session is not finished.")
+    cautions = json.loads((tmp_path / "o").read_text())["cautions"]
+    (line,) = [one for one in cautions if one.startswith("cut.jsonl: not closed after line")]
+    assert line.endswith("the session is not finished.")
 
 
 def test_a_name_of_two_lines_breaks_no_file(session: Path, tmp_path: Path) -> None:

@@ -94,11 +94,12 @@ def test_every_file_states_the_bound_of_what_it_holds(
 
 def test_a_model_file_says_nothing_of_files_that_hold_less(folder: Path, tmp_path: Path) -> None:
     """The bound that it carries is that of the whole model, and nothing can work out another."""
-    written(folder, folder / "whole.json", "model")
+    asked = ("--format", "model", "--model", folder / "m.json", "--subset", "joint-offsets")
+    assert glidecal("export", folder / "s.jsonl", *asked, "-o", folder / "whole.json").status == 0
     files, err = written(folder, tmp_path / "out", "linuxcnc", "whole.json")
     for text in files:
         assert not BOUND.findall(text)
-        assert "not in these files: axis_lean; that leaves 0." in text
+        assert "not in these files: axis_squareness; that leaves 0.0" in text
         assert "if the model is right" in text
     assert not BOUND.findall(err)
     files, _ = written(folder, tmp_path / "kins", "linuxcnc-kins", "whole.json")

@@ -60,6 +60,12 @@ def test_the_bound_of_a_correction_is_that_of_its_values(plain: Posterior) -> No
     now = ToolOff(plain, nothing_entered(plain))
     for frame in FRAMES:
         assert off.least_mm[frame] < off.bound_mm[frame] < now.least_mm[frame]
+        assert now.least_mm[frame] < now.bound_mm[frame]
+
+
+def test_what_is_not_known_is_no_failure(plain: Posterior) -> None:
+    """With everything entered that is expected nothing is left that shows."""
+    assert set(ToolOff(plain, plain.mean).least_mm.values()) == {0.0}
 
 
 def test_parts_that_a_controller_does_not_take_are_left_out_with_the_reason(

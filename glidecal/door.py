@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.evaluating.what_if import WhatIf
     from app.planning.tripod import MeasurementPlan
     from calib.identify.solution import Method, Subset
+    from protocols.machine import Frame
 
 __all__ = [
     "GlidecalError",
@@ -64,10 +65,12 @@ def solve(
     subset: Subset | None = None,
     method: Method = "exact",
     model: File | None = None,
+    frame: Frame | None = None,
 ) -> SessionSolution:
-    """Parameters with uncertainties; without a ``subset`` the recommended one.
+    """What to enter in the controller, and parameters with uncertainties as a view beside it.
 
-    With a ``model`` the sizes of its effects are fitted, too. `SessionSolution.solution` holds
+    `SessionSolution.correction` is for a ``frame``, that of the machine file where none is named;
+    ``subset`` and ``method`` choose the view. With a ``model`` the sizes of its effects are fitted, too. `SessionSolution.solution` holds
     ``values_mm`` ``(k,)`` and ``covariance_mm2`` ``(k, k)`` by ``names``.
     """
     from app.evaluating.solution import solve_sessions
@@ -75,7 +78,7 @@ def solve(
 
     loaded = _given(sessions)
     known = read_model_file(Path(model)) if model else None
-    return solve_sessions(loaded, subset=subset, method=method, model=known)
+    return solve_sessions(loaded, subset=subset, method=method, model=known, frame=frame)
 
 
 def diagnose(

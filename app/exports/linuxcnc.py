@@ -57,7 +57,7 @@ def joint_includes(offsets: Offsets) -> Export:
             "LinuxCNC joint includes",
             f"leg length errors ({shown} mm)",
             "joint offsets alone: HOME_OFFSET cannot hold a length",
-            "Leave out --subset, or use --format linuxcnc-kins.",
+            "Export the session without --subset, or use --format linuxcnc-kins.",
         )
     return joint_files(for_joints(offsets, "tables"), kinematics=False)
 

@@ -72,7 +72,6 @@ class Offsets:
     controller: ControllerJoints | None
     measured: datetime | None = None
     digests: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
     lacks_fit: bool = False
     bound: str = ""
@@ -226,8 +225,12 @@ def offsets_from_solved(solved: SessionSolution, *, view: bool = False) -> Offse
             solution.expanded_with_tolerances_mm,
         ),
         model=solution.model,
-        remarks=(one_line(view_words(solved)),),
-        cautions=(bound, *offsets.cautions, *map(one_line, caveats_of_view(solved))),
+        cautions=(
+            bound,
+            one_line(view_words(solved)),
+            *offsets.cautions,
+            *map(one_line, caveats_of_view(solved)),
+        ),
         lacks_fit=solution.lacks_fit,
         bound=bound,
     )
@@ -253,15 +256,15 @@ def offsets_from_file(
 ) -> Offsets:
     """What is exported of a session or a model file; an unfinished session is a caution, too.
 
-    With a model its effects are fitted to the session, too. A subset is written as it is, in place
-    of the correction.
+    With a model its effects are fitted to the session, too. A subset, and what the linear method
+    gives, is written as it is, in place of the correction.
 
     Raises RecordError where the file is neither, NotIdentifiable where it gives no result.
     """
     if is_model(path):
         return _offsets_from_model(path)
     solved = solve_files([path], subset=subset, method=method, model=model, frame=frame)
-    offsets = offsets_from_solved(solved, view=subset is not None)
+    offsets = offsets_from_solved(solved, view=subset is not None or method != "exact")
     return replace(offsets, cautions=(*map(one_line, solved.warnings), *offsets.cautions))
 
 

@@ -77,9 +77,9 @@ def tool_map(
 
 
 def decide(least_mm: float, bound_mm: float, tolerance_mm: float) -> Decision:
-    """Pass where 95 of 100 such machines keep the tolerance, fail where 95 of 100 exceed it.
+    """Pass where the 95 % bound is within the tolerance, fail where the least error exceeds it.
 
-    ``bound_mm`` and ``least_mm`` are what 95 % keep and exceed: the guard bands of ISO 14253-1.
+    ``least_mm`` is what is expected less its expanded uncertainty: the guard band of ISO 14253-1.
     """
     if bound_mm <= tolerance_mm:
         return "pass"

@@ -32,12 +32,9 @@ NEAREST: tuple[Subset, ...] = ("with-tolerances", "both", "joint-offsets", "leg-
 class SubsetChoice:
     """The solution of every subset that the data determine.
 
-    ``refused`` holds the reason for every subset that the data do not determine. ``told``
-    and tolerances ``(6,)`` are what all of them were made of.
+    ``refused`` holds the reason for every subset that the data do not determine.
     """
 
-    told: Told
-    tolerance_mm: FloatArray
     solutions: dict[Subset, Solution]
     refused: dict[Subset, NotIdentifiable]
 
@@ -90,7 +87,7 @@ def choose_subset(
             refused[subset] = problem
     if not solutions:
         raise refused["joint-offsets"]
-    return SubsetChoice(told, tolerance_mm, solutions, refused)
+    return SubsetChoice(solutions, refused)
 
 
 def left_after(solutions: dict[Subset, Solution], subset: Subset) -> tuple[FloatArray, FloatArray]:

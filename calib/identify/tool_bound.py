@@ -139,8 +139,7 @@ class Claim:
     directions are left to these. ``prior`` ``(b,)`` are expected base parameters and sizes,
     ``spread`` ``(b,)`` their standard deviations, both from the point of linearisation; ``size``
     ``(k,)`` are unremarkable sizes of the effects' columns, ``metric`` ``(b + k, b + k)`` mean
-    squares at the tool, ``near`` those of where it is relative to Zero, over the part of the
-    workspace about it.
+    squares at the tool.
     """
 
     rows: FloatArray
@@ -150,7 +149,6 @@ class Claim:
     size: FloatArray
     names: tuple[_Name, ...]
     metric: FloatArray
-    near: FloatArray
 
     def adding(self, more: Sequence[FloatArray]) -> Claim:
         """The same after readings like these rows that show what is expected."""
@@ -258,14 +256,6 @@ class Claim:
             np.block([[covariance - beside @ moved.T, beside], [beside.T, spread]]),
         )
 
-    def expected_mm(self, entered: FloatArray) -> float:
-        """R.m.s. error of the tool to expect, over the names that are open."""
-        square = 0.0
-        for _, one, weight, _ in self._open:
-            metric, off = self._off(one, entered, self.metric)
-            square += weight * float(np.trace(metric @ one.covariance) + off @ metric @ off)
-        return math.sqrt(square / sum(weight for _, _, weight, _ in self._open))
-
     def bound(self, entered: FloatArray) -> ToolBound:
         """With parameters and sizes ``(b,)`` entered, from the point of linearisation."""
         plain = self._quantile_mm(self._plain, entered, self.metric)
@@ -278,11 +268,6 @@ class Claim:
                 worst[effect.id] = OpenName(effect.id, name.where, effect.title, at_most, shown)
         names = tuple(descending(worst.values(), lambda one: one.bound_mm))
         return ToolBound(max([plain, *(one.bound_mm for one in names)]), plain, names)
-
-    def near_mm(self, entered: FloatArray) -> float:
-        """The bound of the error relative to Zero, over a workpiece there: what milling shows."""
-        every = [self._plain, *(one for _, one, _, _ in self._open)]
-        return max(self._quantile_mm(one, entered, self.near) for one in every)
 
     def _quantile_mm(self, one: _Posterior, entered: FloatArray, metric: FloatArray) -> float:
         return quantile_mm(*self._off(one, entered, metric), one.covariance)
@@ -363,7 +348,6 @@ def claim_of(
         np.array(size),
         _names(known),
         _metric(model, known, sizes),
-        _metric(model, known, sizes, near_zero=True),
     )
     # what no name explains is more noise than the repeats show
     return replace(claim, rows=claim.rows / math.sqrt(claim.misfit)), parts
@@ -410,14 +394,12 @@ def _names(placed: Sequence[Placed]) -> tuple[_Name, ...]:
     return tuple(found)
 
 
-def _metric(
-    model: Model, placed: tuple[Placed, ...], sizes: tuple[Size, ...], *, near_zero: bool = False
-) -> FloatArray:
+def _metric(model: Model, placed: tuple[Placed, ...], sizes: tuple[Size, ...]) -> FloatArray:
     """Mean squares at the tool ``(6 + s + k, 6 + s + k)`` with columns of fitted sizes between."""
     acting = [model.effects[effect] for size in sizes for effect, _ in size.at]
     own = tuple((one.effect, one.place) for one in acting if isinstance(one, EffectInstance))
     count = sum(len(effect.parameters) for effect, _ in placed)
-    metric = _tool_metric(model.geometry, (*placed, *own), near_zero=near_zero)
+    metric = _tool_metric(model.geometry, (*placed, *own))
     if not sizes:
         return metric
     # each size moves the tool by the sum over its places
@@ -432,22 +414,17 @@ def _metric(
 
 
 @lru_cache(maxsize=16)
-def _tool_metric(
-    geometry: Geometry, placed: tuple[Placed, ...], *, near_zero: bool = False
-) -> FloatArray:
+def _tool_metric(geometry: Geometry, placed: tuple[Placed, ...]) -> FloatArray:
     """Mean over the workspace of products of movements ``(6 + k, 6 + k)``; of the nominal machine.
 
-    Half of the postures are reached with all carriages coming up, half down. With ``near_zero``
-    over a workpiece there, less what they are at Zero, which is reached coming up.
+    Half of the postures are reached with all carriages coming up, half down.
     """
-    points = workspace_points(geometry, near_zero=near_zero)
+    points = workspace_points(geometry)
 
     def moved(tool_mm: FloatArray, way: float) -> FloatArray:
         base = tool_jacobian_at(geometry, tool_mm)
         return np.concatenate([base, tool_columns(geometry, tool_mm, placed, way)], axis=2)
 
     rows = np.concatenate([moved(points, way) for way in (1.0, -1.0)])
-    if near_zero:
-        rows = rows - moved(np.zeros((1, 3)), 1.0)
     flat = rows.reshape(-1, rows.shape[2])
     return np.asarray(flat.T @ flat / len(rows))

@@ -208,8 +208,8 @@ def distances_of(posterior: Posterior, frame: Frame, values: FloatArray) -> list
     return every
 
 
-def quantile_mm(distances: Sequence[Distance], share: float = COVERAGE) -> float:
-    """Root of the quantile of a mixture of gamma distributions of these moments."""
+def quantile_mm(distances: Sequence[Distance]) -> float:
+    """Root of the 95 % quantile of a mixture of gamma distributions of these moments."""
     weight, size, variance = np.array(distances).T
     variance = np.maximum(variance, 1e-12 * size**2)
     shape, scale = size**2 / variance, variance / np.maximum(size, 1e-300)
@@ -217,7 +217,7 @@ def quantile_mm(distances: Sequence[Distance], share: float = COVERAGE) -> float
     for _ in range(60):
         middle = (low + high) / 2.0
         below = float((weight * gammainc(shape, middle / scale)).sum() / weight.sum())
-        low, high = (middle, high) if below < share else (low, middle)
+        low, high = (middle, high) if below < COVERAGE else (low, middle)
     return math.sqrt(high)
 
 

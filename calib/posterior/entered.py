@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,10 +11,10 @@ from scipy.special import ndtr
 
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import ImpossibleRequest
-from calib.posterior.correction import Distance, distances_of, projector_of, quantile_mm
+from calib.posterior.correction import distances_of, projector_of, quantile_mm
 from calib.posterior.posterior import Posterior
 from calib.posterior.readings import BASE
-from calib.posterior.tool import FRAMES, Frame
+from calib.posterior.tool import FRAMES, Frame, mean_square
 from calib.stats import COVERAGE
 from calib.tripod.effects.drives import AxisOffset
 from calib.tripod.effects.effect import EffectInstance
@@ -36,20 +37,24 @@ class ToolOff:
     stated: dict[Frame, float] | None = None
 
     @cached_property
-    def _distances(self) -> dict[Frame, list[Distance]]:
-        return {frame: distances_of(self.posterior, frame, self.values) for frame in FRAMES}
-
-    @cached_property
     def bound_mm(self) -> dict[Frame, float]:
         """95 % of the posterior keep it."""
         if self.stated is not None:
             return self.stated
-        return {frame: quantile_mm(each) for frame, each in self._distances.items()}
+        return {
+            frame: quantile_mm(distances_of(self.posterior, frame, self.values)) for frame in FRAMES
+        }
 
     @cached_property
     def least_mm(self) -> dict[Frame, float]:
-        """95 % of the posterior exceed it."""
-        return {frame: quantile_mm(each, 1.0 - COVERAGE) for frame, each in self._distances.items()}
+        """What is expected less all that 95 % of the posterior differ from it; at least 0."""
+        expected = self.posterior.mean
+        off, found = expected - self.values, {}
+        for frame in FRAMES:
+            shown_mm = math.sqrt(mean_square(self.posterior.field.metrics[frame], off))
+            guard_mm = quantile_mm(distances_of(self.posterior, frame, expected))
+            found[frame] = max(0.0, shown_mm - guard_mm)
+        return found
 
 
 def nothing_entered(posterior: Posterior) -> FloatArray:

@@ -28,8 +28,6 @@ def test_the_tool_keeps_its_bound(tmp_path: Path) -> None:
     found = [scored(case, SEED, tmp_path) for case in list(effect_cases(1))[::6]]
     assert sum(one.holds for one in found) >= 23
     assert np.median([one.bound_mm / one.true_mm for one in found]) <= 3.0
-    # figures of the six parameters alone do not hold: that is why there is a bound
-    assert sum(one.true_mm <= one.today_mm for one in found) < 23
 
 
 def test_offsets_are_claimed_with_the_tolerance_of_the_bars(tmp_path: Path) -> None:

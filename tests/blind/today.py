@@ -1,9 +1,8 @@
 """What the program corrects by itself today, as a person would have it: an answerer.
 
-The table is imported. Where the diagnosis names mistakes in the readings they are corrected and the
-record is diagnosed again. What it names of the machine is adopted, and the joints are those with
-which the exported model stands where it was sent; where it names nothing, or the export of the
-model is refused, the recommended set is entered. For `tests.blind.corrections`.
+The table is imported. Where the diagnosis names mistakes in the readings they are corrected in the
+record. Then everything is entered that a controller can hold, offsets alone to own kinematics. For
+`tests.blind.corrections`.
 """
 
 from __future__ import annotations
@@ -18,25 +17,22 @@ from tests.blind.corrections import Answer
 from tests.blind.corrections_page import OFFSETS
 
 if TYPE_CHECKING:
-    from app.evaluating.diagnosis import SessionDiagnosis
-    from app.evaluating.solution import SessionSolution
     from calib.tripod.pipeline import Model
     from tests.blind.forward import FloatArray
     from tests.blind.tool import Commanded
 
 INVERSION_ROUNDS = 12
 
+NAMES = {"offsets": OFFSETS, "kinematics": "today"}
+"""Joint offsets as any controller holds them, and the most that the program exports."""
+
 
 def answers(table: str, resolution_mm: float | None) -> list[Answer]:
-    """Joint offsets as exported, the recommended set, and the correction after a diagnosis.
-
-    One bound at the tool is stated, in the machine's own frame: it bounds what a shift or a turn
-    leaves, too. That of an adopted model is what ``solve --model`` states, else that of the page of
-    the diagnosis.
-    """
+    """What is exported for every controller, each with its bounds in all frames; touched off."""
     from app.commands.sessions import import_table
     from app.evaluating.diagnosis import correct, diagnose_files, mistakes_of
     from app.evaluating.solution import solve_files
+    from calib.posterior.correction import HOLDS
 
     with tempfile.TemporaryDirectory() as name, contextlib.redirect_stderr(io.StringIO()):
         written, session = Path(name, "table.csv"), Path(name, "session.jsonl")
@@ -47,60 +43,16 @@ def answers(table: str, resolution_mm: float | None) -> list[Answer]:
             mistakes = ", ".join(f"{one.id}:{one.where}" for one in found)
             corrected = Path(name, "corrected.jsonl")
             correct(diagnosed, session, corrected)
-            session, diagnosed = corrected, diagnose_files([corrected])
+            session = corrected
         solved = solve_files([session])
-        exported = solved.for_controller()
-        plain = [
-            Answer(OFFSETS, _of(exported, lengths=False), _bounds(exported)),
-            Answer("recommended", _of(solved), _bounds(solved), solved.solution.subset),
-        ]
-        verdict = f"{diagnosed.diagnosis.verdict} {mistakes}".strip()
-        return [*plain, _adopted(diagnosed, session, plain[-1], verdict)]
-
-
-def _adopted(diagnosed: SessionDiagnosis, session: Path, otherwise: Answer, verdict: str) -> Answer:
-    """The named effects adopted; the other answer where nothing can be adopted."""
-    from app.evaluating.diagnosis import SETS, adopt
-    from app.evaluating.solution import solve_files
-    from app.report.offsets import offsets_from_file
-    from calib.errors import CalibrationError, NotIdentifiable, RecordError, UsageError
-
-    target = session.with_name("model.json")
-    try:
-        written = adopt(diagnosed, target)
-    except UsageError:
-        return Answer("today", otherwise.commanded, otherwise.bounds, verdict)
-    names = ", ".join(f"{effect.id}:{effect.where}" for effect in written.effects)
-    try:
-        exported = offsets_from_file(target, None, "exact")
-    except RecordError:  # a model whose offsets nothing determined
-        remark = f"{verdict}: {names}; export refused"
-        return Answer("today", otherwise.commanded, otherwise.bounds, remark)
-    bound = diagnosed.tool_bound
-    bounds = {} if bound is None else dict.fromkeys(BOUNDED, bound.bound_mm)
-    for subset in SETS:
-        try:
-            bounds = _bounds(solve_files([session], subset=subset, model=target))
-        except (NotIdentifiable, CalibrationError):
-            continue
-        break
-    return Answer("today", inverse_of(exported.model), bounds, f"{verdict}: {names}")
-
-
-BOUNDED = ("machine", "touched_off", "aligned")
-
-
-def _of(solved: SessionSolution, *, lengths: bool = True) -> Commanded:
-    from calib.tripod.controller import commanded_with
-
-    model = solved.solution.model
-    parameters = [*model.parameters_mm[:3], *(mm * lengths for mm in model.parameters_mm[3:])]
-    return lambda tool_mm, _: commanded_with(model.geometry, parameters)(tool_mm)
-
-
-def _bounds(solved: SessionSolution) -> dict[str, float]:
-    bounds = dict.fromkeys(BOUNDED, solved.bound_after.bound_mm)
-    return {**bounds, "near": solved.near_after_mm}
+    named = ", ".join(f"{one.id}:{one.where}" for one in diagnosed.diagnosis.effects)
+    remark = f"{diagnosed.diagnosis.verdict} {mistakes or named}".strip()
+    told = []
+    for holds in HOLDS:
+        made = solved.corrections.of(holds)
+        bounds = {frame.replace("-", "_"): mm for frame, mm in made.off.bound_mm.items()}
+        told.append(Answer(NAMES.get(holds, holds), inverse_of(made.model), bounds, remark))
+    return told
 
 
 def inverse_of(model: Model) -> Commanded:

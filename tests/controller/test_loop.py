@@ -54,22 +54,29 @@ def test_offsets(plain: Loop) -> None:
     assert plain.after_mm("after", plain.session, "--format", "linuxcnc") < 0.003
 
 
+ALONE = ("--format", "linuxcnc", "--subset", "joint-offsets")
+
+
 def test_offsets_alone_do_not_mend_play_and_screw_error(worn: Loop) -> None:
-    assert worn.after_mm("offsets", worn.session, "--format", "linuxcnc") > 0.03
+    assert worn.after_mm("offsets", worn.session, *ALONE) > 0.03
 
 
 def test_play_and_screw_error_that_diagnose_names(worn: Loop) -> None:
     assert worn.after_mm("found", worn.model, "--format", "linuxcnc") < 0.006
 
 
+def test_play_and_screw_error_without_a_name(worn: Loop) -> None:
+    """Nothing is adopted: the correction of the session has tables for the joints."""
+    assert worn.after_mm("session", worn.session, "--format", "linuxcnc") < 0.006
+
+
 def test_offsets_alone_do_not_mend_a_scale_of_one_drive(scaled: Loop) -> None:
-    assert scaled.after_mm("offsets", scaled.session, "--format", "linuxcnc") > 0.03
+    assert scaled.after_mm("offsets", scaled.session, *ALONE) > 0.03
 
 
 def test_a_scale_of_one_drive_beside_them(scaled: Loop) -> None:
     """That of all drives alike is a larger machine: readings of legs hardly show it."""
-    asked = ("--format", "linuxcnc", "--ambiguous")  # a law without a name would do as well
-    assert scaled.after_mm("found", scaled.model, *asked) < 0.006
+    assert scaled.after_mm("found", scaled.model, "--format", "linuxcnc") < 0.006
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0], ids=["entered", "turned"])

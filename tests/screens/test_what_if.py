@@ -222,7 +222,7 @@ async def test_what_cannot_be_told_apart_is_said(doubtful: Path) -> None:
         await pilot.press("f10")
 
 
-@pytest.mark.parametrize("late", ["recommended", "begin"])
+@pytest.mark.parametrize("late", ["usual", "begin"])
 async def test_wrong_moments(bowed: Path, monkeypatch: pytest.MonkeyPatch, late: str) -> None:
     interface = Glidecal(screen := DiagnoseScreen([bowed]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:

@@ -235,7 +235,8 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
         [
             judged,
             "Decision rule (ISO 14253-1): passed where 95 of 100 such machines keep the tolerance, "
-            "failed where 95 of 100 exceed it, undecided in between.",
+            "failed where the expected error exceeds it by more than its expanded uncertainty "
+            "(95 %), undecided in between.",
             said,
             *useless_lines(made),
             table,

@@ -384,4 +384,3 @@ class OffsetsReport(Report):
     unit: Literal["mm"] = "mm"
     cautions: tuple[str, ...] = at("offsets.cautions", "the lines that solve says of this result")
     parameters: dict[str, Offset] = at("offsets.parameters")
-    remarks: tuple[str, ...] = at("offsets.remarks")

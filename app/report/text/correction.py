@@ -37,10 +37,10 @@ FREE_WORDS: dict[Frame, str] = {
 }
 
 HOLDS_WORDS = {
-    "offsets": "joint offsets",
-    "play": "play beside them (BACKLASH)",
-    "tables": "a table of each joint, too (linuxcnc)",
-    "kinematics": "lengths and axes, too (linuxcnc-kins)",
+    "offsets": "joint offsets alone",
+    "play": "joint offsets and play",
+    "tables": "a table of each joint (linuxcnc)",
+    "kinematics": "own kinematics (linuxcnc-kins)",
 }
 
 FORMATS_WORDS = {
@@ -54,8 +54,8 @@ BOUND = "Tool over the workspace, r.m.s. (95 %): "
 """So the sentence on the bound begins, in results and in files."""
 
 UNSEEN = (
-    "Readings of legs do not show how the whole machine is turned. Where a turn is not free, the "
-    "figure contains what that may be; a square or a ball bar on the table shows it."
+    "Readings of legs do not show a turn of the whole machine. Where a turn is not free, the "
+    "figure contains it. A square or a ball bar shows it."
 )
 
 
@@ -91,7 +91,7 @@ def bound_table(made: SessionCorrection) -> Table:
 
 def gains_table(solved: SessionSolution) -> Table:
     """What other exports of the same controller would keep."""
-    table = new_table("the same controller with", "tool at most, mm")
+    table = new_table("if the controller holds", "tool at most, mm")
     for gain in solved.others:
         table.add_row(HOLDS_WORDS[gain.holds], uncertain(gain.bound_mm))
     return table
@@ -150,6 +150,6 @@ def useless_lines(made: SessionCorrection) -> Iterator[str]:
 def view_words(solved: SessionSolution) -> str:
     """That a set of the papers is written in place of the correction."""
     return (
-        f"exported set: {solved.subset}, as it was asked for; without --subset the export writes "
-        "the correction that leaves least at the tool"
+        f"NOTE: the set {solved.subset} is written as it was asked for. Without --subset and "
+        "--method the export writes the correction that leaves least at the tool."
     )

@@ -242,7 +242,8 @@ def judged_text(judged: Judgement) -> str:
     """Against the tolerance, with the guard band."""
     return paragraphs(
         f"Tolerance {judged.tolerance_mm:g} mm for the tool, r.m.s.: passed where 95 of 100 such "
-        "machines keep it, failed where 95 of 100 exceed it. Now it "
+        "machines keep it, failed where the expected error exceeds it by more than its expanded "
+        "uncertainty. Now it "
         f"{DECISION_WORDS[judged.before]}, with these values it {DECISION_WORDS[judged.after]}."
     )
 

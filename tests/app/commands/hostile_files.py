@@ -211,7 +211,7 @@ def _controller(chance: random.Random, folder: Path) -> Case:
         at = chance.randrange(len(lines))
         lines[at : at + chance.randint(0, 1)] = [chance.choice(LINES_OF_INI)]
     (folder / "m.ini").write_bytes(_bytes_spoilt(chance, "\n".join(lines).encode()))
-    export = ("export", "m.json", "--ini", "m.ini", "--ambiguous")
+    export = ("export", "m.json", "--ini", "m.ini")
     runs: tuple[Arguments, ...] = (
         (*export, "--format", "linuxcnc", "-o", "out-a"),
         (*export, "--format", "linuxcnc-kins", "-o", "out-b"),

@@ -57,16 +57,20 @@ def test_solution_document_has_everything_promised(samples: Path) -> None:
     assert (noise["degrees_of_freedom"], noise["source"]) == (None, "instrument")
     assert noise["pooled"] is True
     assert found["suspect_readings"] == []
-    assert found["tool_error"]["before"]["rms_mm"] > found["tool_error"]["after"]["rms_mm"]
+    correction = found["correction"]
+    assert (correction["frame"], correction["holds"]) == ("touched-off", "offsets")
+    for frame in ("touched_off_mm", "aligned_mm", "machine_mm"):
+        assert correction["bound"][frame] < correction["bound_now"][frame]
+    assert [one["holds"] for one in correction["others"]] == ["play", "tables", "kinematics"]
     assert found["enlarged_by_lack_of_fit"] > 10.0
     assert found["lack_of_fit"]["p_value"] < 1e-6
     assert found["condition_number"] == pytest.approx(61.9, abs=0.05)
     assert found["weak_directions"][0]["combination"] == "d_rho_x + d_L_x"
-    assert found["reasons"]
+    assert found["reasons"] == []
     assert found["degrees_of_freedom"] == 6
 
 
-def test_without_a_subset_the_recommended_one_is_solved(samples: Path) -> None:
+def test_without_a_subset_joint_offsets_are_the_view(samples: Path) -> None:
     found = solve(samples / EXPERIMENT_2)
     assert found["subset"] == found["recommended_subset"] == "joint-offsets"
 
@@ -75,7 +79,9 @@ def test_six_differences_do_not_give_both(samples: Path) -> None:
     path = samples / "experiment_1_six.jsonl"
     said = refused(5, "solve", path, "--subset", "both")
     assert "3 of 6 combinations not identifiable" in said
-    assert solve(path)["subset"] == "joint-offsets"
+    found = solve(path)
+    assert found["subset"] == "joint-offsets"
+    assert [reason.split(":")[0] for reason in found["reasons"]] == ["both left out"]
 
 
 def test_import_keeps_everything_and_solves_the_same(samples: Path, tmp_path: Path) -> None:

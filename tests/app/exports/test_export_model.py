@@ -98,12 +98,9 @@ def test_own_kinematics_hold_the_axes(tmp_path: Path) -> None:
     assert "in these files: axis_offset" in found["calib_joint0.inc"]
 
 
-def test_an_ambiguous_effect_is_exported_by_force_alone(tmp_path: Path) -> None:
-    asked = asked_of(tmp_path, effect("backlash", "y", "ambiguous", play=0.06))
-    assert "backlash (y), one of several effects that would do" in refused(2, *asked)
-    assert not (tmp_path / "out").exists()
-    assert glidecal(*asked, "--ambiguous").status == 0
-    words = (tmp_path / "out" / "calib_joint0.inc").read_text().replace("\n# ", " ")
+def test_an_ambiguous_effect_is_exported_with_its_sentence(tmp_path: Path) -> None:
+    found = exported(tmp_path, effect("backlash", "y", "ambiguous", play=0.06))
+    words = found["calib_joint0.inc"].replace("\n# ", " ")
     assert "backlash (y), adopted as one of several effects that would do" in words
 
 

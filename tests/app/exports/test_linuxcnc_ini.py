@@ -199,10 +199,8 @@ def test_joints_of_the_machine_file_come_before_those_of_the_kinematics(tmp_path
         'schema = "glidecal.machine/1"\njoints = ["z", "-x", "y"]\nhome_offset_mm = [1, 2, 3.0]'
     )
     assert glidecal("simulate", "--machine", machine, "--seed", "2", "-o", session).status == 0
-    d_rho = {
-        name: row["value"]
-        for name, row in json.loads(glidecal("solve", session, "--json").out)["parameters"].items()
-    }
+    correction = json.loads(glidecal("solve", session, "--json").out)["correction"]
+    d_rho = {name: one["value"] for name, one in correction["values"].items()}
     written = glidecal("export", session, "--format", "linuxcnc", "-o", out)
     assert written.status == 0, written.err
     new = [3.0 + d_rho["d_rho_z"], 1.0 - d_rho["d_rho_x"], 2.0 + d_rho["d_rho_y"]]

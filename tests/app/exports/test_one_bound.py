@@ -10,15 +10,26 @@ import numpy as np
 import pytest
 
 from app.evaluating.own_effects import known_effects
-from calib.tripod.controller import tool_error_mm
+from app.evaluating.solution import SessionSolution, solve_files
+from app.exports.linuxcnc import NOT_HOMED
+from app.report.text.tables import uncertain
+from calib.posterior.correction import Holds
 from calib.tripod.pipeline import Model
+from calib.tripod.workspace import machine_at, workspace_points
 from protocols.model_file import read_model_file, to_model
 from tests.app.cli import glidecal
+from tests.blind.today import inverse_of
 
 BOUND = re.compile(r"at most ([\d.]+) mm with these values")
 TRUTH = {"d_rho_x": 0.8, "d_rho_y": -0.5, "d_rho_z": 0.3}
 LEAN = {"id": "axis_squareness", "where": "xy", "parameters": {}}
-FORMATS = ("json", "csv", "model", "linuxcnc", "linuxcnc-kins")
+HOLDS: dict[str, Holds] = {
+    "json": "offsets",
+    "csv": "offsets",
+    "model": "kinematics",
+    "linuxcnc": "tables",
+    "linuxcnc-kins": "kinematics",
+}
 
 
 def model_file(path: Path, lean_mrad: float, **offsets: float) -> Path:
@@ -39,6 +50,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def solved(folder: Path) -> SessionSolution:
+    return solve_files([folder / "s.jsonl"], model=folder / "m.json")
+
+
 def written(folder: Path, out: Path, kind: str, source: str = "s.jsonl") -> tuple[list[str], str]:
     """The words of every file that people read in, and standard error."""
     model = ("--model", folder / "m.json") if source == "s.jsonl" else ()
@@ -50,48 +66,36 @@ def written(folder: Path, out: Path, kind: str, source: str = "s.jsonl") -> tupl
     return words, " ".join(run.err.split())
 
 
-def true_error_mm(folder: Path, out: Path, *, holds_lean: bool) -> float:
-    """What the tool is really off by with these values entered, over the workspace."""
-    solved = json.loads((out / "o.json").read_text())["parameters"]
-    entered = np.array([solved[name]["value"] for name in TRUTH])
+def true_error_mm(folder: Path, entered: Model) -> float:
+    """What the tool is really off by over the workspace with these values, a shift free."""
     true = to_model(read_model_file(folder / "truth.json"), "truth", known_effects())
-    left = np.array(list(TRUTH.values())) - entered
-    rest = Model(true.geometry, (*left.tolist(), 0.0, 0.0, 0.0))
-    return tool_error_mm(rest if holds_lean else rest.with_effects(true.effects))
+    points, commanded = workspace_points(true.geometry), inverse_of(entered)
+    off = np.concatenate(
+        [machine_at(true, commanded(points, way), way).tool_mm - points for way in (1.0, -1.0)]
+    )
+    return float(np.sqrt(((off - off.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kind", list(HOLDS))
 def test_every_file_states_the_bound_of_what_it_holds(
-    folder: Path, tmp_path: Path, kind: str
+    folder: Path, solved: SessionSolution, tmp_path: Path, kind: str
 ) -> None:
-    written(folder, tmp_path / "o.json", "json")
-    holds_lean = kind in ("model", "linuxcnc-kins")
-    true_mm = true_error_mm(folder, tmp_path, holds_lean=holds_lean)
+    """Nothing tells how the joints home, so files for joints have no tables."""
+    absent = dict.fromkeys(("play", "table"), NOT_HOMED) if kind.startswith("linuxcnc") else None
+    made = solved.corrections.of(HOLDS[kind], absent)
+    true_mm = true_error_mm(folder, made.model)
     files, err = written(folder, tmp_path / "out", kind)
-    assert true_mm > 0.05 or holds_lean, "else this test shows nothing"
     for text in (*files, err):
-        (bound,) = set(BOUND.findall(text))
-        assert len(BOUND.findall(text)) == 1
-        assert float(bound) >= true_mm
-        assert "that leaves 0" not in text
-        left_out = "not in these files: axis_squareness; the bound of the tool includes"
-        assert (left_out in text) == (not holds_lean)
-
-
-def test_the_bound_of_files_that_hold_everything_is_that_of_the_result(
-    folder: Path, tmp_path: Path
-) -> None:
-    options = ("--subset", "joint-offsets", "--model", folder / "m.json")
-    text = " ".join(glidecal("solve", folder / "s.jsonl", *options).out.split())
-    (result, _) = BOUND.findall(text)
-    for kind, same in (("linuxcnc-kins", True), ("model", True), ("linuxcnc", False)):
-        files, _ = written(folder, tmp_path / kind, kind)
-        assert {BOUND.findall(text)[0] == result for text in files} == {same}
+        assert BOUND.findall(text) == [uncertain(made.bound_mm)]
+    assert true_mm <= made.bound_mm
+    assert true_mm < 0.01 or HOLDS[kind] != "kinematics"
+    assert true_mm > 0.02 or HOLDS[kind] == "kinematics", "else this test shows nothing"
 
 
 def test_a_model_file_says_nothing_of_files_that_hold_less(folder: Path, tmp_path: Path) -> None:
     """The bound that it carries is that of the whole model, and nothing can work out another."""
-    written(folder, folder / "whole.json", "model")
+    asked = ("--format", "model", "--model", folder / "m.json", "--subset", "joint-offsets")
+    assert glidecal("export", folder / "s.jsonl", *asked, "-o", folder / "whole.json").status == 0
     files, err = written(folder, tmp_path / "out", "linuxcnc", "whole.json")
     for text in files:
         assert not BOUND.findall(text)

@@ -230,7 +230,7 @@ def test_a_set_that_is_asked_for_is_written_as_it_is_identified(tilt: Path, tmp_
     written = json.loads(out.read_text())
     for name, one in solved["parameters"].items():
         assert written["parameters"][name]["value"] == one["value"]
-    assert "exported set: joint-offsets" in written["remarks"][0]
+    assert written["cautions"][1].startswith("NOTE: the set joint-offsets is written as")
     bound = re.search(r"at most ([\d.]+) mm with these values", written["cautions"][0])
     assert bound is not None
     assert float(bound[1]) >= round(solved["correction"]["bound"]["touched_off_mm"], 3) - 5e-4

@@ -113,7 +113,7 @@ def _pictures(section: Section) -> list[Picture]:
 
 
 def test_the_budget_adds_up_to_what_is_stated(experiment: CalibrationReport) -> None:
-    of_values, of_tool = _tables(_section(experiment, "Uncertainty budget"))
+    (of_values,) = _tables(_section(experiment, "Uncertainty budget of these parameters"))
     solved = solve_files([EXPERIMENT])
     stated = zip(solved.solution.names, solved.solution.expanded_with_tolerances_mm, strict=True)
     for row, (name, expanded_mm) in zip(_cells(of_values), stated, strict=True):
@@ -122,8 +122,6 @@ def test_the_budget_adds_up_to_what_is_stated(experiment: CalibrationReport) -> 
         assert math.hypot(scatter, steps, parts) == pytest.approx(expanded_mm, rel=0.01)
         assert together == pytest.approx(expanded_mm, rel=0.01)
         assert left > scatter, "eleven times the noise is left"
-    lines = [float(cell) for _, cell in _cells(of_tool)]
-    assert max(lines) == pytest.approx(solved.bound_after.bound_mm, rel=0.05)
 
 
 def test_what_to_enter_comes_on_top(tmp_path: Path) -> None:
@@ -134,10 +132,11 @@ def test_what_to_enter_comes_on_top(tmp_path: Path) -> None:
     opened = record.opened.model_copy(update={"machine": machine, "operator": "A. Fitter"})
     write_whole(path, opened, list(record.events[1:-1]))
     report = report_of([path])
-    (table,) = _tables(_section(report, "What to enter in the controller"))
-    held, found, together = zip(*(map(float, row[1:]) for row in _cells(table)), strict=True)
+    table, *_ = _tables(_section(report, "What to enter in the controller"))
+    columns = zip(*(map(float, row[1:]) for row in _cells(table)), strict=True)
+    held, found, _, together = columns
     assert held == (0.25, 0.0, -1.0)
-    assert found == pytest.approx(solve_files([path]).for_controller().joint_offsets_mm, abs=1e-4)
+    assert found == pytest.approx(solve_files([path]).joint_offsets_mm, abs=1e-4)
     assert together == pytest.approx([a + b for a, b in zip(held, found, strict=True)], abs=1e-4)
     assert "A. Fitter" in Page(html_of(report)).text
 
@@ -201,9 +200,9 @@ def test_a_name_stands_in_the_evidence(tmp_path: Path) -> None:
 
 
 def test_the_decision_rule_stands_with_the_decision() -> None:
-    report = report_of([SIMULATED], tolerance_mm=0.05)
+    report = report_of([SIMULATED], tolerance_mm=0.02)
     assert report.decision.startswith("UNDECIDED with these values entered, FAIL as it is now")
-    judged = judge(solve_files([SIMULATED]), 0.05)
+    judged = judge(solve_files([SIMULATED]), 0.02)
     assert (judged.after, judged.before) == ("undecided", "fail")
     with_rule = Page(html_of(report)).text
     assert "Decision rule (ISO 14253-1)" in with_rule
@@ -325,7 +324,7 @@ def test_with_a_later_session_it_decides(tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore:HarfBuzz-Subset:DeprecationWarning")  # of the system
 def test_pdf_is_the_same_twice_and_drawn(experiment: CalibrationReport) -> None:
-    html = html_of(replace(experiment, sections=experiment.sections[:2]))
+    html = html_of(replace(experiment, sections=experiment.sections[:3]))
     assert "data:image/svg+xml" in html
     try:
         printed = pdf_of(html)

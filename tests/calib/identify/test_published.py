@@ -131,6 +131,16 @@ def test_accuracy_of_equations_12_and_14(
     )
 
 
+def test_both_sets_of_three_do_alike_and_the_full_one_little_better(samples: Path) -> None:
+    """As the authors found for experiment 2, who therefore corrected joint offsets alone."""
+    offsets, lengths, both = (
+        solved(samples, "experiment_2_twelve", subset).rms_after_mm
+        for subset in ("joint-offsets", "leg-lengths", "both")
+    )
+    assert lengths == pytest.approx(offsets, rel=0.03)
+    assert 0.9 * offsets < both < offsets
+
+
 def test_what_is_left_is_ten_times_the_noise(samples: Path) -> None:
     fit = solved(samples, "experiment_2_twelve", "joint-offsets").lack_of_fit
     assert fit is not None

@@ -60,6 +60,12 @@ def test_the_bound_of_a_correction_is_that_of_its_values(plain: Posterior) -> No
     now = ToolOff(plain, nothing_entered(plain))
     for frame in FRAMES:
         assert off.least_mm[frame] < off.bound_mm[frame] < now.least_mm[frame]
+        assert now.least_mm[frame] < now.bound_mm[frame]
+
+
+def test_what_is_not_known_is_no_failure(plain: Posterior) -> None:
+    """With everything entered that is expected nothing is left that shows."""
+    assert set(ToolOff(plain, plain.mean).least_mm.values()) == {0.0}
 
 
 def test_parts_that_a_controller_does_not_take_are_left_out_with_the_reason(
@@ -101,9 +107,10 @@ def test_an_effect_that_the_model_has_is_entered_as_far_as_it_can_be(
 
 def test_a_lead_that_no_library_has_is_known_of_a_model() -> None:
     odd = EffectInstance(ActuatorCyclic(7.3), "x", (12.0, 0.0))
-    made = correction(posterior([case(odd, known=(odd,))]), "tables")
-    held = [one for one in made.model.effects if one.effect == ActuatorCyclic(7.3)]
-    assert [one.values[0] for one in held] == pytest.approx([12.0], abs=0.5)
+    known = posterior([case(odd, known=(odd,))])
+    made = correction(known, "tables")
+    column = made.values[list(known.field.columns_of((ActuatorCyclic(7.3), "x")))]
+    assert column == pytest.approx([12.0, 0.0], abs=0.5)
 
 
 def test_squareness_of_a_model_goes_into_the_axes() -> None:

@@ -212,7 +212,7 @@ class Cells:
             )
         else:
             left = without_means(self.cell, 1.0 / self._counted_mm2, rows) / root
-        upper = np.linalg.qr(left, mode="r")[: columns.shape[1]]
+        upper = np.asarray(np.linalg.qr(left, mode="r"))[: columns.shape[1]]
         return np.column_stack([upper[:, -1], upper[:, :-1]])
 
 

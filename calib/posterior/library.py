@@ -59,8 +59,8 @@ POWERS = tuple(
 OF_READING = tuple(name for name, basis in BASES.items() if basis.stage == Stage.READING)[:4]
 
 
-def laws(geometry: Geometry) -> tuple[Effect, ...]:
-    """Every law that the library knows, as it is on this machine."""
+def laws(geometry: Geometry, effects: Sequence[Effect] = CATALOGUE) -> tuple[Effect, ...]:
+    """The effects to name, those beside them, laws without a name; as they are on this machine."""
     nameless: tuple[Effect, ...] = (
         *(Empirical((name,)) for name in POWERS),
         Empirical(POWERS),
@@ -68,18 +68,17 @@ def laws(geometry: Geometry) -> tuple[Effect, ...]:
         StraightnessOfFourthOrder(),
         Coupling(),
     )
-    return effects_of((*CATALOGUE, *BESIDE_CATALOGUE, *nameless), geometry)
+    return effects_of(dict.fromkeys((*effects, *BESIDE_CATALOGUE, *nameless)), geometry)
 
 
 def library(
     sessions: Sequence[tuple[Model, Conditions]], effects: Sequence[Effect] | None = None
 ) -> list[Component]:
-    """Components that these sessions can show; ``effects`` in place of the catalogue to name."""
-    geometry = sessions[0][0].geometry
-    known = {effect.id for effect in (CATALOGUE if effects is None else effects)}
-    every = (*laws(geometry), *effects_of(effects, geometry)) if effects else laws(geometry)
+    """Components that these sessions can show; ``effects`` in place of the catalogue."""
+    effects = CATALOGUE if effects is None else effects
+    known = {effect.id for effect in effects}
     found = []
-    for candidate in candidates_together(sessions, tuple(dict.fromkeys(every))):
+    for candidate in candidates_together(sessions, laws(sessions[0][0].geometry, effects)):
         nameless = candidate.kind == Kind.EMPIRICAL or candidate.id == "straightness_fourth"
         if nameless and candidate.arrangement != "one":
             continue

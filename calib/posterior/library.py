@@ -28,6 +28,14 @@ ELSE = "something_else"
 SMOOTH_MM = 40.0
 """How far along the travel an error of each posture's own is alike."""
 
+SIDED = 0.3
+"""Share of the square of that error which depends on the side of approach."""
+
+LEAST_SQUARE = 1e-4
+"""Directions of that error of less than a hundredth of its size show nothing."""
+
+ALL = "all"
+
 SHARES = {"named": 0.70, "beside": 0.08, "nameless": 0.17, ELSE: 0.05}
 """Of the prior of a single component; docs/decisions/0016."""
 
@@ -88,13 +96,23 @@ def library(
     return _with_priors(found)
 
 
+SORTS = {"one": 0.55, "same": 0.30, "each": 0.15}
+"""Of the prior of an effect: at one place, alike everywhere, at several places with their own."""
+
+
+def _sort(one: Component) -> str:
+    if "," in one.where:
+        return "each"
+    return "same" if one.where == ALL else "one"
+
+
 def _with_priors(every: Sequence[Component]) -> list[Component]:
-    """Each kind has its share, spread over ids, then over places together or apart, then places."""
+    """Each kind has its share, spread over ids, then over sorts of places, then over these."""
     ids = Counter(kind for kind, _ in {(one.kind, one.id) for one in every})
-    sorts = Counter(
-        (kind, name) for kind, name, _ in {(o.kind, o.id, o.where == "all") for o in every}
-    )
-    places = Counter((one.kind, one.id, one.where == "all") for one in every)
+    places = Counter((one.kind, one.id, _sort(one)) for one in every)
+    sorts: dict[tuple[str, str], float] = {}
+    for kind, name, sort in places:
+        sorts[kind, name] = sorts.get((kind, name), 0.0) + SORTS[sort]
     return [
         replace(
             one,
@@ -102,8 +120,9 @@ def _with_priors(every: Sequence[Component]) -> list[Component]:
                 np.log(
                     SHARES[one.kind]
                     / ids[one.kind]
+                    * SORTS[_sort(one)]
                     / sorts[one.kind, one.id]
-                    / places[one.kind, one.id, one.where == "all"]
+                    / places[one.kind, one.id, _sort(one)]
                 )
             ),
         )
@@ -112,18 +131,23 @@ def _with_priors(every: Sequence[Component]) -> list[Component]:
 
 
 def something_else(taken: Conditions) -> FloatArray:
-    """Columns ``(n, r)`` of an error of each posture's own, 1 mm r.m.s.; smooth along the travel."""
-    place = numbered(taken.leg, taken.axis, taken.level, *taken.position_mm.T)
-    first = np.unique(place, return_index=True)[1]
+    """Columns ``(n, r)`` of an error of each posture's own, 1 mm r.m.s.; smooth along the travel.
+
+    A share of its square, `SIDED`, is another from each side of approach.
+    """
+    side = numbered(taken.approach, *taken.movement.T)
+    cell = numbered(taken.leg, taken.axis, taken.level, *taken.position_mm.T, side)
+    first = np.unique(cell, return_index=True)[1]
     same = (taken.leg[first][:, None] == taken.leg[first]) & (
         taken.axis[first][:, None] == taken.axis[first]
     )
     apart = taken.displacement_mm[first][:, None] - taken.displacement_mm[first]
     far = ((taken.position_mm[first][:, None] - taken.position_mm[first]) ** 2).sum(axis=-1)
     alike = same * np.exp(-(apart**2 + far) / (2.0 * SMOOTH_MM**2))
+    alike = alike * np.where(side[first][:, None] == side[first], 1.0, 1.0 - SIDED)
     square, axes = np.linalg.eigh(alike)
-    kept = square > 1e-9
-    return np.asarray((axes[:, kept] * np.sqrt(square[kept]))[place])
+    kept = square > LEAST_SQUARE
+    return np.asarray((axes[:, kept] * np.sqrt(square[kept]))[cell])
 
 
 def instances(component: Component, values: FloatArray) -> tuple[EffectInstance, ...]:

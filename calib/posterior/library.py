@@ -8,7 +8,7 @@ first kinds, then effects, then places and arrangements.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,13 +31,14 @@ SMOOTH_MM = 40.0
 SIDED = 0.3
 """Share of the square of that error which depends on the side of approach."""
 
-LEAST_SQUARE = 1e-4
-"""Directions of that error of less than a hundredth of its size show nothing."""
+LEAST_SQUARE = 1e-2
+"""Directions of that error of less than a tenth of its size show nothing."""
 
 ALL = "all"
 
-SHARES = {"named": 0.70, "beside": 0.08, "nameless": 0.17, ELSE: 0.05}
-"""Of the prior of a single component; docs/decisions/0016."""
+SHARES = {"named": 0.67, "beside": 0.06, "nameless": 0.15, ELSE: 0.12}
+"""Of the prior of a single component. Something else stands against names that are put together,
+three of which fit nearly any shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +87,8 @@ def library(
     effects = CATALOGUE if effects is None else effects
     known = {effect.id for effect in effects}
     found = []
-    for candidate in candidates_together(sessions, laws(sessions[0][0].geometry, effects)):
+    every = candidates_together(sessions, laws(sessions[0][0].geometry, effects))
+    for candidate in (*every, *_one_way(every)):
         nameless = candidate.kind == Kind.EMPIRICAL or candidate.id == "straightness_fourth"
         if nameless and candidate.arrangement != "one":
             continue
@@ -96,7 +98,29 @@ def library(
     return _with_priors(found)
 
 
-SORTS = {"one": 0.55, "same": 0.30, "each": 0.15}
+def _one_way(every: Sequence[Candidate]) -> Iterator[Candidate]:
+    """Candidates across one direction of a drive where they have a value in each of both.
+
+    A guide that is bent one way only would pay for the size of the other.
+    """
+    known = {(one.id, one.where) for one in every}
+    for one in every:
+        if one.arrangement != "each" or "," in one.where:
+            continue
+        for share in one.shares:
+            if (one.id, share.place) not in known:
+                values = list(share.values)
+                yield replace(
+                    one,
+                    where=share.place,
+                    arrangement="one",
+                    parameters=share.effect.parameters,
+                    columns=one.columns[:, values],
+                    shares=(replace(share, values=tuple(range(len(values)))),),
+                )
+
+
+SORTS = {"one": 0.60, "same": 0.32, "each": 0.08}
 """Of the prior of an effect: at one place, alike everywhere, at several places with their own."""
 
 

@@ -8,12 +8,12 @@ first kinds, then effects, then places and arrangements.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import LEG_NAMES, Conditions, FloatArray, numbered
+from calib.arrays import Conditions, FloatArray, numbered
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
 from calib.tripod.effects.candidates import Candidate, Share, candidates_together
 from calib.tripod.effects.drives import StraightnessOfFourthOrder, effects_of
@@ -31,8 +31,19 @@ SMOOTH_MM = 40.0
 ELSE_UNIT_MM = 0.003
 """R.m.s. of something else that nobody would remark on, in the readings."""
 
-SHARES = {"named": 0.70, "beside": 0.08, "nameless": 0.17, ELSE: 0.05}
-"""Of the prior of a single component; docs/decisions/0016."""
+SIDED = 0.3
+"""Share of the square of that error which depends on the side of approach."""
+
+LEAST_SQUARE = 1e-2
+"""Directions of that error of less than a tenth of its size show nothing."""
+
+ALL = "all"
+AXES = "axes"
+"""Where all axes are out of square and shifted, each as it likes."""
+
+SHARES = {"named": 0.67, "beside": 0.06, "nameless": 0.15, ELSE: 0.12}
+"""Of the prior of a single component. Something else stands against names that are put together,
+three of which fit nearly any shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +90,8 @@ POWERS = tuple(
 OF_READING = tuple(name for name, basis in BASES.items() if basis.stage == Stage.READING)[:4]
 
 
-def laws(geometry: Geometry) -> tuple[Effect, ...]:
-    """Every law that the library knows, as it is on this machine."""
+def laws(geometry: Geometry, effects: Sequence[Effect] = CATALOGUE) -> tuple[Effect, ...]:
+    """The effects to name, those beside them, laws without a name; as they are on this machine."""
     nameless: tuple[Effect, ...] = (
         *(Empirical((name,)) for name in POWERS),
         Empirical(POWERS),
@@ -88,20 +99,20 @@ def laws(geometry: Geometry) -> tuple[Effect, ...]:
         StraightnessOfFourthOrder(),
         Coupling(),
     )
-    return effects_of((*CATALOGUE, *BESIDE_CATALOGUE, *nameless), geometry)
+    return effects_of(dict.fromkeys((*effects, *BESIDE_CATALOGUE, *nameless)), geometry)
 
 
 def library(
     sessions: Sequence[tuple[Model, Conditions]], effects: Sequence[Effect] | None = None
 ) -> list[Component]:
-    """Components that these sessions can show; ``effects`` in place of the catalogue to name."""
-    geometry = sessions[0][0].geometry
-    known = {effect.id for effect in (CATALOGUE if effects is None else effects)}
-    every = (*laws(geometry), *effects_of(effects, geometry)) if effects else laws(geometry)
+    """Components that these sessions can show; ``effects`` in place of the catalogue."""
+    effects = CATALOGUE if effects is None else effects
+    known = {effect.id for effect in effects}
     found = []
-    for candidate in candidates_together(sessions, tuple(dict.fromkeys(every))):
+    every = candidates_together(sessions, laws(sessions[0][0].geometry, effects))
+    for candidate in (*every, *_one_way(every)):
         nameless = candidate.kind == Kind.EMPIRICAL or candidate.id == "straightness_fourth"
-        if nameless and not at_one_place(candidate):
+        if nameless and candidate.arrangement != "one":
             continue
         kind = "nameless" if nameless else "named" if candidate.id in known else "beside"
         unit = np.array([parameter.tolerance for parameter in candidate.parameters])
@@ -109,11 +120,6 @@ def library(
     found += _axes_together(found)
     found.append(Component(ELSE, "all", ELSE, np.full(1, ELSE_UNIT_MM), None))
     return _with_priors(found)
-
-
-def at_one_place(candidate: Candidate) -> bool:
-    """Whether a law acts at one place; both directions across a drive are one."""
-    return candidate.arrangement == "one" or candidate.where in LEG_NAMES
 
 
 def _axes_together(every: Sequence[Component]) -> list[Component]:
@@ -136,7 +142,7 @@ def _axes_together(every: Sequence[Component]) -> list[Component]:
         "axis_squareness",
         "the axes are not square and miss each other",
         first.kind,
-        "axes",
+        AXES,
         "each",
         parameters,
         np.hstack([first.columns, second.columns]),
@@ -146,37 +152,83 @@ def _axes_together(every: Sequence[Component]) -> list[Component]:
     return [Component(both.id, both.where, "named", unit, both)]
 
 
-def _with_priors(every: Sequence[Component]) -> list[Component]:
-    """Each kind has its share, spread over laws, then over places together or apart, then places.
+def _one_way(every: Sequence[Candidate]) -> Iterator[Candidate]:
+    """Candidates across one direction of a drive where they have a value in each of both.
 
-    Laws without a name are sorted by what they move and how, since they share one id.
+    A guide that is bent one way only would pay for the size of the other.
     """
-    keys = [(one.kind, one.law, one.where == "all") for one in every]
-    laws = Counter(kind for kind, _ in {key[:2] for key in keys})
-    sorts = Counter(key[:2] for key in set(keys))
-    places = Counter(keys)
+    known = {(s.effect, s.place) for one in every if one.arrangement == "one" for s in one.shares}
+    for one in every:
+        if one.arrangement != "each" or "," in one.where:
+            continue
+        for share in one.shares:
+            if (share.effect, share.place) not in known:
+                values = list(share.values)
+                yield replace(
+                    one,
+                    where=share.place,
+                    arrangement="one",
+                    parameters=share.effect.parameters,
+                    columns=one.columns[:, values],
+                    shares=(replace(share, values=tuple(range(len(values)))),),
+                )
+
+
+SORTS = {"one": 0.60, "same": 0.32, "each": 0.08}
+"""Of the prior of an effect: at one place, alike everywhere, at several places with their own."""
+
+
+def _sort(one: Component) -> str:
+    if "," in one.where or one.where == AXES:
+        return "each"
+    return "same" if one.where == ALL else "one"
+
+
+def _with_priors(every: Sequence[Component]) -> list[Component]:
+    """Each kind has its share, spread over laws, then over sorts of places, then over these.
+
+    Laws without a name are told apart by what they do, since they share one id.
+    """
+    laws = Counter(kind for kind, _ in {(one.kind, one.law) for one in every})
+    places = Counter((one.kind, one.law, _sort(one)) for one in every)
+    sorts: dict[tuple[str, str], float] = {}
+    for kind, name, sort in places:
+        sorts[kind, name] = sorts.get((kind, name), 0.0) + SORTS[sort]
     return [
         replace(
             one,
-            log_prior=float(np.log(SHARES[key[0]] / laws[key[0]] / sorts[key[:2]] / places[key])),
+            log_prior=float(
+                np.log(
+                    SHARES[one.kind]
+                    / laws[one.kind]
+                    * SORTS[_sort(one)]
+                    / sorts[one.kind, one.law]
+                    / places[one.kind, one.law, _sort(one)]
+                )
+            ),
         )
-        for one, key in zip(every, keys, strict=True)
+        for one in every
     ]
 
 
 def something_else(taken: Conditions) -> FloatArray:
-    """Columns ``(n, r)`` of an error of each posture's own, 1 mm r.m.s., smooth along travel."""
-    place = numbered(taken.leg, taken.axis, taken.level, *taken.position_mm.T)
-    first = np.unique(place, return_index=True)[1]
+    """Columns ``(n, r)`` of an error of each posture's own, 1 mm r.m.s.; smooth along the travel.
+
+    A share of its square, `SIDED`, is another from each side of approach.
+    """
+    side = numbered(taken.approach, *taken.movement.T)
+    cell = numbered(taken.leg, taken.axis, taken.level, *taken.position_mm.T, side)
+    first = np.unique(cell, return_index=True)[1]
     same = (taken.leg[first][:, None] == taken.leg[first]) & (
         taken.axis[first][:, None] == taken.axis[first]
     )
     apart = taken.displacement_mm[first][:, None] - taken.displacement_mm[first]
     far = ((taken.position_mm[first][:, None] - taken.position_mm[first]) ** 2).sum(axis=-1)
     alike = same * np.exp(-(apart**2 + far) / (2.0 * SMOOTH_MM**2))
+    alike = alike * np.where(side[first][:, None] == side[first], 1.0, 1.0 - SIDED)
     square, axes = np.linalg.eigh(alike)
-    kept = square > 1e-9
-    return np.asarray((axes[:, kept] * np.sqrt(square[kept]))[place])
+    kept = square > LEAST_SQUARE
+    return np.asarray((axes[:, kept] * np.sqrt(square[kept]))[cell])
 
 
 def instances(component: Component, values: FloatArray) -> tuple[EffectInstance, ...]:

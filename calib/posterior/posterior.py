@@ -16,7 +16,7 @@ import numpy as np
 from calib.arrays import FloatArray, IntArray
 from calib.errors import NotIdentifiable
 from calib.posterior.labels import Beside, Mistake, Solved, with_mistakes
-from calib.posterior.library import ELSE, Component, at_one_place, library, something_else
+from calib.posterior.library import ELSE, Component, library, something_else
 from calib.posterior.race import LIGHTEST, LOG_CAUSES, Entry, Products, Race
 from calib.posterior.readings import (
     LENGTHS,
@@ -338,7 +338,7 @@ class _Problem:
         return tuple(
             k
             for k, component in enumerate(self.components)
-            if component.candidate and at_one_place(component.candidate)
+            if component.candidate and component.candidate.arrangement == "one"
         )
 
     @cached_property

@@ -9,7 +9,7 @@ degrees of freedom makes the evidence a Student's t: -(ν + n)/2 log(ν + Q), Q 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,17 +22,28 @@ SCALES = (1.0, 4.0, 16.0, 64.0)
 LOG_SCALES = np.log([0.4, 0.3, 0.2, 0.1])
 """Their prior: larger ones are rarer, none is impossible."""
 
-LOG_CAUSES = np.log([0.45, 0.40, 0.12, 0.03])
-"""Prior of 0, 1, 2 and 3 components."""
+LOG_CAUSES = np.log([0.45, 0.42, 0.115, 0.015])
+"""Prior of 0, 1, 2 and 3 components: each further one a quarter as likely, and less, for any three
+fit nearly any shape."""
 
-BESIDE = 14
-"""Components that are tried with every other; of pairs `BESIDE_PAIRS`."""
-BESIDE_PAIRS = 8
-CLOSEST = 8
-"""Components that leave least, whatever they cost: two wide ones may be needed together."""
+NARROW = 12
+"""Columns of a component, up to which it is tried beside every other."""
+
+PAIRS = 160
+"""Pairs that are weighed at all scales, the most promising of all."""
+
+TRIPLES_FROM = 12
+"""Pairs beside which every third component is tried."""
+
+FAR_BEHIND = 14.0
+"""Log weight behind the best of as many components: not looked at."""
 
 LIGHTEST = 1e-4
 """Models of less weight change nothing."""
+
+
+Key = tuple[tuple[int, float], ...]
+"""Components of a model, each with its scale."""
 
 
 @dataclass(frozen=True)
@@ -114,45 +125,24 @@ class Race:
         return square, room
 
     def run(self) -> list[Entry]:
-        """Every model that counts, the heaviest first."""
-        weights: dict[tuple[tuple[int, float], ...], float] = {}
+        """Every model that counts, the heaviest first.
+
+        All pairs are tried; of triples those that hold one of the heaviest pairs.
+        """
         plain = self.products
         nothing = self.log_evidence(np.array(plain.square), np.array(plain.room))
-        weights[()] = float(LOG_CAUSES[0] + nothing)
-        closest: list[tuple[tuple[int, float], ...]] = []
-        starts: list[tuple[tuple[tuple[int, float], ...], Products]] = [((), plain)]
-        for causes, most in ((1, BESIDE), (2, BESIDE_PAIRS), (3, 0)):
-            added: dict[tuple[tuple[int, float], ...], float] = {}
-            for members, products in starts:
-                square, room = self._one_more(products)
-                log = self.log_evidence(square, room) + LOG_SCALES[:, None] + self.log_prior
-                log += LOG_CAUSES[causes] + sum(self._cost(*one) for one in members)
-                if causes == 1:
-                    order = np.argsort(square.min(axis=0), kind="stable")[:CLOSEST]
-                    closest = [((int(k), SCALES[int(log[:, k].argmax())]),) for k in order]
-                best = float(log.max())
-                for row, k in np.argwhere(log > best - 14.0):
-                    if any(k == member for member, _ in members):
-                        continue
-                    key = tuple(sorted((*members, (int(k), SCALES[row]))))
-                    added[key] = max(float(log[row, k]), added.get(key, -math.inf))
-            weights |= added
-            if not most:
-                break
-            heaviest = sorted(added, key=lambda key: -added[key])[: 4 * most]
-            if causes == 1:  # what leaves least: one of two that are wide and needed together
-                heaviest += closest
-            sets: dict[tuple[int, ...], tuple[tuple[int, float], ...]] = {}
-            for key in heaviest:  # each set of components once, at its best scales
-                sets.setdefault(tuple(k for k, _ in key), key)
-            starts = []
-            for key in list(sets.values())[: most + CLOSEST]:
-                products = plain
-                for k, scale in key:
-                    products = products.beside(self.columns[k], scale)
-                starts.append((key, products))
-        log = np.array(list(weights.values()))
-        share = np.exp(log - log.max())
+        weights: dict[Key, float] = {(): float(LOG_CAUSES[0] + nothing)}
+        weights |= self._beside([()])
+        wide = [k for k, columns in enumerate(self.columns) if len(columns) > NARROW]
+        pairs = self._pairs()
+        for key, log in self._beside([((k, scale),) for k in wide for scale in SCALES]).items():
+            pairs[key] = max(log, pairs.get(key, -math.inf))
+        heaviest: dict[tuple[int, ...], Key] = {}
+        for key in sorted(pairs, key=lambda key: -pairs[key]):
+            heaviest.setdefault(tuple(k for k, _ in key), key)
+        weights |= pairs | self._beside(list(heaviest.values())[:TRIPLES_FROM])
+        logs = np.array(list(weights.values()))
+        share = np.exp(logs - logs.max())
         share /= share.sum()
         entries = [
             Entry(tuple(k for k, _ in key), tuple(s for _, s in key), w)
@@ -160,6 +150,108 @@ class Race:
             if part > LIGHTEST
         ]
         return sorted(entries, key=lambda entry: -entry.log_weight)
+
+    def _beside(self, starts: Sequence[Key]) -> dict[Key, float]:
+        """Log weights of models of one component more than these, all of as many components."""
+        found: dict[Key, float] = {}
+        best = -math.inf
+        for members in starts:
+            products = self.products
+            for k, scale in members:
+                products = products.beside(self.columns[k], scale)
+            square, room = self._one_more(products)
+            log = self.log_evidence(square, room) + LOG_SCALES[:, None] + self.log_prior
+            log += LOG_CAUSES[len(members) + 1] + sum(self._cost(*one) for one in members)
+            best = max(best, float(log.max()))
+            for row, k in np.argwhere(log > best - FAR_BEHIND):
+                if all(k != member for member, _ in members):
+                    key = tuple(sorted((*members, (int(k), SCALES[row]))))
+                    found[key] = max(float(log[row, k]), found.get(key, -math.inf))
+        return found
+
+    def _pairs(self) -> dict[Key, float]:
+        """Log weights of pairs of narrow components.
+
+        Every pair is weighed at the scales that its own sizes suggest, the best at all scales.
+        """
+        first, second, log = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)], []
+        for one, other in self._pairs_by_width():
+            index, widths = self._columns_of(one, other)
+            wide = np.full((len(one), 2), len(SCALES) - 1)
+            sizes = np.log(self._sizes(index, widths, wide)) / math.log(SCALES[1])
+            scale = np.clip(np.rint(sizes), 0, len(SCALES) - 1).astype(np.intp)
+            first.append(one)
+            second.append(other)
+            log.append(self._log_weights(one, other, index, widths, scale))
+        if not log:
+            return {}
+        firsts, seconds, logs = np.concatenate(first), np.concatenate(second), np.concatenate(log)
+        chosen = np.argsort(-logs, kind="stable")[:PAIRS]
+        chosen = chosen[logs[chosen] > logs.max() - FAR_BEHIND]
+        found: dict[Key, float] = {}
+        every = np.array([(i, j) for i in range(len(SCALES)) for j in range(len(SCALES))])
+        widths_of = np.array([len(columns) for columns in self.columns])
+        shapes = np.stack([widths_of[firsts[chosen]], widths_of[seconds[chosen]]], axis=1)
+        for shape in np.unique(shapes, axis=0):
+            some = chosen[(shapes == shape).all(axis=1)]
+            one, other = (np.repeat(side[some], len(every)) for side in (firsts, seconds))
+            scale = np.tile(every, (len(some), 1))
+            index, widths = self._columns_of(one, other)
+            values = self._log_weights(one, other, index, widths, scale)
+            for k, j, (a, b), value in zip(one, other, scale, values, strict=True):
+                pair = ((int(k), SCALES[a]), (int(j), SCALES[b]))
+                found[tuple(sorted(pair))] = float(value)
+        return found
+
+    def _pairs_by_width(self) -> Iterator[tuple[IntArray, IntArray]]:
+        """All pairs of narrow components, those of equal numbers of columns together."""
+        widths = np.array([len(columns) for columns in self.columns])
+        narrow = [np.flatnonzero(widths == w) for w in np.unique(widths) if w <= NARROW]
+        for n, one in enumerate(narrow):
+            for other in narrow[n:]:
+                left, right = (grid.ravel() for grid in np.meshgrid(one, other, indexing="ij"))
+                apart = left < right if other is one else np.ones(len(left), dtype=bool)
+                if apart.any():
+                    yield left[apart], right[apart]
+
+    def _columns_of(self, one: IntArray, other: IntArray) -> tuple[IntArray, tuple[int, int]]:
+        """Columns ``(n, d)`` of each pair, and how many belong to its first and second."""
+        sides = [np.array([self.columns[k] for k in side]) for side in (one, other)]
+        return np.hstack(sides), (sides[0].shape[1], sides[1].shape[1])
+
+    def _scaled(
+        self, index: IntArray, widths: tuple[int, int], scale: IntArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Scale of each column, and the products ``(n, d, d)`` and ``(n, d)`` in such units."""
+        of_column = np.repeat(np.array(SCALES)[scale], widths, axis=1)
+        inner = self.products.inner[index[:, :, None], index[:, None, :]]
+        inner = np.eye(index.shape[1]) + of_column[:, :, None] * inner * of_column[:, None, :]
+        return of_column, inner, of_column * self.products.along[index]
+
+    def _sizes(self, index: IntArray, widths: tuple[int, int], scale: IntArray) -> FloatArray:
+        """R.m.s. of the sizes of both components ``(n, 2)``, in units."""
+        of_column, inner, along = self._scaled(index, widths, scale)
+        square = (of_column * np.linalg.solve(inner, along[:, :, None])[:, :, 0]) ** 2
+        middle = widths[0]
+        parts = square[:, :middle].mean(axis=1), square[:, middle:].mean(axis=1)
+        return np.asarray(np.sqrt(np.maximum(np.stack(parts, axis=1), 1e-12)))
+
+    def _log_weights(
+        self,
+        one: IntArray,
+        other: IntArray,
+        index: IntArray,
+        widths: tuple[int, int],
+        scale: IntArray,
+    ) -> FloatArray:
+        """Log weights ``(n,)`` of pairs at these scales ``(n, 2)``."""
+        _, inner, along = self._scaled(index, widths, scale)
+        root = np.linalg.cholesky(inner)
+        shown = np.linalg.solve(root, along[:, :, None])[:, :, 0]
+        room = self.products.room - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+        square = self.products.square - (shown**2).sum(axis=1)
+        prior = self.log_prior[one] + self.log_prior[other] + LOG_SCALES[scale].sum(axis=1)
+        return np.asarray(self.log_evidence(square, room) + prior + LOG_CAUSES[2])
 
     def _cost(self, member: int, scale: float) -> float:
         return float(self.log_prior[member] + LOG_SCALES[SCALES.index(scale)])

@@ -27,6 +27,10 @@ class Folder:
         self.results = path / "results.jsonl"
         self.baselines = path / "baselines.jsonl"
 
+    def results_of(self, answerer: str) -> Path:
+        """Results of another answerer than today's program."""
+        return self.results if answerer == "today" else self.path / f"results-{answerer}.jsonl"
+
     def session(self, name: str) -> Path:
         return self.sessions / f"{name}.jsonl"
 

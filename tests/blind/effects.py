@@ -82,6 +82,15 @@ def beside() -> tuple[Candidate, ...]:
     return tuple(found)
 
 
+def everywhere() -> Candidate:
+    """Every stand drifting at a rate of its own: what all do alike, it does as well."""
+    return Candidate(
+        "stand_drift",
+        ",".join(LETTERS),
+        tuple(_one("stand", leg, side) for leg, side in permutations(range(3), 2)),
+    )
+
+
 def rivals() -> tuple[Candidate, ...]:
     """What a diagnosis has to choose from: both indicators of a leg can err at once, too."""
     both = []

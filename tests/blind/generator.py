@@ -21,6 +21,7 @@ from tests.blind.effects import (
     Direction,
     beside,
     candidates,
+    everywhere,
     rivals,
 )
 from tests.blind.forward import FloatArray, Hidden, Hypothesis, Rows, readings
@@ -315,7 +316,7 @@ def _beside(one: EffectInstance, placed: list[EffectInstance], columns: Columns)
 def _described(placed: EffectInstance, case: Case, columns: Columns, noise_mm: float) -> Json:
     mine = placed.candidate
     # With no blunder tested the whole catalogue competes, but for what was left out of it.
-    known = [c for c in (*rivals(), *beside()) if c.id not in beside_ids(case)]
+    known = [c for c in (*rivals(), *beside(), everywhere()) if c.id not in beside_ids(case)]
     others = [c for c in known if c.id != mine.id and c.id not in case.without]
     rival, share = best_rival(columns, placed.signal, others)
     parameters = len(mine.directions)

@@ -234,3 +234,14 @@ def test_a_set_that_is_asked_for_is_written_as_it_is_identified(tilt: Path, tmp_
     bound = re.search(r"at most ([\d.]+) mm with these values", written["cautions"][0])
     assert bound is not None
     assert float(bound[1]) >= round(solved["correction"]["bound"]["touched_off_mm"], 3) - 5e-4
+
+
+def test_sessions_of_one_machine_are_corrected_together(samples: Path) -> None:
+    """What one leaves open the other rules out; the offsets are those of the machine."""
+    pair = [samples / f"simulated_zero-{order}.jsonl" for order in ("max-min", "min-max")]
+    both, alone = solve_files(pair).correction, solve_files(pair[:1]).correction
+    assert both.spread is not None
+    assert alone.spread is not None
+    assert max(both.spread.expanded_mm) < 0.7 * max(alone.spread.expanded_mm)
+    hidden_mm = (0.85, -1.3, 0.4)
+    assert both.model.parameters_mm[:3] == pytest.approx(hidden_mm, abs=0.1)

@@ -55,14 +55,14 @@ class PortFinding:
 
 
 def examine(
-    profile: Profile, port: str, asked: Query, others: Iterable[Profile] = ()
+    profile: Profile, port: str, query: Query, alternatives: Iterable[Profile] = ()
 ) -> list[PortFinding]:
-    """Everything that can be found out; ``others`` are profiles that might fit better.
+    """Everything that can be found out; ``alternatives`` are profiles that might fit better.
 
     Opens only the named port.
     """
     findings = [_trust(profile), *keyboard_tools()]
-    exchange = Exchange(profile, port, asked, profile.interval_s)
+    exchange = Exchange(profile, port, query, profile.interval_s)
     try:
         exchange.open()
     except IndicatorError as problem:
@@ -72,7 +72,7 @@ def examine(
         outcomes = [exchange.taken() for _ in range(ATTEMPTS)]
     finally:
         exchange.hang_up()
-    return findings + list(_of_outcomes(profile, asked, outcomes, others))
+    return findings + list(_of_outcomes(profile, query, outcomes, alternatives))
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ A_VALUE = 1
 def try_profiles(
     profiles: Iterable[Profile],
     port: str,
-    asked: Query,
+    query: Query,
     *,
     progress: Callable[[int, int, Group], object] = lambda *_: None,
     stopped: Callable[[], bool] = lambda: False,
@@ -118,45 +118,47 @@ def try_profiles(
     This writes to the port. After a value only profiles that could have sent it are tried, so that
     all that cannot be told apart are found and a device that was found hears little more.
     """
-    waiting = _groups(profiles, port, asked)
+    waiting = _groups(profiles, port, query)
     count, done = len(waiting), 0
     fits: list[FittingProfile] = []
     heard: list[tuple[Profile, Fault]] = []
     while waiting and not stopped():
         group, done = waiting.pop(0), done + 1
         progress(done, count, group)
-        outcome = _tried(group, port, asked, stopped)
-        found = _read(group, outcome.text, asked)
-        if found and _rank(outcome) <= A_VALUE:
-            fits += found
-            left = ([fit.profile for fit in _read(one, outcome.text, asked)] for one in waiting)
-            waiting = [tuple(one) for one in left if one]
+        outcome = _tried(group, port, query, stopped)
+        group_fits = _read(group, outcome.text, query)
+        if group_fits and _rank(outcome) <= A_VALUE:
+            fits += group_fits
+            candidates = (
+                [fit.profile for fit in _read(group, outcome.text, query)] for group in waiting
+            )
+            waiting = [tuple(fitting) for fitting in candidates if fitting]
             count = done + len(waiting)
         elif isinstance(outcome, Fault) and outcome.kind is not FaultKind.NO_ANSWER:
             heard.append((group[0], outcome))
     return Trials(tuple(fits), tuple(heard), done)
 
 
-def _groups(profiles: Iterable[Profile], port: str, asked: Query) -> list[Group]:
+def _groups(profiles: Iterable[Profile], port: str, query: Query) -> list[Group]:
     """In the order of trying: first who only listens, then who asks for most profiles, quickly.
 
     A request without a line end comes last: what stays of it in a device spoils the next one.
     """
     alike: dict[tuple[object, ...], list[Profile]] = {}
     for profile in profiles:
-        request = profile.request(asked) if profile.request else None
+        request = profile.request(query) if profile.request else None
         settings = profile.line if carries_settings(port) else None
         alike.setdefault((request, settings), []).append(profile)
 
     def order(group: Group) -> tuple[float, ...]:
-        request = group[0].request(asked) if group[0].request else b"\r"
+        request = group[0].request(query) if group[0].request else b"\r"
         ended = request.endswith((b"\r", b"\n"))
         return (group[0].request is not None, not ended, -len(group), group[0].timeout_s)
 
     return sorted(map(tuple, alike.values()), key=order)
 
 
-def _tried(group: Group, port: str, asked: Query, stopped: Callable[[], bool]) -> Outcome:
+def _tried(group: Group, port: str, query: Query, stopped: Callable[[], bool]) -> Outcome:
     """What a group's question brings, asked again where it was no value.
 
     The first question may end what others left in the device, and be lost with it. A value must
@@ -167,21 +169,21 @@ def _tried(group: Group, port: str, asked: Query, stopped: Callable[[], bool]) -
     if listens and carries_settings(port):
         patience_s = LISTEN_S
 
-    def parse(text: str, wanted: Query) -> Outcome | None:
-        return min((one.parse(text, wanted) for one in group), key=_rank)
+    def parse(text: str, query: Query) -> Outcome | None:
+        return min((profile.parse(text, query) for profile in group), key=_rank)
 
     together = replace(group[0], timeout_s=patience_s, parse=parse)
-    before = FaultKind.NO_ANSWER if listens else None
+    earlier = FaultKind.NO_ANSWER if listens else None
     for _ in range(ATTEMPTS):
-        exchange = Exchange(together, port, asked, together.interval_s, stopped=stopped)
+        exchange = Exchange(together, port, query, together.interval_s, stopped=stopped)
         exchange.open()
         try:
             outcome = exchange.taken()
         finally:
             exchange.hang_up()
-        if isinstance(outcome, IndicatorReading) or outcome.kind is before:
+        if isinstance(outcome, IndicatorReading) or outcome.kind is earlier:
             return outcome
-        before = outcome.kind
+        earlier = outcome.kind
     return not_understood(outcome.text)  # never the same twice
 
 
@@ -195,27 +197,31 @@ def _rank(outcome: Outcome | None) -> int:
     return ranks.get(outcome.kind, 3)
 
 
-def _read(group: Sequence[Profile], text: str, asked: Query) -> list[FittingProfile]:
+def _read(group: Sequence[Profile], text: str, query: Query) -> list[FittingProfile]:
     """The profiles of a group that read a value in a line."""
-    said = ((profile, profile.parse(text, asked)) for profile in group)
-    return [FittingProfile(profile, one) for profile, one in said if one and _rank(one) <= A_VALUE]
+    outcomes = ((profile, profile.parse(text, query)) for profile in group)
+    return [
+        FittingProfile(profile, outcome)
+        for profile, outcome in outcomes
+        if outcome and _rank(outcome) <= A_VALUE
+    ]
 
 
 def refused(port: str, problem: IndicatorError) -> PortFinding:
     """A port that does not open."""
-    found = f"port {port}: {problem.found or problem.reason}"
-    return PortFinding(False, found, problem.next_step or str(problem.allowed))
+    fault = f"port {port}: {problem.found or problem.reason}"
+    return PortFinding(False, fault, problem.next_step or str(problem.allowed))
 
 
 def examine_by_trial(
     port: str,
-    asked: Query,
+    query: Query,
     profiles: Iterable[Profile],
     progress: Callable[[int, int, Group], object],
 ) -> list[PortFinding]:
     """Which profiles fit the indicator on a port, found by `try_profiles`."""
     try:
-        trials = try_profiles(profiles, port, asked, progress=progress)
+        trials = try_profiles(profiles, port, query, progress=progress)
     except IndicatorError as problem:
         return [*keyboard_tools(), refused(port, problem)]
     return [*keyboard_tools(), PortFinding(True, f"port {port} opens"), *findings_of(trials)]
@@ -235,18 +241,18 @@ def findings_of(trials: Trials) -> list[PortFinding]:
         else:
             findings.append(PortFinding(True, fits))
     if len(trials.fits) > 1:
-        words = "these answer alike, only their names tell them apart: take that of your indicator"
-        findings.append(PortFinding(True, words))
+        advice = "these answer alike, only their names tell them apart: take that of your indicator"
+        findings.append(PortFinding(True, advice))
     return findings
 
 
 def _of_silence(heard: Sequence[tuple[Profile, Fault]]) -> Iterable[PortFinding]:
     for profile, fault in heard:
-        said = f"asked as {profile.name}: {fault.kind}, {fault.text!r:.60}"
-        yield PortFinding(False, said, fault.words)
-    found = "none of its answers is a value" if heard else "nothing came"
+        answer = f"asked as {profile.name}: {fault.kind}, {fault.text!r:.60}"
+        yield PortFinding(False, answer, fault.words)
+    evidence = "none of its answers is a value" if heard else "nothing came"
     next_step = "Check power, cable and plug. What is set at the device itself (speed, pattern)"
-    yield PortFinding(False, f"no profile fits: {found}", f"{next_step} needs --profile.")
+    yield PortFinding(False, f"no profile fits: {evidence}", f"{next_step} needs --profile.")
 
 
 def _trust(profile: Profile) -> PortFinding:
@@ -269,23 +275,25 @@ def keyboard_tools(devices: Path = USB_DEVICES) -> list[PortFinding]:
         except OSError:
             continue
         if identity in KEYBOARD_TOOLS:
-            found = f"{KEYBOARD_TOOLS[identity]} found as a keyboard, without a serial port"
-            findings.append(PortFinding(False, found, "Install its VCP driver to get a port."))
+            device = f"{KEYBOARD_TOOLS[identity]} found as a keyboard, without a serial port"
+            findings.append(PortFinding(False, device, "Install its VCP driver to get a port."))
     return findings
 
 
 def _of_outcomes(
-    profile: Profile, asked: Query, outcomes: list[Outcome], others: Iterable[Profile]
+    profile: Profile, query: Query, outcomes: list[Outcome], alternatives: Iterable[Profile]
 ) -> Iterable[PortFinding]:
     faults = {outcome.kind: outcome for outcome in outcomes if isinstance(outcome, Fault)}
     for kind, fault in faults.items():
-        seen = f": {fault.text!r}" if fault.text else ""
+        quotation = f": {fault.text!r}" if fault.text else ""
         yield PortFinding(
-            False, f"{kind}: {fault.words}{seen}", f"{NEXT_STEPS[kind]} {profile.hint}"
+            False, f"{kind}: {fault.words}{quotation}", f"{NEXT_STEPS[kind]} {profile.hint}"
         )
         if kind is FaultKind.NOT_UNDERSTOOD:
             fitting = [
-                p.name for p in others if isinstance(p.parse(fault.text, asked), IndicatorReading)
+                p.name
+                for p in alternatives
+                if isinstance(p.parse(fault.text, query), IndicatorReading)
             ]
             if fitting:
                 yield PortFinding(
@@ -297,8 +305,8 @@ def _of_outcomes(
 
 
 def _of_reading(reading: IndicatorReading) -> Iterable[PortFinding]:
-    shown = f"{reading.value_mm:+.6g} mm, step {reading.resolution_mm:.2g} mm ({reading.text!r})"
-    yield PortFinding(True, f"answers {shown}")
+    value = f"{reading.value_mm:+.6g} mm, step {reading.resolution_mm:.2g} mm ({reading.text!r})"
+    yield PortFinding(True, f"answers {value}")
     if reading.unit_assumed:
         looks_inch = reading.unit is Unit.MM and reading.resolution_mm < 0.00005
         yield PortFinding(

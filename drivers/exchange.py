@@ -91,7 +91,7 @@ class Exchange:
         self,
         profile: Profile,
         port: str,
-        asked: Query,
+        query: Query,
         interval_s: float,
         *,
         on_button: Callable[[Outcome], None] = lambda _: None,
@@ -103,13 +103,13 @@ class Exchange:
         self.profile = profile
         self.port = port
         self.ready_at = 0.0
-        self._asked = asked
+        self._query = query
         self._interval_s = interval_s
         self._on_button = on_button
         self._now, self._wait, self._stopped, self._open = now, wait, stopped, opener
         self._serial: serial.Serial | None = None
         self._received = b""
-        self._echo = profile.request(asked).strip() if profile.request else b""
+        self._echo = profile.request(query).strip() if profile.request else b""
         self._begun_before = False
         self._form = ""
         self._owed = 0
@@ -144,8 +144,8 @@ class Exchange:
             outcome = self.outcome()
             if form == self._form or not isinstance(outcome, IndicatorReading):
                 return outcome
-        words = "answers of different length: bytes are lost, check cable, plugs and speed"
-        return Fault(FaultKind.PARTIAL_LINE, outcome.text, words)
+        message = "answers of different length: bytes are lost, check cable, plugs and speed"
+        return Fault(FaultKind.PARTIAL_LINE, outcome.text, message)
 
     def outcome(self) -> Outcome:
         """One exchange at the device's pace, repeated while the device says that it is busy."""
@@ -182,13 +182,13 @@ class Exchange:
             if self._pending:
                 self._unanswered(self._silence())
             self.ready_at = self._now() + REOPEN_S
-            words = f"port {self.port} is gone: check the cable ({problem})"
-            return Fault(FaultKind.DISCONNECTED, "", words)
+            message = f"port {self.port} is gone: check the cable ({problem})"
+            return Fault(FaultKind.DISCONNECTED, "", message)
 
     def _question(self, port: serial.Serial) -> Outcome:
         self._received = b""
         self._asked_at, self._pending = self._now(), True
-        port.write(self.profile.request(self._asked) if self.profile.request else b"")
+        port.write(self.profile.request(self._query) if self.profile.request else b"")
         ask_by_pulse(port, self.profile.line, self._wait)
         outcome = self._answer(port)
         self._pending = False
@@ -234,21 +234,21 @@ class Exchange:
             return
         if len(heard) > FLOOD:
             self._received, self._begun_before = b"", True
-            words = "the device sends without end: wrong device on this port, or wrong speed?"
-            self._doubt(Fault(FaultKind.SENDS_UNASKED, "", words), APART_S)
+            message = "the device sends without end: wrong device on this port, or wrong speed?"
+            self._doubt(Fault(FaultKind.SENDS_UNASKED, "", message), APART_S)
             return
         self._leave_flood()
-        *lines, rest = (self._received + heard).replace(b"\n", b"\r").split(b"\r")
-        self._received = rest.lstrip(b"\x00")
+        *lines, remainder = (self._received + heard).replace(b"\n", b"\r").split(b"\r")
+        self._received = remainder.lstrip(b"\x00")
         if self.profile.request is None:
             self._begun_before = bool(self._received)
             return
         if self._received and not self._fault:
-            rest = self._next_line(port, SLICE_S, gap=True) or self._received
+            remainder = self._next_line(port, SLICE_S, gap=True) or self._received
             self._received = b""
-            lines.append(rest)
-        said = [self._said(line.lstrip(b"\x00")) for line in lines]
-        unasked = [outcome for outcome in said if outcome is not None]
+            lines.append(remainder)
+        outcomes = [self._said(line.lstrip(b"\x00")) for line in lines]
+        unasked = [outcome for outcome in outcomes if outcome is not None]
         if unasked:
             self._heard_unasked(unasked)
 
@@ -269,16 +269,16 @@ class Exchange:
             silence_s = APART_S if by_itself else AFTER_LATE * self.profile.timeout_s
             fault = self._fault if owed else _unasked(unasked[-1])
             if owed and late:
-                words = (
+                message = (
                     f"answers come later than {self.profile.timeout_s:g} s, too slow to tell old "
                     "from new: none is taken; check cable, radio link and what else asks this "
                     "indicator"
                 )
-                fault = Fault(FaultKind.TOO_SLOW, "", words)
+                fault = Fault(FaultKind.TOO_SLOW, "", message)
             self._doubt(fault, silence_s)
             return
-        (first, *others) = unasked
-        if self.profile.button and alone and isinstance(first, IndicatorReading) and not others:
+        (first, *later) = unasked
+        if self.profile.button and alone and isinstance(first, IndicatorReading) and not later:
             self._press = first
         else:
             self._doubt(_unasked(unasked[-1]), APART_S)
@@ -316,9 +316,9 @@ class Exchange:
         deadline = self._now() + patience_s
         while not self._stopped():  # by hand: readline knows LF only, and most devices end with CR
             received = self._received.replace(b"\n", b"\r").lstrip(b"\x00\r")
-            line, end, rest = received.partition(b"\r")
+            line, end, remainder = received.partition(b"\r")
             if end:
-                self._received = rest
+                self._received = remainder
                 return line
             if self._now() >= deadline or len(self._received) > LONGEST_LINE:
                 return None
@@ -331,7 +331,7 @@ class Exchange:
     def _said(self, line: bytes) -> Outcome | None:
         """What a line says; None for an empty one, an echo or an identification."""
         # latin-1: no byte is left out, for 12°345 without its ° would be a number
-        outcome = self.profile.parse(line.decode("latin-1"), self._asked) if line else None
+        outcome = self.profile.parse(line.decode("latin-1"), self._query) if line else None
         return None if line == self._echo and not isinstance(outcome, IndicatorReading) else outcome
 
     def _silence(self) -> Fault:
@@ -339,13 +339,13 @@ class Exchange:
         received, self._received = self._received, b""
         text = received.decode("latin-1")
         if looks_like_parity(received):
-            words = "the bytes carry a parity bit: set 7 data bits, even parity on this port"
-            return Fault(FaultKind.WRONG_PARITY, text, words)
+            message = "the bytes carry a parity bit: set 7 data bits, even parity on this port"
+            return Fault(FaultKind.WRONG_PARITY, text, message)
         if received.strip(b"\x00\r\n"):
-            words = "the answer broke off: check cable, speed and line settings"
-            return Fault(FaultKind.PARTIAL_LINE, text, words)
-        words = f"no answer within {self.profile.timeout_s:g} s: is it switched on and connected?"
-        return Fault(FaultKind.NO_ANSWER, "", words)
+            message = "the answer broke off: check cable, speed and line settings"
+            return Fault(FaultKind.PARTIAL_LINE, text, message)
+        message = f"no answer within {self.profile.timeout_s:g} s: is it switched on and connected?"
+        return Fault(FaultKind.NO_ANSWER, "", message)
 
 
 def looks_like_parity(received: bytes) -> bool:

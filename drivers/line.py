@@ -28,7 +28,7 @@ class IndicatorLine:
         profile: Profile,
         port: str,
         *,
-        asked: Query | None = None,
+        query: Query | None = None,
         interval_s: float | None = None,
         listener: Heard = lambda _: None,
         on_button: Heard = lambda _: None,
@@ -41,7 +41,7 @@ class IndicatorLine:
         self._exchange = Exchange(
             profile,
             port,
-            asked or Query(),
+            query or Query(),
             profile.interval_s if interval_s is None else interval_s,
             on_button=on_button,
             wait=self._stop.wait,
@@ -86,12 +86,12 @@ class IndicatorLine:
         while not self._stop.is_set():
             idle_s = max(0.0, self._exchange.ready_at - time.monotonic())
             try:
-                asked = self._requests.get(timeout=idle_s)
+                request = self._requests.get(timeout=idle_s)
             except queue.Empty:
                 self._heard(self._exchange.outcome())
                 continue
-            if asked is not None:
-                asked.set_result(self._heard(self._exchange.taken()))
+            if request is not None:
+                request.set_result(self._heard(self._exchange.taken()))
 
     def _heard(self, outcome: Outcome) -> Outcome:
         if not self._stop.is_set():  # a line that is being closed tells nothing any more

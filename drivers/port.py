@@ -68,8 +68,8 @@ def check_port(port: str) -> None:
     """Raises IndicatorError for a URL that is no way to a device, such as ``spy://``."""
     scheme, url, _ = port.partition("://")
     if url and scheme.lower() not in OVER_A_NETWORK:
-        allowed = " or ".join(f"{known}://HOST:PORT" for known in OVER_A_NETWORK)
-        raise IndicatorError(f"port {port!r}", f"{scheme[:20]!r}", f"a serial port, {allowed}")
+        forms = " or ".join(f"{scheme_name}://HOST:PORT" for scheme_name in OVER_A_NETWORK)
+        raise IndicatorError(f"port {port!r}", f"{scheme[:20]!r}", f"a serial port, {forms}")
 
 
 def carries_settings(port: str) -> bool:
@@ -105,7 +105,7 @@ def close_port(port: Closable) -> None:
 
 def cannot_open(port: str, problem: Exception) -> IndicatorError:
     """Why a port cannot be opened, and what to do."""
-    said = str(problem)
+    message = str(problem)
     look = "Plug the device in; glidecal ports lists what is there"
     # Windows says PermissionError for a port that another program holds, so that comes first
     reasons = {
@@ -122,6 +122,6 @@ def cannot_open(port: str, problem: Exception) -> IndicatorError:
         "Is a directory": ("no serial port", "glidecal ports lists what is there"),
         "refused": ("no device answers at this address", "Start the device or the simulator first"),
     }
-    found = (why for sign, why in reasons.items() if sign in said)
-    reason, next_step = next(found, (said, "glidecal ports lists what is there"))
+    matches = (why for sign, why in reasons.items() if sign in message)
+    reason, next_step = next(matches, (message, "glidecal ports lists what is there"))
     return IndicatorError(f"port {port}", next_step=next_step, reason=reason)

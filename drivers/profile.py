@@ -90,21 +90,21 @@ class Query:
     unit: Unit = Unit.MM
 
 
-def reading(text: str, number: str, asked: Query, unit: Unit | None = None) -> Outcome:
+def reading(text: str, number: str, query: Query, unit: Unit | None = None) -> Outcome:
     """A decimal number (sign and blanks allowed) as a reading, its unit compared with the asked.
 
     ``unit`` None: the reply names none, the asked one is assumed.
     """
-    if unit is not None and unit != asked.unit:
+    if unit is not None and unit != query.unit:
         return Fault(
             FaultKind.WRONG_UNIT,
             text,
-            f"the indicator reads in {unit}, {asked.unit} is expected: change its unit",
+            f"the indicator reads in {unit}, {query.unit} is expected: change its unit",
         )
     if sum(map(str.isdigit, number)) > LONGEST_NUMBER:
         return not_understood(text)
     value = Decimal(number.replace(" ", ""))
-    factor = MILLIMETRES[asked.unit]
+    factor = MILLIMETRES[query.unit]
     if abs(value) * factor > LARGEST_MM:
         return not_understood(text)
     step = Decimal(1).scaleb(int(value.as_tuple().exponent)) * factor
@@ -113,7 +113,7 @@ def reading(text: str, number: str, asked: Query, unit: Unit | None = None) -> O
         value_mm=float(value * factor),
         resolution_mm=float(step),
         unit_assumed=unit is None,
-        unit=asked.unit,
+        unit=query.unit,
     )
 
 
@@ -178,7 +178,7 @@ class Grammar:
     ``value`` has a group ``number``, and groups ``unit`` and ``channel`` where replies name them;
     where the form of a reply tells its unit, the part that does is a group ``mm`` or ``inch``.
     ``fault`` may have a ``code`` (none: empty), with ``words`` or else ``other_words``, which may
-    name groups and what was ``asked``, and ``kinds``. What is ``passed_over`` is no answer, such as
+    name groups and the ``query``, and ``kinds``. What is ``passed_over`` is no answer, such as
     an echo or an identification. Any other line is not understood. A fixed width, such as
     ``(?=[\\d.]{7}$)``, refuses a number that lost a byte on the line.
     """
@@ -190,27 +190,27 @@ class Grammar:
     other_words: str = "fault {code}"
     kinds: Mapping[str, FaultKind] = field(default_factory=dict)
 
-    def parse(self, text: str, asked: Query) -> Outcome | None:
+    def parse(self, text: str, query: Query) -> Outcome | None:
         """The outcome of a line; None for one to pass over."""
         if re.fullmatch(self.passed_over, text, re.ASCII):
             return None
         value = re.fullmatch(self.value, text, re.ASCII)
-        found = value or re.fullmatch(self.fault, text, re.ASCII)
-        if not found:
+        match = value or re.fullmatch(self.fault, text, re.ASCII)
+        if not match:
             return not_understood(text)
-        groups = found.groupdict()
+        groups = match.groupdict()
         channel, code = groups.get("channel"), groups.get("code") or ""
         unit = (groups.get("unit") or "").strip()
         if unit and unit not in UNITS:
             return not_understood(text)
-        if channel is not None and int(channel) != asked.channel:
-            words = f"answer of channel {channel} where channel {asked.channel} was asked"
-            return Fault(FaultKind.WRONG_CHANNEL, text, words)
+        if channel is not None and int(channel) != query.channel:
+            message = f"answer of channel {channel} where channel {query.channel} was asked"
+            return Fault(FaultKind.WRONG_CHANNEL, text, message)
         if value:
-            told = (name for name in ("mm", "inch") if groups.get(name) is not None)
-            return reading(text, groups["number"], asked, UNITS.get(unit or next(told, "")))
-        words = (self.words.get(code) or self.other_words).format(asked=asked, **groups)
-        return Fault(self.kinds.get(code, FaultKind.DEVICE_FAULT), text, words)
+            unit_groups = (name for name in ("mm", "inch") if groups.get(name) is not None)
+            return reading(text, groups["number"], query, UNITS.get(unit or next(unit_groups, "")))
+        message = (self.words.get(code) or self.other_words).format(query=query, **groups)
+        return Fault(self.kinds.get(code, FaultKind.DEVICE_FAULT), text, message)
 
 
 @dataclass(frozen=True)

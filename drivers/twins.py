@@ -65,8 +65,8 @@ class IndicatorTwin:
         self._profile = profile
         self._spindle = spindle
         self._fault = fault
-        asked = Query(channel=spindle.channel)
-        self._request = profile.request(asked) if profile.request else b""
+        query = Query(channel=spindle.channel)
+        self._request = profile.request(query) if profile.request else b""
         self._received = b""
         self._count = 0
 
@@ -78,20 +78,20 @@ class IndicatorTwin:
     def _answers(self, request: bytes) -> bytes:
         if not self._request:
             return b"" if request else self._profile.reply(self._spindle).encode("latin-1")
-        known, received = self._request.strip(), self._received + request
+        known_request, received = self._request.strip(), self._received + request
         if self._request.endswith((b"\r", b"\n")):
             *parts, self._received = received.split(self._request[-1:])
             requests = [part.strip() for part in parts]
         else:  # nothing ends a request: only the one that is known can be told
             *parts, self._received = received.split(self._request)
-            requests = [known] * len(parts)
-        return b"".join(self._answer(part, known) for part in requests)
+            requests = [known_request] * len(parts)
+        return b"".join(self._answer(part, known_request) for part in requests)
 
-    def _answer(self, request: bytes, known: bytes) -> bytes:
-        if request == known:
+    def _answer(self, request: bytes, known_request: bytes) -> bytes:
+        if request == known_request:
             return self._profile.reply(self._spindle).encode("latin-1")
-        said = self._profile.otherwise(request.decode("latin-1"), self._spindle)
-        return said.encode("latin-1")
+        reply = self._profile.otherwise(request.decode("latin-1"), self._spindle)
+        return reply.encode("latin-1")
 
     def _faulty(self, fault: str, request: bytes, answer: bytes) -> bytes:
         """The answer as the fault leaves it."""
@@ -115,11 +115,11 @@ class IndicatorTwin:
 
 def faults_of(profile: Profile) -> dict[str, str]:
     """The faults that a twin of this profile can show: names, and what each is."""
-    own = {
+    own_faults = {
         name: f"answers {bad.reply.decode('latin-1').strip()}, {bad.kind}"
         for name, bad in profile.bad_replies.items()
     }
-    return {**{trouble.value: words for trouble, words in WORDS.items()}, **own}
+    return {**{trouble.value: description for trouble, description in WORDS.items()}, **own_faults}
 
 
 Transport = Literal["pty", "tcp"]
@@ -167,8 +167,8 @@ class TwinPort:
         with selectors.DefaultSelector() as selector:
             for source in (*self._wire.sources(), self._wake):
                 selector.register(source, selectors.EVENT_READ)
-            found = selector.select(self._stream_s)
-            return [key.fileobj for key, _ in found]
+            ready = selector.select(self._stream_s)
+            return [key.fileobj for key, _ in ready]
 
     def close(self) -> None:
         """Stop answering and free the port."""

@@ -71,16 +71,20 @@ def changes(step: Step, from_mm: Triple, to_mm: Triple, machine: Machine) -> tup
     # the same machine, with its Zero where indicators are set up: here
     origins = (geometry.origins - tool).tolist()
     here = replace(geometry, origin_mm=origins, workspace_mm=None, plane_mm=None)
-    there, leg = _tool(to_mm, machine) - tool, leg_number(step.leg)
+    place_mm, leg = _tool(to_mm, machine) - tool, leg_number(step.leg)
     bar_mm = here.leg_length_mm[leg] if step.leg in ALL_AXES else math.inf
     aside = STAND_MM / bar_mm
     stations = (step.station, step.station - aside, step.station + aside)
     axes = [leg_number(axis) for axis in ALL_AXES]
-    taken = conditions(
-        [leg] * 9, axes * 3, [0.0] * 9, station=np.repeat(stations, 3).tolist(), position_mm=there
+    observations = conditions(
+        [leg] * 9,
+        axes * 3,
+        [0.0] * 9,
+        station=np.repeat(stations, 3).tolist(),
+        position_mm=place_mm,
     )
     nominal = (0.0,) * len(PARAMETER_NAMES)
-    readings, by_parameter = readings_and_derivatives(here, nominal, taken)
+    readings, by_parameter = readings_and_derivatives(here, nominal, observations)
     raw_mm = SIGMAS * np.linalg.norm(by_parameter[:3] * machine.tolerances_mm(), axis=1)
     moved, below, above = readings.reshape(3, 3)
     aside_mm = np.abs(above - below) / 2.0

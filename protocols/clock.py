@@ -36,8 +36,8 @@ class SleepWatch:
 
         Of two clocks only one stands still meanwhile. Windows has no such pair.
         """
-        before, self._before = self._before, (steady_s(), time.monotonic())
-        steady, awake = (now - then for now, then in zip(self._before, before, strict=True))
+        previous, self._before = self._before, (steady_s(), time.monotonic())
+        steady, awake = (now - then for now, then in zip(self._before, previous, strict=True))
         if STEADY is None:
             return steady if steady > AWAY_S else 0.0
         return steady - awake if steady - awake > JUMP_S else 0.0
@@ -83,8 +83,8 @@ class SessionClock:
 def _reached_s(events: Sequence[Event]) -> float:
     """Session time at the last event: of the last reading that has one, and the gaps since."""
     reached_s = 0.0
-    for before, event in pairwise(events):
-        reached_s += max(0.0, (event.at - before.at).total_seconds())
+    for earlier, event in pairwise(events):
+        reached_s += max(0.0, (event.at - earlier.at).total_seconds())
         if isinstance(event, Reading) and event.time_s is not None:
             reached_s = event.time_s
     return reached_s

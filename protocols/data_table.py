@@ -87,7 +87,7 @@ def csv_text(rows: Iterable[Sequence[str]], notes: Iterable[str] = ()) -> str:
     out = StringIO()
     for note in notes:
         line = printable(" ".join(note.split()))
-        out.write("# " + FORMULA_INSIDE.sub(lambda found: f"{found[1]} '{found[0][1:]}", line))
+        out.write("# " + FORMULA_INSIDE.sub(lambda match: f"{match[1]} '{match[0][1:]}", line))
         out.write("\n")
     csv.writer(out, lineterminator="\n").writerows(map(protected, row) for row in rows)
     return out.getvalue()
@@ -107,7 +107,7 @@ def protected(text: str) -> str:
 def unprotected(cell: str) -> str:
     """The text that `protected` made this of; a cell that it could not have made, as it is."""
     inside = cell[1:-1] if _is_quoted(cell) else cell
-    return SHOWN.sub(lambda found: ";" if found[1] == "003b" else "\\", inside)
+    return SHOWN.sub(lambda match: ";" if match[1] == "003b" else "\\", inside)
 
 
 def _is_quoted(text: str) -> bool:
@@ -119,22 +119,22 @@ def parquet_rows(path: Path, most_rows: int) -> Texts:
 
     Raises RecordError, and UsageError where pyarrow is not installed.
     """
-    thing = f"table {path}"
+    subject = f"table {path}"
     content = BytesIO(read_bytes(path, "table"))
-    _, parquet = _pyarrow(thing)
+    _, parquet = _pyarrow(subject)
     try:
         file = parquet.ParquetFile(content)
         size = sum(file.metadata.row_group(k).total_byte_size for k in range(file.num_row_groups))
         narrow = file.metadata.num_columns <= MOST_COLUMNS
         _check_size(narrow and file.metadata.num_rows <= most_rows and size <= MOST_UNPACKED_BYTES)
-        read = file.read()
-        columns = [list(map(_text, column.to_pylist())) for column in read.columns]
+        table = file.read()
+        columns = [list(map(_text, column.to_pylist())) for column in table.columns]
         rows = list(map(list, zip(*columns, strict=True)))
     except Exception as problem:  # a broken file meets the library in any of its parts
         raise RecordError(
-            thing, next_step="Save the table anew, or as CSV", reason="no readable Parquet file"
+            subject, next_step="Save the table anew, or as CSV", reason="no readable Parquet file"
         ) from problem
-    return list(enumerate([list(map(str, read.column_names)), *rows], start=1))
+    return list(enumerate([list(map(str, table.column_names)), *rows], start=1))
 
 
 def _check_size(fits: bool) -> None:
@@ -147,8 +147,8 @@ def _text(value: object) -> str:
     return "" if value is None or value != value else str(value)  # noqa: PLR0124 (NaN)
 
 
-def _pyarrow(thing: str) -> tuple[Any, Any]:
-    with extra(thing, "parquet"):
+def _pyarrow(subject: str) -> tuple[Any, Any]:
+    with extra(subject, "parquet"):
         import pyarrow
         from pyarrow import parquet
     return pyarrow, parquet
@@ -160,8 +160,8 @@ def workbook_rows(path: Path, most_rows: int) -> Texts:
     Formulas give what they had when the file was saved. Raises RecordError, and UsageError where
     openpyxl is not installed.
     """
-    thing = f"table {path}"
-    content, openpyxl = BytesIO(read_bytes(path, "table")), _openpyxl(thing)
+    subject = f"table {path}"
+    content, openpyxl = BytesIO(read_bytes(path, "table")), _openpyxl(subject)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of styles and extensions that nobody needs
@@ -170,11 +170,11 @@ def workbook_rows(path: Path, most_rows: int) -> Texts:
             _check_size(size <= MOST_UNPACKED_BYTES)
             book = openpyxl.load_workbook(content, read_only=True, data_only=True)
             sheet = book.worksheets[0]
-            found = sheet.iter_rows(max_row=most_rows, max_col=MOST_COLUMNS, values_only=True)
-            rows = list(map(_texts, found))
+            cells = sheet.iter_rows(max_row=most_rows, max_col=MOST_COLUMNS, values_only=True)
+            rows = list(map(_texts, cells))
     except Exception as problem:  # a broken workbook meets the library in any of its parts
         next_step = "Save the table anew, or as CSV"
-        raise RecordError(thing, next_step=next_step, reason="no readable workbook") from problem
+        raise RecordError(subject, next_step=next_step, reason="no readable workbook") from problem
     width = len(rows[0]) if rows else 0
     return [(line, row + [""] * (width - len(row))) for line, row in enumerate(rows, start=1)]
 
@@ -187,17 +187,17 @@ def _texts(row: Iterable[object]) -> list[str]:
     return ["" if cell is None else str(cell) for cell in cells]
 
 
-def workbook(rows: Iterable[Sequence[Cell]], thing: str) -> bytes:
+def workbook(rows: Iterable[Sequence[Cell]], subject: str) -> bytes:
     """A workbook with these rows; numbers of more digits than a spreadsheet has are texts.
 
     Raises UsageError where openpyxl is not installed, RecordError for a text longer than a cell.
     """
-    book = _openpyxl(thing).Workbook()
+    book = _openpyxl(subject).Workbook()
     for row in rows:
         longest = max((len(cell) for cell in row if isinstance(cell, str)), default=0)
         if longest > MOST_LETTERS:
-            found, allowed = f"a text of {longest} letters", f"{MOST_LETTERS} in a workbook"
-            raise RecordError(thing, found, allowed)
+            value, requirement = f"a text of {longest} letters", f"{MOST_LETTERS} in a workbook"
+            raise RecordError(subject, value, requirement)
         book.active.append(
             [repr(c) if isinstance(c, float) and float(f"{c:.15g}") != c else c for c in row]
         )
@@ -206,7 +206,7 @@ def workbook(rows: Iterable[Sequence[Cell]], thing: str) -> bytes:
     return out.getvalue()
 
 
-def _openpyxl(thing: str) -> Any:  # noqa: ANN401 (a module)
-    with extra(thing, "xlsx", ", or save the table as CSV"):
+def _openpyxl(subject: str) -> Any:  # noqa: ANN401 (a module)
+    with extra(subject, "xlsx", ", or save the table as CSV"):
         import openpyxl
     return openpyxl

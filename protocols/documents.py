@@ -89,12 +89,23 @@ def read_toml(path: Path, kind: type[D], what: str) -> D:
         ) from problem
 
 
-def read_json(path: Path, kind: type[D], what: str, allowed: str, next_step: str = "") -> D:
+def read_json(path: Path, kind: type[D], what: str, requirement: str, next_step: str = "") -> D:
     """The document in a JSON file. Raises RecordError naming the file, the place and the value."""
     try:
         return kind.model_validate_json(read_text(path, what))
     except ValidationError as problem:
-        raise RecordError(f"{what} {path}", describe(problem), allowed, next_step) from problem
+        raise RecordError(f"{what} {path}", describe(problem), requirement, next_step) from problem
+
+
+def read_remembered(path: Path, kind: type[D], what: str) -> D:
+    """What the program remembers in a JSON file of its own; ``kind()`` where there is none yet.
+
+    Raises as `read_json`.
+    """
+    if not path.exists():
+        return kind()
+    requirement, next_step = "what the program wrote", "Remove the file; it is written anew"
+    return read_json(path, kind, what, requirement, next_step)
 
 
 def read_text(path: Path, what: str, most_bytes: int = MOST_BYTES) -> str:
@@ -119,15 +130,15 @@ def read_bytes(path: Path, what: str, most_bytes: int = MOST_BYTES) -> bytes:
     except ValueError as problem:
         raise RecordError(f"{what} {path}", reason="a name that no file can have") from problem
     if len(content) > most_bytes:
-        found, allowed = f"more than {most_bytes:,} bytes", f"a file up to {most_bytes:,} bytes"
-        raise RecordError(f"{what} {path}", found, allowed)
+        size, requirement = f"more than {most_bytes:,} bytes", f"a file up to {most_bytes:,} bytes"
+        raise RecordError(f"{what} {path}", size, requirement)
     return content
 
 
-def unreadable(thing: str, problem: OSError) -> RecordError:
+def unreadable(subject: str, problem: OSError) -> RecordError:
     """The error for a file that the system does not give."""
     next_step = "Name a file that exists and that you may read"
-    return RecordError(thing, next_step=next_step, reason=reason_of(problem))
+    return RecordError(subject, next_step=next_step, reason=reason_of(problem))
 
 
 def describe(problem: ValidationError, text: str | None = None) -> str:
@@ -142,11 +153,11 @@ def describe(problem: ValidationError, text: str | None = None) -> str:
         where = ".".join(str(part) for part in fault["loc"])[:60]
         line = line_of(text, fault["loc"]) if text else None
         where = f"line {line}, {where}" if line else where
-        own = fault["type"] == "value_error"
-        said = str(fault["ctx"]["error"]) if own else fault["msg"][:120]
+        from_validator = fault["type"] == "value_error"
+        message = str(fault["ctx"]["error"]) if from_validator else fault["msg"][:120]
         nested = isinstance(fault["input"], dict) or "{" in repr(fault["input"])[:2]
-        found = "" if nested else f" (found {fault['input']!r:.40})"
-        faults.append(f"{where}: {said}{found}" if where else said)
+        value = "" if nested else f" (found {fault['input']!r:.40})"
+        faults.append(f"{where}: {message}{value}" if where else message)
     more = len(errors) - len(faults)
     return "; ".join(faults) + (f"; and {more} more" if more > 0 else "")
 
@@ -170,8 +181,8 @@ def line_of(text: str, location: Sequence[str | int]) -> int | None:
     if not tables:
         return None
     lines = TEXTS.sub(_shortened, text).split("\n")
-    found = ((k, HEADER.match(line)) for k, line in enumerate(lines))
-    headers = [k for k, header in found if header and header[1] == tables[0]]
+    matches = ((k, HEADER.match(line)) for k, line in enumerate(lines))
+    headers = [k for k, header in matches if header and header[1] == tables[0]]
     if headers:
         start = headers[min(numbers[0] if numbers else 0, len(headers) - 1)]
         inside = _key_line(lines, start + 1, tables[1]) if len(tables) > 1 else None
@@ -186,21 +197,21 @@ def line_of(text: str, location: Sequence[str | int]) -> int | None:
 def is_deep(text: str) -> bool:
     """Whether a key has so many parts that reading it would take very long."""
     # a string may be a part of a key, whatever it says; a comment is none
-    keys = TEXTS.sub(lambda found: "" if found[0][0] == "#" else '""', text)
+    keys = TEXTS.sub(lambda match: "" if match[0][0] == "#" else '""', text)
     return DEEP_KEY.search(keys) is not None
 
 
-def _shortened(found: re.Match[str]) -> str:
+def _shortened(match: re.Match[str]) -> str:
     """A string of several lines without what it says, which may look like a key or a header."""
-    text = found[0]
+    text = match[0]
     return '""' + "\n" * text.count("\n") if text[:3] in {'"""', "'''"} else text
 
 
 def _key_line(lines: Sequence[str], start: int, key: str) -> int | None:
     """The line ``key = …`` from here to the next header."""
-    wanted = re.compile(rf"""^\s*["']?{re.escape(key)}["']?\s*=""")
+    assignment = re.compile(rf"""^\s*["']?{re.escape(key)}["']?\s*=""")
     for k in range(start, len(lines)):
-        if wanted.match(lines[k]):
+        if assignment.match(lines[k]):
             return k
         if HEADER.match(lines[k]) and "=" not in lines[k]:
             return None

@@ -77,42 +77,42 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[ExpectedReadi
     procedure, machine = session.opened.procedure, session.opened.machine
     if procedure is None or session.needs_new_zero(step):
         return ()
-    known = session.readings[-MOST:]
-    last = {r.mount: r for r in known}
+    readings = session.readings[-MOST:]
+    last = {r.mount: r for r in readings}
     number = {mount: k for k, mount in enumerate(last)}
     mounts = [session.mountings[-1].mounts[axis] for axis in step.axes]
     if not last.keys() >= set(mounts):
         return ()
-    taken = conditions(
-        [leg_number(r.leg) for r in known] + [leg_number(step.leg)] * len(mounts),
-        [leg_number(r.axis) for r in known] + [leg_number(axis) for axis in step.axes],
-        [r.displacement_mm for r in known] + [step.displacement_mm] * len(mounts),
-        station=[r.station for r in known] + [step.station] * len(mounts),
-        mount=[number[name] for name in (*(r.mount for r in known), *mounts)],
-        position_mm=[r.position_mm or ZERO for r in known]
+    observations = conditions(
+        [leg_number(r.leg) for r in readings] + [leg_number(step.leg)] * len(mounts),
+        [leg_number(r.axis) for r in readings] + [leg_number(axis) for axis in step.axes],
+        [r.displacement_mm for r in readings] + [step.displacement_mm] * len(mounts),
+        station=[r.station for r in readings] + [step.station] * len(mounts),
+        mount=[number[name] for name in (*(r.mount for r in readings), *mounts)],
+        position_mm=[r.position_mm or ZERO for r in readings]
         + [step.position_mm or ZERO] * len(mounts),
     )
-    read: list[Reading | Step] = [*known, *(step for _ in mounts)]
-    along = [along_mm(one, machine) for one in read]
-    times_s = [r.time_s or 0.0 for r in known] + [time_s] * len(mounts)
+    places: list[Reading | Step] = [*readings, *(step for _ in mounts)]
+    along = [along_mm(place, machine) for place in places]
+    times_s = [r.time_s or 0.0 for r in readings] + [time_s] * len(mounts)
     sides = approaches(session)[-MOST:]
-    side = dict(zip((r.mount for r in known), sides, strict=True))
+    side = dict(zip((r.mount for r in readings), sides, strict=True))
     for mount in mounts:  # what does not move stays as it came
         way_mm = step.displacement_mm - last[mount].displacement_mm
         sides.append(math.copysign(1.0, way_mm) if way_mm else side[mount])
     limit_mm = procedure.repeat_limit_mm
     noise_mm = max(LEAST_NOISE_MM, min(procedure.tolerance_mm, limit_mm / (2.0 * REACH)))
-    noises_mm = [limit_mm if r.reading in session.restored else noise_mm for r in known]
+    noises_mm = [limit_mm if r.reading in session.restored else noise_mm for r in readings]
     worn, sure = predict(
         machine.geometry(),
         machine.tolerances_mm(),
         replace(
-            taken,
+            observations,
             time_s=np.array(times_s),
             along_mm=np.array(along),
-            approach=np.where(taken.leg == TOOL, 0.0, sides),
+            approach=np.where(observations.leg == TOOL, 0.0, sides),
         ),
-        np.array([r.value_mm for r in known]),
+        np.array([r.value_mm for r in readings]),
         np.array(noises_mm + [noise_mm] * len(mounts)),
         machine.plane_tilt_mrad,
     )
@@ -143,13 +143,15 @@ def movement(
     """
     if not due:
         return Movement.UNKNOWN
-    before = due[0].before
-    if (before.posture_mm, before.station) == (step.posture_mm, step.station):
+    earlier = due[0].before
+    if (earlier.posture_mm, earlier.station) == (step.posture_mm, step.station):
         return Movement.SEEN
     drift_mm = DRIFT_MM_S * max(0.0, time_s - (due[0].before.time_s or 0.0))
     bands = [rest_mm + drift_mm for rest_mm in rests_mm]
-    hidden = math.prod(one.chance_within(band) for one, band in zip(due, bands, strict=True))
-    changes = (abs(v - one.before.value_mm) for v, one in zip(values_mm, due, strict=True))
+    hidden = math.prod(
+        reading.chance_within(band) for reading, band in zip(due, bands, strict=True)
+    )
+    changes = (abs(v - reading.before.value_mm) for v, reading in zip(values_mm, due, strict=True))
     if any(change > band for change, band in zip(changes, bands, strict=True)):
         return Movement.SEEN if hidden < 0.5 else Movement.UNKNOWN
     return Movement.UNCHANGED if hidden < HIDDEN else Movement.UNKNOWN

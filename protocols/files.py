@@ -40,14 +40,14 @@ def reason_of(problem: OSError) -> str:
 
 def open_to_write(path: Path, mode: Literal["x+b", "r+b"]) -> io.FileIO:
     """A new file, or one that is there: regular and no link. Raises OSError."""
-    before = None
+    link_stat = None
     if mode == "r+b":
-        before = path.lstat()
-        if stat.S_ISLNK(before.st_mode):
+        link_stat = path.lstat()
+        if stat.S_ISLNK(link_stat.st_mode):
             raise OSError(errno.ELOOP, f"a link to {path.resolve()}: name that file itself")
-        _check_regular(before)
+        _check_regular(link_stat)
     file = io.FileIO(path, mode, opener=_opener(NO_LINK))
-    if before and not os.path.samestat(before, os.fstat(file.fileno())):
+    if link_stat and not os.path.samestat(link_stat, os.fstat(file.fileno())):
         file.close()
         raise OSError(errno.ELOOP, "another file than a moment ago")
     return file
@@ -67,12 +67,12 @@ def open_to_read(path: Path) -> io.FileIO:
 
 def write_all(file: io.FileIO, content: bytes) -> None:
     """Every byte, at the present place, and on the disk. Raises OSError."""
-    left = memoryview(content)
-    while left:
-        written = file.write(left)
+    remaining = memoryview(content)
+    while remaining:
+        written = file.write(remaining)
         if not written:
             raise OSError(errno.EIO, "nothing was written")
-        left = left[written:]
+        remaining = remaining[written:]
     os.fsync(file.fileno())
 
 
@@ -168,10 +168,10 @@ def _opener(extra: int) -> Callable[[str, int], int]:
     return lambda name, flags: os.open(name, flags | extra | NO_WAIT, 0o666)
 
 
-def _check_regular(found: os.stat_result) -> None:
-    if stat.S_ISDIR(found.st_mode):
+def _check_regular(status: os.stat_result) -> None:
+    if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, "a folder")
-    if not stat.S_ISREG(found.st_mode):
+    if not stat.S_ISREG(status.st_mode):
         raise OSError(errno.EINVAL, "a pipe or a device")
 
 
@@ -181,28 +181,28 @@ RECORD_START = b'{"line":1,'
 class FilesThere(UsageError):
     """Files that stand where others are to be written: only a person may give them up."""
 
-    def __init__(self, there: Sequence[Path]) -> None:
-        first, *others = there
-        names = [str(first), *(p.name if p.parent == first.parent else str(p) for p in others)]
-        self.words = f"{', '.join(names)} {'are' if others else 'is'} there already"
+    def __init__(self, existing: Sequence[Path]) -> None:
+        first, *more = existing
+        names = [str(first), *(p.name if p.parent == first.parent else str(p) for p in more)]
+        self.words = f"{', '.join(names)} {'are' if more else 'is'} there already"
         super().__init__(self.words, next_step="Give another name, or --force to replace")
 
 
 def check_targets(targets: Iterable[Path], *, replace: bool = False) -> None:
     """Raises UsageError for a target that must not be replaced, FilesThere unless others may be."""
-    every = list(targets)
-    if any(target.parts[:1] == STANDARD_OUTPUT.parts for target in every):
+    paths = list(targets)
+    if any(target.parts[:1] == STANDARD_OUTPUT.parts for target in paths):
         raise UsageError(
             "output",
             "'-', which is standard output",
             "the name of a file or folder",
             "Only a result that is one text goes to standard output.",
         )
-    there = [target for target in every if os.path.lexists(target)]
-    for target in there:
+    existing = [target for target in paths if os.path.lexists(target)]
+    for target in existing:
         _refuse_to_replace(target)
-    if there and not replace:
-        raise FilesThere(there)
+    if existing and not replace:
+        raise FilesThere(existing)
 
 
 def write_files(path: Path, written: Written, *, replace: bool = False) -> list[Path]:
@@ -265,8 +265,8 @@ def _swap(staged: dict[Path, Path]) -> None:
             _move(part, target, moved)
     except OSError as problem:
         try:
-            for before, after in reversed(moved):
-                after.replace(before)
+            for source, destination in reversed(moved):
+                destination.replace(source)
         except OSError:
             problem.add_note(_what_stands_there(staged))
         raise
@@ -275,9 +275,9 @@ def _swap(staged: dict[Path, Path]) -> None:
             _aside(part).unlink(missing_ok=True)
 
 
-def _move(before: Path, after: Path, moved: list[tuple[Path, Path]]) -> None:
-    before.replace(after)
-    moved.append((before, after))
+def _move(source: Path, destination: Path, moved: list[tuple[Path, Path]]) -> None:
+    source.replace(destination)
+    moved.append((source, destination))
 
 
 def _aside(part: Path) -> Path:

@@ -147,15 +147,15 @@ class HexaSlideMachine(Document):
         if ends is not None:
             platform_end, base_end = np.array(ends.platform_end_m), np.array(ends.base_end_m)
             link = ConstraintLink(platform_end, base_end, ends.length_m)
-        travel = [one.travel_m or (-np.inf, np.inf) for one in self.chain]
-        zeros = np.radians([one.zeros_deg for one in self.chain]).ravel()
+        travel = [chain.travel_m or (-np.inf, np.inf) for chain in self.chain]
+        zeros = np.radians([chain.zeros_deg for chain in self.chain]).ravel()
         return HexaSlide(_geometry(self.chain), self.box.bounds(), link, zeros, np.array(travel).T)
 
 
-def machine_text(machine: HexaSlideMachine, said: Iterable[str]) -> str:
-    """The machine file, below what is ``said`` of it."""
-    lines = [*(f"# {line}".rstrip() for line in said)]
-    tables: list[tuple[str, Document]] = [("[[chain]]", one) for one in machine.chain]
+def machine_text(machine: HexaSlideMachine, comments: Iterable[str]) -> str:
+    """The machine file below ``comments``, a line each."""
+    lines = [*(f"# {line}".rstrip() for line in comments)]
+    tables: list[tuple[str, Document]] = [("[[chain]]", chain) for chain in machine.chain]
     tables.append(("[box]", machine.box))
     if machine.constraint_link is not None:
         tables.append(("[constraint_link]", machine.constraint_link))
@@ -169,10 +169,10 @@ def machine_text(machine: HexaSlideMachine, said: Iterable[str]) -> str:
 def _geometry(chain: tuple[Chain, ...]) -> Geometry:
     """Raises CalibrationError."""
     return Geometry(
-        np.array([one.start_m for one in chain]),
-        np.array([one.rail for one in chain]),
-        np.array([one.joint_m for one in chain]),
-        np.array([one.link_m for one in chain]),
+        np.array([link.start_m for link in chain]),
+        np.array([link.rail for link in chain]),
+        np.array([link.joint_m for link in chain]),
+        np.array([link.link_m for link in chain]),
     )
 
 
@@ -213,8 +213,8 @@ def load_postures(path: Path) -> FloatArray:
     Raises RecordError naming the line.
     """
     text = read_text(path, "posture file")
-    found = _from_json(path, text) if path.suffix == ".json" else _from_table(path, text)
-    rows = np.array([[getattr(one, name) for name in COLUMNS] for one in found])
+    postures = _from_json(path, text) if path.suffix == ".json" else _from_table(path, text)
+    rows = np.array([[getattr(posture, name) for name in COLUMNS] for posture in postures])
     rows[:, 3:] = np.radians(rows[:, 3:])
     return rows
 
@@ -230,24 +230,24 @@ def _from_table(path: Path, text: str) -> tuple[Posture, ...]:
     reader = csv.DictReader(StringIO(text))
     if set(reader.fieldnames or ()) != set(COLUMNS):
         raise _refused(path, f"line 1: columns {', '.join(reader.fieldnames or ()) or 'none'}")
-    found = []
+    postures = []
     for row in reader:
         try:
             numbers = {name: float(value) for name, value in row.items()}
             # JSON, so that NaN and infinity are refused in one place
-            found.append(Posture.model_validate_json(json.dumps(numbers)))
+            postures.append(Posture.model_validate_json(json.dumps(numbers)))
         except (TypeError, ValueError) as problem:
             reason = describe(problem) if isinstance(problem, ValidationError) else "no six numbers"
             raise _refused(path, f"line {reader.line_num}: {reason}") from problem
-    if not 1 <= len(found) <= MOST_POSTURES:
-        raise _refused(path, f"{len(found)} postures")
-    return tuple(found)
+    if not 1 <= len(postures) <= MOST_POSTURES:
+        raise _refused(path, f"{len(postures)} postures")
+    return tuple(postures)
 
 
-def _refused(path: Path, found: str) -> RecordError:
+def _refused(path: Path, value: str) -> RecordError:
     return RecordError(
         f"posture file {path}",
-        found,
+        value,
         f"1 to {MOST_POSTURES} postures with the columns {', '.join(COLUMNS)}",
     )
 
@@ -309,19 +309,20 @@ class HexaSlideMeasurements(Document):
     @model_validator(mode="after")
     def _fits(self) -> HexaSlideMeasurements:
         try:
-            wanted = self.as_procedure().measured
+            components = self.as_procedure().measured
         except CalibrationError as problem:
             raise ValueError(str(problem)) from problem
-        if wanted != self.measured:
+        if components != self.measured:
             raise ValueError(
-                f"measured with {self.procedure.value}: {', '.join(wanted) or 'nothing, []'}"
+                f"measured with {self.procedure.value}: {', '.join(components) or 'nothing, []'}"
             )
         if self.procedure is ProcedureKind.CONSTRAINT_LINK and self.machine.constraint_link is None:
             raise ValueError("constraint-link needs a machine with a constraint_link")
-        for number, one in enumerate(self.postures, start=1):
-            if len(one.values) != len(wanted):
+        for number, posture in enumerate(self.postures, start=1):
+            if len(posture.values) != len(components):
+                count = len(posture.values)
                 raise ValueError(
-                    f"posture {number} has {len(one.values)} values, {len(wanted)} are measured"
+                    f"posture {number} has {count} values, {len(components)} are measured"
                 )
         return self
 
@@ -334,21 +335,21 @@ class HexaSlideMeasurements(Document):
         """As arrays, metres and radians."""
         return Readings(
             self.as_procedure(),
-            np.array([one.sliders for one in self.postures]),
-            np.array([one.values for one in self.postures]).reshape(len(self.postures), -1),
+            np.array([posture.sliders for posture in self.postures]),
+            np.array([posture.values for posture in self.postures]).reshape(len(self.postures), -1),
             self.noise.length_mm / 1000.0,
             self.noise.angle_mrad / 1000.0,
         )
 
     def digest(self) -> str:
         """SHA-256 of the numbers, whatever the file looks like."""
-        plain = json.dumps([one.model_dump() for one in self.postures])
+        plain = json.dumps([posture.model_dump() for posture in self.postures])
         return hashlib.sha256(plain.encode()).hexdigest()
 
     def text(self) -> str:
         """The file: a header, then one posture a line."""
         header = self.model_dump(mode="json", exclude={"postures"})
-        rows = EACH_OWN_LINE.join(one.model_dump_json() for one in self.postures)
+        rows = EACH_OWN_LINE.join(posture.model_dump_json() for posture in self.postures)
         return f'{_lines(header)},\n "postures": [\n  {rows}\n ]\n}}\n'
 
 
@@ -392,9 +393,9 @@ def _read(path: Path, kind: type[D], what: str) -> D:
     try:
         return kind.model_validate_json(text)
     except ValidationError as problem:
-        found = NUMBER_OF_POSTURE.sub(lambda at: f"posture {int(at[1]) + 1}", describe(problem))
-        allowed = "a whole file as glidecal simulate --machine hexaslide writes it"
-        raise RecordError(f"{what} {path}", found, allowed) from problem
+        fault = NUMBER_OF_POSTURE.sub(lambda at: f"posture {int(at[1]) + 1}", describe(problem))
+        requirement = "a whole file as glidecal simulate --machine hexaslide writes it"
+        raise RecordError(f"{what} {path}", fault, requirement) from problem
 
 
 def machine_like(nominal: HexaSlideMachine, name: str, machine: HexaSlide) -> HexaSlideMachine:
@@ -402,7 +403,7 @@ def machine_like(nominal: HexaSlideMachine, name: str, machine: HexaSlide) -> He
     geometry, link = machine.geometry, machine.link
     zeros = np.degrees(machine.zeros_rad).reshape(-1, 2).tolist()
     chains = tuple(
-        one.model_copy(
+        chain.model_copy(
             update={
                 "start_m": _point(geometry.base[k]),
                 "rail": _point(geometry.rails[k]),
@@ -411,7 +412,7 @@ def machine_like(nominal: HexaSlideMachine, name: str, machine: HexaSlide) -> He
                 "zeros_deg": tuple(zeros[k]),
             }
         )
-        for k, one in enumerate(nominal.chain)
+        for k, chain in enumerate(nominal.chain)
     )
     ends = None
     if link is not None:

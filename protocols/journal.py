@@ -80,8 +80,8 @@ class Journal:
         content = file.readall()
         record = check_record(path, content)
         if record.end == "closed":
-            wanted = "an interrupted one to continue"
-            raise RecordError(f"session {path}", "a closed session", wanted)
+            requirement = "an interrupted one to continue"
+            raise RecordError(f"session {path}", "a closed session", requirement)
         journal = cls(path, file)
         journal._events = list(record.events)
         journal._digest = record.digest
@@ -126,9 +126,9 @@ class Journal:
         digest = self._digest
         lines: list[bytes] = []
         for number, event in enumerate(events, start=len(self._events) + 1):
-            whole = event.model_copy(update={"line": number, "previous": digest, "seal": ""})
-            seal = digest_of(_encoded(whole))
-            lines.append(_encoded(whole.model_copy(update={"seal": seal})))
+            chained = event.model_copy(update={"line": number, "previous": digest, "seal": ""})
+            seal = digest_of(_encoded(chained))
+            lines.append(_encoded(chained.model_copy(update={"seal": seal})))
             digest = digest_of(lines[-1])
         placed = [EVENT.validate_json(line) for line in lines]
         return b"".join(line + b"\n" for line in lines), placed, digest
@@ -149,8 +149,8 @@ class Journal:
             self._restore()
         tail = self._content[-TAIL_BYTES:]
         self._file.seek(len(self._content) - len(tail))
-        found = self._file.readall()
-        if not (found.startswith(tail) and self._unsure.startswith(found[len(tail) :])):
+        content = self._file.readall()
+        if not (content.startswith(tail) and self._unsure.startswith(content[len(tail) :])):
             self._changed()
 
     def _restore(self) -> None:
@@ -165,8 +165,8 @@ class Journal:
     def _changed(self) -> NoReturn:
         """Another program wrote into the file: what was acknowledged is kept, and no more taken."""
         self._file.seek(0)
-        found = self._file.readall()
-        if found.startswith(self._content) and _is_record(self.path, found):
+        content = self._file.readall()
+        if content.startswith(self._content) and _is_record(self.path, content):
             self._stopped = RecordError(
                 f"session {self.path}",
                 "lines of another program",
@@ -176,17 +176,19 @@ class Journal:
             raise self._stopped
         self._stop("changed by another program")
 
-    def _stop(self, found: str) -> NoReturn:
+    def _stop(self, value: str) -> NoReturn:
         """Put what was acknowledged in a second place and take no more. Raises RecordError."""
-        wanted = "a record that this program alone changes"
+        requirement = "a record that this program alone changes"
         for place in _second_places(self.path):
             with suppress(OSError):
                 files.close(files.write_new(place, bytes(self._content)))
-                said = f"Every reading taken is in {place}: go on with that file."
-                self._stopped = RecordError(f"session {self.path}", found, wanted, said)
+                next_step = f"Every reading taken is in {place}: go on with that file."
+                self._stopped = RecordError(f"session {self.path}", value, requirement, next_step)
                 raise self._stopped
-        held = "Nothing could be written beside it either: make room, then try again; do not leave."
-        raise RecordError(f"session {self.path}", found, wanted, held)
+        advice = (
+            "Nothing could be written beside it either: make room, then try again; do not leave."
+        )
+        raise RecordError(f"session {self.path}", value, requirement, advice)
 
     def _cut_off(self) -> None:
         """Take back what a failed write, or a torn line, left behind the last acknowledged one."""

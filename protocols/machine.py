@@ -241,8 +241,8 @@ class Machine(Document):
     def geometry(self) -> Geometry:
         """The nominal geometry for the mathematics."""
         x, y, z = self.drive or ORTHOGLIDE_DRIVES
-        lengths = [one.leg_length_mm or self.leg_length_mm for one in (x, y, z)]
-        usable = [one.usable_bar or self.usable_bar for one in (x, y, z)]
+        lengths = [bar.leg_length_mm or self.leg_length_mm for bar in (x, y, z)]
+        usable = [bar.usable_bar or self.usable_bar for bar in (x, y, z)]
         return Geometry(
             leg_length_mm=(lengths[0], lengths[1], lengths[2]),
             travel_max_mm=self.travel_max_mm,
@@ -271,16 +271,16 @@ def _unit_vector(vector: Triple) -> Triple:
     return x, y, z
 
 
-def load_machine(wanted: Path | str | None) -> Machine:
+def load_machine(name_or_path: Path | str | None) -> Machine:
     """A machine by name, or from a TOML file; None: the prototype of the papers.
 
     Raises UsageError for an unknown name and RecordError for a file that cannot be used.
     """
-    name = USUAL_MACHINE if wanted is None else str(wanted)
+    name = USUAL_MACHINE if name_or_path is None else str(name_or_path)
     path = MACHINES / f"{name}.toml" if name in machine_names() else Path(name)
     if path.name == name and not path.suffix and not path.exists():
-        allowed = f"{', '.join(machine_names())}, or the path of a machine file"
-        raise UsageError("machine", repr(name), allowed)
+        choices = f"{', '.join(machine_names())}, or the path of a machine file"
+        raise UsageError("machine", repr(name), choices)
     try:
         return read_toml(path, Machine, "machine file")
     except RecordError as problem:

@@ -18,8 +18,8 @@ MACHINES = Path(__file__).with_name("machines")
 @cache
 def machine_names() -> tuple[str, ...]:
     """Names of the machines with three linear drives."""
-    found = MACHINES.glob("*.toml")
-    of_family = (path for path in found if schema_of(path.read_text(encoding="utf-8")) == SCHEMA)
+    paths = MACHINES.glob("*.toml")
+    of_family = (path for path in paths if schema_of(path.read_text(encoding="utf-8")) == SCHEMA)
     return tuple(sorted(path.stem for path in of_family))
 
 
@@ -28,5 +28,5 @@ def schema_of(text: str) -> str:
 
     Not by tomllib: a stranger's text may take it for ever.
     """
-    found = SCHEMA_LINE.search(text)
-    return found[1] if found else ""
+    match = SCHEMA_LINE.search(text)
+    return match[1] if match else ""

@@ -76,18 +76,18 @@ class EffectEntry(Document):
 
     def held_at(self, values: Sequence[float]) -> EffectEntry:
         """The same with these values, one for each parameter, held."""
-        stated = {
-            name: one.model_copy(
+        parameters = {
+            name: parameter.model_copy(
                 update={"value": float(value), "standard_uncertainty": None, "held": True}
             )
-            for (name, one), value in zip(self.parameters.items(), values, strict=True)
+            for (name, parameter), value in zip(self.parameters.items(), values, strict=True)
         }
-        return self.model_copy(update={"parameters": stated})
+        return self.model_copy(update={"parameters": parameters})
 
     def freed(self) -> EffectEntry:
         """The same with values that a fit may change."""
         parameters = self.parameters.items()
-        free = {name: one.model_copy(update={"held": None}) for name, one in parameters}
+        free = {name: parameter.model_copy(update={"held": None}) for name, parameter in parameters}
         return self.model_copy(update={"parameters": free})
 
 
@@ -103,109 +103,117 @@ def effect_entry(
     as ``shift_xy`` that begin with the catalogue's. Places of equal value share one parameter.
     Raises RecordError for a complex value.
     """
-    effect, known = placed[0].effect, uncertainties or {}
-    found: dict[str, ParameterEntry] = {}
-    for one in placed:
-        for parameter, value in zip(effect.parameters, one.values, strict=True):
+    effect, known_sizes = placed[0].effect, uncertainties or {}
+    parameters: dict[str, ParameterEntry] = {}
+    for instance in placed:
+        for parameter, value in zip(effect.parameters, instance.values, strict=True):
             if isinstance(value, complex):
-                said = f"the value {value}"
-                raise RecordError(f"effect {effect.id}", said, "real numbers in a model file")
-            base, own = parameter.name, f"{parameter.name}_{one.place}"
-            stated = [
+                value_text = f"the value {value}"
+                raise RecordError(f"effect {effect.id}", value_text, "real numbers in a model file")
+            base, placed_name = parameter.name, f"{parameter.name}_{instance.place}"
+            matching = [
                 name
-                for name, (known_value, _) in known.items()
+                for name, (known_value, _) in known_sizes.items()
                 if (name == base or name.startswith(base + "_")) and known_value == value
             ]
-            name = own if len(placed) > 1 else base
-            if stated and own not in stated:
-                name = stated[0]
-            places = (*found[name].places, one.place) if name in found else (one.place,)
-            found[name] = ParameterEntry(
+            name = placed_name if len(placed) > 1 else base
+            if matching and placed_name not in matching:
+                name = matching[0]
+            places = (
+                (*parameters[name].places, instance.place)
+                if name in parameters
+                else (instance.place,)
+            )
+            parameters[name] = ParameterEntry(
                 value=float(value),
                 unit=parameter.unit,
-                standard_uncertainty=known[name][1] if name in known else None,
+                standard_uncertainty=known_sizes[name][1] if name in known_sizes else None,
                 of=base,
                 places=places,
             )
     return EffectEntry(
-        id=effect.id, where=where, title=effect.title, parameters=found, provenance=provenance
+        id=effect.id, where=where, title=effect.title, parameters=parameters, provenance=provenance
     )
 
 
 def placed_effects(
-    entry: EffectEntry, effects: Sequence[Effect], geometry: Geometry, thing: str
+    entry: EffectEntry, effects: Sequence[Effect], geometry: Geometry, subject: str
 ) -> tuple[EffectInstance, ...]:
-    """The entry for the simulation; ``thing`` begins the message of an error.
+    """The entry for the simulation; ``subject`` begins the message of an error.
 
     Raises RecordError for an effect, parameter, unit or place that is not known.
     """
-    effect = _effect_of(entry, effects, geometry, thing)
+    effect = _effect_of(entry, effects, geometry, subject)
     units = {parameter.name: parameter.unit for parameter in effect.parameters}
     values: dict[str, dict[str, float]] = {}
     for name, parameter in entry.parameters.items():
         base = parameter.of or name
         if parameter.unit != units[base]:
-            where = f"{thing}, {entry.id}, {name}, unit"
+            where = f"{subject}, {entry.id}, {name}, unit"
             raise RecordError(where, repr(parameter.unit), units[base])
-        for place in _places(entry, parameter, effect, geometry, thing):
+        for place in _places(entry, parameter, effect, geometry, subject):
             values.setdefault(place, {})[base] = parameter.value
-    for place, given in values.items():
-        if set(given) != set(units):
+    for place, sizes in values.items():
+        if set(sizes) != set(units):
             raise RecordError(
-                f"{thing}, {entry.id} at {place}", ", ".join(given), " and ".join(units)
+                f"{subject}, {entry.id} at {place}", ", ".join(sizes), " and ".join(units)
             )
     return tuple(
-        EffectInstance(effect, place, tuple(given[name] for name in units))
-        for place, given in values.items()
+        EffectInstance(effect, place, tuple(sizes[name] for name in units))
+        for place, sizes in values.items()
     )
 
 
 def _effect_of(
-    entry: EffectEntry, effects: Sequence[Effect], geometry: Geometry, thing: str
+    entry: EffectEntry, effects: Sequence[Effect], geometry: Geometry, subject: str
 ) -> Effect:
     """The variant of the effect that has these parameters."""
-    named = [parameter.of or name for name, parameter in entry.parameters.items()]
+    parameter_names = [parameter.of or name for name, parameter in entry.parameters.items()]
     if entry.id == EMPIRICAL:  # not in the catalogue, for it is the name of nothing
-        if unnamed := empirical_effect(named):
+        if unnamed := empirical_effect(parameter_names):
             return unnamed
-        found = ", ".join(dict.fromkeys(named)) or "none"
-        raise RecordError(f"{thing}, parameters of {EMPIRICAL}", found, ", ".join(BASES))
+        value = ", ".join(dict.fromkeys(parameter_names)) or "none"
+        raise RecordError(f"{subject}, parameters of {EMPIRICAL}", value, ", ".join(BASES))
     every = (*effects, *BESIDE_CATALOGUE, *OF_CORRECTIONS)
-    known = (*effects_of(every, geometry), *effects)
-    variants = [effect for effect in known if effect.id == entry.id]
+    candidates = (*effects_of(every, geometry), *effects)
+    variants = [effect for effect in candidates if effect.id == entry.id]
     if not variants:
         raise RecordError(
-            f"{thing}, effect",
+            f"{subject}, effect",
             repr(entry.id),
             ", ".join(dict.fromkeys(effect.id for effect in effects)),
             "An effect of your own must be in the folder of own effects, see docs/effects.md.",
         )
-    fitting = [effect for effect in variants if set(named) == {p.name for p in effect.parameters}]
-    searched = cyclic_of(set(named))
+    fitting = [
+        effect for effect in variants if set(parameter_names) == {p.name for p in effect.parameters}
+    ]
+    searched = cyclic_of(set(parameter_names))
     if not fitting and searched and searched.id == entry.id:
         return searched
     if not fitting:
-        allowed = [" and ".join(p.name for p in effect.parameters) for effect in variants]
+        choices = [" and ".join(p.name for p in effect.parameters) for effect in variants]
         raise RecordError(
-            f"{thing}, parameters of {entry.id}",
-            ", ".join(sorted(set(named))) or "none",
-            ", or ".join(dict.fromkeys(allowed)),
+            f"{subject}, parameters of {entry.id}",
+            ", ".join(sorted(set(parameter_names))) or "none",
+            ", or ".join(dict.fromkeys(choices)),
         )
     return fitting[0]
 
 
 def _places(
-    entry: EffectEntry, parameter: ParameterEntry, effect: Effect, geometry: Geometry, thing: str
+    entry: EffectEntry, parameter: ParameterEntry, effect: Effect, geometry: Geometry, subject: str
 ) -> tuple[str, ...]:
     legs = ([0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]) if geometry.orthogonal else ([], [])
     at = [*legs[0], TOOL, TOOL, TOOL], [*legs[1], 0, 1, 2]
-    known = effect.places(conditions(*at, [0.0] * len(at[0])))
-    every = known if entry.where == "all" else (entry.where,)
-    wanted = parameter.places or every
-    unknown = [place for place in wanted if place not in known]
+    known_places = effect.places(conditions(*at, [0.0] * len(at[0])))
+    default_places = known_places if entry.where == "all" else (entry.where,)
+    places = parameter.places or default_places
+    unknown = [place for place in places if place not in known_places]
     if unknown:
-        raise RecordError(f"{thing}, place of {entry.id}", ", ".join(unknown), ", ".join(known))
-    return wanted
+        raise RecordError(
+            f"{subject}, place of {entry.id}", ", ".join(unknown), ", ".join(known_places)
+        )
+    return places
 
 
 class HistoryEntry(Document):
@@ -255,43 +263,45 @@ def model_file(model: Model, machine: Machine, cautions: Sequence[str] = ()) -> 
     )
 
 
-def with_effect(known: ModelFile, entry: EffectEntry, why: str) -> ModelFile:
+def with_effect(model: ModelFile, entry: EffectEntry, why: str) -> ModelFile:
     """The model with one more effect. Raises UsageError where it has it there already."""
-    if any((e.id, e.where) == (entry.id, entry.where) for e in known.effects):
+    if any((e.id, e.where) == (entry.id, entry.where) for e in model.effects):
         raise UsageError(
             f"effect {entry.id} at {entry.where}",
             "in the model already",
             "each effect once at a place",
             "Remove the old one first.",
         )
-    return _changed(known, (*known.effects, entry), "added", [entry], why)
+    return _changed(model, (*model.effects, entry), "added", [entry], why)
 
 
-def without_effect(known: ModelFile, effect_id: str, where: str | None, why: str) -> ModelFile:
+def without_effect(model: ModelFile, effect_id: str, where: str | None, why: str) -> ModelFile:
     """The model without an effect; without ``where`` at every place of it.
 
     What was removed stays in the history. Raises UsageError where the model has no such effect.
     """
-    gone = [e for e in known.effects if e.id == effect_id and where in (None, e.where)]
-    if not gone:
-        present = ", ".join(f"{e.id} at {e.where}" for e in known.effects)
-        named = effect_id if where is None else f"{effect_id} at {where}"
-        raise UsageError("effect to remove", named, present or "no effect: the model has none")
-    return _changed(known, tuple(e for e in known.effects if e not in gone), "removed", gone, why)
+    removed = [e for e in model.effects if e.id == effect_id and where in (None, e.where)]
+    if not removed:
+        present = ", ".join(f"{e.id} at {e.where}" for e in model.effects)
+        name = effect_id if where is None else f"{effect_id} at {where}"
+        raise UsageError("effect to remove", name, present or "no effect: the model has none")
+    return _changed(
+        model, tuple(e for e in model.effects if e not in removed), "removed", removed, why
+    )
 
 
-def with_sizes(known: ModelFile, entry: EffectEntry, why: str) -> ModelFile:
+def with_sizes(model: ModelFile, entry: EffectEntry, why: str) -> ModelFile:
     """The model with an effect that it has as ``entry`` has it; the history tells of both.
 
     Raises UsageError where it has no such effect.
     """
-    without = without_effect(known, entry.id, entry.where, why)
+    without = without_effect(model, entry.id, entry.where, why)
     old = without.history[-1].effect
     return with_effect(without, entry.model_copy(update={"provenance": old.provenance}), why)
 
 
 def _changed(
-    known: ModelFile,
+    model: ModelFile,
     effects: tuple[EffectEntry, ...],
     action: Literal["added", "removed"],
     entries: Sequence[EffectEntry],
@@ -300,7 +310,7 @@ def _changed(
     """With these effects; the history tells of the entries that came or went."""
     now = datetime.now(UTC)
     noted = [HistoryEntry(action=action, at=now, why=why, effect=entry) for entry in entries]
-    return known.model_copy(update={"effects": effects, "history": (*known.history, *noted)})
+    return model.model_copy(update={"effects": effects, "history": (*model.history, *noted)})
 
 
 def is_model(path: Path) -> bool:
@@ -328,32 +338,32 @@ def read_model(path: Path, effects: Sequence[Effect] = CATALOGUE) -> tuple[Model
 
     Raises RecordError naming the file and the fault.
     """
-    found = read_model_file(path)
-    return to_model(found, f"model {path}", effects), found.machine
+    model = read_model_file(path)
+    return to_model(model, f"model {path}", effects), model.machine
 
 
-def to_model(found: ModelFile, thing: str, effects: Sequence[Effect] = CATALOGUE) -> Model:
-    """The model of a file; ``thing`` names it in errors. Raises RecordError."""
-    geometry = found.machine.geometry()
+def to_model(model: ModelFile, subject: str, effects: Sequence[Effect] = CATALOGUE) -> Model:
+    """The model of a file; ``subject`` names it in errors. Raises RecordError."""
+    geometry = model.machine.geometry()
     longest = min(geometry.leg_length_mm)
-    for name, value in found.parameters_mm.items():
+    for name, value in model.parameters_mm.items():
         if name not in PARAMETER_NAMES:
-            raise RecordError(thing, name, ", ".join(PARAMETER_NAMES))
+            raise RecordError(subject, name, ", ".join(PARAMETER_NAMES))
         if abs(value) >= longest:
-            allowed = f"less than the leg length {longest:g} mm"
-            raise RecordError(f"{thing}, {name}", f"{value:g} mm", allowed)
-    values = tuple(found.parameters_mm.get(name, 0.0) for name in PARAMETER_NAMES)
-    placed = [placed_effects(entry, effects, geometry, thing) for entry in found.effects]
+            requirement = f"less than the leg length {longest:g} mm"
+            raise RecordError(f"{subject}, {name}", f"{value:g} mm", requirement)
+    values = tuple(model.parameters_mm.get(name, 0.0) for name in PARAMETER_NAMES)
+    placed = [placed_effects(entry, effects, geometry, subject) for entry in model.effects]
     return Model(geometry, values, tuple(effect for each in placed for effect in each))
 
 
-def sizes_of(found: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> tuple[Size, ...]:
+def sizes_of(model: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> tuple[Size, ...]:
     """The values of a model's effects that a fit may free: one for each parameter not held.
 
     Places that share an entry share the value. Raises RecordError as `to_model` does.
     """
-    geometry, sizes, first = found.machine.geometry(), [], 0
-    for entry in found.effects:
+    geometry, sizes, first = model.machine.geometry(), [], 0
+    for entry in model.effects:
         placed = placed_effects(entry, effects, geometry, "model")
         kind = placed[0].effect
         bases = [parameter.name for parameter in kind.parameters]
@@ -362,13 +372,13 @@ def sizes_of(found: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> tuple[S
                 continue
             base = bases.index(parameter.of or name)
             places = _places(entry, parameter, kind, geometry, "model")
-            at = [first + k for k, one in enumerate(placed) if one.place in places]
-            known = kind.parameters[base]
+            at = [first + k for k, instance in enumerate(placed) if instance.place in places]
+            definition = kind.parameters[base]
             sizes.append(
                 Size(
                     f"{entry.id} {entry.where}: {name}",
-                    known.unit,
-                    known.tolerance,
+                    definition.unit,
+                    definition.tolerance,
                     tuple((effect, base) for effect in at),
                 )
             )
@@ -376,7 +386,7 @@ def sizes_of(found: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> tuple[S
     return tuple(sizes)
 
 
-def with_solution(found: ModelFile, solution: Solution) -> ModelFile:
+def with_solution(model: ModelFile, solution: Solution) -> ModelFile:
     """The model with parameters and sizes as they were fitted together, and how well each is known.
 
     ``solution`` was fitted with `sizes_of` this model.
@@ -386,32 +396,32 @@ def with_solution(found: ModelFile, solution: Solution) -> ModelFile:
         for size in solution.sizes
     )
     effects = []
-    for entry in found.effects:
-        known = {
-            name: one if one.held else one.model_copy(update=next(sizes))
-            for name, one in entry.parameters.items()
+    for entry in model.effects:
+        parameters = {
+            name: parameter if parameter.held else parameter.model_copy(update=next(sizes))
+            for name, parameter in entry.parameters.items()
         }
-        effects.append(entry.model_copy(update={"parameters": known}))
+        effects.append(entry.model_copy(update={"parameters": parameters}))
     values = dict(zip(PARAMETER_NAMES, solution.model.parameters_mm, strict=True))
-    return found.model_copy(update={"parameters_mm": values, "effects": tuple(effects)})
+    return model.model_copy(update={"parameters_mm": values, "effects": tuple(effects)})
 
 
-def held_sizes(found: ModelFile) -> tuple[str, ...]:
+def held_sizes(model: ModelFile) -> tuple[str, ...]:
     """Sizes of the model that a person stated: ``backlash (x): play = +0.02 mm``."""
     return tuple(
-        f"{one.id} ({one.where}): {name} = {value.value:+.6g} {value.unit}"
-        for one in found.effects
-        for name, value in one.parameters.items()
+        f"{effect.id} ({effect.where}): {name} = {value.value:+.6g} {value.unit}"
+        for effect in model.effects
+        for name, value in effect.parameters.items()
         if value.held
     )
 
 
-def ambiguous_effects(found: ModelFile) -> tuple[str, ...]:
+def ambiguous_effects(model: ModelFile) -> tuple[str, ...]:
     """Effects that stand for a set of which any would do: ``backlash (x)``."""
     return tuple(
-        f"{one.id} ({one.where})"
-        for one in found.effects
-        if one.provenance and one.provenance.verdict == "ambiguous"
+        f"{effect.id} ({effect.where})"
+        for effect in model.effects
+        if effect.provenance and effect.provenance.verdict == "ambiguous"
     )
 
 

@@ -51,8 +51,8 @@ def told_mm(step: Step, machine: Machine) -> Triple:
 
 def joints_mm(step: Step, geometry: Geometry) -> dict[str, float]:
     """Joint coordinates of x, y and z that the controller commands for a step."""
-    found = inverse(geometry, tool_mm(step, geometry))
-    return dict(zip(LEG_NAMES, found.tolist(), strict=True))
+    joints = inverse(geometry, tool_mm(step, geometry))
+    return dict(zip(LEG_NAMES, joints.tolist(), strict=True))
 
 
 def zero_mm(machine: Machine) -> Triple:
@@ -62,8 +62,8 @@ def zero_mm(machine: Machine) -> Triple:
 
 def _in_coordinates(tool: FloatArray, machine: Machine) -> Triple:
     """A tool position ``(3,)`` from Zero in the coordinates that the controller takes."""
-    told = inverse(machine.geometry(), tool) if machine.mdi == "joint" else tool
-    x, y, z = (float(mm) + 0.0 for mm in told)  # no -0.0
+    target = inverse(machine.geometry(), tool) if machine.mdi == "joint" else tool
+    x, y, z = (float(mm) + 0.0 for mm in target)  # no -0.0
     return x, y, z
 
 
@@ -74,10 +74,12 @@ def tool_mm(step: Step, geometry: Geometry) -> FloatArray:
     return np.asarray(commanded_tool(geometry, at)[0])
 
 
-def way_mm(step: Step, before: Step | None, procedure: Procedure, machine: Machine) -> list[Triple]:
+def way_mm(
+    step: Step, previous: Step | None, procedure: Procedure, machine: Machine
+) -> list[Triple]:
     """Places for the controller, the last one that of the step.
 
-    From ``before``, where the machine stands in the same set-up, straight; a tool that lifts off
+    From ``previous``, where the machine stands in the same set-up, straight; a tool that lifts off
     does so at both ends. Without, by way of the posture that the procedure comes from, or else
     from below: so far before the place, along the leg or in the plane of a plate, as the machine
     file says (``preroll_mm``). Raises RecordError for a place that the machine does not reach.
@@ -89,9 +91,9 @@ def way_mm(step: Step, before: Step | None, procedure: Procedure, machine: Machi
         lift[leg_number(step.axes[0])] = procedure.plate.lift_mm
     places: list[FloatArray] = []
     if lift.any():
-        places = [] if before is None else [tool_mm(before, geometry) + lift]
+        places = [] if previous is None else [tool_mm(previous, geometry) + lift]
         places.append(goal + lift)
-    elif before is None:
+    elif previous is None:
         places = [goal - (machine.motion or MotionLimits()).preroll_mm * _along(step, geometry)]
     places.append(goal)
     wrong = next((at for at in places if not geometry.stands(at[None])[0]), None)
@@ -108,11 +110,11 @@ def way_mm(step: Step, before: Step | None, procedure: Procedure, machine: Machi
 
 def came_from(step: Step, steps: Sequence[Step]) -> Step | None:
     """The step whose posture a procedure leaves for this one; None at the beginning of a set-up."""
-    for before in reversed(steps[: step.number - 1]):
-        if before.place != step.place:
+    for earlier in reversed(steps[: step.number - 1]):
+        if earlier.place != step.place:
             return None
-        if before.posture_mm != step.posture_mm:
-            return before
+        if earlier.posture_mm != step.posture_mm:
+            return earlier
     return None
 
 
@@ -124,11 +126,11 @@ def _along(step: Step, geometry: Geometry) -> FloatArray:
     return np.asarray(np.eye(3)[LEG_NAMES.index(across)])
 
 
-def tool_at(told: Triple, machine: Machine) -> Triple:
+def tool_at(target: Triple, machine: Machine) -> Triple:
     """Where the tool of a machine without errors is, from Zero, when its controller is there."""
-    place = np.asarray(told, dtype=np.float64)
-    found = direct(machine.geometry(), place) if machine.mdi == "joint" else place
-    x, y, z = (float(mm) for mm in found)
+    place = np.asarray(target, dtype=np.float64)
+    tool = direct(machine.geometry(), place) if machine.mdi == "joint" else place
+    x, y, z = (float(mm) for mm in tool)
     return x, y, z
 
 
@@ -142,13 +144,13 @@ def all_ways(
     procedure: Procedure, machine: Machine, axes: Sequence[str] = BOTH
 ) -> list[tuple[Step, list[Triple]]]:
     """Every step of a whole session, with its way from the one before. Raises as `way_mm`."""
-    found: list[tuple[Step, list[Triple]]] = []
-    before: Step | None = None
+    ways: list[tuple[Step, list[Triple]]] = []
+    previous: Step | None = None
     for step in procedure.steps(machine.geometry(), axes):
-        here = before if before is not None and before.place == step.place else None
-        found.append((step, way_mm(step, here, procedure, machine)))
-        before = step
-    return found
+        here = previous if previous is not None and previous.place == step.place else None
+        ways.append((step, way_mm(step, here, procedure, machine)))
+        previous = step
+    return ways
 
 
 def seconds_per_step(machine: Machine, procedure: Procedure, axes: Sequence[str] = BOTH) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 
 from calib.arrays import LEG_NAMES, TOUCHED_NAMES, FloatArray, IntArray, Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
+from calib.noise.display import display_step_mm
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.movements import carriage_movement
@@ -49,7 +50,7 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         movement.append(_movements(session))
     if not readings:
         raise NotIdentifiable("readings", "none", "a session with readings in two postures")
-    found = Observations(
+    observations = Observations(
         leg=np.array([leg_number(r.leg) for r in readings], dtype=np.intp),
         axis=np.array([leg_number(r.axis) for r in readings], dtype=np.intp),
         displacement_mm=np.array([r.displacement_mm for r in readings]),
@@ -68,7 +69,7 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         value_mm=np.array([r.value_mm for r in readings]),
         averaged=np.array([float(r.averaged) for r in readings]),
     )
-    return _as_commanded(found, readings, sessions[0].opened.machine.geometry())
+    return _as_commanded(observations, readings, sessions[0].opened.machine.geometry())
 
 
 def _numbered(names: Sequence[str]) -> IntArray:
@@ -78,7 +79,7 @@ def _numbered(names: Sequence[str]) -> IntArray:
 
 
 def _as_commanded(
-    found: Observations, readings: Sequence[Reading], geometry: Geometry
+    commanded: Observations, readings: Sequence[Reading], geometry: Geometry
 ) -> Observations:
     """What would have been read exactly where the controller was sent.
 
@@ -91,19 +92,19 @@ def _as_commanded(
         if reading.moved is not None:
             departure[row] = departure_mm(reading.moved, geometry)
     if not departure.any():
-        return found
-    beside = replace(found, position_mm=found.position_mm + departure)
+        return commanded
+    displaced = replace(commanded, position_mm=commanded.position_mm + departure)
     nominal = np.zeros(len(PARAMETER_NAMES))
-    change = simulate(geometry, nominal, beside) - simulate(geometry, nominal, found)
-    return replace(found, value_mm=found.value_mm - change)
+    change = simulate(geometry, nominal, displaced) - simulate(geometry, nominal, commanded)
+    return replace(commanded, value_mm=commanded.value_mm - change)
 
 
-def along_mm(read: Reading | Step, machine: Machine) -> float:
+def along_mm(reading: Reading | Step, machine: Machine) -> float:
     """Where a leg is touched over a plane, from the tool at Zero; NaN elsewhere."""
-    if not read.over_plane:
+    if not reading.over_plane:
         return np.nan
-    covered = machine.geometry().covered_mm[leg_number(read.leg)]
-    return float(read.displacement_mm + read.station * covered)
+    covered = machine.geometry().covered_mm[leg_number(reading.leg)]
+    return float(reading.displacement_mm + reading.station * covered)
 
 
 def _times_s(session: Session) -> list[float]:
@@ -128,10 +129,10 @@ def _indicators(session: Session) -> list[str]:
 
 
 def _by_mounting(readings: Iterable[Reading]) -> Iterable[list[Reading]]:
-    found: dict[str, list[Reading]] = {}
+    groups: dict[str, list[Reading]] = {}
     for reading in readings:
-        found.setdefault(reading.mount, []).append(reading)
-    return found.values()
+        groups.setdefault(reading.mount, []).append(reading)
+    return groups.values()
 
 
 def approaches(session: Session) -> list[float]:
@@ -139,17 +140,19 @@ def approaches(session: Session) -> list[float]:
 
     Superseded readings do not count, but the machine was there. A controller tells it itself.
     """
-    found: dict[int, float] = {}
+    signs: dict[int, float] = {}
     geometry = session.opened.machine.geometry()
     for members in _by_mounting(session.all_readings):
         last = 0.0
-        for before, after in pairwise([members[0], *members]):  # the first came from nowhere known
-            way = float(np.sign(after.displacement_mm - before.displacement_mm))
-            if after.moved is not None:
-                way = approach_sign(after.moved, after.leg, geometry)
+        for previous, current in pairwise(
+            [members[0], *members]
+        ):  # the first came from nowhere known
+            way = float(np.sign(current.displacement_mm - previous.displacement_mm))
+            if current.moved is not None:
+                way = approach_sign(current.moved, current.leg, geometry)
             last = way or last
-            found[after.reading] = last
-    return [found.get(reading.reading, 0.0) for reading in session.readings]
+            signs[current.reading] = last
+    return [signs.get(reading.reading, 0.0) for reading in session.readings]
 
 
 def _movements(session: Session) -> FloatArray:
@@ -157,21 +160,21 @@ def _movements(session: Session) -> FloatArray:
 
     From the rows of its mounting, or along the axis where the tool lifts off in between.
     """
-    found = {reading.reading: np.zeros(3) for reading in session.readings}
+    signs = {reading.reading: np.zeros(3) for reading in session.readings}
     geometry = session.opened.machine.geometry()
     for members in _by_mounting(r for r in session.all_readings if r.position_mm is not None):
-        there = np.array([reading.position_mm for reading in members])
-        before = np.vstack([there[:1], there[:-1]])
+        places_mm = np.array([reading.position_mm for reading in members])
+        origins_mm = np.vstack([places_mm[:1], places_mm[:-1]])
         lifted = np.array([reading.lift_mm or 0.0 for reading in members])[:, None]
-        above = there + lifted * np.eye(3)[[leg_number(r.axis) for r in members]]
-        moved = carriage_movement(geometry, np.where(lifted > 0.0, above, before), there)
+        above = places_mm + lifted * np.eye(3)[[leg_number(r.axis) for r in members]]
+        moved = carriage_movement(geometry, np.where(lifted > 0.0, above, origins_mm), places_mm)
         last = np.zeros(3)
-        for reading, one in zip(members, moved, strict=True):
+        for reading, movement in zip(members, moved, strict=True):
             if reading.moved is not None:
-                one = movement_signs(reading.moved, geometry)
-            last = np.where(one != 0.0, one, last)
-            found[reading.reading] = last
-    return np.array([found[reading.reading] for reading in session.readings]).reshape(-1, 3)
+                movement = movement_signs(reading.moved, geometry)
+            last = np.where(movement != 0.0, movement, last)
+            signs[reading.reading] = last
+    return np.array([signs[reading.reading] for reading in session.readings]).reshape(-1, 3)
 
 
 def _check_readings(session: Session) -> None:
@@ -185,10 +188,10 @@ def _check_readings(session: Session) -> None:
         )
 
 
-def changed_between(thing: str, verb: str) -> UsageError:
+def changed_between(subject: str, verb: str) -> UsageError:
     """Sessions between which parts of the machine were moved are of two machines."""
     return UsageError(
-        thing,
+        subject,
         "the machine mechanically changed between them",
         "sessions of one mechanical state",
         f"{verb.capitalize()} them one at a time: offsets from before do not hold after.",
@@ -213,23 +216,33 @@ def indicator_figures(sessions: Sequence[Session]) -> IndicatorFigures:
     """The worst that is stated or seen of the indicators of all sessions.
 
     ``resolution_mm`` is the coarsest stated of an indicator or with a reading, ``step_mm`` the
-    coarsest step in which the readings of a session are written down.
+    coarsest step in which the readings of a session are written down, ``values_step_mm`` the
+    coarsest one on which its values lie.
     """
-    stated = worst_stated(one for session in sessions for one in session.opened.instruments)
-    shown = (reading.resolution_mm for session in sessions for reading in session.readings)
-    return replace(
-        stated,
-        resolution_mm=_worst([stated.resolution_mm, *shown]),
-        step_mm=_worst(session.step_mm for session in sessions),
+    worst = worst_stated(
+        instrument for session in sessions for instrument in session.opened.instruments
     )
+    resolutions_mm = (reading.resolution_mm for session in sessions for reading in session.readings)
+    return replace(
+        worst,
+        resolution_mm=_worst([worst.resolution_mm, *resolutions_mm]),
+        step_mm=_worst(session.step_mm for session in sessions),
+        values_step_mm=_worst(_values_step_mm(session) for session in sessions),
+    )
+
+
+def _values_step_mm(session: Session) -> float | None:
+    """The step of the display that the values of a session show; a mean of several is none."""
+    values = np.array([r.value_mm for r in session.readings if r.averaged == 1])
+    return display_step_mm(values, session.step_mm)
 
 
 def worst_stated(instruments: Iterable[Instrument]) -> IndicatorFigures:
     """The coarsest resolution and the worst repeatability that these indicators state."""
-    known = list(instruments)
+    figures = list(instruments)
     return IndicatorFigures(
-        resolution_mm=_worst(one.resolution_mm for one in known),
-        repeatability_mm=_worst(one.repeatability_mm for one in known),
+        resolution_mm=_worst(instrument.resolution_mm for instrument in figures),
+        repeatability_mm=_worst(instrument.repeatability_mm for instrument in figures),
     )
 
 
@@ -247,48 +260,48 @@ def corrected_readings(session: Session, cleaned: CleanedReadings) -> Iterator[R
 
     A stand that moved gives a new mounting from there on.
     """
-    before, after = to_observations([session]).take(cleaned.rows), cleaned.observed
+    observed, cleaned_rows = to_observations([session]).take(cleaned.rows), cleaned.observed
     readings = [session.readings[row] for row in cleaned.rows.tolist()]
-    read = np.array([reading.value_mm for reading in readings])
-    values = read + (_values_mm(before, cleaned) - before.value_mm)
-    mounts = _mount_names(readings, after)
+    read_mm = np.array([reading.value_mm for reading in readings])
+    values = read_mm + (_values_mm(observed, cleaned) - observed.value_mm)
+    mounts = _mount_names(readings, cleaned_rows)
     for k, reading in enumerate(readings):
-        tool = TOUCHED_NAMES[after.leg[k]] == "tool"
-        mount = mounts[int(after.mount[k])]
+        tool = TOUCHED_NAMES[cleaned_rows.leg[k]] == "tool"
+        mount = mounts[int(cleaned_rows.mount[k])]
         now: dict[str, Any] = {
             "value_mm": float(values[k]),
-            "leg": TOUCHED_NAMES[after.leg[k]],
-            "axis": LEG_NAMES[after.axis[k]],
-            "displacement_mm": float(after.displacement_mm[k]),
-            "position_mm": tuple(map(float, after.position_mm[k])) if tool else None,
-            "station": float(after.station[k]),
+            "leg": TOUCHED_NAMES[cleaned_rows.leg[k]],
+            "axis": LEG_NAMES[cleaned_rows.axis[k]],
+            "displacement_mm": float(cleaned_rows.displacement_mm[k]),
+            "position_mm": tuple(map(float, cleaned_rows.position_mm[k])) if tool else None,
+            "station": float(cleaned_rows.station[k]),
             "mount": f"{mount}, moved {cleaned.slips[k]}" if cleaned.slips[k] else mount,
         }
         was = {name: value for name in now if (value := getattr(reading, name)) != now[name]}
         if was:
             if was.keys() & {"leg", "displacement_mm", "position_mm"}:
                 now |= {"step": None, "lift_mm": None}
-            said = ", ".join(f"{name} {value}" for name, value in was.items())
-            now["extra"] = {**reading.extra, AS_READ: said}
+            description = ", ".join(f"{name} {value}" for name, value in was.items())
+            now["extra"] = {**reading.extra, AS_READ: description}
             yield reading.model_copy(update=now)
 
 
-def _values_mm(before: Observations, cleaned: CleanedReadings) -> FloatArray:
+def _values_mm(observed: Observations, cleaned: CleanedReadings) -> FloatArray:
     """Corrected values ``(n,)``; as read where only the zero moved, for that is a new mounting."""
     values = cleaned.observed.value_mm.copy()
-    change = values - before.value_mm
-    for mount in np.unique(before.mount[cleaned.slips > 0]):
+    change = values - observed.value_mm
+    for mount in np.unique(observed.mount[cleaned.slips > 0]):
         for slip in range(1, int(cleaned.slips.max()) + 1):
-            rows = (before.mount == mount) & (cleaned.slips == slip)
+            rows = (observed.mount == mount) & (cleaned.slips == slip)
             if rows.any() and np.ptp(change[rows]) < SAME_MM:
-                values[rows] = before.value_mm[rows]
-    return np.where(np.abs(values - before.value_mm) < SAME_MM, before.value_mm, values)
+                values[rows] = observed.value_mm[rows]
+    return np.where(np.abs(values - observed.value_mm) < SAME_MM, observed.value_mm, values)
 
 
-def _mount_names(readings: Sequence[Reading], after: Observations) -> list[str]:
+def _mount_names(readings: Sequence[Reading], cleaned: Observations) -> list[str]:
     """The name that most readings of each mounting have: one of another may have come to it."""
-    found = []
-    for mount in range(after.mount_count):
-        rows = np.flatnonzero(after.mount == mount).tolist()
-        found.append(Counter(readings[row].mount for row in rows).most_common(1)[0][0])
-    return found
+    names = []
+    for mount in range(cleaned.mount_count):
+        rows = np.flatnonzero(cleaned.mount == mount).tolist()
+        names.append(Counter(readings[row].mount for row in rows).most_common(1)[0][0])
+    return names

@@ -187,11 +187,11 @@ class Procedure(Document):
         axis. Raises as `check_limits`, and UsageError where the indicators do not fit a leg.
         """
         self.check_limits(geometry)
-        found = self._of_tool(self.plate) if self.plate else self._of_legs(geometry, axes)
+        steps = self._of_tool(self.plate) if self.plate else self._of_legs(geometry, axes)
         if self.plane is not None:
-            from_zero = found if self.levels else ()
-            found = chain(from_zero, self._over_plane(self.plane, geometry, axes))
-        return tuple(replace(step, number=number) for number, step in enumerate(found, start=1))
+            from_zero = steps if self.levels else ()
+            steps = chain(from_zero, self._over_plane(self.plane, geometry, axes))
+        return tuple(replace(step, number=number) for number, step in enumerate(steps, start=1))
 
     def indicators_used(self, instruments: Sequence[Instrument]) -> tuple[Instrument, ...]:
         """Those of these that read: the tool, or over planes alone, the first along each axis.
@@ -201,18 +201,18 @@ class Procedure(Document):
         if self.levels:
             return tuple(instruments)
         along = self.plane.axes if self.plane else (self.plate.axis,) if self.plate else ()
-        axes = [one.axes for one in instruments]
+        axes = [instrument.axes for instrument in instruments]
         used = {self._reading_along(axis, axes) for axis in along}
-        return tuple(one for number, one in enumerate(instruments) if number in used)
+        return tuple(instrument for number, instrument in enumerate(instruments) if number in used)
 
     def _reading_along(self, axis: str, axes: Sequence[str]) -> int:
         """Number of the first indicator that may measure along an axis."""
-        for number, allowed in enumerate(axes):
-            if axis in allowed:
+        for number, directions in enumerate(axes):
+            if axis in directions:
                 return number
-        shown = " and ".join(f"@{allowed}" for allowed in axes) or "none"
+        choices = " and ".join(f"@{directions}" for directions in axes) or "none"
         at = "at the tool" if self.plate else "over the plane"
-        raise UsageError(f"indicator of {self.name}", shown, f"one along {axis}, {at}")
+        raise UsageError(f"indicator of {self.name}", choices, f"one along {axis}, {at}")
 
     def _of_tool(self, plate: Plate) -> Iterator[Step]:
         for cycle in range(1, self.cycles + 1):
@@ -250,15 +250,15 @@ class Procedure(Document):
                 for station in plane.stations:
                     yield Step(0, leg, 0.0, self.cycles, station, (axis,), None, True, first)
 
-    def _cycle(self, geometry: Geometry, told: Sequence[Level], seed: str) -> list[float]:
+    def _cycle(self, geometry: Geometry, cycle_levels: Sequence[Level], seed: str) -> list[float]:
         """Displacements of one cycle: Zero first where it is checked, shuffled where asked for."""
-        levels = [_displacement(level, geometry) for level in told]
+        levels = [_displacement(level, geometry) for level in cycle_levels]
         if self.random_seed is not None:
             zeros = [level for level in levels if level == 0.0]
-            others = [level for level in levels if level != 0.0]
+            nonzero = [level for level in levels if level != 0.0]
             # seeded by text: the same order in every version of Python, for both axes of a leg
-            random.Random(f"{self.random_seed}/{seed}").shuffle(others)
-            levels = zeros + others
+            random.Random(f"{self.random_seed}/{seed}").shuffle(nonzero)
+            levels = zeros + nonzero
         if self.return_to_zero and levels[0] != 0.0:
             levels.insert(0, 0.0)
         return levels
@@ -277,10 +277,10 @@ class Procedure(Document):
                 "plate-rings is one.",
             )
         low, high = geometry.travel_min_mm, geometry.travel_max_mm
-        what, allowed = "level", f"the joint limits {low:g} … {high:g} mm"
+        what, requirement = "level", f"the joint limits {low:g} … {high:g} mm"
         wrong: Iterator[tuple[Key, str]]
         if self.plate is not None:
-            what, allowed = "position", f"a position that the bars reach within {allowed}"
+            what, requirement = "position", f"a position that the bars reach within {requirement}"
             outside = (place for place in self.plate.places_mm() if not may_stand(geometry, place))
             wrong = ((("plate",), position_words(place)) for place in outside)
         else:
@@ -293,9 +293,9 @@ class Procedure(Document):
             ]
             displacements = ((key, _displacement(level, geometry)) for key, level in levels)
             wrong = ((key, f"{mm:g} mm") for key, mm in displacements if not low <= mm <= high)
-        for key, found in wrong:
+        for key, value in wrong:
             next_step = f"Change the {what}, or the limits in the machine file."
-            raise RecordError(f"{self._where(path, key)}, {what}", found, allowed, next_step)
+            raise RecordError(f"{self._where(path, key)}, {what}", value, requirement, next_step)
 
     def check_bars(self, geometry: Geometry, path: Path | None = None) -> None:
         """Raises RecordError for the first touched point off the usable part of its bar.
@@ -314,10 +314,10 @@ class Procedure(Document):
             self._check_plane(self.plane, geometry, path)
             for (k, at), leg in product(enumerate(self.plane.stations), self.legs):
                 touched.append((("plane", "stations", k), (leg, at, 0.0)))
-        for number, words in off_bar([visit for _, visit in touched], geometry):
+        for number, fault in off_bar([visit for _, visit in touched], geometry):
             raise RecordError(
                 f"{self._where(path, touched[number][0])}, stations",
-                words,
+                fault,
                 "points on the usable part of the bar at every level, and at Zero",
                 "Change the station or the levels, or usable_bar in the machine file.",
             )
@@ -350,9 +350,9 @@ class Procedure(Document):
         """How many steps repeat a posture without leaving it; they show the indicator only."""
         steps = self.steps(geometry)
         return sum(
-            (before.place, before.station, before.posture_mm)
-            == (after.place, after.station, after.posture_mm)
-            for before, after in pairwise(steps)
+            (earlier.place, earlier.station, earlier.posture_mm)
+            == (later.place, later.station, later.posture_mm)
+            for earlier, later in pairwise(steps)
         )
 
     def duration_s(self, geometry: Geometry, axes: Sequence[str] = BOTH) -> float:
@@ -427,12 +427,12 @@ def axes_on_leg(leg: Leg, axes: Sequence[str]) -> list[tuple[Leg, ...]]:
     fitting = [
         way
         for way in permutations(across, len(axes))
-        if all(axis in allowed for axis, allowed in zip(way, axes, strict=True))
+        if all(axis in directions for axis, directions in zip(way, axes, strict=True))
     ]
     if not fitting:
         raise UsageError(
             f"indicators on leg {leg}",
-            " and ".join(f"@{allowed}" for allowed in axes),
+            " and ".join(f"@{directions}" for directions in axes),
             f"axes {across[0]} and {across[1]}, one for each indicator",
         )
     if len(axes) == 1:
@@ -442,8 +442,8 @@ def axes_on_leg(leg: Leg, axes: Sequence[str]) -> list[tuple[Leg, ...]]:
 
 def posture_name(displacement_mm: float, geometry: Geometry) -> str:
     """ZERO, MAX, MIN of this machine, or the displacement in mm."""
-    named = {0.0: "ZERO", geometry.travel_max_mm: "MAX", geometry.travel_min_mm: "MIN"}
-    return named.get(displacement_mm, f"{displacement_mm:+g} mm")
+    names = {0.0: "ZERO", geometry.travel_max_mm: "MAX", geometry.travel_min_mm: "MIN"}
+    return names.get(displacement_mm, f"{displacement_mm:+g} mm")
 
 
 def default_mount(leg: str, axis: str, station: float) -> str:
@@ -472,13 +472,13 @@ def off_bar(
     names, station, displacement = (np.array(column) for column in zip(*visits, strict=True))
     leg = np.array([leg_number(name) for name in names], dtype=np.intp)
     touched = geometry.touched(leg, station, displacement)
-    found = []
+    faults = []
     for k in np.flatnonzero(~geometry.on_bar(leg, station, displacement)):
         low, high = geometry.usable_bar[leg[k]]
         posture = posture_name(float(displacement[k]), geometry)
-        words = f"station {station[k]:g} of leg {names[k]} touched at {touched[k]:.3f} of the bar"
-        found.append((int(k), f"{words} in posture {posture}; usable is {low:g} … {high:g}"))
-    return found
+        place = f"station {station[k]:g} of leg {names[k]} touched at {touched[k]:.3f} of the bar"
+        faults.append((int(k), f"{place} in posture {posture}; usable is {low:g} … {high:g}"))
+    return faults
 
 
 def may_stand(geometry: Geometry, position_mm: Triple) -> bool:
@@ -498,14 +498,14 @@ def procedure_names() -> tuple[str, ...]:
 
 def guided_procedure_names(geometry: Geometry) -> tuple[str, ...]:
     """Those of them that a guided session can measure on this machine: legs, or a plate."""
-    found = []
+    names = []
     for name in procedure_names():
         try:
             load_procedure(name, geometry).steps(geometry)
         except (RecordError, UsageError):  # beyond its limits, or legs that cannot be read
             continue
-        found.append(name)
-    return tuple(found)
+        names.append(name)
+    return tuple(names)
 
 
 def load_procedure(name: str, geometry: Geometry) -> Procedure:
@@ -518,8 +518,8 @@ def load_procedure(name: str, geometry: Geometry) -> Procedure:
     if not name.endswith(".toml"):
         path = PROCEDURES / f"{name}.toml"
         if name not in procedure_names():
-            allowed = ", ".join(procedure_names()) + ", or the path of a .toml file"
-            raise UsageError("procedure", repr(name), allowed)
+            choices = ", ".join(procedure_names()) + ", or the path of a .toml file"
+            raise UsageError("procedure", repr(name), choices)
     procedure = read_toml(path, Procedure, WHAT)
     procedure.check_limits(geometry, path)
     procedure.check_bars(geometry, path)

@@ -139,8 +139,8 @@ def check_record(path: Path, content: bytes) -> Record:
 def check_size(path: Path, size_bytes: int) -> None:
     """Raises RecordError for a file that is too large to be a session."""
     if size_bytes > MOST_BYTES:
-        found = f"{size_bytes / 1e6:,.1f} MB"
-        raise RecordError(f"session {path}", found, f"up to {MOST_BYTES / 1e6:.0f} MB")
+        size = f"{size_bytes / 1e6:,.1f} MB"
+        raise RecordError(f"session {path}", size, f"up to {MOST_BYTES / 1e6:.0f} MB")
 
 
 def read_ends(path: Path) -> tuple[Opened, list[Event]]:
@@ -170,40 +170,42 @@ def digest_of(line: bytes) -> str:
 
 def parse_line(path: Path, number: int, line: bytes) -> Event:
     """One line as an event; number 0 is somewhere in the file. Raises RecordError."""
-    thing = f"session {path}, line {number}" if number else f"session {path}"
+    subject = f"session {path}, line {number}" if number else f"session {path}"
     try:
         return EVENT.validate_json(line)
     except ValidationError as problem:
-        found = describe(problem)
+        fault = describe(problem)
     try:
         plain = json.loads(line)
     except (ValueError, RecursionError) as problem:
-        other = "Is it a session? glidecal import makes one of a table." if number == 1 else ""
-        raise RecordError(thing, _shown(line), "one JSON event", other) from problem
+        next_step = "Is it a session? glidecal import makes one of a table." if number == 1 else ""
+        raise RecordError(subject, _shown(line), "one JSON event", next_step) from problem
     if isinstance(plain, dict):
         _check_not_newer(path, plain)
     if not isinstance(plain, dict) or "event" not in plain:
-        raise RecordError(thing, _shown(line), f"an event of schema {SCHEMA}")
+        raise RecordError(subject, _shown(line), f"an event of schema {SCHEMA}")
     if number == 1:
         _check_schema(path, plain)
         with suppress(ValidationError):
             return EVENT.validate_json(COUNTED.sub(b"", line))
-    raise RecordError(thing, found, f"an event of schema {SCHEMA}")
+    raise RecordError(subject, fault, f"an event of schema {SCHEMA}")
 
 
-def _check_order(path: Path, number: int, event: Event, before: list[Event]) -> None:
+def _check_order(path: Path, number: int, event: Event, events: list[Event]) -> None:
     """Numbers count up; 'opened' comes first, 'closed' last, with the right count."""
-    thing = f"session {path}, line {number}"
+    subject = f"session {path}, line {number}"
     if event.line != number:
-        found = f"line number {event.line}: a line is missing, doubled or moved"
-        raise RecordError(thing, found, "an unaltered record")
+        fault = f"line number {event.line}: a line is missing, doubled or moved"
+        raise RecordError(subject, fault, "an unaltered record")
     if (number == 1) != isinstance(event, Opened):
-        raise RecordError(thing, f"event '{event.event}'", "'opened' on line 1 and only there")
-    if before and isinstance(before[-1], Closed):
-        raise RecordError(thing, f"event '{event.event}' after 'closed'", "nothing after 'closed'")
-    if isinstance(event, Closed) and event.readings != count_readings(before):
-        found = f"a count of {event.readings} readings"
-        raise RecordError(thing, found, f"{count_readings(before)}, as many as there are")
+        raise RecordError(subject, f"event '{event.event}'", "'opened' on line 1 and only there")
+    if events and isinstance(events[-1], Closed):
+        raise RecordError(
+            subject, f"event '{event.event}' after 'closed'", "nothing after 'closed'"
+        )
+    if isinstance(event, Closed) and event.readings != count_readings(events):
+        fault = f"a count of {event.readings} readings"
+        raise RecordError(subject, fault, f"{count_readings(events)}, as many as there are")
 
 
 class _Meaning:
@@ -218,32 +220,32 @@ class _Meaning:
 
     def check(self, number: int, event: Event) -> None:
         """Raises RecordError with the line number."""
-        thing = f"session {self._path}, line {number}"
+        subject = f"session {self._path}, line {number}"
         if isinstance(event, Opened):
             self._steps = {step.number: step for step in event.steps()}
         elif isinstance(event, Reading):
             self._readings += 1
             step = self._steps.get(event.step or 0)
             if step and (event.leg != step.leg or event.axis not in step.axes):
-                found = f"leg {event.leg}, axis {event.axis} in step {step.number}"
-                allowed = f"leg {step.leg}, axis {' or '.join(step.axes)}, as in the procedure"
-                raise RecordError(thing, found, allowed)
+                fault = f"leg {event.leg}, axis {event.axis} in step {step.number}"
+                requirement = f"leg {step.leg}, axis {' or '.join(step.axes)}, as in the procedure"
+                raise RecordError(subject, fault, requirement)
             if event.reading != self._readings:
-                raise RecordError(thing, f"reading {event.reading}", f"reading {self._readings}")
+                raise RecordError(subject, f"reading {event.reading}", f"reading {self._readings}")
             place = event.set_up
             if self._places.setdefault(event.mount, place) != place:
-                raise RecordError(thing, f"mounting {event.mount} in a second place", "one place")
+                raise RecordError(subject, f"mounting {event.mount} in a second place", "one place")
         elif isinstance(event, Superseded):
             missing = [n for n in event.readings if not 1 <= n <= self._readings]
             if missing:
-                found = f"reading {missing[0]} superseded before it was taken"
-                raise RecordError(thing, found, f"1 … {self._readings}")
+                fault = f"reading {missing[0]} superseded before it was taken"
+                raise RecordError(subject, fault, f"1 … {self._readings}")
             self._superseded.update(event.readings)
         elif isinstance(event, Restored):
             counting = [n for n in event.readings if n not in self._superseded]
             if counting:
-                found = f"reading {counting[0]} restored"
-                raise RecordError(thing, found, "readings that were superseded")
+                fault = f"reading {counting[0]} restored"
+                raise RecordError(subject, fault, "readings that were superseded")
             self._superseded.difference_update(event.readings)
 
 
@@ -277,11 +279,11 @@ def count_readings(events: Sequence[Event]) -> int:
 
 def _check_not_newer(path: Path, line: dict[str, object]) -> None:
     """For a line that is not understood: the first one and ``continued`` name the schema."""
-    named = NAMED_SCHEMA.fullmatch(str(line.get("schema")))
-    if named and int(named[1]) > SCHEMA_NUMBER:
+    match = NAMED_SCHEMA.fullmatch(str(line.get("schema")))
+    if match and int(match[1]) > SCHEMA_NUMBER:
         raise RecordError(
             f"session {path}",
-            reason=f"written by a newer glidecal (record schema {named[1]}; this one reads up to "
+            reason=f"written by a newer glidecal (record schema {match[1]}; this one reads up to "
             f"{SCHEMA_NUMBER}): update glidecal",
         )
 
@@ -289,8 +291,10 @@ def _check_not_newer(path: Path, line: dict[str, object]) -> None:
 def _check_schema(path: Path, first: dict[str, object]) -> None:
     schema = first.get("schema")
     if schema not in get_args(SchemaId):
-        allowed = f"glidecal.session/1 … {SCHEMA_NUMBER}"
-        raise RecordError(f"session {path}, schema", repr(schema), allowed, "Not a session file.")
+        requirement = f"glidecal.session/1 … {SCHEMA_NUMBER}"
+        raise RecordError(
+            f"session {path}, schema", repr(schema), requirement, "Not a session file."
+        )
 
 
 def _shown(line: bytes) -> str:

@@ -378,8 +378,10 @@ class Session:
         for reading in self.readings:
             if reading.step is not None:
                 axes.setdefault(reading.step, set()).add(reading.axis)
-        wanted = {step.number: set(step.axes) for step in self.steps()}
-        return frozenset(n for n, found in axes.items() if found >= wanted.get(n, set("?")))
+        step_axes = {step.number: set(step.axes) for step in self.steps()}
+        return frozenset(
+            n for n, axes_read in axes.items() if axes_read >= step_axes.get(n, set("?"))
+        )
 
     def next_step(self) -> Step | None:
         """The first step that is neither done nor skipped."""
@@ -406,13 +408,13 @@ class Session:
         if len(of_tool) > 1:
             raise RecordError("session", "readings of legs and of the tool", "one of both")
         places = ("x_mm", "y_mm", "z_mm", "axis", "lift_mm") if True in of_tool else OF_LEG
-        known = (*places, "value_mm", *OF_ANY)
-        moved = MOVED if any(one.moved for one in self.all_readings) else ()
-        extra = list(dict.fromkeys(name for one in self.all_readings for name in one.extra))
+        columns = (*places, "value_mm", *OF_ANY)
+        moved = MOVED if any(reading.moved for reading in self.all_readings) else ()
+        extra = list(dict.fromkeys(name for reading in self.all_readings for name in reading.extra))
         # columns of an old table that nobody knew then, under names that are nobody's now
-        beside = (f"{name} (kept)" if name in (*known, *MOVED) else name for name in extra)
+        extra_columns = (f"{name} (kept)" if name in (*columns, *MOVED) else name for name in extra)
         return DataTable(
-            (*known, *moved, *beside),
+            (*columns, *moved, *extra_columns),
             tuple(
                 (
                     *_place(reading),
@@ -447,8 +449,8 @@ class Session:
     @property
     def step_mm(self) -> float | None:
         """The step in which the readings are written down: the finest decimal of any text."""
-        found = (DECIMALS.search(reading.text) for reading in self.readings)
-        decimals = [len(match[1]) for match in found if match]
+        matches = (DECIMALS.search(reading.text) for reading in self.readings)
+        decimals = [len(match[1]) for match in matches if match]
         return 10.0 ** -max(decimals) if decimals else None
 
 
@@ -483,8 +485,8 @@ def fold(events: Iterable[Event]) -> Session:
         elif isinstance(event, Noted):
             notes.append(event.text)
         elif isinstance(event, Changed):
-            before = (r.reading for r in readings if r.reading not in superseded)
-            superseded |= dict.fromkeys(before, f"{CHANGED}: {event.reason}")
+            numbers = (r.reading for r in readings if r.reading not in superseded)
+            superseded |= dict.fromkeys(numbers, f"{CHANGED}: {event.reason}")
             restored, skipped, stand_untouched = {}, {}, False
             changes.append(event)
     assert opened is not None

@@ -82,10 +82,10 @@ class Row:
         self.fields = fields
         self.mark = mark
 
-    def fault(self, column: str, allowed: str, next_step: str = "") -> RecordError:
+    def fault(self, column: str, requirement: str, next_step: str = "") -> RecordError:
         """The error that this column's value deserves."""
-        thing = f"table {self.path}, line {self.line}, column {column}"
-        return RecordError(thing, repr(self.fields.get(column, "")), allowed, next_step)
+        subject = f"table {self.path}, line {self.line}, column {column}"
+        return RecordError(subject, repr(self.fields.get(column, "")), requirement, next_step)
 
     def letter(self, column: str) -> Leg:
         """x, y or z."""
@@ -124,9 +124,9 @@ class Row:
             raise self.fault(column, f"a whole number, {least} … {LARGEST_COUNT}")
         return int(text)
 
-    def optional(self, column: str, read: Callable[[str], T], default: T) -> T:
+    def optional(self, column: str, parse: Callable[[str], T], default: T) -> T:
         """``read(column)``, or the default where the field is empty or missing."""
-        return read(column) if self.fields.get(column) else default
+        return parse(column) if self.fields.get(column) else default
 
 
 def _readings(rows: list[Row], unknown: tuple[str, ...], geometry: Geometry) -> tuple[Reading, ...]:
@@ -202,8 +202,8 @@ def off_bar_words(readings: Sequence[Reading], geometry: Geometry) -> str:
     """How many readings touch a leg off the usable part of its bar; empty where none does."""
     of_legs = [r for r in readings if r.leg != "tool"]
     visits = [(r.leg, r.station, 0.0 if r.over_plane else r.displacement_mm) for r in of_legs]
-    found = off_bar(visits, geometry)
-    return f"readings off the bars: {len(found)}, the first at {found[0][1]}" if found else ""
+    faults = off_bar(visits, geometry)
+    return f"readings off the bars: {len(faults)}, the first at {faults[0][1]}" if faults else ""
 
 
 def _rows(path: Path) -> tuple[list[Row], tuple[str, ...]]:
@@ -212,15 +212,15 @@ def _rows(path: Path) -> tuple[list[Row], tuple[str, ...]]:
     _check_header(path, header)
     filled = [(line, values) for line, values in lines[1:] if any(v.strip() for v in values)]
     fields = [(line, _fields(path, line, header, values)) for line, values in filled]
-    commas = (COMMA.fullmatch(one.get(name, "")) for _, one in fields for name in NUMBERS)
+    commas = (COMMA.fullmatch(cells.get(name, "")) for _, cells in fields for name in NUMBERS)
     mark = "," if semicolons and any(commas) else "."
-    rows = [Row(path, line, one, mark) for line, one in fields]
+    rows = [Row(path, line, cells, mark) for line, cells in fields]
     if not 1 <= len(rows) <= MOST_ROWS:
-        found = f"{len(rows):,} rows" if rows else "no row of readings"
-        raise RecordError(f"table {path}", found, f"a row for each reading, up to {MOST_ROWS:,}")
+        count = f"{len(rows):,} rows" if rows else "no row of readings"
+        raise RecordError(f"table {path}", count, f"a row for each reading, up to {MOST_ROWS:,}")
     of_tool = _is_of_tool(header)
-    known = OF_TOOL + OPTIONAL_OF_TOOL if of_tool else REQUIRED + OPTIONAL
-    return rows, tuple(name for name in header if name not in known + MOVED)
+    known_columns = OF_TOOL + OPTIONAL_OF_TOOL if of_tool else REQUIRED + OPTIONAL
+    return rows, tuple(name for name in header if name not in known_columns + MOVED)
 
 
 def _lines(path: Path) -> tuple[Texts, bool]:
@@ -244,20 +244,20 @@ def _lines(path: Path) -> tuple[Texts, bool]:
 
 
 def _check_header(path: Path, header: list[str]) -> None:
-    thing = f"table {path}, header"
+    subject = f"table {path}, header"
     of_tool = _is_of_tool(header)
     required = OF_TOOL if of_tool else REQUIRED
     missing = [name for name in required if name not in header]
     if missing:
         raise RecordError(
-            thing,
+            subject,
             ", ".join(header) or "nothing",
             "columns " + ", ".join(required + (OPTIONAL_OF_TOOL if of_tool else OPTIONAL)),
             f"Missing: {', '.join(missing)}",
         )
     doubled = [name for name, count in Counter(header).items() if count > 1]
     if doubled:
-        raise RecordError(thing, f"{doubled[0]!r} twice", "each column once")
+        raise RecordError(subject, f"{doubled[0]!r} twice", "each column once")
 
 
 def _fields(path: Path, line: int, header: list[str], values: list[str]) -> dict[str, str]:
@@ -301,9 +301,9 @@ def _tool_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geo
 
 
 def _reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry) -> Reading:
-    read = _tool_reading if _is_of_tool(row.fields) else _leg_reading
+    parse = _tool_reading if _is_of_tool(row.fields) else _leg_reading
     try:
-        return read(row, number, unknown, geometry)
+        return parse(row, number, unknown, geometry)
     except ValidationError as problem:
         raise RecordError(
             f"table {row.path}, line {row.line}", describe(problem), "readings of sensible size"

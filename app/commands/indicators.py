@@ -47,7 +47,7 @@ def read(
     known = profile_named(profile)
     if known.verified is Evidence.UNVERIFIED:
         say(f"glidecal: profile {known.name} is unverified: {known.source}")
-    line = IndicatorLine(known, port, asked=asked_for(unit, channel))
+    line = IndicatorLine(known, port, query=asked_for(unit, channel))
     line.start()
     with closing(line):
         while True:

@@ -9,7 +9,6 @@ from dataclasses import replace
 from functools import partial
 from math import inf
 from pathlib import Path
-from shlex import quote
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -34,13 +33,10 @@ from calib.errors import GlidecalError, UsageError
 if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.moving import MoveProposal, Mover
     from app.measuring.plan import Plan
-    from app.measuring.session import GuidedSession, Indicators
+    from app.measuring.session import Indicators
     from protocols.procedure import Leg
 
-DEAD_S = 1.0
-"""Between the last thing that moved and the next question: a key pressed then was meant for it."""
-
-LOOK_S = 0.02
+WITHOUT_A_SCREEN = "--headless with --simulated or --motion"
 
 SessionFile = Annotated[Path | None, file("Session file.", "--output", "-o")]
 Resume = Annotated[Path | None, file("Go on with an interrupted session.", "--continue")]
@@ -72,7 +68,11 @@ def run(
     ] = None,
     resume: Resume = None,
     headless: Annotated[
-        bool, typer.Option("--headless", help="Unattended, simulated machine only.")
+        bool,
+        typer.Option(
+            "--headless",
+            help="No screen: a simulated machine, or with --motion questions in the terminal.",
+        ),
     ] = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show every step; open and write nothing.")
@@ -91,12 +91,15 @@ def run(
     """The guided session on real indicators. With --simulated on a simulated machine."""
     from app.measuring.indicators import check_indicators, choose_indicators, simulated_indicators
     from app.measuring.plan import Plan, plan_to_continue, session_name
+    from drivers.motion import check_controller
     from protocols.machine import load_machine
     from protocols.motion import procedure_of
     from protocols.procedure import load_procedure, shuffled
     from protocols.record import read_record
 
     refuse_beside_continue(context)
+    if motion is not None:
+        check_controller(motion)
     known = load_machine(machine)
     chosen = choose_indicators(
         indicator or (), port or (), profile, machine=known, simulated=simulated
@@ -211,11 +214,12 @@ def _go_on(plan: Plan, until: float | None) -> None:
         measure(plan, headless=True)
 
 
-def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --simulated") -> None:
+def measure(plan: Plan, *, headless: bool, otherwise: str = WITHOUT_A_SCREEN) -> None:
     """On the screen, or ``otherwise``; unattended where a program moves the machine."""
     from app.measuring.opening import start_session
     from app.measuring.plan import QUICK_INTERVAL_S
-    from app.measuring.unattended import measure_all
+    from app.measuring.unattended import end_motion, measure_all
+    from app.report.text.session import paused_text
     from protocols.journal import check_new
 
     if not plan.continued:
@@ -228,60 +232,46 @@ def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --s
 
         raise typer.Exit(open_session(plan, LOOKS))
     if not (plan.simulated or plan.motion):
-        allowed = "--headless with --simulated or --motion"
-        raise UsageError("--headless", "real indicators", allowed)
+        raise UsageError("--headless", "real indicators", WITHOUT_A_SCREEN)
     quick = replace(plan, interval_s=QUICK_INTERVAL_S)
     with start_session(quick, partial(_ask, plan)) as guided:
         try:
             measure_all(guided, _consent, say, _saw)
         except BaseException as problem:
             if guided.mover is not None:
-                _end_motion(guided.mover)
+                end_motion(guided.mover, say)
             if isinstance(problem, KeyboardInterrupt | typer.Abort):
-                say(_paused_words(plan, guided))
+                say(paused_text(guided, headless=True))
             raise
     say(f"{len(guided.session.readings)} readings in {guided.path}")
-
-
-def _end_motion(mover: Mover) -> None:
-    """Stop what moves, and report at once where it is not seen to rest: closing takes seconds."""
-    from drivers.motion.states import State
-
-    mover.stop("the session ended", by_operator=True)
-    while mover.state in (State.MOVING, State.STOPPING) and not mover.line.not_stopped:
-        mover.alive()
-        time.sleep(LOOK_S)
-    if mover.line.not_stopped:
-        say(mover.why)
-
-
-def _paused_words(plan: Plan, guided: GuidedSession) -> str:
-    """What was measured, and how to go on."""
-    done, steps = len(guided.session.done()), len(guided.steps)
-    motion = f" --motion {plan.motion}" if plan.motion else ""
-    command = f"glidecal run --headless --continue {quote(str(guided.path))}{motion}"
-    return (
-        f"Session paused after {done} of {steps} steps; every reading taken is on the disk. "
-        f"Continue with: {command}"
-    )
 
 
 def _consent(proposal: MoveProposal) -> bool:
     """The operator's word, typed after the question was shown: nothing typed before counts."""
     from app.report.text.motion import consent_question
-    from app.report.text.tables import wrapped
 
-    time.sleep(DEAD_S)
-    _forget_typed()
-    return typer.confirm(wrapped(consent_question(proposal)), err=True)
+    _wait_dead_time()
+    return _confirm(consent_question(proposal))
 
 
 def _saw(question: str) -> bool:
     """What the operator saw, typed after the question was shown."""
+    _forget_typed()
+    return _confirm(question)
+
+
+def _confirm(question: str) -> bool:
     from app.report.text.tables import wrapped
 
-    _forget_typed()
     return typer.confirm(wrapped(question), err=True)
+
+
+def _wait_dead_time() -> None:
+    """What was typed within it was meant for what moved before, and is dropped."""
+    from drivers.motion.line import DEAD_S
+
+    time.sleep(DEAD_S)
+    _forget_typed()
 
 
 def _confirm_homed(mover: Mover) -> None:
@@ -289,27 +279,19 @@ def _confirm_homed(mover: Mover) -> None:
 
     Raises MotionError where it cannot be homed.
     """
+    from app.measuring.unattended import home
     from app.report.text.motion import HOME_QUESTION, HOMED_QUESTION
+    from app.report.text.tables import wrapped
 
     line = mover.line
     if not line.can_home and not line.needs_homing_confirmed:
         return
-    if line.can_home or not typer.confirm(HOMED_QUESTION, err=True):
-        say(mover.why)
-        time.sleep(DEAD_S)
-        _forget_typed()
-        if not typer.confirm(HOME_QUESTION, err=True):
+    if line.can_home or not _confirm(HOMED_QUESTION):
+        say(wrapped(mover.why))
+        _wait_dead_time()
+        if not _confirm(HOME_QUESTION):
             raise typer.Exit(Exit.INTERRUPTED)
-        homed = mover.home()
-        try:
-            while homed is not None and not homed.done():
-                mover.alive()
-                time.sleep(LOOK_S)
-            if homed is not None:
-                homed.result()
-        except BaseException:
-            _end_motion(mover)
-            raise
+        home(mover, say)
     else:
         mover.confirm_homed()
 
@@ -321,8 +303,8 @@ def _forget_typed() -> None:
     except ImportError:  # Windows
         import msvcrt
 
-        while msvcrt.kbhit():  # type: ignore[attr-defined]
-            msvcrt.getwch()  # type: ignore[attr-defined]
+        while msvcrt.kbhit():  # type: ignore[attr-defined]  # typeshed: on Windows only
+            msvcrt.getwch()  # type: ignore[attr-defined]  # typeshed: on Windows only
     else:
         with suppress(termios.error, OSError, ValueError):  # no terminal
             termios.tcflush(sys.stdin, termios.TCIFLUSH)
@@ -348,7 +330,7 @@ def _ask(plan: Plan, indicators: Indicators) -> None:
 
     if indicators.mover is not None:
         typer.echo(plan_text(plan, indicators.mover.facts), err=True)
-        if not typer.confirm(QUESTION, err=True):
+        if not _confirm(QUESTION):
             raise typer.Exit(Exit.INTERRUPTED)
         _confirm_homed(indicators.mover)
 

@@ -163,6 +163,11 @@ class SessionSolution:
         return self.table(name).to_frame()
 
     @property
+    def display_found_mm(self) -> float | None:
+        """Step of the display that the values show and nobody stated, mm; None without one."""
+        return indicator_figures(self.sessions).display_found_mm
+
+    @property
     def reading_count(self) -> int:
         """How many readings count."""
         return len(self.observed)

@@ -105,7 +105,7 @@ class Gauge:
         self._line = IndicatorLine(
             profile,
             port,
-            asked=asked,
+            query=asked,
             interval_s=interval_s,
             listener=self.hear,
             on_button=self.press,

@@ -21,7 +21,7 @@ from drivers.port import check_port
 from drivers.profile import Profile, Query, Unit
 from drivers.profiles import profile_named
 from drivers.profiles.ascii_line import ascii_line
-from protocols.documents import Document, Name, describe, read_json
+from protocols.documents import Document, Name, describe, read_remembered
 from protocols.files import write_files
 from protocols.machine import Instrument, Machine
 from protocols.procedure import ALL_AXES, axes_on_leg
@@ -132,11 +132,7 @@ def remember(machine: str, instruments: Sequence[Instrument]) -> None:
 
 
 def _last_used() -> RememberedIndicators:
-    path = data_path()
-    if not path.exists():
-        return RememberedIndicators()
-    allowed, next_step = "what the program wrote", "Remove the file; it is written anew"
-    return read_json(path, RememberedIndicators, "indicators used last,", allowed, next_step)
+    return read_remembered(data_path(), RememberedIndicators, "indicators used last,")
 
 
 def check_indicators(instruments: Sequence[Instrument], *, legs: bool = True) -> None:

@@ -90,7 +90,7 @@ def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
         plan.procedure.steps(plan.machine.geometry(), plan.axes)
         plan.procedure.check_bars(plan.machine.geometry())
         journal = Journal.create(plan.path, opened_event(plan))
-    guided = GuidedSession(journal, indicators)
+    guided = GuidedSession(journal, indicators, motion=plan.motion)
     if plan.note and not plan.continued:
         guided.note(plan.note)
     if not plan.simulated:

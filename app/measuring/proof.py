@@ -20,7 +20,7 @@ from app.settings import data_path
 from calib.errors import MotionError, RecordError, UsageError
 from drivers.motion.controller import ControllerFault, Limits, Triple, place_words
 from protocols.carriages import Change, changes, is_allowed, moved_alone
-from protocols.documents import Document, Name, read_json
+from protocols.documents import Document, Name, read_remembered
 from protocols.files import write_files
 from protocols.machine import Instrument, Machine
 from protocols.procedure import ALL_AXES, Leg, Step
@@ -191,7 +191,7 @@ class Proof:
             return False
         best = move.clearest
         if best is None:
-            self._doubt = "The indicators cannot tell it."
+            self._doubt = "The indicators cannot show this move."
         elif gone_mm[best] * move.due[best].nominal_mm < 0.0:
             self._doubt = "Its indicator went the other way: it is held so, or the carriage did."
         self.news.append(f"proof: {move.words}: {_shown(move, gone_mm)}")
@@ -291,8 +291,4 @@ def proved_path() -> Path:
 
 def _remembered() -> ProvedMachines:
     """Raises RecordError for a file that cannot be read."""
-    path = proved_path()
-    if not path.exists():
-        return ProvedMachines()
-    allowed, next_step = "what the program wrote", "Remove the file; it is written anew"
-    return read_json(path, ProvedMachines, "machines proved,", allowed, next_step)
+    return read_remembered(proved_path(), ProvedMachines, "machines proved,")

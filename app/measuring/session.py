@@ -87,13 +87,18 @@ class Indicators:
 class GuidedSession:
     """One session being measured.
 
-    ``clock`` gives ``time_s`` of the readings; by default it goes on from the record.
+    ``clock`` gives ``time_s`` of the readings; by default it goes on from the record. ``motion``
+    names the controller that the operator chose, if any.
     """
 
     def __init__(
-        self, journal: Journal, indicators: Indicators, clock: SessionClock | None = None
+        self,
+        journal: Journal,
+        indicators: Indicators,
+        clock: SessionClock | None = None,
+        motion: str | None = None,
     ) -> None:
-        self._journal = journal
+        self._journal, self.motion = journal, motion
         self.gauges, self.mover = indicators.gauges, indicators.mover
         self.turn, self._go, self._on_close = indicators.turn, indicators.go, indicators.close
         self.session: Session = fold(journal.events)

@@ -72,6 +72,34 @@ def measure_all(
     guided.finish()
 
 
+def end_motion(mover: Mover, tell: Callable[[str], None]) -> None:
+    """Stop what moves, and ``tell`` at once where it is not seen to rest: closing takes seconds."""
+    mover.stop("the session ended", by_operator=True)
+    while mover.state in (State.MOVING, State.STOPPING) and not mover.line.not_stopped:
+        mover.alive()
+        time.sleep(LOOK_S)
+    if mover.line.not_stopped:
+        tell(mover.why)
+
+
+def home(mover: Mover, tell: Callable[[str], None]) -> None:
+    """Home the machine, to which the operator consented; whatever ends the wait stops it.
+
+    Raises MotionError where it cannot be homed.
+    """
+    homing = mover.home()
+    if homing is None:
+        return
+    try:
+        while not homing.done():
+            mover.alive()
+            time.sleep(LOOK_S)
+        homing.result()
+    except BaseException:
+        end_motion(mover, tell)
+        raise
+
+
 def _take_simulated(guided: GuidedSession) -> None:
     taken = guided.take()
     if taken is not None and taken.faults:

@@ -444,12 +444,11 @@ class Interface(App[str]):
             except GlidecalError as problem:
                 self._status = Exit.RECORD
                 return str(problem)
-            mover, done, steps = guided.mover, len(guided.session.done()), len(guided.steps)
+            mover = guided.mover
             warning = f"{mover.why}\n" if mover and mover.line.not_stopped else ""
-            return (
-                f"{warning}Session paused after {done} of {steps} steps; every reading taken is "
-                f"on the disk. Continue with: glidecal run --continue {guided.path}"
-            )
+            from app.report.text.session import paused_text  # loaded with the measuring screen
+
+            return warning + paused_text(guided)
         if indicators is not None:
             await asyncio.to_thread(indicators.close)
         return ""

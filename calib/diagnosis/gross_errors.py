@@ -41,6 +41,7 @@ from calib.arrays import (
 from calib.diagnosis.policy import POLICY
 from calib.diagnosis.results import Named
 from calib.diagnosis.selection import LOG_UNIT
+from calib.noise.display import INCH_MM
 from calib.noise.reading import LEAST_NOISE_MM
 from calib.noise.repeats import Repeats
 from calib.tripod.differences import reading_matrix
@@ -52,7 +53,6 @@ LEAST_VARIANCE_MM2 = 1e-8
 BETTER = 0.5
 """A shift must leave less than this share of what drift or one outlier leaves."""
 
-INCH_MM = 25.4
 LEAST_RATIO = 4.0
 """The disagreement (square sum) must shrink by so much."""
 

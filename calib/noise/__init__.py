@@ -1,4 +1,4 @@
-"""How much a reading scatters: repeats, the display's step, indicators.
+"""How much a reading scatters: repeats, how they follow each other, the display's step, indicators.
 
 Knows observations and distributions, no machine.
 """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -10,14 +11,17 @@ import numpy as np
 from scipy.special import fdtrc
 
 from calib.arrays import FloatArray, IntArray, Observations, descending, numbered, ranks
-from calib.noise.repeats import Outlier, Repeats, cycle_drift, outlying_readings
+from calib.noise.repeats import (
+    Outlier,
+    Repeats,
+    arithmetic_mm2,
+    cycle_drift,
+    outlying_readings,
+)
 from calib.noise.rounding import quantisation_of_repeatability, quantisation_variance
 
 NoiseSource = Literal["repeats", "instrument", "residuals"]
 Repeated = Literal["nothing", "equal", "rounding", "scatter"]
-
-ROUNDING = 8 * float(np.finfo(np.float64).eps)
-"""Relative scatter that floating point arithmetic alone makes of equal values."""
 
 LEAST_NOISE_MM = 1e-9
 """Less than this is arithmetic, not measurement."""
@@ -141,31 +145,47 @@ class IndicatorFigures:
     """What is stated or seen of the indicators, in mm; None where nothing is known.
 
     ``repeatability_mm`` is a standard deviation. ``step_mm`` is the step in which the readings are
-    written down; it tells when repeats are too equal to mean anything.
+    written down; it tells when repeats are too equal to mean anything. ``values_step_mm`` is the
+    coarser step on which all values lie beyond chance (`calib.noise.display`): with repeats, or
+    with a stated repeatability, it serves as a stated resolution does.
     """
 
     resolution_mm: float | None = None
     repeatability_mm: float | None = None
     step_mm: float | None = None
+    values_step_mm: float | None = None
 
     @property
     def display_mm(self) -> float:
         """Step of the display, stated or seen; 0 where neither is known."""
-        return max(self.resolution_mm or 0.0, self.step_mm or 0.0)
+        return max(self.resolution_mm or 0.0, self.step_mm or 0.0, self.values_step_mm or 0.0)
+
+    @property
+    def display_found_mm(self) -> float | None:
+        """Step of the display where the values show a coarser one than is stated or written."""
+        known = max(self.resolution_mm or 0.0, self.step_mm or 0.0)
+        return self.values_step_mm if (self.values_step_mm or 0.0) > known else None
+
+    @property
+    def _resolved_mm(self) -> float:
+        return max(self.resolution_mm or 0.0, self.values_step_mm or 0.0)
 
     @property
     def stated_mm(self) -> float | None:
         """Standard deviation of a reading, rounding included, where repeatability is stated."""
         if not self.repeatability_mm:
             return None
-        return math.hypot(self.repeatability_mm, (self.resolution_mm or 0.0) / math.sqrt(12.0))
+        return math.hypot(self.repeatability_mm, self._resolved_mm / math.sqrt(12.0))
 
     def noise(self, indicator_count: int = 1) -> Noise | None:
         """Noise from resolution and repeatability, None where neither is stated.
 
-        Rounding to a step r adds a variance of ``r² / 12`` (GUM F.2.2.1).
+        Rounding to a step r adds a variance of ``r² / 12`` (GUM F.2.2.1). A step that only the
+        values show is no noise by itself: without repeats nothing tells how much is added to it.
         """
-        scatter, step = self.repeatability_mm or 0.0, self.resolution_mm or 0.0
+        if not self.resolution_mm and not self.repeatability_mm:
+            return None
+        scatter, step = self.repeatability_mm or 0.0, self._resolved_mm
         rounding = float(quantisation_variance(np.array([scatter]), step)[0])
         repeatability = scatter**2 + step**2 / 12.0 - rounding
         if repeatability + rounding <= LEAST_NOISE_MM**2:
@@ -213,21 +233,27 @@ def _visit_numbers(observed: Observations) -> IntArray:
     return visit
 
 
-def reading_noise(visited: Observations, indicator: IndicatorFigures) -> Noise | None:
+def reading_noise(
+    visited: Observations,
+    indicator: IndicatorFigures,
+    apart: Sequence[int] = (),
+    *,
+    steady: bool = False,
+) -> Noise | None:
     """Noise from repeats where they tell something, else from the stated instrument, else None.
 
     The scatter of repeats is taken for each indicator, drift removed, and pooled but for those that
     scatter more than chance allows. Repeats that all agree say nothing: then the resolution
-    rules, stated or seen in the text of the readings.
+    rules, stated or seen in the text of the readings. Rows that stand ``apart`` are no repeats, a
+    ``steady`` drift is removed as in `Repeats.of`.
     """
-    repeats = Repeats.of(visited)
+    repeats = Repeats.of(visited, apart, steady=steady)
     free = repeats.degrees_of_freedom
     step = indicator.display_mm
     squares = repeats.sums_of_squares(visited.value_mm[:, None])[:, 0]
-    arithmetic = (ROUNDING * float(np.abs(visited.value_mm).max())) ** 2
     if free.sum() <= 0.0:
         return indicator.noise(visited.indicator_count)
-    if float(squares.sum()) <= arithmetic * free.sum():
+    if float(squares.sum()) <= arithmetic_mm2(visited) * free.sum():
         count = visited.indicator_count
         known = indicator.noise(count) or IndicatorFigures(resolution_mm=step).noise(count)
         return replace(known, repeated="equal") if known else None

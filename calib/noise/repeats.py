@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +11,13 @@ from scipy.special import fdtrc
 
 from calib.arrays import (
     NEW_DIRECTION,
+    TIE,
     FloatArray,
     IntArray,
     Observations,
     basis_by_products,
     incidence,
+    largest,
     numbered,
     squares_in,
     without,
@@ -27,6 +30,16 @@ OUTLIER_LEVEL = 0.01
 
 UNEQUAL_LEVEL = 0.02
 """Chance, on either side, that an indicator like the others is judged by itself alone."""
+
+DISAGREES = 13.0
+"""Standard deviations of a reading from which on repeats disagree: of Student's t with 3 degrees of
+freedom one session of 60 in thirty has such a reading."""
+
+MEDIAN_OF_NORMAL = 0.6745
+"""Of the size of a normal error, in its standard deviation."""
+
+ROUNDING = 8 * float(np.finfo(np.float64).eps)
+"""Relative scatter that floating point arithmetic alone makes of equal values."""
 
 TINY = float(np.finfo(np.float64).tiny)
 
@@ -58,13 +71,20 @@ class Repeats:
     degrees_of_freedom: FloatArray
 
     @classmethod
-    def of(cls, visited: Observations) -> Repeats:
-        """The repeats among readings of `calib.noise.reading.visits`."""
-        cell = visited.cell
+    def of(
+        cls, visited: Observations, apart: Sequence[int] = (), *, steady: bool = False
+    ) -> Repeats:
+        """The repeats among readings of `calib.noise.reading.visits`.
+
+        Rows that stand ``apart`` are repeats of nothing. Where a drift is ``steady``, a rate of
+        each mounting is removed in place of its cycles.
+        """
+        cell = set_apart(visited.cell, apart)
         leverage = visited.averaged / np.bincount(cell, visited.averaged)[cell]
         cycles: list[tuple[IntArray, FloatArray]] = []
         for rows in visited.mountings:
-            basis = _cycles_beside_cells(visited, rows, cell[rows])
+            drift = _rate if steady else _cycles
+            basis = _beside_cells(visited, rows, cell[rows], drift(visited, rows))
             cycles.append((rows, basis))
             leverage[rows] += (basis * basis).sum(axis=1)
         free = np.bincount(visited.indicator, 1.0 - leverage, visited.indicator_count)
@@ -97,13 +117,102 @@ def _without_cells(root: FloatArray, cell: IntArray, value: FloatArray) -> Float
     return root[:, None] * without_means(cell, root**2, value)
 
 
-def _cycles_beside_cells(visited: Observations, rows: IntArray, cell: IntArray) -> FloatArray:
-    """Orthonormal basis ``(n_rows, rank)`` of the cycles of a mounting, cell means taken out."""
-    cycle = numbered(visited.cycle[rows])
-    if not cycle.any():
+def _cycles(visited: Observations, rows: IntArray) -> FloatArray:
+    """Columns ``(n_rows, k)``, one for each cycle of a mounting but the first."""
+    return incidence(numbered(visited.cycle[rows]))[:, 1:]
+
+
+def _rate(visited: Observations, rows: IntArray) -> FloatArray:
+    """A column ``(n_rows, 1)`` of the time, of the order where no time is known."""
+    time_s = visited.time_s[rows]
+    known = np.isfinite(time_s).all() and np.ptp(time_s) > 0.0
+    clock = time_s - time_s[0] if known else np.arange(len(rows), dtype=np.float64)
+    return np.asarray(clock / max(float(np.ptp(clock)), 1.0))[:, None]
+
+
+def _beside_cells(
+    visited: Observations, rows: IntArray, cell: IntArray, columns: FloatArray
+) -> FloatArray:
+    """Orthonormal basis ``(n_rows, rank)`` of columns of a mounting, cell means taken out."""
+    if not columns.any():
         return np.zeros((len(rows), 0))
-    root, columns = np.sqrt(visited.averaged[rows]), incidence(cycle)[:, 1:]
+    root = np.sqrt(visited.averaged[rows])
     return basis_by_products(_without_cells(root, numbered(cell), columns))
+
+
+def disagreeing(repeats: Repeats, floor_mm2: float) -> list[int]:
+    """Rows of readings that disagree with their repeats beyond any tail.
+
+    One after the other, the furthest first; of two that disagree with each other alone both are.
+    The measure is the typical difference of repeats of the mounting, or of all mountings where that
+    is larger: half of them may be wrong before it is, and what drifts from cycle to cycle is in it.
+    ``floor_mm2`` is the rounding of the display; where that is zero and most repeats agree exactly,
+    nothing tells what is far.
+    """
+    observed, cell = repeats.observed, repeats.cell
+    typical = _typical_mm2(repeats)
+    if typical is None or max(floor_mm2, float(typical.max())) <= arithmetic_mm2(observed):
+        return []
+    far = DISAGREES**2 * np.maximum(typical, floor_mm2)[observed.mount]
+    apart: list[int] = []
+    while True:
+        share = _off_their_cells(observed, cell) ** 2 / far
+        worst = largest(share)
+        if share[worst] <= 1.0:
+            return apart
+        alike = np.flatnonzero((cell == cell[worst]) & (share >= (1.0 - TIE) * share[worst]))
+        apart += alike.tolist()
+        cell = set_apart(cell, alike)
+
+
+def set_apart(cell: IntArray, rows: Sequence[int] | IntArray) -> IntArray:
+    """The cells ``(n,)`` with each of these rows in one of its own."""
+    if not len(rows):
+        return cell
+    parted = cell.copy()
+    parted[list(rows)] = int(cell.max()) + 1 + np.arange(len(rows))
+    return numbered(parted)
+
+
+def _off_their_cells(observed: Observations, cell: IntArray) -> FloatArray:
+    """How far each reading ``(n,)`` is from its repeats, mm; 0 where it has none."""
+    open_share = 1.0 - observed.averaged / np.bincount(cell, observed.averaged)[cell]
+    judged = open_share > NEW_DIRECTION**2
+    left = _without_cells(np.sqrt(observed.averaged), cell, observed.value_mm[:, None])[:, 0]
+    return np.where(judged, left / np.sqrt(np.where(judged, open_share, 1.0)), 0.0)
+
+
+def _typical_mm2(repeats: Repeats) -> FloatArray | None:
+    """Variance of a value by the median difference of repeats ``(n_mountings,)``, None without any.
+
+    Each repeat is compared with the next of its cell, the last with the first. At least that of the
+    middle mounting.
+    """
+    observed = repeats.observed
+    order = np.argsort(repeats.cell, kind="stable")
+    following = np.empty_like(order)
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(repeats.cell[order])) + 1])
+    sizes = np.diff([*starts, len(order)])
+    following[:-1] = order[1:]
+    following[starts + sizes - 1] = order[starts]
+    once = np.repeat(sizes > 2, sizes)  # of two the way there and back is one difference
+    once[starts[sizes == 2]] = True
+    here, there = order[once], following[once]
+    if not len(here):
+        return None
+    weight = 1.0 / observed.averaged[here] + 1.0 / observed.averaged[there]
+    apart = np.abs(observed.value_mm[here] - observed.value_mm[there]) / np.sqrt(weight)
+    mount = observed.mount[here]
+    found = np.full(observed.mount_count, np.nan)
+    for one in np.unique(mount):
+        found[one] = np.median(apart[mount == one])
+    middle = float(np.nanmedian(found))
+    return np.asarray((np.fmax(found, middle) / MEDIAN_OF_NORMAL) ** 2)
+
+
+def arithmetic_mm2(observed: Observations) -> float:
+    """Less than this is floating point arithmetic, not scatter."""
+    return (ROUNDING * float(np.abs(observed.value_mm).max(initial=0.0))) ** 2
 
 
 def outlying_readings(repeats: Repeats, floor_mm2: float) -> tuple[Outlier, ...]:

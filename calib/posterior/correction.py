@@ -11,14 +11,21 @@ import numpy as np
 from scipy.special import gammainc
 
 from calib.arrays import FloatArray
-from calib.posterior.library import ELSE, POWERS
-from calib.posterior.posterior import Posterior, _held
-from calib.posterior.readings import BASE, Placed
+from calib.posterior.library import POWERS
+from calib.posterior.posterior import Posterior
+from calib.posterior.readings import BASE
 from calib.posterior.tool import FRAMES, Frame
 from calib.stats import COVERAGE
 from calib.tripod.effects.bars import GravitySag
-from calib.tripod.effects.drives import ActuatorCyclic, ActuatorScale, Backlash, Straightness
-from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.effects.drives import (
+    ActuatorCyclic,
+    ActuatorScale,
+    AxisLean,
+    AxisOffset,
+    Backlash,
+    Straightness,
+)
+from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import Empirical
 from calib.tripod.pipeline import Model
 
@@ -29,8 +36,8 @@ TIED = 1e-4
 """Of the mean square in the machine's own frame: what a frame leaves free is entered as small as
 that makes it, and no combination that does nothing is entered at all."""
 
-NOTHING_MM = 1e-4
-"""A part that moves the tool by less, r.m.s. over the workspace, is not worth an entry."""
+WORTH = 0.01
+"""Of the expected mean square of the tool's error: what gains less is not worth an entry."""
 
 DOUBTED = 0.05
 """Weight from which a model has a say on each part."""
@@ -61,36 +68,35 @@ class Correction:
     left_out: tuple[LeftOut, ...]
 
 
-def parts_of(posterior: Posterior, holds: Holds) -> list[tuple[str, list[int]]]:
-    """Parts that a controller can hold and their columns in the field; offsets are one part."""
-    field = posterior.field
-    offsets = [("offsets", [0, 1, 2])]
-    by_place: dict[str, list[int]] = {}
+Part = tuple[str, tuple[int, ...]]
+"""What a controller holds as one entry, by its name, and its columns in the tool's field."""
 
-    def add(part: str, one: Placed) -> None:
-        by_place.setdefault(part, []).extend(field.columns_of(one))
 
-    shift, lean = _held(posterior.geometry)
-    for one in field.placed:
-        effect, place = one
-        if isinstance(effect, Backlash):
-            if holds != "offsets":
-                add(f"play of {place}", one)
-        elif isinstance(effect, ActuatorScale | ActuatorCyclic) or (
-            isinstance(effect, Empirical) and len(effect.bases) == 1 and effect.bases[0] in POWERS
-        ):
-            if holds in ("tables", "kinematics"):
-                add(f"table of {place}", one)
-        elif holds == "kinematics":
-            if effect in (shift, lean):
-                add(f"axis {place[0]}", one)
-            elif type(effect) is Straightness:
-                add(f"guide {place[0]}", one)
-            elif isinstance(effect, GravitySag):
-                add("weight on the bars", one)
-    if holds == "kinematics":
-        by_place["lengths"] = [3, 4, 5]
-    return [*offsets, *by_place.items()]
+def parts_of(posterior: Posterior, holds: Holds) -> dict[Holds, list[Part]]:
+    """What a controller holds, the simplest first; each in the parts that it is entered in."""
+    parts: dict[tuple[Holds, str], list[int]] = {("offsets", "offsets"): [0, 1, 2]}
+    parts["kinematics", "lengths"] = [3, 4, 5]
+    for law in posterior.field.placed:
+        if named := _part_of(*law):
+            parts.setdefault(named, []).extend(posterior.field.columns_of(law))
+    return {
+        group: [(name, tuple(index)) for (of, name), index in parts.items() if of == group]
+        for group in HOLDS[: HOLDS.index(holds) + 1]
+    }
+
+
+def _part_of(effect: Effect, place: str) -> tuple[Holds, str] | None:
+    """Which part of a controller holds a law at a place."""
+    if isinstance(effect, Backlash):
+        return "play", f"play of {place}"
+    powers = isinstance(effect, Empirical) and len(effect.bases) == 1 and effect.bases[0] in POWERS
+    if powers or isinstance(effect, ActuatorScale | ActuatorCyclic):
+        return "tables", f"table of {place}"
+    if isinstance(effect, AxisLean) or type(effect) is AxisOffset:
+        return "kinematics", f"axis {place[0]}"
+    if type(effect) is Straightness:
+        return "kinematics", f"guide {place[0]}"
+    return ("kinematics", "weight on the bars") if isinstance(effect, GravitySag) else None
 
 
 def correction(
@@ -104,21 +110,21 @@ def correction(
     ``absent`` are parts that this controller does not take, with the reason: by their name
     (``play of x``), or all that begin with a word (``play``).
     """
-    parts, left_out = [], []
-    for part, index in parts_of(posterior, holds):
-        reason = (absent or {}).get(part) or (absent or {}).get(part.split()[0], "")
-        if reason:
-            left_out.append(LeftOut(part, reason))
-        else:
-            parts.append((part, index))
-    values = _projected(posterior, [k for _, index in parts for k in index], frame)
-    for name, index in list(parts[1:]):
-        without = [k for part, some in parts if part != name for k in some]
-        reason = _doubt(posterior, frame, values, _projected(posterior, without, frame))
-        if reason:
-            parts.remove((name, index))
-            left_out.append(LeftOut(name, reason))
-            values = _projected(posterior, without, frame)
+    absent = absent or {}
+    kept: list[Part] = []
+    values = np.zeros(len(posterior.mean))
+    left_out: list[LeftOut] = []
+    for group, parts in parts_of(posterior, holds).items():
+        fitting = []
+        for part in parts:
+            reason = absent.get(part[0]) or absent.get(part[0].split()[0], "")
+            left_out += [LeftOut(part[0], reason)] if reason else []
+            fitting += [] if reason else [part]
+        more = _projected(posterior, [*kept, *fitting], frame)
+        if kept and fitting and (reason := _doubt(posterior, frame, more, values)):
+            left_out.append(LeftOut(group, reason))
+            continue
+        kept, values = [*kept, *fitting], more
     distances = {one: distances_of(posterior, one, values) for one in FRAMES}
     return Correction(
         frame,
@@ -132,7 +138,7 @@ def correction(
 
 
 def projector_of(posterior: Posterior, index: Sequence[int], frame: Frame) -> FloatArray:
-    """Values of these columns ``(n,)`` as a map ``(n, 6 + k)`` of what is expected in the field."""
+    """Values of these columns ``(n,)`` as a map ``(n, f)`` of what is expected in the field."""
     field = posterior.field
     metric, whole = field.metrics[frame], field.metrics["machine"]
     chosen = list(index)
@@ -140,33 +146,32 @@ def projector_of(posterior: Posterior, index: Sequence[int], frame: Frame) -> Fl
     scale = 1.0 / np.sqrt(np.maximum(inner[chosen, chosen], 1e-30))
     block = inner[np.ix_(chosen, chosen)] * scale[:, None] * scale
     target = scale[:, None] * inner[chosen]
-    found = np.linalg.solve(block + 1e-9 * np.eye(len(chosen)), target)
-    return np.asarray(scale[:, None] * found)
+    mapped = np.linalg.solve(block + 1e-9 * np.eye(len(chosen)), target)
+    return np.asarray(scale[:, None] * mapped)
 
 
-def _projected(posterior: Posterior, index: Sequence[int], frame: Frame) -> FloatArray:
-    """Least squares of the expected error over the workspace ``(6 + k,)``."""
+def _projected(posterior: Posterior, parts: Sequence[Part], frame: Frame) -> FloatArray:
+    """Least squares of the expected error over the workspace ``(f,)``."""
+    index = [k for _, columns in parts for k in columns]
     values = np.zeros(len(posterior.mean))
-    values[list(index)] = projector_of(posterior, index, frame) @ posterior.mean
+    values[index] = projector_of(posterior, index, frame) @ posterior.mean
     return values
 
 
 def _doubt(posterior: Posterior, frame: Frame, with_it: FloatArray, without: FloatArray) -> str:
-    """Why a part is not worth entering; empty where it is."""
+    """Why more is not worth entering; empty where it is."""
     metric = posterior.field.metrics[frame]
-    moved = with_it - without
-    if moved @ metric @ moved < NOTHING_MM**2:
-        return "it moves the tool by less than 0.0001 mm"
-    gain, worst = 0.0, 0.0
-    for model in posterior.models:
-        mean, _ = posterior.in_field(model)
-        before, after = mean - without, mean - with_it
+    gain, worst, whole = 0.0, 0.0, 0.0
+    for weight, size, _ in distances_of(posterior, frame, without):
+        whole += weight * size
+    for model in posterior.models_in_field:
+        before, after = model.mean - without, model.mean - with_it
         more = float(before @ metric @ before - after @ metric @ after)
         gain += model.weight * more
         if model.weight >= DOUBTED:
             worst = max(worst, -more)
-    if gain <= 0.0:
-        return "it does not lower the expected error of the tool"
+    if gain <= WORTH * whole:
+        return f"it lowers the expected square of the tool's error by less than {WORTH:.0%}"
     if worst > gain:
         return "it would raise the error under a model that the readings leave open"
     return ""
@@ -179,30 +184,28 @@ Distance = tuple[float, float, float]
 def distances_of(posterior: Posterior, frame: Frame, values: FloatArray) -> list[Distance]:
     """Of every model with these values entered; something else acts as each law without a name."""
     metric = posterior.field.metrics[frame]
-    found: list[Distance] = []
-    for model in posterior.models:
-        mean, into = posterior.in_field(model)
-        off = mean - values
-        inner = into.T @ metric @ into
-        moved = inner @ model.covariance
-        slope = into.T @ (metric @ off)
-        size = float(np.trace(moved) + off @ metric @ off)
-        variance = 2.0 * float(np.trace(moved @ moved)) + 4.0 * float(
-            slope @ model.covariance @ slope
+    shared: dict[int, tuple[FloatArray, float, float]] = {}
+    every: list[Distance] = []
+    for model in posterior.models_in_field:
+        key = id(model.base)
+        if key not in shared:
+            moved = metric @ model.base
+            shared[key] = moved, float(np.trace(moved)), float((moved * moved.T).sum())
+        moved, size, square = shared[key]
+        more = model.inflated**2
+        off = model.mean - values
+        slope, own = metric @ off, metric @ model.root
+        inner = model.root.T @ own
+        through = model.base @ own
+        size = more * size + float(np.trace(inner) + off @ slope)
+        square = (
+            more**2 * square + 2.0 * more * float((own * through).sum()) + float((inner**2).sum())
         )
-        unseen = posterior.unseen(model)
-        hidden = np.outer(unseen, unseen) * posterior.field.rigid_metrics[frame]
-        size += float(np.trace(hidden))
-        variance += 2.0 * float(np.trace(hidden @ hidden))
-        if not any(posterior.components[k].id == ELSE for k in model.members):
-            found.append((model.weight, size, variance))
-            continue
-        squares = posterior.something_else(model, metric)
-        found += [
-            (model.weight / len(squares), size + square, variance + 2.0 * square**2)
-            for square in squares.tolist()
-        ]
-    return found
+        along = more * float(slope @ model.base @ slope) + float(
+            ((model.root.T @ slope) ** 2).sum()
+        )
+        every.append((model.weight, size, 2.0 * square + 4.0 * along))
+    return every
 
 
 def quantile_mm(distances: Sequence[Distance]) -> float:

@@ -15,7 +15,7 @@ from calib.posterior.correction import distances_of, projector_of, quantile_mm
 from calib.posterior.posterior import Posterior
 from calib.posterior.readings import BASE
 from calib.posterior.tool import FRAMES, Frame, mean_square
-from calib.stats import COVERAGE
+from calib.stats import COVERAGE, coverage_factor
 from calib.tripod.effects.drives import AxisOffset
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model
@@ -95,10 +95,18 @@ def tower_values(posterior: Posterior, entered: Entered) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class OffsetSpread:
-    """Joint offsets of a correction: standard uncertainty and 95 % half width ``(3,)``, mm."""
+    """Joint offsets of a correction: 95 % half width ``(3,)``, mm, and a standard uncertainty.
 
-    standard_mm: FloatArray
+    That of a normal distribution of this half width: what few models say would widen the standard
+    deviation of all beyond it.
+    """
+
     expanded_mm: FloatArray
+
+    @property
+    def standard_mm(self) -> FloatArray:
+        """Of ``(3,)``."""
+        return self.expanded_mm / coverage_factor(math.inf)
 
 
 def offset_spread(posterior: Posterior, frame: Frame, *, less_common: bool = False) -> OffsetSpread:
@@ -111,11 +119,10 @@ def offset_spread(posterior: Posterior, frame: Frame, *, less_common: bool = Fal
         into = into - into.mean(axis=0)
     middle = into @ posterior.mean
     means, variances = [], []
-    for model in posterior.models:
-        mean, own = posterior.in_field(model)
-        means.append(into @ mean - middle)
-        moved = into @ own
-        variances.append(np.einsum("ij,jk,ik->i", moved, model.covariance, moved))
+    for model in posterior.models_in_field:
+        means.append(into @ model.mean - middle)
+        of_base = np.einsum("ij,jk,ik->i", into, model.base, into)
+        variances.append(model.inflated**2 * of_base + ((into @ model.root) ** 2).sum(axis=1))
     off, variance = np.array(means), np.maximum(np.array(variances), 1e-18)
     weight = np.array([model.weight for model in posterior.models])
     standard = np.sqrt(weight @ (variance + off**2))
@@ -125,4 +132,4 @@ def offset_spread(posterior: Posterior, frame: Frame, *, less_common: bool = Fal
         half = (low + high) / 2.0
         inside = weight @ (ndtr((half - off) / deviation) - ndtr((-half - off) / deviation))
         low, high = np.where(inside < COVERAGE, half, low), np.where(inside < COVERAGE, high, half)
-    return OffsetSpread(standard, high)
+    return OffsetSpread(high)

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Conditions, FloatArray, numbered
+from calib.arrays import LEG_NAMES, Conditions, FloatArray, numbered
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
-from calib.tripod.effects.candidates import Candidate, candidates_together
+from calib.tripod.effects.candidates import Candidate, Share, candidates_together
 from calib.tripod.effects.drives import StraightnessOfFourthOrder, effects_of
 from calib.tripod.effects.effect import Effect, EffectInstance, Kind
 from calib.tripod.effects.empirical import BASES, Coupling, Empirical
@@ -28,6 +28,9 @@ ELSE = "something_else"
 SMOOTH_MM = 40.0
 """How far along the travel an error of each posture's own is alike."""
 
+ELSE_UNIT_MM = 0.003
+"""R.m.s. of something else that nobody would remark on, in the readings."""
+
 SHARES = {"named": 0.70, "beside": 0.08, "nameless": 0.17, ELSE: 0.05}
 """Of the prior of a single component; docs/decisions/0016."""
 
@@ -37,7 +40,7 @@ class Component:
     """One thing that may be true.
 
     ``unit`` ``(r,)`` are unremarkable sizes of its values. ``candidate`` knows its places; None for
-    something else, whose ``columns`` ``(n_cells, r)`` stand by themselves.
+    something else.
     """
 
     id: str
@@ -46,6 +49,23 @@ class Component:
     unit: FloatArray
     candidate: Candidate | None
     log_prior: float = 0.0
+
+    @property
+    def shares(self) -> tuple[Share, ...]:
+        """Laws at places, and which of the values act there."""
+        return self.candidate.shares if self.candidate else ()
+
+    @property
+    def law(self) -> str:
+        """What shares a prior: the id, of what has no name what it does."""
+        if self.kind != "nameless":
+            return self.id
+        effect = self.shares[0].effect
+        return f"{type(effect).__name__} at {effect.stage}"
+
+    def with_width(self, count: int) -> Component:
+        """The same with so many values of one size."""
+        return replace(self, unit=np.full(count, self.unit[0]))
 
     @property
     def named(self) -> bool:
@@ -81,39 +101,71 @@ def library(
     found = []
     for candidate in candidates_together(sessions, tuple(dict.fromkeys(every))):
         nameless = candidate.kind == Kind.EMPIRICAL or candidate.id == "straightness_fourth"
-        if nameless and candidate.arrangement != "one":
+        if nameless and not at_one_place(candidate):
             continue
         kind = "nameless" if nameless else "named" if candidate.id in known else "beside"
         unit = np.array([parameter.tolerance for parameter in candidate.parameters])
         found.append(Component(candidate.id, candidate.where, kind, unit, candidate))
+    found += _axes_together(found)
+    found.append(Component(ELSE, "all", ELSE, np.full(1, ELSE_UNIT_MM), None))
     return _with_priors(found)
 
 
-def _with_priors(every: Sequence[Component]) -> list[Component]:
-    """Each kind has its share, spread over ids, then over places together or apart, then places."""
-    ids = Counter(kind for kind, _ in {(one.kind, one.id) for one in every})
-    sorts = Counter(
-        (kind, name) for kind, name, _ in {(o.kind, o.id, o.where == "all") for o in every}
+def at_one_place(candidate: Candidate) -> bool:
+    """Whether a law acts at one place; both directions across a drive are one."""
+    return candidate.arrangement == "one" or candidate.where in LEG_NAMES
+
+
+def _axes_together(every: Sequence[Component]) -> list[Component]:
+    """All axes out of square and shifted at once, each as it likes: as a frame is assembled."""
+    each = [
+        candidate
+        for one in every
+        if (candidate := one.candidate)
+        and one.id in ("axis_squareness", "axis_offset")
+        and candidate.arrangement == "each"
+        and len(candidate.parameters) == 3
+    ]
+    if len(each) != 2:
+        return []
+    first, second = each
+    width = len(first.parameters)
+    moved = (replace(s, values=tuple(width + k for k in s.values)) for s in second.shares)
+    parameters = (*first.parameters, *second.parameters)
+    both = Candidate(
+        "axis_squareness",
+        "the axes are not square and miss each other",
+        first.kind,
+        "axes",
+        "each",
+        parameters,
+        np.hstack([first.columns, second.columns]),
+        (*first.shares, *moved),
     )
-    places = Counter((one.kind, one.id, one.where == "all") for one in every)
+    unit = np.array([parameter.tolerance for parameter in parameters])
+    return [Component(both.id, both.where, "named", unit, both)]
+
+
+def _with_priors(every: Sequence[Component]) -> list[Component]:
+    """Each kind has its share, spread over laws, then over places together or apart, then places.
+
+    Laws without a name are sorted by what they move and how, since they share one id.
+    """
+    keys = [(one.kind, one.law, one.where == "all") for one in every]
+    laws = Counter(kind for kind, _ in {key[:2] for key in keys})
+    sorts = Counter(key[:2] for key in set(keys))
+    places = Counter(keys)
     return [
         replace(
             one,
-            log_prior=float(
-                np.log(
-                    SHARES[one.kind]
-                    / ids[one.kind]
-                    / sorts[one.kind, one.id]
-                    / places[one.kind, one.id, one.where == "all"]
-                )
-            ),
+            log_prior=float(np.log(SHARES[key[0]] / laws[key[0]] / sorts[key[:2]] / places[key])),
         )
-        for one in every
+        for one, key in zip(every, keys, strict=True)
     ]
 
 
 def something_else(taken: Conditions) -> FloatArray:
-    """Columns ``(n, r)`` of an error of each posture's own, 1 mm r.m.s.; smooth along the travel."""
+    """Columns ``(n, r)`` of an error of each posture's own, 1 mm r.m.s., smooth along travel."""
     place = numbered(taken.leg, taken.axis, taken.level, *taken.position_mm.T)
     first = np.unique(place, return_index=True)[1]
     same = (taken.leg[first][:, None] == taken.leg[first]) & (

@@ -1,4 +1,8 @@
-"""One posterior of one or several sessions: weighted models, each a normal about its own fit."""
+"""One posterior of one or several sessions: weighted models, each a normal about its own fit.
+
+Every model has the same base: bar lengths that sessions share, joint offsets of each, and a little
+of every law everywhere, for no machine is free of any. To that a model adds its components.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +15,9 @@ import numpy as np
 
 from calib.arrays import FloatArray, IntArray
 from calib.errors import NotIdentifiable
-from calib.posterior.library import ELSE, Component, library, something_else
-from calib.posterior.race import Entry, Products, Race
+from calib.posterior.labels import Beside, Mistake, Solved, with_mistakes
+from calib.posterior.library import ELSE, Component, at_one_place, library, something_else
+from calib.posterior.race import LIGHTEST, LOG_CAUSES, Entry, Products, Race
 from calib.posterior.readings import (
     LENGTHS,
     Case,
@@ -22,11 +27,13 @@ from calib.posterior.readings import (
     placed_columns,
     rows_of,
 )
-from calib.posterior.tool import ToolField, tool_field
-from calib.tripod.effects.drives import AxisLean, AxisOffset, Backlash, effects_of
+from calib.posterior.tool import RIGID, ToolField, laws_held, tool_field
 from calib.tripod.effects.effect import PER_THOUSAND, Effect, EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model
+
+MOST_BESIDE = 3
+"""Models beside which mistakes are looked for."""
 
 REFINED = 8
 """Models that are followed through the simulation; the others stay linear."""
@@ -35,128 +42,171 @@ STEPS = 2
 BEYOND = 1.0
 """Noise variances by which a model may differ from its derivatives before it is followed."""
 
-ELSE_UNIT_MM = 0.003
-"""R.m.s. of something else that nobody would remark on, in the readings."""
 
-
-MOST_UNITS = 16.0
-"""Unremarkable sizes that a law without a name may have where readings hardly show it."""
+EVERYWHERE = 0.03
+"""Of an unremarkable size: what every law is taken to have everywhere."""
 
 
 @dataclass(frozen=True, eq=False)
 class Weighted:
-    """One model: components, weight, and the normal of base parameters and sizes ``(b + r,)``."""
+    """One model: components, their scales, weight, and the normal of its values ``(b + r,)``.
+
+    A root of their covariance is ``base`` ``(b, b)``, which many models share, beside ``sizes``
+    ``(b + r, r)``, both times ``inflated``. The base ends with sizes of the components
+    ``everywhere``; ``mistakes`` of labels and readings were put right.
+    """
 
     members: tuple[int, ...]
+    scales: tuple[float, ...]
     weight: float
     mean: FloatArray
-    covariance: FloatArray
-    scales: tuple[float, ...]
+    base: FloatArray
+    sizes: FloatArray
+    inflated: float
+    everywhere: tuple[int, ...]
+    mistakes: tuple[Mistake, ...] = ()
+
+    @property
+    def variance(self) -> FloatArray:
+        """Of each value ``(b + r,)``."""
+        variance = (self.sizes**2).sum(axis=1)
+        variance[: len(self.base)] += (self.base**2).sum(axis=1)
+        return np.asarray(self.inflated**2 * variance)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the values ``(b + r, b + r)``."""
+        covariance = self.sizes @ self.sizes.T
+        count = len(self.base)
+        covariance[:count, :count] += self.base @ self.base.T
+        return np.asarray(self.inflated**2 * covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class InField:
+    """A model in the tool's field: mean ``(f,)`` and covariance, in two parts.
+
+    That of the base ``(f, f)``, which many models share, and a root ``(f, k)`` of the rest; the
+    first times the square of ``inflated``.
+    """
+
+    weight: float
+    mean: FloatArray
+    base: FloatArray
+    inflated: float
+    root: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """What readings tell of the machine. Base parameters are lengths, then offsets of sessions.
+    """What readings tell of the machine.
 
-    ``start`` ``(6 + k,)`` are effects that the model of the sessions has, in the tool's field.
+    Values of the base are lengths, offsets of each session, then a little of every law.
     """
 
     sessions: tuple[Cells, ...]
     components: tuple[Component, ...]
     models: tuple[Weighted, ...]
     field: ToolField
-    columns: tuple[IntArray, ...]
-    inner: FloatArray
-    start: FloatArray
 
     @property
     def geometry(self) -> Geometry:
         """The nominal machine."""
         return self.sessions[0].case.model.geometry
 
+    @property
+    def parameter_count(self) -> int:
+        """Lengths, and offsets of every session."""
+        return LENGTHS + 3 * len(self.sessions)
+
+    def starts(self, model: Weighted) -> list[int]:
+        """Where the values of each member begin in those of a model."""
+        widths = [len(self.components[k].unit) for k in model.members]
+        first = len(model.mean) - sum(widths)
+        return [first + sum(widths[:k]) for k in range(len(widths))]
+
     @cached_property
-    def into_field(self) -> list[FloatArray]:
-        """For each component what its values ``(r,)`` are in the tool's field ``(6 + k, r)``."""
+    def models_in_field(self) -> list[InField]:
+        """Every model in the tool's field; joint offsets are those of the last session."""
+        parameters = np.zeros((self.field.rows.shape[1], self.parameter_count))
+        parameters[3:6, :LENGTHS] = np.eye(3)
+        parameters[:3, -3:] = np.eye(3)
+        shared: dict[int, FloatArray] = {}
+        every = []
+        for model in self.models:
+            base = np.hstack([parameters, *(self._into_field[k] for k in model.everywhere)])
+            into = np.hstack([base, *(self._into_field[k] for k in model.members)])
+            key = id(model.base)
+            if key not in shared:
+                moved = base @ model.base
+                shared[key] = moved @ moved.T
+            unseen = np.diag(self._unseen(model))
+            root = [model.inflated * (into @ model.sizes), unseen[:, unseen.any(axis=0)]]
+            every.append(
+                InField(
+                    model.weight,
+                    self.start + into @ model.mean,
+                    shared[key],
+                    model.inflated,
+                    np.hstack(root),
+                )
+            )
+        return every
+
+    @cached_property
+    def start(self) -> FloatArray:
+        """Effects ``(f,)`` that the model of the sessions has, in the tool's field."""
+        start = np.zeros(self.field.rows.shape[1])
+        for known in effects_of_tool(self.sessions[-1].case.model):
+            start[list(self.field.columns_of((known.effect, known.place)))] += np.real(known.values)
+        return start
+
+    @cached_property
+    def _into_field(self) -> list[FloatArray]:
+        """For each component what its values ``(r,)`` are in the tool's field ``(f, r)``."""
         width = self.field.rows.shape[1]
-        found = []
+        every = []
         for component in self.components:
             into = np.zeros((width, len(component.unit)))
-            for share in component.candidate.shares if component.candidate else ():
+            for share in component.shares:
                 for column, value in zip(
                     self.field.columns_of((share.effect, share.place)), share.values, strict=True
                 ):
                     into[column, value] += 1.0
-            found.append(into)
-        return found
-
-    def in_field(self, model: Weighted) -> tuple[FloatArray, FloatArray]:
-        """Mean ``(6 + k,)`` and the map ``(6 + k, b + r)`` of a model's values into the field.
-
-        Joint offsets are those of the last session.
-        """
-        base = len(model.mean) - sum(len(self.components[k].unit) for k in model.members)
-        into = np.zeros((self.field.rows.shape[1], base))
-        into[3:6, :LENGTHS] = np.eye(3)
-        into[:3, base - 3 :] = np.eye(3)
-        whole = np.hstack([into, *(self.into_field[k] for k in model.members)])
-        return self.start + whole @ model.mean, whole
+            every.append(into)
+        return every
 
     @cached_property
     def mean(self) -> FloatArray:
-        """What is expected over all models ``(6 + k,)``, in the tool's field."""
-        return np.asarray(
-            sum(model.weight * self.in_field(model)[0] for model in self.models), dtype=np.float64
-        )
+        """What is expected over all models ``(f,)``, in the tool's field."""
+        return np.asarray(np.sum([one.weight * one.mean for one in self.models_in_field], axis=0))
 
-    def unseen(self, model: Weighted) -> FloatArray:
-        """Standard deviations ``(6,)`` of shifts, mm, and turns, rad, that no leg reading shows.
+    def _unseen(self, model: Weighted) -> FloatArray:
+        """Standard deviations ``(f,)`` of shifts and turns of the machine that no leg shows.
 
-        Of a pair of axes that leans the readings see the sum, of axes that miss each other the
-        distances: the rest turns and shifts the machine as a whole.
+        Of two axes that lean readings show the sum, of two that miss each other the distance. The
+        rest turns or shifts the machine as a whole; it is taken to be as large, r.m.s.
         """
-        variance = np.zeros(6)
+        deviation = np.zeros(self.field.rows.shape[1])
         if not self.geometry.orthogonal:  # readings are of the tool, in the frame of its plate
-            return variance
-        for k, scale in zip(model.members, model.scales, strict=True):
+            return deviation
+        shifts, turns = deviation[-RIGID:-3], deviation[-3:]
+        for k, at in zip(model.members, self.starts(model), strict=True):
             component = self.components[k]
-            size = scale * float(component.unit[0])
-            turns = component.id == "axis_squareness"
-            if not component.candidate or not (turns or component.id == "axis_offset"):
-                continue
-            for share in component.candidate.shares:
-                (third,) = {0, 1, 2} - {"xyz".index(name) for name in share.place[:2]}
-                if turns:
-                    variance[3 + third] += (PER_THOUSAND * size) ** 2 / 2.0
-                else:
-                    variance[third] += size**2 / 2.0
-        return np.sqrt(variance)
-
-    def something_else(self, model: Weighted, metric: FloatArray) -> FloatArray:
-        """Mean squares at the tool if what is left were any law without a name, one for each.
-
-        As large as leaves as much in the readings, at most `MOST_UNITS`.
-        """
-        at = len(model.mean) - sum(len(self.components[k].unit) for k in model.members)
-        energy = 0.0
-        for k in model.members:
-            width = len(self.components[k].unit)
-            if self.components[k].id == ELSE:
-                unit = self.components[k].unit
-                index = self.columns[k]
-                size = model.mean[at : at + width] / unit
-                block = model.covariance[at : at + width, at : at + width] / np.outer(unit, unit)
-                inner = self.inner[np.ix_(index, index)]
-                energy += float(size @ inner @ size + np.trace(inner @ block))
-            at += width
-        squares = []
-        for k, component in enumerate(self.components):
-            if component.kind != "nameless" or len(component.unit) != 1:
-                continue
-            (column,) = self.columns[k]
-            size = min(energy / max(float(self.inner[column, column]), 1e-12), MOST_UNITS**2)
-            moved = self.into_field[k][:, 0] * component.unit[0]
-            squares.append(size * float(moved @ metric @ moved))
-        return np.array(squares)
+            values = slice(at, at + len(component.unit))
+            square = model.mean[values] ** 2 + model.variance[values]
+            for ids, rigid, unit in (
+                ("axis_squareness", turns, PER_THOUSAND),
+                ("axis_offset", shifts, 1.0),
+            ):
+                shares = [share for share in component.shares if share.effect.id == ids]
+                if not shares:
+                    continue
+                size = math.sqrt(float(np.mean([square[list(s.values)] for s in shares])))
+                for share in shares:
+                    (third,) = {0, 1, 2} - {"xyz".index(name) for name in share.place[:2]}
+                    rigid[third] = math.hypot(rigid[third], unit * size)
+        return deviation
 
     def probability(self, component_id: str) -> float:
         """That it is among what is true."""
@@ -167,320 +217,442 @@ class Posterior:
         )
 
     @property
+    def mistakes(self) -> dict[tuple[str, str], float]:
+        """Probability of each mistake of labels or readings, and its place."""
+        shares: dict[tuple[str, str], float] = {}
+        for model in self.models:
+            for name in {(one.id, one.where) for one in model.mistakes}:
+                shares[name] = shares.get(name, 0.0) + model.weight
+        return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+    @property
     def places(self) -> dict[tuple[str, str], float]:
         """Probability of each id and place."""
-        found: dict[tuple[str, str], float] = {}
+        shares: dict[tuple[str, str], float] = {}
         for model in self.models:
             for name in {(self.components[k].id, self.components[k].where) for k in model.members}:
-                found[name] = found.get(name, 0.0) + model.weight
-        return dict(sorted(found.items(), key=lambda item: -item[1]))
+                shares[name] = shares.get(name, 0.0) + model.weight
+        return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+def effects_of_tool(model: Model) -> list[EffectInstance]:
+    """Effects of a model that move the tool."""
+    return [
+        effect
+        for effect in model.effects
+        if isinstance(effect, EffectInstance) and effect.stage in MOVES_THE_TOOL
+    ]
 
 
 def posterior(cases: Sequence[Case], effects: Sequence[Effect] | None = None) -> Posterior:
     """Of these sessions together. Raises NotIdentifiable where one cannot be fitted."""
-    sessions = tuple(Cells.of(case) for case in cases)
-    return _Builder.of(sessions, effects).make()
+
+    def solve(sessions: Sequence[Cells]) -> Solved[Posterior]:
+        return _Problem.of(tuple(sessions), effects).solved()
+
+    return _mixed(with_mistakes([Cells.of(case) for case in cases], solve))
 
 
-HELD: tuple[Effect, ...] = (Backlash(), AxisOffset(), AxisLean())
-"""What controllers can hold beside the library."""
+def _mixed(every: Sequence[Solved[Posterior]]) -> Posterior:
+    """The sessions as they are, and put right in each way, weighed by their evidence.
+
+    The first knows the sessions; each has components of its own, since its rows differ.
+    """
+    log = np.array([one.log_weight for one in every])
+    share = np.exp(log - log.max())
+    share /= share.sum()
+    components: list[Component] = []
+    models: list[Weighted] = []
+    for one, weight in zip(every, share.tolist(), strict=True):
+        if weight < LIGHTEST:
+            continue
+        first = len(components)
+        models += [
+            replace(
+                model,
+                members=tuple(first + k for k in model.members),
+                everywhere=tuple(first + k for k in model.everywhere),
+                weight=weight * model.weight,
+                mistakes=one.mistakes,
+            )
+            for model in one.solution.models
+        ]
+        components += one.solution.components
+    likeliest = every[0].solution
+    laws = (law for one in every for law in one.solution.field.placed)
+    field = tool_field(likeliest.geometry, tuple(dict.fromkeys(laws)))
+    return Posterior(likeliest.sessions, tuple(components), tuple(models), field)
 
 
 @dataclass(frozen=True, eq=False)
-class _Builder:
+class _Problem:
+    """All sessions about one fit of the base: rows, and the columns of every component.
+
+    ``columns`` ``(n, k)`` are per unit of the components; ``index`` says which are whose.
+    """
+
     sessions: tuple[Cells, ...]
-    models: tuple[Model, ...]
     components: tuple[Component, ...]
-    order: tuple[Placed, ...]
     rows: Rows
-    joined: FloatArray
-    columns: tuple[IntArray, ...]
+    columns: FloatArray
+    index: tuple[IntArray, ...]
+    placed: tuple[Placed, ...]
 
     @classmethod
-    def of(cls, sessions: tuple[Cells, ...], effects: Sequence[Effect] | None) -> _Builder:
+    def of(cls, sessions: tuple[Cells, ...], effects: Sequence[Effect] | None) -> _Problem:
         models = _with_common_lengths([cells.model for cells in sessions])
         taken = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
-        known = library(taken, effects)
-        known.append(Component(ELSE, "all", ELSE, np.full(1, ELSE_UNIT_MM), None, math.log(0.05)))
-        laws = dict.fromkeys(s.effect for c in known if c.candidate for s in c.candidate.shares)
-        placed = [placed_columns(model, means, tuple(laws)) for model, means in taken]
-        order = tuple(dict.fromkeys(one for each in placed for one in each))
-        widths = [len(effect.parameters) for effect, _ in order]
-        rows = rows_of(sessions, models, placed, order, widths)
-        starts = dict(zip(order, np.cumsum([0, *widths]).tolist(), strict=False))
-        blocks, columns, begin = [], [], 0
-        for number, component in enumerate(known):
-            if component.candidate:
-                block = np.zeros((len(rows.residual), len(component.unit)))
-                for share in component.candidate.shares:
-                    first = starts[share.effect, share.place]
-                    for at, value in enumerate(share.values):
-                        block[:, value] += rows.columns[:, first + at]
-                block = block * component.unit
+        components = library(taken, effects)
+        if not any(component.candidate for component in components):
+            raise NotIdentifiable(
+                "readings",
+                "no two postures of one mounting",
+                "readings of one indicator in two postures or more",
+                "Move the machine and read the indicator again.",
+            )
+        rows, placed, blocks = _linear(sessions, models, components)
+        own = _of_postures(sessions, len(rows.residual))
+        every = []
+        for component, block in zip(components, blocks, strict=True):
+            if component.id == ELSE:
+                component, block = component.with_width(own.shape[1]), own * component.unit
             else:
-                block = ELSE_UNIT_MM * _else_rows(sessions, len(rows.residual))
-                known[number] = replace(component, unit=np.full(block.shape[1], ELSE_UNIT_MM))
-            blocks.append(block)
-            columns.append(np.arange(begin, begin + block.shape[1], dtype=np.intp))
-            begin += block.shape[1]
-        joined = np.hstack(blocks)
-        return cls(sessions, models, tuple(known), order, rows, joined, tuple(columns))
+                block = block * component.unit
+            every.append((component, block))
+        widths = [block.shape[1] for _, block in every]
+        starts = np.cumsum([0, *widths[:-1]])
+        return cls(
+            sessions,
+            tuple(component for component, _ in every),
+            rows,
+            np.hstack([block for _, block in every]),
+            tuple(
+                np.arange(at, at + w, dtype=np.intp) for at, w in zip(starts, widths, strict=True)
+            ),
+            placed,
+        )
 
-    def make(self) -> Posterior:
-        rows = self.rows
-        count = len(rows.spread)
-        # tolerances are rows beside the readings: no product of derivatives loses digits
-        upper = np.vstack([rows.base * rows.spread, np.eye(count)])
-        basis, _ = np.linalg.qr(upper)
-        below = np.zeros((count, self.joined.shape[1] + 1))
-        below[:, -1] = (rows.prior - rows.value) / rows.spread
-        others = np.vstack([np.column_stack([self.joined, rows.residual]), below])
-        left = others - basis @ (basis.T @ others)
-        columns, residual = left[:, :-1], left[:, -1]
+    @cached_property
+    def everywhere(self) -> tuple[int, ...]:
+        """Components of which every model has a little: laws at single places."""
+        return tuple(
+            k
+            for k, component in enumerate(self.components)
+            if component.candidate and at_one_place(component.candidate)
+        )
+
+    @cached_property
+    def base(self) -> FloatArray:
+        """Derivatives ``(n, b)`` by the base, per standard deviation of what is expected."""
+        index = np.concatenate([self.index[k] for k in self.everywhere])
+        return np.hstack([self.rows.base * self.rows.spread, EVERYWHERE * self.columns[:, index]])
+
+    @cached_property
+    def base_unit(self) -> FloatArray:
+        """Those standard deviations ``(b,)``."""
+        units = [EVERYWHERE * self.components[k].unit for k in self.everywhere]
+        return np.concatenate([self.rows.spread, *units])
+
+    def expected(self, rows: Rows) -> FloatArray:
+        """Where the base is expected less where rows are, in standard deviations ``(b,)``."""
+        away = np.zeros(self.base.shape[1])
+        away[: len(rows.spread)] = (rows.prior - rows.value) / rows.spread
+        return away
+
+    def solved(self) -> Solved[Posterior]:
+        """Race, then each model with its normal; the heaviest followed through the simulation."""
+        about = _About.of(self.base, self.rows.residual, self.expected(self.rows))
+        columns, residual = about.left_by(self.columns), about.left
         race = Race(
             Products(columns.T @ columns, columns.T @ residual, float(residual @ residual)),
-            self.columns,
+            self.index,
             np.array([component.log_prior for component in self.components]),
-            rows.free,
-            rows.freedom,
+            self.rows.free,
+            self.rows.freedom,
+            self.rows.excess,
         )
         entries = race.run()
-        weighted = self._weighted(race, entries)
-        placed = tuple(
-            dict.fromkeys(
-                [
-                    *(one for one in self.order),
-                    *((e, p) for e in effects_of(HELD, self.geometry) for p in _all_places(e)),
-                    *((e, p) for e in _held(self.geometry) for p in _all_places(e)),
-                    *((e.effect, e.place) for e in self._known),
-                ]
-            )
-        )
-        field = tool_field(self.geometry, placed)
-        start = np.zeros(field.rows.shape[1])
-        for known in self._known:
-            start[list(field.columns_of((known.effect, known.place)))] += np.real(known.values)
-        return Posterior(
-            self.sessions,
-            self.components,
-            tuple(weighted),
-            field,
-            self.columns,
-            race.products.inner,
-            start,
-        )
+        models, log_evidence = self._weighted(race, entries, about)
+        acting = effects_of_tool(self.sessions[-1].case.model)
+        known = [(one.effect, one.place) for one in acting]
+        laws = dict.fromkeys([*self.placed, *laws_held(self.geometry), *known])
+        field = tool_field(self.geometry, tuple(laws))
+        result = Posterior(self.sessions, self.components, tuple(models), field)
+        constant = self.rows.log_constant
+        nothing = race.products
+        log_plain = race.log_evidence(np.array(nothing.square), np.array(nothing.room))
+        plain = Entry((), (), float(LOG_CAUSES[0] + log_plain))
+        # something else explains any mistake away
+        named = [one for one in entries if one.members and not self._else(one)]
+        heaviest = [plain, *named[:MOST_BESIDE]]
+        beside = [
+            [Beside(one.log_weight + constant, self._beside(number, one)) for one in heaviest]
+            for number in range(len(self.sessions))
+        ]
+        return Solved(result, log_evidence + constant, beside)
+
+    def _else(self, entry: Entry) -> bool:
+        return any(self.components[k].id == ELSE for k in entry.members)
+
+    def _beside(self, number: int, entry: Entry) -> FloatArray:
+        """Columns ``(n_cells, r)`` of a model in a session, each of the size that it expects."""
+        begin = sum(len(cells.means) for cells in self.sessions[:number])
+        cells = self.sessions[number]
+        scale = self._unit(entry)[1]
+        own = self.columns[begin : begin + len(cells.means), self._index(entry)]
+        return cells.coloured(own * scale)
 
     @property
     def geometry(self) -> Geometry:
-        return self.models[0].geometry
+        """The nominal machine."""
+        return self.sessions[0].case.model.geometry
 
-    @property
-    def _known(self) -> list[EffectInstance]:
-        """Effects of the sessions' model that move the tool."""
-        return [
-            effect
-            for effect in self.sessions[-1].case.model.effects
-            if isinstance(effect, EffectInstance) and effect.stage in MOVES_THE_TOOL
-        ]
-
-    def _weighted(self, race: Race, entries: Sequence[Entry]) -> list[Weighted]:
-        """Each model with its normal; the heaviest followed through the simulation."""
-        found = []
-        log = np.empty(len(entries))
-        plain_room = self._plain_room()
+    def _weighted(
+        self, race: Race, entries: Sequence[Entry], about: _About
+    ) -> tuple[list[Weighted], float]:
+        every = []
+        log = np.array([entry.log_weight for entry in entries])
+        shared = self.base_unit[:, None] * about.inverse
+        along = about.basis[: len(self.columns)].T @ self.columns
         for number, entry in enumerate(entries):
-            mean, covariance, square, room = self._solved(
-                entry, self.rows, self._block(entry.members), np.zeros(0)
-            )
-            log[number] = entry.log_weight
+            fit = self._fitted(entry, race.products, about, shared, along)
             if number < REFINED and entry.members:
-                values = self._followed(entry, mean)
-                if values is not None:
-                    mean, covariance, after, room_after = values
-                    gained = race.log_evidence(np.array(after), np.array(room_after - plain_room))
-                    before = race.log_evidence(np.array(square), np.array(room - plain_room))
-                    log[number] += float(gained - before)
-                    square = after
+                fit, gained = self._followed(race, entry, fit, about.room)
+                log[number] += gained
+            inflated = 1.0
             if not math.isinf(race.freedom):
-                more = (race.freedom + square) / max(race.freedom + race.free - 2.0, 1.0)
-                covariance = covariance * max(more, 1.0)
-            found.append(Weighted(entry.members, 0.0, mean, covariance, entry.scales))
+                more = (race.freedom + fit.square) / max(race.freedom + race.free - 2.0, 1.0)
+                inflated = math.sqrt(max(more, 1.0))
+            every.append(
+                Weighted(
+                    entry.members,
+                    entry.scales,
+                    0.0,
+                    fit.mean,
+                    fit.base,
+                    fit.sizes,
+                    inflated,
+                    self.everywhere,
+                )
+            )
         share = np.exp(log - log.max())
+        log_evidence = float(log.max() + np.log(share.sum()))
         share /= share.sum()
-        return [replace(one, weight=float(w)) for one, w in zip(found, share, strict=True)]
+        models = [replace(one, weight=float(w)) for one, w in zip(every, share, strict=True)]
+        return models, log_evidence
 
-    def _block(self, members: tuple[int, ...]) -> FloatArray:
-        """Columns ``(n, r)`` of these components, per unit of their values."""
-        if not members:
-            return np.zeros((len(self.rows.residual), 0))
-        return np.hstack(
-            [self.joined[:, self.columns[k]] / self.components[k].unit for k in members]
-        )
+    def _index(self, entry: Entry) -> IntArray:
+        return np.concatenate([np.zeros(0, np.intp), *(self.index[k] for k in entry.members)])
 
-    def _plain_room(self) -> float:
-        inner = self.rows.base * self.rows.spread
-        return -0.5 * float(np.linalg.slogdet(np.eye(inner.shape[1]) + inner.T @ inner)[1])
+    def _unit(self, entry: Entry) -> tuple[FloatArray, FloatArray]:
+        """Unit and scale ``(r,)`` of each size of a model."""
+        units = [self.components[k].unit for k in entry.members]
+        scales = [s * np.ones(len(u)) for s, u in zip(entry.scales, units, strict=True)]
+        return np.concatenate([np.zeros(0), *units]), np.concatenate([np.zeros(0), *scales])
 
-    def _solved(
-        self, entry: Entry, rows: Rows, block: FloatArray, at: FloatArray
-    ) -> tuple[FloatArray, FloatArray, float, float]:
-        """Mean and covariance of base and sizes, what is left, and the room.
+    def _fitted(
+        self,
+        entry: Entry,
+        products: Products,
+        about: _About,
+        shared: FloatArray,
+        along: FloatArray,
+    ) -> _Fit:
+        """A model by its derivatives alone; ``along`` ``(b, k)`` are columns along the base."""
+        unit, scale = self._unit(entry)
+        index = self._index(entry)
+        inner = np.eye(len(index)) + scale[:, None] * products.inner[np.ix_(index, index)] * scale
+        root = np.linalg.inv(np.linalg.cholesky(inner)).T
+        sizes = root @ (root.T @ (scale * products.along[index]))
+        beside = along[:, index] * scale
+        mean = self.base_unit * (about.inverse @ (about.along - beside @ sizes))
+        mean[: len(self.rows.value)] += self.rows.value
+        square = products.square - float(scale * products.along[index] @ sizes)
+        room = about.room + float(np.log(root.diagonal()).sum())
+        residual = about.left[: self.rows.cells]
+        cells = self.columns[: self.rows.cells, index] * scale
+        left = residual - (cells - about.basis[: self.rows.cells] @ beside) @ sizes
+        own = np.vstack([-shared @ beside @ root, (unit * scale)[:, None] * root])
+        return _Fit(np.concatenate([mean, unit * scale * sizes]), shared, own, square, room, left)
 
-        ``at`` are the sizes about which ``rows`` are linear; nothing where that is zero.
-        """
-        sizes = np.concatenate(
-            [
-                scale * self.components[k].unit
-                for k, scale in zip(entry.members, entry.scales, strict=True)
-            ]
-            or [np.zeros(0)]
-        )
-        now = np.concatenate([rows.value, at if len(at) else np.zeros(len(sizes))])
-        expected = np.concatenate([rows.prior, np.zeros(len(sizes))])
-        spread = np.concatenate([rows.spread, sizes])
-        upper = np.vstack([np.hstack([rows.base, block]) * spread, np.eye(len(spread))])
-        target = np.concatenate([rows.residual, (expected - now) / spread])
+    def _refitted(self, entry: Entry, rows: Rows, block: FloatArray, at: FloatArray) -> _Fit:
+        """The same about a solution; ``block`` ``(n, r)`` is per unit, ``at`` ``(r,)`` in units."""
+        unit, scale = self._unit(entry)
+        base = self.base.copy()
+        base[: rows.cells, : len(rows.spread)] = rows.base * rows.spread
+        about = _About.of(base, rows.residual, self.expected(rows))
+        columns = about.left_by(block * scale)
+        upper = np.vstack([columns, np.eye(len(scale))])
         basis, root = np.linalg.qr(upper)
-        inverse = spread[:, None] * np.linalg.inv(root)
-        step = inverse @ (basis.T @ target)
+        inverse = np.linalg.inv(root)
+        target = np.concatenate([about.left, -at / scale])
+        sizes = inverse @ (basis.T @ target)
         left = target - basis @ (basis.T @ target)
-        room = -float(np.log(np.abs(root.diagonal())).sum())
-        return now + step, inverse @ inverse.T, float(left @ left), room
+        beside = about.basis[: len(block)].T @ (block * scale)
+        mean = self.base_unit * (about.inverse @ (about.along - beside @ sizes))
+        mean[: len(rows.value)] += rows.value
+        shared = self.base_unit[:, None] * about.inverse
+        own = np.vstack([-shared @ beside @ inverse, (unit * scale)[:, None] * inverse])
+        room = about.room - float(np.log(np.abs(root.diagonal())).sum())
+        values = np.concatenate([mean, unit * (at + scale * sizes)])
+        return _Fit(values, shared, own, float(left @ left), room, left[: rows.cells])
 
     def _followed(
-        self, entry: Entry, mean: FloatArray
-    ) -> tuple[FloatArray, FloatArray, float, float] | None:
-        """The same about the model's own solution; None where its derivatives do."""
-        members = [self.components[k] for k in entry.members]
-        result = None
-        for _ in range(STEPS):
-            base, sizes = mean[: len(self.rows.value)], mean[len(self.rows.value) :]
-            try:
-                models = self._models(members, base, sizes)
-                if result is None and not self._bends(models, mean, entry):
-                    return None
-                rows, block = self._about(models, members, sizes)
-                result = self._solved(entry, rows, block, sizes)
-            except (NotIdentifiable, ValueError):
-                return None
-            mean = result[0]
-        return result
+        self, race: Race, entry: Entry, fit: _Fit, plain_room: float
+    ) -> tuple[_Fit, float]:
+        """The same about the model's own solution, and the log evidence that this gains."""
+        before = race.log_evidence(np.array(fit.square), np.array(fit.room - plain_room))
+        try:
+            models = self._models(entry, fit.mean)
+            beyond = self._residual(models, entry, fit) - fit.left
+            if float(beyond @ beyond) < BEYOND:
+                return fit, 0.0
+            for _ in range(STEPS):
+                fit = self._about(models, entry, fit)
+                models = self._models(entry, fit.mean)
+        except (NotIdentifiable, ValueError):
+            return fit, 0.0
+        after = race.log_evidence(np.array(fit.square), np.array(fit.room - plain_room))
+        return fit, float(after - before)
 
-    def _models(
-        self, members: Sequence[Component], base: FloatArray, sizes: FloatArray
-    ) -> tuple[Model, ...]:
-        effects, begin = [], 0
-        for component in members:
-            values = sizes[begin : begin + len(component.unit)]
-            begin += len(values)
-            if component.candidate:
-                effects += list(component.candidate.effects(values))
-        return tuple(
-            cells.case.model.with_effects((*cells.case.model.effects, *effects)).with_parameters(
-                np.concatenate([base[LENGTHS + 3 * n : LENGTHS + 3 * n + 3], base[:LENGTHS]])
-            )
-            for n, cells in enumerate(self.sessions)
-        )
+    def _values(self, entry: Entry, mean: FloatArray) -> list[FloatArray]:
+        """Values of each member."""
+        widths = [len(self.components[k].unit) for k in entry.members]
+        return np.split(mean[self.base.shape[1] :], np.cumsum(widths))[: len(widths)]
 
-    def _bends(self, models: Sequence[Model], mean: FloatArray, entry: Entry) -> bool:
-        """Whether readings differ from what derivatives say."""
-        from calib.arrays import without_zeros
-
-        rows = []
-        for cells, model in zip(self.sessions, models, strict=True):
-            off = cells.means.value_mm - model.readings(cells.means)
-            weight = 1.0 / cells.variance_mm2
-            rows.append(np.sqrt(weight) * without_zeros(cells.means, weight, off))
-        count = len(self.rows.value)
-        block = self._block(entry.members)
-        ours = [k for k, c in zip(entry.members, self._widths(entry), strict=True) if c]
-        del ours
-        linear = self.rows.residual - self.rows.base @ (mean[:count] - self.rows.value)
-        linear = linear - block @ mean[count:]
-        straight = self._cell_rows(linear)
-        beyond = np.concatenate(rows) - straight
-        # something else is in no model
-        begin = count
-        for k in entry.members:
-            width = len(self.components[k].unit)
-            if not self.components[k].candidate:
-                part = self.joined[:, self.columns[k]] / self.components[k].unit
-                beyond = beyond - self._cell_rows(part @ mean[begin : begin + width])
-            begin += width
-        return float(beyond @ beyond) > BEYOND
-
-    def _widths(self, entry: Entry) -> list[int]:
-        return [len(self.components[k].unit) for k in entry.members]
-
-    def _cell_rows(self, rows: FloatArray) -> FloatArray:
-        """Of stacked rows those that are means of cells."""
-        found, begin = [], 0
-        for cells, timed in zip(self.sessions, self._timed, strict=True):
-            found.append(rows[begin : begin + len(cells.means)])
-            begin += len(cells.means) + timed
-        return np.concatenate(found)
-
-    @cached_property
-    def _timed(self) -> list[int]:
-        total = len(self.rows.residual) - sum(len(cells.means) for cells in self.sessions)
-        return [total // len(self.sessions)] * len(self.sessions)
-
-    def _about(
-        self, models: Sequence[Model], members: Sequence[Component], sizes: FloatArray
-    ) -> tuple[Rows, FloatArray]:
-        """Rows about models that hold their effects, and the columns of these ``(n, r)``."""
-        laws = tuple(
-            dict.fromkeys(s.effect for c in members if c.candidate for s in c.candidate.shares)
-        )
-        placed = [
-            placed_columns(model.with_effects(_without(model, laws)), cells.means, laws)
-            if False
-            else _own_columns(model, cells, members)
-            for model, cells in zip(models, self.sessions, strict=True)
+    def _models(self, entry: Entry, mean: FloatArray) -> tuple[Model, ...]:
+        """Each session's machine with the parameters and effects of a model."""
+        effects = [
+            effect
+            for k, values in zip(entry.members, self._values(entry, mean), strict=True)
+            if (candidate := self.components[k].candidate)
+            for effect in candidate.effects(values)
         ]
-        order = tuple(dict.fromkeys(one for each in placed for one in each))
-        widths = [len(effect.parameters) for effect, _ in order]
-        rows = rows_of(self.sessions, models, placed, order, widths)
-        starts = dict(zip(order, np.cumsum([0, *widths]).tolist(), strict=False))
-        blocks = []
+        found = []
+        for number, cells in enumerate(self.sessions):
+            known = cells.case.model
+            offsets = mean[LENGTHS + 3 * number : LENGTHS + 3 * number + 3]
+            found.append(
+                known.with_effects((*known.effects, *effects)).with_parameters(
+                    np.concatenate([offsets, mean[:LENGTHS]])
+                )
+            )
+        return tuple(found)
+
+    def _linear_part(self, entry: Entry, mean: FloatArray) -> FloatArray:
+        """What of the means of cells is in no `_models`: a little of all, something else."""
+        first = len(self.rows.spread)
+        part = self.base[:, first:] @ (mean[first : self.base.shape[1]] / self.base_unit[first:])
+        for k, values in zip(entry.members, self._values(entry, mean), strict=True):
+            if not self.components[k].candidate:
+                part = part + self.columns[:, self.index[k]] @ (values / self.components[k].unit)
+        return np.asarray(part[: self.rows.cells])
+
+    def _residual(self, models: Sequence[Model], entry: Entry, fit: _Fit) -> FloatArray:
+        """What a model leaves of the means of cells ``(cells,)``, whitened."""
+        parts = [
+            cells.whitened(cells.means.value_mm - model.readings(cells.means))
+            for cells, model in zip(self.sessions, models, strict=True)
+        ]
+        return np.concatenate(parts) - self._linear_part(entry, fit.mean)
+
+    def _about(self, models: Sequence[Model], entry: Entry, fit: _Fit) -> _Fit:
+        """One step of Gauss and Newton; readings within cells stay as they were.
+
+        A law that acts twice, the second time from nothing, has the derivatives of the first for
+        laws that are linear; the others are few and small (sine of a tilt).
+        """
+        members = [self.components[k] for k in entry.members]
+        near, _, blocks = _linear(self.sessions, models, members, within=False)
+        block = self.columns[:, self._index(entry)].copy()
+        at = np.zeros(block.shape[1])
+        residual = self.rows.residual.copy()
+        residual[: near.cells] = near.residual
         begin = 0
-        residual = rows.residual
-        for component in members:
-            width = len(component.unit)
+        for component, own, values in zip(
+            members, blocks, self._values(entry, fit.mean), strict=True
+        ):
+            end = begin + len(component.unit)
             if component.candidate:
-                block = np.zeros((len(rows.residual), width))
-                for share in component.candidate.shares:
-                    first = starts[share.effect, share.place]
-                    for at, value in enumerate(share.values):
-                        block[:, value] += rows.columns[:, first + at]
-            else:
-                block = _else_rows(self.sessions, len(rows.residual), self._timed_of(rows))
-                residual = residual - block @ sizes[begin : begin + width]
-            blocks.append(block)
-            begin += width
-        return replace(rows, residual=residual), np.hstack(blocks)
-
-    def _timed_of(self, rows: Rows) -> int:
-        total = len(rows.residual) - sum(len(cells.means) for cells in self.sessions)
-        return total // len(self.sessions)
+                block[: near.cells, begin:end] = own * component.unit
+                at[begin:end] = values / component.unit
+            begin = end
+        within = self.rows.cells
+        residual[within:] -= block[within:] @ at
+        rows = replace(near, residual=residual, spread=self.rows.spread)
+        return self._refitted(entry, rows, block, at)
 
 
-def _without(model: Model, laws: Sequence[Effect]) -> tuple:  # type: ignore[type-arg]
-    return tuple(e for e in model.effects if getattr(e, "effect", None) not in laws)
+@dataclass(frozen=True, eq=False)
+class _About:
+    """A base fitted to rows, tolerances being rows below: no product of derivatives loses digits.
 
-
-def _own_columns(
-    model: Model, cells: Cells, members: Sequence[Component]
-) -> dict[Placed, FloatArray]:
-    """Derivatives by the values of effects that the model holds, where they are.
-
-    A law that acts twice, the second time from nothing, has the derivatives of the first for laws
-    that are linear; the others are few and small (sine of a tilt).
+    ``basis`` ``(n + b, b)``, ``inverse`` ``(b, b)`` of its root, the target ``along`` it ``(b,)``
+    and what is ``left`` of that ``(n + b,)``.
     """
-    laws = tuple(
-        dict.fromkeys(s.effect for c in members if c.candidate for s in c.candidate.shares)
-    )
-    return placed_columns(model, cells.means, laws)
+
+    basis: FloatArray
+    inverse: FloatArray
+    along: FloatArray
+    left: FloatArray
+    room: float
+
+    @classmethod
+    def of(cls, base: FloatArray, residual: FloatArray, expected: FloatArray) -> _About:
+        """Of derivatives ``(n, b)`` per standard deviation."""
+        basis, root = np.linalg.qr(np.vstack([base, np.eye(base.shape[1])]))
+        target = np.concatenate([residual, expected])
+        along = basis.T @ target
+        room = -float(np.log(np.abs(root.diagonal())).sum())
+        return cls(basis, np.linalg.inv(root), along, target - basis @ along, room)
+
+    def left_by(self, columns: FloatArray) -> FloatArray:
+        """What of columns ``(n, k)`` the base does not do ``(n + b, k)``."""
+        left = -(self.basis @ (self.basis[: len(columns)].T @ columns))
+        left[: len(columns)] += columns
+        return np.asarray(left)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Values of a model ``(b + r,)``, a root of their covariance, what is left, and the room.
+
+    ``base`` and ``sizes`` as in `Weighted`; ``left`` ``(cells,)`` is what is left of each mean.
+    """
+
+    mean: FloatArray
+    base: FloatArray
+    sizes: FloatArray
+    square: float
+    room: float
+    left: FloatArray
+
+
+def _linear(
+    sessions: Sequence[Cells],
+    models: Sequence[Model],
+    components: Sequence[Component],
+    *,
+    within: bool = True,
+) -> tuple[Rows, tuple[Placed, ...], list[FloatArray]]:
+    """Rows about these models, laws at places, and the columns ``(n, r)`` of each component."""
+    laws = tuple(dict.fromkeys(s.effect for component in components for s in component.shares))
+    placed = [
+        placed_columns(model, cells.means, laws)
+        for model, cells in zip(models, sessions, strict=True)
+    ]
+    widths = {law: len(law[0].parameters) for each in placed for law in each}
+    rows = rows_of(sessions, models, placed, widths, within=within)
+    starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
+    blocks = []
+    for component in components:
+        block = np.zeros((len(rows.residual), len(component.unit)))
+        for share in component.shares:
+            first = starts[share.effect, share.place]
+            for at, value in enumerate(share.values):
+                block[:, value] += rows.columns[:, first + at]
+        blocks.append(block)
+    return rows, tuple(widths), blocks
 
 
 def _with_common_lengths(models: Sequence[Model]) -> tuple[Model, ...]:
@@ -491,31 +663,12 @@ def _with_common_lengths(models: Sequence[Model]) -> tuple[Model, ...]:
     )
 
 
-def _else_rows(sessions: Sequence[Cells], total: int, timed: int | None = None) -> FloatArray:
-    """Columns of something else ``(n, r)``, per mm, each session with its own; whitened."""
-    from calib.arrays import without_zeros
-
-    if timed is None:
-        timed = (total - sum(len(cells.means) for cells in sessions)) // len(sessions)
-    blocks = []
-    for cells in sessions:
-        columns = something_else(cells.means)
-        weight = 1.0 / cells.variance_mm2
-        blocks.append(np.sqrt(weight)[:, None] * without_zeros(cells.means, weight, columns))
-    found = np.zeros((total, sum(block.shape[1] for block in blocks)))
+def _of_postures(sessions: Sequence[Cells], total: int) -> FloatArray:
+    """Columns ``(total, r)`` of errors of each posture's own, 1 mm r.m.s., for each session."""
+    blocks = [cells.whitened(something_else(cells.means)) for cells in sessions]
+    every = np.zeros((total, sum(block.shape[1] for block in blocks)))
     row = column = 0
     for block in blocks:
-        found[row : row + len(block), column : column + block.shape[1]] = block
-        row += len(block) + timed
-        column += block.shape[1]
-    return found
-
-
-def _held(geometry: Geometry) -> tuple[Effect, ...]:
-    """Each foot's own lean and shift, whatever the drives."""
-    across = tuple(geometry.across)
-    return AxisOffset(across), AxisLean(across)
-
-
-def _all_places(effect: Effect) -> tuple[str, ...]:
-    return tuple(getattr(effect, "where", ()))
+        every[row : row + len(block), column : column + block.shape[1]] = block
+        row, column = row + block.shape[0], column + block.shape[1]
+    return every

@@ -72,19 +72,23 @@ class Products:
 
 @dataclass(frozen=True, eq=False)
 class Race:
-    """What runs: columns ``columns[k]`` of component k, its log prior, and what tells the noise."""
+    """What runs: columns ``columns[k]`` of component k, its log prior, and what tells the noise.
+
+    ``excess`` is the square sum of readings that disagree with their repeats.
+    """
 
     products: Products
     columns: Sequence[IntArray]
     log_prior: FloatArray
     free: int
     freedom: float
+    excess: float = 0.0
 
     def log_evidence(self, square: FloatArray, room: FloatArray) -> FloatArray:
         """Of what is left and the room of models, ``(...)``."""
         if math.isinf(self.freedom):
-            return np.asarray(room - 0.5 * square)
-        left = np.maximum(self.freedom + square, 1e-9)
+            return np.asarray(room - 0.5 * (self.excess + square))
+        left = np.maximum(self.freedom + self.excess + square, 1e-9)
         return np.asarray(room - 0.5 * (self.freedom + self.free) * np.log(left))
 
     def _one_more(self, products: Products) -> tuple[FloatArray, FloatArray]:
@@ -94,7 +98,7 @@ class Race:
         widths = np.array([len(one) for one in self.columns])
         for width in np.unique(widths):
             members = np.flatnonzero(widths == width)
-            index = np.array([self.columns[k] for k in members])
+            index = np.array([self.columns[k] for k in members.tolist()])
             if width == 1:
                 sizes = np.maximum(products.inner[index[:, 0], index[:, 0]], 0.0)[:, None]
                 along = products.along[index]
@@ -110,7 +114,7 @@ class Race:
         return square, room
 
     def run(self) -> list[Entry]:
-        """Every model that counts, weights normalised, the heaviest first."""
+        """Every model that counts, the heaviest first."""
         weights: dict[tuple[tuple[int, float], ...], float] = {}
         plain = self.products
         nothing = self.log_evidence(np.array(plain.square), np.array(plain.room))
@@ -148,12 +152,12 @@ class Race:
                     products = products.beside(self.columns[k], scale)
                 starts.append((key, products))
         log = np.array(list(weights.values()))
-        log -= log.max()
-        share = np.exp(log) / np.exp(log).sum()
+        share = np.exp(log - log.max())
+        share /= share.sum()
         entries = [
-            Entry(tuple(k for k, _ in key), tuple(s for _, s in key), float(np.log(w)))
-            for key, w in zip(weights, share, strict=True)
-            if w > LIGHTEST
+            Entry(tuple(k for k, _ in key), tuple(s for _, s in key), w)
+            for (key, w), part in zip(weights.items(), share, strict=True)
+            if part > LIGHTEST
         ]
         return sorted(entries, key=lambda entry: -entry.log_weight)
 

@@ -14,13 +14,17 @@ from typing import Literal
 
 import numpy as np
 
-from calib.arrays import FloatArray
+from calib.arrays import LEG_NAMES, FloatArray
 from calib.posterior.readings import BASE, Placed
 from calib.tripod.effects.candidates import tool_columns
+from calib.tripod.effects.drives import AxisLean, AxisOffset, Backlash
 from calib.tripod.geometry import Geometry
 from calib.tripod.workspace import tool_jacobian_at, workspace_points
 
 Frame = Literal["touched-off", "aligned", "machine"]
+RIGID = 6
+"""Shifts and turns of the machine as a whole."""
+
 FRAMES: tuple[Frame, ...] = ("touched-off", "aligned", "machine")
 
 
@@ -28,8 +32,9 @@ FRAMES: tuple[Frame, ...] = ("touched-off", "aligned", "machine")
 class ToolField:
     """Derivatives of the tool by base parameters and effects at places, over the workspace.
 
-    ``rows`` ``(2 n_points * 3, 6 + k)``: half of the postures are reached with all carriages coming
-    up, half down. ``starts`` ``(n_placed + 1,)`` are the columns of each of ``placed``, mm per unit.
+    ``rows`` ``(2 n_points * 3, 6 + k + 6)``: half of the postures are reached with all carriages
+    coming up, half down. The last columns are shifts, mm, and turns, rad, of the machine as a
+    whole. ``starts`` ``(n_placed + 1,)`` are the columns of each of ``placed``, mm per unit.
     """
 
     placed: tuple[Placed, ...]
@@ -56,25 +61,6 @@ class ToolField:
             for rows in (self.rows_in(frame),)
         }
 
-    @cached_property
-    def rigid_metrics(self) -> dict[Frame, FloatArray]:
-        """Mean squares ``(6, 6)`` of shifts and small turns of the machine in each frame."""
-        found: dict[Frame, FloatArray] = {}
-        for frame in FRAMES:
-            rows = self._in_frame(self._rigid, frame)
-            found[frame] = np.asarray(rows.T @ rows / (len(rows) // 3))
-        return found
-
-    @cached_property
-    def _rigid(self) -> FloatArray:
-        """Shifts and small turns about Zero ``(2 n_points * 3, 6)``."""
-        places = np.tile(self.points_mm, (2, 1))
-        rigid = np.zeros((len(places), 3, 6))
-        for k in range(3):
-            rigid[:, k, k] = 1.0
-            rigid[:, :, 3 + k] = np.cross(np.eye(3)[k], places)
-        return rigid.reshape(-1, 6)
-
     def rows_in(self, frame: Frame) -> FloatArray:
         """`rows` with what the frame takes up projected out."""
         return self._in_frame(self.rows, frame)
@@ -82,7 +68,7 @@ class ToolField:
     def _in_frame(self, rows: FloatArray, frame: Frame) -> FloatArray:
         if frame == "machine":
             return rows
-        basis = np.linalg.qr(self._rigid[:, : 3 if frame == "touched-off" else 6])[0]
+        basis = np.linalg.qr(self.rows[:, -RIGID:][:, : 3 if frame == "touched-off" else 6])[0]
         return np.asarray(rows - basis @ (basis.T @ rows))
 
 
@@ -96,8 +82,23 @@ def tool_field(geometry: Geometry, placed: tuple[Placed, ...]) -> ToolField:
         for way in (1.0, -1.0)
     ]
     rows = np.concatenate(both).reshape(-1, both[0].shape[2])
+    places = np.tile(points, (2, 1))
+    rigid = np.zeros((len(places), 3, RIGID))
+    rigid[:, :, :3] = np.eye(3)
+    for k in range(3):
+        rigid[:, :, 3 + k] = np.cross(np.eye(3)[k], places)
+    rows = np.hstack([rows, rigid.reshape(-1, RIGID)])
     starts = np.cumsum([BASE, *(len(effect.parameters) for effect, _ in placed)])
     return ToolField(placed, tuple(starts.tolist()), rows, points)
+
+
+def laws_held(geometry: Geometry) -> list[Placed]:
+    """What controllers can hold beside the laws of the library, at every place."""
+    across = tuple(geometry.across)
+    return [
+        *((Backlash(), place) for place in LEG_NAMES),
+        *((law, place) for law in (AxisOffset(across), AxisLean(across)) for place in across),
+    ]
 
 
 def mean_square(metric: FloatArray, values: Sequence[float] | FloatArray) -> float:

@@ -13,15 +13,21 @@ from drivers.motion.linuxcnc import LinuxCnc
 CONTROLLERS: dict[str, type[Controller]] = {kind.name: kind for kind in (LinuxCnc, Grbl)}
 
 
-def controller_of(words: str, limits: Limits) -> Controller:
+def check_controller(endpoint: str) -> None:
+    """Raises UsageError where the endpoint is not ``NAME:ADDRESS`` of a known controller."""
+    name, _, address = endpoint.partition(":")
+    if name not in CONTROLLERS or not address:
+        forms = " or ".join(f"{kind.name}:{kind.form}" for kind in CONTROLLERS.values())
+        raise UsageError("--motion", repr(endpoint), forms)
+
+
+def controller_of(endpoint: str, limits: Limits) -> Controller:
     """The controller that ``NAME:ADDRESS`` names, not yet connected.
 
-    Raises UsageError for an unknown one, `ControllerFault` for coordinates that it does not take.
+    Raises as `check_controller`, `ControllerFault` for coordinates that it does not take.
     """
-    name, _, address = words.partition(":")
-    if name not in CONTROLLERS or not address:
-        allowed = " or ".join(f"{kind.name}:{kind.form}" for kind in CONTROLLERS.values())
-        raise UsageError("--motion", repr(words), allowed)
+    check_controller(endpoint)
+    name, _, address = endpoint.partition(":")
     kind = CONTROLLERS[name]
     if kind.coordinates not in (None, limits.coordinates):
         raise ControllerFault(

@@ -100,8 +100,8 @@ class Limits:
             if not low <= value <= high:  # nor what is no number
                 raise _outside(f"move to {name}", f"{value:g} mm", f"{low:g} … {high:g} mm")
         if not 0.0 < feed_mm_min <= self.fastest_mm_min:
-            allowed = f"above 0, up to {self.fastest_mm_min:g} mm/min"
-            raise _outside("feed", f"{feed_mm_min:g} mm/min", allowed)
+            feed_range = f"above 0, up to {self.fastest_mm_min:g} mm/min"
+            raise _outside("feed", f"{feed_mm_min:g} mm/min", feed_range)
 
     def check_way(self, from_mm: Sequence[float], to_mm: Sequence[float]) -> None:
         """Raises `ControllerFault` for a single move that is too long."""
@@ -111,16 +111,16 @@ class Limits:
             raise _outside(f"move to {place_words(to_mm)}", length, f"{self.longest_mm:g} mm")
 
 
-def _outside(thing: str, value: str, allowed: str) -> ControllerFault:
+def _outside(quantity: str, value: str, limit: str) -> ControllerFault:
     next_step = "Nothing was sent. The limits stand under [motion] in the machine file."
-    return ControllerFault(MotionFault.OUTSIDE, thing, value, allowed, next_step)
+    return ControllerFault(MotionFault.OUTSIDE, quantity, value, limit, next_step)
 
 
 def place_words(place_mm: Sequence[float]) -> str:
     """``X10.000 Y0.000 Z-5.000``."""
     # + 0.0: a rounded -0.0 would be shown with its sign
-    words = zip("XYZ", place_mm, strict=True)
-    return " ".join(f"{name}{round(mm, 3) + 0.0:.3f}" for name, mm in words)
+    coordinates = zip("XYZ", place_mm, strict=True)
+    return " ".join(f"{name}{round(mm, 3) + 0.0:.3f}" for name, mm in coordinates)
 
 
 @dataclass(frozen=True)
@@ -134,12 +134,12 @@ class Snapshot:
     moving: bool
     states: Mapping[str, str] = field(default_factory=dict)
 
-    def changes(self, before: Mapping[str, str]) -> list[str]:
+    def changes(self, earlier_states: Mapping[str, str]) -> list[str]:
         """What is no longer as it was, in words, as far as both looks saw it."""
         return [
-            f"{name} {state} in place of {before[name]}"
+            f"{name} {state} in place of {earlier_states[name]}"
             for name, state in self.states.items()
-            if before.get(name, state) != state
+            if earlier_states.get(name, state) != state
         ]
 
 
@@ -369,8 +369,8 @@ class Controller(ABC):
         self, kind: MotionFault, value: str = "", allowed: str = "", next_step: str = ""
     ) -> ControllerFault:
         """A fault of this controller."""
-        thing = f"{self.words}, {kind}" if value else self.words
-        return ControllerFault(kind, thing, value, allowed, next_step)
+        subject = f"{self.words}, {kind}" if value else self.words
+        return ControllerFault(kind, subject, value, allowed, next_step)
 
 
 class NoLine(ControllerFault):

@@ -193,8 +193,8 @@ class Grbl(Controller):
                 if not line.startswith(("Grbl", "grbl", "[MSG", "ok")):
                     sample = line
         value = f"{sample[:60]!r}" if sample else "no answer"
-        wanted, next_step = "a status report of grbl", "Is another device at this port?"
-        raise self.fault(MotionFault.STRANGER, value, wanted, next_step)
+        requirement, next_step = "a status report of grbl", "Is another device at this port?"
+        raise self.fault(MotionFault.STRANGER, value, requirement, next_step)
 
     def _identify(self) -> None:
         answers = self._done("$I")
@@ -289,8 +289,8 @@ class Grbl(Controller):
 
     def begin(self, to_mm: Triple, feed_mm_min: float) -> None:
         """Send a jog in machine coordinates and mm, whatever units and offsets the board has."""
-        words = "".join(f"{name}{mm:.4f}" for name, mm in zip("XYZ", to_mm, strict=True))
-        self._done(f"$J=G21G90G53{words}F{feed_mm_min:.1f}")
+        coordinates = "".join(f"{name}{mm:.4f}" for name, mm in zip("XYZ", to_mm, strict=True))
+        self._done(f"$J=G21G90G53{coordinates}F{feed_mm_min:.1f}")
 
     def settle(self) -> Snapshot:
         """A look behind a pause, which is acknowledged when nothing is before it."""
@@ -374,17 +374,17 @@ class Grbl(Controller):
         self._fields |= {key: value for key, value in fields.items() if key in SUPERVISED}
         place = fields.get("MPos", "").split(",")
         if len(place) < 3:
-            allowed = "MPos, the machine's position: $10 with its lowest bit set"
-            raise self.fault(MotionFault.NOT_READY, text[:60], allowed)
+            requirement = "MPos, the machine's position: $10 with its lowest bit set"
+            raise self.fault(MotionFault.NOT_READY, text[:60], requirement)
         x, y, z = (self.finite(word) * self._unit_mm for word in place[:3])
         return x, y, z
 
-    def _done(self, words: str, wait_s: float = ACCEPT_S) -> list[str]:
+    def _done(self, command: str, wait_s: float = ACCEPT_S) -> list[str]:
         """Send a line; what came until it was acknowledged."""
         deadline = Deadline(wait_s)
         if not self._acknowledged:  # of a line that a stop cut short
             self._drain()
-        self._send(words.encode() + b"\n")
+        self._send(command.encode() + b"\n")
         self._acknowledged = False
         answers: list[str] = []
         while (line := self._heard(deadline)) != "ok":
@@ -430,11 +430,11 @@ class Grbl(Controller):
         except PORT_ERRORS as problem:
             raise self._gone(problem) from problem
 
-    def _send(self, words: bytes) -> None:
+    def _send(self, request: bytes) -> None:
         try:
             if self.wire is None:
                 raise self.fault(MotionFault.LOST, "the port is closed")
-            self.wire.write(words)
+            self.wire.write(request)
         except PORT_ERRORS as problem:
             raise self._gone(problem) from problem
 

@@ -61,9 +61,9 @@ class Guard:
         ports = controller.handles() if os.name == "posix" else ()
         name = f"{controller.name}:{controller.address}"
         root = str(Path(__file__).parents[2])
-        words = [sys.executable, "-P", "-c", PROGRAM, root, name, f"{silence_s:g}"]
+        command = [sys.executable, "-P", "-c", PROGRAM, root, name, f"{silence_s:g}"]
         self.process = subprocess.Popen(
-            [*words, *map(str, ports)],
+            [*command, *map(str, ports)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             pass_fds=ports,
@@ -140,13 +140,13 @@ def main() -> None:
     guarded = controller_of(name, NOWHERE)
     if ports and isinstance(guarded, Grbl):
         guarded.adopt(int(ports[0]))
-    words: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    threading.Thread(target=_hear, args=(words,), daemon=True).start()
+    messages: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    threading.Thread(target=_hear, args=(messages,), daemon=True).start()
     os.write(1, READY)
     armed = False
     while True:
         try:
-            word = words.get(timeout=float(silence) if armed else None)
+            word = messages.get(timeout=float(silence) if armed else None)
         except queue.Empty:
             word = SILENT
         if word == BYE or (not word and not armed):
@@ -159,31 +159,31 @@ def main() -> None:
             armed = False
         else:
             armed = False
-            _stop(guarded, words)
+            _stop(guarded, messages)
             if not ports:
                 guarded.close()  # else it would keep control
             if not word:
                 return
 
 
-def _hear(words: queue.SimpleQueue[bytes]) -> None:
+def _hear(messages: queue.SimpleQueue[bytes]) -> None:
     """Every byte in turn, each sent back; an empty one at the end of the program."""
     with contextlib.suppress(OSError):
         while received := os.read(0, 64):
             with contextlib.suppress(OSError):
                 os.write(1, received)
             for number in received:
-                words.put(bytes((number,)))
-    words.put(b"")
+                messages.put(bytes((number,)))
+    messages.put(b"")
 
 
-def _stop(guarded: Controller, words: queue.SimpleQueue[bytes]) -> None:
+def _stop(guarded: Controller, messages: queue.SimpleQueue[bytes]) -> None:
     """Stop the machine, until it is seen to rest, or the program runs again and does it itself."""
     end_s = time.monotonic() + STOPPING_S
     try:
-        guarded.stop(lambda _: not words.empty() or time.monotonic() > end_s)
+        guarded.stop(lambda _: not messages.empty() or time.monotonic() > end_s)
     except ControllerFault as problem:
-        if words.empty():
+        if messages.empty():
             sys.stderr.write(f"glidecal no longer ran. {NOT_STOPPED} ({problem.found})\n")
 
 

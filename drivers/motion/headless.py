@@ -137,12 +137,12 @@ def check_linuxcnc() -> None:
             OPTION, f"no {missing[0]} here", "LinuxCNC 2.9 on this computer", next_step
         )
     if os.geteuid() == 0 and "RTAPI_UID" not in os.environ:
-        found = "root, as whom LinuxCNC does not start"
-        raise UsageError(OPTION, found, "an ordinary user", OTHERWISE)
+        obstacle = "root, as whom LinuxCNC does not start"
+        raise UsageError(OPTION, obstacle, "an ordinary user", OTHERWISE)
     if LOCK.exists() or not subprocess.run(["pidof", *PARTS], capture_output=True).returncode:
-        found = "a LinuxCNC that is running: starting a second one would end it"
+        obstacle = "a LinuxCNC that is running: starting a second one would end it"
         next_step = f"Close it; if there is none, remove {LOCK}. {OTHERWISE}"
-        raise UsageError(OPTION, found, "none", next_step)
+        raise UsageError(OPTION, obstacle, "none", next_step)
 
 
 class Motors:
@@ -178,13 +178,13 @@ class Motors:
     @property
     def at_mm(self) -> Triple:
         """Joint coordinates; of a controller that is gone the last ones."""
-        told, said = self._hal.stdin, self._hal.stdout
-        assert told is not None
-        assert said is not None
+        commands, answers = self._hal.stdin, self._hal.stdout
+        assert commands is not None
+        assert answers is not None
         with self._lock, contextlib.suppress(OSError, ValueError):
-            told.write("".join(f"getp joint.{k}.motor-pos-fb\n" for k in range(3)))
-            told.flush()
-            motors = [float(line) for line in (said.readline() for _ in range(3))]
+            commands.write("".join(f"getp joint.{k}.motor-pos-fb\n" for k in range(3)))
+            commands.flush()
+            motors = [float(line) for line in (answers.readline() for _ in range(3))]
             x, y, z = (a + b for a, b in zip(self._mounted, motors, strict=True))
             self._last = x, y, z
         return self._last
@@ -201,17 +201,17 @@ class _Operator(LinuxCnc):
     """Who switches on and homes: glidecal never does, nor does its driver."""
 
     def prepare(self) -> None:
-        for told, what, wanted in (
+        for setting, what, value in (
             ("estop off", "estop", "OFF"),
             ("machine on", "machine", "ON"),
             ("mode manual", "mode", "MANUAL"),
             ("home -1", "joint_homed", "YES YES YES NO NO NO"),  # of six joints, whatever there are
         ):
-            self._set(told, ACCEPT_S)
+            self._set(setting, ACCEPT_S)
             end_s = time.monotonic() + START_S
-            while (found := self._get(what)) != wanted:
+            while (answer := self._get(what)) != value:
                 if time.monotonic() > end_s:
-                    raise MotionError(f"LinuxCNC, {what}", found, wanted, OTHERWISE)
+                    raise MotionError(f"LinuxCNC, {what}", answer, value, OTHERWISE)
                 time.sleep(0.05)
         self.ready()
 
@@ -236,13 +236,13 @@ class HeadlessLinuxCnc:
         for name, text in {**_files(joints), "display": display, "sim.tbl": ""}.items():
             (self._folder / name).write_text(text, encoding="utf-8")
         (self._folder / "display").chmod(0o700)
-        own = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
-        own["HOME"] = str(self._folder)  # its logs
+        environment = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
+        environment["HOME"] = str(self._folder)  # its logs
         with (self._folder / "log").open("w") as log:
             self._running = subprocess.Popen(
                 ["linuxcnc", "-r", "machine.ini"],
                 cwd=self._folder,
-                env=own,
+                env=environment,
                 stdin=subprocess.PIPE,
                 stdout=log,
                 stderr=log,
@@ -250,7 +250,7 @@ class HeadlessLinuxCnc:
             )
         try:
             self._homed(Limits(joints.low_mm, joints.high_mm, 0.0, 0.0))
-            self.axes = Motors(joints.mounted_mm, own)
+            self.axes = Motors(joints.mounted_mm, environment)
         except BaseException:
             self._end()
             raise

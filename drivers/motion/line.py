@@ -101,10 +101,6 @@ class MotionLine:
         self._by_operator = self._vouched = self._closing = self._broken = False
         self._left_unseen = False
         self._consent = 0
-        self._rest_mm: Triple | None = None
-        self._way_mm: tuple[Triple, Triple] | None = None
-        """Of the move that was sent last: after a stop it rests there; None is anywhere."""
-        self._states: dict[str, str] = {}
         now_s = time.monotonic()
         self._calm_s = self._cause_s = self._owner_s = self._face_s = now_s
         self.owner: threading.Thread | None = None
@@ -386,9 +382,9 @@ class MotionLine:
             if self._vouched:
                 self._rests(None)
         else:
-            taken = self.controller.taken_over
-            if self._by_operator and taken is not None:  # a key did not take control away
-                self._by_operator, self._problem, self._why = False, taken, str(taken)
+            takeover = self.controller.taken_over
+            if self._by_operator and takeover is not None:  # a key did not take control away
+                self._by_operator, self._problem, self._why = False, takeover, str(takeover)
             self._rests(place_mm)
 
     def _gives_up(self, why: str) -> bool:
@@ -448,10 +444,10 @@ class MotionLine:
         self.controller.home()
         self.facts = self.controller.ready()
         self.homing_confirmed = True
-        there = self.controller.survey()
-        self._watched.baseline(there)
-        self._arrived(there.place_mm)
-        return there.place_mm
+        snapshot = self.controller.survey()
+        self._watched.baseline(snapshot)
+        self._arrived(snapshot.place_mm)
+        return snapshot.place_mm
 
     def _is_at(self, place_mm: Triple) -> Triple:
         """The position, where it is still this one; raises for what is not as it was."""
@@ -470,17 +466,17 @@ class MotionLine:
         if self._state not in (State.HELD, State.FAULT):
             raise self.controller.fault(MotionFault.STOPPED, f"{self._state}", "held, or a fault")
         try:
-            there = self._ready_at_rest()
+            snapshot = self._ready_at_rest()
         except ControllerFault as problem:  # of now, not of before
             self._why, self._broken = str(problem), self._broken or problem.kind in BROKEN
             raise
-        self._watched.baseline(there)
+        self._watched.baseline(snapshot)
         with self._lock:
             self._change(Cause.ANSWERED)
             self._calm_s = time.monotonic()
             self._why = ""
         self.listener()
-        return there.place_mm
+        return snapshot.place_mm
 
     def _ready_at_rest(self) -> Snapshot:
         if self._broken or self.guard is None or not self.guard.runs:
@@ -489,15 +485,15 @@ class MotionLine:
             self._renew_guard()  # with the port as it is now, where it was given the former one
             self._broken = False
         self.facts = self.controller.ready()
-        there = self.controller.survey()
-        if there.moving:
+        snapshot = self.controller.survey()
+        if snapshot.moving:
             raise self.controller.fault(MotionFault.ELSEWHERE, "a move that is not of this session")
-        return there
+        return snapshot
 
     def _renew_guard(self) -> None:
-        before, self.guard = self.guard, None
-        if before is not None:
-            before.close()
+        former_guard, self.guard = self.guard, None
+        if former_guard is not None:
+            former_guard.close()
         guard = Guard(self.controller, self._patience.silence_s)
         guard.wait()
         self.guard = guard
@@ -573,8 +569,8 @@ class MotionLine:
 
 
 def _guard_gone() -> ControllerFault:
-    value, allowed = "no sign of life", "a guard that answers: without it nothing moves"
-    return ControllerFault(MotionFault.PROGRAM, "guard beside the program", value, allowed)
+    value, requirement = "no sign of life", "a guard that answers: without it nothing moves"
+    return ControllerFault(MotionFault.PROGRAM, "guard beside the program", value, requirement)
 
 
 def _of_program(problem: object) -> ControllerFault:

@@ -166,22 +166,22 @@ class LinuxCnc(Controller):
         return self.fault(MotionFault.REFUSED, value, next_step=next_step)
 
     def _stranger(self, answer: str) -> ControllerFault:
-        wanted = "what linuxcncrsh answers"
+        requirement = "what linuxcncrsh answers"
         value = repr(answer[:60])
-        return self.fault(MotionFault.STRANGER, value, wanted, "Is it another program?")
+        return self.fault(MotionFault.STRANGER, value, requirement, "Is it another program?")
 
     def ready(self) -> tuple[str, ...]:
         """What is right, in the controller's own words."""
         facts = []
         answers = [self._get(name) for name, _, _ in READY]
-        for (name, allowed, otherwise), answer in zip(READY, answers, strict=True):
-            words = answer.split()[:JOINTS]  # of six joints, whatever there are
-            if not words or len(set(words)) != 1 or words[0] not in allowed:
+        for (name, ready_states, otherwise), answer in zip(READY, answers, strict=True):
+            states = answer.split()[:JOINTS]  # of six joints, whatever there are
+            if not states or len(set(states)) != 1 or states[0] not in ready_states:
                 next_step = f"At the controller: {otherwise}."
-                value = f"{name} {' '.join(words)}"
-                wanted = f"{name} {' or '.join(allowed)}"
-                raise self.fault(MotionFault.NOT_READY, value, wanted, next_step)
-            facts.append(f"{name} {' '.join(words)}")
+                value = f"{name} {' '.join(states)}"
+                requirement = f"{name} {' or '.join(ready_states)}"
+                raise self.fault(MotionFault.NOT_READY, value, requirement, next_step)
+            facts.append(f"{name} {' '.join(states)}")
         self._errors()  # of before
         self._in_control(self._get("enable"))
         return (*facts, self._check_joints())
@@ -197,8 +197,8 @@ class LinuxCnc(Controller):
         if (kinematics == IDENTITY) != identity:
             takes = "joint" if kinematics == IDENTITY else "tool"
             value = f"kinematics_type {kinematics}: it takes {takes} coordinates"
-            wanted = f'mdi = "{self.limits.coordinates}", as the machine file says'
-            raise self.fault(MotionFault.STRANGER, value, wanted, "Correct one of the two.")
+            requirement = f'mdi = "{self.limits.coordinates}", as the machine file says'
+            raise self.fault(MotionFault.STRANGER, value, requirement, "Correct one of the two.")
         return f"kinematics_type {kinematics}"
 
     def _in_control(self, enable: str) -> None:
@@ -214,12 +214,12 @@ class LinuxCnc(Controller):
             messages = [answers["error"], *self._errors()]
             raise self.fault(MotionFault.CONTROLLER, "; ".join(messages))
         self._in_control(answers["enable"])
-        for name, wanted in (("estop", "OFF"), ("machine", "ON")):
-            if answers[name] != wanted:
+        for name, state in (("estop", "OFF"), ("machine", "ON")):
+            if answers[name] != state:
                 if messages := self._errors():  # switched off since the first look: it says why
                     raise self.fault(MotionFault.CONTROLLER, "; ".join(messages))
                 value = f"{name} {answers[name]}"
-                raise self.fault(MotionFault.NOT_READY, value, f"{name} {wanted}")
+                raise self.fault(MotionFault.NOT_READY, value, f"{name} {state}")
         states = {name: _short(answers[name]) for name in SUPERVISED}
         place_mm = self.place_of(answers["abs_act_pos"])
         moving = answers["program_status"] != "IDLE"
@@ -233,10 +233,10 @@ class LinuxCnc(Controller):
 
     def place_of(self, answer: str) -> Triple:
         """The place that an answer tells, mm."""
-        words = answer.split()
-        if len(words) < AXES:  # one that was cut may be another number
+        numbers = answer.split()
+        if len(numbers) < AXES:  # one that was cut may be another number
             raise self._not_understood(answer)
-        x, y, z = (self.finite(word) * self._unit_mm for word in words[:JOINTS])
+        x, y, z = (self.finite(word) * self._unit_mm for word in numbers[:JOINTS])
         return x, y, z
 
     def begin(self, to_mm: Triple, feed_mm_min: float) -> None:
@@ -249,10 +249,10 @@ class LinuxCnc(Controller):
         if not self._bound:
             self._bind()
         # G1, for G0 knows no feed; G53, whatever offset of a workpiece is active
-        words = " ".join(f"{name}{mm:.6f}" for name, mm in zip("XYZ", to_mm, strict=True))
+        coordinates = " ".join(f"{name}{mm:.6f}" for name, mm in zip("XYZ", to_mm, strict=True))
         if not set(MODES) <= set(self._get("program_codes").split()):
             self._set(f"mdi {' '.join(MODES)}", ACCEPT_S)
-        self._set(f"mdi G53 G1 F{feed_mm_min:.3f} {words}", ACCEPT_S)
+        self._set(f"mdi G53 G1 F{feed_mm_min:.3f} {coordinates}", ACCEPT_S)
 
     def _bind(self) -> None:
         """Raises where this is no machine of three joints, or the box is no part of their travel.
@@ -262,12 +262,12 @@ class LinuxCnc(Controller):
         """
         for _ in range(BIND_TRIES):
             self._set(BINDING, ACCEPT_S)
-            words = self._get("operator_display").split()
-            if words[:1] == [MARK] and len(words) == 2 + 2 * JOINTS:
+            fields = self._get("operator_display").split()
+            if fields[:1] == [MARK] and len(fields) == 2 + 2 * JOINTS:
                 break
         else:
             return
-        _, joints, *travel = words
+        _, joints, *travel = fields
         if joints != ABSENT and self.finite(joints) != JOINTS:
             value = f"[KINS]JOINTS {self.finite(joints):g}"
             raise self.fault(MotionFault.STRANGER, value, "three joints, one for each carriage")
@@ -291,14 +291,14 @@ class LinuxCnc(Controller):
 
     def settle(self) -> Snapshot:
         """A look when the last micrometres are gone, too."""
-        deadline, before = Deadline(self.answer_s), self.look()
+        deadline, earlier = Deadline(self.answer_s), self.look()
         while True:
             time.sleep(TAIL_S)
-            there = self.look()
-            still = math.dist(before.place_mm, there.place_mm) <= STILL_MM
-            if (still and "offset" in there.states) or deadline.over:
-                return there
-            before = there
+            snapshot = self.look()
+            still = math.dist(earlier.place_mm, snapshot.place_mm) <= STILL_MM
+            if (still and "offset" in snapshot.states) or deadline.over:
+                return snapshot
+            earlier = snapshot
 
     @property
     def own_states(self) -> Mapping[str, str]:
@@ -386,24 +386,24 @@ class LinuxCnc(Controller):
             raise self._not_understood(answer)
         return value.strip()
 
-    def _set(self, words: str, wait_s: float) -> None:
+    def _set(self, command: str, wait_s: float) -> None:
         """Raises for a NAK what is wrong, where that can be seen: it gives no reason itself."""
-        if not self._accepts(words, wait_s):
+        if not self._accepts(command, wait_s):
             self.look()
-            answer = f"NAK to {words.split()[0]}"
+            answer = f"NAK to {command.split()[0]}"
             raise self.fault(MotionFault.CONTROLLER, answer, "", "Look at the controller.")
 
-    def _accepts(self, words: str, wait_s: float) -> bool:
+    def _accepts(self, command: str, wait_s: float) -> bool:
         deadline = Deadline(wait_s)
-        self._send(f"set {words}")
-        name, answer = words.split()[0].upper(), self._line(deadline)
+        self._send(f"set {command}")
+        name, answer = command.split()[0].upper(), self._line(deadline)
         if answer not in (f"SET {name} ACK", f"SET {name} NAK"):
             raise self._not_understood(answer)
         return answer.endswith("ACK")
 
-    def _send(self, words: str) -> None:
+    def _send(self, command: str) -> None:
         try:
-            self._connection.sendall(words.encode() + b"\n")
+            self._connection.sendall(command.encode() + b"\n")
         except OSError as problem:
             raise self._gone(problem.strerror or str(problem)) from problem
 
@@ -432,9 +432,9 @@ class LinuxCnc(Controller):
         return self.fault(MotionFault.LOST, why)
 
     def _not_understood(self, answer: str) -> ControllerFault:
-        wanted = "what linuxcncrsh answers"
+        requirement = "what linuxcncrsh answers"
         value = repr(answer[:60])
-        return self.fault(MotionFault.LOST, value, wanted, "Is it another program?")
+        return self.fault(MotionFault.LOST, value, requirement, "Is it another program?")
 
 
 def _short(states: str) -> str:

@@ -85,8 +85,8 @@ class Supervision:
 
     def _elsewhere(self, place_mm: Triple, wanted_mm: Triple) -> ControllerFault:
         value = f"{place_words(place_mm)} in place of {place_words(wanted_mm)}"
-        allowed = f"within {self._controller.limits.reached_mm:g} mm of it"
-        return self._controller.fault(MotionFault.ELSEWHERE, value, allowed)
+        tolerance = f"within {self._controller.limits.reached_mm:g} mm of it"
+        return self._controller.fault(MotionFault.ELSEWHERE, value, tolerance)
 
     def strayed(self, place_mm: Triple) -> ControllerFault | None:
         """What is wrong with where it rests after an operator's stop: something else moved it."""
@@ -112,11 +112,11 @@ class Supervision:
         controller.begin(to_mm, feed_mm_min)
         way_s = math.dist(from_mm, to_mm) / feed_mm_min * 60.0
         self._wait_there(from_mm, to_mm, SLOWER * way_s + SLACK_S)
-        there = controller.settle()
-        self._compare_states(there)
-        if there.moving or not controller.is_at(there.place_mm, to_mm):
-            raise self._elsewhere(there.place_mm, to_mm)
-        return there.place_mm
+        snapshot = controller.settle()
+        self._compare_states(snapshot)
+        if snapshot.moving or not controller.is_at(snapshot.place_mm, to_mm):
+            raise self._elsewhere(snapshot.place_mm, to_mm)
+        return snapshot.place_mm
 
     def _wait_there(self, from_mm: Triple, to_mm: Triple, patience_s: float) -> None:
         """Until it no longer moves and is there, or will not be."""
@@ -140,8 +140,8 @@ class Supervision:
                 idle_s = None
             else:
                 idle_s = idle_s or now_s
-                there = controller.is_at(snapshot.place_mm, to_mm)
-                if there or now_s - idle_s > GRACE_S:
+                arrived = controller.is_at(snapshot.place_mm, to_mm)
+                if arrived or now_s - idle_s > GRACE_S:
                     return
             if now_s - way_s > STALL_S or now_s - began_s > patience_s:
                 waited_s = now_s - began_s
@@ -159,8 +159,8 @@ class Supervision:
 def beside(place_mm: Triple, from_mm: Triple, to_mm: Triple) -> float:
     """Distance of a place from the straight line between two others, mm."""
     way = [b - a for a, b in zip(from_mm, to_mm, strict=True)]
-    gone = [b - a for a, b in zip(from_mm, place_mm, strict=True)]
+    departure = [b - a for a, b in zip(from_mm, place_mm, strict=True)]
     length2 = sum(part * part for part in way)
-    share = sum(a * b for a, b in zip(way, gone, strict=True)) / length2 if length2 else 0.0
+    share = sum(a * b for a, b in zip(way, departure, strict=True)) / length2 if length2 else 0.0
     share = min(1.0, max(0.0, share))
-    return math.dist(gone, [share * part for part in way])
+    return math.dist(departure, [share * part for part in way])

@@ -258,20 +258,20 @@ class LinuxCncTwin:
                     if answer and not self._silent:
                         connection.sendall(answer.encode("latin-1"))
 
-    def answer(self, client: Client, words: list[str]) -> str:
+    def answer(self, client: Client, fields: list[str]) -> str:
         """What one client hears for one line."""
-        match [word.upper() for word in words[:2]]:
+        match [word.upper() for word in fields[:2]]:
             case ["HELLO", _]:
-                client.linked = client.linked or words[1] == self._connect
+                client.linked = client.linked or fields[1] == self._connect
                 return "HELLO ACK EMCNETSVR 1.1\r\n" if client.linked else "HELLO NAK\r\n"
             case ["GET", name] if client.linked:
                 return self._got(client, name.lower())
             case ["SET", name] if client.linked:
-                done = self._set(client, name.lower(), words[2:])
+                done = self._set(client, name.lower(), fields[2:])
                 if done and not client.verbose:
                     return ""
                 return f"SET {name} {'ACK' if done else 'NAK'}\n\r"
-        return "SET NAK\r\n" if words and words[0].upper() == "SET" else ""
+        return "SET NAK\r\n" if fields and fields[0].upper() == "SET" else ""
 
     def _got(self, client: Client, name: str) -> str:
         moving = self.axes.moving
@@ -295,26 +295,26 @@ class LinuxCncTwin:
                 return f"GET {name.upper()} NAK\r\n\r\n"
         return f"{name.upper()} {value}\r\n"
 
-    def _set(self, client: Client, name: str, words: list[str]) -> bool:
+    def _set(self, client: Client, name: str, fields: list[str]) -> bool:
         if name in ("echo", "verbose"):
-            setattr(client, name, words[:1] == ["on"])
+            setattr(client, name, fields[:1] == ["on"])
             return True
         with self.lock:
-            if name == "enable" and words[:1] == [self._enable]:
+            if name == "enable" and fields[:1] == [self._enable]:
                 self.control = client
-            if name == "enable" and words[:1] == ["off"] and self.control is client:
+            if name == "enable" and fields[:1] == ["off"] and self.control is client:
                 self.control = None
                 return True
             if self.control is not client or name == "enable":
-                return self.control is client and words[:1] == [self._enable]
+                return self.control is client and fields[:1] == [self._enable]
             if name in ("mode", "set_wait"):
-                self.state[name] = words[0].upper()
+                self.state[name] = fields[0].upper()
             elif name == "abort":
                 if self.state["machine"] != "ON":
                     return False
                 self._abort()
             elif name == "mdi":
-                self._mdi(" ".join(words))
+                self._mdi(" ".join(fields))
         return name in ("mode", "set_wait", "abort", "mdi")
 
     def _abort(self) -> None:
@@ -323,11 +323,11 @@ class LinuxCncTwin:
         self.axes.stop()
         self.modal({"G64"})
 
-    def modal(self, words: set[str]) -> None:
+    def modal(self, command_codes: set[str]) -> None:
         """Words of G-code take the place of those that exclude them."""
         codes = self.state["program_codes"].split()
         for group in ({"G20", "G21"}, {"G90", "G91"}, {"G93", "G94"}, {"G61", "G64"}, {"G7", "G8"}):
-            if new := group & words:
+            if new := group & command_codes:
                 codes = [code for code in codes if code not in group] + sorted(new)
         self.state["program_codes"] = " ".join(codes)
 
@@ -336,18 +336,20 @@ class LinuxCncTwin:
         if line.startswith("(DEBUG,"):
             self.display.append(re.sub(r"#<_ini(\S+)>", self._number, line[7:-1]))
             return
-        found = {word[0]: float(word[1:]) for word in re.findall(r"[FXYZ][-+.\d]+", line)}
+        axis_words = {word[0]: float(word[1:]) for word in re.findall(r"[FXYZ][-+.\d]+", line)}
         unit = 25.4 if "G20" in self.state["program_codes"].split() else 1.0
         self.modal(set(line.split()))
-        if not found:
+        if not axis_words:
             return
         self.moves.append(line)
         if self.state["machine"] != "ON" or "NO" in self.state["joint_homed"].split()[:3]:
             self.errors.append("Can't issue MDI command when not homed")
-        elif found.get("F", 0.0) <= 0.0:
+        elif axis_words.get("F", 0.0) <= 0.0:
             self.errors.append("Cannot do g1 with zero feed rate")
         else:
-            self.axes.go((found["X"], found["Y"], found["Z"]), found["F"] * unit)
+            self.axes.go(
+                (axis_words["X"], axis_words["Y"], axis_words["Z"]), axis_words["F"] * unit
+            )
 
     def _number(self, name: re.Match[str]) -> str:
         """As a message of G-code shows a number of the INI, or that there is none."""
@@ -442,11 +444,11 @@ class GrblTwin:
         """Realtime characters take effect at once, lines when they are whole."""
         if self._gone:
             raise Disconnected
-        told = "".join(f"{line}\r\n" for line in self._pending)
+        reply = "".join(f"{line}\r\n" for line in self._pending)
         self._pending = []
         for mark in REALTIME.findall(request):
             if mark == b"?":
-                told += self._report()
+                reply += self._report()
             elif mark == b"\x85":
                 self.aborts += 1
                 self.axes.stop()
@@ -455,9 +457,9 @@ class GrblTwin:
                 self.state = "Hold:0"
         *lines, self.received = (self.received + REALTIME.sub(b"", request)).split(b"\n")
         for line in lines:
-            told += self.answer(line.decode("latin-1").strip())
+            reply += self.answer(line.decode("latin-1").strip())
         time.sleep(self.late_s)
-        return b"" if self._silent else told.encode("latin-1")
+        return b"" if self._silent else reply.encode("latin-1")
 
     def _report(self) -> str:
         state = self.state or ("Jog" if self.axes.moving else "Idle")
@@ -479,12 +481,12 @@ class GrblTwin:
         if line == "G4P0.01":
             return "error:9\r\n" if self.state or self.axes.moving else "ok\r\n"
         self.moves.append(line)
-        found = JOG.fullmatch(line)
-        x, y, z, feed = map(float, found.groups()) if found else (0.0,) * 4
-        if found and feed and not self.state:
+        jog = JOG.fullmatch(line)
+        x, y, z, feed = map(float, jog.groups()) if jog else (0.0,) * 4
+        if jog and feed and not self.state:
             self.axes.go((x, y, z), feed)
             return "ok\r\n"
-        return "error:20\r\n" if not found else "error:9\r\n" if self.state else "error:22\r\n"
+        return "error:20\r\n" if not jog else "error:9\r\n" if self.state else "error:22\r\n"
 
     def close(self) -> None:
         """Stop listening."""

@@ -35,7 +35,7 @@ EXAMPLE = r"(?P<number>[+-]?\d+\.\d+)"
 
 def checked(pattern: str) -> re2._Regexp:
     """The compiled pattern. Raises IndicatorError if it cannot give a number."""
-    allowed = (
+    requirement = (
         f"a regular expression with a group named number, such as {EXAMPLE}, "
         "without look-around and back-references"
     )
@@ -45,15 +45,17 @@ def checked(pattern: str) -> re2._Regexp:
         compiled = re2.compile(pattern, quiet)
         number = re2.compile(source_of_number(pattern), quiet)
     except (re2.error, UnicodeError) as problem:
-        said = problem.args[0]
-        why = said.decode("utf-8", "replace") if isinstance(said, bytes) else str(problem)
-        found = f"{pattern!r} ({why})"
-        raise IndicatorError("pattern of ascii-line", found, allowed) from problem
+        reason = problem.args[0]
+        why = reason.decode("utf-8", "replace") if isinstance(reason, bytes) else str(problem)
+        fault = f"{pattern!r} ({why})"
+        raise IndicatorError("pattern of ascii-line", fault, requirement) from problem
     if "number" not in compiled.groupindex:
-        raise IndicatorError("pattern of ascii-line", f"{pattern!r} without that group", allowed)
+        raise IndicatorError(
+            "pattern of ascii-line", f"{pattern!r} without that group", requirement
+        )
     if not any(number.fullmatch(sample) for sample in samples()):
-        allowed = f"a group number that matches decimal numbers by itself, such as {EXAMPLE}"
-        raise IndicatorError("pattern of ascii-line", f"{pattern!r}, no number fits", allowed)
+        requirement = f"a group number that matches decimal numbers by itself, such as {EXAMPLE}"
+        raise IndicatorError("pattern of ascii-line", f"{pattern!r}, no number fits", requirement)
     return compiled
 
 
@@ -71,21 +73,21 @@ def source_of_number(pattern: str) -> str:
 def samples() -> list[str]:
     """Decimal numbers of all lengths, signs and paddings."""
     shapes = product(("", "+", "-", " ", "+  "), range(10), ("", "."), range(10), "01")
-    made = (f"{sign}{d * whole}{point}{d * part}" for sign, whole, point, part, d in shapes)
-    return [sample for sample in made if NUMBER.fullmatch(sample)]
+    samples = (f"{sign}{d * integer}{point}{d * part}" for sign, integer, point, part, d in shapes)
+    return [sample for sample in samples if NUMBER.fullmatch(sample)]
 
 
 def ascii_line(pattern: str, *, request: bytes = b"") -> Profile:
     """A profile for this pattern; without a request the device streams. Raises IndicatorError."""
     compiled = checked(pattern)
 
-    def parse(text: str, asked: Query) -> Outcome | None:
-        found = compiled.fullmatch(text)
-        groups = found.groupdict() if found else {}
+    def parse(text: str, query: Query) -> Outcome | None:
+        match = compiled.fullmatch(text)
+        groups = match.groupdict() if match else {}
         number, unit = groups.get("number") or "", groups.get("unit")
         if not NUMBER.fullmatch(number) or (unit and unit not in UNITS):
             return not_understood(text)
-        return reading(text, number, asked, UNITS[unit] if unit else None)
+        return reading(text, number, query, UNITS[unit] if unit else None)
 
     return Profile(
         name="ascii-line",

@@ -42,19 +42,19 @@ NO_VALUES = Grammar(
 )
 
 
-def parse(text: str, asked: Query) -> Outcome | None:
+def parse(text: str, query: Query) -> Outcome | None:
     """A line without CR LF; None for the echo."""
-    found = VALUES.fullmatch(text)
-    if not found:
-        return NO_VALUES.parse(text, asked)
-    fields = found["fields"].split(",")[1:]
-    if not 1 <= asked.channel <= len(fields):
-        words = f"{len(fields)} amplifiers answered, number {asked.channel} was asked"
-        return Fault(FaultKind.WRONG_CHANNEL, text, words)
-    field = fields[asked.channel - 1]
+    match = VALUES.fullmatch(text)
+    if not match:
+        return NO_VALUES.parse(text, query)
+    fields = match["fields"].split(",")[1:]
+    if not 1 <= query.channel <= len(fields):
+        message = f"{len(fields)} amplifiers answered, number {query.channel} was asked"
+        return Fault(FaultKind.WRONG_CHANNEL, text, message)
+    field = fields[query.channel - 1]
     if field[1:] == BEYOND:
         return Fault(FaultKind.OVER_RANGE, text, "outside the range of the head: move it closer")
-    return reading(text, field, asked)
+    return reading(text, field, query)
 
 
 def reply(spindle: Spindle) -> str:

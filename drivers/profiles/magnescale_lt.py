@@ -37,21 +37,21 @@ FIELD = Grammar(
 LINE = re.compile(r"(?:A(?P<A>[^B]+?))?(?:[ ,;]?B(?P<B>[^B]+))?", re.ASCII)
 
 
-def parse(text: str, asked: Query) -> Outcome | None:
+def parse(text: str, query: Query) -> Outcome | None:
     """A line without CR LF; None for the echo."""
     if text == "*r":
         return None
-    found = LINE.fullmatch(text)
-    fields = {name: field for name, field in found.groupdict().items() if field} if found else {}
+    match = LINE.fullmatch(text)
+    fields = {name: field for name, field in match.groupdict().items() if field} if match else {}
     if not fields or any(
-        not_understood(one) == FIELD.parse(one, Query()) for one in fields.values()
+        not_understood(field) == FIELD.parse(field, Query()) for field in fields.values()
     ):
         return not_understood(text)
-    letter = chr(ord("A") + asked.channel - 1)
+    letter = chr(ord("A") + query.channel - 1)
     if letter not in fields:
-        words = f"answer of channel {'/'.join(fields)} where channel {letter} was asked"
-        return Fault(FaultKind.WRONG_CHANNEL, text, words)
-    outcome = FIELD.parse(fields[letter], asked)
+        message = f"answer of channel {'/'.join(fields)} where channel {letter} was asked"
+        return Fault(FaultKind.WRONG_CHANNEL, text, message)
+    outcome = FIELD.parse(fields[letter], query)
     return replace(outcome, text=text) if outcome else None
 
 

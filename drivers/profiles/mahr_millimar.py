@@ -24,7 +24,7 @@ C1202 = Grammar(
         r"|(?<= )[+-](\d+\.\d+ (deg|rad)|\d+:\d\d:\d\d dms)( ?[<=>]){0,2} ?)"
     ),
     passed_over=r"M\d\?",
-    words={"": "the feature reads an angle, {asked.unit} is expected: choose a length"},
+    words={"": "the feature reads an angle, {query.unit} is expected: choose a length"},
     other_words="error {code}; 6 means that this feature is not active",
     kinds={"": FaultKind.WRONG_UNIT},
 )
@@ -32,8 +32,8 @@ C1202 = Grammar(
 
 def other_feature(request: str, _: Spindle) -> str:
     """Any feature but the twin's own is inactive."""
-    found = re.fullmatch(r"M(\d)\?", request, re.ASCII)
-    return f"{found[1]} ERR6\r" if found else ""
+    match = re.fullmatch(r"M(\d)\?", request, re.ASCII)
+    return f"{match[1]} ERR6\r" if match else ""
 
 
 MAHR_OPTORSD = Profile(
@@ -55,7 +55,7 @@ MAHR_C1202 = Profile(
     verified=Evidence.VENDOR,
     source="Millimar C1202 manual p. 82",
     line=LineSettings(9600, 7, "E", 2),
-    request=lambda asked: f"M{asked.channel}?\r".encode(),
+    request=lambda query: f"M{query.channel}?\r".encode(),
     parse=C1202.parse,
     reply=lambda spindle: f"{spindle.channel} {spindle.text(4 + spindle.decimals)} mm\r",
     otherwise=other_feature,

@@ -27,7 +27,7 @@ METRO_MUX = Profile(
     verified=Evidence.VENDOR,
     source="Metro MUX2/4/8 manuals",
     line=LineSettings(baud=9600),
-    request=lambda asked: str(asked.channel).encode(),
+    request=lambda query: str(query.channel).encode(),
     parse=GRAMMAR.parse,
     reply=lambda spindle: f"V{spindle.channel}: mm        {spindle.text(12, decimals=6)}\r\n",
     bad_replies={

@@ -33,12 +33,12 @@ GRAMMAR = Grammar(
 MODES = {"X": "the maximum", "M": "the minimum", "W": "the difference of maximum and minimum"}
 
 
-def parse(text: str, asked: Query) -> Outcome | None:
+def parse(text: str, query: Query) -> Outcome | None:
     """A line without its end; None for an echo and for ``CH``, which acknowledges a command."""
-    outcome = GRAMMAR.parse(text, asked)
+    outcome = GRAMMAR.parse(text, query)
     if isinstance(outcome, IndicatorReading) and text[1] in MODES:
-        words = f"the display holds {MODES[text[1]]}: switch it to the current value"
-        return Fault(FaultKind.DEVICE_FAULT, text, words)
+        message = f"the display holds {MODES[text[1]]}: switch it to the current value"
+        return Fault(FaultKind.DEVICE_FAULT, text, message)
     return outcome
 
 
@@ -49,8 +49,8 @@ def reply(spindle: Spindle) -> str:
 
 def otherwise(request: str, spindle: Spindle) -> str:
     """00 calls every unit on the chain; ``CS`` is acknowledged."""
-    known = {"GA00": reply(spindle), "CS": f"CH{spindle.channel:02d}\r\n"}
-    return known.get(request, "")
+    replies = {"GA00": reply(spindle), "CS": f"CH{spindle.channel:02d}\r\n"}
+    return replies.get(request, "")
 
 
 MITUTOYO_COUNTER = Profile(
@@ -62,7 +62,7 @@ MITUTOYO_COUNTER = Profile(
         "open-source readers; form of the error reply: from memory"
     ),
     line=LineSettings(baud=9600),
-    request=lambda asked: f"GA{asked.channel:02d}\r\n".encode(),
+    request=lambda query: f"GA{query.channel:02d}\r\n".encode(),
     parse=parse,
     reply=reply,
     otherwise=otherwise,

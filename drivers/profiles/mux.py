@@ -25,7 +25,7 @@ MUX = Profile(
     verified=Evidence.VENDOR,
     source="supplier's note on MUX 2 & 4 (adeptscience.co.uk, 68CE)",
     line=LineSettings(baud=9600),
-    request=lambda asked: str(asked.channel).encode(),
+    request=lambda query: str(query.channel).encode(),
     parse=GRAMMAR.parse,
     reply=lambda spindle: f"{spindle.channel} MW{spindle.text(8)} mm\r\n",
     bad_replies={
@@ -42,7 +42,7 @@ DMX = replace(
     title="DMX-2 and DMX-8 boxes",
     verified=Evidence.CODE,
     source="open-source DMX-8 reader with a captured reply",
-    request=lambda asked: f"C{asked.channel}\r\n".encode(),
+    request=lambda query: f"C{query.channel}\r\n".encode(),
     reply=lambda spindle: f"{spindle.channel} MW {spindle.text(7)} mm    \r\n",
     hint="Send GR once if it streams; TO 999999.99 means that its gauge is silent.",
 )

@@ -25,7 +25,7 @@ import numpy as np
 
 from tests.blind.cases import BLUNDERS, PROCEDURES, SHAPES, USUAL_NOISES, Case
 from tests.blind.claims import TILTED, TOLERANCE_MM, Claim, claim
-from tests.blind.corrections_page import BEFORE, LAW, beside, page
+from tests.blind.corrections_page import BEFORE, INTRODUCTION, LAW, beside, page
 from tests.blind.effects import EFFECT_IDS, Direction
 from tests.blind.forward import FloatArray, Hidden, carriages, readings
 from tests.blind.noise import RESOLUTION_MM
@@ -257,6 +257,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--beside", type=Path, help="lines of another answerer, whose answers stand beside as was:…"
     )
+    parser.add_argument("-o", "--output", type=Path, help="the page, in place of the terminal")
     options = parser.parse_args(arguments)
     module, _, name = options.answerer.partition(":")
     answerer: Answerer = getattr(importlib.import_module(module), name)
@@ -269,7 +270,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.beside:
         text = options.beside.read_text(encoding="utf-8")
         lines = beside(lines, [json.loads(line) for line in text.splitlines()])
-    print(page(lines))
+    text = page(lines)
+    if options.output:
+        options.output.write_text(f"{INTRODUCTION}\n{text}\n", encoding="utf-8")
+    else:
+        print(text)
     return 0
 
 

@@ -11,6 +11,17 @@ from tests.blind.scoring import Rate
 
 Json = dict[str, Any]
 
+INTRODUCTION = """# What a correction leaves at the tool
+
+Machines of the bench's own simulation (`tests/blind/`) with offsets, bars and hidden effects;
+their tables are imported, solved, and what the program shows for each controller is entered. Then
+the tool of the hidden machine is measured over the workspace. `offsets`, `play`, `tables` and
+`kinematics` are what a controller holds; `law` is who knows which effects are hidden, and where,
+and fits their sizes to the same readings; `was today` is the most that commit 84cc33a exported
+without a warning against it. Made by `python -m tests.blind.corrections -o docs/corrections.md`;
+never edited by hand.
+"""
+
 BEFORE, LAW, OFFSETS = "before", "law", "offsets"
 FRAMES = {
     "touched_off": "touched off (best shift removed)",

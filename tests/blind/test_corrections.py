@@ -138,15 +138,15 @@ def test_the_program_corrects_what_it_names() -> None:
     """A machine with nothing hidden keeps its bound; an effect that shows is corrected."""
     (_, plain), *_ = sessions(1, SEED, ["nothing"])
     found = {answer.name: answer for answer in answers(plain.table, plain.resolution_mm)}
-    today = found["today"]
+    today = found["kinematics"]
     assert judge(plain.hidden, today.commanded).machine <= today.bounds["machine"]
     strong = Case("q/strong", "one effect", "sweep", "gaussian", ("actuator_scale",), (8.0,))
     session = claim(strong, SEED)
     found = {answer.name: answer for answer in answers(session.table, session.resolution_mm)}
-    assert "actuator_scale" in found["today"].remark
+    assert "actuator_scale" in found["kinematics"].remark
     left = {name: judge(session.hidden, each.commanded).aligned for name, each in found.items()}
-    assert left["today"] < 0.3 * left[OFFSETS]
-    assert left["today"] < 2.0 * judge(session.hidden, knows_the_law(session)).aligned + 0.002
+    assert left["kinematics"] < 0.3 * left[OFFSETS]
+    assert left["kinematics"] < 2.0 * judge(session.hidden, knows_the_law(session)).aligned + 0.002
 
 
 def nothing_entered(_: str, __: float | None) -> list[Answer]:

@@ -1,8 +1,7 @@
 """What the program corrects by itself today, as a person would have it: an answerer.
 
-The table is imported. Where the diagnosis names mistakes in the readings they are corrected in the
-record. Then everything is entered that a controller can hold, offsets alone to own kinematics. For
-`tests.blind.corrections`.
+The table is imported, and what the program shows for each controller is entered, from joint offsets
+to own kinematics. For `tests.blind.corrections`.
 """
 
 from __future__ import annotations
@@ -23,14 +22,13 @@ if TYPE_CHECKING:
 
 INVERSION_ROUNDS = 12
 
-NAMES = {"offsets": OFFSETS, "kinematics": "today"}
-"""Joint offsets as any controller holds them, and the most that the program exports."""
+MOST_TOLD = 4
+"""Probabilities of a remark."""
 
 
 def answers(table: str, resolution_mm: float | None) -> list[Answer]:
     """What is exported for every controller, each with its bounds in all frames; touched off."""
     from app.commands.sessions import import_table
-    from app.evaluating.diagnosis import correct, diagnose_files, mistakes_of
     from app.evaluating.solution import solve_files
     from calib.posterior.correction import HOLDS
 
@@ -38,21 +36,17 @@ def answers(table: str, resolution_mm: float | None) -> list[Answer]:
         written, session = Path(name, "table.csv"), Path(name, "session.jsonl")
         written.write_text(table, encoding="utf-8")
         import_table(written, session, machine=None, resolution=resolution_mm)
-        diagnosed, mistakes = diagnose_files([session]), ""
-        if found := mistakes_of(diagnosed):
-            mistakes = ", ".join(f"{one.id}:{one.where}" for one in found)
-            corrected = Path(name, "corrected.jsonl")
-            correct(diagnosed, session, corrected)
-            session = corrected
         solved = solve_files([session])
-    named = ", ".join(f"{one.id}:{one.where}" for one in diagnosed.diagnosis.effects)
-    remark = f"{diagnosed.diagnosis.verdict} {mistakes or named}".strip()
-    told = []
+        posterior = solved.corrections.posterior
+    likely = [*posterior.mistakes.items(), *posterior.places.items()][:MOST_TOLD]
+    remark = ", ".join(f"{id}:{where} {share:.2f}" for (id, where), share in likely)
+    answered = []
     for holds in HOLDS:
         made = solved.corrections.of(holds)
         bounds = {frame.replace("-", "_"): mm for frame, mm in made.off.bound_mm.items()}
-        told.append(Answer(NAMES.get(holds, holds), inverse_of(made.model), bounds, remark))
-    return told
+        name = OFFSETS if holds == "offsets" else holds
+        answered.append(Answer(name, inverse_of(made.model), bounds, remark))
+    return answered
 
 
 def inverse_of(model: Model) -> Commanded:

@@ -23,7 +23,7 @@ from protocols.record import read_record
 from protocols.session import Reading
 from tests.app.measuring.moving_machine import SHORT, Bench, moving_session, taken
 from tests.conftest import ROOT
-from tests.drivers.motion.bench import BUSY, Face, comes_true
+from tests.drivers.motion.bench import BUSY, comes_true, started
 from tests.firmware.rig import (
     AT_POWER_ON_MM,
     HOLD,
@@ -103,16 +103,8 @@ def rig(
     need_firmware(firmware)
     with closing(Board(firmware, homed=homed, unlocked=unlocked, settings=settings)) as board:
         controller = controller_of(board.told, WHOLE)
-        controller.answer_s = 2.0
-        line = MotionLine(controller, patience)
-        line.start()
-        line.homing_confirmed = confirmed
-        face = Face(line)
-        try:
+        with started(controller, patience, homed=confirmed) as (line, _):
             yield Rig(line, board)
-        finally:
-            line.close()
-            face.hang()
 
 
 def off_mm(carriages: CountedAxes, place_mm: Triple) -> float:

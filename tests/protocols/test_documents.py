@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from pydantic import Field
 
 from calib.errors import RecordError
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
+from protocols.documents import Document, Name, read_remembered
 from protocols.machine import Machine, load_machine
 from protocols.model_file import model_file, read_model
 
@@ -41,6 +43,20 @@ def test_bad_machine_files(tmp_path: Path, text: str, said: str) -> None:
 def test_missing_machine_file(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="No such file"):
         load_machine(tmp_path / "none.toml")
+
+
+class Remembered(Document):
+    machines: dict[Name, str] = Field(default_factory=dict)
+
+
+def test_what_the_program_remembers_of_itself(tmp_path: Path) -> None:
+    path = tmp_path / "machines.json"
+    assert read_remembered(path, Remembered, "machines,") == Remembered()
+    path.write_text('{"machines": {"a": "b"}}', encoding="utf-8")
+    assert read_remembered(path, Remembered, "machines,").machines == {"a": "b"}
+    path.write_text('{"machines": {"a": 1}}', encoding="utf-8")
+    with pytest.raises(RecordError, match=r"machines, .*found .*machines\.a.*Remove"):
+        read_remembered(path, Remembered, "machines,")
 
 
 def test_model_round_trip(tmp_path: Path) -> None:

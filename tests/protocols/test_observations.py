@@ -7,7 +7,7 @@ import pytest
 
 from calib.errors import NotIdentifiable, UsageError
 from protocols.machine import Machine
-from protocols.observations import to_observations
+from protocols.observations import indicator_figures, to_observations
 from protocols.session import Opened, Reading, Session, Superseded, fold
 
 
@@ -70,3 +70,42 @@ def test_sessions_of_different_machines_are_not_mixed() -> None:
 def test_no_reading_at_all() -> None:
     with pytest.raises(NotIdentifiable):
         to_observations([session([])])
+
+
+def written(values_mm: list[float], decimals: int, *, averaged: int = 1) -> Session:
+    """One set-up whose readings are written down with so many decimals."""
+    readings = [
+        Reading(
+            reading=k,
+            leg="x",
+            axis="y",
+            displacement_mm=float(k),
+            value_mm=value,
+            text=f"{value:.{decimals}f}",
+            mount="xy",
+            averaged=averaged,
+        )
+        for k, value in enumerate(values_mm, start=1)
+    ]
+    return fold([Opened(program="t", origin="imported", machine=Machine()), *readings])
+
+
+def test_the_step_that_the_values_show_is_the_display_s() -> None:
+    """Readings of 1 µm written with six decimals: the zeros behind them are no resolution."""
+    values = [0.123, 0.457, -0.209, 0.124, 0.456, -0.211]
+    figures = indicator_figures([written(values, 6)])
+    assert (figures.step_mm, figures.values_step_mm) == (1e-6, 0.001)
+    assert figures.display_mm == figures.display_found_mm == 0.001
+    figures = indicator_figures([written(values, 3)])
+    assert (figures.display_mm, figures.display_found_mm) == (0.001, None)
+
+
+def test_inches_have_the_step_of_their_display_in_mm() -> None:
+    inches = [0.0052, 0.0181, -0.0077, 0.0123, 0.0064, 0.0200]
+    figures = indicator_figures([written([25.4 * value for value in inches], 6)])
+    assert figures.display_mm == pytest.approx(0.0001 * 25.4)
+
+
+def test_a_mean_of_several_readings_shows_no_step() -> None:
+    figures = indicator_figures([written([0.123, 0.457, -0.209, 0.124], 6, averaged=4)])
+    assert figures.values_step_mm is None

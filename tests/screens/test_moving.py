@@ -23,6 +23,7 @@ from app.screens.motion_dialog import MotionDialog
 from app.screens.prepare import PrepareScreen
 from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
+from drivers.motion.guard import LEFT
 from drivers.motion.line import Patience
 from drivers.motion.states import State
 from drivers.motion.twins import TWINS, MotionTrouble, MotionTwin
@@ -327,6 +328,24 @@ async def test_a_machine_that_does_not_stop_is_said_in_red_until_it_does(tmp_pat
         assert moved.mover.line.not_stopped
         moved.twin.mend()
         await moved.comes(State.STOPPED, State.FAULT)
+
+
+@pytest.mark.parametrize("silent", [True, False])
+async def test_who_leaves_is_told_last_whether_the_machine_was_seen_to_stop(
+    silent: bool, tmp_path: Path
+) -> None:
+    async with measuring(tmp_path) as moved:
+        await moved.second_move()
+        if silent:
+            moved.twin.befall(MotionTrouble.SILENCE)
+        await moved.pilot.press("ctrl+q")
+        await until(moved.pilot, "the end", lambda: moved.interface.return_value is not None)
+        moved.twin.mend()
+        await until(moved.pilot, "a guard", lambda: all(one.poll() is not None for one in LEFT))
+    words = str(moved.interface.return_value)
+    assert words.startswith("NOT STOPPED. Use the emergency stop.") is silent
+    assert "Session paused after 1 of 4 steps" in words
+    assert words.endswith(f"glidecal run --continue {moved.path} --motion {moved.twin.told}")
 
 
 async def test_a_new_machine_moves_each_carriage_a_little_first(

@@ -260,7 +260,7 @@ def _view(solved: SessionSolution) -> Section:
         "Parameters as the papers identify them",
         [
             verdict_words(solved),
-            noise_words(solution),
+            noise_words(solved),
             parameter_table(solution),
             *([size_table(solution)] if solution.sizes else []),
             subset_table(solved),

@@ -238,6 +238,10 @@ class SolutionReport(Report):
     rms_after_mm: float = at("solved.solution.rms_after_mm", "over all differences")
     degrees_of_freedom: int = at("solved.solution.degrees_of_freedom")
     noise: ReadingNoise = at("solved.solution.noise")
+    display_step_found_mm: float | None = at(
+        "solved.display_found_mm",
+        "step of the display that the values show and nobody stated; null where they show none",
+    )
     suspect_readings: tuple[SuspectReading, ...] = at("solved.suspects")
     lost_readings: tuple[IsolatedReadingsEntry, ...] = at("solved.isolated")
     enlarged_by_lack_of_fit: float = at(

@@ -162,12 +162,11 @@ def _place(r: Reading) -> str:
 def _of_the_measurement(solved: SessionSolution) -> Iterator[str]:
     """Repeats that show no scatter, readings without a movement between, legs not touched."""
     # repeats that agree to the last digit tell only that the noise is below the display's step
-    step_mm = indicator_figures(solved.sessions).step_mm
+    step_mm = indicator_figures(solved.sessions).display_mm
     if solved.solution.noise.repeated == "equal" and step_mm:
         yield (
-            f"NOTE: all repeats agree to the last digit, "
-            f"{step_mm:.{decimals_for(step_mm, 0) - 1}f} mm. They do not show how much the "
-            "readings scatter, and more of them would not make the result better."
+            f"NOTE: all repeats agree to the last digit, {step_mm:g} mm. They do not show how much "
+            "the readings scatter, and more of them would not make the result better."
         )
     in_place = solved.reading_count - len(solved.visits)
     if in_place:

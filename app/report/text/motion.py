@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from shlex import quote
 
 from app.measuring.moving import MoveProposal, Mover, feed_mm_min, limits_of, ways_of
 from app.measuring.plan import Plan
 from app.report.text.preparing import dry_run_text
+from app.report.text.session import continue_command
 from app.report.text.tables import paragraphs, uncertain, wrapped
 from calib.errors import sentence
 from calib.identify.next_mounting import FurtherSetUp, Reach
@@ -195,7 +195,7 @@ def further_text(
     if until_mm is not None or not reach.further:
         return wrapped(f"{said} More set-ups on legs would not help: see glidecal plan.")
     command = (
-        f"glidecal run --headless --continue {quote(str(plan.path))} --motion {plan.motion} "
+        f"{continue_command(plan.path, plan.motion, headless=True)} "
         f"--until {uncertain(reach.further[-1].bound_mm)}"
     )
     return f"{wrapped(f'{said} Next, {_set_up_words(reach.further[0])}. To go on:')}\n{command}"

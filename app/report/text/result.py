@@ -83,7 +83,7 @@ def view_parts(solved: SessionSolution) -> list[str | Table]:
         "\n".join(caveats_of_view(solved)),
         difference_table(solution),
         subset_table(solved),
-        noise_words(solution),
+        noise_words(solved),
     ]
 
 
@@ -199,9 +199,9 @@ def subset_table(solved: SessionSolution) -> Table:
     return table
 
 
-def noise_words(solution: Solution) -> str:
+def noise_words(solved: SessionSolution) -> str:
     """Where the noise figure comes from, and the parameters known least independently."""
-    noise = solution.noise
+    solution, noise = solved.solution, solved.solution.noise
     mean = "" if noise.pooled else " r.m.s. over the indicators"
     value, first, second = solution.strongest_correlation or (0.0, "", "")
     shown = signed(value, 2)
@@ -210,10 +210,15 @@ def noise_words(solution: Solution) -> str:
         correlation = "no correlation to state."
     return (
         f"Noise of a single reading {uncertain(noise.standard_deviation_mm, 4)} mm{mean}, "
-        f"{_source_words(noise)}.\n"
+        f"{_source_words(noise)}{_display_words(solved.display_found_mm)}.\n"
         f"Coverage factor {solution.coverage_factor:.3f}; condition number "
         f"{solution.condition_number:.1f}; {correlation}"
     )
+
+
+def _display_words(step_mm: float | None) -> str:
+    """The step of the display where the values show it and nobody stated it; else nothing."""
+    return f"; display step {step_mm:g} mm, found in the values" if step_mm else ""
 
 
 def _source_words(noise: Noise) -> str:

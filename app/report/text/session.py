@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+from shlex import quote
 
 from app.measuring.leg_review import LegReview, LegRow, leg_rows, positions
-from app.measuring.session import Doubt, TakenStep
+from app.measuring.session import Doubt, GuidedSession, TakenStep
 from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, paragraphs, signed, uncertain
 from calib.arrays import LEG_NAMES
@@ -261,6 +263,23 @@ def question_text(taken: TakenStep, session: Session) -> str:
         "direction? Or did the stand move?",
     }
     return "\n".join([*lines, asked[taken.doubt or Doubt.BEYOND]])
+
+
+def paused_text(guided: GuidedSession, *, headless: bool = False) -> str:
+    """How much of a session that was left is measured, and the command that continues it."""
+    done, steps = len(guided.session.done()), len(guided.steps)
+    command = continue_command(guided.path, guided.motion, headless=headless)
+    return (
+        f"Session paused after {done} of {steps} steps; every reading taken is on the disk. "
+        f"Continue with: {command}"
+    )
+
+
+def continue_command(path: Path, motion: str | None, *, headless: bool) -> str:
+    """The command that continues a session, with the controller that moves its machine."""
+    screen = " --headless" if headless else ""
+    controller = f" --motion {quote(motion)}" if motion else ""
+    return f"glidecal run{screen} --continue {quote(str(path))}{controller}"
 
 
 LEAVE_QUESTION = (

@@ -126,6 +126,24 @@ def test_all_readings_identical(tmp_path: Path) -> None:
     assert found["noise"]["standard_deviation_mm"] == pytest.approx(step)
 
 
+def test_the_step_of_the_display_is_found_where_nobody_states_it(tmp_path: Path) -> None:
+    """1 µm readings written with six decimals: one that flickers is not wild."""
+    table = rows(scatter_mm=0.0, digits=3)
+    table = [row | {"value_mm": f"{row['value_mm']}000"} for row in table]
+    flickering = {**table[4], "value_mm": f"{float(str(table[4]['value_mm'])) + 0.001:.6f}"}
+    table[4] = flickering
+    found = document(tmp_path, table)
+    assert found["display_step_found_mm"] == 0.001
+    assert found["suspect_readings"] == []
+    assert found["noise"]["standard_deviation_mm"] == pytest.approx(0.001 / 12**0.5, rel=0.2)
+    text = solved(tmp_path, table).out
+    assert "display step 0.001 mm, found in the values" in " ".join(text.split())
+    stated = document(tmp_path, table, figures=("--resolution", "0.001"))
+    assert stated["display_step_found_mm"] is None
+    assert stated["noise"] == found["noise"]
+    assert stated["parameters"] == found["parameters"]
+
+
 def test_identical_repeats_of_a_coarse_display_do_not_average_down(tmp_path: Path) -> None:
     few = document(tmp_path, rows(cycles=2, scatter_mm=0.0, digits=2), "--subset", "joint-offsets")
     many = document(tmp_path, rows(cycles=9, scatter_mm=0.0, digits=2), "--subset", "joint-offsets")

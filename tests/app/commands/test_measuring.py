@@ -21,7 +21,7 @@ from calib.errors import MotionError, UsageError
 from calib.tripod.pipeline import Model
 from drivers.motion.guard import LEFT
 from drivers.motion.line import MotionLine
-from drivers.motion.twins import MotionTrouble, MotionTwin
+from drivers.motion.twins import TWINS, GrblTwin, MotionTrouble, MotionTwin
 from protocols.journal import write_whole
 from protocols.machine import Instrument, MotionLimits
 from protocols.machine import Machine as MachineFile
@@ -89,7 +89,11 @@ def test_a_seed_of_the_simulation_is_refused_beside_real_indicators(tmp_path: Pa
 @pytest.mark.parametrize(
     ("words", "status", "said"),
     [
-        ((*TWO, "--motion", "klipper:x"), 2, "nobody to ask"),
+        ((*TWO, "--motion", "klipper:x"), 2, "--motion: found 'klipper:x'. Allowed: linuxcnc:"),
+        ((*TWO, "--motion", "klipper:x", "--dry-run"), 2, "--motion: found 'klipper:x'"),
+        ((*TWO, "--motion", "", "--headless"), 2, "--motion: found ''. Allowed: linuxcnc:HOST"),
+        ((*TWO, "--motion", ""), 2, "--motion: found ''. Allowed: linuxcnc:HOST:PORT or grbl:"),
+        (TWO, 2, "Allowed: a terminal, or --headless with --simulated or --motion"),
         ((*TWO, "--motion", "linuxcnc:localhost:1"), 2, "nobody to ask"),
         ((*TWO, "--motion", "linuxcnc:localhost:1", "--headless"), 2, "nobody to ask"),
         (("--simulated", "--motion", "linuxcnc:localhost:1"), 2, "simulated machine"),
@@ -152,6 +156,46 @@ def test_a_session_in_a_plain_terminal(tmp_path: Path, monkeypatch: pytest.Monke
     assert read_record(path).end == "closed"
     assert len(taken(path)) == 6
     assert not wrong(taken(path), bench)
+
+
+@pytest.mark.parametrize(
+    ("troubles", "answers", "questions"),
+    [
+        ((), "y\ny\nn\n", ("Was it homed since it was switched on",)),
+        ((), "y\nn\ny\nn\n", ("Was it homed since it was switched on", "Home it now")),
+        ((MotionTrouble.NOT_HOMED,), "y\ny\nn\n", ("Home it now",)),
+    ],
+)
+def test_a_board_is_homed_with_a_word_for_it_typed_in_the_terminal(
+    troubles: tuple[MotionTrouble, ...],
+    answers: str,
+    questions: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("sys.stdin", Terminal(answers))
+    received: list[str] = []
+    answer = GrblTwin.answer
+
+    def noted(twin: GrblTwin, line: str) -> str:
+        received.append(line)
+        return answer(twin, line)
+
+    monkeypatch.setattr(GrblTwin, "answer", noted)
+    in_joints = FAST.model_copy(update={"mdi": "joint"})
+    with following(TWINS["grbl"], "joint") as (_, twin, ports):
+        for trouble in troubles:
+            twin.befall(trouble)
+        plan = replace(plan_of(tmp_path, twin.told, ports), machine=in_joints)
+        with pytest.raises(MotionError, match="consent: found not given"):
+            measuring.measure(plan, headless=True)
+    assert ("$H" in received) is ("Home it now" in questions)
+    lines = capsys.readouterr().err.replace("[y/N]:", "\n").splitlines()
+    assert not [line for line in lines if len(line) > 80]
+    said = " ".join(" ".join(lines).split())
+    for question in ("Was it homed since it was switched on", "Home it now"):
+        assert (question in said) is (question in questions)
 
 
 USUAL = MachineFile(motion=MotionLimits())

@@ -21,12 +21,12 @@ from app.measuring import motion_keys
 from app.measuring.motion_keys import MotionKeys
 from app.measuring.moving import Mover, limits_of
 from drivers.motion import controller_of
-from drivers.motion.line import MotionLine, Patience
+from drivers.motion.line import Patience
 from drivers.motion.states import State
 from drivers.motion.twins import LinuxCncTwin, MotionTrouble, SimulatedAxes
 from protocols.procedure import Step, load_procedure
 from tests.app.measuring.moving_machine import FAST
-from tests.drivers.motion.bench import Face, comes_true
+from tests.drivers.motion.bench import comes_true, started
 
 SEQUENCES = int(os.environ.get("GLIDECAL_FUZZ", "40"))
 FIRST = int(os.environ.get("GLIDECAL_SEED", "0"))
@@ -181,16 +181,10 @@ def operator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Operator]:
     procedure = load_procedure("zero-max-min", FAST.geometry())
     with closing(TimedTwin(SimulatedAxes())) as twin:
         controller = controller_of(twin.told, limits_of(FAST))
-        controller.answer_s = 2.0
-        patience = Patience(silence_s=3.0, dead_s=DEAD_S)
-        line = MotionLine(controller, patience)
-        mover = Mover(line, procedure, FAST, ("xyz", "xyz"))
-        line.start()
-        face = Face(line)
         steps = procedure.steps(FAST.geometry(), ("xyz", "xyz"))
-        yield Operator(mover, twin, steps, random.Random())
-        mover.close()
-        face.hang()
+        with started(controller, Patience(silence_s=3.0, dead_s=DEAD_S)) as (line, _):
+            mover = Mover(line, procedure, FAST, ("xyz", "xyz"))
+            yield Operator(mover, twin, steps, random.Random())
 
 
 def test_nothing_moves_without_a_fresh_consent(operator: Operator) -> None:

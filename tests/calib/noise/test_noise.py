@@ -46,6 +46,22 @@ def test_identical_repeats_leave_it_to_the_resolution(indicator: IndicatorFigure
     assert noise.standard_deviation_mm == pytest.approx(0.01 / math.sqrt(12))
 
 
+def test_a_step_that_the_values_show_serves_as_a_stated_one_does() -> None:
+    data = observed(TRUTH, postures(repeats=3), scatter_mm=0.003, seed=2)
+    rounded = observe(data, round_to(data.value_mm, 0.01))
+    stated = reading_noise(rounded, IndicatorFigures(resolution_mm=0.01, step_mm=1e-6))
+    shown = reading_noise(rounded, IndicatorFigures(step_mm=1e-6, values_step_mm=0.01))
+    assert stated == shown
+    known = IndicatorFigures(values_step_mm=0.01, repeatability_mm=0.002)
+    assert known.noise() == IndicatorFigures(0.01, 0.002).noise()
+
+
+def test_a_step_is_no_noise_without_repeats() -> None:
+    """It is the least that a reading scatters: the most is what intervals need."""
+    data = observed(TRUTH, postures(), scatter_mm=0.01)
+    assert reading_noise(data, IndicatorFigures(values_step_mm=0.001)) is None
+
+
 def test_equal_repeats_are_no_noise_of_zero() -> None:
     """(0.1 + 0.1 + 0.1) / 3 is not 0.1: rounding of the arithmetic must not pose as noise."""
     taken = postures(repeats=3)

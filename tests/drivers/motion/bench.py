@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 from drivers.motion import controller_of
 from drivers.motion.controller import Controller, Limits, Triple
@@ -87,6 +87,23 @@ class Rig:
 
 
 @contextmanager
+def started(
+    controller: Controller, patience: Patience = BUSY, answer_s: float = 2.0, *, homed: bool = True
+) -> Iterator[tuple[MotionLine, Face]]:
+    """A line that is started, and its face; ``homed`` by the operator's word. Both end."""
+    controller.answer_s = answer_s
+    line = MotionLine(controller, patience)
+    line.start()
+    line.homing_confirmed = homed
+    face = Face(line)
+    try:
+        yield line, face
+    finally:
+        line.close()
+        face.hang()
+
+
+@contextmanager
 def rig(
     name: str,
     patience: Patience = BUSY,
@@ -94,19 +111,10 @@ def rig(
     make: Callable[[SimulatedAxes], MotionTwin] | None = None,
 ) -> Iterator[Rig]:
     """A started line; whatever the test did, it ends."""
-    twin = (make or TWINS[name])(SimulatedAxes(START))
-    controller = controller_of(twin.told, LIMITS)
-    controller.answer_s = answer_s
-    line = MotionLine(controller, patience)
-    line.start()
-    line.homing_confirmed = True
-    face = Face(line)
-    try:
-        yield Rig(line, twin, face)
-    finally:
-        line.close()
-        face.hang()
-        twin.close()
+    with closing((make or TWINS[name])(SimulatedAxes(START))) as twin:
+        controller = controller_of(twin.told, LIMITS)
+        with started(controller, patience, answer_s) as (line, face):
+            yield Rig(line, twin, face)
 
 
 def comes_true(condition: Callable[[], bool], within_s: float = PATIENCE_S) -> bool:

@@ -46,7 +46,7 @@ from tests.drivers.motion.adversary import (
     TrueAxes,
     ills_of,
 )
-from tests.drivers.motion.bench import BUSY, FEED, LIMITS, START, Face, comes_true
+from tests.drivers.motion.bench import BUSY, FEED, LIMITS, START, comes_true, started
 
 SEEDS = int(os.environ.get("GLIDECAL_FUZZ", "40"))
 FIRST = int(os.environ.get("GLIDECAL_FUZZ_FIRST", "0"))
@@ -485,17 +485,11 @@ def lined(
     """A line that is started at a front."""
     with fronted(name, *ills) as front:
         controller = controller_of(front.told, LIMITS)
-        controller.answer_s = answer_s
-        line = MotionLine(controller, patience)
-        line.start()
-        line.homing_confirmed = True
-        face = Face(line)
-        try:
-            yield front, line
-        finally:
-            front.mend()
-            line.close()
-            face.hang()
+        with started(controller, patience, answer_s) as (line, _):
+            try:
+                yield front, line
+            finally:
+                front.mend()
 
 
 def always(kind: type[Ill], **traits: object) -> Ill:

@@ -1,0 +1,184 @@
+"""Labels that may be exchanged in a table of readings: values that belong to other rows of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+
+from calib.arrays import (
+    LEG_NAMES,
+    TOUCHED_LETTERS,
+    FloatArray,
+    IntArray,
+    Observations,
+    numbered,
+    rows_of,
+)
+
+INCH_MM = 25.4
+
+MANY = 16
+"""Of cycles of more visits only neighbours are tried as exchanged, of more postures none."""
+
+LEGS = (0, 1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Exchange:
+    """Values of rows ``here`` and ``there`` that belong to each other, times a factor.
+
+    Both are the same rows where only the factor is wrong: a sign or a unit.
+    """
+
+    id: str
+    where: str
+    title: str
+    here: IntArray
+    there: IntArray
+    factor: float = 1.0
+
+    def put_right(self, value_mm: FloatArray) -> FloatArray:
+        """The values ``(n,)`` where they belong."""
+        right = value_mm.copy()
+        right[self.here] = self.factor * value_mm[self.there]
+        right[self.there] = self.factor * value_mm[self.here]
+        return right
+
+    def words(self, visited: Observations) -> str:
+        """The title, of postures with their displacements."""
+        if self.id != "postures_exchanged":
+            return self.title
+        both = (visited.posture_words(int(rows[0])) for rows in (self.here, self.there))
+        return f"{' and '.join(both)} exchanged in {self.title}"
+
+
+def exchanges(visited: Observations) -> Iterator[Exchange]:
+    """Every exchange of labels: of indicators, tables, legs; sign and unit; postures, the most."""
+    yield from _tables(visited)
+    for where, rows in _groups(visited):
+        yield Exchange("gauge_sign", where, "sign reversed", rows, rows, -1.0)
+        yield Exchange("unit_mixup", where, "inch recorded as mm", rows, rows, INCH_MM)
+        yield Exchange("unit_mixup", where, "mm recorded as inch", rows, rows, 1.0 / INCH_MM)
+    yield from _postures(visited)
+
+
+def place_of(visited: Observations, row: int) -> str:
+    """Leg (or ``t``, the tool) and axis of a row, in letters."""
+    return TOUCHED_LETTERS[visited.leg[row]] + LEG_NAMES[visited.axis[row]]
+
+
+def _groups(visited: Observations) -> list[tuple[str, IntArray]]:
+    """Rows that one indicator may have taken: a mounting, a place, one of the indicators."""
+    indicators = enumerate(rows_of(visited.indicator), start=1)
+    groups = [(f"indicator {number}", rows) for number, rows in indicators]
+    places = [*rows_of(numbered(visited.leg, visited.axis)), *visited.mountings]
+    groups += [(place_of(visited, int(rows[0])), rows) for rows in places]
+    every = {tuple(rows.tolist()): (where, rows) for where, rows in groups}
+    # all signs reversed are all parameters reversed: no leg reading tells them apart
+    return [group for key, group in every.items() if len(key) < len(visited)]
+
+
+def _tables(visited: Observations) -> Iterator[Exchange]:
+    """Tables of a leg and axis exchanged: two of a leg, of two legs, or all of two legs."""
+    stations = np.unique(visited.station[visited.leg >= 0]).tolist()
+    sets = [[station] for station in stations] + ([stations] if len(stations) > 1 else [])
+    for some in sets:
+        there = np.isin(visited.station, some) & ~visited.over_plane
+        at = "" if len(some) == len(stations) else f" at station {some[0]:g}"
+        tables = {
+            (leg, axis): np.flatnonzero(there & (visited.leg == leg) & (visited.axis == axis))
+            for leg, axis in product(LEGS, LEGS)
+            if leg != axis
+        }
+        for one, other in combinations(tables, 2):
+            pair = _matched(visited, tables[one], tables[other])
+            names = [LEG_NAMES[leg] + LEG_NAMES[axis] for leg, axis in (one, other)]
+            if pair and one[0] == other[0]:
+                title = f"indicators exchanged{at}"
+                yield Exchange("gauge_swap", LEG_NAMES[one[0]], title, *pair)
+            elif pair:
+                title = f"the two tables exchanged{at}"
+                yield Exchange("tables_exchanged", ",".join(names), title, *pair)
+        for (a, b), crossed in product(combinations(LEGS, 2), (False, True)):
+            third = 3 - a - b
+            axes = (third, a) if crossed else (a, third)
+            first = _matched(visited, tables[a, b], tables[b, axes[0]])
+            second = _matched(visited, tables[a, third], tables[b, axes[1]])
+            if first and second:
+                here, there_too = (np.concatenate(rows) for rows in zip(first, second, strict=True))
+                title = f"the tables of both legs exchanged{at}"
+                title += ", with the axes crossed" if crossed else ""
+                where = f"{LEG_NAMES[a]},{LEG_NAMES[b]}"
+                yield Exchange("legs_exchanged", where, title, here, there_too)
+
+
+def _matched(
+    visited: Observations, one: IntArray, other: IntArray
+) -> tuple[IntArray, IntArray] | None:
+    """Rows of two tables with the same postures in the same cycles; None where these differ."""
+    if not len(one) or len(one) != len(other):
+        return None
+    first, second = (
+        rows[np.lexsort((visited.level[rows], visited.cycle[rows]))] for rows in (one, other)
+    )
+    same = all(np.array_equal(key[first], key[second]) for key in (visited.cycle, visited.level))
+    return (first, second) if same else None
+
+
+def _postures(visited: Observations) -> Iterator[Exchange]:
+    """Two visits or postures of a cycle, or of all cycles, of an indicator or of a whole leg."""
+    for stand in rows_of(numbered(visited.leg, visited.station, visited.over_plane)):
+        mountings = [stand[rows] for rows in rows_of(numbered(visited.mount[stand]))]
+        sets = [[rows] for rows in mountings]
+        if len(mountings) > 1 and len({len(rows) for rows in mountings}) == 1:
+            sets.append(mountings)
+        pairs = _pairs(visited.cycle[mountings[0]], visited.level[mountings[0]])
+        for members in sets:
+            where = place_of(visited, int(members[0][0]))[: 2 if len(members) == 1 else 1]
+            count = len(members[0])
+            for (here, there), when in pairs.items():
+                if max(*here, *there) < count:
+                    one, other = (
+                        np.concatenate([rows[list(places)] for rows in members])
+                        for places in (here, there)
+                    )
+                    yield Exchange("postures_exchanged", where, when, one, other)
+
+
+Places = tuple[int, ...]
+
+
+def _pairs(cycle: IntArray, level: IntArray) -> dict[tuple[Places, Places], str]:
+    """Places in a mounting whose values may be exchanged, and when."""
+    cycles = {
+        f"cycle {number}": np.flatnonzero(cycle == number) for number in np.unique(cycle).tolist()
+    }
+    pairs: dict[tuple[Places, Places], str] = {}
+    for when, mine in cycles.items():
+        near = 1 if len(mine) > MANY else len(mine)
+        for i, j in combinations(range(len(mine)), 2):
+            if j - i <= near and level[mine[i]] != level[mine[j]]:
+                pairs[(int(mine[i]),), (int(mine[j]),)] = when
+    levels = np.unique(level).tolist()
+    some = combinations(levels if len(levels) <= MANY else [], 2)
+    for (one, other), last in product(some, (False, True)):
+        each = {when: _paired(mine, level[mine], one, other, last) for when, mine in cycles.items()}
+        here, there = (tuple(i for pair in each.values() for i in pair[side]) for side in range(2))
+        for when, pair in {**each, "all cycles": (here, there)}.items():
+            if pair[0]:
+                pairs.setdefault(pair, when)
+    return pairs
+
+
+def _paired(
+    places: IntArray, level: IntArray, one: int, other: int, last: bool
+) -> tuple[Places, Places]:
+    """Visits of two postures in a cycle, as many of each; of more the first or the last."""
+    here, there = places[level == one], places[level == other]
+    count = min(len(here), len(there))
+    if last:
+        here, there = here[len(here) - count :], there[len(there) - count :]
+    return tuple(here[:count].tolist()), tuple(there[:count].tolist())

@@ -1,0 +1,440 @@
+"""Mistakes of labels and of single readings: other designs for the same readings.
+
+Every exchange of labels puts readings elsewhere in the table; a stand that moved, a first take and
+a wild reading get zeros of their own. So each mistake is a session with the same number of
+readings, and its evidence compares with that of the session as it is written. Two mistakes that
+leave the same readings have equal evidence: both come back, and neither alone is the answer.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from calib.arrays import (
+    TOUCHED_LETTERS,
+    FloatArray,
+    IntArray,
+    Observations,
+    incidence,
+    numbered,
+    rows_of,
+    tilts,
+)
+from calib.errors import NotIdentifiable
+from calib.identify.fit import design_of
+from calib.posterior.exchanges import Exchange, exchanges, place_of
+from calib.posterior.readings import BASE, Cells
+from calib.tripod.pipeline import Model
+
+PRIOR = {
+    "first_take": 0.02,
+    "wild_reading": 0.003,
+    "label_error": 0.003,
+    "stand_slip": 0.003,
+    "gauge_swap": 0.003,
+    "legs_exchanged": 0.001,
+    "tables_exchanged": 0.001,
+    "postures_exchanged": 0.003,
+    "gauge_sign": 0.003,
+    "unit_mixup": 0.003,
+}
+"""Of a session; shared by all places of a kind."""
+
+LEAST = {"first_take": 6.0, "wild_reading": 13.0, "label_error": 13.0, "stand_slip": 8.0}
+"""Standard deviations of a reading from which on it is a mistake: less is in the tail of noise.
+
+Of Student's t with 3 degrees of freedom one of 60 readings is beyond 13 in one session of thirty.
+"""
+
+LEAST_CHANGED = 8.0
+"""Standard deviations of a reading by which an exchange changes at least one."""
+
+LOG_RANGE = math.log(1000.0)
+"""A reading that is wrong is off by anything between 10 µm and 10 mm, each octave alike."""
+
+MOST = 3
+"""Mistakes that are looked for together."""
+
+TRIED = 12
+"""Mistakes that are likely enough, of which `RACED` are compared with all that may be true."""
+RACED = 4
+
+DOUBTED = 5.0
+"""Of log evidence below the best: what is less likely than that is not tried."""
+
+ROUGH = 20.0
+"""The same below no mistake: how far an exchange beside the plain model alone may be off."""
+
+FITS = 1.0
+"""Standard deviations of the square sum above what noise leaves up to which labels fit."""
+
+BENT = 50.0
+"""Square sum, for each degree of freedom, from which on derivatives may be too far away."""
+
+FITTED = 6
+"""Exchanges of tables, and as many of postures, that are fitted then."""
+
+MOST_VALUES = 4_000_000
+"""Values of exchanges that are held at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mistake:
+    """One mistake: its name, place and words, the visits it touches, and the visits put right.
+
+    ``log_prior`` is that of the mistake, with the density of what it makes of readings.
+    """
+
+    id: str
+    where: str
+    title: str
+    rows: IntArray
+    visited: Observations
+    log_prior: float
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """A model that may be true beside a mistake: its log weight, and columns ``(n_cells, r)``.
+
+    The columns are of the session, each of the size that the model expects.
+    """
+
+    log_weight: float
+    columns: FloatArray
+
+
+Scored = tuple[float, Mistake]
+"""A log weight and the mistake that has it."""
+
+
+def suspects(cells: Cells, beside: Sequence[Beside], log_evidence: float) -> list[Mistake]:
+    """Mistakes of a session that may be likelier than none, the likeliest first.
+
+    ``beside`` are models of the session as it is, the plain one first, ``log_evidence`` that of all
+    of them.
+    """
+    scored: dict[tuple[str, str, str], Scored] = {}
+    moved: _Moved | None = None
+    for one in beside:
+        screen = _Screen.of(cells, one.columns)
+        scores = [*_apart(screen)]
+        if screen.square > screen.freedom + FITS * math.sqrt(2.0 * screen.freedom):
+            moved = moved or _Moved.of(screen)
+            scores += moved.scores(screen)
+        for score, mistake in scores:
+            key, whole = (mistake.id, mistake.where, mistake.title), one.log_weight + score
+            if key not in scored or scored[key][0] < whole:
+                scored[key] = (whole, mistake)
+    ordered = sorted(scored.values(), key=lambda each: -each[0])
+    likely = [each for each in ordered if each[0] > log_evidence - DOUBTED][:TRIED]
+    plain = _Screen.of(cells, beside[0].columns)
+    if plain.square > BENT * plain.freedom:
+        likely = _fitted(plain, ordered, likely, beside[0].log_weight, log_evidence)
+    best = likely[0][0] if likely else 0.0
+    return [mistake for score, mistake in likely if score > best - DOUBTED][:RACED]
+
+
+def _fitted(
+    plain: _Screen,
+    ordered: Sequence[Scored],
+    likely: Sequence[Scored],
+    log_plain: float,
+    log_evidence: float,
+) -> list[Scored]:
+    """Those likely, and exchanges that are so by their own fit, the likeliest first.
+
+    Where the plain model leaves much, its derivatives are far from where the labels are right.
+    """
+    postures = [one for one in ordered if one[1].id == "postures_exchanged"]
+    tables = [one for one in ordered if one[1].id not in (*LEAST, "postures_exchanged")]
+    some = dict.fromkeys([*likely, *tables[:FITTED], *postures[:FITTED]])
+    fitted = []
+    for score, mistake in some:
+        own = score if mistake.id in LEAST else log_plain + plain.gain(mistake)
+        allowed = ROUGH if (score, mistake) in tables else DOUBTED
+        if max(score, own) > log_evidence - allowed:
+            fitted.append((max(score, own), mistake))
+    return sorted(fitted, key=lambda each: -each[0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Screen:
+    """Visits of one session about its plain model: what is left of other values of its rows.
+
+    ``basis`` ``(n + p, r)`` are zeros, base parameters and columns beside them, with what is
+    expected of these as ``p`` rows; all visits have the middle variance of the indicators.
+    ``left`` ``(n + p,)`` of the values as they are written has the sum of squares ``square``.
+    """
+
+    cells: Cells
+    predicted_mm: FloatArray
+    root: FloatArray
+    basis: FloatArray
+    expected: FloatArray
+    freedom: float
+    left: FloatArray
+    square: float
+
+    @classmethod
+    def of(cls, cells: Cells, columns: FloatArray, root: FloatArray | None = None) -> _Screen:
+        """Beside columns ``(n_cells, r)``; ``root`` ``(n,)`` in place of its own deviations, mm."""
+        visited, model = cells.visited, _plain(cells)
+        root = _even_mm(cells) if root is None else root
+        spread, count = cells.case.spread_mm, BASE + columns.shape[1]
+        derivatives = design_of(model, visited, range(BASE), ()) * spread
+        zeros = np.hstack([incidence(visited.mount), tilts(visited)])
+        shown = np.hstack([zeros, derivatives, columns[cells.cell]]) / root[:, None]
+        below = np.hstack([np.zeros((count, zeros.shape[1])), np.eye(count)])
+        basis = np.linalg.qr(np.vstack([shown, below]))[0]
+        expected = np.zeros(count)
+        known = np.array(cells.case.model.parameters_mm) - model.parameters_mm
+        expected[:BASE] = known / spread
+        freedom = len(visited) - zeros.shape[1] - 3.0
+        blank = cls(
+            cells, model.readings(visited), root, basis, expected, freedom, np.zeros(0), 0.0
+        )
+        left = blank.left_of(visited.value_mm[:, None])[:, 0]
+        return replace(blank, left=left, square=float(left @ left))
+
+    def left_of(self, value_mm: FloatArray) -> FloatArray:
+        """What is left ``(n + p, k)`` of values ``(n, k)``."""
+        rows = (value_mm - self.predicted_mm[:, None]) / self.root[:, None]
+        rows = np.vstack([rows, np.tile(self.expected[:, None], rows.shape[1])])
+        return np.asarray(rows - self.basis @ (self.basis.T @ rows))
+
+    def log_likelihood(self, square: FloatArray | float, fewer: int = 0) -> FloatArray:
+        """Of what is left, with so many directions fewer, but for what does not depend on it."""
+        if math.isinf(self.cells.freedom):
+            return np.asarray(-0.5 * np.asarray(square))
+        half = (self.freedom - fewer) / 2.0
+        return np.asarray(math.lgamma(half) - half * np.log(np.maximum(square, 1e-9) / 2.0))
+
+    def gain(self, mistake: Mistake) -> float:
+        """Log likelihood that an exchange adds by its own plain fit, its prior included."""
+        right = Cells.of_visits(self.cells.case, mistake.visited)
+        other = _Screen.of(right, np.zeros((len(right.means), 0)), self.root)
+        more = self.log_likelihood(other.square) - self.log_likelihood(self.square)
+        return float(more) + mistake.log_prior
+
+
+def _plain(cells: Cells) -> Model:
+    """The fit without effects; where labels are too wrong for one, the model of the session."""
+    try:
+        return cells.model
+    except NotIdentifiable:
+        return cells.case.model
+
+
+def _even_mm(cells: Cells) -> FloatArray:
+    """Standard deviation of each visit ``(n,)``, that of the middle indicator: no other unit."""
+    if cells.noise is None:
+        return np.sqrt(cells.scatter_mm2)
+    middle = float(np.median([one.variance_mm2 for one in cells.noise.indicators]))
+    return np.sqrt(np.maximum(middle / cells.visited.averaged, 1e-10))
+
+
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """Exchanges of a session that change what is read, and the values ``(n, k)`` of each."""
+
+    visited: Observations
+    every: list[Exchange]
+    values_mm: FloatArray
+    places: Counter[str]
+
+    @classmethod
+    def of(cls, screen: _Screen) -> _Moved:
+        """As many as can be held at once."""
+        visited = screen.cells.visited
+        some = list(islice(exchanges(visited), MOST_VALUES // max(len(visited), 1)))
+        values = np.column_stack([one.put_right(visited.value_mm) for one in some])
+        change = np.abs(values - visited.value_mm[:, None]).max(axis=0)
+        large = change > LEAST_CHANGED * np.median(screen.root)
+        every = [one for one, counts in zip(some, large.tolist(), strict=True) if counts]
+        return cls(visited, every, values[:, large], Counter(one.id for one in some))
+
+    def scores(self, screen: _Screen) -> Iterator[Scored]:
+        """Exchanges that leave least, and the log likelihood that each adds, with its prior."""
+        squares = (screen.left_of(self.values_mm) ** 2).sum(axis=0)
+        more = screen.log_likelihood(squares) - screen.log_likelihood(screen.square)
+        for k in np.argsort(-more, kind="stable")[: 4 * TRIED].tolist():
+            one, visited = self.every[k], self.visited
+            rows = np.union1d(one.here, one.there)
+            # of each mounting all readings but one tell a unit: its zero is free
+            free = len(rows) - len(np.unique(visited.mount[rows]))
+            log_prior = math.log(PRIOR[one.id] / self.places[one.id])
+            log_prior += free * math.log(abs(one.factor))
+            right = replace(visited, value_mm=self.values_mm[:, k])
+            mistake = Mistake(one.id, one.where, one.words(visited), rows, right, log_prior)
+            yield float(more[k]) + log_prior, mistake
+
+
+@dataclass(frozen=True, eq=False)
+class _Apart:
+    """Rows with zeros of their own, a group for each, and how many places such a mistake has."""
+
+    id: str
+    where: str
+    title: str
+    groups: tuple[IntArray, ...]
+    places: int
+
+
+def _apart(screen: _Screen) -> Iterator[Scored]:
+    """Readings that stand apart, and the log likelihood that each adds, its prior included."""
+    visited, root = screen.cells.visited, screen.root
+    for one in (*_single(screen), *_first_takes(visited), *_slips(screen)):
+        columns = np.zeros((len(screen.basis), len(one.groups)))
+        for k, rows in enumerate(one.groups):
+            columns[rows, k] = 1.0 / root[rows]
+        columns -= screen.basis @ (screen.basis.T @ columns)
+        inner = columns.T @ columns
+        sizes = np.linalg.eigvalsh(inner)
+        if sizes[0] < 1e-6 / float(root.max()) ** 2:
+            continue
+        off_mm = np.linalg.solve(inner, columns.T @ screen.left)
+        if np.abs(off_mm).max() < LEAST[one.id] * np.median(root):
+            continue
+        more = screen.log_likelihood(
+            screen.square - float(off_mm @ inner @ off_mm), len(one.groups)
+        ) - screen.log_likelihood(screen.square)
+        room = 0.5 * float(np.log(2.0 * math.pi / sizes).sum())
+        density = 1.0 / (2.0 * LOG_RANGE * np.maximum(np.abs(off_mm), root.min()))
+        name, title = one.id, one.title
+        if name == "wild_reading":
+            row = int(one.groups[0][0])
+            chance, words = _other_label(visited, row, float(root[row]))
+            if chance > density[0]:
+                name, title, density = (
+                    "label_error",
+                    f"{title}; it fits {words}",
+                    np.array([chance]),
+                )
+        log_prior = math.log(PRIOR[name] / one.places) + float(np.log(density).sum())
+        mount = visited.mount.copy()
+        for k, rows in enumerate(one.groups):
+            mount[rows] = visited.mount_count + k
+        right = replace(visited, mount=numbered(mount))
+        mistake = Mistake(name, one.where, title, np.concatenate(one.groups), right, log_prior)
+        yield float(more) + room + log_prior, mistake
+
+
+def _single(screen: _Screen) -> Iterator[_Apart]:
+    """The readings that lie furthest from where all others expect them."""
+    visited = screen.cells.visited
+    count = len(visited)
+    share = np.maximum(1.0 - (screen.basis[:count] ** 2).sum(axis=1), 1e-6)
+    furthest = np.argsort(-(screen.left[:count] ** 2) / share, kind="stable")
+    for row in furthest[:TRIED].tolist():
+        title = f"one reading is wrong, {words_of(visited, row)}"
+        yield _Apart("wild_reading", place_of(visited, row), title, (np.array([row]),), count)
+
+
+def words_of(visited: Observations, row: int) -> str:
+    """Posture and cycle of a reading."""
+    return f"at {visited.posture_words(row)}, cycle {visited.cycle[row]}"
+
+
+def _other_label(visited: Observations, row: int, deviation_mm: float) -> tuple[float, str]:
+    """Density, 1/mm, of a reading that belongs to another posture or leg, and words for which."""
+    level, mount = visited.level, visited.mount
+    postures = (mount == mount[row]) & (level != level[row])
+    legs = (visited.axis == visited.axis[row]) & (visited.station == visited.station[row])
+    legs &= (visited.leg != visited.leg[row]) & (level == level[row])
+    others = np.flatnonzero(postures | legs)
+    if not len(others):
+        return 0.0, ""
+    off = np.abs(visited.value_mm[others] - visited.value_mm[row]) / deviation_mm
+    nearest = int(others[off.argmin()])
+    labels = len(np.unique(np.column_stack([mount, level])[others], axis=0))
+    chance = math.exp(-(float(off.min()) ** 2) / 4.0) / (math.sqrt(4.0 * math.pi) * deviation_mm)
+    words = visited.posture_words(nearest)
+    if mount[nearest] != mount[row]:
+        words = f"leg {TOUCHED_LETTERS[visited.leg[nearest]].upper()}"
+    return chance / labels, words
+
+
+def _first_takes(visited: Observations) -> Iterator[_Apart]:
+    """The first visits of a stand, of a leg, and of all mountings."""
+    first = np.unique(visited.mount, return_index=True)[1]
+    leg, station = visited.leg[first], visited.station[first]
+    stands = (numbered(leg, station, visited.over_plane[first]), leg, np.zeros_like(leg))
+    sets = {tuple(first[k].tolist()) for key in stands for k in rows_of(numbered(key))}
+    title = "the first take stands apart: it settled, stood in a play, or was another posture"
+    for members in sorted(sets):
+        legs = {TOUCHED_LETTERS[number] for number in visited.leg[list(members)].tolist()}
+        groups = tuple(np.array([row]) for row in members)
+        where = legs.pop() if len(legs) == 1 else "all"
+        yield _Apart("first_take", where, title, groups, len(sets))
+
+
+def _slips(screen: _Screen) -> Iterator[_Apart]:
+    """For each mounting the two rows from which on a shift explains most, not at its ends."""
+    visited, root = screen.cells.visited, screen.root
+    for rows in visited.mountings:
+        if len(rows) < 4:
+            continue
+        along = np.cumsum((screen.left[rows] / root[rows])[::-1])[::-1]
+        known = np.cumsum((screen.basis[rows] / root[rows, None])[::-1], axis=0)[::-1]
+        size = np.cumsum((1.0 / root[rows] ** 2)[::-1])[::-1] - (known**2).sum(axis=1)
+        gains = np.where(size > 1e-6 * size.max(), along**2 / np.maximum(size, 1e-12), 0.0)
+        for k in (2 + np.argsort(-gains[2:-1], kind="stable"))[:2].tolist():
+            row = int(rows[k])
+            title = f"the stand moved before the reading {words_of(visited, row)}"
+            place = place_of(visited, row)
+            yield _Apart("stand_slip", place, title, (rows[k:],), len(visited))
+
+
+Solution = TypeVar("Solution")
+
+
+@dataclass(frozen=True, eq=False)
+class Solved(Generic[Solution]):
+    """Sessions with what may be true of them: the log evidence, and models of each session."""
+
+    solution: Solution
+    log_evidence: float
+    beside: Sequence[Sequence[Beside]]
+    mistakes: tuple[Mistake, ...] = ()
+
+    @property
+    def log_weight(self) -> float:
+        """With the priors of its mistakes."""
+        return self.log_evidence + sum(one.log_prior for one in self.mistakes)
+
+
+def with_mistakes(
+    sessions: Sequence[Cells], solve: Callable[[Sequence[Cells]], Solved[Solution]]
+) -> list[Solved[Solution]]:
+    """The sessions as they are, and put right in each way that may be true; the likeliest first.
+
+    One mistake after the other: each is looked for in the readings that the likeliest ones before
+    leave.
+    """
+    best, now = solve(sessions), list(sessions)
+    every = [best]
+    for _ in range(MOST):
+        tried = []
+        for number, cells in enumerate(now):
+            for mistake in suspects(cells, best.beside[number], best.log_evidence):
+                others = now.copy()
+                others[number] = Cells.of_visits(cells.case, mistake.visited)
+                try:
+                    solved = solve(others)
+                except NotIdentifiable:
+                    continue
+                tried.append((replace(solved, mistakes=(*best.mistakes, mistake)), others))
+        every += [solved for solved, _ in tried]
+        better = max(tried, key=lambda each: each[0].log_weight, default=None)
+        if better is None or better[0].log_weight < best.log_weight:
+            break
+        best, now = better
+    return sorted(every, key=lambda each: -each.log_weight)

@@ -1,0 +1,317 @@
+"""Set-ups as they are in a workshop: exchanged labels, first takes apart, noise with a memory.
+
+``python -m tests.blind.nuisances --count 10`` makes sessions of the bench's own machines, hands
+their tables to the posterior and counts what it answers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tests.blind.blunders import Table
+from tests.blind.cases import PROCEDURES
+from tests.blind.effects import LETTERS
+from tests.blind.forward import FloatArray, Hidden, Rows, readings
+from tests.blind.generator import scatter_mm, table_text
+from tests.blind.signatures import BASE
+from tests.blind.steps import PLANS, rows_of
+
+if TYPE_CHECKING:
+    from calib.posterior.posterior import Posterior
+
+PLAY_MM = 0.05
+DRIFT_MM = 0.03
+SERIAL = 0.8
+COARSE_MM = 0.01
+TIMED = ("thermal_drift", "warm_up", "thermal_expansion", "stand_drift", "gauge_drift")
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """One table and the machine behind it; ``place`` is what was done to it, and where."""
+
+    table: str
+    resolution_mm: float | None
+    hidden: Hidden
+    place: str = ""
+
+
+def machine(rng: np.random.Generator) -> Hidden:
+    """Joint offsets and lengths, nothing else."""
+    amounts = [*rng.uniform(-2.0, 2.0, 3), *(rng.choice([0.03, 0.1]) * rng.standard_normal(3))]
+    return Hidden().plus([(e, float(v)) for e, v in zip(BASE, amounts, strict=True)])
+
+
+def taken(
+    procedure: str, hidden: Hidden, rng: np.random.Generator, noise_mm: FloatArray | None = None
+) -> tuple[Rows, FloatArray]:
+    """Rows and readings of a session, each mounting with a zero of its own."""
+    rows = rows_of(PLANS[procedure], rng)
+    zeros = rng.uniform(-0.5, 0.5, rows.mount.max() + 1)
+    noise = scatter_mm(rng) * rng.standard_normal(len(rows)) if noise_mm is None else noise_mm
+    return rows, readings(rows, hidden) + zeros[rows.mount] + noise
+
+
+def first_rows(rows: Rows, leg: int | None = None) -> FloatArray:
+    """Rows of the first visit of each mounting, of one leg or of all."""
+    first = np.unique(rows.mount, return_index=True)[1]
+    return first if leg is None else first[rows.leg[first] == leg]
+
+
+def plain(rows: Rows, values: FloatArray, hidden: Hidden, place: str = "") -> Session:
+    """The session as written down."""
+    return Session(table_text(Table(rows, values), None), None, hidden, place)
+
+
+def nothing(procedure: str, rng: np.random.Generator) -> Session:
+    hidden = machine(rng)
+    return plain(*taken(procedure, hidden, rng), hidden)
+
+
+def heavy_tails(procedure: str, rng: np.random.Generator) -> Session:
+    hidden, count = machine(rng), len(rows_of(PLANS[procedure], rng))
+    noise = scatter_mm(rng) * rng.standard_t(3, count) / np.sqrt(3.0)
+    return plain(*taken(procedure, hidden, rng, noise), hidden)
+
+
+def coarse_display(procedure: str, rng: np.random.Generator) -> Session:
+    """Steps of 10 µm, which nobody states."""
+    hidden = machine(rng)
+    rows, values = taken(procedure, hidden, rng)
+    return plain(rows, np.round(values / COARSE_MM) * COARSE_MM, hidden)
+
+
+def _serial(rows: Rows, sigma_mm: float, rng: np.random.Generator) -> FloatArray:
+    noise = np.zeros(len(rows))
+    for mount in range(rows.mount.max() + 1):
+        error = float(rng.standard_normal())
+        for k in np.flatnonzero(rows.mount == mount):
+            noise[k] = error
+            error = SERIAL * error + float(np.sqrt(1.0 - SERIAL**2) * rng.standard_normal())
+    return sigma_mm * noise
+
+
+def serial_noise(procedure: str, rng: np.random.Generator) -> Session:
+    hidden = machine(rng)
+    rows, values = taken(procedure, hidden, rng, np.zeros(1))
+    return plain(rows, values + _serial(rows, scatter_mm(rng), rng), hidden)
+
+
+def true_drift(procedure: str, rng: np.random.Generator) -> Session:
+    """One axis drifts by `DRIFT_MM` within a mounting, whatever the noise."""
+    rows = rows_of(PLANS[procedure], rng)
+    axis, hours = int(rng.integers(3)), float(np.ptp(rows.time_s[rows.mount == 0]))
+    hidden = machine(rng).plus([(("drift", (axis,)), DRIFT_MM / hours)])
+    place = f"thermal_drift:{LETTERS[axis]}"
+    return plain(*taken(procedure, hidden, rng), hidden, place)
+
+
+def legs_exchanged(procedure: str, rng: np.random.Generator) -> Session:
+    """The tables of two legs stand under each other's names, column by column."""
+    hidden = machine(rng)
+    rows, values = taken(procedure, hidden, rng)
+    a, b = rng.choice(3, 2, replace=False).tolist()
+    crossed = bool(rng.integers(2))
+    written = values.copy()
+    for station in np.unique(rows.station):
+        tables: dict[tuple[int, int], Any] = {}
+        for leg, other in ((a, b), (b, a)):
+            c = 3 - leg - other
+            axes = (other, c)
+            tables |= {
+                (leg, k): np.flatnonzero(
+                    (rows.leg == leg) & (rows.axis == axis) & (rows.station == station)
+                )
+                for k, axis in enumerate(axes)
+            }
+        for k in range(2):
+            here, there = tables[a, k], tables[b, 1 - k if crossed else k]
+            written[here], written[there] = values[there], values[here]
+    return plain(rows, written, hidden, f"legs {LETTERS[min(a, b)]}{LETTERS[max(a, b)]}")
+
+
+def postures_exchanged(procedure: str, rng: np.random.Generator) -> Session:
+    """Two postures of one set-up, in one cycle or in all."""
+    hidden = machine(rng)
+    rows, values = taken(procedure, hidden, rng)
+    leg, cycle = int(rng.integers(3)), int(rng.integers(1, rows.cycle.max() + 1))
+    a, b = rng.choice(np.unique(rows.displacement_mm), 2, replace=False).tolist()
+    here = (rows.leg == leg) & (rows.station == rng.choice(np.unique(rows.station)))
+    if rng.integers(2):
+        here &= rows.cycle == cycle
+    written = values.copy()
+    for axis in range(3):
+        for number in range(1, int(rows.cycle.max()) + 1):
+            mine = here & (rows.axis == axis) & (rows.cycle == number)
+            one, two = (np.flatnonzero(mine & (rows.displacement_mm == d)) for d in (a, b))
+            count = min(len(one), len(two))
+            written[one[:count]], written[two[:count]] = values[two[:count]], values[one[:count]]
+    return plain(rows, written, hidden, LETTERS[leg])
+
+
+def within_play(procedure: str, rng: np.random.Generator) -> Session:
+    """A carriage has play; every first take stands somewhere within it."""
+    leg = int(rng.integers(3))
+    hidden = machine(rng).plus([(("lost", (leg,)), PLAY_MM)])
+    rows, values = taken(procedure, hidden, rng)
+    down = replace(rows, moved=-np.ones_like(rows.moved))
+    up = replace(rows, moved=np.ones_like(rows.moved))
+    as_driven = readings(rows, hidden)
+    for first in first_rows(rows):
+        visit = rows.visit[first]
+        del visit
+        share = float(rng.uniform())
+        between = (
+            share * readings(down, hidden)[first] + (1.0 - share) * readings(up, hidden)[first]
+        )
+        values[first] += between - as_driven[first]
+    return plain(rows, values, hidden, f"backlash:{LETTERS[leg]}")
+
+
+def settled(size_mm: float) -> Callable[[str, np.random.Generator], Session]:
+    def made(procedure: str, rng: np.random.Generator) -> Session:
+        """The stand settles after the first take of one leg."""
+        hidden, leg = machine(rng), int(rng.integers(3))
+        rows, values = taken(procedure, hidden, rng)
+        values[first_rows(rows, leg)] += size_mm * rng.choice([-1.0, 1.0], 1)
+        return plain(rows, values, hidden, f"first_take:{LETTERS[leg]}")
+
+    return made
+
+
+def wrong_first_posture(procedure: str, rng: np.random.Generator) -> Session:
+    """The first Zero of one leg was taken at Max."""
+    hidden, leg = machine(rng), int(rng.integers(3))
+    rows, values = taken(procedure, hidden, rng)
+    first = first_rows(rows, leg)
+    there = rows.displacement_mm.copy()
+    there[first] = 60.0
+    at_max = readings(replace(rows, displacement_mm=there), hidden)
+    values[first] += at_max[first] - readings(rows, hidden)[first]
+    return plain(rows, values, hidden, f"first_take:{LETTERS[leg]}")
+
+
+KINDS: dict[str, Callable[[str, np.random.Generator], Session]] = {
+    "nothing": nothing,
+    "t3 noise": heavy_tails,
+    "10 µm display": coarse_display,
+    "serial noise 0.8": serial_noise,
+    "true drift": true_drift,
+    "legs exchanged": legs_exchanged,
+    "postures exchanged": postures_exchanged,
+    "first take within play": within_play,
+    "settled 20 µm": settled(0.02),
+    "settled 60 µm": settled(0.06),
+    "settled 100 µm": settled(0.1),
+    "first Zero at Max": wrong_first_posture,
+}
+
+
+def posterior_of(table: str, resolution_mm: float | None) -> Posterior:
+    """What a user's import and the posterior make of a table."""
+    from app.commands.sessions import import_table
+    from app.evaluating.diagnosis import cases
+    from app.evaluating.solution import load_sessions
+    from calib.posterior.posterior import posterior
+    from calib.posterior.readings import Case
+    from calib.tripod.pipeline import Model
+
+    with tempfile.TemporaryDirectory() as name, contextlib.redirect_stderr(io.StringIO()):
+        written, session = Path(name, "table.csv"), Path(name, "session.jsonl")
+        written.write_text(table, encoding="utf-8")
+        import_table(written, session, machine=None, resolution=resolution_mm)
+        sessions, _ = load_sessions([session])
+    (case,) = cases(sessions, Model(sessions[0].opened.machine.geometry()))
+    return posterior([Case(case.model, case.observed, case.indicator, case.tolerance_mm)])
+
+
+def judged(session: Session) -> dict[str, Any]:
+    """Names of probability 0.5 and more, mistakes, and how far lengths and play are off, in u."""
+    start = time.process_time()
+    answer = posterior_of(session.table, session.resolution_mm)
+    used_s = time.process_time() - start
+    mean, covariance = in_field(answer)
+    uncertainty = np.sqrt(np.maximum(covariance.diagonal(), 1e-300))
+    truth = session.hidden.amounts
+    off = list((mean[3:6] - truth["length"]) / uncertainty[3:6])
+    for (effect, place), columns in zip(answer.field.placed, _columns(answer), strict=True):
+        if effect.id == "backlash" and truth["lost"].any():
+            true_mm = truth["lost"][LETTERS.index(place)]
+            spread = max(uncertainty[columns[0]], 1e-4)
+            off.append((mean[columns[0]] - true_mm) / spread)
+    names = {f"{one}:{where}": p for (one, where), p in answer.places.items() if p >= 0.05}
+    mistakes = getattr(answer, "mistakes", {})
+    return {
+        "names": names,
+        "named": {one: p for one, p in names.items() if p >= 0.5},
+        "mistakes": {f"{i}:{w}": p for (i, w), p in mistakes.items() if p >= 0.05},
+        "off_u": float(np.abs(off).max()),
+        "cpu_s": used_s,
+    }
+
+
+def _columns(answer: Posterior) -> list[range]:
+    return [answer.field.columns_of(one) for one in answer.field.placed]
+
+
+def in_field(answer: Posterior) -> tuple[FloatArray, FloatArray]:
+    """Mean ``(6 + k,)`` and covariance over all models, lengths and sizes."""
+    mean = answer.mean
+    whole = np.zeros((len(mean), len(mean)))
+    for model in answer.models_in_field:
+        off = model.mean - mean
+        covariance = model.inflated**2 * model.base + model.root @ model.root.T
+        whole += model.weight * (covariance + np.outer(off, off))
+    return mean, whole
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry of ``python -m tests.blind.nuisances``."""
+    parser = argparse.ArgumentParser(prog="python -m tests.blind.nuisances", description=__doc__)
+    parser.add_argument("--seed", type=int, default=28)
+    parser.add_argument("--count", type=int, default=6, help="sessions of each kind")
+    parser.add_argument("--kinds", nargs="+", choices=[*KINDS], default=[*KINDS])
+    parser.add_argument("--each", action="store_true", help="a line for each session")
+    options = parser.parse_args(arguments)
+    print(
+        "| kind | sessions | no effect ≥ 0.5 | no effect of time ≥ 0.05 | mistake named ≥ 0.5 | "
+        "lengths and play ≤ 2 u | CPU s |\n|---|---|---|---|---|---|---|"
+    )
+    for number, kind in enumerate(options.kinds):
+        results = []
+        for n in range(options.count):
+            rng = np.random.default_rng([options.seed, [*KINDS].index(kind), n])
+            session = KINDS[kind](PROCEDURES[n % len(PROCEDURES)], rng)
+            try:
+                results.append(judged(session))
+            except Exception as problem:
+                print(f"  {kind} {n}: {type(problem).__name__}: {problem}"[:200])
+                continue
+            if options.each:
+                print(n, session.place, results[-1], flush=True)
+        del number
+        clean = sum(not one["named"] for one in results)
+        timeless = sum(not any(n.split(":")[0] in TIMED for n in one["names"]) for one in results)
+        mistaken = sum(any(p >= 0.5 for p in one["mistakes"].values()) for one in results)
+        within = sum(one["off_u"] <= 2.0 for one in results)
+        print(
+            f"| {kind} | {len(results)} | {clean} | {timeless} | {mistaken} | {within} | "
+            f"{np.mean([one['cpu_s'] for one in results]):.2f} |",
+            flush=True,
+        )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,96 @@
+"""What is entered is a projection, and its bound that of the whole posterior."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.arrays import FloatArray
+from calib.posterior.correction import HOLDS, Holds, correction, parts_of
+from calib.posterior.posterior import Posterior, posterior
+from calib.posterior.tool import FRAMES, Frame
+from tests.calib.posterior.hidden_machines import SHORT, SWEEP, hidden, session
+
+DRAWS = 4_000
+
+
+@pytest.fixture(scope="module")
+def unsure() -> Posterior:
+    """Several names stay open."""
+    case, _ = session(SHORT, hidden("backlash", "x", 0.03), seed=2, scatter_mm=0.003)
+    return posterior([case])
+
+
+def in_frame(result: Posterior, error: FloatArray, frame: Frame) -> FloatArray:
+    """Mean squares ``(k,)`` of errors ``(3 n, k)`` less the best shift, or shift and turn."""
+    places = np.tile(result.field.points_mm, (2, 1))
+    if frame != "machine":
+        columns = [np.tile(np.eye(3), (len(places), 1))]
+        if frame == "aligned":
+            turned = [np.cross(axis, places) for axis in np.eye(3)]
+            columns.append(np.stack(turned, axis=-1).reshape(-1, 3))
+        free = np.hstack(columns)
+        error = error - free @ np.linalg.lstsq(free, error, rcond=None)[0]
+    return np.asarray((error**2).sum(axis=0) / len(places))
+
+
+def drawn(result: Posterior, generator: np.random.Generator, count: int) -> FloatArray:
+    """Machines drawn from the mixture ``(f, count)``."""
+    models = result.models_in_field
+    weight = np.array([model.weight for model in models])
+    draws = []
+    for number, times in enumerate(generator.multinomial(count, weight / weight.sum())):
+        model = models[number]
+        covariance = model.inflated**2 * model.base + model.root @ model.root.T
+        square, axes = np.linalg.eigh(covariance)
+        root = axes * np.sqrt(np.maximum(square, 0.0))
+        draws.append(model.mean[:, None] + root @ generator.standard_normal((len(square), times)))
+    return np.hstack(draws)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("holds", HOLDS)
+def test_the_bound_is_what_95_of_100_machines_drawn_from_the_posterior_keep(
+    unsure: Posterior, holds: Holds, frame: Frame
+) -> None:
+    entered = correction(unsure, holds, frame)
+    machines = drawn(unsure, np.random.default_rng(1), DRAWS)
+    error = unsure.field.rows @ (machines - entered.values[:, None])
+    kept_mm = float(np.sqrt(np.quantile(in_frame(unsure, error, frame), 0.95)))
+    assert entered.bound_mm[frame] == pytest.approx(kept_mm, rel=0.08)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_no_other_values_leave_less(unsure: Posterior, frame: Frame) -> None:
+    entered = correction(unsure, "kinematics", frame)
+    generator = np.random.default_rng(2)
+    held = [k for parts in parts_of(unsure, "kinematics").values() for _, i in parts for k in i]
+    off = unsure.field.rows @ (unsure.mean - entered.values)
+    least = float(in_frame(unsure, off[:, None], frame)[0])
+    for _ in range(40):
+        other = entered.values.copy()
+        other[held] += 1e-3 * generator.standard_normal(len(held))
+        moved = unsure.field.rows @ (unsure.mean - other)
+        assert float(in_frame(unsure, moved[:, None], frame)[0]) > least - 1e-9
+
+
+def test_more_in_the_controller_and_more_freedom_of_the_frame_leave_no_more(
+    unsure: Posterior,
+) -> None:
+    for frame in FRAMES:
+        expected = [correction(unsure, holds, frame).expected_mm for holds in HOLDS]
+        assert expected == sorted(expected, reverse=True)
+    bound = correction(unsure, "kinematics").bound_mm
+    assert bound["aligned"] <= bound["touched-off"] <= bound["machine"]
+
+
+def test_the_true_machine_is_within_the_bound_where_nothing_else_is_hidden() -> None:
+    case, machine = session(SWEEP, seed=7)
+    result = posterior([case])
+    truth = np.zeros(len(result.mean))
+    truth[:6] = machine.parameters_mm
+    for frame in FRAMES:
+        entered = correction(result, "kinematics", frame)
+        off = result.field.rows @ (truth - entered.values)
+        assert float(in_frame(result, off[:, None], frame)[0]) <= entered.bound_mm[frame] ** 2
+        assert entered.bound_mm[frame] < 0.04

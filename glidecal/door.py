@@ -70,8 +70,9 @@ def solve(
     """What to enter in the controller, and parameters with uncertainties as a view beside it.
 
     `SessionSolution.correction` is for a ``frame``, that of the machine file where none is named;
-    ``subset`` and ``method`` choose the view. With a ``model`` the sizes of its effects are fitted, too. `SessionSolution.solution` holds
-    ``values_mm`` ``(k,)`` and ``covariance_mm2`` ``(k, k)`` by ``names``.
+    ``subset`` and ``method`` choose the view. With a ``model`` the sizes of its effects are fitted,
+    too. `SessionSolution.solution` holds ``values_mm`` ``(k,)`` and ``covariance_mm2`` ``(k, k)``
+    by ``names``.
     """
     from app.evaluating.solution import solve_sessions
     from protocols.model_file import read_model_file

@@ -180,9 +180,10 @@ class Corrections:
         """How well joint offsets are known that are entered alone."""
         return offset_spread(self.posterior, self.frame, less_common=less_common)
 
-    def others(self, holds: Holds) -> tuple[Gain, ...]:
-        """What the same controller would keep if it held something else."""
-        return tuple(Gain(other, self.of(other).bound_mm) for other in HOLDS if other != holds)
+    def others(self, made: SessionCorrection) -> tuple[Gain, ...]:
+        """What the same controller would keep if it held something else, or all of the same."""
+        every = {holds: self.of(holds) for holds in HOLDS}
+        return tuple(Gain(holds, one.bound_mm) for holds, one in every.items() if one is not made)
 
     @property
     def more_helps(self) -> bool:

@@ -87,7 +87,7 @@ class SessionSolution:
     @property
     def others(self) -> tuple[Gain, ...]:
         """What the tool keeps where the same controller holds something else."""
-        return self.corrections.others(self.holds)
+        return self.corrections.others(self.correction)
 
     @property
     def is_worked_out(self) -> bool:

@@ -102,10 +102,11 @@ class ResultScreen(PagedScreen):
             self.query_one("#text", Static).update(texts.WORKING_OUT)
             with self.app.complaining():
                 await apart(self, self.solved.work_out)
-        if self.solved.is_worked_out:
-            self._show()
+        self._show()
 
     def _show(self) -> None:
+        if not self.solved.is_worked_out:  # shown when it is
+            return
         text = texts.result_text(
             self.solved,
             self.before,
@@ -152,6 +153,9 @@ class ResultScreen(PagedScreen):
     def action_verify(self) -> None:
         """The same procedure again, after the offsets were entered in the controller."""
         if self.plan is None:
+            return
+        if not self.solved.is_worked_out:
+            self.app.complain(texts.WORKING_OUT)
             return
         with self.app.complaining():
             plan = verification_plan(self.plan, self.solved)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import lru_cache
 from typing import TypeGuard
 
 import numpy as np
@@ -39,6 +40,9 @@ JUDGED_POINTS = 4001
 
 PASSES = 20
 """Of q_old = q_new - e(q_old): each leaves a hundredth of the step before it, or less."""
+
+SETTLED_MM = 1e-9
+"""A pass that changes less is the last."""
 
 
 @dataclass(frozen=True)
@@ -156,11 +160,8 @@ def table_of(model: Model, joint: int) -> Table | None:
     Coordinates are those that the controller believes once d_rho is entered. None where no effect
     moves this carriage. Raises ImpossibleRequest where `MOST_POINTS` do not do.
     """
-    geometry, offset = model.geometry, model.parameters_mm[joint]
-    fine = geometry.zero_mm[joint] + np.linspace(
-        geometry.travel_min_mm, geometry.travel_max_mm, JUDGED_POINTS
-    )
-    up, down = (_added_mm(model, joint, fine, offset, way) for way in (1.0, -1.0))
+    fine = _judged_mm(model.geometry)[:, joint]
+    up, down = (error[:, joint] for error in _added_mm(model))
     if max(np.abs(up).max(), np.abs(down).max()) < NOTHING_MM:
         return None
     for count in range(2, MOST_POINTS + 1):
@@ -302,15 +303,30 @@ def commanded_with(
     return commanded
 
 
-def _added_mm(
-    model: Model, joint: int, believed_mm: FloatArray, offset_mm: float, way: float
-) -> FloatArray:
-    """What effects add to d_rho ``(n,)`` where the corrected controller believes these places."""
-    old = believed_mm - offset_mm
-    for _ in range(PASSES):
-        added = carriage_error_mm(model, old[:, None] * np.ones(3), way)[:, joint] - offset_mm
-        old = believed_mm - offset_mm - added
-    return np.asarray(added)
+def _judged_mm(geometry: Geometry) -> FloatArray:
+    """Coordinates ``(JUDGED_POINTS, 3)`` of each joint over its travel."""
+    travel = np.linspace(geometry.travel_min_mm, geometry.travel_max_mm, JUDGED_POINTS)
+    return np.asarray(geometry.zero_mm + travel[:, None])
+
+
+@lru_cache(maxsize=4)
+def _added_mm(model: Model) -> tuple[FloatArray, FloatArray]:
+    """What effects add to d_rho ``(JUDGED_POINTS, 3)``, reached upwards and downwards.
+
+    Where the corrected controller believes the places of `_judged_mm`.
+    """
+    believed, offset = _judged_mm(model.geometry), np.array(model.parameters_mm[:3])
+    found = []
+    for way in (1.0, -1.0):
+        added = np.zeros_like(believed)
+        for _ in range(PASSES):
+            former = added
+            added = carriage_error_mm(model, believed - offset - former, way) - offset
+            if np.abs(added - former).max() < SETTLED_MM:
+                break
+        found.append(added)
+    up, down = found
+    return up, down
 
 
 def _sum_mm(model: Model, kind: type) -> FloatArray:

@@ -87,7 +87,7 @@ def still(first: Screen[None]) -> Interface:
 
 
 def result_screen(path: Path) -> ResultScreen:
-    return ResultScreen(solve_files([path]), None, path)
+    return ResultScreen(solve_files([path]).work_out(), None, path)
 
 
 def compared_screen(samples: Path, folder: Path) -> ResultScreen:
@@ -95,7 +95,7 @@ def compared_screen(samples: Path, folder: Path) -> ResultScreen:
     first, second = (samples / f"experiment_{n}_twelve.jsonl" for n in (2, 3))
     plan = demo_plan(folder, "zero-max-min", 1)
     before = solve_files([first])
-    return ResultScreen(solve_files([second]), replace(plan, before=before), second)
+    return ResultScreen(solve_files([second]).work_out(), replace(plan, before=before), second)
 
 
 def page_is(interface: Interface, name: str) -> Callable[[], bool]:

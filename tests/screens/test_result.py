@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from app.measuring.demo import demo_plan
 from app.measuring.opening import start_session
 from app.measuring.plan import QUICK_INTERVAL_S, Plan, plan_to_repeat, verification_plan
 from app.measuring.unattended import measure_all
-from app.report.text.result import solution_text
+from app.report.text.result import WORKING_OUT, solution_text
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface
@@ -29,6 +30,7 @@ from app.screens.start import Glidecal
 from app.settings import Settings
 from calib.errors import NotIdentifiable
 from calib.identify.solution import Subset
+from tests.app.exports.test_one_correction import shown_first
 from tests.screens.driving import SIZE, quick_plan, text, until
 
 WIDE = (120, 40)
@@ -68,7 +70,7 @@ def verified(tmp_path_factory: pytest.TempPathFactory) -> tuple[SessionSolution,
     second = verification_plan(plan, solve_files([plan.path]))
     with start_session(second) as guided:
         measure_all(guided)
-    return solve_files([second.path]), second
+    return solve_files([second.path]).work_out(), second
 
 
 def hear(interface: Interface, monkeypatch: pytest.MonkeyPatch) -> list[str]:
@@ -209,7 +211,10 @@ async def test_nothing_is_drawn_twice(
 
 
 async def test_sets_of_parameters(published: tuple[SessionSolution, Path]) -> None:
+    """Views change; what to enter stays."""
     solved, path = published
+    entered = shown_first(solution_text(solved))
+    assert len(entered) == 3
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE) as pilot:
         for key, words in (
@@ -219,12 +224,37 @@ async def test_sets_of_parameters(published: tuple[SessionSolution, Path]) -> No
         ):
             await pilot.press(key)
             await pilot.pause()
-            assert f"published.jsonl: {words}, exact fit" in " ".join(
-                text(interface, "#text").split()
-            )
+            shown = " ".join(text(interface, "#text").split())
+            assert f"View: {words}, exact fit" in shown
+            assert shown_first(text(interface, "#text")) == entered
         await pilot.press("1")
         await pilot.pause()
         assert text(interface, "#text").endswith(solution_text(solved))
+
+
+async def test_what_takes_long_is_worked_out_apart(
+    published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Keys are answered meanwhile; the view that was chosen is shown when it is done."""
+    _, path = published
+    come, solved = threading.Event(), solve_files([path])
+    work_out = SessionSolution.work_out
+
+    def late(self: SessionSolution) -> SessionSolution:
+        come.wait(60.0)
+        return work_out(self)
+
+    monkeypatch.setattr(SessionSolution, "work_out", late)
+    interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))
+    said = hear(interface, monkeypatch)
+    async with interface.run_test(size=SIZE) as pilot:
+        await pilot.press("2", "v")
+        await pilot.pause()
+        assert text(interface, "#text") == WORKING_OUT
+        assert said == [WORKING_OUT]
+        assert not solved.is_worked_out
+        come.set()
+        await until(pilot, "text", lambda: "View: leg lengths" in text(interface, "#text"))
 
 
 async def test_a_set_that_is_not_seen_is_refused(

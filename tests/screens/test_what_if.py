@@ -154,7 +154,8 @@ async def test_a_size_that_was_moved_is_adopted_and_held(bowed: Path) -> None:
         await pilot.press("r")
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
         result = interface.screen
-        assert "Held as a person stated it" in " ".join(text(interface, "#text").split())
+        held = "Held as a person stated it"
+        await until(pilot, "text", lambda: held in " ".join(text(interface, "#text").split()))
         screen = await tried(pilot, interface)
         assert screen.choice.standing == "model"
         await pressed(pilot, screen, "right", "f")

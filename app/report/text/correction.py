@@ -123,7 +123,7 @@ def left_out_lines(made: SessionCorrection) -> Iterator[str]:
 
 def gain_line(solved: SessionSolution, made: SessionCorrection) -> str:
     """What other exports of the same controller would keep, as one line."""
-    gains = solved.corrections.others(made.holds)
+    gains = solved.corrections.others(made)
     beside = ", ".join(f"{FORMATS_WORDS[one.holds]} {uncertain(one.bound_mm)} mm" for one in gains)
     return f"Other exports for the same controller: tool at most {beside}."
 

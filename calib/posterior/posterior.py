@@ -201,7 +201,8 @@ def _mixed(every: Sequence[Solved[Posterior]]) -> Posterior:
     log = np.array([one.log_weight for one in every])
     share = np.exp(log - log.max())
     share /= share.sum()
-    parts = [(one, w) for one, w in zip(every, share.tolist(), strict=True) if w > LIGHTEST]
+    share = np.where(share > LIGHTEST, share, 0.0) / share[share > LIGHTEST].sum()
+    parts = [(one, w) for one, w in zip(every, share.tolist(), strict=True) if w]
     first = parts[0][0].solution
     components: list[Component] = []
     models: list[Weighted] = []

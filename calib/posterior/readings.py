@@ -47,6 +47,9 @@ FINEST_MM = 1e-5
 USUAL = 3.0
 """Standard deviations from its repeats up to which a reading counts in full."""
 
+WRONG = 1e-6
+"""Weight of a reading that disagrees with its repeats: it tells nothing about them."""
+
 Placed = tuple[Effect, str]
 """A law and its place."""
 
@@ -113,7 +116,8 @@ class Cells:
             serial = serial_correlation(visited, alone, scatter)
             if serial:
                 scatter = scatter * _underrated(visited, alone, scatter, serial)
-            weight = _robust_weights(repeats, scatter)
+            weight = _robust_weights(Repeats.of(visited, apart.tolist(), steady=True), scatter)
+            weight[apart] = WRONG
         means, variance = _means(visited, cell, scatter / weight, serial)
         shared = noise.quantisation_mm2(means) if noise else 0.0
         variance = np.maximum(variance + shared, FINEST_MM**2)
@@ -207,7 +211,7 @@ class Cells:
             )
         else:
             left = without_means(self.cell, 1.0 / self._counted_mm2, rows) / root
-        upper = np.linalg.qr(left, mode="r")[: columns.shape[1]]
+        upper = np.asarray(np.linalg.qr(left, mode="r"))[: columns.shape[1]]
         return np.column_stack([upper[:, -1], upper[:, :-1]])
 
 

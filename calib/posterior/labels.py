@@ -26,9 +26,11 @@ from calib.arrays import (
     numbered,
     rows_of,
     tilts,
+    without_means,
 )
 from calib.errors import NotIdentifiable
 from calib.identify.fit import design_of
+from calib.noise.repeats import Repeats, typical_mm2
 from calib.posterior.exchanges import Exchange, exchanges, place_of
 from calib.posterior.readings import BASE, Cells
 from calib.tripod.pipeline import Model
@@ -55,6 +57,9 @@ Of Student's t with 3 degrees of freedom one of 60 readings is beyond 13 in one 
 
 LEAST_CHANGED = 8.0
 """Standard deviations of a reading by which an exchange changes at least one."""
+
+LOOSE = 6.0
+"""Variance of repeats over that of their usual difference; with heavy tails it is 2 to 3."""
 
 LOG_RANGE = math.log(1000.0)
 """A reading that is wrong is off by anything between 10 µm and 10 mm, each octave alike."""
@@ -234,10 +239,17 @@ def _plain(cells: Cells) -> Model:
 
 
 def _even_mm(cells: Cells) -> FloatArray:
-    """Standard deviation of each visit ``(n,)``, that of the middle indicator: no other unit."""
+    """Standard deviation of each visit ``(n,)``, that of the middle indicator: no other unit.
+
+    Where a stand moved, its repeats scatter; then what most repeats differ by is nearer the truth.
+    """
     if cells.noise is None:
         return np.sqrt(cells.scatter_mm2)
     middle = float(np.median([one.variance_mm2 for one in cells.noise.indicators]))
+    typical = typical_mm2(Repeats.of(cells.visited))
+    if typical is not None:
+        least = max(float(typical.min()), cells.case.indicator.display_mm**2 / 12.0)
+        middle = least if middle > LOOSE * least else middle
     return np.sqrt(np.maximum(middle / cells.visited.averaged, 1e-10))
 
 
@@ -256,7 +268,8 @@ class _Moved:
         visited = screen.cells.visited
         some = list(islice(exchanges(visited), MOST_VALUES // max(len(visited), 1)))
         values = np.column_stack([one.put_right(visited.value_mm) for one in some])
-        change = np.abs(values - visited.value_mm[:, None]).max(axis=0)
+        change = values - visited.value_mm[:, None]
+        change = np.abs(without_means(visited.mount, visited.averaged, change)).max(axis=0)
         large = change > LEAST_CHANGED * np.median(screen.root)
         every = [one for one, counts in zip(some, large.tolist(), strict=True) if counts]
         return cls(visited, every, values[:, large], Counter(one.id for one in some))

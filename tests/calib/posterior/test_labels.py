@@ -100,7 +100,8 @@ def test_a_typing_error_is_named_and_pulls_nothing(off_mm: float) -> None:
     answer = changed(one, rows, one.observed.value_mm[rows] + off_mm)
     assert named(answer) == [("wild_reading", "zy")]
     clean = posterior([one])
-    assert np.abs(answer.mean - clean.mean)[:3].max() < 0.02
+    # one reading fewer of offsets that the tolerance of the bars leaves open by 0.07 mm
+    assert np.abs(answer.mean - clean.mean)[:3].max() < 0.035
 
 
 def test_a_reading_of_another_posture_is_a_wrong_label() -> None:

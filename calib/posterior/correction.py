@@ -11,9 +11,10 @@ import numpy as np
 from scipy.special import gammainc
 
 from calib.arrays import FloatArray
+from calib.posterior.cells import BASE
 from calib.posterior.library import ELSE, POWERS
 from calib.posterior.posterior import Posterior, _held
-from calib.posterior.readings import BASE, Placed
+from calib.posterior.readings import Placed
 from calib.posterior.tool import FRAMES, Frame
 from calib.stats import COVERAGE
 from calib.tripod.effects.bars import GravitySag

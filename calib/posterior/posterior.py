@@ -11,18 +11,11 @@ import numpy as np
 
 from calib.arrays import FloatArray, IntArray
 from calib.errors import NotIdentifiable
-from calib.posterior.library import ELSE, Component, library, something_else
+from calib.posterior.cells import Case, Cells
 from calib.posterior.labels import Beside, Mistake, Solved, with_mistakes
+from calib.posterior.library import ELSE, Component, library, something_else
 from calib.posterior.race import LIGHTEST, LOG_CAUSES, Entry, Products, Race
-from calib.posterior.readings import (
-    LENGTHS,
-    Case,
-    Cells,
-    Placed,
-    Rows,
-    placed_columns,
-    rows_of,
-)
+from calib.posterior.readings import LENGTHS, Placed, Rows, placed_columns, rows_of
 from calib.posterior.tool import ToolField, tool_field
 from calib.tripod.effects.drives import AxisLean, AxisOffset, Backlash, effects_of
 from calib.tripod.effects.effect import PER_THOUSAND, Effect

@@ -22,7 +22,7 @@ import numpy as np
 from tests.blind.blunders import Table
 from tests.blind.cases import PROCEDURES
 from tests.blind.effects import LETTERS
-from tests.blind.forward import FloatArray, Hidden, Rows, readings
+from tests.blind.forward import FloatArray, Hidden, IntArray, Rows, readings
 from tests.blind.generator import scatter_mm, table_text
 from tests.blind.signatures import BASE
 from tests.blind.steps import PLANS, rows_of
@@ -68,10 +68,10 @@ def taken(
     return rows, readings(rows, hidden) + zeros[rows.mount] + noise
 
 
-def first_rows(rows: Rows, leg: int | None = None) -> FloatArray:
+def first_rows(rows: Rows, leg: int | None = None) -> IntArray:
     """Rows of the first visit of each mounting, of one leg or of all."""
     first = np.unique(rows.mount, return_index=True)[1]
-    return first if leg is None else first[rows.leg[first] == leg]
+    return np.asarray(first if leg is None else first[rows.leg[first] == leg])
 
 
 def plain(rows: Rows, values: FloatArray, hidden: Hidden, place: str = "") -> Session:
@@ -226,8 +226,8 @@ def posterior_of(table: str, resolution_mm: float | None) -> Posterior:
     from app.commands.sessions import import_table
     from app.evaluating.diagnosis import cases
     from app.evaluating.solution import load_sessions
+    from calib.posterior.cells import Case
     from calib.posterior.posterior import posterior
-    from calib.posterior.readings import Case
     from calib.tripod.pipeline import Model
 
     with tempfile.TemporaryDirectory() as name, contextlib.redirect_stderr(io.StringIO()):

@@ -17,9 +17,9 @@ def answers(table: str, resolution_mm: float | None) -> list[Answer]:
     from app.commands.sessions import import_table
     from app.evaluating.diagnosis import cases
     from app.evaluating.solution import load_sessions
+    from calib.posterior.cells import Case
     from calib.posterior.correction import HOLDS, correction
     from calib.posterior.posterior import posterior
-    from calib.posterior.readings import Case
     from calib.tripod.pipeline import Model
 
     with tempfile.TemporaryDirectory() as name, contextlib.redirect_stderr(io.StringIO()):

@@ -6,14 +6,15 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.arrays import LEG_NAMES, FloatArray, Observations
+from calib.arrays import LEG_NAMES, FloatArray, IntArray, Observations
 from calib.posterior.exchanges import exchanges
 from tests.calib.posterior.sessions import SHORT, SWEEP
 
 EVERY = list(exchanges(SWEEP))
+NUMBERS: FloatArray = 1.0 + np.arange(len(SWEEP), dtype=np.float64)
 
 
-def rows_of(taken: Observations, place: str) -> FloatArray:
+def rows_of(taken: Observations, place: str) -> IntArray:
     leg, axis = map("xyz".index, place)
     return np.flatnonzero((taken.leg == leg) & (taken.axis == axis))
 
@@ -22,7 +23,7 @@ def rows_of(taken: Observations, place: str) -> FloatArray:
 @settings(max_examples=60, deadline=None)
 def test_done_twice_an_exchange_does_nothing_but_scale(number: int, seed: int) -> None:
     one = EVERY[number]
-    value = np.random.default_rng(seed).normal(size=len(SWEEP))
+    value: FloatArray = np.random.default_rng(seed).normal(size=len(SWEEP))
     twice = one.put_right(one.put_right(value))
     touched = np.union1d(one.here, one.there)
     scale = np.ones(len(SWEEP))
@@ -32,12 +33,12 @@ def test_done_twice_an_exchange_does_nothing_but_scale(number: int, seed: int) -
 
 
 def test_each_exchange_is_there_once() -> None:
-    done = [tuple(one.put_right(np.arange(len(SWEEP)) + 1.0).tolist()) for one in EVERY]
+    done = [tuple(one.put_right(NUMBERS).tolist()) for one in EVERY]
     assert len(set(done)) == len(done)
 
 
 def test_legs_exchange_column_by_column_and_crossed() -> None:
-    numbers = np.arange(len(SHORT), dtype=np.float64)
+    numbers: FloatArray = np.arange(len(SHORT), dtype=np.float64)
     legs = [one for one in exchanges(SHORT) if (one.id, one.where) == ("legs_exchanged", "x,z")]
     straight, crossed = (one.put_right(numbers) for one in legs)
     for one, pairs in ((straight, ("xz zx", "xy zy")), (crossed, ("xz zy", "xy zx"))):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from calib.arrays import FloatArray, IntArray, Observations
+from calib.posterior.cells import Case
 from calib.posterior.labels import PRIOR
 from calib.posterior.posterior import Posterior, posterior
-from calib.posterior.readings import Case
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
 from tests.calib.posterior.sessions import SHORT, SWEEP, case, with_values

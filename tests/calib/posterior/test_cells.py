@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from calib.arrays import FloatArray, numbered
 from calib.noise.reading import IndicatorFigures
-from calib.posterior.readings import Cells
+from calib.posterior.cells import Cells
 from tests.calib.posterior.sessions import SCATTER_MM, SHORT, SWEEP, case, with_values
 
 

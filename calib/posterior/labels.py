@@ -29,7 +29,7 @@ from calib.arrays import (
 from calib.errors import NotIdentifiable
 from calib.posterior.cells import Cells
 from calib.posterior.exchanges import Exchange, exchanges, place_of
-from calib.posterior.screening import Screen
+from calib.posterior.screening import Screen, even_mm
 
 PRIOR = {
     "first_take": 0.02,
@@ -121,8 +121,9 @@ def suspects(cells: Cells, beside: Sequence[Beside], log_evidence: float) -> lis
     """
     scored: dict[tuple[str, str, str], Scored] = {}
     moved: _Moved | None = None
+    root = even_mm(cells)
     for one in beside:
-        screen = Screen.of(cells, one.columns)
+        screen = Screen.of(cells, one.columns, root)
         scores = [*_apart(screen)]
         if screen.square > screen.freedom + FITS * math.sqrt(2.0 * screen.freedom):
             moved = moved or _Moved.of(screen)
@@ -133,7 +134,7 @@ def suspects(cells: Cells, beside: Sequence[Beside], log_evidence: float) -> lis
                 scored[key] = (whole, mistake)
     ordered = sorted(scored.values(), key=lambda each: -each[0])
     likely = [each for each in ordered if each[0] > log_evidence - DOUBTED][:TRIED]
-    plain = Screen.of(cells, beside[0].columns)
+    plain = Screen.of(cells, beside[0].columns, root)
     if plain.square > BENT * plain.freedom:
         likely = _fitted(plain, ordered, likely, beside[0].log_weight, log_evidence)
     best = likely[0][0] if likely else 0.0

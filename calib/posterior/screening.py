@@ -37,23 +37,21 @@ class Screen:
     square: float
 
     @classmethod
-    def of(cls, cells: Cells, columns: FloatArray, root: FloatArray | None = None) -> Screen:
-        """Beside columns ``(n_cells, r)``; ``root`` ``(n,)`` in place of its own deviations, mm."""
-        visited, model = cells.visited, _plain(cells)
-        root = _even_mm(cells) if root is None else root
+    def of(cls, cells: Cells, columns: FloatArray, root: FloatArray) -> Screen:
+        """Beside columns ``(n_cells, r)``; ``root`` ``(n,)`` are standard deviations, mm."""
+        visited, model, cell = cells.visited, _plain(cells), cells.cell
         spread, count = cells.case.tolerance_mm, BASE + columns.shape[1]
-        derivatives = design_of(model, visited, range(BASE), ()) * spread
+        derivatives = design_of(model, cells.means, range(BASE), ()) * spread
         zeros = np.hstack([incidence(visited.mount), tilts(visited)])
-        shown = np.hstack([zeros, derivatives, columns[cells.cell]]) / root[:, None]
+        shown = np.hstack([zeros, derivatives[cell], columns[cell]]) / root[:, None]
         below = np.hstack([np.zeros((count, zeros.shape[1])), np.eye(count)])
         basis = np.linalg.qr(np.vstack([shown, below]))[0]
         expected = np.zeros(count)
         known = np.array(cells.case.model.parameters_mm) - model.parameters_mm
         expected[:BASE] = known / spread
         freedom = len(visited) - zeros.shape[1] - 3.0
-        blank = cls(
-            cells, model.readings(visited), root, basis, expected, freedom, np.zeros(0), 0.0
-        )
+        predicted = model.readings(cells.means)[cell]
+        blank = cls(cells, predicted, root, basis, expected, freedom, np.zeros(0), 0.0)
         left = blank.left_of(visited.value_mm[:, None])[:, 0]
         return replace(blank, left=left, square=float(left @ left))
 
@@ -79,7 +77,7 @@ def _plain(cells: Cells) -> Model:
         return cells.case.model
 
 
-def _even_mm(cells: Cells) -> FloatArray:
+def even_mm(cells: Cells) -> FloatArray:
     """Standard deviation of each visit ``(n,)``, that of the middle indicator: no other unit.
 
     Where a stand moved, its repeats scatter; then what most repeats differ by is nearer the truth.
@@ -87,7 +85,7 @@ def _even_mm(cells: Cells) -> FloatArray:
     if cells.noise is None:
         return np.sqrt(cells.scatter_mm2)
     middle = float(np.median([one.variance_mm2 for one in cells.noise.indicators]))
-    typical = typical_mm2(Repeats.of(cells.visited))
+    typical = typical_mm2(Repeats.of(cells.visited, steady=True))
     if typical is not None:
         least = max(float(typical.min()), cells.case.indicator.display_mm**2 / 12.0)
         middle = least if middle > LOOSE * least else middle

@@ -37,7 +37,7 @@ PRIOR = {
     "label_error": 0.003,
     "stand_slip": 0.003,
     "gauge_swap": 0.003,
-    "legs_exchanged": 0.001,
+    "legs_exchanged": 0.003,
     "tables_exchanged": 0.001,
     "postures_exchanged": 0.003,
     "gauge_sign": 0.003,
@@ -76,7 +76,10 @@ FITS = 1.0
 BENT = 50.0
 """Square sum, for each degree of freedom, from which on derivatives may be too far away."""
 
-FITTED = 6
+ALIKE = 3.0
+"""Of log likelihood: exchanges that differ by less may be one and the same, but for its prior."""
+
+FITTED = 12
 """Exchanges of tables, and as many of postures, that are fitted then."""
 
 MOST_VALUES = 4_000_000
@@ -154,14 +157,20 @@ def _fitted(
     """
     postures = [one for one in ordered if one[1].id == "postures_exchanged"]
     tables = [one for one in ordered if one[1].id not in (*LEAST, "postures_exchanged")]
-    some = dict.fromkeys([*likely, *tables[:FITTED], *postures[:FITTED]])
-    fitted = []
-    for score, mistake in some:
-        own = score if mistake.id in LEAST else log_plain + _gain(plain, mistake)
+    fitted: list[tuple[float, float, Mistake]] = []
+    for score, mistake in dict.fromkeys([*likely, *tables[:FITTED], *postures[:FITTED]]):
+        own = -math.inf if mistake.id in LEAST else log_plain + _gain(plain, mistake)
         allowed = ROUGH if (score, mistake) in tables else DOUBTED
         if max(score, own) > log_evidence - allowed:
-            fitted.append((max(score, own), mistake))
-    return sorted(fitted, key=lambda each: -each[0])
+            fitted.append((max(score, own), own, mistake))
+    # what fits as well by itself is the same exchange by another name, whatever stood beside it
+    alike = {
+        id(mistake): max(score for score, other, _ in fitted if abs(own - other) < ALIKE)
+        for _, own, mistake in fitted
+        if own > -math.inf
+    }
+    best = [(alike.get(id(mistake), score), mistake) for score, _, mistake in fitted]
+    return sorted(best, key=lambda each: -each[0])
 
 
 def _gain(plain: Screen, mistake: Mistake) -> float:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from calib.arrays import LEG_NAMES
 from calib.errors import ImpossibleRequest
+from calib.posterior.cells import Case
 from calib.posterior.correction import HOLDS, Holds, LeftOut, correction
 from calib.posterior.entered import (
     OffsetSpread,
@@ -19,7 +20,6 @@ from calib.posterior.entered import (
     values_of,
 )
 from calib.posterior.posterior import Posterior, posterior
-from calib.posterior.readings import Case
 from calib.tripod.controller import table_of
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance

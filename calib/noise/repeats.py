@@ -150,7 +150,7 @@ def disagreeing(repeats: Repeats, floor_mm2: float) -> list[int]:
     nothing tells what is far.
     """
     observed, cell = repeats.observed, repeats.cell
-    typical = _typical_mm2(repeats)
+    typical = typical_mm2(repeats)
     if typical is None or max(floor_mm2, float(typical.max())) <= arithmetic_mm2(observed):
         return []
     far = DISAGREES**2 * np.maximum(typical, floor_mm2)[observed.mount]
@@ -182,7 +182,7 @@ def _off_their_cells(observed: Observations, cell: IntArray) -> FloatArray:
     return np.where(judged, left / np.sqrt(np.where(judged, open_share, 1.0)), 0.0)
 
 
-def _typical_mm2(repeats: Repeats) -> FloatArray | None:
+def typical_mm2(repeats: Repeats) -> FloatArray | None:
     """Variance of a value by the median difference of repeats ``(n_mountings,)``, None without any.
 
     Each repeat is compared with the next of its cell, the last with the first. At least that of the

@@ -11,9 +11,9 @@ import numpy as np
 from scipy.special import gammainc
 
 from calib.arrays import FloatArray
+from calib.posterior.cells import BASE
 from calib.posterior.library import POWERS
 from calib.posterior.posterior import Posterior
-from calib.posterior.readings import BASE
 from calib.posterior.tool import FRAMES, Frame
 from calib.stats import COVERAGE
 from calib.tripod.effects.bars import GravitySag

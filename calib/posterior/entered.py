@@ -11,9 +11,9 @@ from scipy.special import ndtr
 
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import ImpossibleRequest
+from calib.posterior.cells import BASE
 from calib.posterior.correction import distances_of, projector_of, quantile_mm
 from calib.posterior.posterior import Posterior
-from calib.posterior.readings import BASE
 from calib.posterior.tool import FRAMES, Frame, mean_square
 from calib.stats import COVERAGE, coverage_factor
 from calib.tripod.effects.drives import AxisOffset

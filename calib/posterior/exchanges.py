@@ -169,7 +169,7 @@ def _pairs(cycle: IntArray, level: IntArray) -> dict[tuple[Places, Places], str]
         here, there = (tuple(i for pair in each.values() for i in pair[side]) for side in range(2))
         for when, pair in {**each, "all cycles": (here, there)}.items():
             if pair[0]:
-                pairs.setdefault(pair, when)
+                pairs.setdefault((min(pair), max(pair)), when)
     return pairs
 
 

@@ -22,16 +22,14 @@ from calib.arrays import (
     FloatArray,
     IntArray,
     Observations,
-    incidence,
     numbered,
     rows_of,
-    tilts,
+    without_means,
 )
 from calib.errors import NotIdentifiable
-from calib.identify.fit import design_of
+from calib.posterior.cells import Cells
 from calib.posterior.exchanges import Exchange, exchanges, place_of
-from calib.posterior.readings import BASE, Cells
-from calib.tripod.pipeline import Model
+from calib.posterior.screening import Screen, even_mm
 
 PRIOR = {
     "first_take": 0.02,
@@ -39,7 +37,7 @@ PRIOR = {
     "label_error": 0.003,
     "stand_slip": 0.003,
     "gauge_swap": 0.003,
-    "legs_exchanged": 0.001,
+    "legs_exchanged": 0.003,
     "tables_exchanged": 0.001,
     "postures_exchanged": 0.003,
     "gauge_sign": 0.003,
@@ -78,7 +76,10 @@ FITS = 1.0
 BENT = 50.0
 """Square sum, for each degree of freedom, from which on derivatives may be too far away."""
 
-FITTED = 6
+ALIKE = 3.0
+"""Of log likelihood: exchanges that differ by less may be one and the same, but for its prior."""
+
+FITTED = 12
 """Exchanges of tables, and as many of postures, that are fitted then."""
 
 MOST_VALUES = 4_000_000
@@ -123,8 +124,9 @@ def suspects(cells: Cells, beside: Sequence[Beside], log_evidence: float) -> lis
     """
     scored: dict[tuple[str, str, str], Scored] = {}
     moved: _Moved | None = None
+    root = even_mm(cells)
     for one in beside:
-        screen = _Screen.of(cells, one.columns)
+        screen = Screen.of(cells, one.columns, root)
         scores = [*_apart(screen)]
         if screen.square > screen.freedom + FITS * math.sqrt(2.0 * screen.freedom):
             moved = moved or _Moved.of(screen)
@@ -135,7 +137,7 @@ def suspects(cells: Cells, beside: Sequence[Beside], log_evidence: float) -> lis
                 scored[key] = (whole, mistake)
     ordered = sorted(scored.values(), key=lambda each: -each[0])
     likely = [each for each in ordered if each[0] > log_evidence - DOUBTED][:TRIED]
-    plain = _Screen.of(cells, beside[0].columns)
+    plain = Screen.of(cells, beside[0].columns, root)
     if plain.square > BENT * plain.freedom:
         likely = _fitted(plain, ordered, likely, beside[0].log_weight, log_evidence)
     best = likely[0][0] if likely else 0.0
@@ -143,7 +145,7 @@ def suspects(cells: Cells, beside: Sequence[Beside], log_evidence: float) -> lis
 
 
 def _fitted(
-    plain: _Screen,
+    plain: Screen,
     ordered: Sequence[Scored],
     likely: Sequence[Scored],
     log_plain: float,
@@ -155,90 +157,28 @@ def _fitted(
     """
     postures = [one for one in ordered if one[1].id == "postures_exchanged"]
     tables = [one for one in ordered if one[1].id not in (*LEAST, "postures_exchanged")]
-    some = dict.fromkeys([*likely, *tables[:FITTED], *postures[:FITTED]])
-    fitted = []
-    for score, mistake in some:
-        own = score if mistake.id in LEAST else log_plain + plain.gain(mistake)
+    fitted: list[tuple[float, float, Mistake]] = []
+    for score, mistake in dict.fromkeys([*likely, *tables[:FITTED], *postures[:FITTED]]):
+        own = -math.inf if mistake.id in LEAST else log_plain + _gain(plain, mistake)
         allowed = ROUGH if (score, mistake) in tables else DOUBTED
         if max(score, own) > log_evidence - allowed:
-            fitted.append((max(score, own), mistake))
-    return sorted(fitted, key=lambda each: -each[0])
+            fitted.append((max(score, own), own, mistake))
+    # what fits as well by itself is the same exchange by another name, whatever stood beside it
+    alike = {
+        id(mistake): max(score for score, other, _ in fitted if abs(own - other) < ALIKE)
+        for _, own, mistake in fitted
+        if own > -math.inf
+    }
+    best = [(alike.get(id(mistake), score), mistake) for score, _, mistake in fitted]
+    return sorted(best, key=lambda each: -each[0])
 
 
-@dataclass(frozen=True, eq=False)
-class _Screen:
-    """Visits of one session about its plain model: what is left of other values of its rows.
-
-    ``basis`` ``(n + p, r)`` are zeros, base parameters and columns beside them, with what is
-    expected of these as ``p`` rows; all visits have the middle variance of the indicators.
-    ``left`` ``(n + p,)`` of the values as they are written has the sum of squares ``square``.
-    """
-
-    cells: Cells
-    predicted_mm: FloatArray
-    root: FloatArray
-    basis: FloatArray
-    expected: FloatArray
-    freedom: float
-    left: FloatArray
-    square: float
-
-    @classmethod
-    def of(cls, cells: Cells, columns: FloatArray, root: FloatArray | None = None) -> _Screen:
-        """Beside columns ``(n_cells, r)``; ``root`` ``(n,)`` in place of its own deviations, mm."""
-        visited, model = cells.visited, _plain(cells)
-        root = _even_mm(cells) if root is None else root
-        spread, count = cells.case.spread_mm, BASE + columns.shape[1]
-        derivatives = design_of(model, visited, range(BASE), ()) * spread
-        zeros = np.hstack([incidence(visited.mount), tilts(visited)])
-        shown = np.hstack([zeros, derivatives, columns[cells.cell]]) / root[:, None]
-        below = np.hstack([np.zeros((count, zeros.shape[1])), np.eye(count)])
-        basis = np.linalg.qr(np.vstack([shown, below]))[0]
-        expected = np.zeros(count)
-        known = np.array(cells.case.model.parameters_mm) - model.parameters_mm
-        expected[:BASE] = known / spread
-        freedom = len(visited) - zeros.shape[1] - 3.0
-        blank = cls(
-            cells, model.readings(visited), root, basis, expected, freedom, np.zeros(0), 0.0
-        )
-        left = blank.left_of(visited.value_mm[:, None])[:, 0]
-        return replace(blank, left=left, square=float(left @ left))
-
-    def left_of(self, value_mm: FloatArray) -> FloatArray:
-        """What is left ``(n + p, k)`` of values ``(n, k)``."""
-        rows = (value_mm - self.predicted_mm[:, None]) / self.root[:, None]
-        rows = np.vstack([rows, np.tile(self.expected[:, None], rows.shape[1])])
-        return np.asarray(rows - self.basis @ (self.basis.T @ rows))
-
-    def log_likelihood(self, square: FloatArray | float, fewer: int = 0) -> FloatArray:
-        """Of what is left, with so many directions fewer, but for what does not depend on it."""
-        if math.isinf(self.cells.freedom):
-            return np.asarray(-0.5 * np.asarray(square))
-        half = (self.freedom - fewer) / 2.0
-        return np.asarray(math.lgamma(half) - half * np.log(np.maximum(square, 1e-9) / 2.0))
-
-    def gain(self, mistake: Mistake) -> float:
-        """Log likelihood that an exchange adds by its own plain fit, its prior included."""
-        right = Cells.of_visits(self.cells.case, mistake.visited)
-        other = _Screen.of(right, np.zeros((len(right.means), 0)), self.root)
-        more = self.log_likelihood(other.square) - self.log_likelihood(self.square)
-        return float(more) + mistake.log_prior
-
-
-def _plain(cells: Cells) -> Model:
-    """The fit without effects; where labels are too wrong for one, the model of the session."""
-    try:
-        return cells.model
-    except NotIdentifiable:
-        return cells.case.model
-
-
-def _even_mm(cells: Cells) -> FloatArray:
-    """Standard deviation of each visit ``(n,)``, that of the middle indicator: no other unit."""
-    if cells.noise is None:
-        return np.sqrt(cells.scatter_mm2)
-    middle = float(np.median([one.variance_mm2 for one in cells.noise.indicators]))
-    return np.sqrt(np.maximum(middle / cells.visited.averaged, 1e-10))
+def _gain(plain: Screen, mistake: Mistake) -> float:
+    """Log likelihood that an exchange adds by its own plain fit, its prior included."""
+    right = Cells.of_visits(plain.cells.case, mistake.visited)
+    other = Screen.of(right, np.zeros((len(right.means), 0)), plain.root)
+    more = plain.log_likelihood(other.square) - plain.log_likelihood(plain.square)
+    return float(more) + mistake.log_prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,17 +191,18 @@ class _Moved:
     places: Counter[str]
 
     @classmethod
-    def of(cls, screen: _Screen) -> _Moved:
+    def of(cls, screen: Screen) -> _Moved:
         """As many as can be held at once."""
         visited = screen.cells.visited
         some = list(islice(exchanges(visited), MOST_VALUES // max(len(visited), 1)))
         values = np.column_stack([one.put_right(visited.value_mm) for one in some])
-        change = np.abs(values - visited.value_mm[:, None]).max(axis=0)
+        change = values - visited.value_mm[:, None]
+        change = np.abs(without_means(visited.mount, visited.averaged, change)).max(axis=0)
         large = change > LEAST_CHANGED * np.median(screen.root)
         every = [one for one, counts in zip(some, large.tolist(), strict=True) if counts]
         return cls(visited, every, values[:, large], Counter(one.id for one in some))
 
-    def scores(self, screen: _Screen) -> Iterator[Scored]:
+    def scores(self, screen: Screen) -> Iterator[Scored]:
         """Exchanges that leave least, and the log likelihood that each adds, with its prior."""
         squares = (screen.left_of(self.values_mm) ** 2).sum(axis=0)
         more = screen.log_likelihood(squares) - screen.log_likelihood(screen.square)
@@ -288,7 +229,7 @@ class _Apart:
     places: int
 
 
-def _apart(screen: _Screen) -> Iterator[Scored]:
+def _apart(screen: Screen) -> Iterator[Scored]:
     """Readings that stand apart, and the log likelihood that each adds, its prior included."""
     visited, root = screen.cells.visited, screen.root
     for one in (*_single(screen), *_first_takes(visited), *_slips(screen)):
@@ -327,7 +268,7 @@ def _apart(screen: _Screen) -> Iterator[Scored]:
         yield float(more) + room + log_prior, mistake
 
 
-def _single(screen: _Screen) -> Iterator[_Apart]:
+def _single(screen: Screen) -> Iterator[_Apart]:
     """The readings that lie furthest from where all others expect them."""
     visited = screen.cells.visited
     count = len(visited)
@@ -376,7 +317,7 @@ def _first_takes(visited: Observations) -> Iterator[_Apart]:
         yield _Apart("first_take", where, title, groups, len(sets))
 
 
-def _slips(screen: _Screen) -> Iterator[_Apart]:
+def _slips(screen: Screen) -> Iterator[_Apart]:
     """For each mounting the two rows from which on a shift explains most, not at its ends."""
     visited, root = screen.cells.visited, screen.root
     for rows in visited.mountings:

@@ -429,7 +429,7 @@ class _Report:
             model, means, weight = cells.case.model, cells.means, 1.0 / cells.variance_mm2
             acting = model.with_effects((*model.effects, *effects))
             try:
-                fit = prior_fit(acting, means, weight, cells.case.tolerance_mm)
+                fit = prior_fit(acting, means, weight, cells.case.spread_mm)
             except CalibrationError:
                 return math.nan
             off = means.value_mm - fit.model.readings(means)

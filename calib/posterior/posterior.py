@@ -15,18 +15,11 @@ import numpy as np
 
 from calib.arrays import FloatArray, IntArray
 from calib.errors import NotIdentifiable
+from calib.posterior.cells import Case, Cells
 from calib.posterior.labels import Beside, Mistake, Solved, with_mistakes
 from calib.posterior.library import ELSE, Component, library, something_else
 from calib.posterior.race import LIGHTEST, LOG_CAUSES, Entry, Products, Race
-from calib.posterior.readings import (
-    LENGTHS,
-    Case,
-    Cells,
-    Placed,
-    Rows,
-    placed_columns,
-    rows_of,
-)
+from calib.posterior.readings import LENGTHS, Placed, Rows, placed_columns, rows_of
 from calib.posterior.tool import RIGID, ToolField, laws_held, tool_field
 from calib.tripod.effects.effect import PER_THOUSAND, Effect, EffectInstance
 from calib.tripod.geometry import Geometry
@@ -261,10 +254,11 @@ def _mixed(every: Sequence[Solved[Posterior]]) -> Posterior:
     log = np.array([one.log_weight for one in every])
     share = np.exp(log - log.max())
     share /= share.sum()
+    share = np.where(share > LIGHTEST, share, 0.0) / share[share > LIGHTEST].sum()
     components: list[Component] = []
     models: list[Weighted] = []
     for one, weight in zip(every, share.tolist(), strict=True):
-        if weight < LIGHTEST:
+        if not weight:
             continue
         first = len(components)
         models += [

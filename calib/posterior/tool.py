@@ -15,7 +15,8 @@ from typing import Literal
 import numpy as np
 
 from calib.arrays import LEG_NAMES, FloatArray
-from calib.posterior.readings import BASE, Placed
+from calib.posterior.cells import BASE
+from calib.posterior.readings import Placed
 from calib.tripod.effects.candidates import tool_columns
 from calib.tripod.effects.drives import AxisLean, AxisOffset, Backlash
 from calib.tripod.geometry import Geometry

@@ -42,9 +42,9 @@ def of_the_posterior(session: Path, without: tuple[str, ...], also: tuple[str, .
     from app.evaluating.diagnosis import cases
     from app.evaluating.own_effects import known_effects
     from app.evaluating.solution import load_sessions
+    from calib.posterior.cells import Case
     from calib.posterior.names import diagnosis_of
     from calib.posterior.posterior import posterior
-    from calib.posterior.readings import Case
     from calib.tripod.pipeline import Model
 
     del also

@@ -9,7 +9,7 @@ import pytest
 
 from calib.arrays import Observations, observe
 from calib.noise.reading import IndicatorFigures, IndicatorNoise, Noise, reading_noise
-from calib.noise.repeats import Repeats, outlying_readings
+from calib.noise.repeats import Repeats, disagreeing, outlying_readings
 from tests.builders import postures
 
 
@@ -170,3 +170,62 @@ def test_one_cycle_tells_nothing() -> None:
     assert float(Repeats.of(data).degrees_of_freedom.sum()) == 0.0
     assert reading_noise(data, IndicatorFigures()) is None
     assert reading_noise(data, IndicatorFigures(resolution_mm=0.01)) is not None
+
+
+def exchanged(data: Observations, mount: int, cycle: int) -> tuple[Observations, list[int]]:
+    """The readings of two postures of one set-up written down in each other's place, in one cycle.
+
+    They are a millimetre or two apart.
+    """
+    there = np.flatnonzero((data.mount == mount) & (data.cycle == cycle))
+    first, second = there[np.argsort(data.displacement_mm[there])[[0, -1]]].tolist()
+    value = 10.0 * data.value_mm
+    value[[first, second]] = value[[second, first]]
+    return replace(data, value_mm=value), sorted([first, second])
+
+
+def test_two_exchanged_postures_disagree_and_are_no_noise() -> None:
+    """Repeats of two postures disagree by 1.6 mm: that leaves the scatter of the others alone."""
+    for seed in range(20):
+        data = session(0.002 / 10.0, seed=seed)
+        clean = reading_noise(replace(data, value_mm=10.0 * data.value_mm), IndicatorFigures())
+        mixed, rows = exchanged(data, mount=seed % 6, cycle=seed % 3)
+        apart = disagreeing(Repeats.of(mixed), 0.0)
+        noise = reading_noise(mixed, IndicatorFigures(), apart)
+        assert clean is not None
+        assert noise is not None
+        assert set(rows) <= set(apart)
+        assert len(apart) <= 3
+        assert noise.standard_deviation_mm == pytest.approx(clean.standard_deviation_mm, rel=0.25)
+        assert noise.degrees_of_freedom < clean.degrees_of_freedom
+
+
+def test_of_two_repeats_that_disagree_neither_is_accused_alone() -> None:
+    data = session(0.002, seed=4)
+    data = data.take(data.cycle < 2)
+    value = data.value_mm.copy()
+    value[5] += 0.4
+    apart = disagreeing(Repeats.of(replace(data, value_mm=value)), 0.0)
+    other = next(k for k in np.flatnonzero(data.cell == data.cell[5]).tolist() if k != 5)
+    assert set(apart) == {5, other}
+
+
+def test_heavy_tails_disagree_with_nothing() -> None:
+    """Student's t with 3 degrees of freedom: its tails are noise."""
+    apart = 0
+    for seed in range(300):
+        heavy = 0.002 * np.random.default_rng([seed, 7]).standard_t(3.0, 54)
+        apart += bool(disagreeing(Repeats.of(observe(session(0.0), heavy)), 0.0))
+    assert apart <= 30, "one session in ten at most"
+
+
+def test_beside_a_steady_drift_the_scatter_is_that_of_the_readings() -> None:
+    """Times that are not those of the cycle before let a drift pass for scatter between cycles."""
+    data = session(0.0)
+    uneven = np.sort(np.random.default_rng(1).uniform(0.0, 600.0, len(data)))
+    noise = 0.001 * np.random.default_rng(2).normal(size=len(data))
+    drifting = replace(data, time_s=uneven, value_mm=data.value_mm + noise + 0.001 * uneven)
+    of_cycles, steady = Repeats.of(drifting), Repeats.of(drifting, steady=True)
+    assert steady.standard_deviation_mm == pytest.approx(0.001, rel=0.3)
+    assert of_cycles.standard_deviation_mm is not None
+    assert of_cycles.standard_deviation_mm > 0.003

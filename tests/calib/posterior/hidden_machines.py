@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.arrays import Observations, observe
 from calib.noise.reading import IndicatorFigures
-from calib.posterior.readings import Case
+from calib.posterior.cells import Case
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, measure

@@ -7,6 +7,7 @@ import pytest
 
 from calib.arrays import observe
 from calib.noise.reading import IndicatorFigures
+from calib.posterior.cells import Case
 from calib.posterior.correction import HOLDS, Holds, correction, projector_of
 from calib.posterior.entered import (
     OFFSETS,
@@ -17,7 +18,6 @@ from calib.posterior.entered import (
     values_of,
 )
 from calib.posterior.posterior import Posterior, posterior
-from calib.posterior.readings import Case
 from calib.posterior.tool import FRAMES
 from calib.tripod.effects.drives import ActuatorCyclic, AxisOffset, AxisSquareness, Backlash
 from calib.tripod.effects.effect import EffectInstance

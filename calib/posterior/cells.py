@@ -1,0 +1,287 @@
+"""One session by its cells: readings of one mounting, posture and side have one mean.
+
+Repeats judge each other: what disagrees with them is no noise and pulls no mean. Errors that follow
+each other make a mean less certain than its repeats let expect.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from calib.arrays import (
+    DEPENDENT,
+    NEW_DIRECTION,
+    FloatArray,
+    IntArray,
+    Observations,
+    basis_of,
+    incidence,
+    lengths,
+    tilts,
+    without,
+    without_means,
+    without_zeros,
+)
+from calib.identify.fit import prior_fit
+from calib.noise.reading import IndicatorFigures, Noise, reading_noise, visits
+from calib.noise.repeats import Repeats, disagreeing, set_apart
+from calib.noise.serial import independent, serial_correlation
+from calib.tripod.geometry import PARAMETER_NAMES
+from calib.tripod.pipeline import Model
+
+BASE = len(PARAMETER_NAMES)
+
+FINEST_MM = 1e-5
+"""No indicator reads better; with less, rounding would be taken for what readings show."""
+
+USUAL = 3.0
+"""Standard deviations from its repeats up to which a reading counts in full."""
+
+WRONG = 1e-6
+"""Weight of a reading that disagrees with its repeats: it tells nothing about them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One session: the model it was measured against, and what is known of machine and indicators.
+
+    ``tolerance_mm`` ``(6,)`` are standard deviations of joint offsets and bar lengths.
+    """
+
+    model: Model
+    observed: Observations
+    indicator: IndicatorFigures
+    tolerance_mm: FloatArray
+
+    @property
+    def spread_mm(self) -> FloatArray:
+        """Those standard deviations ``(6,)``; a tolerance of 0 is a value known as it stands."""
+        return np.maximum(self.tolerance_mm, FINEST_MM)
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """One session by its cells: ``means`` of them, with a variance ``(n_cells,)`` of each in mm².
+
+    ``cell`` ``(n_visits,)`` numbers the cell of each visit, ``scatter_mm2`` ``(n_visits,)`` is its
+    variance, ``weight`` ``(n_visits,)`` less than 1 where it lies far from its repeats; ``serial``
+    correlates each with the next of its mounting. Nobody saw how the first reading of a mounting
+    was reached: its approach is not known, so it shares no cell. ``noise`` is None where nothing
+    tells it. Visits that stand ``apart`` disagree with their repeats: they are no noise, and
+    ``excess`` is what they add to the square sum within cells.
+    """
+
+    case: Case
+    visited: Observations
+    cell: IntArray
+    means: Observations
+    variance_mm2: FloatArray
+    scatter_mm2: FloatArray
+    weight: FloatArray
+    noise: Noise | None
+    serial: float
+    apart: IntArray
+    excess: float
+
+    @classmethod
+    def of(cls, case: Case) -> Cells:
+        """Group the visits of a session."""
+        return cls.of_visits(case, visits(case.observed))
+
+    @classmethod
+    def of_visits(cls, case: Case, visited: Observations) -> Cells:
+        """Group visits, which need not be those of the session as it is written."""
+        cell, serial, excess, weight = visited.cell, 0.0, 0.0, np.ones(len(visited))
+        repeats = Repeats.of(visited, steady=True)
+        floor_mm2 = case.indicator.display_mm**2 / 12.0
+        apart = np.array(disagreeing(repeats, floor_mm2), dtype=np.intp)
+        noise = reading_noise(visited, case.indicator, apart.tolist(), steady=True)
+        if noise is None:  # equal weights: what the model leaves tells the variance
+            centred = without_zeros(visited, visited.averaged, visited.value_mm)
+            scatter = max(1e-4 * float((centred**2).mean()), 1e-8) / visited.averaged
+        else:
+            scatter = np.maximum(noise.repeatability_mm2(visited), FINEST_MM**2)
+            alone = set_apart(cell, apart)
+            excess = _square_within(cell, scatter, visited.value_mm) - _square_within(
+                alone, scatter, visited.value_mm
+            )
+            serial = serial_correlation(visited, alone, scatter)
+            if serial:
+                scatter = scatter * _underrated(visited, alone, scatter, serial)
+            weight = _robust_weights(Repeats.of(visited, apart.tolist(), steady=True), scatter)
+            weight[apart] = WRONG
+        means, variance = _means(visited, cell, scatter / weight, serial)
+        shared = noise.quantisation_mm2(means) if noise else 0.0
+        variance = np.maximum(variance + shared, FINEST_MM**2)
+        scatters = variance, scatter, weight
+        return cls(case, visited, cell, means, *scatters, noise, serial, apart, excess)
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of the noise; 0 where none is known."""
+        return self.noise.degrees_of_freedom if self.noise else 0.0
+
+    @cached_property
+    def log_constant(self) -> float:
+        """Log density of the readings that no model changes: their scales, and repeats that agree.
+
+        With it the evidences of sessions with other labels, or fewer readings, compare.
+        """
+        visited, scatter = self.visited, self.scatter_mm2
+        root = 1.0 / np.sqrt(scatter)[:, None]
+        zeros = [float((independent(self.serial, root[r]) ** 2).sum()) for r in visited.mountings]
+        log_scales = float(np.log(2.0 * np.pi * scatter).sum())
+        log_scales += float(np.log(np.array(zeros) / (2.0 * np.pi)).sum())
+        log_scales += (len(visited) - len(zeros)) * math.log(1.0 - self.serial**2)
+        repeats = len(visited) - len(self.means) - len(self.apart) if self.noise else 0
+        return -0.5 * (log_scales + repeats)
+
+    @cached_property
+    def _counted_mm2(self) -> FloatArray:
+        return self.scatter_mm2 / self.weight
+
+    @cached_property
+    def model(self) -> Model:
+        """Base parameters fitted within their tolerances. Raises NotIdentifiable."""
+        case = self.case
+        return prior_fit(case.model, self.means, 1.0 / self.variance_mm2, case.spread_mm).model
+
+    def whitened(self, rows: FloatArray) -> FloatArray:
+        """Rows ``(n_cells, ...)`` made independent, of unit variance, less the best zeros."""
+        flat = self._independent(rows.reshape(len(rows), -1))
+        return np.asarray(without(self._zeros, flat).reshape(rows.shape))
+
+    def coloured(self, rows: FloatArray) -> FloatArray:
+        """The opposite ``(n_cells, k)``, but for what zeros took."""
+        if not self.serial:
+            return np.asarray(rows * np.sqrt(self.variance_mm2)[:, None])
+        columns = np.empty_like(rows)
+        for cells, root in self._roots:
+            columns[cells] = root @ rows[cells]
+        return columns
+
+    @cached_property
+    def _zeros(self) -> FloatArray:
+        """Basis ``(n_cells, r)`` of zeros of mountings and tilts of planes."""
+        columns = np.hstack([incidence(self.means.mount), tilts(self.means)])
+        shown = self._independent(columns)
+        return basis_of(shown / lengths(shown), DEPENDENT)
+
+    def _independent(self, columns: FloatArray) -> FloatArray:
+        if not self.serial:
+            return np.asarray(columns / np.sqrt(self.variance_mm2)[:, None])
+        whitened = np.empty_like(columns)
+        for rows, root in self._roots:
+            whitened[rows] = np.linalg.solve(root, columns[rows])
+        return whitened
+
+    @cached_property
+    def _roots(self) -> list[tuple[IntArray, FloatArray]]:
+        """Of each mounting its cells, and the Cholesky root of the covariance of their means."""
+        shared = self.noise.quantisation_mm2(self.means) if self.noise else np.zeros(0)
+        return [
+            (cells, np.asarray(np.linalg.cholesky(inverse @ inverse.T + np.diag(shared[cells]))))
+            for _, cells, _, inverse in _by_mounting(
+                self.visited, self.cell, self._counted_mm2, self.serial
+            )
+        ]
+
+    def in_time(self, columns: FloatArray) -> FloatArray:
+        """What columns ``(n_visits, k)`` and readings do within cells: rows ``(k, 1 + k)``.
+
+        The readings come first; independent, of unit variance.
+        """
+        rows = np.column_stack([columns, self.visited.value_mm])
+        root = np.sqrt(self._counted_mm2)[:, None]
+        if self.serial:
+            mountings = _by_mounting(self.visited, self.cell, self._counted_mm2, self.serial)
+            left = np.vstack(
+                [
+                    without(basis, independent(self.serial, rows[there] / root[there]))
+                    for there, _, basis, _ in mountings
+                ]
+            )
+        else:
+            left = without_means(self.cell, 1.0 / self._counted_mm2, rows) / root
+        upper = np.asarray(np.linalg.qr(left, mode="r"))[: columns.shape[1]]
+        return np.column_stack([upper[:, -1], upper[:, :-1]])
+
+
+def _by_mounting(
+    visited: Observations, cell: IntArray, scatter_mm2: FloatArray, serial: float
+) -> Iterator[tuple[IntArray, IntArray, FloatArray, FloatArray]]:
+    """Of each mounting its visits, its cells, a basis of these, and the root of their covariance.
+
+    The basis ``(n, c)`` is orthonormal among errors made independent; times the inverse root
+    ``(c, c)`` it estimates the means.
+    """
+    for rows in visited.mountings:
+        cells, number = np.unique(cell[rows], return_inverse=True)
+        columns = np.eye(len(cells))[number] / np.sqrt(scatter_mm2[rows])[:, None]
+        basis, upper = np.linalg.qr(independent(serial, columns))
+        yield rows, cells, basis, np.linalg.inv(upper)
+
+
+def _means(
+    visited: Observations, cell: IntArray, scatter_mm2: FloatArray, serial: float
+) -> tuple[Observations, FloatArray]:
+    """Means of cells by least squares, and their variances ``(n_cells,)``, mm²."""
+    rows = np.unique(cell, return_index=True)[1]
+    both = np.column_stack([visited.value_mm, visited.time_s])
+    if not serial:
+        total = np.bincount(cell, 1.0 / scatter_mm2)
+        value_mm, time_s = (np.bincount(cell, column / scatter_mm2) / total for column in both.T)
+        variance = 1.0 / total
+    else:
+        value_mm, time_s, variance = (np.empty(len(rows)) for _ in range(3))
+        for there, cells, basis, inverse in _by_mounting(visited, cell, scatter_mm2, serial):
+            known = both[there] / np.sqrt(scatter_mm2[there])[:, None]
+            value_mm[cells], time_s[cells] = (inverse @ (basis.T @ independent(serial, known))).T
+            variance[cells] = (inverse**2).sum(axis=1)
+    together = np.bincount(cell, visited.averaged).astype(np.float64)
+    means = replace(visited.take(rows), value_mm=value_mm, averaged=together, time_s=time_s)
+    return means, variance
+
+
+def _square_within(cell: IntArray, scatter_mm2: FloatArray, value_mm: FloatArray) -> float:
+    """Square sum of readings about the means of their cells, over their variances."""
+    return float((without_means(cell, 1.0 / scatter_mm2, value_mm) ** 2 / scatter_mm2).sum())
+
+
+def _underrated(
+    visited: Observations, cell: IntArray, scatter_mm2: FloatArray, serial: float
+) -> float:
+    """Variance of correlated errors over what their repeats show: these follow each other.
+
+    A steady drift of each mounting is no error.
+    """
+    square, free = 0.0, 0
+    for rows, _, basis, _ in _by_mounting(visited, cell, scatter_mm2, serial):
+        order = np.linspace(-1.0, 1.0, len(rows))
+        both = (
+            np.column_stack([order, visited.value_mm[rows]]) / np.sqrt(scatter_mm2[rows])[:, None]
+        )
+        drift, left = without(basis, independent(serial, both)).T
+        along = float(drift @ drift)
+        square += float(left @ left) - (float(drift @ left) ** 2 / along if along > 1e-9 else 0.0)
+        free += max(len(rows) - basis.shape[1] - 1, 0)
+    return square / free if free and square > 0.0 else 1.0
+
+
+def _robust_weights(repeats: Repeats, scatter_mm2: FloatArray) -> FloatArray:
+    """Weights ``(n_visits,)`` with which what lies far from its repeats does not pull the mean.
+
+    Huber's: 1 up to `USUAL` standard deviations, from there on falling with the distance; what all
+    readings of a cycle share is no distance. A cell of few readings, of which one lies far, is
+    known less well.
+    """
+    left = repeats.scatter(repeats.observed.value_mm[:, None])[:, 0]
+    share = np.maximum(1.0 - repeats.leverage, NEW_DIRECTION)
+    averaged = repeats.observed.averaged
+    distance = np.abs(left) / np.sqrt(averaged * scatter_mm2 * share)
+    return np.asarray(USUAL / np.maximum(distance, USUAL))

@@ -1,0 +1,92 @@
+"""What other values of the same rows would leave beside the plain model: cheap, and linear."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.arrays import FloatArray, incidence, tilts
+from calib.errors import NotIdentifiable
+from calib.identify.fit import design_of
+from calib.noise.repeats import Repeats, typical_mm2
+from calib.posterior.cells import BASE, Cells
+from calib.tripod.pipeline import Model
+
+LOOSE = 6.0
+"""Variance of repeats over that of their usual difference; with heavy tails it is 2 to 3."""
+
+
+@dataclass(frozen=True, eq=False)
+class Screen:
+    """Visits of one session about its plain model: what is left of other values of its rows.
+
+    ``basis`` ``(n + p, r)`` are zeros, base parameters and columns beside them, with what is
+    expected of these as ``p`` rows; all visits have the middle variance of the indicators.
+    ``left`` ``(n + p,)`` of the values as they are written has the sum of squares ``square``.
+    """
+
+    cells: Cells
+    predicted_mm: FloatArray
+    root: FloatArray
+    basis: FloatArray
+    expected: FloatArray
+    freedom: float
+    left: FloatArray
+    square: float
+
+    @classmethod
+    def of(cls, cells: Cells, columns: FloatArray, root: FloatArray) -> Screen:
+        """Beside columns ``(n_cells, r)``; ``root`` ``(n,)`` are standard deviations, mm."""
+        visited, model, cell = cells.visited, _plain(cells), cells.cell
+        spread, count = cells.case.spread_mm, BASE + columns.shape[1]
+        derivatives = design_of(model, cells.means, range(BASE), ()) * spread
+        zeros = np.hstack([incidence(visited.mount), tilts(visited)])
+        shown = np.hstack([zeros, derivatives[cell], columns[cell]]) / root[:, None]
+        below = np.hstack([np.zeros((count, zeros.shape[1])), np.eye(count)])
+        basis = np.linalg.qr(np.vstack([shown, below]))[0]
+        expected = np.zeros(count)
+        known = np.array(cells.case.model.parameters_mm) - model.parameters_mm
+        expected[:BASE] = known / spread
+        freedom = len(visited) - zeros.shape[1] - 3.0
+        predicted = model.readings(cells.means)[cell]
+        blank = cls(cells, predicted, root, basis, expected, freedom, np.zeros(0), 0.0)
+        left = blank.left_of(visited.value_mm[:, None])[:, 0]
+        return replace(blank, left=left, square=float(left @ left))
+
+    def left_of(self, value_mm: FloatArray) -> FloatArray:
+        """What is left ``(n + p, k)`` of values ``(n, k)``."""
+        rows = (value_mm - self.predicted_mm[:, None]) / self.root[:, None]
+        rows = np.vstack([rows, np.tile(self.expected[:, None], rows.shape[1])])
+        return np.asarray(rows - self.basis @ (self.basis.T @ rows))
+
+    def log_likelihood(self, square: FloatArray | float, fewer: int = 0) -> FloatArray:
+        """Of what is left, with so many directions fewer, but for what does not depend on it."""
+        if math.isinf(self.cells.freedom):
+            return np.asarray(-0.5 * np.asarray(square))
+        half = (self.freedom - fewer) / 2.0
+        return np.asarray(math.lgamma(half) - half * np.log(np.maximum(square, 1e-9) / 2.0))
+
+
+def _plain(cells: Cells) -> Model:
+    """The fit without effects; where labels are too wrong for one, the model of the session."""
+    try:
+        return cells.model
+    except NotIdentifiable:
+        return cells.case.model
+
+
+def even_mm(cells: Cells) -> FloatArray:
+    """Standard deviation of each visit ``(n,)``, that of the middle indicator: no other unit.
+
+    Where a stand moved, its repeats scatter; then what most repeats differ by is nearer the truth.
+    """
+    if cells.noise is None:
+        return np.sqrt(cells.scatter_mm2)
+    middle = float(np.median([one.variance_mm2 for one in cells.noise.indicators]))
+    typical = typical_mm2(Repeats.of(cells.visited, steady=True))
+    if typical is not None:
+        least = max(float(typical.min()), cells.case.indicator.display_mm**2 / 12.0)
+        middle = least if middle > LOOSE * least else middle
+    return np.sqrt(np.maximum(middle / cells.visited.averaged, 1e-10))

@@ -1,0 +1,130 @@
+"""Cells of a session against the whole covariance of its visits, and readings that lie far off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calib.arrays import FloatArray, numbered
+from calib.noise.reading import IndicatorFigures
+from calib.posterior.cells import Cells
+from tests.calib.posterior.sessions import SCATTER_MM, SHORT, SWEEP, case, with_values
+
+
+def covariance(cells: Cells) -> FloatArray:
+    """Of the errors of all visits, from its definition."""
+    visited, rho = cells.visited, cells.serial
+    visit = np.zeros(len(visited))
+    for rows in visited.mountings:
+        visit[rows] = np.arange(len(rows))
+    apart = np.abs(np.subtract.outer(visit, visit))
+    together = visited.mount[:, None] == visited.mount
+    root = np.sqrt(cells.scatter_mm2 / cells.weight)
+    return np.asarray(np.where(together, rho**apart, 0.0) * np.outer(root, root))
+
+
+def correlated(seed: int) -> Cells:
+    one = case(SWEEP, seed=seed)
+    generator = np.random.default_rng(seed)
+    value = one.observed.value_mm.copy()
+    for rows in one.observed.mountings:
+        error = generator.normal(size=len(rows))
+        for k, n in pairwise(range(len(rows))):
+            error[n] = 0.8 * error[k] + 0.6 * error[n]
+        value[rows] += 5.0 * SCATTER_MM * error
+    return Cells.of(with_values(one, value))
+
+
+def test_means_of_correlated_errors_are_those_of_least_squares() -> None:
+    cells = correlated(3)
+    assert cells.serial > 0.4
+    precision = np.linalg.inv(covariance(cells))
+    groups = np.eye(len(cells.means))[cells.cell]
+    of_means = np.linalg.inv(groups.T @ precision @ groups)
+    expected = of_means @ groups.T @ precision @ cells.visited.value_mm
+    assert cells.means.value_mm == pytest.approx(expected, abs=1e-9)
+    assert cells.variance_mm2 == pytest.approx(of_means.diagonal(), rel=1e-9)
+
+
+@pytest.mark.parametrize("serial", [False, True])
+def test_whitened_rows_have_the_information_of_all_visits_beside_their_zeros(serial: bool) -> None:
+    cells = correlated(5) if serial else Cells.of(case(SWEEP, seed=5))
+    columns = np.random.default_rng(0).normal(size=(len(cells.means), 4))
+    precision = np.linalg.inv(covariance(cells))
+    zeros = np.eye(cells.visited.mount_count)[cells.visited.mount]
+    at_visits = columns[cells.cell]
+    seen = precision @ zeros
+    beside = precision - seen @ np.linalg.solve(zeros.T @ seen, seen.T)
+    whitened = cells.whitened(columns)
+    assert whitened.T @ whitened == pytest.approx(at_visits.T @ beside @ at_visits, rel=1e-6)
+    again = cells.whitened(cells.coloured(whitened))
+    assert again == pytest.approx(whitened, abs=1e-9)
+
+
+@given(seed=st.integers(0, 2**16))
+@settings(max_examples=20, deadline=None)
+def test_without_outliers_a_mean_is_a_mean(seed: int) -> None:
+    cells = Cells.of(case(SHORT, seed=seed))
+    counted = cells.weight == 1.0
+    plain = np.bincount(cells.cell, cells.visited.value_mm) / np.bincount(cells.cell)
+    untouched = np.bincount(cells.cell, counted) == np.bincount(cells.cell)
+    assert untouched.mean() > 0.8
+    if not cells.serial:
+        assert cells.means.value_mm[untouched] == pytest.approx(plain[untouched], abs=1e-12)
+
+
+def test_a_reading_that_does_not_fit_its_repeats_is_no_noise_and_hardly_pulls_their_mean() -> None:
+    clean = case(SHORT, seed=7)
+    row = int(np.flatnonzero(clean.observed.displacement_mm == 60.0)[4])
+    value = clean.observed.value_mm.copy()
+    value[row] += 1.0
+    before, after = Cells.of(clean), Cells.of(with_values(clean, value))
+    assert before.noise is not None
+    assert after.noise is not None
+    assert after.apart.tolist() == [row]
+    sigma_mm = before.noise.standard_deviation_mm
+    assert after.noise.standard_deviation_mm == pytest.approx(sigma_mm, rel=0.2)
+    moved = np.abs(after.means.value_mm - before.means.value_mm)[before.cell[row]]
+    assert moved < 3.0 * sigma_mm, "a third of it would be 0.33 mm"
+
+
+def test_first_readings_share_no_cell() -> None:
+    cells = Cells.of(case(SHORT))
+    first = np.unique(cells.visited.mount, return_index=True)[1]
+    assert np.bincount(cells.cell)[cells.cell[first]].tolist() == [1] * 6
+
+
+def test_evidences_of_other_mountings_compare() -> None:
+    """The density of all readings with wide zeros, from the whole covariance, up to one constant.
+
+    A stated instrument and no repeats: nothing is estimated.
+    """
+    whole = case(SHORT, seed=2)
+    once = whole.observed.take(whole.observed.cycle == 1)
+    figures = IndicatorFigures(repeatability_mm=SCATTER_MM)
+    one = replace(whole, observed=once, indicator=figures)
+    mount = once.mount.copy()
+    mount[2] = once.mount_count
+    wide_mm2 = 1e2
+
+    def density(cells: Cells) -> tuple[float, float]:
+        residual = cells.whitened(cells.means.value_mm)
+        ours = cells.log_constant - 0.5 * float(residual @ residual)
+        zeros = np.eye(cells.visited.mount_count)[cells.visited.mount]
+        spread = covariance(cells) + wide_mm2 * zeros @ zeros.T
+        value = cells.visited.value_mm
+        square = float(value @ np.linalg.solve(spread, value))
+        log_det = float(np.linalg.slogdet(2.0 * np.pi * spread)[1])
+        prior = 0.5 * zeros.shape[1] * np.log(2.0 * np.pi * wide_mm2)
+        return ours, -0.5 * (square + log_det) + prior
+
+    for visited in (once, replace(once, mount=numbered(mount))):
+        cells = Cells.of_visits(one, visited)
+        assert cells.freedom == np.inf
+        ours, theirs = density(cells)
+        assert ours == pytest.approx(theirs, abs=0.01)

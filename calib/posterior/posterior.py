@@ -195,7 +195,9 @@ class _Builder:
         models = _with_common_lengths([cells.model for cells in sessions])
         taken = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
         known = library(taken, effects)
-        known.append(Component(ELSE, "all", ELSE, np.full(1, ELSE_UNIT_MM), None, math.log(SHARES[ELSE])))
+        known.append(
+            Component(ELSE, "all", ELSE, np.full(1, ELSE_UNIT_MM), None, math.log(SHARES[ELSE]))
+        )
         laws = dict.fromkeys(s.effect for c in known if c.candidate for s in c.candidate.shares)
         placed = [placed_columns(model, means, tuple(laws)) for model, means in taken]
         order = tuple(dict.fromkeys(one for each in placed for one in each))

@@ -229,7 +229,7 @@ class Race:
         square = (of_column * np.linalg.solve(inner, along[:, :, None])[:, :, 0]) ** 2
         middle = widths[0]
         parts = square[:, :middle].mean(axis=1), square[:, middle:].mean(axis=1)
-        return np.sqrt(np.maximum(np.stack(parts, axis=1), 1e-12))
+        return np.asarray(np.sqrt(np.maximum(np.stack(parts, axis=1), 1e-12)))
 
     def _log_weights(
         self,
@@ -246,8 +246,7 @@ class Race:
         room = self.products.room - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
         square = self.products.square - (shown**2).sum(axis=1)
         prior = self.log_prior[one] + self.log_prior[other] + LOG_SCALES[scale].sum(axis=1)
-        log: FloatArray = self.log_evidence(square, room) + prior + LOG_CAUSES[2]
-        return log
+        return np.asarray(self.log_evidence(square, room) + prior + LOG_CAUSES[2])
 
     def _cost(self, member: int, scale: float) -> float:
         return float(self.log_prior[member] + LOG_SCALES[SCALES.index(scale)])

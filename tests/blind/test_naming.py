@@ -24,10 +24,10 @@ def test_bins_hold_each_name_with_its_truth() -> None:
         scored("backlash", {"backlash": 0.32, "leg_bow": 0.38, "gauge_gain": 0.005}),
         scored("leg_bow", {"backlash": 1.0}),
     ]
-    assert reliability(chosen) == [
-        Bin(0.3, 0.4, 2, pytest.approx(0.35), 0.5),
-        Bin(0.99, 1.0, 1, 1.0, 0.0),
-    ]
+    third, sure = reliability(chosen)
+    assert (third.least, third.most, third.count, third.right) == (0.3, 0.4, 2, 0.5)
+    assert third.mean == pytest.approx(0.35)
+    assert sure == Bin(0.99, 1.0, 1, 1.0, 0.0)
 
 
 def test_brier_score_charges_what_was_not_named() -> None:

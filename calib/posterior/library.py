@@ -7,6 +7,7 @@ first kinds, then effects, then places and arrangements.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -65,14 +66,6 @@ class Component:
     def shares(self) -> tuple[Share, ...]:
         """Laws at places, and which of the values act there."""
         return self.candidate.shares if self.candidate else ()
-
-    @property
-    def law(self) -> str:
-        """What shares a prior: the id, of what has no name what it does."""
-        if self.kind != "nameless":
-            return self.id
-        effect = self.shares[0].effect
-        return f"{type(effect).__name__} at {effect.stage}"
 
     def with_width(self, count: int) -> Component:
         """The same with so many values of one size."""
@@ -185,30 +178,19 @@ def _sort(one: Component) -> str:
 
 
 def _with_priors(every: Sequence[Component]) -> list[Component]:
-    """Each kind has its share, spread over laws, then over sorts of places, then over these.
+    """Each kind has its share, spread over ids, then over sorts of places, then over these.
 
-    Laws without a name are told apart by what they do, since they share one id.
+    Laws without a name are terms of one series and count as one id.
     """
-    laws = Counter(kind for kind, _ in {(one.kind, one.law) for one in every})
-    places = Counter((one.kind, one.law, _sort(one)) for one in every)
-    sorts: dict[tuple[str, str], float] = {}
-    for kind, name, sort in places:
-        sorts[kind, name] = sorts.get((kind, name), 0.0) + SORTS[sort]
-    return [
-        replace(
-            one,
-            log_prior=float(
-                np.log(
-                    SHARES[one.kind]
-                    / laws[one.kind]
-                    * SORTS[_sort(one)]
-                    / sorts[one.kind, one.law]
-                    / places[one.kind, one.law, _sort(one)]
-                )
-            ),
-        )
-        for one in every
-    ]
+    keys = [(one.kind, "" if one.kind == "nameless" else one.id) for one in every]
+    ids = Counter(kind for kind, _ in set(keys))
+    places = Counter((*key, _sort(one)) for key, one in zip(keys, every, strict=True))
+    found = []
+    for key, one in zip(keys, every, strict=True):
+        sort, sorts = _sort(one), math.fsum(p for s, p in SORTS.items() if places[*key, s])
+        prior = SHARES[one.kind] / ids[one.kind] * SORTS[sort] / sorts / places[*key, sort]
+        found.append(replace(one, log_prior=math.log(prior)))
+    return found
 
 
 def something_else(taken: Conditions) -> FloatArray:

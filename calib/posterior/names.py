@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from calib.tripod.effects.empirical import EMPIRICAL
 Verdict = Literal[
     "agrees", "explained", "ambiguous", "partly-explained", "unexplained", "cannot-tell"
 ]
+
+Key = TypeVar("Key", str, "Place")
 
 MISSING = 0.98
 """Probability that anything is missing, from which on it is told: of sound sessions one in 50 may
@@ -199,15 +201,23 @@ class Claims:
     def ids(self) -> dict[str, float]:
         """Probability of each name, wherever it acts; the likeliest first."""
         names = sorted({name for claim in self.weights for name in claim.ids})
-        each = [(name, self.probability(lambda claim, n=name: n in claim.ids)) for name in names]
-        return dict(descending(each, lambda one: one[1]))
+        return self._likeliest_first(names, lambda claim: claim.ids)
 
     @cached_property
     def places(self) -> dict[Place, float]:
         """Probability of each name at each place; the likeliest first."""
         names = sorted({name for claim in self.weights for name in claim.names})
-        each = [(name, self.probability(lambda claim, n=name: n in claim.names)) for name in names]
-        return dict(descending(each, lambda one: one[1]))
+        return self._likeliest_first(names, lambda claim: claim.names)
+
+    def _likeliest_first(
+        self, names: Sequence[Key], names_of: Callable[[Claim], frozenset[Key]]
+    ) -> dict[Key, float]:
+        """Names with the weight of all claims that have them."""
+        found = {
+            name: math.fsum(w for claim, w in self.weights.items() if name in names_of(claim))
+            for name in names
+        }
+        return dict(descending(found.items(), lambda item: item[1]))
 
     def one_in_other(self, first: Place, second: Place) -> bool:
         """Whether an effect at one place with values of its own contains it at the other."""
@@ -275,7 +285,7 @@ class Claims:
         return found
 
     def _rivals_of(self, name: Place, head: Sequence[Place]) -> tuple[Place, ...]:
-        """What claims that lack a name have in its place, the likeliest first; the rest is `OPEN`."""
+        """What claims without a name have in its place, the likeliest first; the rest is `OPEN`."""
         folded = self._folded
         lacking = [claim for claim in folded if not self.holds(claim, name)]
         left = math.fsum(folded[claim] for claim in lacking)

@@ -35,8 +35,8 @@ PAIRS = 160
 TRIPLES_FROM = 12
 """Pairs beside which every third component is tried."""
 
-FAR_BEHIND = 14.0
-"""Log weight behind the best of as many components: not looked at."""
+FAR_BEHIND = 12.0
+"""Log weight behind the best of as many components: lighter than `LIGHTEST`, not looked at."""
 
 LIGHTEST = 1e-4
 """Models of less weight change nothing."""
@@ -109,7 +109,7 @@ class Race:
         widths = np.array([len(one) for one in self.columns])
         for width in np.unique(widths):
             members = np.flatnonzero(widths == width)
-            index = np.array([self.columns[k] for k in members.tolist()])
+            index = np.array([self.columns[int(k)] for k in members])
             if width == 1:
                 sizes = np.maximum(products.inner[index[:, 0], index[:, 0]], 0.0)[:, None]
                 along = products.along[index]
@@ -145,8 +145,8 @@ class Race:
         share = np.exp(logs - logs.max())
         share /= share.sum()
         entries = [
-            Entry(tuple(k for k, _ in key), tuple(s for _, s in key), w)
-            for (key, w), part in zip(weights.items(), share, strict=True)
+            Entry(tuple(k for k, _ in key), tuple(s for _, s in key), log)
+            for (key, log), part in zip(weights.items(), share, strict=True)
             if part > LIGHTEST
         ]
         return sorted(entries, key=lambda entry: -entry.log_weight)
@@ -162,11 +162,10 @@ class Race:
             square, room = self._one_more(products)
             log = self.log_evidence(square, room) + LOG_SCALES[:, None] + self.log_prior
             log += LOG_CAUSES[len(members) + 1] + sum(self._cost(*one) for one in members)
+            log[:, [member for member, _ in members]] = -math.inf
             best = max(best, float(log.max()))
-            for row, k in np.argwhere(log > best - FAR_BEHIND):
-                if all(k != member for member, _ in members):
-                    key = tuple(sorted((*members, (int(k), SCALES[row]))))
-                    found[key] = max(float(log[row, k]), found.get(key, -math.inf))
+            for row, k in np.argwhere(log > best - FAR_BEHIND).tolist():
+                found[tuple(sorted((*members, (k, SCALES[row]))))] = float(log[row, k])
         return found
 
     def _pairs(self) -> dict[Key, float]:
@@ -198,9 +197,9 @@ class Race:
             scale = np.tile(every, (len(some), 1))
             index, widths = self._columns_of(one, other)
             values = self._log_weights(one, other, index, widths, scale)
-            for k, j, (a, b), value in zip(one, other, scale, values, strict=True):
-                pair = ((int(k), SCALES[a]), (int(j), SCALES[b]))
-                found[tuple(sorted(pair))] = float(value)
+            each = zip(*(x.tolist() for x in (one, other, scale, values)), strict=True)
+            for k, j, (a, b), value in each:
+                found[tuple(sorted(((k, SCALES[a]), (j, SCALES[b]))))] = value
         return found
 
     def _pairs_by_width(self) -> Iterator[tuple[IntArray, IntArray]]:

@@ -355,11 +355,17 @@ def beside_ids(case: Case) -> set[str]:
 
 
 def _also_right(placed: EffectInstance) -> list[str]:
-    """What goes one way across one axis or bar may be told as that axis or bar."""
+    """What goes one way across one axis or bar may be told as that axis or bar, or as that way.
+
+    Of a shift readings see the distance to a third axis: its way is no place.
+    """
     one_way = ("shift", "curve", "taper", "bow", "s_guide")
-    places = {index for (name, index), _ in placed.changes if name in one_way}
-    axes = {index[0] for index in places}
-    return [LETTERS[axes.pop()]] if len(places) == 1 else []
+    places = {(name, index) for (name, index), _ in placed.changes if name in one_way}
+    if len(places) != 1:
+        return []
+    ((name, (axis, side)),) = places
+    names = {LETTERS[axis]} | ({LETTERS[axis] + LETTERS[side]} if name != "shift" else set())
+    return sorted(names - {placed.candidate.where})
 
 
 def _public(changes: list[Change]) -> list[Change]:

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import joblib
@@ -53,7 +54,8 @@ DRIFTS = {"thermal_drift", "stand_drift"}
 def cases(count: int) -> list[Case]:
     """About so many sessions of these cells."""
     whole = [case for case in plan() if case.cell in CELLS]
-    return [case for case in plan(count / len(whole)) if case.cell in CELLS]
+    chosen = [case for case in plan(count / len(whole)) if case.cell in CELLS]
+    return sorted(chosen, key=lambda case: case.session)  # a run that was stopped has some of all
 
 
 def with_every_rival(case: Case) -> Case:
@@ -82,7 +84,7 @@ def _near(one: Scored) -> bool:
 
 
 def _large(one: Scored) -> bool:
-    return min(one.truth["strengths"]) >= 2.0
+    return bool(min(one.truth["strengths"]) >= 2.0)
 
 
 def _wanders(one: Scored) -> bool:
@@ -137,11 +139,11 @@ class Bin:
     least: float
     most: float
     count: int
-    said: float
+    mean: float
     right: float
 
 
-def said_and_right(one: Scored) -> list[tuple[float, bool]]:
+def probabilities_and_truth(one: Scored) -> list[tuple[float, bool]]:
     """Every probability of a name beside whether it is true; drifts of wandering noise are open."""
     open_names = DRIFTS if _wanders(one) else set()
     return [(p, i in one.true_ids) for i, p in one.row["probabilities"] if i not in open_names]
@@ -149,13 +151,13 @@ def said_and_right(one: Scored) -> list[tuple[float, bool]]:
 
 def reliability(chosen: Iterable[Scored]) -> list[Bin]:
     """Bins of all probabilities of these sessions from 1 % on."""
-    pairs = [pair for one in chosen for pair in said_and_right(one)]
-    said, right = np.array(pairs, dtype=np.float64).reshape(-1, 2).T
+    pairs = [pair for one in chosen for pair in probabilities_and_truth(one)]
+    stated, right = np.array(pairs, dtype=np.float64).reshape(-1, 2).T
     found = []
-    for least, most in zip(EDGES, EDGES[1:], strict=False):
-        inside = (said >= least) & ((said < most) | (most == EDGES[-1]))
+    for least, most in pairwise(EDGES):
+        inside = (stated >= least) & ((stated < most) | (most == EDGES[-1]))
         if inside.any():
-            means = float(said[inside].mean()), float(right[inside].mean())
+            means = float(stated[inside].mean()), float(right[inside].mean())
             found.append(Bin(least, most, int(inside.sum()), *means))
     return found
 
@@ -166,27 +168,29 @@ def brier(chosen: Sequence[Scored]) -> float:
     for one in chosen:
         pairs = dict(one.row["probabilities"])
         missed = one.true_ids - set(pairs)
-        total += sum((p - right) ** 2 for p, right in said_and_right(one)) + len(missed)
+        total += sum((p - right) ** 2 for p, right in probabilities_and_truth(one)) + len(missed)
     return total / len(chosen) if chosen else float("nan")
 
 
 def page(truths: dict[str, Json], rows: dict[str, list[Json]]) -> str:
     """Both side by side, then the reliability of the posterior's probabilities."""
+    common = set.intersection(*({row["session"] for row in some} for some in rows.values()))
+    truths = {session: truth for session, truth in truths.items() if session in common}
     scored = {name: joined(truths, some) for name, some in rows.items()}
     head = ["| what | " + " | ".join(scored) + " |", "|---" * (1 + len(scored)) + "|"]
-    for what, chosen, hit in LINES:
-        rates = [rate(filter(chosen, some), hit) for some in scored.values()]
+    for what, counts, hit in LINES:
+        rates = [rate(filter(counts, some), hit) for some in scored.values()]
         head.append(f"| {what} | " + " | ".join(shown(one) for one in rates) + " |")
-    sure = [one for one in scored["posterior"] if "probabilities" in one.row]
-    for title, choice in (("known to the library", _known), ("outside", _foreign)):
-        chosen = [one for one in sure if choice(one)]
+    sure = [one for one in scored.get("posterior", ()) if "probabilities" in one.row]
+    for title, counts in (("known to the library", _known), ("outside", _foreign)):
+        chosen = [one for one in sure if counts(one)]
         if not chosen:
             continue
         head += ["", f"Probabilities of names, hidden laws {title}: {len(chosen)} sessions,"]
         head += [f"Brier score {brier(chosen):.3f} a session.", ""]
-        head += ["| said | mean | right | names |", "|---|---|---|---|"]
+        head += ["| range | mean | right | names |", "|---|---|---|---|"]
         head += [
-            f"| {one.least:.2f} … {one.most:.2f} | {one.said:.3f} | {one.right:.3f} | {one.count} |"
+            f"| {one.least:.2f} … {one.most:.2f} | {one.mean:.3f} | {one.right:.3f} | {one.count} |"
             for one in reliability(chosen)
         ]
     times = [one.row["cpu_s"] for one in sure] or [float("nan")]

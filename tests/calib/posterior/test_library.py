@@ -1,0 +1,60 @@
+"""What may be true, and how likely each is before any reading."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from calib.posterior.library import SHARES, SIDED, library, something_else
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.pipeline import Model
+from tests.calib.diagnosis.diagnosed_sessions import SWEEP
+
+COMPONENTS = library([(Model(), SWEEP)])
+
+
+@pytest.mark.parametrize("kind", ["named", "beside", "nameless"])
+def test_priors_of_a_kind_are_its_share(kind: str) -> None:
+    total = math.fsum(math.exp(one.log_prior) for one in COMPONENTS if one.kind == kind)
+    assert total == pytest.approx(SHARES[kind])
+
+
+def test_names_of_one_kind_are_equally_likely() -> None:
+    ids = {one.id for one in COMPONENTS if one.kind == "named"}
+    each = [math.fsum(math.exp(o.log_prior) for o in COMPONENTS if o.id == name) for name in ids]
+    assert each == pytest.approx([SHARES["named"] / len(ids)] * len(ids))
+
+
+def test_what_is_left_out_of_the_effects_is_not_known_at_all() -> None:
+    fewer = tuple(effect for effect in CATALOGUE if effect.id != "leg_bow")
+    ids = {one.id for one in library([(Model(), SWEEP)], fewer)}
+    assert "leg_bow" not in ids
+    assert {"leg_taper", "joint_clearance"} <= ids
+
+
+def test_a_guide_may_be_bent_one_way_only() -> None:
+    """Both ways of a drive together, and each alone with the same derivatives."""
+    bent = {one.where: one.candidate for one in COMPONENTS if one.id == "straightness"}
+    assert {"x", "xy", "xz"} <= set(bent)
+    both, first, second = bent["x"], bent["xy"], bent["xz"]
+    assert both is not None
+    assert first is not None
+    assert second is not None
+    np.testing.assert_array_equal(both.columns, np.hstack([first.columns, second.columns]))
+    (effect,) = first.effects([0.3])
+    assert (effect.place, effect.values) == ("xy", (0.3,))
+
+
+def test_something_else_is_smooth_within_a_mounting_and_differs_between_sides() -> None:
+    columns = something_else(SWEEP)
+    alike = columns @ columns.T
+    assert np.diagonal(alike) == pytest.approx(1.0, abs=0.05)
+    place = np.column_stack([SWEEP.leg, SWEEP.axis])
+    other = (place[:, None] != place).any(axis=2)
+    assert np.abs(alike[other]).max() < 1e-9
+    same_posture = ~other & (SWEEP.displacement_mm[:, None] == SWEEP.displacement_mm)
+    sides = same_posture & (SWEEP.approach[:, None] * SWEEP.approach < 0)
+    assert sides.any()
+    assert alike[sides] == pytest.approx(1.0 - SIDED, abs=0.05)

@@ -1,0 +1,133 @@
+"""The race against the marginal likelihood of every model, worked out densely by scipy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import combinations, product
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal, multivariate_t
+
+from calib.arrays import FloatArray, IntArray
+from calib.posterior.race import (
+    LIGHTEST,
+    LOG_CAUSES,
+    LOG_SCALES,
+    NARROW,
+    SCALES,
+    TRIPLES_FROM,
+    Products,
+    Race,
+)
+
+ROWS = 14
+Weights = dict[tuple[tuple[int, float], ...], float]
+
+
+def columns_of(widths: Sequence[int]) -> list[IntArray]:
+    ends = np.cumsum(widths)
+    pairs = zip(ends - widths, ends, strict=True)
+    return [np.arange(first, last, dtype=np.intp) for first, last in pairs]
+
+
+def race_of(design: FloatArray, y: FloatArray, columns: Sequence[IntArray], freedom: float) -> Race:
+    prior = np.log(np.arange(1.0, len(columns) + 1.0) / 20.0)
+    products = Products(design.T @ design, design.T @ y, float(y @ y))
+    return Race(products, columns, prior, len(y), freedom)
+
+
+def dense_log_evidence(
+    design: FloatArray, y: FloatArray, race: Race, model: Sequence[tuple[int, float]]
+) -> float:
+    """Of ``y`` with normal sizes integrated: a normal, or Student's t where noise is estimated."""
+    covariance = np.eye(len(y))
+    for k, scale in model:
+        block = scale * design[:, race.columns[k]]
+        covariance += block @ block.T
+    if math.isinf(race.freedom):
+        return float(multivariate_normal(np.zeros(len(y)), covariance).logpdf(y))
+    return float(multivariate_t(np.zeros(len(y)), covariance, df=int(race.freedom)).logpdf(y))
+
+
+def dense(design: FloatArray, y: FloatArray, race: Race, most: int) -> Weights:
+    """Weights of all models of at most so many components, normalised."""
+    log: Weights = {}
+    for count in range(most + 1):
+        for members in combinations(range(len(race.columns)), count):
+            for rows in product(range(len(SCALES)), repeat=count):
+                model = tuple((k, SCALES[r]) for k, r in zip(members, rows, strict=True))
+                prior = LOG_CAUSES[count] + sum(race.log_prior[k] for k in members)
+                prior += sum(LOG_SCALES[r] for r in rows)
+                log[model] = dense_log_evidence(design, y, race, model) + float(prior)
+    top = max(log.values())
+    total = math.fsum(math.exp(one - top) for one in log.values())
+    return {model: math.exp(one - top) / total for model, one in log.items()}
+
+
+def weights_of(race: Race) -> Weights:
+    return {
+        tuple(zip(one.members, one.scales, strict=True)): math.exp(one.log_weight)
+        for one in race.run()
+    }
+
+
+@pytest.mark.parametrize("freedom", [math.inf, 9.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_weights_are_those_of_all_models_of_up_to_three(seed: int, freedom: float) -> None:
+    rng = np.random.default_rng(seed)
+    columns = columns_of((1, 2, 1, 3))
+    design = rng.normal(size=(ROWS, 7))
+    y = rng.normal(size=ROWS) + design[:, :3] @ rng.normal(size=3) * seed
+    race = race_of(design, y, columns, freedom)
+    expected, found = dense(design, y, race, 3), weights_of(race)
+    assert len(list(combinations(columns, 2))) <= TRIPLES_FROM  # so no triple is left untried
+    best = max(expected, key=expected.__getitem__)
+    for model, weight in found.items():
+        ratio = expected[model] / expected[best]
+        assert weight / found[best] == pytest.approx(ratio, rel=1e-6), model
+    # three components stand at the best scales of a pair of them: little else is missing
+    untried = {model for model, w in expected.items() if w > 2.0 * LIGHTEST} - found.keys()
+    assert all(len(model) == 3 for model in untried)
+    assert math.fsum(expected[model] for model in untried) < 0.01
+
+
+def test_a_pair_of_which_neither_helps_alone_is_found_among_many() -> None:
+    """Each of the two takes up next to nothing alone; forty others take up more by chance."""
+    rng = np.random.default_rng(5)
+    others = rng.normal(size=(ROWS, 40))
+    shared, hidden = np.linalg.qr(rng.normal(size=(ROWS, 2)))[0].T
+    first, second = 20.0 * shared + hidden, 20.0 * shared - hidden
+    design = np.column_stack([others, first, second])
+    y = 30.0 * hidden + 0.3 * rng.normal(size=ROWS)
+    race = race_of(design, y, columns_of((1,) * 42), math.inf)
+    square, _ = race._one_more(race.products)  # what each leaves alone
+    assert (np.argsort(square.min(axis=0))[:25] < 40).all()
+    assert race.run()[0].members == (40, 41)
+
+
+def test_a_wide_component_runs_beside_narrow_ones() -> None:
+    """Something else has more columns than are paired at once."""
+    rng = np.random.default_rng(2)
+    columns = columns_of((1, 1, NARROW + 1))
+    design = rng.normal(size=(ROWS + 6, NARROW + 3))
+    y = rng.normal(size=ROWS + 6) + 40.0 * design[:, 0] + design[:, 2:] @ np.full(NARROW + 1, 2.0)
+    race = race_of(design, y, columns, math.inf)
+    expected, found = dense(design, y, race, 3), weights_of(race)
+    model = max(expected, key=expected.__getitem__)
+    assert {k for k, _ in model} >= {0, 2}
+    assert found[model] == pytest.approx(expected[model], rel=0.01)
+
+
+def test_components_that_are_the_same_have_the_same_weight() -> None:
+    rng = np.random.default_rng(8)
+    design = rng.normal(size=(ROWS, 3))
+    design[:, 1] = design[:, 0]
+    y = rng.normal(size=ROWS) + 9.0 * design[:, 0]
+    race = race_of(design, y, columns_of((1, 1, 1)), math.inf)
+    alike = Race(race.products, race.columns, np.full(3, -3.0), race.free, race.freedom)
+    found = weights_of(alike)
+    for scale in SCALES:
+        one, other = found.get(((0, scale),), 0.0), found.get(((1, scale),), 0.0)
+        assert one == pytest.approx(other, rel=1e-9)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from calib.arrays import Observations
+from calib.posterior.cells import Case
 from calib.posterior.library import ELSE, Component, library
 from calib.posterior.names import Claims, Diagnosis, Place, diagnosis_of
 from calib.posterior.posterior import posterior
-from calib.posterior.readings import Case
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.empirical import EMPIRICAL
 from calib.tripod.pipeline import Model

@@ -124,13 +124,13 @@ def suspects(
     ``beside`` are models of the session as it is, the plain one first, ``log_evidence`` that of all
     of them, with the other sessions.
     """
-    scored: dict[tuple[str, str, str], Scored] = {}
-    moved: _Moved | None = None
     root = even_mm(cells)
     alone = [Screen.of(one, np.zeros((len(one.means), 0)), even_mm(one)) for one in others]
     elsewhere = sum(one.square for one in alone), sum(one.freedom for one in alone)
-    for one in beside:
-        screen = replace(Screen.of(cells, one.columns, root), elsewhere=elsewhere)
+    screens = [replace(Screen.of(cells, one.columns, root), elsewhere=elsewhere) for one in beside]
+    scored: dict[tuple[str, str, str], Scored] = {}
+    moved: _Moved | None = None
+    for one, screen in zip(beside, screens, strict=True):
         scores = [*_apart(screen)]
         if screen.square > screen.freedom + FITS * math.sqrt(2.0 * screen.freedom):
             moved = moved or _Moved.of(screen)
@@ -141,9 +141,8 @@ def suspects(
                 scored[key] = (whole, mistake)
     ordered = sorted(scored.values(), key=lambda each: -each[0])
     likely = [each for each in ordered if each[0] > log_evidence - DOUBTED][:TRIED]
-    plain = replace(Screen.of(cells, beside[0].columns, root), elsewhere=elsewhere)
-    if plain.square > BENT * plain.freedom:
-        likely = _fitted(plain, ordered, likely, beside[0].log_weight, log_evidence)
+    if screens[0].square > BENT * screens[0].freedom:
+        likely = _fitted(screens[0], ordered, likely, beside[0].log_weight, log_evidence)
     best = likely[0][0] if likely else 0.0
     return [mistake for score, mistake in likely if score > best - DOUBTED][:RACED]
 

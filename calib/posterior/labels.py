@@ -116,17 +116,21 @@ Scored = tuple[float, Mistake]
 """A log weight and the mistake that has it."""
 
 
-def suspects(cells: Cells, beside: Sequence[Beside], log_evidence: float) -> list[Mistake]:
+def suspects(
+    cells: Cells, beside: Sequence[Beside], log_evidence: float, others: Sequence[Cells] = ()
+) -> list[Mistake]:
     """Mistakes of a session that may be likelier than none, the likeliest first.
 
     ``beside`` are models of the session as it is, the plain one first, ``log_evidence`` that of all
-    of them.
+    of them, with the other sessions.
     """
+    root = even_mm(cells)
+    alone = [Screen.of(one, np.zeros((len(one.means), 0)), even_mm(one)) for one in others]
+    elsewhere = sum(one.square for one in alone), sum(one.freedom for one in alone)
+    screens = [replace(Screen.of(cells, one.columns, root), elsewhere=elsewhere) for one in beside]
     scored: dict[tuple[str, str, str], Scored] = {}
     moved: _Moved | None = None
-    root = even_mm(cells)
-    for one in beside:
-        screen = Screen.of(cells, one.columns, root)
+    for one, screen in zip(beside, screens, strict=True):
         scores = [*_apart(screen)]
         if screen.square > screen.freedom + FITS * math.sqrt(2.0 * screen.freedom):
             moved = moved or _Moved.of(screen)
@@ -137,9 +141,8 @@ def suspects(cells: Cells, beside: Sequence[Beside], log_evidence: float) -> lis
                 scored[key] = (whole, mistake)
     ordered = sorted(scored.values(), key=lambda each: -each[0])
     likely = [each for each in ordered if each[0] > log_evidence - DOUBTED][:TRIED]
-    plain = Screen.of(cells, beside[0].columns, root)
-    if plain.square > BENT * plain.freedom:
-        likely = _fitted(plain, ordered, likely, beside[0].log_weight, log_evidence)
+    if screens[0].square > BENT * screens[0].freedom:
+        likely = _fitted(screens[0], ordered, likely, beside[0].log_weight, log_evidence)
     best = likely[0][0] if likely else 0.0
     return [mistake for score, mistake in likely if score > best - DOUBTED][:RACED]
 
@@ -365,14 +368,15 @@ def with_mistakes(
     for _ in range(MOST):
         tried = []
         for number, cells in enumerate(now):
-            for mistake in suspects(cells, best.beside[number], best.log_evidence):
-                others = now.copy()
-                others[number] = Cells.of_visits(cells.case, mistake.visited)
+            others = [*now[:number], *now[number + 1 :]]
+            for mistake in suspects(cells, best.beside[number], best.log_evidence, others):
+                right = now.copy()
+                right[number] = Cells.of_visits(cells.case, mistake.visited)
                 try:
-                    solved = solve(others)
+                    solved = solve(right)
                 except NotIdentifiable:
                     continue
-                tried.append((replace(solved, mistakes=(*best.mistakes, mistake)), others))
+                tried.append((replace(solved, mistakes=(*best.mistakes, mistake)), right))
         every += [solved for solved, _ in tried]
         better = max(tried, key=lambda each: each[0].log_weight, default=None)
         if better is None or better[0].log_weight < best.log_weight:

@@ -25,6 +25,7 @@ class Screen:
     ``basis`` ``(n + p, r)`` are zeros, base parameters and columns beside them, with what is
     expected of these as ``p`` rows; all visits have the middle variance of the indicators.
     ``left`` ``(n + p,)`` of the values as they are written has the sum of squares ``square``.
+    ``elsewhere`` are sum of squares and degrees of freedom of other sessions: one noise is theirs.
     """
 
     cells: Cells
@@ -35,6 +36,7 @@ class Screen:
     freedom: float
     left: FloatArray
     square: float
+    elsewhere: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def of(cls, cells: Cells, columns: FloatArray, root: FloatArray) -> Screen:
@@ -65,8 +67,9 @@ class Screen:
         """Of what is left, with so many directions fewer, but for what does not depend on it."""
         if math.isinf(self.cells.freedom):
             return np.asarray(-0.5 * np.asarray(square))
-        half = (self.freedom - fewer) / 2.0
-        return np.asarray(math.lgamma(half) - half * np.log(np.maximum(square, 1e-9) / 2.0))
+        more, free = self.elsewhere
+        half, whole = (self.freedom + free - fewer) / 2.0, np.maximum(square, 1e-9) + more
+        return np.asarray(math.lgamma(half) - half * np.log(whole / 2.0))
 
 
 def _plain(cells: Cells) -> Model:

@@ -130,3 +130,11 @@ def test_weights_of_all_ways_to_put_a_session_right_are_one() -> None:
     answer = changed(one, both, np.concatenate([value[second], value[first]]))
     assert sum(model.weight for model in answer.models) == pytest.approx(1.0)
     assert all(max(model.members, default=0) < len(answer.components) for model in answer.models)
+
+
+def test_a_mistake_in_one_of_two_sessions_is_that_of_the_one() -> None:
+    first, second = case(SHORT, seed=1), case(SHORT, seed=1)
+    value = second.observed.value_mm.copy()
+    value[rows_of(SHORT, "yz")] *= -1.0
+    for sessions in ([first, with_values(second, value)], [with_values(second, value), first]):
+        assert named(posterior(sessions)) == [("gauge_sign", "yz")]

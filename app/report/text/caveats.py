@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from app.evaluating.solution import NoisyChannel, SessionSolution
 from app.report.text.correction import SUBSET_WORDS
-from app.report.text.tables import decimals_for, free_words, signed, uncertain
+from app.report.text.tables import free_words, signed, uncertain
 from calib.arrays import LEG_NAMES
 from calib.noise.reading import LEAST_NOISE_MM
 from protocols.observations import indicator_figures

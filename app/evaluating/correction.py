@@ -78,15 +78,15 @@ class SessionCorrection:
     def values(self) -> dict[str, EnteredValue]:
         """By name: d_rho of all joints, d_L and sizes of effects where they are not 0."""
         named = zip(PARAMETER_NAMES, self.model.parameters_mm, strict=True)
-        found = {
+        values = {
             name: EnteredValue(float(mm), "mm") for name, mm in named if name in JOINT_OFFSETS or mm
         }
         for effect in self.model.effects:
             if isinstance(effect, EffectInstance):
                 for parameter, value in zip(effect.effect.parameters, effect.values, strict=True):
                     name = f"{effect.id} {effect.place}: {parameter.name}"
-                    found[name] = EnteredValue(float(value.real), parameter.unit)
-        return found
+                    values[name] = EnteredValue(float(value.real), parameter.unit)
+        return values
 
     @property
     def bound_mm(self) -> float:
@@ -160,8 +160,8 @@ class Corrections:
 
     def _made_for(self, holds: Holds, absent: dict[str, str]) -> SessionCorrection:
         while True:
-            made = correction(self.posterior, holds, self.frame, absent)
-            impossible = _impossible(made.model)
+            projected = correction(self.posterior, holds, self.frame, absent)
+            impossible = _impossible(projected.model)
             if not impossible.keys() - absent.keys():
                 break
             absent |= impossible
@@ -169,10 +169,10 @@ class Corrections:
         return SessionCorrection(
             frame=self.frame,
             holds=holds,
-            model=made.model,
+            model=projected.model,
             off_now=self.off_now,
-            off=ToolOff(self.posterior, made.values, made.bound_mm),
-            left_out=made.left_out,
+            off=ToolOff(self.posterior, projected.values, projected.bound_mm),
+            left_out=projected.left_out,
             spread=self.spread() if alone else None,
         )
 
@@ -180,10 +180,14 @@ class Corrections:
         """How well joint offsets are known that are entered alone."""
         return offset_spread(self.posterior, self.frame, less_common=less_common)
 
-    def others(self, made: SessionCorrection) -> tuple[Gain, ...]:
+    def others(self, correction: SessionCorrection) -> tuple[Gain, ...]:
         """What the same controller would keep if it held something else, or all of the same."""
         every = {holds: self.of(holds) for holds in HOLDS}
-        return tuple(Gain(holds, one.bound_mm) for holds, one in every.items() if one is not made)
+        return tuple(
+            Gain(holds, another.bound_mm)
+            for holds, another in every.items()
+            if another is not correction
+        )
 
     @property
     def more_helps(self) -> bool:
@@ -205,7 +209,7 @@ def _case(session: Session, model: Model) -> Case:
 
 def _impossible(model: Model) -> dict[str, str]:
     """Parts of a correction that no joint takes, and why."""
-    found = {
+    reasons = {
         f"play of {effect.place}": NO_PLAY
         for effect in model.effects
         if isinstance(effect, EffectInstance)
@@ -213,11 +217,11 @@ def _impossible(model: Model) -> dict[str, str]:
         and effect.values[0].real < 0.0
     }
     for joint, leg in enumerate(LEG_NAMES):
-        along = [one for one in model.effects if one.stage == Stage.ACTUATOR]
-        if all(isinstance(one, EffectInstance) and one.place != leg for one in along):
+        along = [effect for effect in model.effects if effect.stage == Stage.ACTUATOR]
+        if all(isinstance(effect, EffectInstance) and effect.place != leg for effect in along):
             continue
         try:
             table_of(model, joint)
         except ImpossibleRequest as problem:
-            found[f"table of {leg}"] = problem.found
-    return found
+            reasons[f"table of {leg}"] = problem.found
+    return reasons

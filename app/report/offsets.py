@@ -130,13 +130,15 @@ def for_controller(
     """
     solved = offsets.solved
     if solved is not None and not offsets.view:
-        made = solved.corrections.of(holds, absent)
+        correction = solved.corrections.of(holds, absent)
         return replace(
             offsets,
-            parameters=entered_parameters(made),
-            model=made.model,
-            bound=one_line(bound_line(made)),
-            cautions=tuple(map(one_line, (*correction_lines(solved, made), *offsets.cautions))),
+            parameters=entered_parameters(correction),
+            model=correction.model,
+            bound=one_line(bound_line(correction)),
+            cautions=tuple(
+                map(one_line, (*correction_lines(solved, correction), *offsets.cautions))
+            ),
         )
     numbers = frozenset(
         number
@@ -170,16 +172,16 @@ def bound_of_files(solved: SessionSolution, off: ToolOff) -> str:
     return one_line(off_line(solved.frame, solved.corrections.off_now, off))
 
 
-def entered_parameters(made: SessionCorrection) -> dict[str, Offset]:
+def entered_parameters(correction: SessionCorrection) -> dict[str, Offset]:
     """d_rho and d_L of a correction; how well they are known, where offsets are entered alone."""
-    names = [name for name in made.values if name in PARAMETER_NAMES]
-    values = {name: made.values[name].value for name in names}
-    if made.spread is None:
+    names = [name for name in correction.values if name in PARAMETER_NAMES]
+    values = {name: correction.values[name].value for name in names}
+    if correction.spread is None:
         return {name: Offset(values[name]) for name in names}
     known = zip(
         names,
-        made.spread.standard_mm.tolist(),
-        made.spread.expanded_mm.tolist(),
+        correction.spread.standard_mm.tolist(),
+        correction.spread.expanded_mm.tolist(),
         strict=True,
     )
     return {name: Offset(values[name], u, wide, wide / u) for name, u, wide in known}

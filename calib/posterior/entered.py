@@ -49,12 +49,12 @@ class ToolOff:
     def least_mm(self) -> dict[Frame, float]:
         """What is expected less all that 95 % of the posterior differ from it; at least 0."""
         expected = self.posterior.mean
-        off, found = expected - self.values, {}
+        off, least_mm = expected - self.values, {}
         for frame in FRAMES:
             shown_mm = math.sqrt(mean_square(self.posterior.field.metrics[frame], off))
             guard_mm = quantile_mm(distances_of(self.posterior, frame, expected))
-            found[frame] = max(0.0, shown_mm - guard_mm)
-        return found
+            least_mm[frame] = max(0.0, shown_mm - guard_mm)
+        return least_mm
 
 
 def nothing_entered(posterior: Posterior) -> FloatArray:

@@ -392,7 +392,7 @@ async def test_any_finished_session_can_be_verified_later(samples: Path, tmp_pat
     assert again is not None
     assert (again.procedure, again.instruments) == (plan.procedure, plan.instruments)
     assert plan_to_repeat(samples / "experiment_2_twelve.jsonl") is None
-    solved = solve_files([guided.path])
+    solved = solve_files([guided.path]).work_out()
     interface = Glidecal(ResultScreen(solved, again, guided.path))
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "verify offered", lambda: "v" in offered(interface))

@@ -151,11 +151,11 @@ def _judged(solved: SessionSolution, tolerance_mm: float | None) -> str:
 
 
 def _in_a_sentence(solved: SessionSolution) -> str:
-    made = solved.correction
+    correction = solved.correction
     return (
-        f"With these values entered the tool is off by at most {uncertain(made.bound_mm)} mm "
-        f"r.m.s. over the workspace (95 %), {FRAME_WORDS[made.frame]}; as it is now by at most "
-        f"{uncertain(made.now_mm)} mm."
+        f"With these values entered the tool is off by at most {uncertain(correction.bound_mm)} "
+        f"mm r.m.s. over the workspace (95 %), {FRAME_WORDS[correction.frame]}; as it is now by "
+        f"at most {uncertain(correction.now_mm)} mm."
     )
 
 
@@ -217,7 +217,7 @@ def _set_ups(session: Session) -> list[Picture]:
 
 def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Section:
     """What is to be entered and what the tool keeps then, with remedies of a model."""
-    machine, made = solved.sessions[0].opened.machine, solved.correction
+    machine, correction = solved.sessions[0].opened.machine, solved.correction
     named = read_model_file(model).effects if model else ()
     table = new_table("joint", "entered when measured, mm", "add, mm", "± U (95 %)", "together, mm")
     held_mm, added_mm = machine.entered_offsets_mm, solved.joint_offsets_mm
@@ -228,7 +228,7 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
     said = (
         "True position of a joint = believed position + offset. These are the values that glidecal "
         "export writes for a controller that holds joint offsets, on top of those entered when it "
-        f"was measured. They leave least of the tool's error, {FRAME_WORDS[made.frame]}."
+        f"was measured. They leave least of the tool's error, {FRAME_WORDS[correction.frame]}."
     )
     return Section(
         "What to enter in the controller",
@@ -238,12 +238,12 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
             "failed where the expected error exceeds it by more than its expanded uncertainty "
             "(95 %), undecided in between.",
             said,
-            *useless_lines(made),
+            *useless_lines(correction),
             table,
-            bound_table(made),
+            bound_table(correction),
             "" if solved.reads_tool else UNSEEN,
             gains_table(solved),
-            *left_out_lines(made),
+            *left_out_lines(correction),
             *(effect_words(one, machine) for one in named),
         ],
     )

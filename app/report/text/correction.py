@@ -59,11 +59,15 @@ UNSEEN = (
 )
 
 
-def correction_table(made: SessionCorrection) -> Table:
+def correction_table(correction: SessionCorrection) -> Table:
     """The values to enter."""
     table = new_table("enter", "value", "", "± U (95 %)")
-    wide = {} if made.spread is None else dict(zip("xyz", made.spread.expanded_mm, strict=True))
-    for name, entry in made.values.items():
+    wide = (
+        {}
+        if correction.spread is None
+        else dict(zip("xyz", correction.spread.expanded_mm, strict=True))
+    )
+    for name, entry in correction.values.items():
         half = wide.get(name[-1]) if name.startswith("d_rho") else None
         shown = "" if half is None else uncertain(float(half), 4)
         table.add_row(name, shown_value(entry.value), entry.unit, shown)
@@ -80,11 +84,11 @@ def frames_of(frame: Frame) -> list[Frame]:
     return [frame, *(other for other in FRAMES if other != frame)]
 
 
-def bound_table(made: SessionCorrection) -> Table:
+def bound_table(correction: SessionCorrection) -> Table:
     """What the tool is off by at most, now and with the values, in each frame."""
     table = new_table("tool error, r.m.s. (95 %)", "now, mm", "with these values, mm")
-    for frame in frames_of(made.frame):
-        now, after = made.off_now.bound_mm[frame], made.off.bound_mm[frame]
+    for frame in frames_of(correction.frame):
+        now, after = correction.off_now.bound_mm[frame], correction.off.bound_mm[frame]
         table.add_row(FREE_WORDS[frame], uncertain(now), uncertain(after))
     return table
 
@@ -100,47 +104,49 @@ def gains_table(solved: SessionSolution) -> Table:
 def off_line(frame: Frame, off_now: ToolOff, off: ToolOff) -> str:
     """The bound as one line, the chosen frame first."""
     first, *others = frames_of(frame)
-    beside = ", ".join(f"{FRAME_WORDS[one]} {uncertain(off.bound_mm[one])} mm" for one in others)
+    beside = ", ".join(f"{FRAME_WORDS[name]} {uncertain(off.bound_mm[name])} mm" for name in others)
     return (
         f"{BOUND}at most {uncertain(off_now.bound_mm[first])} mm now, at most "
         f"{uncertain(off.bound_mm[first])} mm with these values, {FRAME_WORDS[first]}; {beside}."
     )
 
 
-def bound_line(made: SessionCorrection) -> str:
+def bound_line(correction: SessionCorrection) -> str:
     """The bound of a correction as one line."""
-    return off_line(made.frame, made.off_now, made.off)
+    return off_line(correction.frame, correction.off_now, correction.off)
 
 
-def left_out_lines(made: SessionCorrection) -> Iterator[str]:
+def left_out_lines(correction: SessionCorrection) -> Iterator[str]:
     """Parts that are not entered, a line for each reason."""
     by_reason: dict[str, list[str]] = {}
-    for one in made.left_out:
-        by_reason.setdefault(one.reason, []).append(one.part)
+    for part in correction.left_out:
+        by_reason.setdefault(part.reason, []).append(part.part)
     for reason, parts in by_reason.items():
         yield f"Left out: {', '.join(parts)}. Reason: {reason}."
 
 
-def gain_line(solved: SessionSolution, made: SessionCorrection) -> str:
+def gain_line(solved: SessionSolution, correction: SessionCorrection) -> str:
     """What other exports of the same controller would keep, as one line."""
-    gains = solved.corrections.others(made)
-    beside = ", ".join(f"{FORMATS_WORDS[one.holds]} {uncertain(one.bound_mm)} mm" for one in gains)
+    gains = solved.corrections.others(correction)
+    beside = ", ".join(
+        f"{FORMATS_WORDS[gain.holds]} {uncertain(gain.bound_mm)} mm" for gain in gains
+    )
     return f"Other exports for the same controller: tool at most {beside}."
 
 
-def correction_lines(solved: SessionSolution, made: SessionCorrection) -> Iterable[str]:
+def correction_lines(solved: SessionSolution, correction: SessionCorrection) -> Iterable[str]:
     """What every file of a correction says of it."""
     return (
-        bound_line(made),
-        *left_out_lines(made),
-        gain_line(solved, made),
-        *useless_lines(made),
+        bound_line(correction),
+        *left_out_lines(correction),
+        gain_line(solved, correction),
+        *useless_lines(correction),
     )
 
 
-def useless_lines(made: SessionCorrection) -> Iterator[str]:
+def useless_lines(correction: SessionCorrection) -> Iterator[str]:
     """A warning where the values are not worth entering."""
-    if not made.helps:
+    if not correction.helps:
         yield (
             "WARNING: these values are not expected to make the tool more accurate: the bound "
             "with them is not clearly smaller than the bound now."

@@ -59,16 +59,16 @@ def solution_text(solved: SessionSolution) -> str:
 
 def entered_parts(solved: SessionSolution) -> list[str | Table]:
     """The correction: values, the bound with them, what other exports would keep, cautions."""
-    made = solved.correction
+    correction = solved.correction
     return [
         f"{', '.join(solved.names)}: values to enter in the controller, "
-        f"{FRAME_WORDS[made.frame]}, {solved.reading_count} readings",
-        "\n".join(useless_lines(made)),
-        correction_table(made),
-        bound_table(made),
+        f"{FRAME_WORDS[correction.frame]}, {solved.reading_count} readings",
+        "\n".join(useless_lines(correction)),
+        correction_table(correction),
+        bound_table(correction),
         "" if solved.reads_tool else UNSEEN,
         gains_table(solved),
-        "\n".join([*left_out_lines(made), *caveats(solved)]),
+        "\n".join([*left_out_lines(correction), *caveats(solved)]),
     ]
 
 
@@ -322,8 +322,8 @@ def next_text(solved: SessionSolution, *, exports: bool, measures: bool) -> str:
     """What to do with this result; nothing where nothing can be done from here."""
     if solved.solution.lacks_fit or solved.suspects:
         return (
-            "Next: D looks for what is missing from the model. Offsets exported before that carry "
-            "its error."
+            "Next: D looks for what is missing from the model. The values to enter and their bound "
+            "allow for it."
         )
     if not exports:
         return ""

@@ -200,9 +200,12 @@ def test_a_name_stands_in_the_evidence(tmp_path: Path) -> None:
 
 
 def test_the_decision_rule_stands_with_the_decision() -> None:
-    report = report_of([SIMULATED], tolerance_mm=0.02)
+    """A tolerance below the bound with the values, and far below what is expected now."""
+    solved = solve_files([SIMULATED])
+    tolerance_mm = 0.9 * solved.correction.bound_mm
+    report = report_of([SIMULATED], tolerance_mm=tolerance_mm)
     assert report.decision.startswith("UNDECIDED with these values entered, FAIL as it is now")
-    judged = judge(solve_files([SIMULATED]), 0.02)
+    judged = judge(solved, tolerance_mm)
     assert (judged.after, judged.before) == ("undecided", "fail")
     with_rule = Page(html_of(report)).text
     assert "Decision rule (ISO 14253-1)" in with_rule

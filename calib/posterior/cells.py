@@ -192,9 +192,9 @@ class Cells:
         ]
 
     def in_time(self, columns: FloatArray) -> FloatArray:
-        """What columns ``(n_visits, k)`` and readings do within cells: rows ``(k, 1 + k)``.
+        """What columns ``(n_visits, k)`` and readings do within cells: rows ``(r, 1 + k)``.
 
-        The readings come first; independent, of unit variance.
+        The readings come first; independent, of unit variance; as many as columns differ.
         """
         rows = np.column_stack([columns, self.visited.value_mm])
         root = np.sqrt(self._counted_mm2)[:, None]
@@ -208,8 +208,11 @@ class Cells:
             )
         else:
             left = without_means(self.cell, 1.0 / self._counted_mm2, rows) / root
-        upper = np.asarray(np.linalg.qr(left, mode="r"))[: columns.shape[1]]
-        return np.column_stack([upper[:, -1], upper[:, :-1]])
+        # of columns that depend on each other a triangle would keep rounding as a reading
+        own = left[:, :-1] / lengths(left[:, :-1])
+        basis, upper = np.linalg.qr(own)
+        shown = basis_of(upper, DEPENDENT).T @ (basis.T @ left)
+        return np.column_stack([shown[:, -1], shown[:, :-1]])
 
 
 def _by_mounting(

@@ -19,7 +19,7 @@ from calib.posterior.entered import (
     tower_values,
     values_of,
 )
-from calib.posterior.posterior import Posterior, posterior
+from calib.posterior.posterior import LikelyMistake, Posterior, posterior
 from calib.tripod.controller import table_of
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
 NO_PLAY = "the expected play is negative, and no joint has that"
+
+LIKELY = 0.05
+"""From this probability on a mistake in the readings is named."""
 
 CLEARLY_BETTER = 0.9
 """Values that are worth entering leave less than this share of the bound as it is now."""
@@ -127,6 +130,11 @@ class Corrections:
     def posterior(self) -> Posterior:
         """What the sessions tell of the machine. Raises NotIdentifiable."""
         return posterior(self.cases)
+
+    @cached_property
+    def mistakes(self) -> tuple[LikelyMistake, ...]:
+        """Mistakes of labels and readings that are likely, the likeliest first."""
+        return tuple(one for one in self.posterior.likely_mistakes if one.probability >= LIKELY)
 
     @cached_property
     def off_now(self) -> ToolOff:

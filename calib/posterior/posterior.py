@@ -90,6 +90,16 @@ class InField:
     root: FloatArray
 
 
+@dataclass(frozen=True)
+class LikelyMistake:
+    """A mistake of labels or readings with its probability."""
+
+    id: str
+    where: str
+    title: str
+    probability: float
+
+
 @dataclass(frozen=True, eq=False)
 class Posterior:
     """What readings tell of the machine.
@@ -207,6 +217,14 @@ class Posterior:
             model.weight
             for model in self.models
             if any(self.components[k].id == component_id for k in model.members)
+        )
+
+    @property
+    def likely_mistakes(self) -> tuple[LikelyMistake, ...]:
+        """Each mistake with its words and probability, the likeliest first."""
+        title = {(one.id, one.where): one.title for model in self.models for one in model.mistakes}
+        return tuple(
+            LikelyMistake(*name, title[name], share) for name, share in self.mistakes.items()
         )
 
     @property

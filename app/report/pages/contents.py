@@ -27,7 +27,7 @@ from app.report.text.correction import (
     gains_table,
     left_out_lines,
     shown_value,
-    useless_lines,
+    warning_lines,
 )
 from app.report.text.diagnosis import SHOWN_CANDIDATES, candidates_table, effects_text, gap_text
 from app.report.text.model import effect_words
@@ -238,7 +238,7 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
             "failed where the expected error exceeds it by more than its expanded uncertainty "
             "(95 %), undecided in between.",
             said,
-            *useless_lines(correction),
+            *warning_lines(solved, correction),
             table,
             bound_table(correction),
             "" if solved.reads_tool else UNSEEN,

@@ -145,6 +145,15 @@ class LeftOutEntry(Report):
     reason: str
 
 
+class MistakeEntry(Report):
+    """A mistake of labels or readings that is likely; aliases fit as well."""
+
+    id: str
+    where: str
+    title: str
+    probability: float
+
+
 class GainEntry(Report):
     """What the tool keeps where the same controller holds something else."""
 
@@ -164,6 +173,9 @@ class CorrectionEntry(Report):
     bound_now: ByFrame = at("correction.off_now.bound_mm", "with what the controller holds now")
     left_out: tuple[LeftOutEntry, ...] = at("correction.left_out")
     others: tuple[GainEntry, ...] = at("others", "in the same frame")
+    mistakes: tuple[MistakeEntry, ...] = at(
+        "corrections.mistakes", "in the readings; the values count with them put right"
+    )
 
 
 class WeakDirection(Report):

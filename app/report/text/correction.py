@@ -140,12 +140,20 @@ def correction_lines(solved: SessionSolution, correction: SessionCorrection) -> 
         bound_line(correction),
         *left_out_lines(correction),
         gain_line(solved, correction),
-        *useless_lines(correction),
+        *warning_lines(solved, correction),
     )
 
 
-def useless_lines(correction: SessionCorrection) -> Iterator[str]:
-    """A warning where the values are not worth entering."""
+def warning_lines(solved: SessionSolution, correction: SessionCorrection) -> Iterator[str]:
+    """Mistakes of the readings that may be there, and that values are not worth entering."""
+    mistakes = solved.corrections.mistakes
+    if mistakes:
+        each = ", or ".join(f"{one.title} ({one.where}), {one.probability:.2f}" for one in mistakes)
+        yield (
+            f"WARNING: likely a mistake in the readings, with its probability: {each}. The values "
+            "count with it put right, as far as it is likely; the record is not changed. Look, and "
+            "measure again."
+        )
     if not correction.helps:
         yield (
             "WARNING: these values are not expected to make the tool more accurate: the bound "

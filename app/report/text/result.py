@@ -20,7 +20,7 @@ from app.report.text.correction import (
     correction_table,
     gains_table,
     left_out_lines,
-    useless_lines,
+    warning_lines,
 )
 from app.report.text.tables import (
     decimals_for,
@@ -63,7 +63,7 @@ def entered_parts(solved: SessionSolution) -> list[str | Table]:
     return [
         f"{', '.join(solved.names)}: values to enter in the controller, "
         f"{FRAME_WORDS[correction.frame]}, {solved.reading_count} readings",
-        "\n".join(useless_lines(correction)),
+        "\n".join(warning_lines(solved, correction)),
         correction_table(correction),
         bound_table(correction),
         "" if solved.reads_tool else UNSEEN,

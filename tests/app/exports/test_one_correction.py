@@ -21,6 +21,7 @@ from calib.posterior.tool import FRAMES
 from protocols.machine import Frame, load_machine
 from protocols.model_file import read_model_file
 from tests.app.cli import glidecal
+from tests.blind.corrections import sessions
 
 MACHINES: dict[str, tuple[str, ...]] = {
     "nothing": ("--protocol", "two-station"),
@@ -243,3 +244,19 @@ def test_sessions_of_one_machine_are_corrected_together(samples: Path) -> None:
     less_lengths_mm = (0.83, -1.27, 0.39)  # legs show d_rho - d_L
     offsets_mm = solved.correction.model.parameters_mm[:3]
     assert offsets_mm == pytest.approx(less_lengths_mm, abs=0.015)
+
+
+def test_a_likely_mistake_in_the_readings_is_named_with_the_values(tmp_path: Path) -> None:
+    """A sign reversed on one mounting, by the machine and the mistakes of the blind bench."""
+    ((_, hidden),) = sessions(1, 6, ["gross mistakes beside"])
+    table, path = tmp_path / "table.csv", tmp_path / "s.jsonl"
+    table.write_text(hidden.table, encoding="utf-8")
+    run = glidecal("import", table, "-o", path)
+    assert run.status == 0, run.err
+    first, *_ = answered(path)["mistakes"]
+    assert (first["id"], first["where"], first["title"]) == ("gauge_sign", "zy", "sign reversed")
+    assert first["probability"] > 0.9
+    words = " ".join(solution_text(solved_for(path)).split())
+    assert "WARNING: likely a mistake in the readings" in words
+    assert "sign reversed (zy), 1.00" in words
+    assert "sign reversed (zy)" in exported(path, tmp_path / "c", "--format", "csv").read_text()

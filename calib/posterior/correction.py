@@ -181,9 +181,17 @@ Distance = tuple[float, float, float]
 """Weight, mean and variance of the mean square of the tool's error, mm² and mm⁴."""
 
 
-def distances_of(posterior: Posterior, frame: Frame, values: FloatArray) -> list[Distance]:
-    """Of every model with these values entered; something else acts as each law without a name."""
+def distances_of(
+    posterior: Posterior, frame: Frame, values: FloatArray, without: Sequence[int] = ()
+) -> list[Distance]:
+    """Of every model with these values entered; something else acts as each law without a name.
+
+    Columns ``without`` of the field are taken to be known.
+    """
     metric = posterior.field.metrics[frame]
+    if len(without):
+        metric = metric.copy()
+        metric[list(without)] = metric[:, list(without)] = 0.0
     shared: dict[int, tuple[FloatArray, float, float]] = {}
     every: list[Distance] = []
     for model in posterior.models_in_field:

@@ -16,6 +16,7 @@ import numpy as np
 
 from calib.arrays import (
     DEPENDENT,
+    Conditions,
     FloatArray,
     IntArray,
     Observations,
@@ -279,7 +280,7 @@ def _robust_weights(value_mm: FloatArray, cell: IntArray, scatter_mm2: FloatArra
 
 
 def placed_columns(
-    model: Model, taken: Observations, effects: Sequence[Effect]
+    model: Model, taken: Conditions, effects: Sequence[Effect]
 ) -> dict[Placed, FloatArray]:
     """Derivatives ``(n, k)`` of readings by the values of each law at each place."""
     of_each = place_columns(model, taken, effects)

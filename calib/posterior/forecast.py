@@ -7,6 +7,7 @@ log Bayes factors. What is entered is projected again from the mean of the mixtu
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -66,7 +67,8 @@ class Forecast:
     """The posterior as the planner sees it: some of its models, in a frame, with what is entered.
 
     ``index`` are the columns of the field that are entered. ``shown`` ``(q, f)`` is a root of the
-    frame's metric, ``entered`` ``(q, f)`` the same of what is entered for an expected field.
+    frame's metric, ``entered`` ``(q, f)`` the same of what is entered for an expected field. A
+    reading has the noise that the last session has, or ``stated_mm``.
     """
 
     posterior: Posterior
@@ -74,9 +76,16 @@ class Forecast:
     weight: FloatArray
     shown: FloatArray
     entered: FloatArray
+    stated_mm: float | None = None
 
     @classmethod
-    def of(cls, posterior: Posterior, frame: Frame, index: Sequence[int]) -> Forecast:
+    def of(
+        cls,
+        posterior: Posterior,
+        frame: Frame,
+        index: Sequence[int],
+        stated_mm: float | None = None,
+    ) -> Forecast:
         """The heaviest models, and of the others every so many, which stand for those between."""
         weight = np.array([model.weight for model in posterior.models])
         order = np.argsort(-weight, kind="stable")
@@ -89,7 +98,8 @@ class Forecast:
         kept = square > SHOWN**2 * square[-1]
         shown = np.sqrt(square[kept])[:, None] * axes[:, kept].T
         entered = shown[:, list(index)] @ projector_of(posterior, index, frame)
-        return cls(posterior, np.array(numbers), np.array(weights) / sum(weights), shown, entered)
+        share = np.array(weights) / sum(weights)
+        return cls(posterior, np.array(numbers), share, shown, entered, stated_mm)
 
     @cached_property
     def cells(self) -> Cells:
@@ -100,9 +110,16 @@ class Forecast:
     def noise_mm2(self) -> tuple[float, float]:
         """Variance of a reading that repeats reduce, and what repeats share, as found."""
         cells = self.cells
+        if self.stated_mm is not None:
+            return self.stated_mm**2, 0.0
         scatter = float(np.median(cells.scatter_mm2 * cells.visited.averaged))
         shared = cells.noise.quantisation_mm2(cells.means) if cells.noise else np.zeros(1)
         return scatter, float(np.mean(shared))
+
+    @property
+    def noise_mm(self) -> float:
+        """Standard deviation of a reading."""
+        return math.sqrt(sum(self.noise_mm2))
 
     @cached_property
     def fields(self) -> list[InField]:

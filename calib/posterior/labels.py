@@ -349,7 +349,10 @@ def _scores(cells: Cells, screen: _Screen) -> Iterator[tuple[float, Mistake]]:
     left = screen.left(cells.visited.value_mm[:, None])[:, 0]
     square = float(left @ left)
     yield from _apart(screen, left, square)
-    if square > screen.freedom + FITS * math.sqrt(2.0 * screen.freedom) or cells.noise is None:
+    if (
+        square > screen.freedom + FITS * math.sqrt(2.0 * max(screen.freedom, 0.0))
+        or cells.noise is None
+    ):
         yield from _exchanged(screen, square)
 
 

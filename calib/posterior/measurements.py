@@ -10,8 +10,10 @@ from itertools import product
 
 import numpy as np
 
-from calib.arrays import LEG_NAMES, Conditions, conditions
+from calib.arrays import LEG_NAMES, Conditions, FloatArray, conditions, observe
+from calib.noise.reading import IndicatorFigures
 from calib.posterior.posterior import Posterior
+from calib.posterior.readings import Case
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
 from calib.tripod.pool import STATIONS
@@ -112,6 +114,11 @@ class Candidate:
             f"{before}{legs}{', '.join(self.legs).upper()}, {self.station:.0%} from the tool end: "
             f"{first}{levels} mm{times}"
         )
+
+    @property
+    def is_way(self) -> bool:
+        """Whether it is a set-up over the whole way, with nothing changed before."""
+        return self.cycles == 1 and not self.procedure and not self.preparation.words
 
     @property
     def text(self) -> str:
@@ -244,3 +251,12 @@ def set_up(
         time_s=np.tile(seconds * np.arange(count), 2),
         cycle=np.tile(cycle.astype(np.intp), 2),
     )
+
+
+def nothing_measured(model: Model, noise_mm: float, tolerance_mm: FloatArray) -> Case:
+    """A session of one posture, which tells nothing but zeros, with the noise of its indicators."""
+    places = [(leg, axis) for leg in range(3) for axis in range(3) if axis != leg]
+    legs, axes = zip(*places, strict=True)
+    taken = conditions(legs, axes, [0.0] * len(places))
+    figures = IndicatorFigures(repeatability_mm=noise_mm)
+    return Case(model, observe(taken, np.zeros(len(places))), figures, tolerance_mm)

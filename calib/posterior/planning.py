@@ -14,7 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
-from calib.arrays import Conditions, FloatArray, descending
+from calib.arrays import Conditions, FloatArray, descending, largest
 from calib.posterior.correction import Correction, Holds, distances_of, parts_of, quantile_mm
 from calib.posterior.forecast import HEAVIEST, Forecast, Outcome
 from calib.posterior.measurements import Candidate, Preparation
@@ -24,6 +24,8 @@ from calib.posterior.tool import RIGID, Frame
 
 WORTH = 0.9
 """A measurement is worth its time where it lowers the bound to less than this part."""
+
+MOST_FURTHER = 6
 
 GOAL = 60.0
 """Noise variances between two names that are aimed at: values are known by estimate only."""
@@ -103,13 +105,56 @@ class Plan:
         return any(one.bound_mm < WORTH * self.bound_mm for one in self.proposals)
 
 
+@dataclass(frozen=True)
+class FurtherSetUp:
+    """Set-ups read over the whole way, there and back, and the bound at the tool afterwards.
+
+    ``legs`` each get one at this station. ``minutes`` count from the first of them.
+    """
+
+    legs: tuple[str, ...]
+    station: float
+    displacements_mm: tuple[float, ...]
+    minutes: float
+    bound_mm: float
+
+
+@dataclass(frozen=True)
+class Reach:
+    """The bound at the tool now, and after further set-ups in turn.
+
+    They go on as long as one lowers the bound to `WORTH` of what it was.
+    """
+
+    bound_mm: float
+    further: tuple[FurtherSetUp, ...]
+
+    @property
+    def is_last(self) -> bool:
+        """Whether more set-ups would not help."""
+        return len(self.further) < MOST_FURTHER
+
+    def towards(self, wanted_mm: float, before_mm: float = math.inf) -> FurtherSetUp | None:
+        """The next set-up; None where the bound is as wanted, or more would not help.
+
+        More does not help where none is worth it, nor where the last one was not: ``before_mm`` is
+        the bound before that.
+        """
+        helped = self.bound_mm <= WORTH * before_mm
+        return self.further[0] if self.further and helped and self.bound_mm > wanted_mm else None
+
+
 @dataclass(frozen=True, eq=False)
 class Planner:
-    """A posterior, what is entered from it, and what may be measured."""
+    """A posterior, what is entered from it, and what may be measured.
+
+    A reading has the noise of the last session, or ``stated_mm``.
+    """
 
     posterior: Posterior
     correction: Correction
     candidates: tuple[Candidate, ...]
+    stated_mm: float | None = None
 
     @cached_property
     def forecast(self) -> Forecast:
@@ -122,7 +167,7 @@ class Planner:
             for k in columns
             if group not in left_out and name not in left_out
         ]
-        return Forecast.of(self.posterior, self.correction.frame, index)
+        return Forecast.of(self.posterior, self.correction.frame, index, self.stated_mm)
 
     @property
     def bound_mm(self) -> float:
@@ -167,33 +212,27 @@ class Planner:
             every.append(Proposal(candidate, bound_mm, gain))
         return descending(every, lambda one: one.gain_mm_per_minute)
 
-    def in_turn(self, most: int) -> list[Proposal]:
-        """One after the other, as long as one lowers the bound to `WORTH` of what it was."""
+    def reach(self) -> Reach:
+        """Set-ups over the whole way, one after the other, each the best for its time."""
+        options = [k for k, one in enumerate(self.candidates) if one.is_way]
         taken: list[Readings] = []
-        bound_mm = self.bound_mm
-        chosen: list[Proposal] = []
-        while len(chosen) < most:
-            best: tuple[float, float, int] | None = None
-            for k, (candidate, readings) in enumerate(
-                zip(self.candidates, self.readings, strict=True)
-            ):
-                if candidate.preparation.words:
-                    continue
-                after = (
-                    self._scale
-                    * self.forecast.after(Readings.together([*taken, readings])).bound_mm
-                )
-                gain = math.log(bound_mm / after) / candidate.minutes
-                if after < WORTH * bound_mm and (best is None or gain > best[0]):
-                    best = gain, after, k
-            if best is None:
+        found: list[FurtherSetUp] = []
+        bound_mm, minutes = self.bound_mm, 0.0
+        while len(found) < MOST_FURTHER:
+            after: dict[int, float] = {}
+            for k in options:
+                both = Readings.together([*taken, self.readings[k]])
+                after[k] = self._scale * self.forecast.after(both).bound_mm
+            worth = [k for k in options if after[k] < WORTH * bound_mm]
+            if not worth:
                 break
-            _, after, k = best
-            gain = (bound_mm - after) / self.candidates[k].minutes
-            chosen.append(Proposal(self.candidates[k], after, gain))
-            taken.append(self.readings[k])
-            bound_mm = after
-        return chosen
+            gains = [math.log(bound_mm / after[k]) / self.candidates[k].minutes for k in worth]
+            best = worth[largest(np.array(gains))]
+            one = self.candidates[best]
+            bound_mm, minutes = after[best], minutes + one.minutes
+            taken.append(self.readings[best])
+            found.append(FurtherSetUp(one.legs, one.station, one.levels_mm, minutes, bound_mm))
+        return Reach(self.bound_mm, tuple(found))
 
     @cached_property
     def _open(self) -> list[tuple[Name, float, list[int]]]:

@@ -338,7 +338,8 @@ class _Problem:
     @cached_property
     def base(self) -> FloatArray:
         """Derivatives ``(n, b)`` by the base, per standard deviation of what is expected."""
-        index = np.concatenate([self.index[k] for k in self.everywhere])
+        none = np.zeros(0, np.intp)  # one posture shows no law
+        index = np.concatenate([none, *(self.index[k] for k in self.everywhere)])
         return np.hstack([self.rows.base * self.rows.spread, EVERYWHERE * self.columns[:, index]])
 
     @cached_property

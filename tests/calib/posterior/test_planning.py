@@ -221,11 +221,19 @@ def test_more_of_the_same_does_not_help_where_offsets_cannot_hold_what_is_known(
 
 def test_set_ups_in_turn_lower_the_bound_as_long_as_each_is_worth_it() -> None:
     trial = Trial.of(0, "kinematics")
-    chosen = trial.planner.in_turn(2)
-    bounds = [trial.planner.bound_mm, *(one.bound_mm for one in chosen)]
-    assert len(chosen) >= 1
+    reach = trial.planner.reach()
+    bounds = [trial.planner.bound_mm, *(one.bound_mm for one in reach.further)]
+    assert 1 <= len(reach.further) < 6
+    assert reach.is_last
     for before, after in pairwise(bounds):
         assert after < 0.9 * before
+    first = reach.further[0]
+    proposals = trial.planner.proposals()
+    alone = [one for one in proposals if one.candidate.levels_mm == first.displacements_mm]
+    assert first.bound_mm in [one.bound_mm for one in alone]
+    assert reach.towards(first.bound_mm) == first
+    assert reach.towards(bounds[0]) is None
+    assert reach.towards(0.0, before_mm=1.05 * bounds[0]) is None
 
 
 @pytest.mark.parametrize(

@@ -85,15 +85,16 @@ class Forecast:
         frame: Frame,
         index: Sequence[int],
         stated_mm: float | None = None,
+        heaviest: int = HEAVIEST,
     ) -> Forecast:
         """The heaviest models, and of the others every so many, which stand for those between."""
         weight = np.array([model.weight for model in posterior.models])
         order = np.argsort(-weight, kind="stable")
-        step = max(1, -(-(len(order) - HEAVIEST) // HEAVIEST))
-        light = order[HEAVIEST:]
+        first, light = order[:heaviest], order[heaviest:]
+        step = max(1, -(-len(light) // heaviest))
         groups = [light[k : k + step] for k in range(0, len(light), step)]
-        numbers = [*order[:HEAVIEST].tolist(), *(int(some[len(some) // 2]) for some in groups)]
-        weights = [*weight[order[:HEAVIEST]], *(float(weight[some].sum()) for some in groups)]
+        numbers = [*first.tolist(), *(int(some[len(some) // 2]) for some in groups)]
+        weights = [*weight[first], *(float(weight[some].sum()) for some in groups)]
         square, axes = np.linalg.eigh(posterior.field.metrics[frame])
         kept = square > SHOWN**2 * square[-1]
         shown = np.sqrt(square[kept])[:, None] * axes[:, kept].T

@@ -190,14 +190,19 @@ class Updated:
 
     def log_factor(self, true: Updated, j: int) -> FloatArray:
         """Expected log Bayes factor ``(M,)`` of model j, which is ``true``, over each."""
-        mine = true.group.owner == j
-        root = self.white @ true.lower @ np.hstack([np.eye(len(self.white)), true.sizes[:, mine]])
-        spread = root @ root.T
-        inside = self.group.sums((self.seen * (spread @ self.seen)).sum(axis=0))
-        wide = float(np.trace(spread)) - inside - len(spread)
-        return np.asarray(
-            0.5 * (wide + self.square(true.expected[:, j])) + self.room - true.room[j]
+        sizes, inside = true.sizes[:, true.group.owner == j], self.seen
+        if true is not self:  # else white and lower are inverse
+            root = self.white @ true.lower
+            sizes, inside = root @ sizes, root.T @ inside
+            wide = float((root**2).sum()) - len(root)
+        else:
+            wide = 0.0
+        covered = self.group.sums(
+            (inside**2).sum(axis=0) + ((sizes.T @ self.seen) ** 2).sum(axis=0)
         )
+        more = wide + float((sizes**2).sum()) - covered
+        square = self.square(true.expected[:, j])
+        return np.asarray(0.5 * (more + square) + self.room - true.room[j])
 
     @cached_property
     def _spread(self) -> tuple[FloatArray, FloatArray]:

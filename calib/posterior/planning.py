@@ -14,7 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
-from calib.arrays import Conditions, FloatArray, descending, largest
+from calib.arrays import TIE, Conditions, FloatArray, descending
 from calib.posterior.correction import Correction, Holds, distances_of, parts_of, quantile_mm
 from calib.posterior.forecast import HEAVIEST, Forecast, Outcome
 from calib.posterior.measurements import Candidate, Preparation
@@ -26,6 +26,8 @@ WORTH = 0.9
 """A measurement is worth its time where it lowers the bound to less than this part."""
 
 MOST_FURTHER = 6
+HEAVIEST_IN_TURN = 12
+"""Models that are followed where many measurements are judged one after the other."""
 
 GOAL = 60.0
 """Noise variances between two names that are aimed at: values are known by estimate only."""
@@ -156,8 +158,7 @@ class Planner:
     candidates: tuple[Candidate, ...]
     stated_mm: float | None = None
 
-    @cached_property
-    def forecast(self) -> Forecast:
+    def _forecast(self, heaviest: int) -> Forecast:
         """The posterior with what is entered now: it is entered anew after the measurement."""
         left_out = {one.part for one in self.correction.left_out}
         index = [
@@ -167,7 +168,13 @@ class Planner:
             for k in columns
             if group not in left_out and name not in left_out
         ]
-        return Forecast.of(self.posterior, self.correction.frame, index, self.stated_mm)
+        frame = self.correction.frame
+        return Forecast.of(self.posterior, frame, index, self.stated_mm, heaviest)
+
+    @cached_property
+    def forecast(self) -> Forecast:
+        """Of as many models as one measurement needs."""
+        return self._forecast(HEAVIEST)
 
     @property
     def bound_mm(self) -> float:
@@ -213,24 +220,33 @@ class Planner:
         return descending(every, lambda one: one.gain_mm_per_minute)
 
     def reach(self) -> Reach:
-        """Set-ups over the whole way, one after the other, each the best for its time."""
-        options = [k for k, one in enumerate(self.candidates) if one.is_way]
+        """Set-ups over the whole way, one after the other, each the best for its time.
+
+        What an option gained when it was last tried is more than it gains now, so most need not be
+        tried again.
+        """
+        forecast = self._forecast(HEAVIEST_IN_TURN)
+        scale = self.bound_mm / forecast.now_mm
+        gains = {k: math.inf for k, one in enumerate(self.candidates) if one.is_way}
         taken: list[Readings] = []
         found: list[FurtherSetUp] = []
         bound_mm, minutes = self.bound_mm, 0.0
         while len(found) < MOST_FURTHER:
-            after: dict[int, float] = {}
-            for k in options:
+            best: tuple[int, float] | None = None
+            for k in descending(gains, gains.__getitem__):
+                if best and gains[k] <= (1.0 + TIE) * gains[best[0]]:
+                    break
                 both = Readings.together([*taken, self.readings[k]])
-                after[k] = self._scale * self.forecast.after(both).bound_mm
-            worth = [k for k in options if after[k] < WORTH * bound_mm]
-            if not worth:
+                after_mm = scale * forecast.after(both).bound_mm
+                gains[k] = math.log(bound_mm / after_mm) / self.candidates[k].minutes
+                better = best is None or gains[k] > (1.0 + TIE) * gains[best[0]]
+                if better and after_mm < WORTH * bound_mm:
+                    best = k, after_mm
+            if best is None:
                 break
-            gains = [math.log(bound_mm / after[k]) / self.candidates[k].minutes for k in worth]
-            best = worth[largest(np.array(gains))]
-            one = self.candidates[best]
-            bound_mm, minutes = after[best], minutes + one.minutes
-            taken.append(self.readings[best])
+            one, bound_mm = self.candidates[best[0]], best[1]
+            taken.append(self.readings[best[0]])
+            minutes += one.minutes
             found.append(FurtherSetUp(one.legs, one.station, one.levels_mm, minutes, bound_mm))
         return Reach(self.bound_mm, tuple(found))
 
@@ -247,7 +263,7 @@ class Planner:
         models: dict[Name, list[int]] = {}
         for k, number in enumerate(self.forecast.numbers[:HEAVIEST].tolist()):
             models.setdefault(names[number], []).append(k)
-        likeliest = sorted(shares, key=lambda name: -shares[name])[:MOST_COMPARED]
+        likeliest = descending(shares, shares.__getitem__)[:MOST_COMPARED]
         if shares[likeliest[0]] >= DECIDED:
             return []
         every = []

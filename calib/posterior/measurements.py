@@ -158,26 +158,30 @@ def candidates(
 
     A machine of which the tool is read has ``procedures`` only.
     """
-    geometry = posterior.geometry
     every = [
         Candidate(tuple(taken), _minutes(pace, taken), procedure=name)
         for name, taken in (procedures or {}).items()
     ]
-    if not geometry.orthogonal:
-        return every
+    load_tells = any(name == MATTERS_OF_LOAD for name, _ in posterior.places)
+    return [*every, *set_ups_of(posterior.sessions[-1].model, pace, load_tells=load_tells)]
+
+
+def set_ups_of(
+    model: Model, pace: Pace = USUAL_PACE, *, load_tells: bool = True
+) -> Iterator[Candidate]:
+    """Every set-up of legs that is considered on a machine; none where the tool is read."""
+    if not model.geometry.orthogonal:
+        return
     ways: list[tuple[tuple[float, ...], int, float]] = [(WAY, 1, at) for at in STATIONS]
     ways += [(parts, CYCLES, at) for parts, at in product(LEVEL_SETS, STATIONS_OF_CYCLES)]
-    every += _of_legs(geometry, pace, ways, Preparation())
-    known = {component for component, _ in posterior.places}
-    changed = [Preparation(load=LOAD)] if MATTERS_OF_LOAD in known else []
-    offsets = posterior.sessions[-1].model.parameters_mm[:3]
-    for leg, offset in enumerate(offsets):
+    yield from _of_legs(model.geometry, pace, ways, Preparation())
+    changed = [Preparation(load=LOAD)] if load_tells else []
+    for leg, offset in enumerate(model.parameters_mm[:3]):
         entered = [0.0, 0.0, 0.0]
         entered[leg] = math.copysign(SHIFT_MM, -offset) + 0.0
         changed.append(Preparation((entered[0], entered[1], entered[2])))
     for preparation in changed:
-        every += _of_legs(geometry, pace, [(WAY, 1, MIDDLE)], preparation)
-    return every
+        yield from _of_legs(model.geometry, pace, [(WAY, 1, MIDDLE)], preparation)
 
 
 def _of_legs(

@@ -22,8 +22,7 @@ from app.planning.tripod import stated_noise
 from calib.arrays import LEG_NAMES, FloatArray, conditions
 from calib.diagnosis.next_measurement import Preparation, options
 from calib.errors import CalibrationError, ImpossibleRequest, NotIdentifiable, RecordError
-from calib.posterior.measurements import candidates, nothing_measured
-from calib.posterior.posterior import posterior
+from calib.posterior.measurements import set_ups_of
 from calib.tripod.geometry import Geometry
 from calib.tripod.optimum import optimum_postures
 from calib.tripod.pipeline import Model, derivatives
@@ -204,8 +203,7 @@ def test_what_plan_and_next_propose_stays_on_the_bar(
     machine: Machine, wrong_mm: FloatArray
 ) -> None:
     geometry = machine.geometry()
-    nothing = nothing_measured(Model(geometry), 0.01, machine.tolerances_mm())
-    for one in candidates(posterior([nothing])):
+    for one in set_ups_of(Model(geometry)):
         for name in one.legs:
             leg = LEG_NAMES.index(name)
             assert_on_bar(machine, wrong_mm, leg, one.station, one.levels_mm)

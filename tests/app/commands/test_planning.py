@@ -342,7 +342,8 @@ def test_plan_goes_by_the_frame_and_by_what_the_controller_holds(samples: Path) 
     for words in ((), ("--frame", "machine"), ("--holds", "kinematics")):
         plan = document("plan", session, *words)
         solved = document("solve", session, *words)
-        assert plan["bound_mm"] == pytest.approx(solved["correction"]["tool_error_mm"]["after"])
+        key = f"{plan['frame'].replace('-', '_')}_mm"
+        assert plan["bound_mm"] == pytest.approx(solved["correction"]["bound"][key])
         bounds[words] = plan["bound_mm"]
     assert len(set(bounds.values())) == 3
 

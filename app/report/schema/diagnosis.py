@@ -175,8 +175,8 @@ class AliasReport(Report):
 class ProposalEntry(Report):
     """A measurement that was judged, and the bound that is expected after it.
 
-    Before, ``entered_mm`` is added to the joint offsets in the controller, and the tool is loaded to
-    ``load`` times its weight.
+    Before, ``entered_mm`` is added to the joint offsets in the controller, and the tool is loaded
+    to ``load`` times its weight.
     """
 
     words: str = at("candidate.words")

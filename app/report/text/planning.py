@@ -205,8 +205,8 @@ def further_text(reach: Reach) -> str:
     stop = "More set-ups would lower it further."
     if reach.is_last:
         stop = (
-            f"{'After that no' if reach.further else 'No'} set-up lowers the bound by a tenth: more "
-            "readings of legs would not help."
+            f"{'After that no' if reach.further else 'No'} set-up lowers the bound by a tenth: "
+            "more readings of legs would not help."
         )
     if reach.further:
         levels = ", ".join(f"{level:+g}" for level in reach.further[0].displacements_mm)

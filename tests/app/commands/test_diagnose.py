@@ -83,7 +83,7 @@ def test_the_first_line_is_the_verdict(tmp_path: Path) -> None:
 
 
 def test_the_bound_at_the_tool_and_what_lowers_it(tmp_path: Path) -> None:
-    """`plan` proposes the same set-ups from the readings alone; each lowers the bound by a tenth."""
+    """`plan` proposes the same set-ups from the readings; each lowers the bound by a tenth."""
     session = simulated(tmp_path, "s", "--effect", "actuator_scale:all", "--size", "0.8")
     run = glidecal("diagnose", session, "--next", tmp_path / "next.toml", "--json")
     assert run.status == 0, run.err

@@ -25,6 +25,7 @@ from calib.arrays import (
     lengths,
     tilts,
 )
+from calib.errors import UnreachablePosture
 from calib.identify.fit import design_of
 from calib.posterior.correction import projector_of, quantile_mm
 from calib.posterior.library import ELSE, instances, something_else
@@ -152,13 +153,18 @@ class Forecast:
                 if self.posterior.components[member].id == ELSE:
                     size_mm = scale * float(self.posterior.components[member].unit[0])
             of_key.setdefault((id(self.fields[k].base_root), size_mm), []).append(k)
-        at = self.posterior.start.copy()
-        at[:BASE] += self.cells.model.parameters_mm
         both = np.vstack([self.shown, self.entered])
         return [
-            Group.of(rows, [self.fields[k] for k in rows], size_mm, at, both)
+            Group.of(rows, [self.fields[k] for k in rows], size_mm, self._about, both)
             for (_, size_mm), rows in of_key.items()
         ]
+
+    @cached_property
+    def _about(self) -> FloatArray:
+        """Where readings of the last session are linear about, in the tool's field ``(f,)``."""
+        about = self.posterior.start.copy()
+        about[:BASE] += self.cells.model.parameters_mm
+        return about
 
     @cached_property
     def machines(self) -> list[tuple[Model, FloatArray]]:
@@ -205,15 +211,18 @@ class Forecast:
                 for share in self.posterior.components[member].shares
             }
             machine = change(machine)
-            own = self._columns(machine, every, acting, columns)
-            each.append((machine.readings(every) + own @ rest, own))
-        found, row = [], 0
+            try:
+                own = self._columns(machine, every, acting, columns)
+                each.append((machine.readings(every) + own @ rest, own))
+            except UnreachablePosture:  # as the others: by derivatives of the session
+                each.append((start + columns @ (self.fields[k].mean - self._about), columns))
+        shown, row = [], 0
         for taken, count in zip(means, counts, strict=True):
             rows = slice(row, row + len(taken))
             row += len(taken)
             whiten = self._whitening(taken, count)
             errors = something_else(taken) if any(g.size_mm for g in self.groups) else None
-            found.append(
+            shown.append(
                 Readings(
                     whiten @ start[rows],
                     whiten @ columns[rows],
@@ -223,7 +232,7 @@ class Forecast:
                 )
             )
         spread_mm = self.cells.case.tolerance_mm[:3]
-        return [one.with_offsets_apart(spread_mm) if offsets_apart else one for one in found]
+        return [one.with_offsets_apart(spread_mm) for one in shown] if offsets_apart else shown
 
     def _columns(
         self,

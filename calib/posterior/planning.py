@@ -104,7 +104,7 @@ class Plan:
     @property
     def more_helps(self) -> bool:
         """Whether any proposal lowers the bound to less than `WORTH`."""
-        return any(one.bound_mm < WORTH * self.bound_mm for one in self.proposals)
+        return any(proposal.bound_mm < WORTH * self.bound_mm for proposal in self.proposals)
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ class Planner:
 
     def _forecast(self, heaviest: int) -> Forecast:
         """The posterior with what is entered now: it is entered anew after the measurement."""
-        left_out = {one.part for one in self.correction.left_out}
+        left_out = {entry.part for entry in self.correction.left_out}
         index = [
             k
             for group, parts in parts_of(self.posterior, self.correction.holds).items()
@@ -185,25 +185,28 @@ class Planner:
     def readings(self) -> list[Readings]:
         """What each candidate is expected to show."""
         wanted: dict[Preparation, dict[int, Conditions]] = {}
-        for one in self.candidates:
-            wanted.setdefault(one.preparation, {}).update({id(taken): taken for taken in one.taken})
+        for candidate in self.candidates:
+            set_ups = {id(set_up): set_up for set_up in candidate.taken}
+            wanted.setdefault(candidate.preparation, {}).update(set_ups)
         shown: dict[tuple[Preparation, int], Readings] = {}
-        for preparation, taken in wanted.items():
-            apart = bool(preparation.words)
-            made = self.forecast.readings(
-                list(taken.values()), preparation.model, offsets_apart=apart
+        for preparation, set_ups in wanted.items():
+            expected = self.forecast.readings(
+                list(set_ups.values()),
+                preparation.model,
+                offsets_apart=bool(preparation.words),
             )
-            shown |= {(preparation, key): one for key, one in zip(taken, made, strict=True)}
+            keys = [(preparation, key) for key in set_ups]
+            shown |= dict(zip(keys, expected, strict=True))
         return [
-            Readings.together([shown[one.preparation, id(taken)] for taken in one.taken])
-            for one in self.candidates
+            Readings.together([shown[candidate.preparation, id(s)] for s in candidate.taken])
+            for candidate in self.candidates
         ]
 
     @cached_property
     def outcomes(self) -> list[Outcome]:
         """What is expected after each."""
         models = [k for _, _, some in self._open for k in some]
-        return [self.forecast.after(one, models) for one in self.readings]
+        return [self.forecast.after(readings, models) for readings in self.readings]
 
     @cached_property
     def _scale(self) -> float:
@@ -212,12 +215,12 @@ class Planner:
 
     def proposals(self) -> list[Proposal]:
         """The best a minute first."""
-        every = []
+        proposals = []
         for candidate, outcome in zip(self.candidates, self.outcomes, strict=True):
             bound_mm = self._scale * outcome.bound_mm
             gain = (self.bound_mm - bound_mm) / candidate.minutes
-            every.append(Proposal(candidate, bound_mm, gain))
-        return descending(every, lambda one: one.gain_mm_per_minute)
+            proposals.append(Proposal(candidate, bound_mm, gain))
+        return descending(proposals, lambda proposal: proposal.gain_mm_per_minute)
 
     def reach(self) -> Reach:
         """Set-ups over the whole way, one after the other, each the best for its time.
@@ -227,16 +230,16 @@ class Planner:
         """
         forecast = self._forecast(HEAVIEST_IN_TURN)
         scale = self.bound_mm / forecast.now_mm
-        gains = {k: math.inf for k, one in enumerate(self.candidates) if one.is_way}
-        taken: list[Readings] = []
-        found: list[FurtherSetUp] = []
+        gains = {k: math.inf for k, candidate in enumerate(self.candidates) if candidate.is_way}
+        chosen: list[Readings] = []
+        further: list[FurtherSetUp] = []
         bound_mm, minutes = self.bound_mm, 0.0
-        while len(found) < MOST_FURTHER:
+        while len(further) < MOST_FURTHER:
             best: tuple[int, float] | None = None
             for k in descending(gains, gains.__getitem__):
                 if best and gains[k] <= (1.0 + TIE) * gains[best[0]]:
                     break
-                both = Readings.together([*taken, self.readings[k]])
+                both = Readings.together([*chosen, self.readings[k]])
                 after_mm = scale * forecast.after(both).bound_mm
                 gains[k] = math.log(bound_mm / after_mm) / self.candidates[k].minutes
                 better = best is None or gains[k] > (1.0 + TIE) * gains[best[0]]
@@ -244,11 +247,12 @@ class Planner:
                     best = k, after_mm
             if best is None:
                 break
-            one, bound_mm = self.candidates[best[0]], best[1]
-            taken.append(self.readings[best[0]])
-            minutes += one.minutes
-            found.append(FurtherSetUp(one.legs, one.station, one.levels_mm, minutes, bound_mm))
-        return Reach(self.bound_mm, tuple(found))
+            candidate, bound_mm = self.candidates[best[0]], best[1]
+            chosen.append(self.readings[best[0]])
+            minutes += candidate.minutes
+            where = candidate.legs, candidate.station, candidate.levels_mm
+            further.append(FurtherSetUp(*where, minutes, bound_mm))
+        return Reach(self.bound_mm, tuple(further))
 
     @cached_property
     def _open(self) -> list[tuple[Name, float, list[int]]]:
@@ -276,7 +280,7 @@ class Planner:
 
     def _name(self, members: Sequence[int]) -> Name:
         components = [self.posterior.components[k] for k in members]
-        return tuple(sorted((one.id, one.where) for one in components))
+        return tuple(sorted((component.id, component.where) for component in components))
 
     def _apart(self, outcome: Outcome) -> FloatArray:
         """Noise variances between open names, of their nearest models, either being true."""
@@ -295,7 +299,7 @@ class Planner:
         weight = np.array([share for _, share, _ in self._open])
         apart = [self._apart(outcome) for outcome in self.outcomes]
         score = np.array(
-            [float((np.minimum(one, GOAL) * np.outer(weight, weight)).sum()) for one in apart]
+            [float((np.minimum(each, GOAL) * np.outer(weight, weight)).sum()) for each in apart]
         )
         best = min(
             np.flatnonzero(score >= NEARLY * score.max()).tolist(),

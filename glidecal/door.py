@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.evaluating.what_if import WhatIf
     from app.planning.tripod import MeasurementPlan
     from calib.identify.solution import Method, Subset
+    from calib.posterior.correction import Holds
     from protocols.machine import Frame
 
 __all__ = [
@@ -153,13 +154,25 @@ def plan(
     machine: File | None = None,
     model: File | None = None,
     noise_mm: float | None = None,
+    frame: Frame | None = None,
+    holds: Holds = "offsets",
 ) -> MeasurementPlan:
-    """The set-up that lowers the error of the tool most, after these sessions or before any."""
+    """The measurement that lowers the bound of the tool most per minute, after these sessions.
+
+    ``frame``: that of the machine file unless given; ``holds`` is what the controller can hold.
+    """
     from app.planning.tripod import next_measurement
 
     loaded = _given(sessions)
     known = Path(model) if model else None
-    return next_measurement(loaded, machine_file=machine, model_file=known, noise_mm=noise_mm)
+    return next_measurement(
+        loaded,
+        machine_file=machine,
+        model_file=known,
+        noise_mm=noise_mm,
+        frame=frame,
+        holds=holds,
+    )
 
 
 def report(

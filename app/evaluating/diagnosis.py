@@ -19,15 +19,14 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.problem import Case
 from calib.diagnosis.results import Contender, Diagnosis, Finding
 from calib.errors import CalibrationError, NotIdentifiable, RecordError, UsageError
-from calib.identify.next_mounting import (
-    MINUTES_PER_MOUNTING,
-    SECONDS_PER_STEP,
-    Reach,
-    bound_of,
-    reach_of,
-)
+from calib.identify.expected import bound_of
 from calib.identify.solution import Subset
 from calib.identify.tool_bound import ToolBound
+from calib.posterior import cells as of_cells
+from calib.posterior.correction import correction
+from calib.posterior.measurements import USUAL_PACE, Pace, candidates
+from calib.posterior.planning import Planner, Reach
+from calib.posterior.posterior import posterior
 from calib.tripod.effects.effect import Effect, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
 from calib.tripod.pipeline import Model
@@ -129,11 +128,15 @@ class SessionDiagnosis:
         case = self._last
         if self.tool_bound is None or case.noise is None or not case.model.geometry.orthogonal:
             return None
-        opened, step_s = self.sessions[-1].opened, SECONDS_PER_STEP
+        opened, pace = self.sessions[-1].opened, USUAL_PACE
         if opened.machine.motion is not None and opened.procedure is not None:
             step_s = seconds_per_step(opened.machine, opened.procedure)
-        pace = MINUTES_PER_MOUNTING, step_s
-        return reach_of(case.model, case.observed, case.noise, case.tolerance_mm, *pace)
+            pace = Pace(seconds_per_step=step_s)
+        known = of_cells.Case(case.model, case.observed, case.indicator, case.tolerance_mm)
+        found = posterior([known])
+        entered = correction(found, "offsets", opened.machine.frame)
+        ways = tuple(one for one in candidates(found, pace) if one.is_way)
+        return Planner(found, entered, ways).reach()
 
     @property
     def _last(self) -> Case:

@@ -57,7 +57,7 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer:
     from app.report.schema.planning import IdentifiabilityReport
     from app.report.text.planning import expected_text, identifiability_text
     from calib.design.identifiability import seen_by
-    from calib.identify.next_mounting import expected_of
+    from calib.identify.expected import expected_of
 
     machine, procedure = _asked(asked)
     planned = tripod_planning(machine, procedure, own.noise)
@@ -252,10 +252,12 @@ class PlanOptions:
     model: Annotated[Path | None, file("Model file (JSON).")] = None
     noise: Noise = None
     mounting_seconds: MountingSeconds = 120.0
+    frame: FrameName = None
+    holds: HoldsName = "offsets"
 
 
 def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: Say) -> Answer:
-    """The mounting that is worth its minutes most."""
+    """The measurement that is worth its minutes most."""
     from app.evaluating.solution import load_sessions
     from app.planning.tripod import next_measurement
     from app.report.schema.diagnosis import PlanReport
@@ -269,6 +271,8 @@ def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: S
             model_file=own.model,
             noise_mm=own.noise,
             minutes_per_mounting=own.mounting_seconds / 60.0,
+            frame=own.frame,
+            holds=own.holds,
         )
     for warning in warnings:
         say(f"glidecal: {warning}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,25 +13,21 @@ from app.measuring.simulated import planned_readings, simulated_session
 from calib.arrays import LEG_NAMES
 from calib.diagnosis.hypotheses import alias_map as compare
 from calib.diagnosis.results import AliasMap
-from calib.errors import UsageError
-from calib.identify.next_mounting import (
-    MINUTES_PER_MOUNTING,
-    SECONDS_PER_STEP,
-    ExpectedResult,
-    FurtherSetUp,
-    NextMountings,
-    Proposal,
-    expected_of,
-    next_mountings,
-)
+from calib.errors import ImpossibleRequest, UsageError
+from calib.identify.expected import ExpectedResult, expected_of
 from calib.noise.reading import IndicatorFigures, Noise
+from calib.posterior.cells import Case
+from calib.posterior.correction import Holds, correction
+from calib.posterior.measurements import USUAL_PACE, Pace, candidates, nothing_measured
+from calib.posterior.planning import FurtherSetUp, Plan, Planner, Proposal, Reach
+from calib.posterior.posterior import posterior
 from calib.tripod.effects.effect import Effect
 from calib.tripod.optimum import Orders
 from calib.tripod.pipeline import Model
 from calib.tripod.planning import TripodPlanning
 from protocols.data_table import DataTable
 from protocols.files import Written, unused_path
-from protocols.machine import Instrument, Machine, load_machine
+from protocols.machine import Frame, Instrument, Machine, load_machine
 from protocols.model_file import read_model
 from protocols.motion import seconds_per_step
 from protocols.observations import indicator_figures, to_observations, worst_stated
@@ -64,7 +60,7 @@ def tripod_planning(
     machine: Machine,
     procedure: Procedure,
     noise_mm: float | None = None,
-    minutes_per_mounting: float = MINUTES_PER_MOUNTING,
+    minutes_per_mounting: float = USUAL_PACE.minutes_per_mounting,
 ) -> TripodPlanning:
     """What a procedure reads; without noise that of the machine file. Raises UsageError."""
     geometry = machine.geometry()
@@ -143,31 +139,48 @@ def _toml(
     )
 
 
-@dataclass(frozen=True)
+RUNNERS_UP = 5
+
+
+@dataclass(frozen=True, eq=False)
 class MeasurementPlan:
-    """What is worth measuring after these sessions."""
+    """What is worth measuring after these sessions.
+
+    ``reach`` are set-ups of legs in turn; ``noise_mm`` is that of a reading, and ``noise_words``
+    where it is from.
+    """
 
     sessions: tuple[str, ...]
     machine: str
-    found: NextMountings
+    noise_mm: float
+    noise_words: str
+    proposed: Plan
+    reach: Reach
 
     @property
     def best(self) -> Proposal:
         """The measurement that is proposed."""
-        return self.found.proposals[0]
+        return self.proposed.proposals[0]
+
+    @property
+    def runners_up(self) -> tuple[Proposal, ...]:
+        """The next best."""
+        return self.proposed.proposals[1 : RUNNERS_UP + 1]
 
     def table(self) -> DataTable:
-        """Every set-up that was judged, the best first."""
-        names = ("leg", "station", "displacements_mm", "minutes", "tool_mm")
+        """Every measurement that was judged, the best first."""
+        names = ("legs", "station", "displacements_mm", "cycles", "before", "minutes", "bound_mm")
         rows = [
             (
-                one.leg,
-                one.station,
-                ", ".join(f"{mm:g}" for mm in one.displacements_mm),
-                one.minutes,
-                one.tool_mm,
+                ", ".join(one.candidate.legs),
+                one.candidate.station,
+                ", ".join(f"{mm:g}" for mm in one.candidate.levels_mm),
+                one.candidate.cycles,
+                one.candidate.preparation.words,
+                one.candidate.minutes,
+                one.bound_mm,
             )
-            for one in self.found.proposals
+            for one in self.proposed.proposals
         ]
         return DataTable(names, tuple(rows))
 
@@ -204,30 +217,62 @@ def next_measurement(
     machine_file: Path | str | None = None,
     model_file: Path | None = None,
     noise_mm: float | None = None,
-    minutes_per_mounting: float = MINUTES_PER_MOUNTING,
+    minutes_per_mounting: float = USUAL_PACE.minutes_per_mounting,
+    frame: Frame | None = None,
+    holds: Holds = "offsets",
 ) -> MeasurementPlan:
-    """Judge every mounting with two or three displacements on top of the sessions.
+    """Judge measurements on top of the sessions by the bound that they leave at the tool.
 
-    Before any reading the parameters are known to the tolerances of the machine file. Raises
-    UsageError for files that do not fit each other.
+    The bound is that of a correction in a ``frame``, else that of the machine file, for what a
+    controller ``holds``. Before any reading the parameters are known to the tolerances of the
+    machine file. Raises UsageError for files that do not fit each other.
     """
     machine, model = _machine_and_model(sessions, machine_file, model_file)
-    found = next_mountings(
-        model,
-        machine.tolerances_mm(),
-        stated_noise(machine, noise_mm),
-        minutes_per_mounting,
-        to_observations(sessions) if sessions else None,
-        indicator_figures(sessions) if sessions and noise_mm is None else None,
-        _pace_s(machine, sessions),
-    )
-    return MeasurementPlan(tuple(session.name for session in sessions), machine.name, found)
+    stated, words = stated_noise(machine, noise_mm)
+    known = Model(model.geometry).with_effects(model.effects)
+    cases = cases_of(sessions, known) or [
+        nothing_measured(known, stated.standard_deviation_mm, machine.tolerances_mm())
+    ]
+    found = posterior(cases)
+    every = candidates(found, Pace(minutes_per_mounting, _pace_s(machine, sessions)))
+    if not every:
+        raise ImpossibleRequest(
+            "touched points of the bars",
+            "no displacement to both sides of Zero at any station",
+            "a usable part of the bars that an indicator stays on",
+            "Widen usable_bar in the machine file.",
+        )
+    asked_mm = None if sessions and noise_mm is None else stated.standard_deviation_mm
+    entered = correction(found, holds, frame or machine.frame)
+    planner = Planner(found, entered, tuple(every), asked_mm)
+    plan, reach = planner.plan(), planner.reach()
+    reading_mm = planner.forecast.noise_mm
+    words = words if asked_mm else f"{reading_mm:.4g} mm, from the sessions"
+    names = tuple(session.name for session in sessions)
+    return MeasurementPlan(names, machine.name, reading_mm, words, plan, reach)
+
+
+def cases_of(sessions: Sequence[Session], model: Model) -> list[Case]:
+    """Sessions with the same joint offsets entered, and the same load, are one set of readings."""
+    groups: dict[tuple[object, float], list[Session]] = {}
+    for session in sessions:
+        machine = session.opened.machine
+        groups.setdefault((machine.entered_offsets_mm, machine.load), []).append(session)
+    return [
+        Case(
+            replace(model, geometry=replace(model.geometry, load=load)),
+            to_observations(some),
+            indicator_figures(some),
+            some[-1].opened.machine.tolerances_mm(),
+        )
+        for (_, load), some in groups.items()
+    ]
 
 
 def _pace_s(machine: Machine, sessions: Sequence[Session]) -> float:
     """Of one more step: by hand, or as the last session went where the machine moves itself."""
     if machine.motion is None:
-        return SECONDS_PER_STEP
+        return USUAL_PACE.seconds_per_step
     last = sessions[-1].opened.procedure if sessions else None
     like = last or load_procedure(machine.usual_procedure, machine.geometry())
     return seconds_per_step(machine, like)

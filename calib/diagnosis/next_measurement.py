@@ -29,7 +29,7 @@ from calib.diagnosis.policy import POLICY
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Named, NextMeasurement, Verdict
 from calib.diagnosis.selection import LOG_UNIT
-from calib.identify.next_mounting import SECONDS_PER_STEP, levels_within
+from calib.posterior.measurements import USUAL_PACE, levels_within
 from calib.tripod.effects.candidates import Candidate, candidates
 from calib.tripod.effects.effect import EffectParameter
 from calib.tripod.geometry import Geometry
@@ -335,7 +335,10 @@ def added_conditions(levels: Sequence[tuple[float, tuple[float, ...]]]) -> Condi
     legs, axes, mounts = (of.astype(np.intp).tolist() for of in (leg, axis, mounting))
     made = conditions(legs, axes, displacement.tolist(), station=stations.tolist(), mount=mounts)
     return replace(
-        made, approach=approaches, time_s=SECONDS_PER_STEP * step, cycle=cycles.astype(np.intp)
+        made,
+        approach=approaches,
+        time_s=USUAL_PACE.seconds_per_step * step,
+        cycle=cycles.astype(np.intp),
     )
 
 

@@ -177,13 +177,24 @@ def _doubt(posterior: Posterior, frame: Frame, with_it: FloatArray, without: Flo
     return ""
 
 
+EXACT = 1e-7
+"""Relative: a quantile of mean squares is worked out to so much."""
+
 Distance = tuple[float, float, float]
 """Weight, mean and variance of the mean square of the tool's error, mm² and mm⁴."""
 
 
-def distances_of(posterior: Posterior, frame: Frame, values: FloatArray) -> list[Distance]:
-    """Of every model with these values entered; something else acts as each law without a name."""
+def distances_of(
+    posterior: Posterior, frame: Frame, values: FloatArray, without: Sequence[int] = ()
+) -> list[Distance]:
+    """Of every model with these values entered; something else acts as each law without a name.
+
+    Columns ``without`` of the field are taken to be known.
+    """
     metric = posterior.field.metrics[frame]
+    if len(without):
+        metric = metric.copy()
+        metric[list(without)] = metric[:, list(without)] = 0.0
     shared: dict[int, tuple[FloatArray, float, float]] = {}
     every: list[Distance] = []
     for model in posterior.models_in_field:
@@ -214,7 +225,7 @@ def quantile_mm(distances: Sequence[Distance]) -> float:
     variance = np.maximum(variance, 1e-12 * size**2)
     shape, scale = size**2 / variance, variance / np.maximum(size, 1e-300)
     low, high = 0.0, float((size + 20.0 * np.sqrt(variance)).max())
-    for _ in range(60):
+    while high - low > EXACT * high:
         middle = (low + high) / 2.0
         below = float((weight * gammainc(shape, middle / scale)).sum() / weight.sum())
         low, high = (middle, high) if below < COVERAGE else (low, middle)

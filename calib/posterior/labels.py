@@ -132,7 +132,7 @@ def suspects(
     moved: _Moved | None = None
     for one, screen in zip(beside, screens, strict=True):
         scores = [*_apart(screen)]
-        if screen.square > screen.freedom + FITS * math.sqrt(2.0 * screen.freedom):
+        if screen.square > screen.freedom + FITS * math.sqrt(2.0 * max(screen.freedom, 0.0)):
             moved = moved or _Moved.of(screen)
             scores += moved.scores(screen)
         for score, mistake in scores:

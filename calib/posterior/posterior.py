@@ -79,13 +79,14 @@ class Weighted:
 class InField:
     """A model in the tool's field: mean ``(f,)`` and covariance, in two parts.
 
-    That of the base ``(f, f)``, which many models share, and a root ``(f, k)`` of the rest; the
-    first times the square of ``inflated``.
+    That of the base ``(f, f)``, which many models share, with its root ``(f, b)``, and a root
+    ``(f, k)`` of the rest; the first two times the square of ``inflated`` and itself.
     """
 
     weight: float
     mean: FloatArray
     base: FloatArray
+    base_root: FloatArray
     inflated: float
     root: FloatArray
 
@@ -134,22 +135,22 @@ class Posterior:
         parameters = np.zeros((self.field.rows.shape[1], self.parameter_count))
         parameters[3:6, :LENGTHS] = np.eye(3)
         parameters[:3, -3:] = np.eye(3)
-        shared: dict[int, FloatArray] = {}
+        shared: dict[int, tuple[FloatArray, FloatArray]] = {}
         every = []
         for model in self.models:
-            base = np.hstack([parameters, *(self._into_field[k] for k in model.everywhere)])
-            into = np.hstack([base, *(self._into_field[k] for k in model.members)])
+            base = np.hstack([parameters, *(self.into_field[k] for k in model.everywhere)])
+            into = np.hstack([base, *(self.into_field[k] for k in model.members)])
             key = id(model.base)
             if key not in shared:
                 moved = base @ model.base
-                shared[key] = moved @ moved.T
+                shared[key] = moved @ moved.T, moved
             unseen = np.diag(self._unseen(model))
             root = [model.inflated * (into @ model.sizes), unseen[:, unseen.any(axis=0)]]
             every.append(
                 InField(
                     model.weight,
                     self.start + into @ model.mean,
-                    shared[key],
+                    *shared[key],
                     model.inflated,
                     np.hstack(root),
                 )
@@ -165,7 +166,7 @@ class Posterior:
         return start
 
     @cached_property
-    def _into_field(self) -> list[FloatArray]:
+    def into_field(self) -> list[FloatArray]:
         """For each component what its values ``(r,)`` are in the tool's field ``(f, r)``."""
         width = self.field.rows.shape[1]
         every = []
@@ -356,7 +357,8 @@ class _Problem:
     @cached_property
     def base(self) -> FloatArray:
         """Derivatives ``(n, b)`` by the base, per standard deviation of what is expected."""
-        index = np.concatenate([self.index[k] for k in self.everywhere])
+        none = np.zeros(0, np.intp)  # one posture shows no law
+        index = np.concatenate([none, *(self.index[k] for k in self.everywhere)])
         return np.hstack([self.rows.base * self.rows.spread, EVERYWHERE * self.columns[:, index]])
 
     @cached_property

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import FloatArray, Observations, set_up_unknowns
+from calib.arrays import Conditions, FloatArray, set_up_unknowns
 from calib.identify.fit import design_of
 from calib.posterior.cells import BASE, Cells
 from calib.tripod.effects.candidates import place_columns
@@ -26,7 +26,7 @@ Placed = tuple[Effect, str]
 
 
 def placed_columns(
-    model: Model, taken: Observations, effects: Sequence[Effect]
+    model: Model, taken: Conditions, effects: Sequence[Effect]
 ) -> dict[Placed, FloatArray]:
     """Derivatives ``(n, k)`` of readings by the values of each law at each place."""
     of_each = place_columns(model, taken, effects)

@@ -78,7 +78,7 @@ def test_a_simulated_session_is_planned_for_and_diagnosed() -> None:
     assert frame["effect"][0] == "backlash"
     assert frame["standing"][0] == "named"
     planned = glidecal.plan(session)
-    assert planned.to_frame()["tool_mm"].iloc[0] == planned.best.tool_mm
+    assert planned.to_frame()["bound_mm"].iloc[0] == planned.best.bound_mm
 
 
 def test_what_is_doubtful_is_a_warning_and_what_is_wrong_an_error(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ from app.planning.tripod import stated_noise
 from calib.arrays import LEG_NAMES, FloatArray, conditions
 from calib.diagnosis.next_measurement import Preparation, options
 from calib.errors import CalibrationError, ImpossibleRequest, NotIdentifiable, RecordError
-from calib.identify.next_mounting import next_mountings, reach_of
+from calib.posterior.measurements import set_ups_of
 from calib.tripod.geometry import Geometry
 from calib.tripod.optimum import optimum_postures
 from calib.tripod.pipeline import Model, derivatives
@@ -204,31 +203,14 @@ def test_what_plan_and_next_propose_stays_on_the_bar(
     machine: Machine, wrong_mm: FloatArray
 ) -> None:
     geometry = machine.geometry()
-    try:
-        with patch("calib.identify.next_mounting.reach_of"):  # two seconds, tested below
-            found = next_mountings(Model(geometry), machine.tolerances_mm(), (NOISE, ""), 2.0)
-    except ImpossibleRequest:
-        return
-    assert found.proposals
-    for one in found.proposals:
-        leg = LEG_NAMES.index(one.leg)
-        assert_on_bar(machine, wrong_mm, leg, one.station, one.displacements_mm)
+    for one in set_ups_of(Model(geometry)):
+        for name in one.legs:
+            leg = LEG_NAMES.index(name)
+            assert_on_bar(machine, wrong_mm, leg, one.station, one.levels_mm)
     for added in [*options(geometry, Preparation())][::5]:
         for name in added.legs:
             for station in added.stations:
                 assert_on_bar(machine, wrong_mm, LEG_NAMES.index(name), station, added.levels_mm)
-
-
-@settings(VERY_FEW, max_examples=2)
-@given(machines(), errors_mm())
-def test_further_set_ups_that_lower_the_bound_stay_on_the_bar(
-    machine: Machine, wrong_mm: FloatArray
-) -> None:
-    found = reach_of(Model(machine.geometry()), None, NOISE, machine.tolerances_mm(), 2.0)
-    for one in found.further:
-        for name in one.legs:
-            leg = LEG_NAMES.index(name)
-            assert_on_bar(machine, wrong_mm, leg, one.station, one.displacements_mm)
 
 
 @VERY_FEW

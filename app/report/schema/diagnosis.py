@@ -17,7 +17,9 @@ from calib.diagnosis.results import (
     Value,
     Verdict,
 )
-from calib.identify.next_mounting import FurtherSetUp, Proposal
+from calib.posterior.correction import Holds
+from calib.posterior.planning import FurtherSetUp, Outside
+from calib.posterior.tool import Frame
 from calib.tripod.pool import STATIONS
 
 OrNone = Annotated[str | None, made(lambda name: name or None)]
@@ -170,27 +172,58 @@ class AliasReport(Report):
     invisible: tuple[Place, ...] = at("found.invisible")
 
 
+class ProposalEntry(Report):
+    """A measurement that was judged, and the bound that is expected after it.
+
+    Before, ``entered_mm`` is added to the joint offsets in the controller, and the tool is loaded
+    to ``load`` times its weight.
+    """
+
+    words: str = at("candidate.words")
+    legs: tuple[str, ...] = at("candidate.legs")
+    station: float = at("candidate.station")
+    displacements_mm: tuple[float, ...] = at("candidate.levels_mm")
+    cycles: int = at("candidate.cycles", "where there are several, each begins at Zero")
+    entered_mm: tuple[float, float, float] = at("candidate.preparation.entered_mm")
+    load: float = at("candidate.preparation.load")
+    protocol: str = at("candidate.text", "a procedure file, or the name of one")
+    minutes: float = at("candidate.minutes")
+    bound_mm: float
+    gain_mm_per_minute: float
+
+
+class SeparationEntry(Report):
+    """The measurement that separates the names that stay open."""
+
+    words: str
+    names: tuple[tuple[Place, ...], ...] = at("names", "what is true together; none: no effect")
+    apart: float = at("apart", "noise variances between the two nearest")
+    protocol: str = at("candidate.text", "a procedure file, or the name of one")
+
+
 class PlanReport(Report):
     """``plan --json``: the next measurement worth making."""
 
     schema_id: Literal["glidecal.plan/1"] = schema("glidecal.plan/1")
     sessions: tuple[str, ...] = at("plan.sessions")
     machine: str = at("plan.machine")
-    noise: str = at("plan.found.noise_words")
-    tool_before_mm: float = at("plan.found.tool_before_mm")
-    next: Proposal = at("plan.best")
-    runners_up: Annotated[tuple[Proposal, ...], made(lambda all_of_them: all_of_them[1:])] = at(
-        "plan.found.proposals"
-    )
+    frame: Frame = at("plan.proposed.frame")
+    holds: Holds = at("plan.proposed.holds")
+    noise: str = at("plan.noise_words")
+    noise_mm: float = at("plan.noise_mm", "standard deviation of a reading")
     bound_mm: float = at(
-        "plan.found.reach.bound_mm",
+        "plan.proposed.bound_mm",
         "what the tool is off by at most now (95 %) with the values that are known entered",
     )
-    bound_for: str = at(
-        "plan.found.reach.open_name", "the name it is for; empty: noise and tolerances"
+    next: ProposalEntry = at("plan.best")
+    runners_up: tuple[ProposalEntry, ...] = at("plan.runners_up")
+    more_helps: bool = at("plan.proposed.more_helps", "any lowers the bound by a tenth")
+    separation: SeparationEntry | None = at("plan.proposed.separation")
+    outside: Outside | None = at(
+        "plan.proposed.outside", "where legs do not show the larger part of the bound's square"
     )
     further: tuple[FurtherSetUp, ...] = at(
-        "plan.found.reach.further",
+        "plan.reach.further",
         "set-ups in turn, each with the bound after it; no more are worth it",
     )
     stations: tuple[float, ...] = STATIONS

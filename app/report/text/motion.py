@@ -10,7 +10,7 @@ from app.report.text.preparing import dry_run_text
 from app.report.text.session import continue_command
 from app.report.text.tables import paragraphs, uncertain, wrapped
 from calib.errors import sentence
-from calib.identify.next_mounting import FurtherSetUp, Reach
+from calib.posterior.planning import FurtherSetUp, Reach
 from drivers.motion.controller import place_words
 from drivers.motion.states import State
 from protocols.machine import MotionLimits
@@ -186,8 +186,7 @@ def further_text(
 
     Where no bound was asked for, how to go on.
     """
-    said = f"Tool over the workspace: at most {uncertain(reach.bound_mm)} mm r.m.s. (95 %)"
-    said += f", because of {reach.open_name}." if reach.open_name else "."
+    said = f"Tool over the workspace: at most {uncertain(reach.bound_mm)} mm r.m.s. (95 %)."
     if chosen is not None:
         return wrapped(f"{said} Next, {_set_up_words(chosen)}.")
     if until_mm is not None and reach.bound_mm <= until_mm:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 
 from app.planning.tripod import MeasurementPlan
+from app.report.text.correction import FORMATS_WORDS, FRAME_WORDS
 from app.report.text.tables import map_table, new_table, paragraphs, uncertain, wrapped
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.design.criteria import Criterion
 from calib.design.identifiability import SeenBy
 from calib.diagnosis.results import AliasMap
-from calib.identify.next_mounting import ExpectedResult, FurtherSetUp, Proposal, Reach
+from calib.identify.expected import ExpectedResult
+from calib.posterior.planning import Plan, Reach
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures
 from calib.tripod.workspace import PostureOfTool, Workspace
@@ -155,53 +157,65 @@ def postures_text(chosen: ChosenPostures) -> str:
 
 
 def plan_text(plan: MeasurementPlan) -> str:
-    """One sentence, then the runners-up."""
-    best = plan.best
+    """One sentence, then the runners-up; set-ups in turn, names, and instruments outside."""
     known = f"after {', '.join(plan.sessions)}" if plan.sessions else "with nothing measured yet"
-    table = new_table("leg", "station", "displacements, mm", "minutes", "tool error, mm")
-    for one in plan.found.proposals:
-        table.add_row(
-            one.leg, f"{one.station:g}", _levels(one), f"{one.minutes:.1f}", f"{one.tool_mm:.4g}"
-        )
+    table = new_table("next best", "minutes", "tool at most, mm")
+    for one in plan.runners_up:
+        table.add_row(one.candidate.words, f"{one.candidate.minutes:.1f}", uncertain(one.bound_mm))
+    proposed, best = plan.proposed, plan.best
+    after = (
+        f"In {best.candidate.minutes:.1f} min this lowers the bound (95 %) of the tool error from "
+        f"{uncertain(proposed.bound_mm)} to {uncertain(best.bound_mm)} mm r.m.s., "
+        f"{FRAME_WORDS[proposed.frame]}, {FORMATS_WORDS[proposed.holds]} entered (noise "
+        f"{plan.noise_words})."
+    )
     return paragraphs(
-        f"Next, {known}: touch leg {best.leg} at station {best.station:g} and read both axes at "
-        f"{_levels(best)} mm. In {best.minutes:.1f} min this lowers the expected tool error from "
-        f"{plan.found.tool_before_mm:.4g} to {best.tool_mm:.4g} mm r.m.s. as far as noise and the "
-        f"six parameters go (noise {plan.found.noise_words}).",
+        f"Next, {known}: {best.candidate.words}, both axes. {after}",
         table,
-        further_text(plan.found.reach),
+        further_text(plan.reach),
+        separation_text(proposed),
+        outside_text(proposed),
     )
 
 
-def further_text(found: Reach) -> str:
+def separation_text(proposed: Plan) -> str:
+    """Which measurement separates the names that stay open; empty where none do."""
+    return f"Open names: {proposed.separation.words}." if proposed.separation else ""
+
+
+def outside_text(proposed: Plan) -> str:
+    """Which instrument shows what readings of legs do not; empty where that is the smaller part."""
+    if proposed.outside is None:
+        return ""
+    return (
+        f"{proposed.outside.share:.0%} of the square of this bound is a shift or turn of the whole "
+        f"machine, which readings of legs do not show. With a {proposed.outside.instrument}, "
+        f"{proposed.outside.words}. Without that part the bound is "
+        f"{uncertain(proposed.outside.bound_mm)} mm."
+    )
+
+
+def further_text(reach: Reach) -> str:
     """What bound each further set-up reaches, and when more would not help."""
-    table = new_table("further set-ups", "minutes in all", "tool at most, mm", "because of")
-    table.add_row("none", "0", uncertain(found.bound_mm), found.open_name or PARTS)
-    for one in found.further:
+    table = new_table("further set-ups", "minutes in all", "tool at most, mm")
+    table.add_row("none", "0", uncertain(reach.bound_mm))
+    for one in reach.further:
         where = f"leg {', '.join(one.legs)} at station {one.station:g}"
-        bound = uncertain(one.bound_mm)
-        table.add_row(where, f"{one.minutes:.0f}", bound, one.open_name or PARTS)
+        table.add_row(where, f"{one.minutes:.0f}", uncertain(one.bound_mm))
     stop = "More set-ups would lower it further."
-    if found.is_last:
+    if reach.is_last:
         stop = (
-            f"{'After that no' if found.further else 'No'} set-up lowers the bound by a tenth: "
-            f"{found.left_open or PARTS} must be ruled out or measured by other means than "
-            "readings of legs."
+            f"{'After that no' if reach.further else 'No'} set-up lowers the bound by a tenth: "
+            "more readings of legs would not help."
         )
-    if found.further:
-        levels = _levels(found.further[0])
+    if reach.further:
+        levels = ", ".join(f"{level:+g}" for level in reach.further[0].displacements_mm)
         stop = f"Each is read there and back, both axes ({levels} mm). {stop}"
-    told = "" if found.bound.names else ", without effects: none is modelled over a plane"
     return paragraphs(
-        "What the tool is off by at most, r.m.s. over the workspace (95 %), if the readings to "
-        f"come show nothing new{told}:",
+        "Expected bound (95 %) of the tool error after set-ups in turn, r.m.s. over the workspace:",
         table,
         stop,
     )
-
-
-def _levels(one: Proposal | FurtherSetUp) -> str:
-    return ", ".join(f"{level:+g}" for level in one.displacements_mm)
 
 
 def alias_text(found: AliasMap) -> str:

@@ -309,17 +309,18 @@ def test_no_uncertainty_is_rounded_to_nothing(tmp_path: Path) -> None:
     assert f"{first['value']:+.{decimals}f} {half:.{decimals}f}" in said
 
 
-def test_plan_goes_by_the_noise_of_the_certificate(samples: Path, tmp_path: Path) -> None:
-    """Stated repeatability counts, and so does what the model leaves, as it does for solve."""
-    bad = samples / "experiment_2_twelve.jsonl"
-    plan = json.loads(glidecal("plan", bad, "--json").out)
-    solve = json.loads(glidecal("solve", bad, "--json", "--subset", "with-tolerances").out)
-    noise = solve["noise"]["standard_deviation_mm"]
-    assert plan["noise"].startswith(f"{noise:.4g} mm, from the sessions, times 11.1")
-    assert "glidecal diagnose" in plan["noise"]
+def test_plan_goes_by_the_noise_of_the_readings_unless_another_is_asked_for(
+    tmp_path: Path,
+) -> None:
     solved(tmp_path, rows())
-    good = json.loads(glidecal("plan", tmp_path / "t.jsonl", "--json").out)
-    assert good["noise"].endswith("from the sessions")
+    session = tmp_path / "t.jsonl"
+    found = json.loads(glidecal("plan", session, "--json").out)
+    noise = document(tmp_path, rows())["noise"]["standard_deviation_mm"]
+    assert found["noise_mm"] == pytest.approx(noise, rel=0.2)
+    assert found["noise"] == f"{found['noise_mm']:.4g} mm, from the sessions"
+    coarse = json.loads(glidecal("plan", session, "--json", "--noise", "0.05").out)
+    assert (coarse["noise_mm"], coarse["bound_mm"]) == (0.05, found["bound_mm"])
+    assert coarse["next"]["bound_mm"] > found["next"]["bound_mm"]
 
 
 def test_drift_is_said_although_it_is_no_noise(tmp_path: Path) -> None:

@@ -315,12 +315,17 @@ def test_plan_with_and_without_sessions(samples: Path) -> None:
     assert blank["schema"] == "glidecal.plan/1"
     after = document("plan", "--session", samples / "simulated_zero-max-min.jsonl")
     for found in (blank, after):
-        assert found["next"]["tool_mm"] < found["tool_before_mm"]
-        gains = [one["variance_per_minute_mm2"] for one in (found["next"], *found["runners_up"])]
+        assert found["next"]["bound_mm"] < found["bound_mm"]
+        assert found["frame"] == "touched-off"
+        assert found["holds"] == "offsets"
+        gains = [one["gain_mm_per_minute"] for one in (found["next"], *found["runners_up"])]
         assert gains == descending(gains, float)  # legs alike but for rounding: by name
-    assert after["tool_before_mm"] < 0.01 * blank["tool_before_mm"]
-    text = glidecal("plan", samples / "simulated_zero-max-min.jsonl").out
-    assert text.startswith("Next, after simulated_zero-max-min.jsonl: touch leg ")
+        bounds = [found["bound_mm"], *(one["bound_mm"] for one in found["further"])]
+        assert all(b < 0.9 * a for a, b in pairwise(bounds))
+    assert after["bound_mm"] < 0.1 * blank["bound_mm"]
+    text = " ".join(glidecal("plan", samples / "simulated_zero-max-min.jsonl").out.split())
+    assert text.startswith("Next, after simulated_zero-max-min.jsonl: leg ")
+    assert "this lowers the bound (95 %) of the tool error from " in text
 
 
 def test_plan_goes_to_the_legs_that_were_not_measured(tmp_path: Path) -> None:
@@ -328,7 +333,26 @@ def test_plan_goes_to_the_legs_that_were_not_measured(tmp_path: Path) -> None:
     text = MAX_MIN.replace('["max", "min"]', '["zero", "max", "min"]')
     path.write_text(text.replace("cycles = 1", 'cycles = 3\nlegs = ["x", "y"]'), encoding="utf-8")
     assert glidecal("simulate", "--protocol", path, "-o", session).status == 0
-    assert next_measurement(load_sessions([session])[0]).best.leg == "z"
+    assert next_measurement(load_sessions([session])[0]).best.candidate.legs == ("z",)
+
+
+def test_plan_goes_by_the_frame_and_by_what_the_controller_holds(samples: Path) -> None:
+    session = samples / "simulated_zero-max-min.jsonl"
+    bounds = {}
+    for words in ((), ("--frame", "machine"), ("--holds", "kinematics")):
+        plan = document("plan", session, *words)
+        solved = document("solve", session, *words)
+        key = f"{plan['frame'].replace('-', '_')}_mm"
+        assert plan["bound_mm"] == pytest.approx(solved["correction"]["bound"][key])
+        bounds[words] = plan["bound_mm"]
+    assert len(set(bounds.values())) == 3
+
+
+def test_a_proposed_measurement_is_a_procedure(samples: Path, tmp_path: Path) -> None:
+    best = document("plan", samples / "simulated_zero-max-min.jsonl")["next"]
+    path = tmp_path / "next.toml"
+    path.write_text(best["protocol"], encoding="utf-8")
+    assert glidecal("run", "--dry-run", "--protocol", path, "-o", tmp_path / "s.jsonl").status == 0
 
 
 def test_a_displacement_on_a_limit_is_reached_from_one_side_only() -> None:
@@ -440,5 +464,8 @@ def test_minutes_are_those_of_a_machine_that_moves_itself(tmp_path: Path) -> Non
     step_s = (3 * (10.0 + 3 * 320.0) + 2 * 10.0) / 50.0 / 30.0 + 1.0
     for words, expected_s in (((), 20.0), (("--machine", path), step_s)):
         best = document("plan", *words)["next"]
-        set_up = 2.0 + len(best["displacements_mm"]) * expected_s / 60.0
+        steps = len(best["displacements_mm"])
+        if best["cycles"] > 1:
+            steps = best["cycles"] * (steps + 1) + 1
+        set_up = len(best["legs"]) * (2.0 + steps * expected_s / 60.0)
         assert best["minutes"] == pytest.approx(set_up, abs=1e-9)

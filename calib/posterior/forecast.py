@@ -1,0 +1,314 @@
+"""What the posterior will be after further readings, before these are taken.
+
+In each model everything is linear about its own solution, so its covariance after the readings is
+known beforehand, and where its mean goes if another model is true. Weights change by the expected
+log Bayes factors. What is entered is projected again from the mean of the mixture.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib.arrays import (
+    DEPENDENT,
+    Conditions,
+    FloatArray,
+    IntArray,
+    basis_of,
+    incidence,
+    joined,
+    lengths,
+    tilts,
+)
+from calib.errors import UnreachablePosture
+from calib.identify.fit import design_of
+from calib.posterior.cells import BASE, Cells
+from calib.posterior.correction import projector_of, quantile_mm
+from calib.posterior.library import ELSE, instances, something_else
+from calib.posterior.mixture import Group, Readings, Updated
+from calib.posterior.posterior import InField, Posterior
+from calib.posterior.readings import LENGTHS, Placed, placed_columns
+from calib.posterior.tool import Frame
+from calib.tripod.pipeline import Model
+
+HEAVIEST = 48
+"""Models that are followed one by one; of the lighter ones as many stand for all."""
+
+FOLLOWED = 8
+"""Of these so many have derivatives at their own solution; the others those of the session."""
+
+TRUTHS = 6
+"""Models that are taken to be true in turn: they stand for equal shares of the weight."""
+
+LIGHT = 1e-4
+"""A model that readings leave less weight does not change the bound."""
+
+SHOWN = 1e-7
+"""Of the largest mean square at the tool: a direction that moves it less is left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What is expected after readings: the bound, and how far models are apart.
+
+    ``bound_mm`` is the mean over the models that may be true. ``separation`` ``(h, h)`` is what
+    model j leaves of the readings that are expected if model i is true, in noise variances.
+    """
+
+    bound_mm: float
+    separation: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """The posterior as the planner sees it: some of its models, in a frame, with what is entered.
+
+    ``index`` are the columns of the field that are entered. ``shown`` ``(q, f)`` is a root of the
+    frame's metric, ``entered`` ``(q, f)`` the same of what is entered for an expected field. A
+    reading has the noise that the last session has, or ``stated_mm``.
+    """
+
+    posterior: Posterior
+    numbers: IntArray
+    weight: FloatArray
+    shown: FloatArray
+    entered: FloatArray
+    stated_mm: float | None = None
+
+    @classmethod
+    def of(
+        cls,
+        posterior: Posterior,
+        frame: Frame,
+        index: Sequence[int],
+        stated_mm: float | None = None,
+        heaviest: int = HEAVIEST,
+    ) -> Forecast:
+        """The heaviest models, and of the others every so many, which stand for those between."""
+        weight = np.array([model.weight for model in posterior.models])
+        order = np.argsort(-weight, kind="stable")
+        first, light = order[:heaviest], order[heaviest:]
+        step = max(1, -(-len(light) // heaviest))
+        groups = [light[k : k + step] for k in range(0, len(light), step)]
+        numbers = [*first.tolist(), *(int(some[len(some) // 2]) for some in groups)]
+        weights = [*weight[first], *(float(weight[some].sum()) for some in groups)]
+        square, axes = np.linalg.eigh(posterior.field.metrics[frame])
+        kept = square > SHOWN**2 * square[-1]
+        shown = np.sqrt(square[kept])[:, None] * axes[:, kept].T
+        entered = shown[:, list(index)] @ projector_of(posterior, index, frame)
+        share = np.array(weights) / sum(weights)
+        return cls(posterior, np.array(numbers), share, shown, entered, stated_mm)
+
+    @cached_property
+    def cells(self) -> Cells:
+        """The last session: its offsets are those of the machine as it is."""
+        return self.posterior.sessions[-1]
+
+    @cached_property
+    def noise_mm2(self) -> tuple[float, float]:
+        """Variance of a reading that repeats reduce, and what repeats share, as found."""
+        cells = self.cells
+        if self.stated_mm is not None:
+            return self.stated_mm**2, 0.0
+        scatter = float(np.median(cells.scatter_mm2 * cells.visited.averaged))
+        shared = cells.noise.quantisation_mm2(cells.means) if cells.noise else np.zeros(1)
+        return scatter, float(np.mean(shared))
+
+    @property
+    def noise_mm(self) -> float:
+        """Standard deviation of a reading."""
+        return math.sqrt(sum(self.noise_mm2))
+
+    @cached_property
+    def fields(self) -> list[InField]:
+        """The models in the tool's field."""
+        every = self.posterior.models_in_field
+        return [every[k] for k in self.numbers.tolist()]
+
+    @cached_property
+    def truths(self) -> list[tuple[int, float]]:
+        """Models that are taken to be true, and the weight that each stands for."""
+        along = np.cumsum(self.weight) / self.weight.sum()
+        chosen = np.searchsorted(along, (np.arange(TRUTHS) + 0.5) / TRUTHS)
+        number, times = np.unique(chosen, return_counts=True)
+        return list(zip(number.tolist(), (times / TRUTHS).tolist(), strict=True))
+
+    @cached_property
+    def followed(self) -> list[int]:
+        """The models that have derivatives at their own solution."""
+        models = [self.posterior.models[k] for k in self.numbers.tolist()]
+        return [k for k, model in enumerate(models) if model.members][:FOLLOWED]
+
+    @cached_property
+    def groups(self) -> list[Group]:
+        """Models by the base that they share, and by how large something else is in them."""
+        of_key: dict[tuple[int, float], list[int]] = {}
+        for k, number in enumerate(self.numbers.tolist()):
+            model, size_mm = self.posterior.models[number], 0.0
+            for member, scale in zip(model.members, model.scales, strict=True):
+                if self.posterior.components[member].id == ELSE:
+                    size_mm = scale * float(self.posterior.components[member].unit[0])
+            of_key.setdefault((id(self.fields[k].base_root), size_mm), []).append(k)
+        both = np.vstack([self.shown, self.entered])
+        return [
+            Group.of(rows, [self.fields[k] for k in rows], size_mm, self._about, both)
+            for (_, size_mm), rows in of_key.items()
+        ]
+
+    @cached_property
+    def _about(self) -> FloatArray:
+        """Where readings of the last session are linear about, in the tool's field ``(f,)``."""
+        about = self.posterior.start.copy()
+        about[:BASE] += self.cells.model.parameters_mm
+        return about
+
+    @cached_property
+    def machines(self) -> list[tuple[Model, FloatArray]]:
+        """Each of the models `followed`, and what its machine has not ``(f,)``: a little of all."""
+        known, first = self.cells.case.model, self.posterior.parameter_count - 3
+        every = []
+        for k in self.followed:
+            model, rest = self.posterior.models[int(self.numbers[k])], self.fields[k].mean.copy()
+            rest -= self.posterior.start
+            rest[:BASE] = 0.0
+            effects = []
+            for member, at in zip(model.members, self.posterior.starts(model), strict=True):
+                component = self.posterior.components[member]
+                values = model.mean[at : at + len(component.unit)]
+                rest -= self.posterior.into_field[member] @ values
+                effects += list(instances(component, values))
+            parameters = np.concatenate([model.mean[first : first + 3], model.mean[:LENGTHS]])
+            machine = known.with_effects((*known.effects, *effects)).with_parameters(parameters)
+            every.append((machine, rest))
+        return every
+
+    def readings(
+        self,
+        set_ups: Sequence[Conditions],
+        change: Callable[[Model], Model] = lambda model: model,
+        *,
+        offsets_apart: bool = False,
+    ) -> list[Readings]:
+        """What each set-up is expected to show of a machine after a ``change``.
+
+        With ``offsets_apart`` joint offsets are not those of the sessions, as after others were
+        entered: the readings have to show them again.
+        """
+        means, counts = zip(*(_cells(taken) for taken in set_ups), strict=True)
+        every = joined(means)
+        model = change(self.cells.model)
+        start, columns = model.readings(every), self._columns(model, every)
+        each = []
+        for k, (machine, rest) in zip(self.followed, self.machines, strict=True):
+            members = self.posterior.models[int(self.numbers[k])].members
+            acting = {
+                (share.effect, share.place)
+                for member in members
+                for share in self.posterior.components[member].shares
+            }
+            machine = change(machine)
+            try:
+                own = self._columns(machine, every, acting, columns)
+                each.append((machine.readings(every) + own @ rest, own))
+            except UnreachablePosture:  # as the others: by derivatives of the session
+                each.append((start + columns @ (self.fields[k].mean - self._about), columns))
+        shown, row = [], 0
+        for taken, count in zip(means, counts, strict=True):
+            rows = slice(row, row + len(taken))
+            row += len(taken)
+            whiten = self._whitening(taken, count)
+            errors = something_else(taken) if any(g.size_mm for g in self.groups) else None
+            shown.append(
+                Readings(
+                    whiten @ start[rows],
+                    whiten @ columns[rows],
+                    np.zeros((len(whiten), 0)) if errors is None else whiten @ errors,
+                    np.zeros((len(whiten), 0)),
+                    tuple((whiten @ e[rows], whiten @ c[rows]) for e, c in each),
+                )
+            )
+        spread_mm = self.cells.case.tolerance_mm[:3]
+        return [one.with_offsets_apart(spread_mm) for one in shown] if offsets_apart else shown
+
+    def _columns(
+        self,
+        model: Model,
+        taken: Conditions,
+        laws: Collection[Placed] | None = None,
+        start: FloatArray | None = None,
+    ) -> FloatArray:
+        """Derivatives ``(n, f)`` by the field at a model; of other than these laws as ``start``."""
+        if start is None:
+            columns = np.zeros((len(taken), self.shown.shape[1]))
+            columns[:, :BASE] = design_of(model, taken, range(BASE), ())
+        else:
+            columns = start.copy()
+        wanted = self.posterior.field.placed if laws is None else laws
+        effects = list(dict.fromkeys(effect for effect, _ in wanted))
+        for law, own in placed_columns(model, taken, effects).items():
+            if law in wanted:
+                columns[:, list(self.posterior.field.columns_of(law))] = own
+        return columns
+
+    def _whitening(self, taken: Conditions, count: FloatArray) -> FloatArray:
+        """Makes means of cells independent, of unit variance, and free of zeros ``(m, n)``."""
+        scatter, shared = self.noise_mm2
+        root = np.sqrt(np.maximum(scatter / count + shared, 1e-10))
+        zeros = np.hstack([incidence(taken.mount), tilts(taken)]) / root[:, None]
+        basis = basis_of(zeros / lengths(zeros), DEPENDENT)
+        whole = np.linalg.qr(basis, mode="complete")[0]
+        return np.asarray(whole[:, basis.shape[1] :].T / root)
+
+    @cached_property
+    def now_mm(self) -> float:
+        """The bound without more readings."""
+        nothing, field = np.zeros((0, 0)), np.zeros((0, self.shown.shape[1]))
+        each = tuple((np.zeros(0), field) for _ in self.followed)
+        return self.after(Readings(np.zeros(0), field, nothing, nothing, each)).bound_mm
+
+    def after(self, readings: Readings, models: Sequence[int] = ()) -> Outcome:
+        """What is expected after these readings, and how far apart ``models`` are in them."""
+        updated = [group.updated(readings, self.followed) for group in self.groups]
+        place = {k: (one, j) for one in updated for j, k in enumerate(one.group.rows.tolist())}
+        total = 0.0
+        for truth, share in self.truths:
+            true, j = place[truth]
+            log = np.log(self.weight)
+            for other in updated:
+                log[other.group.rows] -= other.log_factor(true, j)
+            weight = np.exp(log - log.max())
+            total += share * self._bound_mm(updated, weight / weight.sum(), true.expected[:, j])
+        separation = np.zeros((len(models), len(models)))
+        for i, truth in enumerate(models):
+            true, j = place[truth]
+            for k, model in enumerate(models):
+                other, at = place[model]
+                separation[i, k] = other.square(true.expected[:, j])[at]
+        return Outcome(total, separation)
+
+    def _bound_mm(
+        self, updated: Sequence[Updated], weight: FloatArray, readings: FloatArray
+    ) -> float:
+        """The bound of a mixture where these are the readings ``(n,)``."""
+        count, q = len(self.weight), len(self.shown)
+        mean = np.zeros((2 * q, count))
+        for up in updated:
+            mean[:, up.group.rows] = up.means(readings)
+        off = mean[:q] - (mean[q:] @ weight)[:, None]
+        distances = np.zeros((count, 3))
+        distances[:, 0] = weight
+        for up in updated:
+            distances[up.group.rows, 1:] = up.distances(off[:, up.group.rows])
+        kept = weight > LIGHT
+        return quantile_mm([(w, mean, variance) for w, mean, variance in distances[kept].tolist()])
+
+
+def _cells(taken: Conditions) -> tuple[Conditions, FloatArray]:
+    """One reading of each cell, and how many it has ``(n,)``."""
+    first = np.unique(taken.cell, return_index=True)[1]
+    return taken.take(first), np.bincount(taken.cell).astype(np.float64)

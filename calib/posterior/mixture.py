@@ -1,0 +1,228 @@
+"""Models that share a base, before and after further readings, all at once.
+
+In each model everything is linear about its own solution. So its covariance after the readings is
+known beforehand, and so is where its mean goes if another model is true.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from calib.arrays import FloatArray, IntArray
+from calib.posterior.posterior import InField
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Expected means of cells ``(n,)`` of set-ups, in standard deviations, without their zeros.
+
+    ``columns`` ``(n, f)`` are derivatives by the tool's field, ``own`` ``(n, k)`` errors of each
+    posture's own per mm, ``loose`` ``(n, l)`` what joint offsets of their own do within their
+    tolerances. ``followed`` are expected means and columns of the models that have their own.
+    """
+
+    expected: FloatArray
+    columns: FloatArray
+    own: FloatArray
+    loose: FloatArray
+    followed: tuple[tuple[FloatArray, FloatArray], ...]
+
+    def with_offsets_apart(self, spread_mm: FloatArray) -> Readings:
+        """With joint offsets of their own, expected within ``spread_mm`` ``(3,)`` of these."""
+        apart = np.arange(self.columns.shape[1]) >= len(spread_mm)
+        return replace(
+            self,
+            columns=self.columns * apart,
+            loose=self.columns[:, : len(spread_mm)] * spread_mm,
+            followed=tuple((expected, columns * apart) for expected, columns in self.followed),
+        )
+
+    @classmethod
+    def together(cls, every: Sequence[Readings]) -> Readings:
+        """Several set-ups one after the other."""
+        return cls(
+            np.concatenate([one.expected for one in every]),
+            np.vstack([one.columns for one in every]),
+            np.asarray(block_diag(*(one.own for one in every))),
+            np.vstack([one.loose for one in every]),
+            tuple(
+                (np.concatenate([e for e, _ in each]), np.vstack([c for _, c in each]))
+                for each in zip(*(one.followed for one in every), strict=True)
+            ),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Models ``rows`` of a forecast that share a base, their sizes side by side.
+
+    Column k of ``sizes`` ``(f, R)`` belongs to model ``owner[k]``; ``blocks`` are the columns
+    ``(m, r)`` of models of r sizes. ``base`` ``(f, b)`` is the root that they share; ``away``
+    ``(f, M)`` their means less where readings are linear about. ``tool_base``, ``tool_sizes`` and
+    ``tool_mean`` are the same in what stands for the tool ``(2q, ...)``: what it does, then what is
+    entered. Something else is of ``size_mm`` in each posture.
+    """
+
+    rows: IntArray
+    owner: IntArray
+    blocks: tuple[IntArray, ...]
+    base: FloatArray
+    sizes: FloatArray
+    away: FloatArray
+    size_mm: float
+    inflated: FloatArray
+    tool_base: FloatArray
+    tool_sizes: FloatArray
+    tool_mean: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        rows: Sequence[int],
+        fields: Sequence[InField],
+        size_mm: float,
+        about: FloatArray,
+        tool: FloatArray,
+    ) -> Group:
+        """Models in the tool's field, linear ``about`` ``(f,)``; ``tool`` is ``(2q, f)``."""
+        roots = [field.root / field.inflated for field in fields]
+        widths = np.array([root.shape[1] for root in roots], dtype=np.intp)
+        firsts = np.cumsum([0, *widths[:-1]])
+        mean, sizes = np.column_stack([field.mean for field in fields]), np.hstack(roots)
+        return cls(
+            np.array(rows, dtype=np.intp),
+            np.repeat(np.arange(len(rows)), widths),
+            tuple(
+                firsts[widths == width][:, None] + np.arange(width)
+                for width in np.unique(widths)
+                if width
+            ),
+            fields[0].base_root,
+            sizes,
+            mean - about[:, None],
+            size_mm,
+            np.array([field.inflated for field in fields]),
+            tool @ fields[0].base_root,
+            tool @ sizes,
+            tool @ mean,
+        )
+
+    def sums(self, values: FloatArray) -> FloatArray:
+        """Of columns ``(R,)`` for each model ``(M,)``."""
+        return np.asarray(np.bincount(self.owner, values, len(self.rows)))
+
+    def updated(self, readings: Readings, followed: Sequence[int]) -> Updated:
+        """With the covariance after these readings: first the base, beside it the sizes."""
+        q = len(self.tool_base) // 2
+        shown = readings.columns @ self.base
+        noise = np.hstack([readings.loose, self.size_mm * readings.own])
+        square = np.eye(len(shown)) + shown @ shown.T + noise @ noise.T
+        lower = np.linalg.cholesky(square)
+        white = np.linalg.inv(lower)
+        sizes = readings.columns @ self.sizes
+        expected = readings.expected[:, None] + readings.columns @ self.away
+        for number, (means, columns) in zip(followed, readings.followed, strict=True):
+            for j in np.flatnonzero(self.rows == number).tolist():
+                mine = self.owner == j
+                sizes[:, mine] = columns @ self.sizes[:, mine]
+                expected[:, j] = means
+        sizes = white @ sizes
+        gain = self.tool_base @ shown.T @ white.T
+        moved = self.tool_sizes - gain @ sizes
+        seen, tool = np.zeros_like(sizes), np.zeros_like(moved)
+        room = np.full(len(self.rows), float(np.log(lower.diagonal()).sum()))
+        for block in self.blocks:
+            inside = np.moveaxis(sizes[:, block], 1, 0)
+            inner = np.swapaxes(inside, 1, 2) @ inside + np.eye(block.shape[1])
+            root = np.swapaxes(np.linalg.inv(np.linalg.cholesky(inner)), 1, 2)
+            seen[:, block] = np.moveaxis(inside @ root, 0, 1)
+            tool[:, block] = np.moveaxis(np.moveaxis(moved[:, block], 1, 0) @ root, 0, 1)
+            logs = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+            room[self.owner[block[:, 0]]] -= logs
+        base = self.tool_base[:q] @ self.tool_base[:q].T - gain[:q] @ gain[:q].T
+        return Updated(self, base, tool, seen, gain, white, lower, expected, sizes, room)
+
+
+@dataclass(frozen=True, eq=False)
+class Updated:
+    """A group after readings.
+
+    Covariance at the tool is ``base`` ``(q, q)`` beside roots ``tool`` ``(2q, R)``. A departure of
+    the readings, made ``white`` ``(n, n)``, moves means by ``gain`` ``(2q, n)``, and by ``tool``
+    times ``seen`` ``(n, R)``. ``lower`` is the inverse of ``white``; ``expected`` ``(n, M)`` are
+    the readings if a model is true, ``sizes`` ``(n, R)`` what its sizes do to them, made white;
+    ``room`` ``(M,)`` the logs of the roots of determinants.
+    """
+
+    group: Group
+    base: FloatArray
+    tool: FloatArray
+    seen: FloatArray
+    gain: FloatArray
+    white: FloatArray
+    lower: FloatArray
+    expected: FloatArray
+    sizes: FloatArray
+    room: FloatArray
+
+    def _departure(self, readings: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Of these readings from each model ``(n, M)``, and along its sizes ``(R,)``."""
+        departure = self.white @ (readings[:, None] - self.expected)
+        return departure, (self.seen * departure[:, self.group.owner]).sum(axis=0)
+
+    def means(self, readings: FloatArray) -> FloatArray:
+        """At the tool ``(2q, M)`` where these are the readings ``(n,)``."""
+        departure, along = self._departure(readings)
+        of_model = np.zeros((len(along), len(self.group.rows)))
+        of_model[np.arange(len(along)), self.group.owner] = along
+        return np.asarray(self.group.tool_mean + self.gain @ departure + self.tool @ of_model)
+
+    def square(self, readings: FloatArray) -> FloatArray:
+        """What each model leaves of these readings ``(M,)``, in noise variances."""
+        departure, along = self._departure(readings)
+        left = (departure**2).sum(axis=0) - self.group.sums(along**2)
+        return np.asarray(left / self.group.inflated**2)
+
+    def log_factor(self, true: Updated, j: int) -> FloatArray:
+        """Expected log Bayes factor ``(M,)`` of model j, which is ``true``, over each."""
+        sizes, inside = true.sizes[:, true.group.owner == j], self.seen
+        if true is not self:  # else white and lower are inverse
+            root = self.white @ true.lower
+            sizes, inside = root @ sizes, root.T @ inside
+            wide = float((root**2).sum()) - len(root)
+        else:
+            wide = 0.0
+        covered = self.group.sums(
+            (inside**2).sum(axis=0) + ((sizes.T @ self.seen) ** 2).sum(axis=0)
+        )
+        more = wide + float((sizes**2).sum()) - covered
+        square = self.square(true.expected[:, j])
+        return np.asarray(0.5 * (more + square) + self.room - true.room[j])
+
+    @cached_property
+    def _spread(self) -> tuple[FloatArray, FloatArray]:
+        """Mean and half the variance ``(M,)`` of the mean square at the tool about the means."""
+        group, more = self.group, self.group.inflated**2
+        root = self.tool[: len(self.base)]
+        inner = np.zeros(len(group.rows))
+        for block in group.blocks:
+            some = np.moveaxis(root[:, block], 1, 0)
+            products = np.swapaxes(some, 1, 2) @ some
+            inner[group.owner[block[:, 0]]] = (products**2).sum(axis=(1, 2))
+        size = float(np.trace(self.base)) + group.sums((root**2).sum(axis=0))
+        through = group.sums((root * (self.base @ root)).sum(axis=0))
+        return more * size, more**2 * (float((self.base**2).sum()) + 2.0 * through + inner)
+
+    def distances(self, off: FloatArray) -> FloatArray:
+        """Mean and variance ``(M, 2)`` of the mean square at the tool, means ``off`` ``(q, M)``."""
+        size, square = self._spread
+        root = self.tool[: len(off)]
+        along = (off * (self.base @ off)).sum(axis=0)
+        along = along + self.group.sums((root * off[:, self.group.owner]).sum(axis=0) ** 2)
+        along = self.group.inflated**2 * along
+        return np.column_stack([size + (off**2).sum(axis=0), 2.0 * square + 4.0 * along])

@@ -1,0 +1,178 @@
+"""What is expected after further readings, worked out here by dense matrices of one model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+import pytest
+
+from calib.arrays import Conditions, FloatArray
+from calib.posterior.forecast import Forecast
+from calib.posterior.library import instances
+from calib.posterior.measurements import Preparation, set_up
+from calib.posterior.mixture import Updated
+from calib.posterior.posterior import Posterior, Weighted, posterior
+from calib.posterior.tool import Frame
+from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.pipeline import Model
+from tests.calib.posterior.hidden_machines import SHORT, hidden, session
+
+STEP = 1e-3
+ZERO_MM = 1e2
+"""Spread of the zero of a mounting: free."""
+
+FRAME: Frame = "touched-off"
+OFFSETS = [0, 1, 2]
+TAKEN = set_up(1, 0.3, (0.0, 24.0, 60.0, 24.0, -40.0, -100.0), 3, 20.0)
+
+
+@pytest.fixture(scope="module")
+def unsure() -> Posterior:
+    """Several names stay open: play or a screw."""
+    case, _ = session(SHORT, hidden("backlash", "x", 0.03), seed=2, scatter_mm=0.003)
+    return posterior([case])
+
+
+def machine_of(result: Posterior, model: Weighted, values: FloatArray) -> Model:
+    """The machine of these values of a model, all of them in the simulation."""
+    effects: list[EffectInstance] = []
+    at = result.parameter_count
+    for k in (*model.everywhere, *model.members):
+        component = result.components[k]
+        mine = values[at : at + len(component.unit)]
+        at += len(component.unit)
+        if mine.any():
+            effects += instances(component, mine)
+    return Model(
+        parameters_mm=(*values[3:6].tolist(), *values[:3].tolist()), effects=tuple(effects)
+    )
+
+
+class Dense:
+    """One model and readings of one set-up: means of cells, with zeros as unknowns."""
+
+    def __init__(self, result: Posterior, model: Weighted, taken: Conditions, mm2: float) -> None:
+        first = np.unique(taken.cell, return_index=True)[1]
+        cells = taken.take(first)
+        at = model.mean.copy()
+        self.expected = machine_of(result, model, at).readings(cells)
+        deviation = np.sqrt(model.variance)
+        moved = []
+        for k, size in enumerate(deviation.tolist()):
+            step = np.zeros(len(at))
+            step[k] = STEP * size
+            up, down = (machine_of(result, model, at + s * step) for s in (1.0, -1.0))
+            moved.append((up.readings(cells) - down.readings(cells)) / (2.0 * STEP * size))
+        self.columns = np.column_stack(moved)
+        self.before = model.covariance
+        zeros = ZERO_MM**2 * np.equal.outer(cells.mount, cells.mount)
+        noise = np.diag(model.inflated**2 * mm2 / np.bincount(taken.cell))
+        self.spread = self.columns @ self.before @ self.columns.T + zeros + noise
+        self.gain = self.before @ self.columns.T @ np.linalg.inv(self.spread)
+        self.after = self.before - self.gain @ self.columns @ self.before
+        into = np.zeros((result.field.rows.shape[1], len(at)))
+        into[3:6, :3], into[:3, 3:6] = np.eye(3), np.eye(3)
+        begin = result.parameter_count
+        for k in (*model.everywhere, *model.members):
+            for share in result.components[k].shares:
+                for column, value in zip(
+                    result.field.columns_of((share.effect, share.place)), share.values, strict=True
+                ):
+                    into[column, begin + value] += 1.0
+            begin += len(result.components[k].unit)
+        self.into = into
+
+    def square(self, result: Posterior) -> float:
+        """Expected mean square at the tool about the mean, after the readings."""
+        metric = self.into.T @ result.field.metrics[FRAME] @ self.into
+        return float(np.trace(metric @ self.after))
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """Models by their numbers: after `TAKEN` by the forecast, and by dense matrices."""
+
+    result: Posterior
+    forecast: Forecast
+    after: dict[int, tuple[Updated, int]]
+    dense: dict[int, Dense]
+
+    @classmethod
+    def of(cls, result: Posterior) -> Known:
+        """The heaviest models whose members are laws."""
+        forecast = Forecast.of(result, FRAME, OFFSETS)
+        (readings,) = forecast.readings([TAKEN])
+        after = {
+            forecast.numbers.tolist()[k]: (updated, j)
+            for group in forecast.groups
+            for updated in [group.updated(readings, forecast.followed)]
+            for j, k in enumerate(group.rows.tolist())
+        }
+        order = np.argsort([-model.weight for model in result.models]).tolist()
+        members = {k: [result.components[m] for m in result.models[k].members] for k in order}
+        laws = [k for k in order if all(component.candidate for component in members[k])]
+        mm2 = forecast.noise_mm2[0]
+        dense = {k: Dense(result, result.models[k], TAKEN, mm2) for k in laws[:3]}
+        return cls(result, forecast, after, dense)
+
+
+@pytest.fixture(scope="module")
+def known(unsure: Posterior) -> Known:
+    """Three models both ways."""
+    return Known.of(unsure)
+
+
+def test_covariances_after_readings_are_those_of_dense_matrices(known: Known) -> None:
+    metric = known.result.field.metrics[FRAME]
+    for number, dense in known.dense.items():
+        updated, j = known.after[number]
+        off = np.zeros((len(known.forecast.shown), len(updated.group.rows)))
+        square = float(updated.distances(off)[j, 0])
+        assert square == pytest.approx(dense.square(known.result), rel=0.01)
+        before = float(np.trace(dense.into.T @ metric @ dense.into @ dense.before))
+        assert square < 0.9 * before
+
+
+def test_means_go_where_the_readings_of_another_model_take_them(known: Known) -> None:
+    for (true, first), (other, second) in permutations(known.dense.items(), 2):
+        moved = second.into @ (second.gain @ (first.expected - second.expected))
+        truth, j = known.after[true]
+        updated, i = known.after[other]
+        change = updated.means(truth.expected[:, j])[:, i] - updated.group.tool_mean[:, i]
+        forecast = known.forecast
+        expected = np.concatenate([forecast.shown @ moved, forecast.entered @ moved])
+        size = np.abs(expected).max()
+        assert size > 3e-5
+        assert np.abs(change - expected).max() < 0.05 * size
+
+
+def test_weights_change_by_the_divergence_of_the_expected_readings(known: Known) -> None:
+    for (true, mine), (other, dense) in product(known.dense.items(), repeat=2):
+        off = mine.expected - dense.expected
+        square = float(off @ np.linalg.solve(dense.spread, off))
+        logs = np.linalg.slogdet(dense.spread)[1] - np.linalg.slogdet(mine.spread)[1]
+        wide = float(np.trace(np.linalg.solve(dense.spread, mine.spread))) - len(off)
+        (truth, j), (updated, at) = known.after[true], known.after[other]
+        divergence = updated.log_factor(truth, j)[at]
+        assert divergence == pytest.approx(0.5 * (wide + square + logs), rel=0.05, abs=0.05)
+        left = updated.square(truth.expected[:, j])[at]
+        assert left == pytest.approx(square, rel=0.05, abs=0.02)
+        assert divergence == pytest.approx(0.0, abs=1e-6) if true == other else divergence > 0.0
+
+
+def test_nothing_read_changes_nothing(unsure: Posterior) -> None:
+    forecast = Forecast.of(unsure, FRAME, OFFSETS)
+    there = set_up(0, 0.5, (0.0,), 1, 20.0)  # one posture: its zero takes it
+    (readings,) = forecast.readings([there])
+    assert forecast.after(readings).bound_mm == pytest.approx(forecast.now_mm, rel=1e-6)
+
+
+def test_own_offsets_after_others_were_entered_tell_less(unsure: Posterior) -> None:
+    forecast = Forecast.of(unsure, FRAME, OFFSETS)
+    change = Preparation((0.1, 0.0, 0.0)).model
+    (same,) = forecast.readings([TAKEN], change)
+    (apart,) = forecast.readings([TAKEN], change, offsets_apart=True)
+    assert forecast.after(same).bound_mm <= forecast.after(apart).bound_mm * (1.0 + 1e-9)
+    assert forecast.after(apart).bound_mm < forecast.now_mm

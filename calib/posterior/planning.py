@@ -26,9 +26,6 @@ WORTH = 0.9
 """A measurement is worth its time where it lowers the bound to less than this part."""
 
 MOST_FURTHER = 6
-HEAVIEST_IN_TURN = 12
-"""Models that are followed where many measurements are judged one after the other."""
-
 GOAL = 60.0
 """Noise variances between two names that are aimed at: values are known by estimate only."""
 NEARLY = 0.97
@@ -158,7 +155,8 @@ class Planner:
     candidates: tuple[Candidate, ...]
     stated_mm: float | None = None
 
-    def _forecast(self, heaviest: int) -> Forecast:
+    @cached_property
+    def forecast(self) -> Forecast:
         """The posterior with what is entered now: it is entered anew after the measurement."""
         left_out = {entry.part for entry in self.correction.left_out}
         index = [
@@ -169,12 +167,7 @@ class Planner:
             if group not in left_out and name not in left_out
         ]
         frame = self.correction.frame
-        return Forecast.of(self.posterior, frame, index, self.stated_mm, heaviest)
-
-    @cached_property
-    def forecast(self) -> Forecast:
-        """Of as many models as one measurement needs."""
-        return self._forecast(HEAVIEST)
+        return Forecast.of(self.posterior, frame, index, self.stated_mm, HEAVIEST)
 
     @property
     def bound_mm(self) -> float:
@@ -228,8 +221,6 @@ class Planner:
         What an option gained when it was last tried is more than it gains now, so most need not be
         tried again.
         """
-        forecast = self._forecast(HEAVIEST_IN_TURN)
-        scale = self.bound_mm / forecast.now_mm
         gains = {k: math.inf for k, candidate in enumerate(self.candidates) if candidate.is_way}
         chosen: list[Readings] = []
         further: list[FurtherSetUp] = []
@@ -240,7 +231,7 @@ class Planner:
                 if best and gains[k] <= (1.0 + TIE) * gains[best[0]]:
                     break
                 both = Readings.together([*chosen, self.readings[k]])
-                after_mm = scale * forecast.after(both).bound_mm
+                after_mm = self._scale * self.forecast.after(both).bound_mm
                 gains[k] = math.log(bound_mm / after_mm) / self.candidates[k].minutes
                 better = best is None or gains[k] > (1.0 + TIE) * gains[best[0]]
                 if better and after_mm < WORTH * bound_mm:

@@ -37,8 +37,8 @@ JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
 NO_PLAY = "the expected play is negative, and no joint has that"
 
-LIKELY = 0.05
-"""From this probability on a mistake in the readings is named."""
+LIKELY = 0.02
+"""From this probability on a mistake in the readings is named; sound sessions hardly have it."""
 
 CLEARLY_BETTER = 0.9
 """Values that are worth entering leave less than this share of the bound as it is now."""

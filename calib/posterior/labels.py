@@ -45,8 +45,8 @@ PRIOR = {
 }
 """Of a session; shared by all places of a kind.
 
-Two cables change places more often than whole tables of two legs, which a guided session asks for one
-after the other; readings tell neither from the other.
+Two cables change places more often than whole tables of two legs, which a guided session asks for
+one after the other; readings tell neither from the other.
 """
 
 LEAST = {"first_take": 6.0, "wild_reading": 13.0, "label_error": 13.0, "stand_slip": 8.0}

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from calib.arrays import LEG_NAMES
-from calib.errors import ImpossibleRequest
-from calib.posterior.cells import Case
+from calib.errors import ImpossibleRequest, NotIdentifiable
+from calib.posterior.cells import SessionCase
 from calib.posterior.correction import HOLDS, Holds, LeftOut, correction
 from calib.posterior.entered import (
     OffsetSpread,
@@ -108,20 +108,22 @@ class SessionCorrection:
 
 
 @dataclass(frozen=True, eq=False)
-class Corrections:
+class ControllerCorrections:
     """Sessions of one machine as they are corrected in a frame; each answer is worked out once.
 
     Joint offsets are those of the last session.
     """
 
-    cases: tuple[Case, ...]
+    cases: tuple[SessionCase, ...]
     frame: Frame
     _made: dict[tuple[Holds, tuple[tuple[str, str], ...]], SessionCorrection] = field(
         default_factory=dict
     )
 
     @classmethod
-    def of_sessions(cls, sessions: Sequence[Session], model: Model, frame: Frame) -> Corrections:
+    def of_sessions(
+        cls, sessions: Sequence[Session], model: Model, frame: Frame
+    ) -> ControllerCorrections:
         """``model`` has the effects of an adopted model at their fitted sizes."""
         known = Model(model.geometry).with_effects(model.effects)
         return cls(tuple(_case(session, known) for session in sessions), frame)
@@ -129,7 +131,15 @@ class Corrections:
     @cached_property
     def posterior(self) -> Posterior:
         """What the sessions tell of the machine. Raises NotIdentifiable."""
-        return posterior(self.cases)
+        found = posterior(self.cases)
+        if not found.shows:
+            raise NotIdentifiable(
+                "readings",
+                "no two postures of one mounting",
+                "readings of one indicator in two postures or more",
+                "Move the machine and read the indicator again.",
+            )
+        return found
 
     @cached_property
     def mistakes(self) -> tuple[LikelyMistake, ...]:
@@ -203,11 +213,11 @@ class Corrections:
         return any(self.of(holds).helps for holds in HOLDS)
 
 
-def _case(session: Session, model: Model) -> Case:
+def _case(session: Session, model: Model) -> SessionCase:
     """A session with the load that its tool carried."""
     machine = session.opened.machine
     geometry = replace(model.geometry, load=machine.load)
-    return Case(
+    return SessionCase(
         replace(model, geometry=geometry),
         to_observations([session]),
         indicator_figures([session]),

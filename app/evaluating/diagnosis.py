@@ -132,7 +132,7 @@ class SessionDiagnosis:
         if opened.machine.motion is not None and opened.procedure is not None:
             step_s = seconds_per_step(opened.machine, opened.procedure)
             pace = Pace(seconds_per_step=step_s)
-        known = of_cells.Case(case.model, case.observed, case.indicator, case.tolerance_mm)
+        known = of_cells.SessionCase(case.model, case.observed, case.indicator, case.tolerance_mm)
         found = posterior([known])
         entered = correction(found, "offsets", opened.machine.frame)
         ways = tuple(one for one in candidates(found, pace) if one.is_way)

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from app.evaluating.correction import Corrections, Gain, SessionCorrection
+from app.evaluating.correction import ControllerCorrections, Gain, SessionCorrection
 from calib.arrays import Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.accuracy import Decision, decide
@@ -53,7 +53,7 @@ class SessionSolution:
     observed: Observations
     choice: SubsetChoice
     subset: Subset
-    corrections: Corrections
+    corrections: ControllerCorrections
     holds: Holds = "offsets"
     ambiguous: tuple[str, ...] = ()
     held: tuple[str, ...] = ()
@@ -316,7 +316,9 @@ def solve_sessions(
         sizes=sizes,
     )
     chosen = subset or choice.usual
-    corrections = Corrections.of_sessions(sessions, choice.fitted.model, frame or machine.frame)
+    corrections = ControllerCorrections.of_sessions(
+        sessions, choice.fitted.model, frame or machine.frame
+    )
     found = SessionSolution(tuple(sessions), observed, choice, chosen, corrections, holds)
     if model is not None:
         from protocols.model_file import ambiguous_effects, held_sizes

@@ -16,10 +16,10 @@ from calib.diagnosis.results import AliasMap
 from calib.errors import ImpossibleRequest, UsageError
 from calib.identify.expected import ExpectedResult, expected_of
 from calib.noise.reading import IndicatorFigures, Noise
-from calib.posterior.cells import Case
+from calib.posterior.cells import SessionCase
 from calib.posterior.correction import Holds, correction
 from calib.posterior.measurements import USUAL_PACE, Pace, candidates, nothing_measured
-from calib.posterior.planning import FurtherSetUp, Plan, Planner, Proposal, Reach
+from calib.posterior.planning import FurtherSetUp, Planner, Proposal, Prospect, Reach
 from calib.posterior.posterior import posterior
 from calib.tripod.effects.effect import Effect
 from calib.tripod.optimum import Orders
@@ -154,7 +154,7 @@ class MeasurementPlan:
     machine: str
     noise_mm: float
     noise_words: str
-    proposed: Plan
+    proposed: Prospect
     reach: Reach
 
     @property
@@ -252,14 +252,14 @@ def next_measurement(
     return MeasurementPlan(names, machine.name, reading_mm, words, plan, reach)
 
 
-def cases_of(sessions: Sequence[Session], model: Model) -> list[Case]:
+def cases_of(sessions: Sequence[Session], model: Model) -> list[SessionCase]:
     """Sessions with the same joint offsets entered, and the same load, are one set of readings."""
     groups: dict[tuple[object, float], list[Session]] = {}
     for session in sessions:
         machine = session.opened.machine
         groups.setdefault((machine.entered_offsets_mm, machine.load), []).append(session)
     return [
-        Case(
+        SessionCase(
             replace(model, geometry=replace(model.geometry, load=load)),
             to_observations(some),
             indicator_figures(some),

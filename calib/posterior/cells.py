@@ -47,7 +47,7 @@ WRONG = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class SessionCase:
     """One session: the model it was measured against, and what is known of machine and indicators.
 
     ``tolerance_mm`` ``(6,)`` are standard deviations of joint offsets and bar lengths.
@@ -76,7 +76,7 @@ class Cells:
     ``excess`` is what they add to the square sum within cells.
     """
 
-    case: Case
+    case: SessionCase
     visited: Observations
     cell: IntArray
     means: Observations
@@ -89,12 +89,12 @@ class Cells:
     excess: float
 
     @classmethod
-    def of(cls, case: Case) -> Cells:
+    def of(cls, case: SessionCase) -> Cells:
         """Group the visits of a session."""
         return cls.of_visits(case, visits(case.observed))
 
     @classmethod
-    def of_visits(cls, case: Case, visited: Observations) -> Cells:
+    def of_visits(cls, case: SessionCase, visited: Observations) -> Cells:
         """Group visits, which need not be those of the session as it is written."""
         cell, serial, excess, weight = visited.cell, 0.0, 0.0, np.ones(len(visited))
         repeats = Repeats.of(visited, steady=True)

@@ -27,7 +27,7 @@ LEGS = (0, 1, 2)
 
 
 @dataclass(frozen=True, eq=False)
-class Exchange:
+class LabelExchange:
     """Values of rows ``here`` and ``there`` that belong to each other, times a factor.
 
     Both are the same rows where only the factor is wrong: a sign or a unit.
@@ -55,13 +55,13 @@ class Exchange:
         return f"{' and '.join(both)} exchanged in {self.title}"
 
 
-def exchanges(visited: Observations) -> Iterator[Exchange]:
+def exchanges(visited: Observations) -> Iterator[LabelExchange]:
     """Every exchange of labels: of indicators, tables, legs; sign and unit; postures, the most."""
     yield from _tables(visited)
     for where, rows in _groups(visited):
-        yield Exchange("gauge_sign", where, "sign reversed", rows, rows, -1.0)
-        yield Exchange("unit_mixup", where, "inch recorded as mm", rows, rows, INCH_MM)
-        yield Exchange("unit_mixup", where, "mm recorded as inch", rows, rows, 1.0 / INCH_MM)
+        yield LabelExchange("gauge_sign", where, "sign reversed", rows, rows, -1.0)
+        yield LabelExchange("unit_mixup", where, "inch recorded as mm", rows, rows, INCH_MM)
+        yield LabelExchange("unit_mixup", where, "mm recorded as inch", rows, rows, 1.0 / INCH_MM)
     yield from _postures(visited)
 
 
@@ -81,7 +81,7 @@ def _groups(visited: Observations) -> list[tuple[str, IntArray]]:
     return [group for key, group in every.items() if len(key) < len(visited)]
 
 
-def _tables(visited: Observations) -> Iterator[Exchange]:
+def _tables(visited: Observations) -> Iterator[LabelExchange]:
     """Tables of a leg and axis exchanged: two of a leg, of two legs, or all of two legs."""
     stations = np.unique(visited.station[visited.leg >= 0]).tolist()
     sets = [[station] for station in stations] + ([stations] if len(stations) > 1 else [])
@@ -98,10 +98,10 @@ def _tables(visited: Observations) -> Iterator[Exchange]:
             names = [LEG_NAMES[leg] + LEG_NAMES[axis] for leg, axis in (one, other)]
             if pair and one[0] == other[0]:
                 title = f"indicators exchanged{at}"
-                yield Exchange("gauge_swap", LEG_NAMES[one[0]], title, *pair)
+                yield LabelExchange("gauge_swap", LEG_NAMES[one[0]], title, *pair)
             elif pair:
                 title = f"the two tables exchanged{at}"
-                yield Exchange("tables_exchanged", ",".join(names), title, *pair)
+                yield LabelExchange("tables_exchanged", ",".join(names), title, *pair)
         for (a, b), crossed in product(combinations(LEGS, 2), (False, True)):
             third = 3 - a - b
             axes = (third, a) if crossed else (a, third)
@@ -112,7 +112,7 @@ def _tables(visited: Observations) -> Iterator[Exchange]:
                 title = f"the tables of both legs exchanged{at}"
                 title += ", with the axes crossed" if crossed else ""
                 where = f"{LEG_NAMES[a]},{LEG_NAMES[b]}"
-                yield Exchange("legs_exchanged", where, title, here, there_too)
+                yield LabelExchange("legs_exchanged", where, title, here, there_too)
 
 
 def _matched(
@@ -128,7 +128,7 @@ def _matched(
     return (first, second) if same else None
 
 
-def _postures(visited: Observations) -> Iterator[Exchange]:
+def _postures(visited: Observations) -> Iterator[LabelExchange]:
     """Two visits or postures of a cycle, or of all cycles, of an indicator or of a whole leg."""
     for stand in rows_of(numbered(visited.leg, visited.station, visited.over_plane)):
         mountings = [stand[rows] for rows in rows_of(numbered(visited.mount[stand]))]
@@ -145,7 +145,7 @@ def _postures(visited: Observations) -> Iterator[Exchange]:
                         np.concatenate([rows[list(places)] for rows in members])
                         for places in (here, there)
                     )
-                    yield Exchange("postures_exchanged", where, when, one, other)
+                    yield LabelExchange("postures_exchanged", where, when, one, other)
 
 
 Places = tuple[int, ...]

@@ -30,7 +30,7 @@ from calib.identify.fit import design_of
 from calib.posterior.cells import BASE, Cells
 from calib.posterior.correction import projector_of, quantile_mm
 from calib.posterior.library import ELSE, instances, something_else
-from calib.posterior.mixture import Group, Readings, Updated
+from calib.posterior.mixture import ExpectedReadings, Group, Updated
 from calib.posterior.posterior import InField, Posterior
 from calib.posterior.readings import LENGTHS, Placed, placed_columns
 from calib.posterior.tool import Frame
@@ -53,7 +53,7 @@ SHOWN = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class ForecastOutcome:
     """What is expected after readings: the bound, and how far models are apart.
 
     ``bound_mm`` is the mean over the models that may be true. ``separation`` ``(h, h)`` is what
@@ -193,7 +193,7 @@ class Forecast:
         change: Callable[[Model], Model] = lambda model: model,
         *,
         offsets_apart: bool = False,
-    ) -> list[Readings]:
+    ) -> list[ExpectedReadings]:
         """What each set-up is expected to show of a machine after a ``change``.
 
         With ``offsets_apart`` joint offsets are not those of the sessions, as after others were
@@ -224,7 +224,7 @@ class Forecast:
             whiten = self._whitening(taken, count)
             errors = something_else(taken) if any(g.size_mm for g in self.groups) else None
             shown.append(
-                Readings(
+                ExpectedReadings(
                     whiten @ start[rows],
                     whiten @ columns[rows],
                     np.zeros((len(whiten), 0)) if errors is None else whiten @ errors,
@@ -269,9 +269,9 @@ class Forecast:
         """The bound without more readings."""
         nothing, field = np.zeros((0, 0)), np.zeros((0, self.shown.shape[1]))
         each = tuple((np.zeros(0), field) for _ in self.followed)
-        return self.after(Readings(np.zeros(0), field, nothing, nothing, each)).bound_mm
+        return self.after(ExpectedReadings(np.zeros(0), field, nothing, nothing, each)).bound_mm
 
-    def after(self, readings: Readings, models: Sequence[int] = ()) -> Outcome:
+    def after(self, readings: ExpectedReadings, models: Sequence[int] = ()) -> ForecastOutcome:
         """What is expected after these readings, and how far apart ``models`` are in them."""
         updated = [group.updated(readings, self.followed) for group in self.groups]
         place = {k: (one, j) for one in updated for j, k in enumerate(one.group.rows.tolist())}
@@ -289,7 +289,7 @@ class Forecast:
             for k, model in enumerate(models):
                 other, at = place[model]
                 separation[i, k] = other.square(true.expected[:, j])[at]
-        return Outcome(total, separation)
+        return ForecastOutcome(total, separation)
 
     def _bound_mm(
         self, updated: Sequence[Updated], weight: FloatArray, readings: FloatArray

@@ -24,11 +24,12 @@ from calib.arrays import (
     Observations,
     numbered,
     rows_of,
+    without,
     without_means,
 )
 from calib.errors import NotIdentifiable
 from calib.posterior.cells import Cells
-from calib.posterior.exchanges import Exchange, exchanges, place_of
+from calib.posterior.exchanges import LabelExchange, exchanges, place_of
 from calib.posterior.screening import Screen, even_mm
 
 PRIOR = {
@@ -106,7 +107,7 @@ class Mistake:
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class RivalModel:
     """A model that may be true beside a mistake: its log weight, and columns ``(n_cells, r)``.
 
     The columns are of the session, each of the size that the model expects.
@@ -121,7 +122,7 @@ Scored = tuple[float, Mistake]
 
 
 def suspects(
-    cells: Cells, beside: Sequence[Beside], log_evidence: float, others: Sequence[Cells] = ()
+    cells: Cells, beside: Sequence[RivalModel], log_evidence: float, others: Sequence[Cells] = ()
 ) -> list[Mistake]:
     """Mistakes of a session that may be likelier than none, the likeliest first.
 
@@ -193,7 +194,7 @@ class _Moved:
     """Exchanges of a session that change what is read, and the values ``(n, k)`` of each."""
 
     visited: Observations
-    every: list[Exchange]
+    every: list[LabelExchange]
     values_mm: FloatArray
     places: Counter[str]
 
@@ -243,7 +244,7 @@ def _apart(screen: Screen) -> Iterator[Scored]:
         columns = np.zeros((len(screen.basis), len(one.groups)))
         for k, rows in enumerate(one.groups):
             columns[rows, k] = 1.0 / root[rows]
-        columns -= screen.basis @ (screen.basis.T @ columns)
+        columns = without(screen.basis, columns)
         inner = columns.T @ columns
         sizes = np.linalg.eigvalsh(inner)
         if sizes[0] < 1e-6 / float(root.max()) ** 2:
@@ -350,7 +351,7 @@ class Solved(Generic[Solution]):
 
     solution: Solution
     log_evidence: float
-    beside: Sequence[Sequence[Beside]]
+    beside: Sequence[Sequence[RivalModel]]
     mistakes: tuple[Mistake, ...] = ()
 
     @property

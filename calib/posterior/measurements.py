@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.arrays import LEG_NAMES, Conditions, FloatArray, conditions, observe
 from calib.noise.reading import IndicatorFigures
-from calib.posterior.cells import Case
+from calib.posterior.cells import SessionCase
 from calib.posterior.posterior import Posterior
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
@@ -52,7 +52,7 @@ class Pace:
 
 
 @dataclass(frozen=True)
-class Preparation:
+class MeasurementPreparation:
     """What is changed before measuring: offsets entered in the controller, mm, and the load."""
 
     entered_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -84,7 +84,7 @@ class Preparation:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class FurtherMeasurement:
     """A measurement that may be taken: ``taken`` are its set-ups, read one after the other.
 
     Legs at a station are read at ``levels_mm`` in ``cycles``, each beginning at Zero where there
@@ -97,7 +97,7 @@ class Candidate:
     station: float = MIDDLE
     levels_mm: tuple[float, ...] = ()
     cycles: int = 1
-    preparation: Preparation = Preparation()
+    preparation: MeasurementPreparation = MeasurementPreparation()
     procedure: str = ""
 
     @property
@@ -153,13 +153,13 @@ def candidates(
     posterior: Posterior,
     pace: Pace = USUAL_PACE,
     procedures: Mapping[str, Sequence[Conditions]] | None = None,
-) -> list[Candidate]:
+) -> list[FurtherMeasurement]:
     """Set-ups of legs, as far as bars are usable, and ``procedures`` by name, each set-up apart.
 
     A machine of which the tool is read has ``procedures`` only.
     """
     every = [
-        Candidate(tuple(taken), _minutes(pace, taken), procedure=name)
+        FurtherMeasurement(tuple(taken), _minutes(pace, taken), procedure=name)
         for name, taken in (procedures or {}).items()
     ]
     load_tells = any(name == MATTERS_OF_LOAD for name, _ in posterior.places)
@@ -168,18 +168,18 @@ def candidates(
 
 def set_ups_of(
     model: Model, pace: Pace = USUAL_PACE, *, load_tells: bool = True
-) -> Iterator[Candidate]:
+) -> Iterator[FurtherMeasurement]:
     """Every set-up of legs that is considered on a machine; none where the tool is read."""
     if not model.geometry.orthogonal:
         return
     ways: list[tuple[tuple[float, ...], int, float]] = [(WAY, 1, at) for at in STATIONS]
     ways += [(parts, CYCLES, at) for parts, at in product(LEVEL_SETS, STATIONS_OF_CYCLES)]
-    yield from _of_legs(model.geometry, pace, ways, Preparation())
-    changed = [Preparation(load=LOAD)] if load_tells else []
+    yield from _of_legs(model.geometry, pace, ways, MeasurementPreparation())
+    changed = [MeasurementPreparation(load=LOAD)] if load_tells else []
     for leg, offset in enumerate(model.parameters_mm[:3]):
         entered = [0.0, 0.0, 0.0]
         entered[leg] = math.copysign(SHIFT_MM, -offset) + 0.0
-        changed.append(Preparation((entered[0], entered[1], entered[2])))
+        changed.append(MeasurementPreparation((entered[0], entered[1], entered[2])))
     for preparation in changed:
         yield from _of_legs(model.geometry, pace, [(WAY, 1, MIDDLE)], preparation)
 
@@ -188,8 +188,8 @@ def _of_legs(
     geometry: Geometry,
     pace: Pace,
     ways: Iterable[tuple[Sequence[float], int, float]],
-    preparation: Preparation,
-) -> Iterator[Candidate]:
+    preparation: MeasurementPreparation,
+) -> Iterator[FurtherMeasurement]:
     """Each leg alone and all together."""
     clear_mm = max(abs(change) for change in preparation.entered_mm)
     extra = pace.minutes_of_preparation if preparation.words else 0.0
@@ -202,7 +202,7 @@ def _of_legs(
             taken = tuple(
                 set_up(leg, station, levels, cycles, pace.seconds_per_step) for leg in legs
             )
-            yield Candidate(
+            yield FurtherMeasurement(
                 taken,
                 extra + _minutes(pace, taken),
                 tuple(LEG_NAMES[leg] for leg in legs),
@@ -257,10 +257,10 @@ def set_up(
     )
 
 
-def nothing_measured(model: Model, noise_mm: float, tolerance_mm: FloatArray) -> Case:
+def nothing_measured(model: Model, noise_mm: float, tolerance_mm: FloatArray) -> SessionCase:
     """A session of one posture, which tells nothing but zeros, with the noise of its indicators."""
     places = [(leg, axis) for leg in range(3) for axis in range(3) if axis != leg]
     legs, axes = zip(*places, strict=True)
     taken = conditions(legs, axes, [0.0] * len(places))
     figures = IndicatorFigures(repeatability_mm=noise_mm)
-    return Case(model, observe(taken, np.zeros(len(places))), figures, tolerance_mm)
+    return SessionCase(model, observe(taken, np.zeros(len(places))), figures, tolerance_mm)

@@ -18,7 +18,7 @@ from calib.posterior.posterior import InField
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
+class ExpectedReadings:
     """Expected means of cells ``(n,)`` of set-ups, in standard deviations, without their zeros.
 
     ``columns`` ``(n, f)`` are derivatives by the tool's field, ``own`` ``(n, k)`` errors of each
@@ -32,7 +32,7 @@ class Readings:
     loose: FloatArray
     followed: tuple[tuple[FloatArray, FloatArray], ...]
 
-    def with_offsets_apart(self, spread_mm: FloatArray) -> Readings:
+    def with_offsets_apart(self, spread_mm: FloatArray) -> ExpectedReadings:
         """With joint offsets of their own, expected within ``spread_mm`` ``(3,)`` of these."""
         apart = np.arange(self.columns.shape[1]) >= len(spread_mm)
         return replace(
@@ -43,7 +43,7 @@ class Readings:
         )
 
     @classmethod
-    def together(cls, every: Sequence[Readings]) -> Readings:
+    def together(cls, every: Sequence[ExpectedReadings]) -> ExpectedReadings:
         """Several set-ups one after the other."""
         return cls(
             np.concatenate([one.expected for one in every]),
@@ -116,7 +116,7 @@ class Group:
         """Of columns ``(R,)`` for each model ``(M,)``."""
         return np.asarray(np.bincount(self.owner, values, len(self.rows)))
 
-    def updated(self, readings: Readings, followed: Sequence[int]) -> Updated:
+    def updated(self, readings: ExpectedReadings, followed: Sequence[int]) -> Updated:
         """With the covariance after these readings: first the base, beside it the sizes."""
         q = len(self.tool_base) // 2
         shown = readings.columns @ self.base

@@ -16,9 +16,9 @@ import numpy as np
 
 from calib.arrays import TIE, Conditions, FloatArray, descending
 from calib.posterior.correction import Correction, Holds, distances_of, parts_of, quantile_mm
-from calib.posterior.forecast import HEAVIEST, Forecast, Outcome
-from calib.posterior.measurements import Candidate, Preparation
-from calib.posterior.mixture import Readings
+from calib.posterior.forecast import HEAVIEST, Forecast, ForecastOutcome
+from calib.posterior.measurements import FurtherMeasurement, MeasurementPreparation
+from calib.posterior.mixture import ExpectedReadings
 from calib.posterior.posterior import Posterior
 from calib.posterior.tool import RIGID, Frame
 
@@ -48,7 +48,7 @@ MOST_OF_NAME = 3
 class Proposal:
     """A measurement, the expected bound at the tool after it, and what a minute of it gains."""
 
-    candidate: Candidate
+    candidate: FurtherMeasurement
     bound_mm: float
     gain_mm_per_minute: float
 
@@ -61,7 +61,7 @@ Name = tuple[tuple[str, str], ...]
 class Separation:
     """The measurement that tells names apart: the two nearest by ``apart`` noise variances."""
 
-    candidate: Candidate
+    candidate: FurtherMeasurement
     names: tuple[Name, ...]
     apart: float
 
@@ -88,7 +88,7 @@ class Outside:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Prospect:
     """What the posterior proposes for a frame and a controller; the best a minute first."""
 
     frame: Frame
@@ -152,7 +152,7 @@ class Planner:
 
     posterior: Posterior
     correction: Correction
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[FurtherMeasurement, ...]
     stated_mm: float | None = None
 
     @cached_property
@@ -175,13 +175,13 @@ class Planner:
         return self.correction.bound_mm[self.correction.frame]
 
     @cached_property
-    def readings(self) -> list[Readings]:
+    def readings(self) -> list[ExpectedReadings]:
         """What each candidate is expected to show."""
-        wanted: dict[Preparation, dict[int, Conditions]] = {}
+        wanted: dict[MeasurementPreparation, dict[int, Conditions]] = {}
         for candidate in self.candidates:
             set_ups = {id(set_up): set_up for set_up in candidate.taken}
             wanted.setdefault(candidate.preparation, {}).update(set_ups)
-        shown: dict[tuple[Preparation, int], Readings] = {}
+        shown: dict[tuple[MeasurementPreparation, int], ExpectedReadings] = {}
         for preparation, set_ups in wanted.items():
             expected = self.forecast.readings(
                 list(set_ups.values()),
@@ -191,12 +191,14 @@ class Planner:
             keys = [(preparation, key) for key in set_ups]
             shown |= dict(zip(keys, expected, strict=True))
         return [
-            Readings.together([shown[candidate.preparation, id(s)] for s in candidate.taken])
+            ExpectedReadings.together(
+                [shown[candidate.preparation, id(s)] for s in candidate.taken]
+            )
             for candidate in self.candidates
         ]
 
     @cached_property
-    def outcomes(self) -> list[Outcome]:
+    def outcomes(self) -> list[ForecastOutcome]:
         """What is expected after each."""
         models = [k for _, _, some in self._open for k in some]
         return [self.forecast.after(readings, models) for readings in self.readings]
@@ -222,7 +224,7 @@ class Planner:
         tried again.
         """
         gains = {k: math.inf for k, candidate in enumerate(self.candidates) if candidate.is_way}
-        chosen: list[Readings] = []
+        chosen: list[ExpectedReadings] = []
         further: list[FurtherSetUp] = []
         bound_mm, minutes = self.bound_mm, 0.0
         while len(further) < MOST_FURTHER:
@@ -230,7 +232,7 @@ class Planner:
             for k in descending(gains, gains.__getitem__):
                 if best and gains[k] <= (1.0 + TIE) * gains[best[0]]:
                     break
-                both = Readings.together([*chosen, self.readings[k]])
+                both = ExpectedReadings.together([*chosen, self.readings[k]])
                 after_mm = self._scale * self.forecast.after(both).bound_mm
                 gains[k] = math.log(bound_mm / after_mm) / self.candidates[k].minutes
                 better = best is None or gains[k] > (1.0 + TIE) * gains[best[0]]
@@ -273,7 +275,7 @@ class Planner:
         components = [self.posterior.components[k] for k in members]
         return tuple(sorted((component.id, component.where) for component in components))
 
-    def _apart(self, outcome: Outcome) -> FloatArray:
+    def _apart(self, outcome: ForecastOutcome) -> FloatArray:
         """Noise variances between open names, of their nearest models, either being true."""
         either = np.minimum(outcome.separation, outcome.separation.T)
         starts = np.cumsum([0, *(len(some) for _, _, some in self._open[:-1])])
@@ -322,9 +324,9 @@ class Planner:
         best = min(after, key=lambda instrument: after[instrument])
         return Outside(best, OUTSIDE[best][1], share, after[best])
 
-    def plan(self) -> Plan:
+    def plan(self) -> Prospect:
         """All answers."""
-        return Plan(
+        return Prospect(
             self.correction.frame,
             self.correction.holds,
             self.bound_mm,

@@ -13,12 +13,12 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import FloatArray, IntArray
+from calib.arrays import FloatArray, IntArray, without
 from calib.errors import NotIdentifiable
-from calib.posterior.cells import Case, Cells
-from calib.posterior.labels import Beside, Mistake, Solved, with_mistakes
+from calib.posterior.cells import Cells, SessionCase
+from calib.posterior.labels import Mistake, RivalModel, Solved, with_mistakes
 from calib.posterior.library import ELSE, Component, library, something_else
-from calib.posterior.race import LIGHTEST, LOG_CAUSES, Entry, Products, Race
+from calib.posterior.race import LIGHTEST, LOG_CAUSES, Products, Race, RaceEntry
 from calib.posterior.readings import LENGTHS, Placed, Rows, placed_columns, rows_of
 from calib.posterior.tool import RIGID, ToolField, laws_held, tool_field
 from calib.tripod.effects.effect import PER_THOUSAND, Effect, EffectInstance
@@ -212,6 +212,11 @@ class Posterior:
                     rigid[third] = math.hypot(rigid[third], unit * size)
         return deviation
 
+    @property
+    def shows(self) -> bool:
+        """Whether readings show anything of a machine; those of one posture do not."""
+        return any(component.candidate for component in self.components)
+
     def probability(self, component_id: str) -> float:
         """That it is among what is true."""
         return sum(
@@ -256,7 +261,7 @@ def effects_of_tool(model: Model) -> list[EffectInstance]:
     ]
 
 
-def posterior(cases: Sequence[Case], effects: Sequence[Effect] | None = None) -> Posterior:
+def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = None) -> Posterior:
     """Of these sessions together. Raises NotIdentifiable where one cannot be fitted."""
 
     def solve(sessions: Sequence[Cells]) -> Solved[Posterior]:
@@ -316,13 +321,6 @@ class _Problem:
         models = _with_common_lengths([cells.model for cells in sessions])
         taken = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
         components = library(taken, effects)
-        if not any(component.candidate for component in components):
-            raise NotIdentifiable(
-                "readings",
-                "no two postures of one mounting",
-                "readings of one indicator in two postures or more",
-                "Move the machine and read the indicator again.",
-            )
         rows, placed, blocks = _linear(sessions, models, components)
         own = _of_postures(sessions, len(rows.residual))
         every = []
@@ -395,20 +393,20 @@ class _Problem:
         constant = self.rows.log_constant
         nothing = race.products
         log_plain = race.log_evidence(np.array(nothing.square), np.array(nothing.room))
-        plain = Entry((), (), float(LOG_CAUSES[0] + log_plain))
+        plain = RaceEntry((), (), float(LOG_CAUSES[0] + log_plain))
         # something else explains any mistake away
         named = [one for one in entries if one.members and not self._else(one)]
         heaviest = [plain, *named[:MOST_BESIDE]]
         beside = [
-            [Beside(one.log_weight + constant, self._beside(number, one)) for one in heaviest]
+            [RivalModel(one.log_weight + constant, self._beside(number, one)) for one in heaviest]
             for number in range(len(self.sessions))
         ]
         return Solved(result, log_evidence + constant, beside)
 
-    def _else(self, entry: Entry) -> bool:
+    def _else(self, entry: RaceEntry) -> bool:
         return any(self.components[k].id == ELSE for k in entry.members)
 
-    def _beside(self, number: int, entry: Entry) -> FloatArray:
+    def _beside(self, number: int, entry: RaceEntry) -> FloatArray:
         """Columns ``(n_cells, r)`` of a model in a session, each of the size that it expects."""
         begin = sum(len(cells.means) for cells in self.sessions[:number])
         cells = self.sessions[number]
@@ -422,7 +420,7 @@ class _Problem:
         return self.sessions[0].case.model.geometry
 
     def _weighted(
-        self, race: Race, entries: Sequence[Entry], about: _About
+        self, race: Race, entries: Sequence[RaceEntry], about: _About
     ) -> tuple[list[Weighted], float]:
         every = []
         log = np.array([entry.log_weight for entry in entries])
@@ -455,10 +453,10 @@ class _Problem:
         models = [replace(one, weight=float(w)) for one, w in zip(every, share, strict=True)]
         return models, log_evidence
 
-    def _index(self, entry: Entry) -> IntArray:
+    def _index(self, entry: RaceEntry) -> IntArray:
         return np.concatenate([np.zeros(0, np.intp), *(self.index[k] for k in entry.members)])
 
-    def _unit(self, entry: Entry) -> tuple[FloatArray, FloatArray]:
+    def _unit(self, entry: RaceEntry) -> tuple[FloatArray, FloatArray]:
         """Unit and scale ``(r,)`` of each size of a model."""
         units = [self.components[k].unit for k in entry.members]
         scales = [s * np.ones(len(u)) for s, u in zip(entry.scales, units, strict=True)]
@@ -466,18 +464,19 @@ class _Problem:
 
     def _fitted(
         self,
-        entry: Entry,
+        entry: RaceEntry,
         products: Products,
         about: _About,
         shared: FloatArray,
         along: FloatArray,
-    ) -> _Fit:
+    ) -> _ModelFit:
         """A model by its derivatives alone; ``along`` ``(b, k)`` are columns along the base."""
         unit, scale = self._unit(entry)
         index = self._index(entry)
         inner = np.eye(len(index)) + scale[:, None] * products.inner[np.ix_(index, index)] * scale
         root = np.linalg.inv(np.linalg.cholesky(inner)).T
-        sizes = root @ (root.T @ (scale * products.along[index]))
+        inverse = root @ root.T
+        sizes = inverse @ (scale * products.along[index])
         beside = along[:, index] * scale
         mean = self.base_unit * (about.inverse @ (about.along - beside @ sizes))
         mean[: len(self.rows.value)] += self.rows.value
@@ -487,9 +486,13 @@ class _Problem:
         cells = self.columns[: self.rows.cells, index] * scale
         left = residual - (cells - about.basis[: self.rows.cells] @ beside) @ sizes
         own = np.vstack([-shared @ beside @ root, (unit * scale)[:, None] * root])
-        return _Fit(np.concatenate([mean, unit * scale * sizes]), shared, own, square, room, left)
+        return _ModelFit(
+            np.concatenate([mean, unit * scale * sizes]), shared, own, square, room, left
+        )
 
-    def _refitted(self, entry: Entry, rows: Rows, block: FloatArray, at: FloatArray) -> _Fit:
+    def _refitted(
+        self, entry: RaceEntry, rows: Rows, block: FloatArray, at: FloatArray
+    ) -> _ModelFit:
         """The same about a solution; ``block`` ``(n, r)`` is per unit, ``at`` ``(r,)`` in units."""
         unit, scale = self._unit(entry)
         base = self.base.copy()
@@ -501,7 +504,7 @@ class _Problem:
         inverse = np.linalg.inv(root)
         target = np.concatenate([about.left, -at / scale])
         sizes = inverse @ (basis.T @ target)
-        left = target - basis @ (basis.T @ target)
+        left = without(basis, target)
         beside = about.basis[: len(block)].T @ (block * scale)
         mean = self.base_unit * (about.inverse @ (about.along - beside @ sizes))
         mean[: len(rows.value)] += rows.value
@@ -509,11 +512,11 @@ class _Problem:
         own = np.vstack([-shared @ beside @ inverse, (unit * scale)[:, None] * inverse])
         room = about.room - float(np.log(np.abs(root.diagonal())).sum())
         values = np.concatenate([mean, unit * (at + scale * sizes)])
-        return _Fit(values, shared, own, float(left @ left), room, left[: rows.cells])
+        return _ModelFit(values, shared, own, float(left @ left), room, left[: rows.cells])
 
     def _followed(
-        self, race: Race, entry: Entry, fit: _Fit, plain_room: float
-    ) -> tuple[_Fit, float]:
+        self, race: Race, entry: RaceEntry, fit: _ModelFit, plain_room: float
+    ) -> tuple[_ModelFit, float]:
         """The same about the model's own solution, and the log evidence that this gains."""
         before = race.log_evidence(np.array(fit.square), np.array(fit.room - plain_room))
         try:
@@ -529,12 +532,12 @@ class _Problem:
         after = race.log_evidence(np.array(fit.square), np.array(fit.room - plain_room))
         return fit, float(after - before)
 
-    def _values(self, entry: Entry, mean: FloatArray) -> list[FloatArray]:
+    def _values(self, entry: RaceEntry, mean: FloatArray) -> list[FloatArray]:
         """Values of each member."""
         widths = [len(self.components[k].unit) for k in entry.members]
         return np.split(mean[self.base.shape[1] :], np.cumsum(widths))[: len(widths)]
 
-    def _models(self, entry: Entry, mean: FloatArray) -> tuple[Model, ...]:
+    def _models(self, entry: RaceEntry, mean: FloatArray) -> tuple[Model, ...]:
         """Each session's machine with the parameters and effects of a model."""
         effects = [
             effect
@@ -553,7 +556,7 @@ class _Problem:
             )
         return tuple(found)
 
-    def _linear_part(self, entry: Entry, mean: FloatArray) -> FloatArray:
+    def _linear_part(self, entry: RaceEntry, mean: FloatArray) -> FloatArray:
         """What of the means of cells is in no `_models`: a little of all, something else."""
         first = len(self.rows.spread)
         part = self.base[:, first:] @ (mean[first : self.base.shape[1]] / self.base_unit[first:])
@@ -562,7 +565,7 @@ class _Problem:
                 part = part + self.columns[:, self.index[k]] @ (values / self.components[k].unit)
         return np.asarray(part[: self.rows.cells])
 
-    def _residual(self, models: Sequence[Model], entry: Entry, fit: _Fit) -> FloatArray:
+    def _residual(self, models: Sequence[Model], entry: RaceEntry, fit: _ModelFit) -> FloatArray:
         """What a model leaves of the means of cells ``(cells,)``, whitened."""
         parts = [
             cells.whitened(cells.means.value_mm - model.readings(cells.means))
@@ -570,7 +573,7 @@ class _Problem:
         ]
         return np.concatenate(parts) - self._linear_part(entry, fit.mean)
 
-    def _about(self, models: Sequence[Model], entry: Entry, fit: _Fit) -> _Fit:
+    def _about(self, models: Sequence[Model], entry: RaceEntry, fit: _ModelFit) -> _ModelFit:
         """One step of Gauss and Newton; readings within cells stay as they were.
 
         A law that acts twice, the second time from nothing, has the derivatives of the first for
@@ -618,7 +621,7 @@ class _About:
         target = np.concatenate([residual, expected])
         along = basis.T @ target
         room = -float(np.log(np.abs(root.diagonal())).sum())
-        return cls(basis, np.linalg.inv(root), along, target - basis @ along, room)
+        return cls(basis, np.linalg.inv(root), along, without(basis, target), room)
 
     def left_by(self, columns: FloatArray) -> FloatArray:
         """What of columns ``(n, k)`` the base does not do ``(n + b, k)``."""
@@ -628,7 +631,7 @@ class _About:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _ModelFit:
     """Values of a model ``(b + r,)``, a root of their covariance, what is left, and the room.
 
     ``base`` and ``sizes`` as in `Weighted`; ``left`` ``(cells,)`` is what is left of each mean.

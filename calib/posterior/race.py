@@ -47,7 +47,7 @@ Key = tuple[tuple[int, float], ...]
 
 
 @dataclass(frozen=True)
-class Entry:
+class RaceEntry:
     """A model of the race: its components, the scale of each, and its log weight."""
 
     members: tuple[int, ...]
@@ -59,7 +59,7 @@ class Entry:
 class Products:
     """C'C ``(k, k)`` and C'y ``(k,)`` of columns in units; what is explained, and its room.
 
-    ``square`` is y'y. Beside a model, all that its components can do is gone from them.
+    ``square`` is y'y. RivalModel a model, all that its components can do is gone from them.
     """
 
     inner: FloatArray
@@ -102,7 +102,7 @@ class Race:
         left = np.maximum(self.freedom + self.excess + square, 1e-9)
         return np.asarray(room - 0.5 * (self.freedom + self.free) * np.log(left))
 
-    def _one_more(self, products: Products) -> tuple[FloatArray, FloatArray]:
+    def one_more(self, products: Products) -> tuple[FloatArray, FloatArray]:
         """What is left and the room ``(scales, components)`` of each beside a model."""
         square = np.empty((len(SCALES), len(self.columns)))
         room = np.empty_like(square)
@@ -124,7 +124,7 @@ class Race:
                 room[row, members] = products.room - 0.5 * np.log(wide).sum(axis=1)
         return square, room
 
-    def run(self) -> list[Entry]:
+    def run(self) -> list[RaceEntry]:
         """Every model that counts, the heaviest first.
 
         All pairs are tried; of triples those that hold one of the heaviest pairs.
@@ -145,7 +145,7 @@ class Race:
         share = np.exp(logs - logs.max())
         share /= share.sum()
         entries = [
-            Entry(tuple(k for k, _ in key), tuple(s for _, s in key), log)
+            RaceEntry(tuple(k for k, _ in key), tuple(s for _, s in key), log)
             for (key, log), part in zip(weights.items(), share, strict=True)
             if part > LIGHTEST
         ]
@@ -159,7 +159,7 @@ class Race:
             products = self.products
             for k, scale in members:
                 products = products.beside(self.columns[k], scale)
-            square, room = self._one_more(products)
+            square, room = self.one_more(products)
             log = self.log_evidence(square, room) + LOG_SCALES[:, None] + self.log_prior
             log += LOG_CAUSES[len(members) + 1] + sum(self._cost(*one) for one in members)
             log[:, [member for member, _ in members]] = -math.inf

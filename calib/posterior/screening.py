@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import FloatArray, incidence, tilts
+from calib.arrays import FloatArray, incidence, tilts, without
 from calib.errors import NotIdentifiable
 from calib.identify.fit import design_of
 from calib.noise.repeats import Repeats, typical_mm2
@@ -40,7 +40,7 @@ class Screen:
 
     @classmethod
     def of(cls, cells: Cells, columns: FloatArray, root: FloatArray) -> Screen:
-        """Beside columns ``(n_cells, r)``; ``root`` ``(n,)`` are standard deviations, mm."""
+        """RivalModel columns ``(n_cells, r)``; ``root`` ``(n,)`` are standard deviations, mm."""
         visited, model, cell = cells.visited, _plain(cells), cells.cell
         spread, count = cells.case.spread_mm, BASE + columns.shape[1]
         derivatives = design_of(model, cells.means, range(BASE), ()) * spread
@@ -61,7 +61,7 @@ class Screen:
         """What is left ``(n + p, k)`` of values ``(n, k)``."""
         rows = (value_mm - self.predicted_mm[:, None]) / self.root[:, None]
         rows = np.vstack([rows, np.tile(self.expected[:, None], rows.shape[1])])
-        return np.asarray(rows - self.basis @ (self.basis.T @ rows))
+        return without(self.basis, rows)
 
     def log_likelihood(self, square: FloatArray | float, fewer: int = 0) -> FloatArray:
         """Of what is left, with so many directions fewer, but for what does not depend on it."""

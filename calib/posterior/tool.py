@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from calib.arrays import LEG_NAMES, FloatArray
+from calib.arrays import LEG_NAMES, FloatArray, without
 from calib.posterior.cells import BASE
 from calib.posterior.readings import Placed
 from calib.tripod.effects.candidates import tool_columns
@@ -70,7 +70,7 @@ class ToolField:
         if frame == "machine":
             return rows
         basis = np.linalg.qr(self.rows[:, -RIGID:][:, : 3 if frame == "touched-off" else 6])[0]
-        return np.asarray(rows - basis @ (basis.T @ rows))
+        return without(basis, rows)
 
 
 @lru_cache(maxsize=8)

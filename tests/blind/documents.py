@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -32,36 +31,6 @@ def of_the_program(session: Path, without: tuple[str, ...], also: tuple[str, ...
         options["effects"] = tuple(one for one in _catalogue(also) if one.id not in without)
     found = diagnose_files([session], **options)
     return DiagnosisReport.of(found=found).model_dump(mode="json")
-
-
-def of_the_posterior(session: Path, without: tuple[str, ...], also: tuple[str, ...] = ()) -> Json:
-    """What the posterior names, each name with its probability.
-
-    It knows what stands beside the catalogue without being asked.
-    """
-    from app.evaluating.diagnosis import cases
-    from app.evaluating.own_effects import known_effects
-    from app.evaluating.solution import load_sessions
-    from calib.posterior.cells import Case
-    from calib.posterior.names import diagnosis_of
-    from calib.posterior.posterior import posterior
-    from calib.tripod.pipeline import Model
-
-    del also
-    sessions, _ = load_sessions([session])
-    (one,) = cases(sessions, Model(sessions[0].opened.machine.geometry()))
-    case = Case(one.model, one.observed, one.indicator, one.tolerance_mm)
-    effects = tuple(effect for effect in known_effects() if effect.id not in without)
-    found = diagnosis_of(posterior([case], effects))
-    document = {**asdict(replace(found, effects=(), candidates=(), left_over=None))}
-    return {
-        **document,
-        "effects": [asdict(replace(effect, effects=())) for effect in found.effects],
-        "candidates": [{"id": one.id, "where": one.where} for one in found.candidates],
-    }
-
-
-ANSWERERS: dict[str, Diagnose] = {"today": of_the_program, "posterior": of_the_posterior}
 
 
 def _catalogue(also: tuple[str, ...]) -> tuple[Any, ...]:
@@ -111,7 +80,6 @@ def extract(document: Json) -> Json:
         "held_out": document.get("held_out_gap"),
         "noise_dof": (document.get("noise") or {}).get("degrees_of_freedom"),
         "next": (document.get("next_measurement") or {}).get("protocol"),
-        **({"probabilities": document["names"]} if "names" in document else {}),
     }
 
 

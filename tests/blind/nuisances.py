@@ -226,7 +226,7 @@ def posterior_of(table: str, resolution_mm: float | None) -> Posterior:
     from app.commands.sessions import import_table
     from app.evaluating.diagnosis import cases
     from app.evaluating.solution import load_sessions
-    from calib.posterior.cells import Case
+    from calib.posterior.cells import SessionCase
     from calib.posterior.posterior import posterior
     from calib.tripod.pipeline import Model
 
@@ -236,7 +236,7 @@ def posterior_of(table: str, resolution_mm: float | None) -> Posterior:
         import_table(written, session, machine=None, resolution=resolution_mm)
         sessions, _ = load_sessions([session])
     (case,) = cases(sessions, Model(sessions[0].opened.machine.geometry()))
-    return posterior([Case(case.model, case.observed, case.indicator, case.tolerance_mm)])
+    return posterior([SessionCase(case.model, case.observed, case.indicator, case.tolerance_mm)])
 
 
 def judged(session: Session) -> dict[str, Any]:

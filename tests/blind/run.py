@@ -30,7 +30,7 @@ from tests.blind.bench_files import (
     write_session,
 )
 from tests.blind.cases import Case, plan
-from tests.blind.documents import ANSWERERS, row_of
+from tests.blind.documents import of_the_program, row_of
 from tests.blind.generator import NotDrawn, make
 from tests.blind.table import Told, page
 
@@ -54,9 +54,9 @@ def generated(folder: Folder, seed: int, case: Case) -> Json:
     return {"session": case.session, "truth": made.truth}
 
 
-def diagnosed(folder: Folder, case: Case, answerer: str = "today") -> Json:
+def diagnosed(folder: Folder, case: Case) -> Json:
     """Diagnose one session from its file alone."""
-    row = row_of(ANSWERERS[answerer], folder.session(case.session), case.without, case.also)
+    row = row_of(of_the_program, folder.session(case.session), case.without, case.also)
     strengths = list(case.strengths)
     public = {"cell": case.cell, "procedure": case.procedure, "noise": case.noise}
     return {"session": case.session, **public, "strengths": strengths, **row}

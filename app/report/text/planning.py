@@ -12,7 +12,7 @@ from calib.design.criteria import Criterion
 from calib.design.identifiability import SeenBy
 from calib.diagnosis.results import AliasMap
 from calib.identify.expected import ExpectedResult
-from calib.posterior.planning import Plan, Reach
+from calib.posterior.planning import Prospect, Reach
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures
 from calib.tripod.workspace import PostureOfTool, Workspace
@@ -178,12 +178,12 @@ def plan_text(plan: MeasurementPlan) -> str:
     )
 
 
-def separation_text(proposed: Plan) -> str:
+def separation_text(proposed: Prospect) -> str:
     """Which measurement separates the names that stay open; empty where none do."""
     return f"Open names: {proposed.separation.words}." if proposed.separation else ""
 
 
-def outside_text(proposed: Plan) -> str:
+def outside_text(proposed: Prospect) -> str:
     """Which instrument shows what readings of legs do not; empty where that is the smaller part."""
     if proposed.outside is None:
         return ""

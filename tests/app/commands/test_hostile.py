@@ -353,7 +353,7 @@ def test_no_verb_prints_a_control_character(
         ("export", f"t{evil}", "--format", "model", "-o", f"m{evil}"),
         ("model", f"m{evil}"),
         ("model", f"m{evil}", "--json"),
-        ("export", f"m{evil}", "--format", "linuxcnc", "-o", f"inc{evil}"),
+        ("export", f"t{evil}", "--format", "linuxcnc", "-o", f"inc{evil}"),
         (
             "simulate",
             "--machine",

@@ -106,7 +106,7 @@ def test_every_number_that_is_shown_first_is_written(session: Path, tmp_path: Pa
     report = report_of([session])
     (section,) = [s for s in report.sections if s.heading == "What to enter in the controller"]
     table = next(part for part in section.parts if not isinstance(part, str))
-    added = [float(cell) for cell in table.columns[2]._cells]  # type: ignore[union-attr,arg-type]
+    added = [float(cell) for cell in table.columns[2].cells]  # type: ignore[union-attr,arg-type]
     assert added == [round(value, 4) for value in values.values()]
 
 

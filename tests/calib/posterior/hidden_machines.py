@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.arrays import Observations, observe
 from calib.noise.reading import IndicatorFigures
-from calib.posterior.cells import Case
+from calib.posterior.cells import SessionCase
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, measure
@@ -28,7 +28,7 @@ def session(
     seed: int = 0,
     scatter_mm: float = 0.001,
     offset_mm: float = 0.5,
-) -> tuple[Case, Model]:
+) -> tuple[SessionCase, Model]:
     """What was read of a machine with these effects, and the machine."""
     generator = np.random.default_rng(seed)
     parameters = np.concatenate(
@@ -36,4 +36,4 @@ def session(
     )
     machine = Model(parameters_mm=tuple(parameters.tolist()), effects=effects)
     value = measure(machine, taken, scatter_mm=scatter_mm, resolution_mm=0.0, generator=generator)
-    return Case(Model(), observe(taken, value), IndicatorFigures(), TOLERANCE_MM), machine
+    return SessionCase(Model(), observe(taken, value), IndicatorFigures(), TOLERANCE_MM), machine

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.arrays import FloatArray, Observations, observe
 from calib.noise.reading import IndicatorFigures
-from calib.posterior.cells import Case
+from calib.posterior.cells import SessionCase
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, measure
 from tests.builders import conditions_of
@@ -18,15 +18,15 @@ TOLERANCE_MM = np.array([2.0] * 3 + [0.1] * 3)
 SWEEP, SHORT = map(conditions_of, ("sweep", "zero-max-min"))
 
 
-def case(taken: Observations, *effects: EffectInstance, seed: int = 0) -> Case:
+def case(taken: Observations, *effects: EffectInstance, seed: int = 0) -> SessionCase:
     """A machine with joint offsets and lengths of its own, each mounting with a zero of its own."""
     generator = np.random.default_rng(seed)
     offsets = np.concatenate([generator.uniform(-2, 2, 3), generator.normal(0, 0.03, 3)])
     truth = Model(parameters_mm=tuple(offsets.tolist()), effects=effects)
     value = measure(truth, taken, scatter_mm=SCATTER_MM, resolution_mm=0.0, generator=generator)
-    return Case(Model(), observe(taken, value), IndicatorFigures(), TOLERANCE_MM)
+    return SessionCase(Model(), observe(taken, value), IndicatorFigures(), TOLERANCE_MM)
 
 
-def with_values(one: Case, value_mm: FloatArray) -> Case:
+def with_values(one: SessionCase, value_mm: FloatArray) -> SessionCase:
     """The same session with other values ``(n,)``."""
     return replace(one, observed=replace(one.observed, value_mm=value_mm))

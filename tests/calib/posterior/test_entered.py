@@ -7,7 +7,7 @@ import pytest
 
 from calib.arrays import observe
 from calib.noise.reading import IndicatorFigures
-from calib.posterior.cells import Case
+from calib.posterior.cells import SessionCase
 from calib.posterior.correction import HOLDS, Holds, correction, projector_of
 from calib.posterior.entered import (
     OFFSETS,
@@ -34,13 +34,13 @@ OFFSETS_MM = (0.8, -1.3, 0.4)
 PLAY = EffectInstance(Backlash(), "y", (0.06,))
 
 
-def case(*hidden: EffectInstance, known: tuple[EffectInstance, ...] = ()) -> Case:
+def case(*hidden: EffectInstance, known: tuple[EffectInstance, ...] = ()) -> SessionCase:
     """A session of a machine with offsets and these effects, against a model with others."""
     taken = with_first_movements(conditions_of("two-station"))
     truth = Model(ORTHOGLIDE, (*OFFSETS_MM, 0.0, 0.0, 0.0), hidden)
     noise = np.random.default_rng(5).normal(scale=0.002, size=len(taken))
     data = observe(taken, truth.readings(taken) + noise)
-    return Case(Model(ORTHOGLIDE).with_effects(known), data, FIGURES, TOLERANCES)
+    return SessionCase(Model(ORTHOGLIDE).with_effects(known), data, FIGURES, TOLERANCES)
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +145,7 @@ def test_towers_of_firmware_stand_in_the_field_where_they_are() -> None:
     truth = Model(DELTA, (0.1, -0.2, 0.1, 0.05, -0.05, 0.02), moved)
     data = observe(taken, Model(DELTA).readings(taken))
     tolerance = np.array([1.0] * 3 + [0.3] * 3)
-    found = posterior([Case(Model(DELTA), data, FIGURES, tolerance)])
+    found = posterior([SessionCase(Model(DELTA), data, FIGURES, tolerance)])
     rows = found.field.rows
     told = rows @ tower_values(found, entered(truth, each_tower=True))
     wanted = rows @ values_of(found, truth)

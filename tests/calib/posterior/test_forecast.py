@@ -11,7 +11,7 @@ import pytest
 from calib.arrays import Conditions, FloatArray
 from calib.posterior.forecast import Forecast
 from calib.posterior.library import instances
-from calib.posterior.measurements import Preparation, set_up
+from calib.posterior.measurements import MeasurementPreparation, set_up
 from calib.posterior.mixture import Updated
 from calib.posterior.posterior import Posterior, Weighted, posterior
 from calib.posterior.tool import Frame
@@ -171,7 +171,7 @@ def test_nothing_read_changes_nothing(unsure: Posterior) -> None:
 
 def test_own_offsets_after_others_were_entered_tell_less(unsure: Posterior) -> None:
     forecast = Forecast.of(unsure, FRAME, OFFSETS)
-    change = Preparation((0.1, 0.0, 0.0)).model
+    change = MeasurementPreparation((0.1, 0.0, 0.0)).model
     (same,) = forecast.readings([TAKEN], change)
     (apart,) = forecast.readings([TAKEN], change, offsets_apart=True)
     assert forecast.after(same).bound_mm <= forecast.after(apart).bound_mm * (1.0 + 1e-9)

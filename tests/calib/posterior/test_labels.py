@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.arrays import FloatArray, IntArray, Observations
-from calib.posterior.cells import Case
+from calib.posterior.cells import SessionCase
 from calib.posterior.labels import PRIOR
 from calib.posterior.posterior import Posterior, posterior
 from calib.tripod.effects.drives import Backlash
@@ -26,7 +26,7 @@ def rows_of(taken: Observations, place: str, displacement_mm: float | None = Non
     return np.flatnonzero(rows)
 
 
-def changed(one: Case, rows: IntArray, value_mm: FloatArray) -> Posterior:
+def changed(one: SessionCase, rows: IntArray, value_mm: FloatArray) -> Posterior:
     value = one.observed.value_mm.copy()
     value[rows] = value_mm
     return posterior([with_values(one, value)])

@@ -12,10 +12,15 @@ import numpy as np
 import pytest
 
 from calib.arrays import joined, observe
-from calib.posterior.cells import Case
+from calib.posterior.cells import SessionCase
 from calib.posterior.correction import Correction, Holds, correction
 from calib.posterior.library import instances
-from calib.posterior.measurements import Candidate, Pace, Preparation, candidates
+from calib.posterior.measurements import (
+    FurtherMeasurement,
+    MeasurementPreparation,
+    Pace,
+    candidates,
+)
 from calib.posterior.planning import DECISIVE, Planner
 from calib.posterior.posterior import Posterior, posterior
 from calib.posterior.tool import Frame
@@ -55,8 +60,8 @@ def machine_drawn(result: Posterior, generator: np.random.Generator) -> Model:
 
 
 def with_reading_of(
-    case: Case, candidate: Candidate, machine: Model, generator: np.random.Generator
-) -> Case:
+    case: SessionCase, candidate: FurtherMeasurement, machine: Model, generator: np.random.Generator
+) -> SessionCase:
     """The session with what a candidate reads of a machine, its mountings being further ones."""
     taken = [case.observed]
     for set_up in candidate.taken:
@@ -72,7 +77,7 @@ def with_reading_of(
 class Trial:
     """A session, what is entered from it, and what is proposed."""
 
-    case: Case
+    case: SessionCase
     holds: Holds
     generator: np.random.Generator
 
@@ -100,7 +105,7 @@ class Trial:
         """From a posterior, in the usual frame."""
         return correction(result, self.holds)
 
-    def bound_after_mm(self, candidate: Candidate, machine: Model) -> float:
+    def bound_after_mm(self, candidate: FurtherMeasurement, machine: Model) -> float:
         """Of the new posterior, once a candidate is read of a machine."""
         case = with_reading_of(self.case, candidate, machine, self.generator)
         return self.entered(posterior([case])).bound_mm["touched-off"]
@@ -149,7 +154,10 @@ def test_the_proposal_gains_what_it_promised_over_the_worst_candidate(
 
 
 def planner_of(
-    case: Case, holds: Holds = "offsets", frame: Frame = "touched-off", pace: Pace | None = None
+    case: SessionCase,
+    holds: Holds = "offsets",
+    frame: Frame = "touched-off",
+    pace: Pace | None = None,
 ) -> Planner:
     result = posterior([case])
     every = candidates(result, pace) if pace else candidates(result)
@@ -287,7 +295,7 @@ def test_a_shifted_offset_keeps_clear_of_the_joint_limits(play_or_screw: Planner
 
 def test_an_entered_offset_is_gone_from_the_machine() -> None:
     off = Model(parameters_mm=(1.2, -0.9, 0.6, 0.03, -0.02, 0.01))
-    model = Preparation((1.2, 0.0, -0.4), 3.0).model(off)
+    model = MeasurementPreparation((1.2, 0.0, -0.4), 3.0).model(off)
     assert model.parameters_mm == pytest.approx((0.0, -0.9, 1.0, 0.03, -0.02, 0.01))
     assert model.geometry == replace(Geometry(), load=3.0)
 

@@ -121,9 +121,7 @@ class ControllerCorrections:
     )
 
     @classmethod
-    def of_sessions(
-        cls, sessions: Sequence[Session], model: Model, frame: Frame
-    ) -> ControllerCorrections:
+    def of_sessions(cls, sessions: Sequence[Session], model: Model, frame: Frame) -> Self:
         """``model`` has the effects of an adopted model at their fitted sizes."""
         known = Model(model.geometry).with_effects(model.effects)
         return cls(tuple(_case(session, known) for session in sessions), frame)

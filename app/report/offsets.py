@@ -125,8 +125,8 @@ def for_controller(
     """What files are written from that hold this: the correction, with the bound of these files.
 
     A set that was asked for, and a model file, are written as they are, without the effects
-    ``left_out`` that these files do not hold. ``absent`` as `ControllerCorrections.of` has it. The bound of
-    a model file is that of the whole model, and no other can be worked out.
+    ``left_out`` that these files do not hold. ``absent`` as `ControllerCorrections.of` has it.
+    The bound of a model file is that of the whole model, and no other can be worked out.
     """
     solved = offsets.solved
     if solved is not None and not offsets.view:

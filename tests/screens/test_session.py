@@ -297,7 +297,7 @@ def test_verification_carries_the_new_home_offset(tmp_path: Path) -> None:
     before = solve_files([plan.path])
     held = verification_plan(plan, before).machine.home_offset_mm
     assert held is not None
-    expected = [old + new for old, new in zip((10, 20, 30), before.solution.values_mm, strict=True)]
+    expected = [old + new for old, new in zip((10, 20, 30), before.joint_offsets_mm, strict=True)]
     assert held == pytest.approx(expected)
 
 

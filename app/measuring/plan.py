@@ -194,6 +194,8 @@ def verification_plan(plan: Plan, before: SessionSolution) -> Plan:
         }
     )
     path = unused_path(plan.path.with_name(plan.path.stem + "_verify.jsonl"))
+    if "joint-offsets" not in before.choice.refused:  # what was entered, whatever was looked at
+        before = before.with_subset("joint-offsets")
     return replace(
         plan,
         path=path,

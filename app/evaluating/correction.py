@@ -19,7 +19,8 @@ from calib.posterior.entered import (
     tower_values,
     values_of,
 )
-from calib.posterior.posterior import LikelyMistake, Posterior, posterior
+from calib.posterior.models import LikelyMistake, Posterior
+from calib.posterior.posterior import posterior
 from calib.tripod.controller import table_of
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance

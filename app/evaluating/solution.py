@@ -35,7 +35,7 @@ if TYPE_CHECKING:  # asked for by option only
     from calib.identify.fit import Size
     from calib.posterior.correction import Holds
     from calib.posterior.entered import ToolOff
-    from calib.posterior.posterior import Posterior
+    from calib.posterior.models import Posterior
     from protocols.machine import Frame, Machine
     from protocols.model_file import ModelFile
 

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.special import gammainc
 
 from calib.arrays import FloatArray
 from calib.posterior.cells import BASE
 from calib.posterior.library import POWERS
-from calib.posterior.posterior import Posterior
+from calib.posterior.models import Posterior
 from calib.posterior.tool import FRAMES, Frame
-from calib.stats import COVERAGE
+from calib.posterior.tool_errors import ToolErrors
 from calib.tripod.effects.bars import GravitySag
 from calib.tripod.effects.drives import (
     ActuatorCyclic,
@@ -110,7 +108,7 @@ def correction(
     ``absent`` are parts that this controller does not take, with the reason: by their name
     (``play of x``), or all that begin with a word (``play``).
     """
-    absent = absent or {}
+    absent, errors = absent or {}, posterior.tool_errors[frame]
     kept: list[Part] = []
     values = np.zeros(len(posterior.mean))
     left_out: list[LeftOut] = []
@@ -121,18 +119,17 @@ def correction(
             left_out += [LeftOut(part[0], reason)] if reason else []
             fitting += [] if reason else [part]
         more = _projected(posterior, [*kept, *fitting], frame)
-        if kept and fitting and (reason := _doubt(posterior, frame, more, values)):
+        if kept and fitting and (reason := _doubt(errors, more, values)):
             left_out.append(LeftOut(group, reason))
             continue
         kept, values = [*kept, *fitting], more
-    distances = {one: distances_of(posterior, one, values) for one in FRAMES}
     return Correction(
         frame,
         holds,
         values,
         model_of(posterior, values),
-        {one: quantile_mm(distances[one]) for one in FRAMES},
-        math.sqrt(sum(w * m for w, m, _ in distances[frame])),
+        {each: posterior.tool_errors[each].bound_mm(values) for each in FRAMES},
+        errors.expected_mm(values),
         tuple(left_out),
     )
 
@@ -158,78 +155,17 @@ def _projected(posterior: Posterior, parts: Sequence[Part], frame: Frame) -> Flo
     return values
 
 
-def _doubt(posterior: Posterior, frame: Frame, with_it: FloatArray, without: FloatArray) -> str:
+def _doubt(errors: ToolErrors, with_it: FloatArray, without: FloatArray) -> str:
     """Why more is not worth entering; empty where it is."""
-    metric = posterior.field.metrics[frame]
-    gain, worst, whole = 0.0, 0.0, 0.0
-    for weight, size, _ in distances_of(posterior, frame, without):
-        whole += weight * size
-    for model in posterior.models_in_field:
-        before, after = model.mean - without, model.mean - with_it
-        more = float(before @ metric @ before - after @ metric @ after)
-        gain += model.weight * more
-        if model.weight >= DOUBTED:
-            worst = max(worst, -more)
+    weight = np.array([model.weight for model in errors.models])
+    more = errors.expected(without) - errors.expected(with_it)
+    gain, whole = float(weight @ more), errors.expected_mm(without) ** 2
+    worst = float(np.max(-more[weight >= DOUBTED], initial=0.0))
     if gain <= WORTH * whole:
         return f"it lowers the expected square of the tool's error by less than {WORTH:.0%}"
     if worst > gain:
         return "it would raise the error under a model that the readings leave open"
     return ""
-
-
-EXACT = 1e-7
-"""Relative: a quantile of mean squares is worked out to so much."""
-
-Distance = tuple[float, float, float]
-"""Weight, mean and variance of the mean square of the tool's error, mm² and mm⁴."""
-
-
-def distances_of(
-    posterior: Posterior, frame: Frame, values: FloatArray, without: Sequence[int] = ()
-) -> list[Distance]:
-    """Of every model with these values entered; something else acts as each law without a name.
-
-    Columns ``without`` of the field are taken to be known.
-    """
-    metric = posterior.field.metrics[frame]
-    if len(without):
-        metric = metric.copy()
-        metric[list(without)] = metric[:, list(without)] = 0.0
-    shared: dict[int, tuple[FloatArray, float, float]] = {}
-    every: list[Distance] = []
-    for model in posterior.models_in_field:
-        key = id(model.base)
-        if key not in shared:
-            moved = metric @ model.base
-            shared[key] = moved, float(np.trace(moved)), float((moved * moved.T).sum())
-        moved, size, square = shared[key]
-        more = model.inflated**2
-        off = model.mean - values
-        slope, own = metric @ off, metric @ model.root
-        inner = model.root.T @ own
-        through = model.base @ own
-        size = more * size + float(np.trace(inner) + off @ slope)
-        square = (
-            more**2 * square + 2.0 * more * float((own * through).sum()) + float((inner**2).sum())
-        )
-        along = more * float(slope @ model.base @ slope) + float(
-            ((model.root.T @ slope) ** 2).sum()
-        )
-        every.append((model.weight, size, 2.0 * square + 4.0 * along))
-    return every
-
-
-def quantile_mm(distances: Sequence[Distance]) -> float:
-    """Root of the 95 % quantile of a mixture of gamma distributions of these moments."""
-    weight, size, variance = np.array(distances).T
-    variance = np.maximum(variance, 1e-12 * size**2)
-    shape, scale = size**2 / variance, variance / np.maximum(size, 1e-300)
-    low, high = 0.0, float((size + 20.0 * np.sqrt(variance)).max())
-    while high - low > EXACT * high:
-        middle = (low + high) / 2.0
-        below = float((weight * gammainc(shape, middle / scale)).sum() / weight.sum())
-        low, high = (middle, high) if below < COVERAGE else (low, middle)
-    return math.sqrt(high)
 
 
 def model_of(posterior: Posterior, values: FloatArray) -> Model:

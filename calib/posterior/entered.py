@@ -12,8 +12,8 @@ from scipy.special import ndtr
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import ImpossibleRequest
 from calib.posterior.cells import BASE
-from calib.posterior.correction import distances_of, projector_of, quantile_mm
-from calib.posterior.posterior import Posterior
+from calib.posterior.correction import projector_of
+from calib.posterior.models import Posterior
 from calib.posterior.tool import FRAMES, Frame, mean_square
 from calib.stats import COVERAGE, coverage_factor
 from calib.tripod.effects.drives import AxisOffset
@@ -41,9 +41,7 @@ class ToolOff:
         """95 % of the posterior keep it."""
         if self.stated is not None:
             return self.stated
-        return {
-            frame: quantile_mm(distances_of(self.posterior, frame, self.values)) for frame in FRAMES
-        }
+        return {frame: self.posterior.tool_errors[frame].bound_mm(self.values) for frame in FRAMES}
 
     @cached_property
     def least_mm(self) -> dict[Frame, float]:
@@ -52,7 +50,7 @@ class ToolOff:
         off, least_mm = expected - self.values, {}
         for frame in FRAMES:
             shown_mm = math.sqrt(mean_square(self.posterior.field.metrics[frame], off))
-            guard_mm = quantile_mm(distances_of(self.posterior, frame, expected))
+            guard_mm = self.posterior.tool_errors[frame].bound_mm(expected)
             least_mm[frame] = max(0.0, shown_mm - guard_mm)
         return least_mm
 

@@ -28,12 +28,13 @@ from calib.arrays import (
 from calib.errors import UnreachablePosture
 from calib.identify.fit import design_of
 from calib.posterior.cells import BASE, Cells
-from calib.posterior.correction import projector_of, quantile_mm
-from calib.posterior.library import ELSE, instances, something_else
+from calib.posterior.correction import projector_of
+from calib.posterior.library import ELSE, something_else
 from calib.posterior.mixture import ExpectedReadings, Group, Updated
-from calib.posterior.posterior import InField, Posterior
+from calib.posterior.models import Posterior
 from calib.posterior.readings import LENGTHS, Placed, placed_columns
 from calib.posterior.tool import Frame
+from calib.posterior.tool_errors import InField, quantile_mm
 from calib.tripod.pipeline import Model
 
 HEAVIEST = 48
@@ -181,7 +182,7 @@ class Forecast:
                 component = self.posterior.components[member]
                 values = model.mean[at : at + len(component.unit)]
                 rest -= self.posterior.into_field[member] @ values
-                effects += list(instances(component, values))
+                effects += list(component.effects(values))
             parameters = np.concatenate([model.mean[first : first + 3], model.mean[:LENGTHS]])
             machine = known.with_effects((*known.effects, *effects)).with_parameters(parameters)
             every.append((machine, rest))

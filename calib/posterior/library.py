@@ -71,10 +71,9 @@ class Component:
         """The same with so many values of one size."""
         return replace(self, unit=np.full(count, self.unit[0]))
 
-    @property
-    def named(self) -> bool:
-        """Whether it has a name that a mechanic can act on."""
-        return self.kind in ("named", "beside")
+    def effects(self, values: FloatArray) -> tuple[EffectInstance, ...]:
+        """The effects of these values ``(r,)``; none of a component without laws."""
+        return self.candidate.effects(values) if self.candidate else ()
 
 
 POWERS = tuple(
@@ -196,7 +195,8 @@ def _with_priors(every: Sequence[Component]) -> list[Component]:
 def something_else(taken: Conditions) -> FloatArray:
     """Columns ``(n, r)`` of an error of each posture's own, 1 mm r.m.s.; smooth along the travel.
 
-    A share of its square, `SIDED`, is another from each side of approach.
+    A share of its square, `SIDED`, is another from each side of approach; what a first take has of
+    its own is a mistake.
     """
     side = numbered(taken.approach, *taken.movement.T)
     cell = numbered(taken.leg, taken.axis, taken.level, *taken.position_mm.T, side)
@@ -210,9 +210,12 @@ def something_else(taken: Conditions) -> FloatArray:
     alike = alike * np.where(side[first][:, None] == side[first], 1.0, 1.0 - SIDED)
     square, axes = np.linalg.eigh(alike)
     kept = square > LEAST_SQUARE
-    return np.asarray((axes[:, kept] * np.sqrt(square[kept]))[cell])
-
-
-def instances(component: Component, values: FloatArray) -> tuple[EffectInstance, ...]:
-    """The effects of these values ``(r,)``."""
-    return component.candidate.effects(values) if component.candidate else ()
+    columns = axes[:, kept] * np.sqrt(square[kept])
+    # one that nobody saw reached lies between its sides: else every first take would be explained
+    place = numbered(taken.leg, taken.axis, taken.level, *taken.position_mm.T)[first]
+    known = taken.approach_known[first]
+    for row in np.flatnonzero(~known):
+        sides = known & (place == place[row])
+        if sides.any():
+            columns[row] = columns[sides].mean(axis=0)
+    return np.asarray(columns[cell])

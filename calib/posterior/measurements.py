@@ -13,7 +13,7 @@ import numpy as np
 from calib.arrays import LEG_NAMES, Conditions, FloatArray, conditions, observe
 from calib.noise.reading import IndicatorFigures
 from calib.posterior.cells import SessionCase
-from calib.posterior.posterior import Posterior
+from calib.posterior.models import Posterior
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
 from calib.tripod.pool import STATIONS

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from calib.arrays import FloatArray, IntArray
-from calib.posterior.posterior import InField
+from calib.posterior.tool_errors import InField
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,11 +15,11 @@ from itertools import combinations
 import numpy as np
 
 from calib.arrays import TIE, Conditions, FloatArray, descending
-from calib.posterior.correction import Correction, Holds, distances_of, parts_of, quantile_mm
+from calib.posterior.correction import Correction, Holds, parts_of
 from calib.posterior.forecast import HEAVIEST, Forecast, ForecastOutcome
 from calib.posterior.measurements import FurtherMeasurement, MeasurementPreparation
 from calib.posterior.mixture import ExpectedReadings
-from calib.posterior.posterior import Posterior
+from calib.posterior.models import Posterior
 from calib.posterior.tool import RIGID, Frame
 
 WORTH = 0.9
@@ -311,10 +311,10 @@ class Planner:
 
     def outside(self) -> Outside | None:
         """What shows the part of the error that legs do not see, where it is the larger one."""
-        frame, values = self.correction.frame, self.correction.values
+        errors = self.posterior.tool_errors[self.correction.frame]
 
-        def bound(hidden: Sequence[int]) -> float:
-            return quantile_mm(distances_of(self.posterior, frame, values, hidden))
+        def bound(shown: Sequence[int]) -> float:
+            return errors.without(shown).bound_mm(self.correction.values)
 
         whole, seen = bound(()), bound(range(-RIGID, 0))
         share = 1.0 - (seen / whole) ** 2

@@ -28,7 +28,7 @@ from tests.blind.signatures import BASE
 from tests.blind.steps import PLANS, rows_of
 
 if TYPE_CHECKING:
-    from calib.posterior.posterior import Posterior
+    from calib.posterior.models import Posterior
 
 PLAY_MM = 0.05
 DRIFT_MM = 0.03

@@ -66,11 +66,8 @@ def test_play_and_screw_error_that_diagnose_names(worn: Loop) -> None:
 
 
 def test_play_and_screw_error_without_a_name(worn: Loop) -> None:
-    """Nothing is adopted: the correction of the session has tables for the joints.
-
-    They are an average over what may be true, so more is left than of the effects that are named.
-    """
-    assert worn.after_mm("session", worn.session, "--format", "linuxcnc") < 0.015
+    """Nothing is adopted: the correction of the session has tables for the joints."""
+    assert worn.after_mm("session", worn.session, "--format", "linuxcnc") < 0.006
 
 
 def test_offsets_alone_do_not_mend_a_scale_of_one_drive(scaled: Loop) -> None:

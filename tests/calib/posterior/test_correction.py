@@ -7,7 +7,8 @@ import pytest
 
 from calib.arrays import FloatArray
 from calib.posterior.correction import HOLDS, Holds, correction, parts_of
-from calib.posterior.posterior import Posterior, posterior
+from calib.posterior.models import Posterior
+from calib.posterior.posterior import posterior
 from calib.posterior.tool import FRAMES, Frame
 from tests.calib.posterior.hidden_machines import SHORT, SWEEP, hidden, session
 

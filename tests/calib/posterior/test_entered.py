@@ -17,7 +17,8 @@ from calib.posterior.entered import (
     tower_values,
     values_of,
 )
-from calib.posterior.posterior import Posterior, posterior
+from calib.posterior.models import Posterior
+from calib.posterior.posterior import posterior
 from calib.posterior.tool import FRAMES
 from calib.tripod.effects.drives import ActuatorCyclic, AxisOffset, AxisSquareness, Backlash
 from calib.tripod.effects.effect import EffectInstance

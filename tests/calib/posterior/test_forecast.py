@@ -10,10 +10,10 @@ import pytest
 
 from calib.arrays import Conditions, FloatArray
 from calib.posterior.forecast import Forecast
-from calib.posterior.library import instances
 from calib.posterior.measurements import MeasurementPreparation, set_up
 from calib.posterior.mixture import Updated
-from calib.posterior.posterior import Posterior, Weighted, posterior
+from calib.posterior.models import Posterior, Weighted
+from calib.posterior.posterior import posterior
 from calib.posterior.tool import Frame
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
@@ -44,7 +44,7 @@ def machine_of(result: Posterior, model: Weighted, values: FloatArray) -> Model:
         mine = values[at : at + len(component.unit)]
         at += len(component.unit)
         if mine.any():
-            effects += instances(component, mine)
+            effects += component.effects(mine)
     return Model(
         parameters_mm=(*values[3:6].tolist(), *values[:3].tolist()), effects=tuple(effects)
     )

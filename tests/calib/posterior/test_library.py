@@ -50,7 +50,8 @@ def test_a_guide_may_be_bent_one_way_only() -> None:
 def test_something_else_is_smooth_within_a_mounting_and_differs_between_sides() -> None:
     columns = something_else(SWEEP)
     alike = columns @ columns.T
-    assert np.diagonal(alike) == pytest.approx(1.0, abs=0.05)
+    seen = SWEEP.approach_known
+    assert np.diagonal(alike)[seen] == pytest.approx(1.0, abs=0.05)
     place = np.column_stack([SWEEP.leg, SWEEP.axis])
     other = (place[:, None] != place).any(axis=2)
     assert np.abs(alike[other]).max() < 1e-9
@@ -58,3 +59,15 @@ def test_something_else_is_smooth_within_a_mounting_and_differs_between_sides() 
     sides = same_posture & (SWEEP.approach[:, None] * SWEEP.approach < 0)
     assert sides.any()
     assert alike[sides] == pytest.approx(1.0 - SIDED, abs=0.05)
+
+
+def test_something_else_has_a_first_take_half_way_between_its_sides() -> None:
+    """It has no direction of its own, which would explain away every first take."""
+    columns = something_else(SWEEP)
+    seen = SWEEP.approach_known
+    for row in np.flatnonzero(~seen):
+        alike = (SWEEP.leg == SWEEP.leg[row]) & (SWEEP.axis == SWEEP.axis[row])
+        there = seen & alike & (SWEEP.displacement_mm == SWEEP.displacement_mm[row])
+        up, down = (columns[there & (SWEEP.approach * way > 0)][0] for way in (1.0, -1.0))
+        np.testing.assert_allclose(columns[row], (up + down) / 2.0)
+        assert columns[row] @ columns[row] == pytest.approx(1.0 - SIDED / 2.0, abs=0.01)

@@ -14,15 +14,15 @@ import pytest
 from calib.arrays import joined, observe
 from calib.posterior.cells import SessionCase
 from calib.posterior.correction import Correction, Holds, correction
-from calib.posterior.library import instances
 from calib.posterior.measurements import (
     FurtherMeasurement,
     MeasurementPreparation,
     Pace,
     candidates,
 )
+from calib.posterior.models import Posterior
 from calib.posterior.planning import DECISIVE, Planner
-from calib.posterior.posterior import Posterior, posterior
+from calib.posterior.posterior import posterior
 from calib.posterior.tool import Frame
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
@@ -53,7 +53,7 @@ def machine_drawn(result: Posterior, generator: np.random.Generator) -> Model:
     effects: list[EffectInstance] = []
     for k in (*model.everywhere, *model.members):
         component = result.components[k]
-        effects += instances(component, values[at : at + len(component.unit)])
+        effects += component.effects(values[at : at + len(component.unit)])
         at += len(component.unit)
     parameters = np.concatenate([values[3:6], values[:3]])
     return Model(parameters_mm=tuple(parameters.tolist()), effects=tuple(effects))
@@ -147,9 +147,14 @@ def test_bounds_become_what_was_expected(followed: list[Followed]) -> None:
 def test_the_proposal_gains_what_it_promised_over_the_worst_candidate(
     followed: list[Followed],
 ) -> None:
-    expected = float(np.median([one.best_mm / one.worst_mm for one in followed]))
-    became = float(np.median([one.best_after_mm / one.worst_after_mm for one in followed]))
-    assert expected < 0.9
+    """R.m.s. over the sessions: those that hide nothing have nothing to gain.
+
+    Of 40 sessions with three machines each 0.69 was expected and became 0.76.
+    """
+    each = [(one.best_mm, one.worst_mm, one.best_after_mm, one.worst_after_mm) for one in followed]
+    best, worst, best_after, worst_after = np.sqrt(np.mean(np.square(each), axis=0))
+    expected, became = best / worst, best_after / worst_after
+    assert expected < 0.72
     assert 0.8 < became / expected < 1.2
 
 

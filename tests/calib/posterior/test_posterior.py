@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from calib.arrays import FloatArray, Observations
-from calib.posterior.posterior import EVERYWHERE, Posterior, Weighted, posterior
+from calib.posterior.models import Posterior, Weighted
+from calib.posterior.posterior import posterior
+from calib.posterior.problem import EVERYWHERE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
 from tests.calib.posterior.hidden_machines import SHORT, TWO_STATION, hidden, session

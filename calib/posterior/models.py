@@ -1,0 +1,227 @@
+"""What readings tell of a machine: weighted models, each a normal about its own fit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib.arrays import FloatArray
+from calib.posterior.cells import Cells
+from calib.posterior.labels import Mistake
+from calib.posterior.library import Component
+from calib.posterior.readings import LENGTHS
+from calib.posterior.tool import FRAMES, RIGID, Frame, ToolField
+from calib.posterior.tool_errors import InField, ToolErrors
+from calib.tripod.effects.effect import PER_THOUSAND, EffectInstance
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import MOVES_THE_TOOL, Model
+
+
+@dataclass(frozen=True, eq=False)
+class Weighted:
+    """One model: components, their scales, weight, and the normal of its values ``(b + r,)``.
+
+    A root of their covariance is ``base`` ``(b, b)``, which many models share, beside ``sizes``
+    ``(b + r, r)``, both times ``inflated``. The base ends with sizes of the components
+    ``everywhere``; ``mistakes`` of labels and readings were put right.
+    """
+
+    members: tuple[int, ...]
+    scales: tuple[float, ...]
+    weight: float
+    mean: FloatArray
+    base: FloatArray
+    sizes: FloatArray
+    inflated: float
+    everywhere: tuple[int, ...]
+    mistakes: tuple[Mistake, ...] = ()
+
+    @property
+    def variance(self) -> FloatArray:
+        """Of each value ``(b + r,)``."""
+        variance = (self.sizes**2).sum(axis=1)
+        variance[: len(self.base)] += (self.base**2).sum(axis=1)
+        return np.asarray(self.inflated**2 * variance)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the values ``(b + r, b + r)``."""
+        covariance = self.sizes @ self.sizes.T
+        count = len(self.base)
+        covariance[:count, :count] += self.base @ self.base.T
+        return np.asarray(self.inflated**2 * covariance)
+
+
+@dataclass(frozen=True)
+class LikelyMistake:
+    """A mistake of labels or readings with its probability."""
+
+    id: str
+    where: str
+    title: str
+    probability: float
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What readings tell of the machine.
+
+    Values of the base are lengths, offsets of each session, then a little of every law.
+    """
+
+    sessions: tuple[Cells, ...]
+    components: tuple[Component, ...]
+    models: tuple[Weighted, ...]
+    field: ToolField
+
+    @property
+    def geometry(self) -> Geometry:
+        """The nominal machine."""
+        return self.sessions[0].case.model.geometry
+
+    @property
+    def parameter_count(self) -> int:
+        """Lengths, and offsets of every session."""
+        return LENGTHS + 3 * len(self.sessions)
+
+    def starts(self, model: Weighted) -> list[int]:
+        """Where the values of each member begin in those of a model."""
+        widths = [len(self.components[k].unit) for k in model.members]
+        first = len(model.mean) - sum(widths)
+        return [first + sum(widths[:k]) for k in range(len(widths))]
+
+    @cached_property
+    def models_in_field(self) -> list[InField]:
+        """Every model in the tool's field; joint offsets are those of the last session."""
+        parameters = np.zeros((self.field.rows.shape[1], self.parameter_count))
+        parameters[3:6, :LENGTHS] = np.eye(3)
+        parameters[:3, -3:] = np.eye(3)
+        into_base: dict[tuple[int, ...], FloatArray] = {}
+        shared: dict[int, tuple[FloatArray, FloatArray]] = {}
+        every = []
+        for model in self.models:
+            if model.everywhere not in into_base:
+                laws = (self.into_field[k] for k in model.everywhere)
+                into_base[model.everywhere] = np.hstack([parameters, *laws])
+            base = into_base[model.everywhere]
+            key = id(model.base)
+            if key not in shared:
+                moved = base @ model.base
+                shared[key] = moved @ moved.T, moved
+            count = base.shape[1]
+            mean = self.start + base @ model.mean[:count]
+            root = base @ model.sizes[:count]
+            for k, at in zip(model.members, self.starts(model), strict=True):
+                own = slice(at, at + len(self.components[k].unit))
+                mean = mean + self.into_field[k] @ model.mean[own]
+                root = root + self.into_field[k] @ model.sizes[own]
+            unseen = np.diag(self._unseen(model))
+            roots = [model.inflated * root, unseen[:, unseen.any(axis=0)]]
+            every.append(
+                InField(model.weight, mean, *shared[key], model.inflated, np.hstack(roots))
+            )
+        return every
+
+    @cached_property
+    def tool_errors(self) -> dict[Frame, ToolErrors]:
+        """Of all models, in each frame."""
+        metrics = self.field.metrics
+        return {frame: ToolErrors(self.models_in_field, metrics[frame]) for frame in FRAMES}
+
+    @cached_property
+    def start(self) -> FloatArray:
+        """Effects ``(f,)`` that the model of the sessions has, in the tool's field."""
+        start = np.zeros(self.field.rows.shape[1])
+        for known in effects_of_tool(self.sessions[-1].case.model):
+            start[list(self.field.columns_of((known.effect, known.place)))] += np.real(known.values)
+        return start
+
+    @cached_property
+    def into_field(self) -> list[FloatArray]:
+        """For each component what its values ``(r,)`` are in the tool's field ``(f, r)``."""
+        width = self.field.rows.shape[1]
+        every = []
+        for component in self.components:
+            into = np.zeros((width, len(component.unit)))
+            for share in component.shares:
+                for column, value in zip(
+                    self.field.columns_of((share.effect, share.place)), share.values, strict=True
+                ):
+                    into[column, value] += 1.0
+            every.append(into)
+        return every
+
+    @cached_property
+    def mean(self) -> FloatArray:
+        """What is expected over all models ``(f,)``, in the tool's field."""
+        return np.asarray(np.sum([one.weight * one.mean for one in self.models_in_field], axis=0))
+
+    def _unseen(self, model: Weighted) -> FloatArray:
+        """Standard deviations ``(f,)`` of shifts and turns of the machine that no leg shows.
+
+        Of two axes that lean readings show the sum, of two that miss each other the distance. The
+        rest turns or shifts the machine as a whole; it is taken to be as large, r.m.s.
+        """
+        deviation = np.zeros(self.field.rows.shape[1])
+        if not self.geometry.orthogonal:  # readings are of the tool, in the frame of its plate
+            return deviation
+        shifts, turns = deviation[-RIGID:-3], deviation[-3:]
+        for k, at in zip(model.members, self.starts(model), strict=True):
+            component = self.components[k]
+            values = slice(at, at + len(component.unit))
+            square = model.mean[values] ** 2 + model.variance[values]
+            for ids, rigid, unit in (
+                ("axis_squareness", turns, PER_THOUSAND),
+                ("axis_offset", shifts, 1.0),
+            ):
+                shares = [share for share in component.shares if share.effect.id == ids]
+                if not shares:
+                    continue
+                size = math.sqrt(float(np.mean([square[list(s.values)] for s in shares])))
+                for share in shares:
+                    (third,) = {0, 1, 2} - {"xyz".index(name) for name in share.place[:2]}
+                    rigid[third] = math.hypot(rigid[third], unit * size)
+        return deviation
+
+    @property
+    def shows(self) -> bool:
+        """Whether readings show anything of a machine; those of one posture do not."""
+        return any(component.candidate for component in self.components)
+
+    @property
+    def likely_mistakes(self) -> tuple[LikelyMistake, ...]:
+        """Each mistake with its words and probability, the likeliest first."""
+        title = {(one.id, one.where): one.title for model in self.models for one in model.mistakes}
+        return tuple(
+            LikelyMistake(*name, title[name], share) for name, share in self.mistakes.items()
+        )
+
+    @property
+    def mistakes(self) -> dict[tuple[str, str], float]:
+        """Probability of each mistake of labels or readings, and its place."""
+        shares: dict[tuple[str, str], float] = {}
+        for model in self.models:
+            for name in {(one.id, one.where) for one in model.mistakes}:
+                shares[name] = shares.get(name, 0.0) + model.weight
+        return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+    @property
+    def places(self) -> dict[tuple[str, str], float]:
+        """Probability of each id and place."""
+        shares: dict[tuple[str, str], float] = {}
+        for model in self.models:
+            for name in {(self.components[k].id, self.components[k].where) for k in model.members}:
+                shares[name] = shares.get(name, 0.0) + model.weight
+        return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+def effects_of_tool(model: Model) -> list[EffectInstance]:
+    """Effects of a model that move the tool."""
+    return [
+        effect
+        for effect in model.effects
+        if isinstance(effect, EffectInstance) and effect.stage in MOVES_THE_TOOL
+    ]

@@ -1,0 +1,431 @@
+"""Sessions about one fit of the base, and every model that counts with its normal.
+
+Every model has the same base: bar lengths that sessions share, joint offsets of each, and a little
+of every law everywhere, for no machine is free of any. To that a model adds its components.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from calib.arrays import FloatArray, IntArray, without
+from calib.errors import NotIdentifiable
+from calib.posterior.cells import Cells
+from calib.posterior.labels import RivalModel, Solved
+from calib.posterior.library import ELSE, Component, library, something_else
+from calib.posterior.models import Posterior, Weighted, effects_of_tool
+from calib.posterior.race import LOG_CAUSES, Products, Race, RaceEntry
+from calib.posterior.readings import LENGTHS, Placed, Rows, placed_columns, rows_of
+from calib.posterior.tool import laws_held, tool_field
+from calib.tripod.effects.effect import Effect
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import Model
+
+MOST_BESIDE = 3
+"""Models beside which mistakes are looked for."""
+
+REFINED = 8
+"""Models that are followed through the simulation; the others stay linear."""
+
+STEPS = 2
+BEYOND = 1.0
+"""Noise variances by which a model may differ from its derivatives before it is followed."""
+
+
+EVERYWHERE = 0.03
+"""Of an unremarkable size: what every law is taken to have everywhere."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """All sessions about one fit of the base: rows, and the columns of every component.
+
+    ``columns`` ``(n, k)`` are per unit of the components; ``index`` says which are whose.
+    """
+
+    sessions: tuple[Cells, ...]
+    components: tuple[Component, ...]
+    rows: Rows
+    columns: FloatArray
+    index: tuple[IntArray, ...]
+    placed: tuple[Placed, ...]
+
+    @classmethod
+    def of(cls, sessions: tuple[Cells, ...], effects: Sequence[Effect] | None) -> Problem:
+        """Of sessions of one machine: ``effects`` are those of the library, or all."""
+        models = _with_common_lengths([cells.model for cells in sessions])
+        taken = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
+        components = library(taken, effects)
+        rows, placed, blocks = _linear(sessions, models, components)
+        own = _of_postures(sessions, len(rows.residual))
+        every = []
+        for component, block in zip(components, blocks, strict=True):
+            if component.id == ELSE:
+                component, block = component.with_width(own.shape[1]), own * component.unit
+            else:
+                block = block * component.unit
+            every.append((component, block))
+        widths = [block.shape[1] for _, block in every]
+        starts = np.cumsum([0, *widths[:-1]])
+        return cls(
+            sessions,
+            tuple(component for component, _ in every),
+            rows,
+            np.hstack([block for _, block in every]),
+            tuple(
+                np.arange(at, at + w, dtype=np.intp) for at, w in zip(starts, widths, strict=True)
+            ),
+            placed,
+        )
+
+    @cached_property
+    def everywhere(self) -> tuple[int, ...]:
+        """Components of which every model has a little: laws at single places."""
+        return tuple(
+            k
+            for k, component in enumerate(self.components)
+            if component.candidate and component.candidate.arrangement == "one"
+        )
+
+    @cached_property
+    def base(self) -> FloatArray:
+        """Derivatives ``(n, b)`` by the base, per standard deviation of what is expected."""
+        none = np.zeros(0, np.intp)  # one posture shows no law
+        index = np.concatenate([none, *(self.index[k] for k in self.everywhere)])
+        return np.hstack([self.rows.base * self.rows.spread, EVERYWHERE * self.columns[:, index]])
+
+    @cached_property
+    def base_unit(self) -> FloatArray:
+        """Those standard deviations ``(b,)``."""
+        units = [EVERYWHERE * self.components[k].unit for k in self.everywhere]
+        return np.concatenate([self.rows.spread, *units])
+
+    def expected(self, rows: Rows) -> FloatArray:
+        """Where the base is expected less where rows are, in standard deviations ``(b,)``."""
+        away = np.zeros(self.base.shape[1])
+        away[: len(rows.spread)] = (rows.prior - rows.value) / rows.spread
+        return away
+
+    def solved(self) -> Solved[Posterior]:
+        """Race, then each model with its normal; the heaviest followed through the simulation."""
+        about = About.of(self.base, self.rows.residual, self.expected(self.rows))
+        columns, residual = about.left_by(self.columns), about.left
+        race = Race(
+            Products(columns.T @ columns, columns.T @ residual, float(residual @ residual)),
+            self.index,
+            np.array([component.log_prior for component in self.components]),
+            self.rows.free,
+            self.rows.freedom,
+            self.rows.excess,
+        )
+        entries = race.run()
+        models, log_evidence = self._weighted(race, entries, about)
+        acting = effects_of_tool(self.sessions[-1].case.model)
+        known = [(one.effect, one.place) for one in acting]
+        laws = dict.fromkeys([*self.placed, *laws_held(self.geometry), *known])
+        field = tool_field(self.geometry, tuple(laws))
+        result = Posterior(self.sessions, self.components, tuple(models), field)
+        constant = self.rows.log_constant
+        nothing = race.products
+        log_plain = race.log_evidence(np.array(nothing.square), np.array(nothing.room))
+        plain = RaceEntry((), (), float(LOG_CAUSES[0] + log_plain))
+        # something else explains any mistake away
+        named = [one for one in entries if one.members and not self._else(one)]
+        heaviest = [plain, *named[:MOST_BESIDE]]
+        beside = [
+            [RivalModel(one.log_weight + constant, self._beside(number, one)) for one in heaviest]
+            for number in range(len(self.sessions))
+        ]
+        return Solved(result, log_evidence + constant, beside)
+
+    def _else(self, entry: RaceEntry) -> bool:
+        return any(self.components[k].id == ELSE for k in entry.members)
+
+    def _beside(self, number: int, entry: RaceEntry) -> FloatArray:
+        """Columns ``(n_cells, r)`` of a model in a session, each of the size that it expects."""
+        begin = sum(len(cells.means) for cells in self.sessions[:number])
+        cells = self.sessions[number]
+        scale = self._unit(entry)[1]
+        own = self.columns[begin : begin + len(cells.means), self._index(entry)]
+        return cells.coloured(own * scale)
+
+    @property
+    def geometry(self) -> Geometry:
+        """The nominal machine."""
+        return self.sessions[0].case.model.geometry
+
+    def _weighted(
+        self, race: Race, entries: Sequence[RaceEntry], about: About
+    ) -> tuple[list[Weighted], float]:
+        every = []
+        log = np.array([entry.log_weight for entry in entries])
+        shared = self.base_unit[:, None] * about.inverse
+        along = about.basis[: len(self.columns)].T @ self.columns
+        for number, entry in enumerate(entries):
+            fit = self._fitted(entry, race.products, about, shared, along)
+            if number < REFINED and entry.members:
+                fit, gained = self._followed(race, entry, fit, about.room)
+                log[number] += gained
+            inflated = 1.0
+            if not math.isinf(race.freedom):
+                more = (race.freedom + fit.square) / max(race.freedom + race.free - 2.0, 1.0)
+                inflated = math.sqrt(max(more, 1.0))
+            every.append(
+                Weighted(
+                    entry.members,
+                    entry.scales,
+                    0.0,
+                    fit.mean,
+                    fit.base,
+                    fit.sizes,
+                    inflated,
+                    self.everywhere,
+                )
+            )
+        share = np.exp(log - log.max())
+        log_evidence = float(log.max() + np.log(share.sum()))
+        share /= share.sum()
+        models = [replace(one, weight=float(w)) for one, w in zip(every, share, strict=True)]
+        return models, log_evidence
+
+    def _index(self, entry: RaceEntry) -> IntArray:
+        return np.concatenate([np.zeros(0, np.intp), *(self.index[k] for k in entry.members)])
+
+    def _unit(self, entry: RaceEntry) -> tuple[FloatArray, FloatArray]:
+        """Unit and scale ``(r,)`` of each size of a model."""
+        units = [self.components[k].unit for k in entry.members]
+        scales = [s * np.ones(len(u)) for s, u in zip(entry.scales, units, strict=True)]
+        return np.concatenate([np.zeros(0), *units]), np.concatenate([np.zeros(0), *scales])
+
+    def _fitted(
+        self,
+        entry: RaceEntry,
+        products: Products,
+        about: About,
+        shared: FloatArray,
+        along: FloatArray,
+    ) -> ModelFit:
+        """A model by its derivatives alone; ``along`` ``(b, k)`` are columns along the base."""
+        unit, scale = self._unit(entry)
+        index = self._index(entry)
+        inner = np.eye(len(index)) + scale[:, None] * products.inner[np.ix_(index, index)] * scale
+        root = np.linalg.inv(np.linalg.cholesky(inner)).T
+        inverse = root @ root.T
+        sizes = inverse @ (scale * products.along[index])
+        beside = along[:, index] * scale
+        mean = self.base_unit * (about.inverse @ (about.along - beside @ sizes))
+        mean[: len(self.rows.value)] += self.rows.value
+        square = products.square - float(scale * products.along[index] @ sizes)
+        room = about.room + float(np.log(root.diagonal()).sum())
+        residual = about.left[: self.rows.cells]
+        cells = self.columns[: self.rows.cells, index] * scale
+        left = residual - (cells - about.basis[: self.rows.cells] @ beside) @ sizes
+        own = np.vstack([-shared @ beside @ root, (unit * scale)[:, None] * root])
+        return ModelFit(
+            np.concatenate([mean, unit * scale * sizes]), shared, own, square, room, left
+        )
+
+    def _refitted(
+        self, entry: RaceEntry, rows: Rows, block: FloatArray, at: FloatArray
+    ) -> ModelFit:
+        """The same about a solution; ``block`` ``(n, r)`` is per unit, ``at`` ``(r,)`` in units."""
+        unit, scale = self._unit(entry)
+        base = self.base.copy()
+        base[: rows.cells, : len(rows.spread)] = rows.base * rows.spread
+        about = About.of(base, rows.residual, self.expected(rows))
+        columns = about.left_by(block * scale)
+        upper = np.vstack([columns, np.eye(len(scale))])
+        basis, root = np.linalg.qr(upper)
+        inverse = np.linalg.inv(root)
+        target = np.concatenate([about.left, -at / scale])
+        sizes = inverse @ (basis.T @ target)
+        left = without(basis, target)
+        beside = about.basis[: len(block)].T @ (block * scale)
+        mean = self.base_unit * (about.inverse @ (about.along - beside @ sizes))
+        mean[: len(rows.value)] += rows.value
+        shared = self.base_unit[:, None] * about.inverse
+        own = np.vstack([-shared @ beside @ inverse, (unit * scale)[:, None] * inverse])
+        room = about.room - float(np.log(np.abs(root.diagonal())).sum())
+        values = np.concatenate([mean, unit * (at + scale * sizes)])
+        return ModelFit(values, shared, own, float(left @ left), room, left[: rows.cells])
+
+    def _followed(
+        self, race: Race, entry: RaceEntry, fit: ModelFit, plain_room: float
+    ) -> tuple[ModelFit, float]:
+        """The same about the model's own solution, and the log evidence that this gains."""
+        before = race.log_evidence(np.array(fit.square), np.array(fit.room - plain_room))
+        try:
+            models = self._models(entry, fit.mean)
+            beyond = self._residual(models, entry, fit) - fit.left
+            if float(beyond @ beyond) < BEYOND:
+                return fit, 0.0
+            for _ in range(STEPS):
+                fit = self._about(models, entry, fit)
+                models = self._models(entry, fit.mean)
+        except (NotIdentifiable, ValueError):
+            return fit, 0.0
+        after = race.log_evidence(np.array(fit.square), np.array(fit.room - plain_room))
+        return fit, float(after - before)
+
+    def _values(self, entry: RaceEntry, mean: FloatArray) -> list[FloatArray]:
+        """Values of each member."""
+        widths = [len(self.components[k].unit) for k in entry.members]
+        return np.split(mean[self.base.shape[1] :], np.cumsum(widths))[: len(widths)]
+
+    def _models(self, entry: RaceEntry, mean: FloatArray) -> tuple[Model, ...]:
+        """Each session's machine with the parameters and effects of a model."""
+        effects = [
+            effect
+            for k, values in zip(entry.members, self._values(entry, mean), strict=True)
+            if (candidate := self.components[k].candidate)
+            for effect in candidate.effects(values)
+        ]
+        found = []
+        for number, cells in enumerate(self.sessions):
+            known = cells.case.model
+            offsets = mean[LENGTHS + 3 * number : LENGTHS + 3 * number + 3]
+            found.append(
+                known.with_effects((*known.effects, *effects)).with_parameters(
+                    np.concatenate([offsets, mean[:LENGTHS]])
+                )
+            )
+        return tuple(found)
+
+    def _linear_part(self, entry: RaceEntry, mean: FloatArray) -> FloatArray:
+        """What of the means of cells is in no `_models`: a little of all, something else."""
+        first = len(self.rows.spread)
+        part = self.base[:, first:] @ (mean[first : self.base.shape[1]] / self.base_unit[first:])
+        for k, values in zip(entry.members, self._values(entry, mean), strict=True):
+            if not self.components[k].candidate:
+                part = part + self.columns[:, self.index[k]] @ (values / self.components[k].unit)
+        return np.asarray(part[: self.rows.cells])
+
+    def _residual(self, models: Sequence[Model], entry: RaceEntry, fit: ModelFit) -> FloatArray:
+        """What a model leaves of the means of cells ``(cells,)``, whitened."""
+        parts = [
+            cells.whitened(cells.means.value_mm - model.readings(cells.means))
+            for cells, model in zip(self.sessions, models, strict=True)
+        ]
+        return np.concatenate(parts) - self._linear_part(entry, fit.mean)
+
+    def _about(self, models: Sequence[Model], entry: RaceEntry, fit: ModelFit) -> ModelFit:
+        """One step of Gauss and Newton; readings within cells stay as they were.
+
+        A law that acts twice, the second time from nothing, has the derivatives of the first for
+        laws that are linear; the others are few and small (sine of a tilt).
+        """
+        members = [self.components[k] for k in entry.members]
+        near, _, blocks = _linear(self.sessions, models, members, within=False)
+        block = self.columns[:, self._index(entry)].copy()
+        at = np.zeros(block.shape[1])
+        residual = self.rows.residual.copy()
+        residual[: near.cells] = near.residual
+        begin = 0
+        for component, own, values in zip(
+            members, blocks, self._values(entry, fit.mean), strict=True
+        ):
+            end = begin + len(component.unit)
+            if component.candidate:
+                block[: near.cells, begin:end] = own * component.unit
+                at[begin:end] = values / component.unit
+            begin = end
+        within = self.rows.cells
+        residual[within:] -= block[within:] @ at
+        rows = replace(near, residual=residual, spread=self.rows.spread)
+        return self._refitted(entry, rows, block, at)
+
+
+@dataclass(frozen=True, eq=False)
+class About:
+    """A base fitted to rows, tolerances being rows below: no product of derivatives loses digits.
+
+    ``basis`` ``(n + b, b)``, ``inverse`` ``(b, b)`` of its root, the target ``along`` it ``(b,)``
+    and what is ``left`` of that ``(n + b,)``.
+    """
+
+    basis: FloatArray
+    inverse: FloatArray
+    along: FloatArray
+    left: FloatArray
+    room: float
+
+    @classmethod
+    def of(cls, base: FloatArray, residual: FloatArray, expected: FloatArray) -> About:
+        """Of derivatives ``(n, b)`` per standard deviation."""
+        basis, root = np.linalg.qr(np.vstack([base, np.eye(base.shape[1])]))
+        target = np.concatenate([residual, expected])
+        along = basis.T @ target
+        room = -float(np.log(np.abs(root.diagonal())).sum())
+        return cls(basis, np.linalg.inv(root), along, without(basis, target), room)
+
+    def left_by(self, columns: FloatArray) -> FloatArray:
+        """What of columns ``(n, k)`` the base does not do ``(n + b, k)``."""
+        left = -(self.basis @ (self.basis[: len(columns)].T @ columns))
+        left[: len(columns)] += columns
+        return np.asarray(left)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFit:
+    """Values of a model ``(b + r,)``, a root of their covariance, what is left, and the room.
+
+    ``base`` and ``sizes`` as in `Weighted`; ``left`` ``(cells,)`` is what is left of each mean.
+    """
+
+    mean: FloatArray
+    base: FloatArray
+    sizes: FloatArray
+    square: float
+    room: float
+    left: FloatArray
+
+
+def _linear(
+    sessions: Sequence[Cells],
+    models: Sequence[Model],
+    components: Sequence[Component],
+    *,
+    within: bool = True,
+) -> tuple[Rows, tuple[Placed, ...], list[FloatArray]]:
+    """Rows about these models, laws at places, and the columns ``(n, r)`` of each component."""
+    laws = tuple(dict.fromkeys(s.effect for component in components for s in component.shares))
+    placed = [
+        placed_columns(model, cells.means, laws)
+        for model, cells in zip(models, sessions, strict=True)
+    ]
+    widths = {law: len(law[0].parameters) for each in placed for law in each}
+    rows = rows_of(sessions, models, placed, widths, within=within)
+    starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
+    blocks = []
+    for component in components:
+        block = np.zeros((len(rows.residual), len(component.unit)))
+        for share in component.shares:
+            first = starts[share.effect, share.place]
+            for at, value in enumerate(share.values):
+                block[:, value] += rows.columns[:, first + at]
+        blocks.append(block)
+    return rows, tuple(widths), blocks
+
+
+def _with_common_lengths(models: Sequence[Model]) -> tuple[Model, ...]:
+    lengths = np.mean([model.parameters_mm[3:] for model in models], axis=0)
+    return tuple(
+        model.with_parameters(np.concatenate([model.parameters_mm[:3], lengths]))
+        for model in models
+    )
+
+
+def _of_postures(sessions: Sequence[Cells], total: int) -> FloatArray:
+    """Columns ``(total, r)`` of errors of each posture's own, 1 mm r.m.s., for each session."""
+    blocks = [cells.whitened(something_else(cells.means)) for cells in sessions]
+    every = np.zeros((total, sum(block.shape[1] for block in blocks)))
+    row = column = 0
+    for block in blocks:
+        every[row : row + len(block), column : column + block.shape[1]] = block
+        row, column = row + block.shape[0], column + block.shape[1]
+    return every

@@ -1,0 +1,130 @@
+"""How far off the tool is over the workspace under weighted models, and what 95 % of them keep."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import gammainc
+
+from calib.arrays import FloatArray
+from calib.stats import COVERAGE
+
+
+@dataclass(frozen=True, eq=False)
+class InField:
+    """A model in the tool's field: mean ``(f,)`` and covariance, in two parts.
+
+    That of the base ``(f, f)``, which many models share, with its root ``(f, b)``, and a root
+    ``(f, k)`` of the rest; the first two times the square of ``inflated`` and itself.
+    """
+
+    weight: float
+    mean: FloatArray
+    base: FloatArray
+    base_root: FloatArray
+    inflated: float
+    root: FloatArray
+
+
+EXACT = 1e-7
+"""Relative: a quantile of mean squares is worked out to so much."""
+
+Distance = tuple[float, float, float]
+"""Weight, mean and variance of the mean square of the tool's error, mm² and mm⁴."""
+
+
+@dataclass(frozen=True, eq=False)
+class ToolErrors:
+    """Mean squares of the tool's error over the workspace, under every model of a posterior.
+
+    ``metric`` ``(f, f)`` is that of the tool's field, in a frame.
+    """
+
+    models: Sequence[InField]
+    metric: FloatArray
+
+    def without(self, columns: Sequence[int]) -> ToolErrors:
+        """The same where these columns of the field are known."""
+        metric = self.metric.copy()
+        metric[list(columns)] = metric[:, list(columns)] = 0.0
+        return replace(self, metric=metric)
+
+    @cached_property
+    def _weight(self) -> FloatArray:
+        return np.array([model.weight for model in self.models])
+
+    @cached_property
+    def _mean(self) -> FloatArray:
+        """``(n_models, f)``."""
+        return np.array([model.mean for model in self.models])
+
+    @cached_property
+    def _alike(self) -> list[list[int]]:
+        """Models of each base."""
+        alike: dict[int, list[int]] = {}
+        for k, model in enumerate(self.models):
+            alike.setdefault(id(model.base), []).append(k)
+        return list(alike.values())
+
+    @cached_property
+    def _spread(self) -> FloatArray:
+        """Mean and half the variance ``(n_models, 2)`` of the square about each model's mean."""
+        spread = np.empty((len(self.models), 2))
+        for alike in self._alike:
+            base = self.models[alike[0]].base
+            moved = self.metric @ base
+            size, square = float(np.trace(moved)), float((moved * moved.T).sum())
+            for k in alike:
+                model = self.models[k]
+                more, own = model.inflated**2, self.metric @ model.root
+                inner = model.root.T @ own
+                both = float((own * (base @ own)).sum())
+                spread[k] = (
+                    more * size + float(np.trace(inner)),
+                    more**2 * square + 2.0 * more * both + float((inner**2).sum()),
+                )
+        return spread
+
+    def expected(self, values: FloatArray) -> FloatArray:
+        """Squares ``(n_models,)`` of what is expected under each with these values entered."""
+        off = self._mean - values
+        return np.asarray((off @ self.metric * off).sum(axis=1))
+
+    def distances(self, values: FloatArray) -> list[Distance]:
+        """Of every model with these values entered; something else acts as each nameless law."""
+        slope = (self._mean - values) @ self.metric
+        along = np.empty(len(self.models))
+        for alike in self._alike:
+            own = slope[alike]
+            along[alike] = (own @ self.models[alike[0]].base * own).sum(axis=1)
+        for k, model in enumerate(self.models):
+            of_root = slope[k] @ model.root
+            along[k] = model.inflated**2 * along[k] + float(of_root @ of_root)
+        size = self._spread[:, 0] + self.expected(values)
+        variance = 2.0 * self._spread[:, 1] + 4.0 * along
+        return list(zip(self._weight.tolist(), size.tolist(), variance.tolist(), strict=True))
+
+    def expected_mm(self, values: FloatArray) -> float:
+        """Root of the expected mean square."""
+        return math.sqrt(float(self._weight @ (self._spread[:, 0] + self.expected(values))))
+
+    def bound_mm(self, values: FloatArray) -> float:
+        """95 % of the posterior keep it with these values entered."""
+        return quantile_mm(self.distances(values))
+
+
+def quantile_mm(distances: Sequence[Distance]) -> float:
+    """Root of the 95 % quantile of a mixture of gamma distributions of these moments."""
+    weight, size, variance = np.array(distances).T
+    variance = np.maximum(variance, 1e-12 * size**2)
+    shape, scale = size**2 / variance, variance / np.maximum(size, 1e-300)
+    low, high = 0.0, float((size + 20.0 * np.sqrt(variance)).max())
+    while high - low > EXACT * high:
+        middle = (low + high) / 2.0
+        below = float((weight * gammainc(shape, middle / scale)).sum() / weight.sum())
+        low, high = (middle, high) if below < COVERAGE else (low, middle)
+    return math.sqrt(high)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtr
@@ -19,7 +20,9 @@ from calib.stats import COVERAGE, coverage_factor
 from calib.tripod.effects.drives import AxisOffset
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model
-from calib.tripod.towers import Entered
+
+if TYPE_CHECKING:  # scipy.optimize comes with it
+    from calib.tripod.towers import Entered
 
 OFFSETS = (0, 1, 2)
 """Columns of the joint offsets in the tool's field."""

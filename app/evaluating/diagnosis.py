@@ -9,24 +9,23 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app.evaluating.correction import ControllerCorrections, case_of
 from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import (
     load_sessions,
     refuse_leaning_planes,
     solve_sessions,
 )
-from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.problem import Case
+from calib.diagnosis.diagnose import diagnosis_of
 from calib.diagnosis.results import Contender, Diagnosis, Finding
-from calib.errors import CalibrationError, NotIdentifiable, RecordError, UsageError
-from calib.identify.expected import bound_of
+from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.solution import Subset
-from calib.identify.tool_bound import ToolBound
-from calib.posterior import cells as of_cells
-from calib.posterior.correction import correction
-from calib.posterior.measurements import USUAL_PACE, Pace, candidates
-from calib.posterior.planning import Planner, Reach
-from calib.posterior.posterior import posterior
+from calib.posterior.cells import Cells
+from calib.posterior.correction import HOLDS, Holds, correction
+from calib.posterior.entered import ToolOff
+from calib.posterior.measurements import USUAL_PACE, FurtherMeasurement, Pace, candidates
+from calib.posterior.planning import Planner, Reach, Separation
+from calib.posterior.tool import Frame
 from calib.tripod.effects.effect import Effect, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
 from calib.tripod.pipeline import Model
@@ -52,8 +51,6 @@ from protocols.motion import seconds_per_step
 from protocols.observations import (
     changed_between,
     corrected_readings,
-    indicator_figures,
-    to_observations,
 )
 from protocols.record import read_record
 from protocols.session import Closed, Line, Opened, Reading, Session, Superseded
@@ -68,7 +65,7 @@ class SessionDiagnosis:
 
     sessions: tuple[Session, ...]
     others: tuple[Session, ...]
-    cases: tuple[Case, ...]
+    corrections: ControllerCorrections
     model: Model
     diagnosis: Diagnosis
     warnings: tuple[str, ...]
@@ -92,12 +89,12 @@ class SessionDiagnosis:
         return DataTable(
             (
                 *("effect", "where", "parameter", "value", "standard_uncertainty", "unit"),
-                *("p_value", "gap_rms_after_mm", "standing"),
+                *("probability", "gap_rms_after_mm", "standing"),
             ),
             tuple(
                 (
                     *(one.id, one.where, size.name, size.value, size.standard_uncertainty),
-                    *(size.unit, one.p_value, one.gap_rms_after_mm, standing),
+                    *(size.unit, one.probability, one.gap_rms_after_mm, standing),
                 )
                 for one, standing in ranked
                 for size in one.parameters
@@ -109,39 +106,50 @@ class SessionDiagnosis:
         return self.table().to_frame()
 
     @cached_property
-    def tool_bound(self) -> ToolBound | None:
-        """What the tool is off by at most with the parameters of the last session entered.
+    def tool(self) -> DiagnosedTool:
+        """What the tool is off by, now and with values entered."""
+        entered: dict[Holds, ToolOff] = {holds: self.corrections.of(holds).off for holds in HOLDS}
+        return DiagnosedTool(self.corrections.frame, self.corrections.off_now, entered)
 
-        Effects of the model are taken to be compensated. None where no noise is known, or where the
-        parameters that fit belong to no machine.
-        """
-        case = self._last
-        if case.noise is None:
+    @cached_property
+    def separation(self) -> Separation | None:
+        """The measurement that separates the names that stay open; None where none does."""
+        if self.diagnosis.verdict in ("agrees", "explained"):
             return None
-        try:
-            return bound_of(case.model, case.observed, case.noise, case.tolerance_mm)
-        except CalibrationError:
-            return None
+        return self._planner(tuple(candidates(self.corrections.posterior))).separation()
 
     def reach(self) -> Reach | None:
-        """The same after further set-ups, and when more would not help."""
-        case = self._last
-        if self.tool_bound is None or case.noise is None or not case.model.geometry.orthogonal:
-            return None
+        """The bound at the tool after further set-ups; None where no set-up of a leg is known."""
         opened, pace = self.sessions[-1].opened, USUAL_PACE
         if opened.machine.motion is not None and opened.procedure is not None:
             step_s = seconds_per_step(opened.machine, opened.procedure)
             pace = Pace(seconds_per_step=step_s)
-        known = of_cells.SessionCase(case.model, case.observed, case.indicator, case.tolerance_mm)
-        found = posterior([known])
-        entered = correction(found, "offsets", opened.machine.frame)
-        ways = tuple(one for one in candidates(found, pace) if one.is_way)
-        return Planner(found, entered, ways).reach()
+        ways = tuple(one for one in candidates(self.corrections.posterior, pace) if one.is_way)
+        return self._planner(ways).reach() if ways else None
+
+    def _planner(self, measurements: tuple[FurtherMeasurement, ...]) -> Planner:
+        known = self.corrections.posterior
+        entered = correction(known, "offsets", self.corrections.frame)
+        return Planner(known, entered, measurements)
+
+
+@dataclass(frozen=True, eq=False)
+class DiagnosedTool:
+    """R.m.s. error of the tool over the workspace in a frame: ``now``, and with values entered."""
+
+    frame: Frame
+    now: ToolOff
+    entered: dict[Holds, ToolOff]
 
     @property
-    def _last(self) -> Case:
-        """The machine as it stands now, without mistakes that were found in its readings."""
-        return self.cases[-1].with_readings(self.diagnosis.cleaned[-1].observed)
+    def now_mm(self) -> float:
+        """95 % of the posterior keep it with what the controller holds now."""
+        return self.now.bound_mm[self.frame]
+
+    @property
+    def entered_mm(self) -> dict[Holds, float]:
+        """The same with what each controller holds entered."""
+        return {holds: off.bound_mm[self.frame] for holds, off in self.entered.items()}
 
 
 def diagnose_files(
@@ -181,31 +189,21 @@ def diagnose_sessions(
         found = read_model_file(model)
         known = to_model(found, f"model {model}", effects)
         warnings += [said] if (said := ambiguity(ambiguous_effects(found))) else []
-    measured = cases(sessions, known)
-    for session, case in zip(sessions, measured, strict=True):
+    frame = sessions[-1].opened.machine.frame
+    corrections = ControllerCorrections.of_sessions(sessions, known, frame, effects)
+    for session, case in zip(sessions, corrections.cases, strict=True):
         if case.observed.over_plane.any():
-            refuse_leaning_planes([session], case.fitted().model, case.observed)
+            refuse_leaning_planes([session], Cells.of(case).model, case.observed)
     return SessionDiagnosis(
         sessions=tuple(sessions),
         others=tuple(held_out),
-        cases=tuple(measured),
+        corrections=corrections,
         model=known,
-        diagnosis=diagnose(measured, effects, cases(held_out, known)),
+        diagnosis=diagnosis_of(
+            corrections.posterior, [case_of(session, known) for session in held_out]
+        ),
         warnings=tuple(warnings),
     )
-
-
-def cases(sessions: Sequence[Session], model: Model) -> list[Case]:
-    """What is to be diagnosed of these sessions, each with the load that its tool carried."""
-    found = []
-    for session in sessions:
-        observed = to_observations([session])
-        machine = session.opened.machine
-        geometry = replace(model.geometry, load=machine.load)
-        figures = indicator_figures([session])
-        case = Case(replace(model, geometry=geometry), observed, figures, machine.tolerances_mm())
-        found.append(case)
-    return found
 
 
 def _check(sessions: Sequence[Session], others: Sequence[Session]) -> None:
@@ -254,12 +252,12 @@ def adopt(
 ) -> ModelFile:
     """Write a model with the named effects added, or with one candidate (``id`` or ``id:where``).
 
-    ``empirical`` as candidate adds what was named and the unnamed effect of the residuals, or that
-    alone where it explains all; where nothing was named it is added without asking for it. Gross
-    errors are mistakes of the data and are never adopted. One of what is adopted may be ``held`` as
-    a person has it, the others are fitted. The known model itself goes on with its
-    history, another file is kept unless ``replace``. Raises UsageError where there is nothing to
-    adopt, FilesThere, and RecordError where the file cannot be written.
+    ``empirical`` as candidate adds what was named and the unnamed effect of the residuals; where
+    nothing was named it is added without asking for it. Gross errors are mistakes of the data and
+    are never adopted. One of what is adopted may be ``held`` as a person has it, the others are
+    fitted. The known model itself goes on with its history, another file is kept unless
+    ``replace``. Raises UsageError where there is nothing to adopt, FilesThere, and RecordError
+    where the file cannot be written.
     """
     chosen = _chosen(diagnosed, candidate)
     machine = diagnosed.sessions[0].opened.machine
@@ -390,7 +388,7 @@ def _chosen(diagnosed: SessionDiagnosis, candidate: str | None) -> list[Finding 
         return named or unnamed
     name, _, where = candidate.partition(":")
     if name == EMPIRICAL and unnamed and where in ("", unnamed[0].where):
-        return unnamed if found.left_over and found.left_over.whole else [*named, *unnamed]
+        return [*named, *unnamed]
     fitting = [
         one
         for one in found.candidates
@@ -405,19 +403,20 @@ def _chosen(diagnosed: SessionDiagnosis, candidate: str | None) -> list[Finding 
 
 def write_procedure(diagnosed: SessionDiagnosis, path: Path, *, replace: bool = False) -> None:
     """The proposed measurement as a procedure file. Raises UsageError where there is none."""
-    proposed = diagnosed.diagnosis.next_measurement
-    if proposed is None or not proposed.protocol.startswith("schema"):
-        if proposed is None:
-            raise UsageError(
-                "--next",
-                "nothing that stayed ambiguous",
-                "an ambiguous diagnosis",
-                "What lowers the bound at the tool all the same: glidecal plan SESSION.",
-            )
+    proposed = diagnosed.separation
+    if proposed is None:
         raise UsageError(
             "--next",
-            f"'{proposed.protocol}', a procedure that comes with the program",
-            "a proposal that needs a file",
-            f"Measure it with: glidecal run --protocol {proposed.protocol}",
+            "nothing that stayed ambiguous",
+            "an ambiguous diagnosis",
+            "What lowers the bound at the tool all the same: glidecal plan SESSION.",
         )
-    write_files(path, {"": proposed.protocol}, replace=replace)
+    text = proposed.candidate.text
+    if not text.startswith("schema"):
+        raise UsageError(
+            "--next",
+            f"'{text}', a procedure that comes with the program",
+            "a proposal that needs a file",
+            f"Measure it with: glidecal run --protocol {text}",
+        )
+    write_files(path, {"": text}, replace=replace)

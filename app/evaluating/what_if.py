@@ -340,7 +340,7 @@ def _of_the_diagnosis(found: Diagnosis) -> Iterator[Choice]:
         yield Choice(entry, "named", tuple(f"{r.id} ({r.where})" for r in rivals), others)
         alike |= {(r.id, r.where): (f"{one.id} ({one.where})",) for r in rivals}
     if found.left_over:
-        others = () if found.left_over.whole else tuple(entry for _, entry in named)
+        others = tuple(entry for _, entry in named)
         yield Choice(_entry_of(found.left_over.effect), "unnamed", (), others)
     for rival in found.candidates:
         if rival.effects and rival.effects[0].effect.kind != Kind.GROSS_ERROR:

@@ -57,7 +57,7 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer:
     from app.report.schema.planning import IdentifiabilityReport
     from app.report.text.planning import expected_text, identifiability_text
     from calib.design.identifiability import seen_by
-    from calib.identify.expected import expected_of
+    from calib.posterior.expected import expected_of
 
     machine, procedure = _asked(asked)
     planned = tripod_planning(machine, procedure, own.noise)

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 from app.evaluating.own_effects import known_effects
 from app.measuring.simulated import planned_readings, simulated_session
 from calib.arrays import LEG_NAMES
-from calib.diagnosis.hypotheses import alias_map as compare
+from calib.diagnosis.aliases import alias_map as compare
 from calib.diagnosis.results import AliasMap
 from calib.errors import ImpossibleRequest, UsageError
-from calib.identify.expected import ExpectedResult, expected_of
 from calib.noise.reading import IndicatorFigures, Noise
 from calib.posterior.cells import SessionCase
 from calib.posterior.correction import Holds, correction
+from calib.posterior.expected import ExpectedResult, expected_of
 from calib.posterior.measurements import USUAL_PACE, Pace, candidates, nothing_measured
 from calib.posterior.planning import FurtherSetUp, Planner, Proposal, Prospect, Reach
 from calib.posterior.posterior import posterior

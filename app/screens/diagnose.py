@@ -144,7 +144,7 @@ class DiagnoseScreen(PagedScreen):
             return texts.NOT_YET if self.looking else texts.NOTHING_FOUND
         if action == "adopt":
             return "" if texts.adopt_choices(self.diagnosed) else texts.NOTHING_NAMED
-        return "" if self.diagnosed.diagnosis.next_measurement else texts.NO_NEXT
+        return "" if self.diagnosed.separation else texts.NO_NEXT
 
     def action_refuse(self, action: str) -> None:
         """Why nothing is written."""
@@ -243,13 +243,12 @@ class DiagnoseScreen(PagedScreen):
     def action_next(self) -> None:
         """The next measurement as a procedure file beside the session."""
         found = self._ready()
-        proposed = found.diagnosis.next_measurement if found else None
+        proposed = found.separation if found else None
         if found is None or proposed is None:
             return
-        if not proposed.protocol.startswith("schema"):
-            self.app.notify(
-                texts.NO_FILE_NEEDED.format(proposed.protocol), timeout=12, markup=False
-            )
+        procedure = proposed.candidate.text
+        if not procedure.startswith("schema"):
+            self.app.notify(texts.NO_FILE_NEEDED.format(procedure), timeout=12, markup=False)
             return
         first = self.paths[0]
         path = unused_path(first.with_name(f"{first.stem}_next.toml"))
@@ -279,5 +278,5 @@ def _diagnosis(
 ) -> tuple[ModelFile | None, SessionDiagnosis]:
     known = read_model_file(model) if model else None
     found = diagnose_files(paths, model=model)
-    found.tool_bound  # worked out here, not while the page is drawn  # noqa: B018
+    _ = found.tool, found.separation  # worked out here, not while the page is drawn
     return known, found

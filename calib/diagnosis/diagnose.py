@@ -1,312 +1,447 @@
-"""Compare, locate, name, verify, propose: the whole diagnosis of one or more sessions."""
+"""Compare, locate, name, verify: what a posterior says of one or more sessions in words."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import LEG_NAMES, FloatArray
-from calib.diagnosis.attribution import Attribution
-from calib.diagnosis.cleaning import clean
-from calib.diagnosis.discrepancy import discrepancy
-from calib.diagnosis.gap import left_out_postures, locate, on_other_sessions, residuals, where_words
-from calib.diagnosis.hypotheses import (
-    causes_of,
-    hypotheses_of,
-    is_known,
-    log_priors,
-    other_leads_mm,
+from calib.arrays import (
+    LEG_NAMES,
+    FloatArray,
+    IntArray,
+    Observations,
+    descending,
+    numbered,
+    without_means,
 )
-from calib.diagnosis.model_selection import ModelSelection, Outcome
-from calib.diagnosis.next_measurement import propose
+from calib.diagnosis.claims import EVEN, MISSING, NAMES, Answer, Claims, name_of
+from calib.diagnosis.gap import Leftover, locate, residuals, timed_laws, where_words
+from calib.diagnosis.held_out import left_out_postures, on_other_sessions
 from calib.diagnosis.pattern import repeats_words, shared_pattern
-from calib.diagnosis.policy import POLICY
-from calib.diagnosis.problem import Case, FittedSession, Problem
 from calib.diagnosis.results import (
+    CleanedReadings,
     Contender,
     Detectable,
     Diagnosis,
     Finding,
     HeldOutGap,
     ModelDiscrepancy,
+    Named,
+    Value,
     Verdict,
 )
-from calib.diagnosis.selection import LEAST_LOG, heaviest_first
-from calib.errors import NotIdentifiable
+from calib.errors import CalibrationError
+from calib.noise.reading import visit_numbers
+from calib.posterior.cells import Cells, SessionCase
+from calib.posterior.labels import Mistake
+from calib.posterior.models import Posterior
+from calib.posterior.posterior import posterior
+from calib.posterior.race import LOG_CAUSES, LOG_SCALES, SCALES
+from calib.posterior.readings import LENGTHS
+from calib.tripod.effects.drives import ActuatorCyclic
 from calib.tripod.effects.effect import Effect, EffectInstance, Kind
+from calib.tripod.effects.empirical import EMPIRICAL
 
 FAR_OFF = 5.0
 """Tolerances beyond which a joint offset is more likely a mistake in what was entered."""
 
 MOST_CONTENDERS = 20
-WITH_NAMES: tuple[Verdict, ...] = ("explained", "ambiguous", "partly-explained")
-WITH_RESIDUALS: tuple[Verdict, ...] = ("partly-explained", "unexplained")
-NO_LAW = "the rest follows no simple pattern of displacement, approach, time or temperature"
-DOUBT = (
-    "repeats that did not leave their posture would explain as much as any effect: leave the "
-    "posture before each repeat, or measure more"
-)
 MOST_RIVALS = 5
-FOUND_9_OF_10 = 1.28
+WITH_NAMES: tuple[Verdict, ...] = ("explained", "ambiguous", "partly-explained")
+WITH_RESIDUALS: tuple[Verdict, ...] = ("ambiguous", "partly-explained", "unexplained")
+NO_LAW = "the rest follows no simple pattern of displacement, approach, time or temperature"
+
+SEEN_9_OF_10 = 1.28
 """Standard normal quantile of 90 %."""
+
+AS_GOOD = 0.01
+"""Weight beside the best from which another lead of a screw fits as well."""
 
 
 def diagnose(
-    cases: Sequence[Case], effects: Sequence[Effect], held_out: Sequence[Case] = ()
+    cases: Sequence[SessionCase],
+    effects: Sequence[Effect] | None = None,
+    held_out: Sequence[SessionCase] = (),
 ) -> Diagnosis:
-    """Diagnose sessions that share their effects; each has base parameters and zeros of its own.
+    """Diagnose sessions that share their effects; each has joint offsets and zeros of its own.
 
     ``held_out`` sessions are used for nothing but the gap after adopting. Raises NotIdentifiable
     where a session cannot be fitted at all.
     """
-    cleaned, mistakes = clean(cases, effects)
-    usable = [case.with_readings(one.observed) for case, one in zip(cases, cleaned, strict=True)]
-    first = Problem.of([case.fitted() for case in usable])
-    selection = ModelSelection.of(first, hypotheses_of(first, effects))
-    attribution = Attribution(*_followed_far_enough(selection)).without_nameless()
-    found = _Report(first, attribution, mistakes, held_out).make()
-    return replace(found, cleaned=tuple(cleaned))
+    return diagnosis_of(posterior(cases, effects), held_out)
 
 
-def _followed_far_enough(selection: ModelSelection) -> tuple[ModelSelection, Outcome]:
-    """The selection once more where large effects do more than their derivatives say.
-
-    What they do beyond would be named as something else.
-    """
-    outcome = selection.run()
-    for _ in range(POLICY.most_causes - 1):
-        if outcome.kept is None:
-            break
-        problem = selection.problem
-        y = selection.refined(outcome.members)[1]
-        if float(((y - problem.y) ** 2).sum()) < POLICY.told_apart:
-            break
-        straight = problem.as_if_linear(y)
-        priors = log_priors(straight, selection.candidates)
-        again = replace(selection, problem=straight, log_priors=priors)
-        found = again.run()
-        if found.kept is None or not found.adequate:  # followed the wrong way
-            break
-        selection, outcome = again, found
-    return selection, outcome
+def diagnosis_of(posterior: Posterior, held_out: Sequence[SessionCase] = ()) -> Diagnosis:
+    """What a mechanic is to know of these sessions. Raises NotIdentifiable."""
+    return _Report(posterior, [Cells.of(case) for case in held_out]).make()
 
 
-@dataclass(eq=False)
 class _Report:
-    """From the outcome to the answer; ``first`` is the problem as it was measured."""
+    """From the weights of models to the answer."""
 
-    first: Problem
-    attribution: Attribution
-    mistakes: Sequence[Finding]
-    held_out: Sequence[Case]
+    def __init__(self, posterior: Posterior, others: Sequence[Cells]) -> None:
+        self.posterior, self.others = posterior, others
+        self.components = posterior.components
+        self.claims = Claims.of(posterior)
+        laws = [share.effect for one in self.components for share in one.shares]
+        self.timed = timed_laws(laws)
+        self.before = Leftover.of(posterior.sessions, (), self.timed)
+        self.answer = self._checked(self.claims.answer())
 
-    def __post_init__(self) -> None:
-        self.selection = self.attribution.selection
-        self.problem = self.selection.problem
-        self.candidates = self.selection.candidates
-        self.outcome = self.attribution.outcome
-        self.members = self.outcome.members
+    def _checked(self, answer: Answer) -> Answer:
+        """Names that leave nothing to check them with are a guess."""
+        known = {name_of(component) for component in self.components}
+        names = [name for name in answer.rivals if name in known]
+        columns = [self._columns(self._likeliest(name)) for name in names]
+        if not names:
+            return answer
+        taken = self.before.explained_by(np.hstack(columns)).shape[1]
+        return answer if taken < self.before.freedom else replace(answer, verdict="cannot-tell")
 
     def make(self) -> Diagnosis:
         """The whole answer."""
-        findings = [*self.mistakes, *(self._findings() if self.members else ())]
-        verdict, noise = self.verdict, self.problem.fitted_sessions[0].noise
-        told = bool(self.held_out) or verdict != "cannot-tell"
-        named = [f for f in findings if f.kind == Kind.GROSS_ERROR or verdict in WITH_NAMES]
-        placed = tuple(one for finding in findings for one in finding.effects)
-        pattern = shared_pattern([*self.first.fitted_sessions, *self.others])
-        effect, where = None, ""
-        if verdict in WITH_RESIDUALS:
-            effect = discrepancy(self.selection, self.members, placed, self.others)
-            left = replace(self.problem, y=self.selection.residual(self.members))
-            where = where_words(locate(left), POLICY.agreement_level)
+        findings = self._findings()
+        adopted = tuple(effect for finding in findings for effect in finding.effects)
+        after = self._with(adopted) if adopted else None
+        pattern = shared_pattern([*self.posterior.sessions, *self.others])
+        left_over, where = self._left_over(adopted, after), ""
+        gap = self.before.gap()
+        parts = locate(self.before)
+        verdict = self.answer.verdict
+        if verdict in ("partly-explained", "unexplained"):
+            where = where_words(locate(after) if after else parts)
+        repeats = pattern is not None and verdict not in ("explained", "agrees")
+        cells = self.posterior.sessions
         return Diagnosis(
             verdict=verdict,
-            sentence=sentence(verdict, findings, where, self.attribution.doubt)
-            + (
-                repeats_words(pattern) if pattern and verdict not in ("explained", "agrees") else ""
+            sentence=sentence(verdict, findings, where)
+            + (repeats_words(pattern) if pattern and repeats else ""),
+            noise_mm=_noise_mm(cells),
+            noise_df=self.before.noise_freedom,
+            noise_source=cells[0].noise.source if cells[0].noise else "residuals",
+            missing=self.claims.missing,
+            something_else=self.claims.unnamed,
+            gap_before=gap,
+            gap_after=after.gap() if after else gap,
+            held_out=self._held_out(adopted),
+            where=parts[:MOST_CONTENDERS],
+            effects=tuple(
+                f for f in findings if f.kind == Kind.GROSS_ERROR or verdict in WITH_NAMES
             ),
-            noise_mm=self.problem.noise_mm,
-            noise_df=self.problem.noise_df,
-            noise_source=noise.source if noise else "residuals",
-            gap_before=self.selection.gap(()),
-            gap_after=self.selection.gap(self.members),
-            held_out=self._held_out(placed) if told else None,
-            where=locate(self.problem)[:MOST_CONTENDERS],
-            effects=tuple(named),
-            candidates=self._contenders(),
-            next_measurement=propose(verdict, self.attribution),
-            smallest_detectable=self._smallest_detectable(),
-            residuals=residuals(self.first, self._after(named)),
-            remarks=(
-                *self._remarks(effect),
-                *self._half_seen(),
-                *self._leads(),
-                *self._far_offsets(),
-            ),
-            left_over=effect,
+            candidates=tuple(self._contenders()),
+            smallest_detectable=tuple(self._smallest_detectable()),
+            residuals=residuals(self.before, after),
+            remarks=tuple(self._remarks(left_over)),
+            left_over=left_over,
             pattern=pattern,
+            cleaned=tuple(self._cleaned(k) for k in range(len(cells))),
         )
 
-    @cached_property
-    def verdict(self) -> Verdict:
-        """A mistake that something else imitates does not explain alone."""
-        verdict = self.attribution.verdict(mistakes_found=bool(self.mistakes))
-        doubtful = any(one.indistinguishable_from for one in self.mistakes)
-        return "ambiguous" if doubtful and verdict == "explained" else verdict
+    def _findings(self) -> list[Finding]:
+        """What is named, mistakes of the readings first, each adopted beside those before it."""
+        every = {Named(m.id, m.where): m for model in self.posterior.models for m in model.mistakes}
+        before_mm = self.before.rms_mm(self.before.left)
+        findings: list[Finding] = []
+        adopted: tuple[EffectInstance, ...] = ()
+        for name in sorted(self.answer.rivals, key=lambda name: name not in every):
+            if name in every:
+                what = name.id, str(Kind.GROSS_ERROR), every[name].title, name.where
+                gaps_mm = self._gap_as_read_mm, before_mm
+                finding = Finding(*what, (), 0.0, *gaps_mm)
+            else:
+                finding = self._finding(self._likeliest(name), adopted, before_mm)
+            probability, rivals = self.claims.places[name], self.answer.rivals[name]
+            findings.append(
+                replace(finding, probability=probability, indistinguishable_from=rivals)
+            )
+            adopted, before_mm = (*adopted, *finding.effects), finding.gap_rms_after_mm
+        return findings
 
     @cached_property
-    def others(self) -> list[FittedSession]:
-        """The held-out sessions, fitted."""
-        return [case.fitted() for case in self.held_out]
-
-    def _after(self, named: Sequence[Finding]) -> FloatArray | None:
-        """Whitened residual ``(n,)`` with what was named adopted; None where nothing can be."""
-        placed = tuple(effect for finding in named for effect in finding.effects)
+    def _gap_as_read_mm(self) -> float:
+        """The gap of the sessions as written; all that they read where they fit no machine."""
+        read = [Cells.of(cells.case) for cells in self.posterior.sessions]
         try:
-            return self.problem.adopting(placed).y if placed else None
-        except NotIdentifiable:
+            leftover = Leftover.of(read, (), self.timed)
+        except CalibrationError:
+            means = [cells.means for cells in read]
+            off = [without_means(m.mount, m.averaged, m.value_mm) for m in means]
+            return float(np.sqrt(np.mean(np.concatenate(off) ** 2)))
+        return leftover.rms_mm(leftover.left)
+
+    def _finding(
+        self, number: int, adopted: tuple[EffectInstance, ...], before_mm: float
+    ) -> Finding:
+        """A component beside what is adopted."""
+        component = self.components[number]
+        parameters, effects = self._values(number)
+        after = self._with((*adopted, *effects))
+        after_mm = after.rms_mm(after.left) if after else before_mm
+        kind, title = component.kind, component.id
+        if component.candidate:
+            kind, title = str(component.candidate.kind), component.candidate.title
+        what = component.id, kind, title, component.where
+        weight = self._weight(number)
+        return Finding(*what, parameters, weight, before_mm, after_mm, (), effects)
+
+    def _with(self, effects: tuple[EffectInstance, ...]) -> Leftover | None:
+        """What is left with these adopted; None where they put the machine out of its own reach."""
+        try:
+            return Leftover.of(self.posterior.sessions, effects, self.timed)
+        except CalibrationError:
             return None
 
-    def _findings(self) -> list[Finding]:
-        """What was kept, the strongest first, each adopted beside those before it."""
-        values, _ = self.selection.refined(self.members)
-        ordered = self.attribution.by_evidence()
-        gaps = [self.selection.gap(ordered[:k]).rms_mm for k in range(len(ordered) + 1)]
-        step_p = self.outcome.step_p
-        found = []
-        for k, member in enumerate(ordered):
-            one = self.candidates[member]
-            parameters, effects = values[member]
-            p = step_p[min(k, len(step_p) - 1)]
-            rivals = self.attribution.rivals[member]
-            what = one.id, str(one.kind), one.title, one.where
-            found.append(Finding(*what, parameters, p, gaps[k], gaps[k + 1], rivals, effects))
-        return found
+    def _weight(self, number: int) -> float:
+        return math.fsum(m.weight for m in self.posterior.models if number in m.members)
 
-    def _contenders(self) -> tuple[Contender, ...]:
-        found: dict[tuple[str, str], Contender] = {}
-        before = self.selection.gap(()).rms_mm
-        for model in heaviest_first(self.outcome.singles):
-            (member,) = model.members
-            one = self.candidates[member]
-            if (one.id, one.where) in found or one.kind == Kind.EMPIRICAL:
-                continue
-            parameters, effects = self.selection.values((member,))[member]
-            after = self.selection.gap((member,)).rms_mm
-            other = (
-                on_other_sessions(self.problem, self.others, effects)
-                if self.others and effects
-                else None
-            )
-            found[one.id, one.where] = Contender(
-                one.id,
-                one.where,
+    def _likeliest(self, name: Named) -> int:
+        """The component of a name at a place; of several, such as screws of two leads, the best."""
+        every = enumerate(self.components)
+        numbers = [k for k, one in every if one.candidate and name_of(one) == name]
+        return descending(numbers, self._weight)[0]
+
+    def _values(self, number: int) -> tuple[tuple[Value, ...], tuple[EffectInstance, ...]]:
+        """Parameters of a component, given that it acts, and the effects of their values."""
+        candidate = self.components[number].candidate
+        if candidate is None:
+            return (), ()
+        weights, means, squares = [], [], []
+        for model in self.posterior.models:
+            if number in model.members:
+                at = self.posterior.starts(model)[model.members.index(number)]
+                mine = slice(at, at + len(candidate.parameters))
+                weights.append(model.weight)
+                means.append(model.mean[mine])
+                squares.append(model.mean[mine] ** 2 + model.variance[mine])
+        share = np.array(weights) / math.fsum(weights)
+        mean = share @ np.array(means)
+        deviation = np.sqrt(np.maximum(share @ np.array(squares) - mean**2, 0.0))
+        each = zip(candidate.parameters, mean.tolist(), deviation.tolist(), strict=True)
+        parameters = tuple(Value(p.name, value, u, p.unit) for p, value, u in each)
+        return parameters, candidate.effects(mean)
+
+    def _left_over(
+        self,
+        adopted: tuple[EffectInstance, ...],
+        after: Leftover | None,
+    ) -> ModelDiscrepancy | None:
+        """The likeliest law without a name, where something without a name is likely."""
+        claims, likely = (
+            self.claims,
+            [k for k, one in enumerate(self.components) if one.kind == "nameless"],
+        )
+        weight = {k: self._weight(k) for k in likely}
+        if (
+            self.answer.verdict not in WITH_RESIDUALS
+            or claims.unnamed < EVEN * claims.missing
+            or not any(weight.values())
+        ):
+            return None
+        beside = after or self.before
+        finding = self._finding(
+            descending(likely, weight.__getitem__)[0], adopted, beside.rms_mm(beside.left)
+        )
+        together = (*adopted, *finding.effects)
+        return ModelDiscrepancy(finding, self._elsewhere(together) if self.others else None)
+
+    def _elsewhere(self, effects: tuple[EffectInstance, ...]) -> HeldOutGap | None:
+        return on_other_sessions(self.before, self.others, effects, self.timed)
+
+    def _held_out(self, adopted: tuple[EffectInstance, ...]) -> HeldOutGap | None:
+        if self.others:
+            return self._elsewhere(adopted)
+        if not adopted or self.answer.verdict == "cannot-tell":  # a guess would predict itself
+            return None
+        return left_out_postures(self.posterior, self.before)
+
+    def _contenders(self) -> Iterator[Contender]:
+        """Places that may act and are not named, the likeliest first."""
+        rivals = {name for some in self.answer.rivals.values() for name in some}
+        known = {name_of(one) for one in self.components}
+        before_mm = self.before.rms_mm(self.before.left)
+        names = [name for name in self.claims.places if name in known]
+        for name in names[:MOST_CONTENDERS]:
+            number = self._likeliest(name)
+            parameters, effects = self._values(number)
+            basis = self.before.explained_by(self._columns(number))
+            left = self.before.left - basis @ (basis.T @ self.before.left)
+            after_mm = self.before.rms_mm(left)
+            elsewhere = self._elsewhere(effects) if self.others and effects else None
+            if name in self.answer.rivals:
+                reason = "" if self.answer.verdict in WITH_NAMES else "best guess"
+            elif name in rivals:
+                reason = "fits about as well"
+            elif self.answer.rivals:
+                reason = "another effect explains it better"
+            elif self.answer.verdict == "agrees":
+                reason = "no better than chance among so many candidates"
+            else:
+                reason = "leaves a gap"
+            yield Contender(
+                name.id,
+                name.where,
                 parameters,
-                math.exp(max(float(self.outcome.local_log_p[member]), LEAST_LOG)),
-                after,
-                explained_share(before, after),
-                other.after_rms_mm if other else None,
-                self._reason(member),
+                self.claims.places[name],
+                after_mm,
+                explained_share(before_mm, after_mm),
+                elsewhere.after_rms_mm if elsewhere else None,
+                reason,
                 effects,
             )
-            if len(found) == MOST_CONTENDERS:
-                break
-        return tuple(found.values())
 
-    def _reason(self, member: int) -> str:
-        if not self.members:
-            return "no better than chance among so many candidates"
-        if member in self.members:
-            return "" if self.verdict in WITH_NAMES else "best guess"
-        if any(member in model.members for model in self.outcome.models):
-            return "fits about as well"
-        if not self.selection.leaves_no_gap((member,)):
-            return "leaves a gap"
-        return "another effect explains it better"
+    def _columns(self, number: int) -> FloatArray:
+        """Derivatives ``(n, r)`` of rows by a component of the likeliest labels."""
+        linear = self.posterior.linear
+        if number >= len(linear.index):  # of labels put right in another way
+            name = name_of(self.components[number])
+            every = enumerate(self.components[: len(linear.index)])
+            number = next((k for k, one in every if name_of(one) == name), number)
+        if number >= len(linear.index):
+            return np.zeros((len(linear.columns), 0))
+        return np.asarray(linear.columns[:, linear.index[number]])
 
-    def _held_out(self, placed: tuple[EffectInstance, ...]) -> HeldOutGap | None:
-        if self.held_out:
-            return on_other_sessions(self.problem, self.others, placed)
-        if not self.members:
-            return None
-        # among what could have been kept in place of one of the members
-        most = max(causes_of(self.candidates[k]) for k in self.members)
-        effects = [one for one in self.candidates if is_known(one)]
-        columns = [one.columns for one in effects if causes_of(one) <= most]
-        return left_out_postures(self.problem, columns, len(self.members))
-
-    def _remarks(self, effect: ModelDiscrepancy | None) -> list[str]:
+    def _remarks(self, left_over: ModelDiscrepancy | None) -> Iterator[str]:
         """What else a person must know."""
-        said = []
-        if not self.problem.structure_df:
-            said.append(
-                "offsets and zeros can explain all that these postures show: measure others too"
-            )
-        elif self.problem.noise_df <= 0.0:
-            said.append("no repeats and no stated noise: nothing can be judged against chance")
-        if self.verdict == "unexplained":
-            said.append(
-                "either the effect is not in the catalogue, or the repeats are not independent"
-            )
-        if self.verdict in WITH_RESIDUALS and not effect:
-            said.append(NO_LAW)
-        if self.outcome.doubted:
-            said.append(DOUBT)
-        return said
+        if not self.before.freedom:
+            yield "offsets and zeros can explain all that these postures show: measure others too"
+        elif self.before.noise_freedom <= 0.0:
+            yield "no repeats and no stated noise: nothing can be judged against chance"
+        if self.answer.verdict == "unexplained":
+            yield "either the effect is not in the catalogue, or the repeats are not independent"
+        if self.answer.verdict in ("partly-explained", "unexplained") and not left_over:
+            yield NO_LAW
+        for name in self.answer.rivals:
+            if name in {name_of(one) for one in self.components}:
+                yield from self._half_seen(self._likeliest(name))
+                yield from self._leads(name)
+        yield from self._far_offsets()
 
-    def _half_seen(self) -> list[str]:
-        """Effects of whose values the readings see combinations only."""
-        seen = [(self.candidates[k], self.selection.blocks[k].shape[1]) for k in self.members]
-        return [
-            f"{one.id} ({one.where}): the readings see {rank} combination(s) of its"
-            f" {len(one.parameters)} values; how the values share that is not known"
-            for one, rank in seen
-            if rank < len(one.parameters)
-        ]
+    def _half_seen(self, number: int) -> Iterator[str]:
+        """An effect of whose values the readings see combinations only."""
+        component, columns = self.components[number], self._columns(number)
+        rank = self.before.explained_by(columns).shape[1]
+        if rank < len(component.unit):
+            yield (
+                f"{component.id} ({component.where}): the readings see {rank} combination(s) of its"
+                f" {len(component.unit)} values; how the values share that is not known"
+            )
 
-    def _leads(self) -> Iterator[str]:
+    def _leads(self, name: Named) -> Iterator[str]:
         """Screws of which the readings do not tell the lead."""
-        values = self.selection.refined(self.members)[0] if self.members else {}
-        for member in self.members:
-            others = self.selection.search.basis(tuple(k for k in self.members if k != member))
-            leads = other_leads_mm(self.problem, others, values[member][1])
-            if leads:
-                said = ", ".join(f"{lead:g}" for lead in leads)
-                yield (
-                    f"{self.candidates[member].id} ({self.candidates[member].where}): leads of"
-                    f" {said} mm fit as well; write the screw's lead into the machine file"
-                )
+        weights: dict[float, float] = {}
+        for k, component in enumerate(self.components):
+            laws = {share.effect for share in component.shares}
+            leads = {law.lead_mm for law in laws if isinstance(law, ActuatorCyclic)}
+            if name_of(component) == name and leads:
+                (lead,) = leads
+                weights[lead] = weights.get(lead, 0.0) + self._weight(k)
+        best = max(weights, key=weights.__getitem__, default=0.0)
+        others = sorted(
+            one for one, w in weights.items() if one != best and w > AS_GOOD * weights[best]
+        )
+        if others:
+            leads_mm = ", ".join(f"{lead:g}" for lead in others)
+            yield (
+                f"{name.id} ({name.where}): leads of {leads_mm} mm fit as well; write the screw's"
+                " lead into the machine file"
+            )
 
     def _far_offsets(self) -> Iterator[str]:
-        """Joint offsets that nobody would have left: they count as found, but are told."""
-        for one in self.first.fitted_sessions:
-            off_mm = np.subtract(one.model.parameters_mm, one.case.model.parameters_mm)
-            for leg, off, allowed in zip(LEG_NAMES, off_mm, one.case.tolerance_mm, strict=False):
+        """Joint offsets that nobody would have left: they count, but a person should look."""
+        weight = np.array([model.weight for model in self.posterior.models])
+        means = np.array(
+            [model.mean[: self.posterior.parameter_count] for model in self.posterior.models]
+        )
+        expected_mm = weight @ means
+        for number, cells in enumerate(self.posterior.sessions):
+            first = LENGTHS + 3 * number
+            entered_mm = cells.case.model.parameters_mm[:3]
+            off_mm = expected_mm[first : first + 3] - entered_mm
+            for leg, off, allowed in zip(
+                LEG_NAMES, off_mm, cells.case.tolerance_mm[:3], strict=True
+            ):
                 if abs(off) > FAR_OFF * allowed:
                     yield (
                         f"the joint offset of {leg} comes out {off:+.1f} mm off, the machine file"
                         f" allows {allowed:g} mm: look how it was entered"
                     )
 
-    def _smallest_detectable(self) -> tuple[Detectable, ...]:
-        """Size of each single-parameter effect that would have been found nine times of ten."""
-        found: dict[str, Detectable] = {}
-        count = max(len(self.candidates), 2)
-        threshold = math.sqrt(2.0 * math.log(count / POLICY.agreement_level)) + FOUND_9_OF_10
-        for one, block in zip(self.candidates, self.selection.blocks, strict=True):
-            if len(one.parameters) != 1 or not is_known(one):
+    def _smallest_detectable(self) -> Iterator[Detectable]:
+        """Size of each single-parameter effect that would be seen nine times of ten."""
+        smallest: dict[str, Detectable] = {}
+        linear = self.posterior.linear
+        for k, component in enumerate(self.components[: len(linear.index)]):
+            if component.kind not in NAMES or len(component.unit) != 1:
                 continue
-            column = self.problem.root_weight * one.columns[:, 0]
-            slope = float(np.linalg.norm(block.T @ column))
-            size = threshold / slope if slope else math.inf
-            if math.isfinite(size) and (one.id not in found or size < found[one.id].size):
-                found[one.id] = Detectable(one.id, size, one.parameters[0].unit)
-        return tuple(found.values())
+            length = float(np.linalg.norm(self.before.about.left_by(self._columns(k))))
+            if not length or self.before.noise_freedom <= 0.0:
+                continue
+            size = (_needed(length, component.log_prior) + SEEN_9_OF_10) / length
+            size *= float(component.unit[0])
+            known = smallest.get(component.id)
+            if math.isfinite(size) and (known is None or size < known.size):
+                unit = component.candidate.parameters[0].unit if component.candidate else ""
+                smallest[component.id] = Detectable(component.id, size, unit)
+        yield from smallest.values()
+
+    def _cleaned(self, number: int) -> CleanedReadings:
+        case = self.posterior.sessions[number].case
+        mistakes = [m for m in self.posterior.models[0].mistakes if m.session == number]
+        return _put_right(case.observed, mistakes)
+
+
+def _noise_mm(sessions: Sequence[Cells]) -> float:
+    """Standard deviation of a reading, mean square over the visits, mm."""
+    return float(np.sqrt(np.mean(np.concatenate([cells.scatter_mm2 for cells in sessions]))))
+
+
+def _needed(length: float, log_prior: float) -> float:
+    """Standard deviations that a column of this length per unit needs, so that it is missed.
+
+    Noise being known, for each scale s of its size with w = 1 + s²l² the log weight over that of
+    nothing is z²(1 - 1/w)/2 - log(w)/2 and the priors; the scale that needs least counts.
+    """
+    odds = math.log(MISSING / (1.0 - MISSING)) + LOG_CAUSES[0] - LOG_CAUSES[1] - log_prior
+    wide = 1.0 + (np.array(SCALES) * length) ** 2
+    square = 2.0 * (odds - LOG_SCALES + 0.5 * np.log(wide)) / (1.0 - 1.0 / wide)
+    return float(np.sqrt(square.min()))
+
+
+APART = ("first_take", "wild_reading", "label_error")
+"""Mistakes of which the readings are left out."""
+
+
+def _put_right(observed: Observations, mistakes: Sequence[Mistake]) -> CleanedReadings:
+    """Readings with these mistakes corrected, one after the other, or left out."""
+    visit = visit_numbers(observed)
+    count = int(visit.max()) + 1
+    first = np.unique(visit, return_index=True)[1]
+    place: IntArray = np.arange(count, dtype=np.intp)  # the visit whose labels each one has
+    factor, out, slips = np.ones(count), np.zeros(count, dtype=bool), np.zeros(count, dtype=np.intp)
+    for mistake in mistakes:
+        touched = np.isin(place, mistake.rows)
+        if mistake.id in APART:
+            out |= touched
+        elif mistake.id == "stand_slip":
+            slips += touched
+        factor = np.where(touched, mistake.factor * factor, factor)
+        place = np.argsort(mistake.source)[place]
+    rows = np.flatnonzero(~out[visit])
+    labels = first[place[visit]]
+    names = ("leg", "axis", "station", "displacement_mm", "approach", "cycle")
+    right = {name: getattr(observed, name)[labels] for name in names}
+    right |= {n: getattr(observed, n)[labels] for n in ("position_mm", "movement", "along_mm")}
+    moved = replace(
+        observed,
+        **right,
+        value_mm=observed.value_mm * factor[visit],
+        mount=numbered(observed.mount[labels], slips[visit]),
+    )
+    return CleanedReadings(moved.take(rows), rows, slips[visit][rows])
 
 
 def explained_share(before_rms_mm: float, after_rms_mm: float) -> float:
@@ -316,25 +451,22 @@ def explained_share(before_rms_mm: float, after_rms_mm: float) -> float:
     return min(max(1.0 - (after_rms_mm / before_rms_mm) ** 2, 0.0), 1.0)
 
 
-def sentence(verdict: Verdict, findings: Sequence[Finding], where: str, doubt: str) -> str:
-    """The verdict in one sentence that a machinist understands.
-
-    ``where`` tells where something is left, ``doubt`` why names without rivals are not claimed.
-    """
-    names = " and ".join(f"{f.title} ({f.where})" for f in findings)
-    others = {r.id for f in findings for r in f.indistinguishable_from}
-    rivals = sorted("an unnamed effect" if o == Kind.EMPIRICAL else o for o in others)
+def sentence(verdict: Verdict, findings: Sequence[Finding], where: str) -> str:
+    """The verdict in one sentence that a machinist understands; ``where`` something is left."""
+    names = " and ".join(f"{finding.title} ({finding.where})" for finding in findings)
+    others = sorted({rival.id for one in findings for rival in one.indistinguishable_from})
+    rivals = ["an unnamed effect" if other == EMPIRICAL else other for other in others]
     if len(rivals) > MOST_RIVALS:
         rivals = [*rivals[: MOST_RIVALS - 1], f"{len(rivals) - MOST_RIVALS + 1} others"]
+    instead = (
+        f", or instead {', '.join(rivals)}. These readings cannot decide."
+        if rivals
+        else ". More may be missing beside it; these readings cannot decide."
+    )
     return {
         "agrees": "The model explains the readings within their noise; nothing is missing.",
         "explained": f"What was missing is: {names}.",
-        "ambiguous": f"Something is missing: {names}"
-        + (
-            f", or instead {', '.join(rivals)}. These readings cannot decide."
-            if rivals
-            else f"; {doubt}."
-        ),
+        "ambiguous": f"Something is missing: {names}{instead}",
         "partly-explained": f"Part of what is missing: {names}. The rest: {where}.",
         "unexplained": f"Something is missing, {where}. No known effect explains it.",
         "cannot-tell": "The readings are too few to say what is missing"

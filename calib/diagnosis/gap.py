@@ -1,63 +1,252 @@
-"""Where the gap lies, cell by cell and by patterns, and how large it is on readings not seen."""
+"""What a model leaves of the readings: how much, where, and how much of what it did not see.
+
+Rows are those of the posterior: means of cells, and what readings do in time within them. Joint
+offsets are free, for a calibration is there to find them; bar lengths are as far off as their
+tolerance allows.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.arrays import (
-    EXACT_BLIND,
+    DEPENDENT,
     LEG_NAMES,
     TOOL,
     TOUCHED_NAMES,
     FloatArray,
-    IntArray,
+    basis_of,
     descending,
     incidence,
     lengths,
     numbered,
-    onto,
+    set_up_unknowns,
 )
-from calib.diagnosis.problem import FittedSession, Problem, Whitening
-from calib.diagnosis.results import Cell, CellResiduals, GapPart, HeldOutGap
-from calib.diagnosis.selection import KNOWN, CandidateSearch, Spread, heaviest_first
-from calib.errors import NotIdentifiable
-from calib.tripod.effects.effect import EffectInstance
+from calib.diagnosis.results import Cell, CellResiduals, Gap, GapPart
+from calib.identify.fit import prior_fit
+from calib.posterior.cells import Cells
+from calib.posterior.problem import About
+from calib.posterior.readings import (
+    LENGTHS,
+    Placed,
+    Rows,
+    depends_on_time,
+    placed_columns,
+    rows_of,
+)
+from calib.stats import variance_ratio_p_value
+from calib.tripod.effects.effect import Effect, EffectInstance
+
+LOOSE = 1e4
+"""Standard deviations of a mean within which a zero may be anything."""
+
+FREE = 1e3
+"""Tolerances within which a joint offset may be anything."""
+
+AGREEMENT = 0.01
+"""Chance below which a gap counts: one sound session in a hundred may be looked at."""
+
+VISIBLE = 1e-6
+"""Least length of a pattern beside the base, over its length before."""
 
 
-def locate(problem: Problem) -> tuple[GapPart, ...]:
+@dataclass(frozen=True)
+class BarLengths:
+    """What sessions tell of the lengths that they share, mm: mean ``(3,)``, root ``(3, 3)``."""
+
+    mean_mm: FloatArray
+    root_mm: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Leftover:
+    """What a model of each session leaves of its rows, joint offsets and lengths fitted.
+
+    ``about`` has the base fitted; ``values`` are how many sizes of effects were fitted beside it.
+    """
+
+    sessions: tuple[Cells, ...]
+    rows: Rows
+    about: About
+    values: int = 0
+
+    @classmethod
+    def of(
+        cls,
+        sessions: Sequence[Cells],
+        effects: tuple[EffectInstance, ...] = (),
+        timed: Sequence[Effect] = (),
+        bars: BarLengths | None = None,
+    ) -> Leftover:
+        """With ``effects`` in the models; ``timed`` are laws of time that readings may show.
+
+        Raises NotIdentifiable where the legs cannot meet, and UnreachablePosture.
+        """
+        models, placed = [], []
+        widths: dict[Placed, int] = {}
+        for cells in sessions:
+            acting = cells.case.model.with_effects((*cells.case.model.effects, *effects))
+            if bars is not None:
+                here = (*acting.parameters_mm[:3], *bars.mean_mm.tolist())
+                acting = acting.with_parameters(np.array(here))
+            weight = 1.0 / cells.variance_mm2
+            model = prior_fit(acting, cells.means, weight, cells.case.spread_mm).model
+            models.append(model)
+            placed.append(placed_columns(model, cells.means, timed))
+            widths |= {law: len(law[0].parameters) for law in placed[-1]}
+        shared = np.mean([model.parameters_mm[3:] for model in models], axis=0)
+        models = [m.with_parameters(np.array([*m.parameters_mm[:3], *shared])) for m in models]
+        rows = rows_of(sessions, models, placed, widths)
+        values = sum(len(effect.values) for effect in effects)
+        return cls(tuple(sessions), rows, _fitted(rows, bars), values)
+
+    @classmethod
+    def about_rows(cls, sessions: Sequence[Cells], rows: Rows) -> Leftover:
+        """Of rows about models of the sessions."""
+        return cls(tuple(sessions), rows, _fitted(rows, None))
+
+    @property
+    def left(self) -> FloatArray:
+        """Rows ``(n,)``, then what lengths need of their tolerance."""
+        return self.about.left
+
+    @cached_property
+    def freedom(self) -> int:
+        """Rows less what zeros and joint offsets take."""
+        taken = sum(set_up_unknowns(cells.means) + 3 for cells in self.sessions)
+        return max(len(self.rows.residual) - taken, 0)
+
+    @property
+    def noise_freedom(self) -> float:
+        """Degrees of freedom of the noise of all sessions; 0 where one has none."""
+        freedom = [cells.freedom for cells in self.sessions]
+        return sum(freedom) if all(freedom) else 0.0
+
+    def p_value(self, square: float, freedom: int) -> float:
+        """Chance of a square at least this large from noise alone; 1 where nothing is free."""
+        if freedom <= 0 or self.noise_freedom <= 0.0:
+            return 1.0
+        return variance_ratio_p_value(square / freedom, freedom, self.noise_freedom)
+
+    def gap(self) -> Gap:
+        """How much that is."""
+        square, freedom = float(self.left @ self.left), max(self.freedom - self.values, 0)
+        return Gap(self.rms_mm(self.left), square, freedom, self.p_value(square, freedom))
+
+    def rms_mm(self, left: FloatArray) -> float:
+        """Of rows ``(n, ...)``, r.m.s. over the readings."""
+        square = math.fsum(
+            float((cells.means.averaged * off_mm**2).sum())
+            for cells, off_mm in zip(self.sessions, self.cells_mm(left), strict=True)
+        )
+        visits = np.concatenate([c.scatter_mm2 * c.visited.averaged for c in self.sessions])
+        in_time = left[self.rows.cells : len(self.rows.residual)]
+        square += float(in_time @ in_time) * float(visits.mean())
+        return math.sqrt(square / math.fsum(float(c.means.averaged.sum()) for c in self.sessions))
+
+    @property
+    def noise_mm(self) -> float:
+        """The gap that noise alone would leave, r.m.s. over the readings."""
+        visits = np.concatenate([c.scatter_mm2 * c.visited.averaged for c in self.sessions])
+        count = math.fsum(float(c.means.averaged.sum()) for c in self.sessions)
+        return math.sqrt(float(visits.mean()) * max(self.freedom, 1) / count)
+
+    def cells_mm(self, left: FloatArray) -> list[FloatArray]:
+        """Of the means of cells ``(n_cells,)`` of each session."""
+        ends = np.cumsum([len(cells.means) for cells in self.sessions])
+        return [
+            cells.coloured(left[end - len(cells.means) : end, None])[:, 0]
+            for cells, end in zip(self.sessions, ends.tolist(), strict=True)
+        ]
+
+    def whitened(self, columns: Sequence[FloatArray]) -> FloatArray:
+        """Columns ``(n_cells, k)`` of each session as rows ``(n, k)``; nothing within cells."""
+        every = [c.whitened(part) for c, part in zip(self.sessions, columns, strict=True)]
+        rows = np.zeros((len(self.rows.residual), every[0].shape[1]))
+        rows[: self.rows.cells] = np.vstack(every)
+        return rows
+
+    def explained_by(self, rows: FloatArray) -> FloatArray:
+        """Orthonormal directions ``(n, r)`` of what rows ``(n, k)`` do beside the base."""
+        shown = self.about.left_by(rows)
+        size, before = lengths(shown), lengths(rows)
+        seen = size > VISIBLE * np.maximum(before, VISIBLE)
+        return basis_of(shown[:, seen] / size[seen], DEPENDENT)
+
+    def conditions(self, name: str) -> NDArray[Any]:
+        """One array of the conditions of all cells ``(n_cells, ...)``."""
+        return np.concatenate([getattr(cells.means, name) for cells in self.sessions])
+
+    def bars(self) -> BarLengths:
+        """What these sessions tell of the lengths."""
+        scale = spread_of(self.rows)[:LENGTHS]
+        value = self.about.inverse @ self.about.along
+        root = scale[:, None] * self.about.inverse[:LENGTHS]
+        return BarLengths(
+            self.rows.value[:LENGTHS] + scale * value[:LENGTHS],
+            np.asarray(np.linalg.cholesky(root @ root.T)),
+        )
+
+
+def spread_of(rows: Rows) -> FloatArray:
+    """Standard deviations ``(b,)`` of the base: joint offsets are free."""
+    free = np.arange(len(rows.spread)) >= LENGTHS
+    return np.asarray(np.where(free, FREE, 1.0) * rows.spread)
+
+
+def _fitted(rows: Rows, bars: BarLengths | None) -> About:
+    spread = spread_of(rows)
+    expected = np.where(spread == rows.spread, (rows.prior - rows.value) / spread, 0.0)
+    base = rows.base * spread
+    if bars is not None:
+        base[:, :LENGTHS] = rows.base[:, :LENGTHS] @ bars.root_mm
+        away = bars.mean_mm - rows.value[:LENGTHS]
+        expected[:LENGTHS] = np.linalg.solve(bars.root_mm, away)
+    return About.of(base, rows.residual, expected)
+
+
+def timed_laws(laws: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Those of which readings of one cell may differ."""
+    return tuple(law for law in dict.fromkeys(laws) if depends_on_time(law))
+
+
+def locate(leftover: Leftover) -> tuple[GapPart, ...]:
     """Share of the gap in each part of the readings, with its chance under pure noise.
 
-    The gap is the structure that the model leaves (cells and cycles). A part of the readings holds
-    as much of it as the squares there; patterns hold what they explain.
+    A part of the readings holds as much of it as the squares there; patterns hold what they
+    explain.
     """
-    explained = onto(problem.structure, problem.y)
-    if not problem.structure_df:
-        explained = np.zeros_like(explained)  # nothing is left but rounding
-    total = float((explained**2).sum())
+    count = leftover.rows.cells
+    square = leftover.left[:count] ** 2
+    total = float(leftover.left @ leftover.left) if leftover.freedom else 0.0
+    taken = (leftover.about.basis[:count] ** 2).sum(axis=1)
+    taken = taken + np.concatenate([(c.zeros**2).sum(axis=1) for c in leftover.sessions])
     shares = []
-    for leg, axis, pattern, mask in _parts(problem):
+    for leg, axis, pattern, mask in _parts(leftover):
         if not mask.any():
             continue
-        inside = float((explained[mask] ** 2).sum())
-        taken = (problem.whitening.free[mask] ** 2).sum()
-        own = float((problem.structure[mask] ** 2).sum() - taken)
-        chance = problem.gap_p_value(inside, max(round(own), 1))
+        inside, free = float(square[mask].sum()), round(float((1.0 - taken[mask]).sum()))
+        chance = leftover.p_value(inside, max(free, 1)) if total else 1.0
         shares.append(GapPart(leg, axis, pattern, inside / total if total else 0.0, chance))
-    mounts = incidence(problem.mount)
-    for pattern, columns in _patterns(problem):
-        each = (mounts[:, :, None] * columns[:, None, :]).reshape(len(columns), -1)
-        inside, freedom = problem.explained_by(each)
-        chance = problem.gap_p_value(inside, freedom)
-        shares.append(GapPart("", "", pattern, min(inside / total, 1.0) if total else 0.0, chance))
+    for pattern, rows in _patterns(leftover):
+        basis = leftover.explained_by(rows)
+        along = basis.T @ leftover.left
+        inside, free = float(along @ along), basis.shape[1]
+        chance = leftover.p_value(inside, free) if total else 1.0
+        share = min(inside / total, 1.0) if total else 0.0
+        shares.append(GapPart("", "", pattern, share, chance))
     return tuple(descending(descending(shares, lambda s: s.share), lambda s: -s.p_value))
 
 
-def _parts(problem: Problem) -> Iterator[tuple[str, str, str, NDArray[np.bool_]]]:
-    leg, axis = problem.conditions("leg"), problem.conditions("axis")
+def _parts(leftover: Leftover) -> Iterator[tuple[str, str, str, NDArray[np.bool_]]]:
+    leg, axis = leftover.conditions("leg"), leftover.conditions("axis")
     for k, name in enumerate(LEG_NAMES):
         yield name, "", "leg", leg == k
         yield "", name, "axis", axis == k
@@ -66,29 +255,51 @@ def _parts(problem: Problem) -> Iterator[tuple[str, str, str, NDArray[np.bool_]]
             yield leg_name, axis_name, "mounting", (leg == i) & (axis == j)
 
 
-def _patterns(problem: Problem) -> Iterator[tuple[str, FloatArray]]:
-    """What may differ within a mounting, as columns ``(n, k)``."""
-    position = problem.conditions("position_mm") / 100.0
-    if position.any():
-        first, second = np.triu_indices(3)
-        yield "in proportion to the position", position
-        yield "with the square of the position", position[:, first] * position[:, second]
-        yield "direction of approach", problem.conditions("movement")
-    else:
-        displacement = problem.conditions("displacement_mm")[:, None] / 100.0
-        yield "odd in displacement", np.hstack([displacement, displacement**3])
-        yield "even in displacement", np.hstack([displacement**2, displacement**4])
-        yield "direction of approach", problem.conditions("approach")[:, None]
-    time, temperature = problem.conditions("time_s"), problem.conditions("temperature_c")
-    if np.isfinite(time).all() and np.ptp(time) > 0.0:
-        yield "time", (time / np.ptp(time))[:, None]
-    if np.isfinite(temperature).all() and np.ptp(temperature) > 0.0:
-        yield "temperature", temperature[:, None]
+def _patterns(leftover: Leftover) -> Iterator[tuple[str, FloatArray]]:
+    """What may differ within a mounting, as rows ``(n, k)``."""
+    every: dict[str, list[FloatArray]] = {}
+    of_tool = bool(leftover.conditions("position_mm").any())
+    for cells in leftover.sessions:
+        means = cells.means
+        if of_tool:
+            position = means.position_mm / 100.0
+            first, second = np.triu_indices(3)
+            some = {
+                "in proportion to the position": position,
+                "with the square of the position": position[:, first] * position[:, second],
+                "direction of approach": means.movement,
+            }
+        else:
+            far = means.displacement_mm[:, None] / 100.0
+            some = {
+                "odd in displacement": np.hstack([far, far**3]),
+                "even in displacement": np.hstack([far**2, far**4]),
+                "direction of approach": means.approach[:, None],
+            }
+        for name, columns in some.items():
+            each = incidence(means.mount)[:, :, None] * columns[:, None, :]
+            every.setdefault(name, []).append(each.reshape(len(columns), -1))
+    for name, parts in every.items():
+        yield name, leftover.whitened(_side_by_side(parts))
+    if (columns := leftover.rows.columns).shape[1]:
+        yield "time or temperature", columns
 
 
-def where_words(shares: tuple[GapPart, ...], level: float) -> str:
+def _side_by_side(parts: Sequence[FloatArray]) -> list[FloatArray]:
+    """Columns of each session beside zeros for those of the others."""
+    widths = [part.shape[1] for part in parts]
+    before = np.cumsum([0, *widths])
+    return [
+        np.hstack(
+            [np.zeros((len(p), start)), p, np.zeros((len(p), before[-1] - start - p.shape[1]))]
+        )
+        for p, start in zip(parts, before[:-1].tolist(), strict=True)
+    ]
+
+
+def where_words(shares: tuple[GapPart, ...]) -> str:
     """A short sentence on where the gap is: the least likely parts by name."""
-    significant = [s for s in shares if s.p_value < level]
+    significant = [s for s in shares if s.p_value < AGREEMENT]
     patterns = [s for s in significant if not s.leg and not s.axis]
     legs = [s for s in significant if s.pattern == "leg"]
     if not significant:
@@ -101,23 +312,29 @@ def where_words(shares: tuple[GapPart, ...], level: float) -> str:
         strongest = descending(patterns, lambda s: s.share)[0]
         how = strongest.pattern
         how = how if how.startswith(("odd", "even", "in ", "with")) else f"with the {how}"
+        how = how.replace("the time or", "time or")
         parts.append(f"{strongest.share:.0%} of it {how}")
     return ", ".join(parts) or f"most on {significant[0].leg}{significant[0].axis}"
 
 
-def residuals(problem: Problem, after: FloatArray | None) -> CellResiduals:
-    """Means of each cell; ``after`` ``(n,)`` is the whitened residual with effects adopted."""
+def residuals(before: Leftover, after: Leftover | None) -> CellResiduals:
+    """Means of each place of the readings, before and after effects were adopted."""
     names = ("leg", "axis", "station", "displacement_mm", "approach")
-    columns = [*map(problem.conditions, names), *problem.conditions("position_mm").T]
+    columns = [*map(before.conditions, names), *before.conditions("position_mm").T]
     keys = [column.astype(np.float64).round(4) for column in columns]
     cell = numbered(*keys)
     first, count = np.unique(cell, return_index=True)[1], np.bincount(cell)
-    before = np.bincount(cell, problem.mm(problem.y)) / count
-    later = None if after is None else np.bincount(cell, problem.mm(after)) / count
-    noise = np.sqrt(np.bincount(cell, problem.root_weight**-2.0)) / count
+
+    def means_mm(leftover: Leftover) -> FloatArray:
+        off_mm = np.concatenate(leftover.cells_mm(leftover.left))
+        return np.asarray(np.bincount(cell, off_mm) / count)
+
+    variance = np.concatenate([cells.variance_mm2 for cells in before.sessions])
+    noise = np.sqrt(np.bincount(cell, variance)) / count
+    earlier, later = means_mm(before), None if after is None else means_mm(after)
     each = zip(
         np.column_stack(keys)[first].tolist(),
-        before.tolist(),
+        earlier.tolist(),
         [None] * len(first) if later is None else later.tolist(),
         noise.tolist(),
         strict=True,
@@ -136,111 +353,8 @@ def residuals(problem: Problem, after: FloatArray | None) -> CellResiduals:
         )
         for place, before_mm, after_mm, noise_mm in each
     )
-    return CellResiduals(cells, _rms(before), None if later is None else _rms(later), _rms(noise))
+    return CellResiduals(cells, _rms(earlier), None if later is None else _rms(later), _rms(noise))
 
 
 def _rms(values_mm: FloatArray) -> float:
     return float(np.sqrt(np.mean(values_mm**2)))
-
-
-def left_out_postures(
-    problem: Problem,
-    columns: Sequence[FloatArray],
-    size: int,
-    groups: Sequence[IntArray] = (),
-) -> HeldOutGap | None:
-    """Leave out one side of one leg at a time; choose anew, fit, predict what was left out.
-
-    ``columns`` are those of every candidate ``(n, r)`` in mm, ``size`` the number of effects to
-    choose in each fold. Zeros come from the rest of each mounting, base parameters are held by
-    their tolerances. ``groups`` are other rows to leave out together. None where nothing can be.
-    """
-    base = np.hstack([problem.zeros, problem.offsets, problem.bars])
-    white = [problem.root_weight[:, None] * c for c in columns]
-    squares, used = [0.0, 0.0], 0
-    for rows in groups or _groups(problem):
-        train = np.setdiff1d(np.arange(len(problem.y)), rows)
-        chosen = _chosen(problem, white, train, size)
-        designs = base, np.hstack([base, *(white[k] for k in chosen)])
-        for k, design in enumerate(designs):
-            value = _prior_constrained(problem, design, train)
-            missed = (problem.residual[rows] - design[rows] @ value) / problem.root_weight[rows]
-            squares[k] += float((missed**2).sum())
-        used += len(rows)
-    if not used:
-        return None
-    return HeldOutGap(
-        "one side of one leg left out at a time, the choice made again each time",
-        math.sqrt(squares[0] / used),
-        math.sqrt(squares[1] / used),
-        problem.noise_mm,
-    )
-
-
-def _groups(problem: Problem) -> Iterator[IntArray]:
-    """Rows of one leg on one side of Zero, in all sessions; of the tool along each coordinate."""
-    leg, displacement = problem.conditions("leg"), problem.conditions("displacement_mm")
-    places = [(k, displacement) for k in range(len(LEG_NAMES))]
-    places += [(TOOL, coordinate) for coordinate in problem.conditions("position_mm").T]
-    for k, coordinate in places:
-        for side in (1.0, -1.0):
-            rows = np.flatnonzero((leg == k) & (np.sign(coordinate) == side))
-            if len(rows) and len(rows) < (leg == k).sum():
-                yield rows
-
-
-def _chosen(
-    problem: Problem,
-    white: Sequence[FloatArray],
-    train: IntArray,
-    size: int,
-) -> tuple[int, ...]:
-    """The best model of this size on these rows alone."""
-    base = problem.zeros, problem.offsets, problem.bars
-    whitening = Whitening.of(*(columns[train] for columns in base))
-    rest = whitening(problem.residual[train])
-    spread = KNOWN
-    if math.isfinite(problem.noise_df):
-        spread = Spread(float(rest @ rest), float(len(train) - whitening.free.shape[1]))
-    blocks = whitening.blocks([column[train] for column in white])
-    search = CandidateSearch(rest, blocks, spread, np.zeros(len(blocks)))
-    members: tuple[int, ...] = ()
-    while len(members) < size:
-        larger = search.larger(members) if members else search.singles
-        if not larger:
-            break
-        members = heaviest_first(larger)[0].members
-    return members
-
-
-def _prior_constrained(problem: Problem, design: FloatArray, train: IntArray) -> FloatArray:
-    """Least squares on some rows; base parameters held by their tolerances.
-
-    Not to the fit without effects, which a missing effect has pulled away.
-    """
-    first = problem.zeros.shape[1]
-    held = np.eye(design.shape[1])[first : first + problem.offsets.shape[1] + 3]
-    rows = np.vstack([design[train], held])
-    right = np.concatenate([problem.residual[train], np.zeros(len(held))])
-    size = lengths(rows)
-    found = np.linalg.lstsq(rows / size, right, rcond=EXACT_BLIND)[0]
-    return np.asarray(found / size)
-
-
-def on_other_sessions(
-    problem: Problem, others: Sequence[FittedSession], effects: tuple[EffectInstance, ...]
-) -> HeldOutGap | None:
-    """The gap on sessions that were not used at all: effects and lengths as they were found.
-
-    Every session has its own offsets and zeros. None where the effects put the machine out of its
-    own reach.
-    """
-    before = Problem.of(others, problem.bars_seen())
-    try:
-        found = problem.adopting(effects)
-        after = Problem.of([one.adopting(effects) for one in others], found.bars_seen())
-    except NotIdentifiable:
-        return None
-    noise_mm = before.noise_mm * math.sqrt(max(before.structure_df, 1) / len(before.y))
-    how = "sessions that were not used"
-    return HeldOutGap(how, before.gap_rms_mm(), after.gap_rms_mm(), noise_mm)

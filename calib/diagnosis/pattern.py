@@ -15,29 +15,33 @@ from itertools import combinations
 import numpy as np
 from scipy.special import betainc
 
-from calib.arrays import DEPENDENT, FloatArray, basis_of
-from calib.diagnosis.policy import POLICY
-from calib.diagnosis.problem import FittedSession, Problem, Whitening
+from calib.arrays import DEPENDENT, FloatArray, basis_of, incidence, tilts, without
+from calib.diagnosis.gap import AGREEMENT, FREE, LOOSE, Leftover
 from calib.diagnosis.results import PatternPair, SharedPattern
+from calib.identify.fit import design_of
+from calib.posterior.cells import BASE, Cells
+from calib.posterior.problem import About
 from calib.stats import variance_ratio_p_value
 
 SEED = 20221
 DRAWS = 1999
 TIE = 1e-9
+SHOWS = 1.0
+"""Noise that a tolerance of an offset must make for the direction to be free."""
+
 RAREST = 1e-6
 """Rarer chances are all alike to a reader."""
 
 
-def shared_pattern(sessions: Sequence[FittedSession]) -> SharedPattern | None:
+def shared_pattern(sessions: Sequence[Cells]) -> SharedPattern | None:
     """Compare what is left in those of these sessions that have a gap.
 
     None where they are fewer than two, or their common postures leave fewer than two directions.
     """
     if len(sessions) < 2:
         return None
-    alone = [Problem.of([one]) for one in sessions]
-    chances = [one.gap_p_value(one.gap(one.y), one.structure_df) for one in alone]
-    real = [k for k, chance in enumerate(chances) if chance <= POLICY.agreement_level]
+    chances = [Leftover.of([cells]).gap().p_value for cells in sessions]
+    real = [k for k, chance in enumerate(chances) if chance <= AGREEMENT]
     if len(real) < 2:
         return None
     patterns = _Patterns.of([sessions[k] for k in real])
@@ -50,7 +54,7 @@ def shared_pattern(sessions: Sequence[FittedSession]) -> SharedPattern | None:
         common_share=patterns.common_share,
         p_value_directions=chance,
         p_value_permutations=patterns.chance_of_permutations(),
-        reproducible=chance <= POLICY.agreement_level,
+        reproducible=chance <= AGREEMENT,
         pairs=tuple(
             patterns.pair(i, j, (real[i], real[j])) for i, j in combinations(range(len(real)), 2)
         ),
@@ -79,17 +83,19 @@ class _Patterns:
     """m sessions at the same k postures.
 
     ``means`` ``(m, k)`` are mean residuals, mm, ``variance`` ``(m, k)`` theirs, mm²; ``root``
-    ``(k,)`` divides by the noise of all, ``setups`` are the postures of each leg, axis and station.
+    ``(k,)`` divides by the noise of all, ``base`` takes away what zeros, offsets and lengths do, of
+    which ``free`` directions are free; ``setups`` are the postures of each leg, axis and station.
     """
 
     means: FloatArray
     variance: FloatArray
     root: FloatArray
-    whitening: Whitening
+    base: About
+    free: int
     setups: tuple[tuple[int, ...], ...]
 
     @classmethod
-    def of(cls, sessions: Sequence[FittedSession]) -> _Patterns | None:
+    def of(cls, sessions: Sequence[Cells]) -> _Patterns | None:
         """At the postures that all have, whichever way they were reached.
 
         Zeros are those of every session, offsets and lengths act as they do in the first one.
@@ -100,34 +106,40 @@ class _Patterns:
             return None
         means, variances, zeros, bases = [], [], [], []
         for one, rows in zip(sessions, keyed, strict=True):
-            average = np.zeros((len(common), len(one.observed)))  # weighted means of these rows
+            taken, variance = one.means, one.variance_mm2
+            average = np.zeros((len(common), len(taken)))  # weighted means of these rows
             for k, key in enumerate(common):
-                weight = one.weight[rows[key]]
+                weight = 1.0 / variance[rows[key]]
                 average[k, rows[key]] = weight / weight.sum()
-            means.append(average @ (one.observed.value_mm - one.model.readings(one.observed)))
-            variances.append(average**2 @ (1.0 / one.weight))
-            zeros.append(average @ one.set_ups)
-            bases.append(average @ one.base)
-        variance = np.array(variances)
-        root = 1.0 / np.sqrt(variance.mean(axis=0))
-        base = root[:, None] * bases[0]
-        free = basis_of(root[:, None] * np.hstack(zeros), DEPENDENT)
-        whitening = Whitening.of(free, base[:, :3], base[:, 3:])
+            means.append(average @ (taken.value_mm - one.model.readings(taken)))
+            variances.append(average**2 @ variance)
+            zeros.append(average @ np.hstack([incidence(taken.mount), tilts(taken)]))
+            by_base = design_of(one.model, taken, range(BASE), ())
+            bases.append(average @ (by_base * one.case.spread_mm))
+        every = np.array(variances)
+        root = 1.0 / np.sqrt(every.mean(axis=0))
+        zero = root[:, None] * np.hstack(zeros)
+        zero = basis_of(zero[:, zero.any(axis=0)], DEPENDENT)
+        by_base = root[:, None] * bases[0]
+        columns = np.hstack([LOOSE * zero, FREE * by_base[:, :3], by_base[:, 3:]])
+        base = About.of(columns, np.zeros(len(root)), np.zeros(columns.shape[1]))
+        free = zero.shape[1] + basis_of(without(zero, by_base[:, :3]), SHOWS, 1.0).shape[1]
         groups: dict[tuple[float, ...], list[int]] = {}
         for k, key in enumerate(common):
             groups.setdefault(key[:3], []).append(k)
-        found = cls(np.array(means), variance, root, whitening, tuple(map(tuple, groups.values())))
-        return found if found.directions > 1 else None
+        set_ups = tuple(map(tuple, groups.values()))
+        patterns = cls(np.array(means), every, root, base, free, set_ups)
+        return patterns if patterns.directions > 1 else None
 
     @property
     def directions(self) -> int:
         """How many directions zeros and offsets leave."""
-        return int(self.means.shape[1] - self.whitening.free.shape[1])
+        return int(self.means.shape[1] - self.free)
 
     @cached_property
     def left(self) -> FloatArray:
         """What is left of each session ``(m, k)``, whitened."""
-        return self.whitening((self.root * self.means).T).T
+        return self.base.left_by((self.root * self.means).T).T
 
     @cached_property
     def common_share(self) -> float:
@@ -154,8 +166,8 @@ class _Patterns:
             for k in range(1, len(self.means)):
                 order = np.argsort(generator.random((DRAWS, len(alike))), axis=1)
                 drawn[:, k, alike.ravel()] = self.means[k][alike[order]].reshape(DRAWS, -1)
-        white = self.whitening((self.root * drawn).reshape(-1, len(self.root)).T).T
-        return self._reached(white.reshape(drawn.shape))
+        white = self.base.left_by((self.root * drawn).reshape(-1, len(self.root)).T).T
+        return self._reached(white.reshape(*drawn.shape[:2], -1))
 
     def _reached(self, drawn: FloatArray) -> float:
         """How often patterns ``(draws, m, k)`` are as much alike; a tie counts."""
@@ -176,12 +188,12 @@ class _Patterns:
             scale=scale,
             before_rms_mm=self._rms_mm(second),
             after_rms_mm=self._rms_mm(rest),
-            noise_rms_mm=float(np.sqrt(variance.mean() * freedom / len(rest))),
+            noise_rms_mm=float(np.sqrt(variance.mean() * freedom / len(self.root))),
             p_value=variance_ratio_p_value(ratio, freedom, np.inf),
         )
 
     def _rms_mm(self, left: FloatArray) -> float:
-        return float(np.sqrt(((self.whitening.held_back(left) / self.root) ** 2).mean()))
+        return float(np.sqrt(((left[: len(self.root)] / self.root) ** 2).mean()))
 
 
 def _shares(left: FloatArray) -> FloatArray:
@@ -190,9 +202,9 @@ def _shares(left: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.eigvalsh(unit @ unit.transpose(0, 2, 1))[:, -1] / left.shape[1])
 
 
-def _rows_by_posture(one: FittedSession) -> dict[tuple[float, ...], list[int]]:
+def _rows_by_posture(one: Cells) -> dict[tuple[float, ...], list[int]]:
     """Rows by leg, axis, station, displacement and position."""
-    taken = one.observed
+    taken = one.means
     keys = [taken.leg, taken.axis, taken.station, taken.displacement_mm, *taken.position_mm.T]
     rows: dict[tuple[float, ...], list[int]] = {}
     for k, key in enumerate(np.column_stack(keys).round(4).tolist()):

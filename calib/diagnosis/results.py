@@ -58,14 +58,17 @@ class Value:
 
 @dataclass(frozen=True)
 class Finding:
-    """An effect or a gross error that was named, and what adopting it does to the gap."""
+    """An effect or a gross error that was named, and what adopting it does to the gap.
+
+    ``probability`` is that of the name at this place.
+    """
 
     id: str
     kind: str
     title: str
     where: str
     parameters: tuple[Value, ...]
-    p_value: float
+    probability: float
     gap_rms_before_mm: float
     gap_rms_after_mm: float
     indistinguishable_from: tuple[Named, ...] = ()
@@ -74,27 +77,24 @@ class Finding:
 
 @dataclass(frozen=True)
 class ModelDiscrepancy:
-    """What is left without a name, as an unnamed law; beside it the gap that it did not see.
-
-    ``whole`` is True where the law takes the place of what was named, and not what that leaves.
-    """
+    """What is left without a name, as an unnamed law; beside it the gap that it did not see."""
 
     effect: Finding
     held_out: HeldOutGap | None
-    whole: bool = False
 
 
 @dataclass(frozen=True)
 class Contender:
-    """A candidate of the selection, and why it was not named.
+    """An effect and place that may act, and why it is not named.
 
-    ``explained`` is the part of the gap's square that it takes away alone, between 0 and 1.
+    ``probability`` is that of the name at this place, whatever acts beside it; ``explained`` is the
+    part of the gap's square that it takes away alone, between 0 and 1.
     """
 
     id: str
     where: str
     parameters: tuple[Value, ...]
-    p_value: float
+    probability: float
     gap_rms_after_mm: float
     explained: float
     held_out_gap_rms_mm: float | None
@@ -119,24 +119,6 @@ class Detectable:
     id: str
     size: float
     unit: str
-
-
-@dataclass(frozen=True)
-class NextMeasurement:
-    """The measurement that would separate what stayed ambiguous.
-
-    ``protocol`` is the text of a procedure file, or the name of one. ``between`` holds the effect
-    that was named and the rivals that the measurement separates from it, the hardest of them by
-    ``expected_separation`` noise variances. Before, ``entered_mm`` is added to the joint offsets
-    in the controller, and the tool is loaded to ``load`` times its weight.
-    """
-
-    reason: str
-    protocol: str
-    expected_separation: float
-    between: tuple[Named, ...] = ()
-    entered_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    load: float = 1.0
 
 
 SEEN = 2.0
@@ -233,7 +215,8 @@ class SharedPattern:
 class Diagnosis:
     """The whole answer. ``sentence`` is the verdict for a machinist.
 
-    ``cleaned`` are the readings of each session as they were diagnosed.
+    ``missing`` is the probability that anything is missing, ``something_else`` that something
+    without a name acts. ``cleaned`` are the readings of each session as they were diagnosed.
     """
 
     verdict: Verdict
@@ -241,13 +224,14 @@ class Diagnosis:
     noise_mm: float
     noise_df: float
     noise_source: str
+    missing: float
+    something_else: float
     gap_before: Gap
     gap_after: Gap
     held_out: HeldOutGap | None
     where: tuple[GapPart, ...]
     effects: tuple[Finding, ...]
     candidates: tuple[Contender, ...]
-    next_measurement: NextMeasurement | None
     smallest_detectable: tuple[Detectable, ...]
     residuals: CellResiduals
     remarks: tuple[str, ...] = ()

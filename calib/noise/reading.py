@@ -201,7 +201,7 @@ def visits(observed: Observations) -> Observations:
 
     Such repeats share the error of their approach, so they count as one reading, not as several.
     """
-    visit = _visit_numbers(observed)
+    visit = visit_numbers(observed)
     first = np.unique(visit, return_index=True)[1]
     if len(first) == len(observed):
         return observed
@@ -214,10 +214,10 @@ def visits(observed: Observations) -> Observations:
 
 def visit_starts(observed: Observations) -> IntArray:
     """Row of the first reading of each visit ``(n_visits,)``, in the order of `visits`."""
-    return np.asarray(np.unique(_visit_numbers(observed), return_index=True)[1])
+    return np.asarray(np.unique(visit_numbers(observed), return_index=True)[1])
 
 
-def _visit_numbers(observed: Observations) -> IntArray:
+def visit_numbers(observed: Observations) -> IntArray:
     """Number of the visit that each reading ``(n_readings,)`` belongs to, counted as they begin."""
     visit = np.zeros(len(observed), dtype=np.intp)
     last: dict[int, tuple[int, int]] = {}

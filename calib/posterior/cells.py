@@ -154,7 +154,7 @@ class Cells:
     def whitened(self, rows: FloatArray) -> FloatArray:
         """Rows ``(n_cells, ...)`` made independent, of unit variance, less the best zeros."""
         flat = self._independent(rows.reshape(len(rows), -1))
-        return np.asarray(without(self._zeros, flat).reshape(rows.shape))
+        return np.asarray(without(self.zeros, flat).reshape(rows.shape))
 
     def coloured(self, rows: FloatArray) -> FloatArray:
         """The opposite ``(n_cells, k)``, but for what zeros took."""
@@ -166,8 +166,8 @@ class Cells:
         return columns
 
     @cached_property
-    def _zeros(self) -> FloatArray:
-        """Basis ``(n_cells, r)`` of zeros of mountings and tilts of planes."""
+    def zeros(self) -> FloatArray:
+        """Basis ``(n_cells, r)`` of zeros of mountings and tilts of planes, whitened."""
         columns = np.hstack([incidence(self.means.mount), tilts(self.means)])
         shown = self._independent(columns)
         return basis_of(shown / lengths(shown), DEPENDENT)
@@ -191,12 +191,13 @@ class Cells:
             )
         ]
 
-    def in_time(self, columns: FloatArray) -> FloatArray:
+    def in_time(self, columns: FloatArray, left_mm: FloatArray) -> FloatArray:
         """What columns ``(n_visits, k)`` and readings do within cells: rows ``(r, 1 + k)``.
 
-        The readings come first; independent, of unit variance; as many as columns differ.
+        What is ``left_mm`` ``(n_visits,)`` of the readings comes first; independent, of unit
+        variance; as many as columns differ.
         """
-        rows = np.column_stack([columns, self.visited.value_mm])
+        rows = np.column_stack([columns, left_mm])
         root = np.sqrt(self._counted_mm2)[:, None]
         if self.serial:
             mountings = _by_mounting(self.visited, self.cell, self._counted_mm2, self.serial)

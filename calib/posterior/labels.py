@@ -95,7 +95,9 @@ MOST_VALUES = 4_000_000
 class Mistake:
     """One mistake: its name, place and words, the visits it touches, and the visits put right.
 
-    ``log_prior`` is that of the mistake, with the density of what it makes of readings.
+    ``log_prior`` is that of the mistake, with the density of what it makes of readings;
+    ``session`` the number of the session that it is in. The value of visit i was written at visit
+    ``source[i]``, ``factor`` times as large in ``rows``.
     """
 
     id: str
@@ -104,6 +106,9 @@ class Mistake:
     rows: IntArray
     visited: Observations
     log_prior: float
+    source: IntArray
+    factor: float = 1.0
+    session: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +227,8 @@ class _Moved:
             log_prior = math.log(PRIOR[one.id] / self.places[one.id])
             log_prior += free * math.log(abs(one.factor))
             right = replace(visited, value_mm=self.values_mm[:, k])
-            mistake = Mistake(one.id, one.where, one.words(visited), rows, right, log_prior)
+            what = one.id, one.where, one.words(visited), rows, right, log_prior
+            mistake = Mistake(*what, one.source(len(visited)), one.factor)
             yield float(more[k]) + log_prior, mistake
 
 
@@ -272,7 +278,9 @@ def _apart(screen: Screen) -> Iterator[Scored]:
         for k, rows in enumerate(one.groups):
             mount[rows] = visited.mount_count + k
         right = replace(visited, mount=numbered(mount))
-        mistake = Mistake(name, one.where, title, np.concatenate(one.groups), right, log_prior)
+        rows = np.concatenate(one.groups)
+        own = np.arange(len(visited), dtype=np.intp)
+        mistake = Mistake(name, one.where, title, rows, right, log_prior, own)
         yield float(more) + room + log_prior, mistake
 
 
@@ -381,6 +389,7 @@ def with_mistakes(
                     solved = solve(right)
                 except NotIdentifiable:
                     continue
+                mistake = replace(mistake, session=number)
                 tried.append((replace(solved, mistakes=(*best.mistakes, mistake)), right))
         every += [solved for solved, _ in tried]
         better = max(tried, key=lambda each: each[0].log_weight, default=None)

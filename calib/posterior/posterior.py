@@ -13,17 +13,21 @@ from calib.posterior.library import Component
 from calib.posterior.models import Posterior, Weighted
 from calib.posterior.problem import Problem
 from calib.posterior.race import LIGHTEST
+from calib.posterior.screws import with_searched_leads
 from calib.posterior.tool import tool_field
+from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import Effect
 
 
 def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = None) -> Posterior:
     """Of these sessions together. Raises NotIdentifiable where one cannot be fitted."""
+    every = [Cells.of(case) for case in cases]
+    laws = with_searched_leads(CATALOGUE if effects is None else effects, every)
 
     def solve(sessions: Sequence[Cells]) -> Solved[Posterior]:
-        return Problem.of(tuple(sessions), effects).solved()
+        return Problem.of(tuple(sessions), laws).solved()
 
-    return _mixed(with_mistakes([Cells.of(case) for case in cases], solve))
+    return _mixed(with_mistakes(every, solve))
 
 
 def _mixed(every: Sequence[Solved[Posterior]]) -> Posterior:
@@ -55,4 +59,4 @@ def _mixed(every: Sequence[Solved[Posterior]]) -> Posterior:
     likeliest = every[0].solution
     laws = (law for one in every for law in one.solution.field.placed)
     field = tool_field(likeliest.geometry, tuple(dict.fromkeys(laws)))
-    return Posterior(likeliest.sessions, tuple(components), tuple(models), field)
+    return Posterior(likeliest.sessions, tuple(components), tuple(models), field, likeliest.linear)

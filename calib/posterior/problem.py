@@ -18,7 +18,7 @@ from calib.errors import NotIdentifiable
 from calib.posterior.cells import Cells
 from calib.posterior.labels import RivalModel, Solved
 from calib.posterior.library import ELSE, Component, library, something_else
-from calib.posterior.models import Posterior, Weighted, effects_of_tool
+from calib.posterior.models import Linear, Posterior, Weighted, effects_of_tool
 from calib.posterior.race import LOG_CAUSES, Products, Race, RaceEntry
 from calib.posterior.readings import LENGTHS, Placed, Rows, placed_columns, rows_of
 from calib.posterior.tool import laws_held, tool_field
@@ -129,7 +129,8 @@ class Problem:
         known = [(one.effect, one.place) for one in acting]
         laws = dict.fromkeys([*self.placed, *laws_held(self.geometry), *known])
         field = tool_field(self.geometry, tuple(laws))
-        result = Posterior(self.sessions, self.components, tuple(models), field)
+        linear = Linear(self.rows, self.columns, self.index)
+        result = Posterior(self.sessions, self.components, tuple(models), field, linear)
         constant = self.rows.log_constant
         nothing = race.products
         log_plain = race.log_evidence(np.array(nothing.square), np.array(nothing.room))

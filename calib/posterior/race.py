@@ -59,7 +59,7 @@ class RaceEntry:
 class Products:
     """C'C ``(k, k)`` and C'y ``(k,)`` of columns in units; what is explained, and its room.
 
-    ``square`` is y'y. RivalModel a model, all that its components can do is gone from them.
+    ``square`` is y'y. Beside a model, all that its components can do is gone from them.
     """
 
     inner: FloatArray

@@ -5,8 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Annotated, Literal
 
-from app.report.schema.document import Finite, Report, asked, at, called, made, schema
-from app.report.schema.solution import OpenNameEntry
+from app.report.schema.document import Finite, Report, asked, at, made, schema
 from calib.diagnosis.results import (
     Detectable,
     Gap,
@@ -56,7 +55,7 @@ class FindingEntry(Report):
     title: str
     where: str
     parameters: tuple[Value, ...]
-    p_value: float
+    probability: float = at("probability", "of this name at this place")
     gap_rms_before_mm: float
     gap_rms_after_mm: float
     indistinguishable_from: tuple[Named, ...]
@@ -65,14 +64,11 @@ class FindingEntry(Report):
 class UnnamedEffectEntry(FindingEntry):
     """What is left without a name, like an effect."""
 
-    instead_of_what_was_named: bool
     held_out_gap: HeldOutGap | None
 
 
 def _unnamed(left: ModelDiscrepancy) -> SimpleNamespace:
-    return SimpleNamespace(
-        **vars(left.effect), instead_of_what_was_named=left.whole, held_out_gap=left.held_out
-    )
+    return SimpleNamespace(**vars(left.effect), held_out_gap=left.held_out)
 
 
 class ContenderEntry(Report):
@@ -81,50 +77,49 @@ class ContenderEntry(Report):
     id: str
     where: str
     parameters: tuple[Value, ...]
-    p_value: float = at("p_value", "of this one alone")
+    probability: float = at("probability", "of this name at this place, whatever acts beside it")
     gap_rms_after_mm: float
     held_out_gap_rms_mm: float | None
     reason_rejected: str
 
 
-class ControllerEntry(Report):
-    """What to set in the controller and at the tool before that measurement."""
-
-    add_to_entered_offsets_mm: tuple[float, float, float] = at("entered_mm")
-    load: float = at("load", "times the tool's weight")
+Place = Annotated[Named, made(lambda pair: Named(*pair))]
 
 
-class NextMeasurementEntry(Report):
-    """The measurement that would separate what stayed ambiguous."""
+class SeparationEntry(Report):
+    """The measurement that separates the names that stay open."""
 
-    reason: str = at("next.reason")
-    protocol: str = at("next.protocol", "text of a TOML file, or the name of a procedure")
-    expected_separation: float = at(
-        "next.expected_separation", "noise variances of the hardest pair in between"
+    words: str
+    names: tuple[tuple[Place, ...], ...] = at("names", "what is true together; none: no effect")
+    apart: float = at("apart", "noise variances between the two nearest")
+    protocol: str = at("candidate.text", "a procedure file, or the name of one")
+    entered_mm: tuple[float, float, float] = at(
+        "candidate.preparation.entered_mm", "to be added to the entered joint offsets before"
     )
-    between: tuple[Named, ...] = at("next.between")
-    before: ControllerEntry = at("next")
+    load: float = at("candidate.preparation.load", "times the tool's weight")
 
 
-class BoundLeft(Report):
-    """R.m.s. over the reachable workspace that 95 of 100 machines keep, parameters entered."""
+class ToolEntry(Report):
+    """R.m.s. over the workspace that 95 of 100 machines keep, in a frame."""
 
-    bound_mm: float
-    parameters_mm: float = at(
-        "parameters_mm", "of it, where nothing is missing: noise, and parts within tolerance"
-    )
-    open: tuple[OpenNameEntry, ...] = at("names", "the worst first, one for each id")
+    frame: Frame
+    now_mm: float = at("now_mm", "with what the controller holds now")
+    entered_mm: dict[Holds, float] = at("entered_mm", "with what a controller holds entered")
 
 
 class DiagnosisReport(Report):
     """``diagnose --json``: what is missing in the model."""
 
-    schema_id: Literal["glidecal.diagnosis/1"] = schema("glidecal.diagnosis/1")
+    schema_id: Literal["glidecal.diagnosis/2"] = schema("glidecal.diagnosis/2")
     sessions: tuple[str, ...] = at("found.names")
     held_out: tuple[str, ...] = at("found.held_out")
     noise: GapNoise = at("found.diagnosis")
     verdict: Verdict = at("found.diagnosis.verdict")
     sentence: str = at("found.diagnosis.sentence")
+    missing: float = at("found.diagnosis.missing", "probability that anything is missing")
+    something_else: float = at(
+        "found.diagnosis.something_else", "probability that something without a name acts"
+    )
     gap_before: Gap = at("found.diagnosis.gap_before")
     gap_after: Gap = at("found.diagnosis.gap_after")
     held_out_gap: HeldOutGap | None = at("found.diagnosis.held_out")
@@ -133,11 +128,9 @@ class DiagnosisReport(Report):
         "found.diagnosis.effects", "in the order adopted; empty where nothing may be claimed"
     )
     candidates: tuple[ContenderEntry, ...] = at("found.diagnosis.candidates")
-    next_measurement: Annotated[NextMeasurementEntry | None, called("next")] = at(
-        "found.diagnosis.next_measurement"
-    )
+    next_measurement: SeparationEntry | None = at("found.separation")
     smallest_detectable: tuple[Detectable, ...] = at("found.diagnosis.smallest_detectable")
-    tool_bound: BoundLeft | None = at("found.tool_bound", "null where no noise is known")
+    tool: ToolEntry = at("found.tool")
     further: tuple[FurtherSetUp, ...] | None = asked(
         "reach.further", "with --next: set-ups in turn, each with the bound after it"
     )
@@ -149,9 +142,6 @@ class DiagnosisReport(Report):
         "of several sessions: how alike is what is left of each; numbered from 0, held-out last",
     )
     remarks: tuple[str, ...] = at("found.diagnosis.remarks")
-
-
-Place = Annotated[Named, made(lambda pair: Named(*pair))]
 
 
 class ImitationEntry(Report):
@@ -190,15 +180,6 @@ class ProposalEntry(Report):
     minutes: float = at("candidate.minutes")
     bound_mm: float
     gain_mm_per_minute: float
-
-
-class SeparationEntry(Report):
-    """The measurement that separates the names that stay open."""
-
-    words: str
-    names: tuple[tuple[Place, ...], ...] = at("names", "what is true together; none: no effect")
-    apart: float = at("apart", "noise variances between the two nearest")
-    protocol: str = at("candidate.text", "a procedure file, or the name of one")
 
 
 class PlanReport(Report):

@@ -88,7 +88,7 @@ class IdentifiabilityReport(Report):
     classical_qr: ClassicalQrEntry = at("seen.qr")
     expected: tuple[ExpectedEntry, ...] | None = asked("expected.parameters", "of tripods")
     expected_tool_bound_mm: float | None = asked(
-        "expected.bound.bound_mm", "with the values entered, if readings show nothing else, 95 %"
+        "expected.bound_mm", "joint offsets entered, touched off, if readings show nothing else"
     )
 
 

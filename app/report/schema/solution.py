@@ -105,16 +105,6 @@ class IsolatedReadingsEntry(Report):
     readings: Annotated[list[int], made(lambda readings: [one.reading for one in readings])]
 
 
-class OpenNameEntry(Report):
-    """What the readings do not rule out, and the bound if it is the one."""
-
-    id: str
-    where: str
-    title: str
-    bound_mm: float
-    shown: bool = at("shown", "it fits what the readings show; false: they could not have seen it")
-
-
 class FramesEntry(Report):
     """R.m.s. error of the tool over the workspace that 95 of 100 such machines keep, by frame."""
 

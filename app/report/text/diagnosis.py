@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.table import Table
 
-from app.evaluating.diagnosis import SessionDiagnosis, mistakes_of
+from app.evaluating.diagnosis import DiagnosedTool, SessionDiagnosis, mistakes_of
 from app.report.text.tables import (
     decimals,
     figures,
@@ -31,7 +31,7 @@ from calib.diagnosis.results import (
     HeldOutGap,
     ModelDiscrepancy,
 )
-from calib.identify.tool_bound import ToolBound
+from calib.posterior.correction import HOLDS, Holds
 from calib.tripod.effects.effect import remedies
 from calib.tripod.effects.empirical import EMPIRICAL
 
@@ -82,6 +82,15 @@ STRONG = 5.0
 SHOWN_MM = 0.00005
 """A gap below this is shown as nothing."""
 
+WORTH_SAYING = 0.9
+"""Of the bound with joint offsets: what leaves more is not worth a sentence."""
+
+WITH: dict[Holds, str] = {
+    "play": "play as well",
+    "tables": "play and a table of each joint as well",
+    "kinematics": "all that a controller can hold",
+}
+
 SHORT = {
     "no better than chance among so many candidates": "no better than chance",
     "another effect explains it better": "another fits better",
@@ -103,8 +112,8 @@ def diagnosis_text(diagnosed: SessionDiagnosis) -> str:
         gap_text(found),
         effects_text(found.effects),
         _pattern(diagnosed),
-        *_support(found),
-        bound_text(diagnosed.tool_bound),
+        *_support(diagnosed),
+        tool_text(diagnosed.tool),
         f"Where readings and model disagree\n{shares_text(found.where)}",
         f"Candidates, best first\n{listed}" if found.candidates else "",
         *_detectable(found),
@@ -120,10 +129,10 @@ def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
         adopted,
         _next(diagnosed),
         effects_text(found.effects),
-        bound_text(diagnosed.tool_bound),
+        tool_text(diagnosed.tool),
         gap_text(found),
         _pattern(diagnosed),
-        *_support(found, " Key N."),
+        *_support(diagnosed, " Key N."),
         *_detectable(found),
         *(f"Remark: {remark}" for remark in (*diagnosed.warnings, *found.remarks)),
     )
@@ -141,41 +150,33 @@ def _next(diagnosed: SessionDiagnosis) -> str:
         said = "A adopts what was named. Then R shows the result with it."
     elif found.verdict == "partly-explained":
         said = "A adopts what was named, and looks again for the rest."
-    elif found.next_measurement:
+    elif diagnosed.separation:
         said = "measure what is proposed below (N), then diagnose both sessions together."
     return f"Next: {said}"
 
 
-def _support(found: Diagnosis, key: str = "") -> list[str]:
+def _support(diagnosed: SessionDiagnosis, key: str = "") -> list[str]:
     """What held-out readings say, what has no name, and what to measure next."""
-    proposed = found.next_measurement
+    found, proposed = diagnosed.diagnosis, diagnosed.separation
     return [
         held_out_words(found.held_out) if found.held_out else "",
         discrepancy_text(found.left_over) if found.left_over else "",
-        f"Next measurement: {proposed.reason}.{key}" if proposed else "",
+        f"Next measurement: {proposed.words}.{key}" if proposed else "",
     ]
 
 
-def bound_text(bound: ToolBound | None) -> str:
-    """What the tool may still be off by, and where that comes from; empty where no noise is known.
-
-    Noise and tolerances, names that fit what the readings show, names that they cannot see.
-    """
-    if bound is None:
-        return ""
-    said = (
-        f"Tool over the workspace, r.m.s. (95 %): at most {uncertain(bound.bound_mm)} mm with the "
-        f"offsets and lengths of these readings entered. Noise and parts within tolerance: "
-        f"{uncertain(bound.parameters_mm)} mm"
+def tool_text(tool: DiagnosedTool) -> str:
+    """What the tool is off by at most, as it is and with values entered."""
+    entered = tool.entered_mm
+    better = [h for h in HOLDS[1:] if entered[h] < WORTH_SAYING * entered["offsets"]]
+    words = f"With joint offsets entered: {uncertain(entered['offsets'])} mm."
+    if better:
+        best = min(better, key=entered.__getitem__)
+        words += f" With {WITH[best]}: {uncertain(entered[best])} mm."
+    return (
+        f"Tool over the workspace, r.m.s. (95 %), {tool.frame}: at most "
+        f"{uncertain(tool.now_mm)} mm as it is. {words}"
     )
-    for worst, why in (
-        (bound.worst_shown, "which fits what they show"),
-        (bound.worst_unseen, "of a size that they could not have seen"),
-    ):
-        if worst and worst.bound_mm > bound.parameters_mm:
-            said += f"; {uncertain(worst.bound_mm)} mm if {worst.title} ({worst.id}"
-            said += f", {worst.where}), {why}"
-    return f"{said}."
 
 
 def _pattern(diagnosed: SessionDiagnosis) -> list[str]:
@@ -236,7 +237,8 @@ def effects_text(findings: tuple[Finding, ...]) -> str:
     """Named effects with their values, and what looks the same."""
     lines = []
     for one in findings:
-        lines.append(wrapped(f"{one.id} ({one.where}), {one.kind}: {one.title}"))
+        likely = probability_words(one.probability)
+        lines.append(wrapped(f"{one.id} ({one.where}), {one.kind}, {likely}: {one.title}"))
         below = [*_values_and_gap(one), *remedies(one.effects)]
         if rivals := _rivals(one):
             below.append(f"these readings cannot distinguish it from: {rivals}")
@@ -261,12 +263,10 @@ def _values_and_gap(one: Finding) -> list[str]:
 def discrepancy_text(found: ModelDiscrepancy) -> str:
     """The unnamed effect of the residuals, its values, and what it would take away."""
     effect = found.effect
-    begin = "The rest has no name, but follows a pattern"
-    if found.whole:
-        begin = "One unnamed effect explains everything, instead of what was named"
     below = _values_and_gap(effect)
     if found.held_out:
         below.append(held_out_words(found.held_out))
+    begin = "What has no name is most likely this"
     return "\n".join([f"{begin}: {effect.title}.", *(hanging(INDENT + v, INDENT) for v in below)])
 
 
@@ -307,15 +307,23 @@ def candidates_table(candidates: tuple[Contender, ...]) -> Table:
     """The candidates, with the gap that each would leave."""
     judged = [one for one in candidates if one.held_out_gap_rms_mm is not None]
     columns = ["gap after, mm", "held out, mm"][: 2 if judged else 1]
-    table = new_table("effect", "where", *columns, "", left=2)
+    table = new_table("effect", "where", "probability", *columns, "", left=2)
     shown = list(candidates[:SHOWN_CANDIDATES])
     # through ties: every processor must show the same one
     best = descending(judged, lambda one: -(one.held_out_gap_rms_mm or 0.0))[:1]
     shown += [one for one in best if one not in shown]  # it does most for what it never saw
     for one in shown:
         gaps = _gaps(one)[: len(columns)]
-        table.add_row(one.id, one.where, *gaps, one.reason_rejected or "named")
+        likely = probability_words(one.probability)
+        table.add_row(one.id, one.where, likely, *gaps, one.reason_rejected or "named")
     return table
+
+
+def probability_words(probability: float) -> str:
+    """A probability in a table: two figures, and no certainty."""
+    if probability < 0.005:
+        return "< 0.01"
+    return f"{probability:.2f}" if probability < 0.995 else "> 0.99"
 
 
 def _gaps(one: Contender) -> tuple[str, str]:
@@ -400,13 +408,14 @@ def ranking_text(diagnosed: SessionDiagnosis) -> str:
         return "No effect of the catalogue shows in these readings."
     held_out = any(one.held_out_gap_rms_mm is not None for one in found.candidates)
     columns = ["gap after", "held out"][: 2 if held_out else 1]
-    table = new_table("effect", "where", "explains", *columns, "why", left=3)
+    table = new_table("effect", "where", "likely", "explains", *columns, "why", left=2)
     table.columns[-1].justify = "left"
     for one in found.candidates[:SHOWN_CANDIDATES]:
         bar = "█" * round(10 * one.explained)
         why = SHORT.get(one.reason_rejected, one.reason_rejected) or "named"
         explains = f"{bar:<10} {one.explained:>4.0%}"
-        table.add_row(one.id, one.where, explains, *_gaps(one)[: len(columns)], why)
+        likely = probability_words(one.probability)
+        table.add_row(one.id, one.where, likely, explains, *_gaps(one)[: len(columns)], why)
     parts = [f"Candidates, best first; gaps in mm\n{table_text(table)}"]
     for finding in (finding for finding in found.effects if finding.effects):
         named = f"{finding.id} ({finding.where})"
@@ -447,8 +456,6 @@ def adopt_choices(diagnosed: SessionDiagnosis) -> list[tuple[str, str]]:
     if found.left_over:
         where = found.left_over.effect.where
         said = f"adopt {f'{words} and ' if named else ''}the rest as an unnamed effect ({where})"
-        if found.left_over.whole:
-            said = f"adopt one unnamed effect ({where}) instead, which explains everything"
         choices.append((EMPIRICAL, said))
     choices += [
         (f"{one.id}:{one.where}", f"adopt {one.id} ({one.where}) instead")

@@ -11,7 +11,7 @@ from calib.arrays import LEG_NAMES, FloatArray
 from calib.design.criteria import Criterion
 from calib.design.identifiability import SeenBy
 from calib.diagnosis.results import AliasMap
-from calib.identify.expected import ExpectedResult
+from calib.posterior.expected import ExpectedResult
 from calib.posterior.planning import Prospect, Reach
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures
@@ -58,12 +58,11 @@ def expected_text(expected: ExpectedResult) -> str:
     for one in expected.parameters:
         free = ("not told" if v is None else uncertain(v) for v in (one.alone_mm, one.all_mm))
         table.add_row(one.name, *free, uncertain(one.held_mm))
-    worst = expected.bound.worst
-    because = f", because of {worst.id} ({worst.where})" if worst else ""
+    because = f", most of it because of {' ('.join(expected.worst)})" if expected.worst else ""
     return paragraphs(
         table,
-        f"Tool over the workspace with the values entered, if the readings show nothing else: at "
-        f"most {uncertain(expected.bound.bound_mm)} mm r.m.s. (95 %){because}.",
+        f"Tool over the workspace with joint offsets entered, touched off, if the readings show "
+        f"nothing else: at most {uncertain(expected.bound_mm)} mm r.m.s. (95 %){because}.",
     )
 
 

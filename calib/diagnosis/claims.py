@@ -1,0 +1,225 @@
+"""What the models of a posterior claim, and the verdict: sums of the weights of claims.
+
+Nothing is judged here. A model is read as a claim: which names it holds, mistakes of the readings
+among them, and whether a law without a name acts beside them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+from calib.arrays import descending
+from calib.diagnosis.results import Named, Verdict
+from calib.posterior.library import Component
+from calib.posterior.models import Posterior
+from calib.tripod.effects.empirical import EMPIRICAL
+
+Key = TypeVar("Key", str, Named)
+
+NAMES = ("named", "beside")
+"""Kinds of components that have a name for a mechanic."""
+
+MISSING = 0.98
+"""Probability that anything is missing, from which on it is told: of sound sessions one in 50 may
+come so far, and these are few among all."""
+
+SURE = 0.95
+"""Probability of a claim that is made without a rival, or that names do not explain everything."""
+
+OPEN = 0.01
+"""Claims that lack a name and have together so little weight of what is missing are no rivals: the
+truth is to be in the set 99 times of 100."""
+
+EVEN = 0.5
+"""Probability from which on the simpler is told: nothing is missing, nothing acts beside a name."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What a model says: names at places, and whether something without a name acts beside."""
+
+    names: frozenset[Named]
+    unnamed: bool
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """Its names, wherever they act."""
+        return frozenset(name.id for name in self.names)
+
+
+NOTHING = Claim(frozenset(), unnamed=False)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A verdict with the places that it names, each with its rivals, the likeliest first."""
+
+    verdict: Verdict
+    rivals: Mapping[Named, tuple[Named, ...]]
+
+
+@dataclass(frozen=True, eq=False)
+class Claims:
+    """Weights of claims, which sum to one, and what is known of places by their components.
+
+    ``reach`` are the places that a component touches, and whether it has values of its own there.
+    """
+
+    weights: Mapping[Claim, float]
+    reach: Mapping[Named, tuple[frozenset[str], bool]]
+
+    @classmethod
+    def of(cls, posterior: Posterior) -> Claims:
+        """Of all models."""
+        components = posterior.components
+        weights: dict[Claim, float] = {}
+        for model in posterior.models:
+            members = [components[k] for k in model.members]
+            names = {name_of(member) for member in members if member.kind in NAMES}
+            names |= {Named(mistake.id, mistake.where) for mistake in model.mistakes}
+            claim = Claim(frozenset(names), any(m.kind not in NAMES for m in members))
+            weights[claim] = weights.get(claim, 0.0) + model.weight
+        reach: dict[Named, tuple[frozenset[str], bool]] = {}
+        for component in components:
+            candidate = component.candidate
+            own = candidate is not None and candidate.arrangement in ("one", "each")
+            reach[name_of(component)] = frozenset(s.place for s in component.shares), own
+        return cls(weights, reach)
+
+    def probability(self, holds: Callable[[Claim], bool]) -> float:
+        """That what is true is such a claim."""
+        return math.fsum(weight for claim, weight in self.weights.items() if holds(claim))
+
+    @cached_property
+    def nothing(self) -> float:
+        """That the model without any effect is true."""
+        return self.weights.get(NOTHING, 0.0)
+
+    @cached_property
+    def missing(self) -> float:
+        """That anything is missing."""
+        return self.probability(lambda claim: claim != NOTHING)
+
+    @cached_property
+    def unnamed(self) -> float:
+        """That something without a name acts, alone or beside names."""
+        return self.probability(lambda claim: claim.unnamed)
+
+    @cached_property
+    def named(self) -> float:
+        """That something is missing and names explain all of it."""
+        return self.probability(lambda claim: bool(claim.names) and not claim.unnamed)
+
+    @cached_property
+    def places(self) -> dict[Named, float]:
+        """Probability of each name at each place; the likeliest first."""
+        shares: dict[Named, float] = {}
+        for claim, weight in self.weights.items():
+            for name in claim.names:
+                shares[name] = shares.get(name, 0.0) + weight
+        ordered = sorted(shares.items(), key=lambda item: _order(item[0]))
+        return dict(descending(ordered, lambda item: item[1]))
+
+    def one_in_other(self, first: Named, second: Named) -> bool:
+        """Whether an effect at one place with values of its own contains it at the other."""
+        if first == second:
+            return True
+        if first.id != second.id or not {first, second} <= self.reach.keys():
+            return False
+        (one, one_free), (two, two_free) = self.reach[first], self.reach[second]
+        return (two_free and one <= two) or (one_free and two <= one)
+
+    def holds(self, claim: Claim, name: Named) -> bool:
+        """Whether a claim has this name, at this place or at one that contains it."""
+        return any(self.one_in_other(name, other) for other in claim.names)
+
+    def answer(self) -> Answer:
+        """The verdict."""
+        missing = self.missing
+        if missing < MISSING:
+            return Answer("agrees" if self.nothing >= EVEN else "cannot-tell", {})
+        if self.named < (1.0 - SURE) * missing:
+            head = tuple(name for name, p in self.places.items() if p >= SURE * missing)
+            word: Verdict = "partly-explained" if head else "unexplained"
+            return Answer(word, dict.fromkeys(head, ()))
+        head = self._heaviest()
+        rivals = {name: self._rivals_of(name, head) for name in head}
+        with_all = self.probability(lambda claim: all(self.holds(claim, name) for name in head))
+        alone = self.probability(
+            lambda claim: (
+                not claim.unnamed
+                and all(self.holds(claim, name) for name in head)
+                and all(any(self.one_in_other(n, name) for name in head) for n in claim.names)
+            )
+        )
+        sure = with_all >= SURE * missing and alone >= EVEN * with_all and not any(rivals.values())
+        return Answer("explained" if sure else "ambiguous", rivals)
+
+    def _heaviest(self) -> tuple[Named, ...]:
+        """The likeliest set of names that explains everything, at its likeliest places."""
+        sets: dict[frozenset[str], dict[frozenset[Named], float]] = {}
+        for claim, weight in self.weights.items():
+            if claim.names and not claim.unnamed:
+                sets.setdefault(claim.ids, {})[claim.names] = weight
+        by_name = sorted(sets.values(), key=lambda places: min(map(_in_order, places)))
+        chosen = descending(by_name, lambda places: math.fsum(places.values()))[0]
+        names = descending(sorted(chosen, key=_in_order), chosen.__getitem__)[0]
+        return tuple(name for name in self.places if name in names)
+
+    @cached_property
+    def _folded(self) -> dict[Claim, float]:
+        """Weights of claims that something is missing, without those that only add to a heavier.
+
+        What is added and not needed counts for that claim.
+        """
+        every = [claim for claim in self.weights if claim != NOTHING]
+        every.sort(key=lambda claim: (len(claim.names), claim.unnamed, _in_order(claim.names)))
+        folded: dict[Claim, float] = {}
+        for claim in every:
+            within = [
+                other
+                for other in folded
+                if other.names <= claim.names
+                and other.unnamed <= claim.unnamed
+                and self.weights[other] > self.weights[claim]
+            ]
+            onto = descending(within, self.weights.__getitem__)[0] if within else claim
+            folded[onto] = folded.get(onto, 0.0) + self.weights[claim]
+        return folded
+
+    def _rivals_of(self, name: Named, head: Sequence[Named]) -> tuple[Named, ...]:
+        """What claims without a name have in its place, the likeliest first; the rest is `OPEN`."""
+        folded = self._folded
+        lacking = [claim for claim in folded if not self.holds(claim, name)]
+        left = math.fsum(folded[claim] for claim in lacking)
+        rivals: dict[Named, None] = {}
+        for claim in descending(lacking, folded.__getitem__):
+            if left <= OPEN * self.missing:
+                break
+            left -= folded[claim]
+            others = [
+                other
+                for other in claim.names
+                if not any(self.one_in_other(known, other) for known in head)
+            ]
+            if claim.unnamed and not others:
+                others = [Named(EMPIRICAL, name.where)]
+            rivals |= dict.fromkeys(sorted(others, key=_order))
+        return tuple(rivals)
+
+
+def _order(name: Named) -> tuple[str, str]:
+    return name.id, name.where
+
+
+def _in_order(names: frozenset[Named]) -> list[tuple[str, str]]:
+    return sorted(map(_order, names))
+
+
+def name_of(component: Component) -> Named:
+    """Name and place of a component."""
+    return Named(component.id, component.where)

@@ -1,0 +1,154 @@
+"""How large the gap is on readings that the choice of a name did not see."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from calib.arrays import LEG_NAMES, TOOL, FloatArray, IntArray
+from calib.diagnosis.claims import NAMES
+from calib.diagnosis.gap import LOOSE, Leftover, spread_of
+from calib.diagnosis.results import HeldOutGap
+from calib.errors import CalibrationError
+from calib.posterior.cells import Cells
+from calib.posterior.models import Posterior
+from calib.posterior.problem import About
+from calib.posterior.race import LOG_CAUSES, LOG_SCALES, SCALES, Key, Products, Race
+from calib.tripod.effects.effect import Effect, EffectInstance
+
+
+def on_other_sessions(
+    leftover: Leftover,
+    others: Sequence[Cells],
+    effects: tuple[EffectInstance, ...],
+    timed: Sequence[Effect],
+) -> HeldOutGap | None:
+    """The gap on sessions that were not used at all: effects and lengths as they were found.
+
+    Every session has its own offsets and zeros. None where the effects put the machine out of its
+    own reach.
+    """
+    try:
+        fitted = Leftover.of(leftover.sessions, effects, timed)
+        before = Leftover.of(others, (), timed, leftover.bars())
+        after = Leftover.of(others, effects, timed, fitted.bars())
+    except CalibrationError:
+        return None
+    how = "sessions that were not used"
+    return HeldOutGap(how, before.rms_mm(before.left), after.rms_mm(after.left), before.noise_mm)
+
+
+def left_out_postures(posterior: Posterior, leftover: Leftover) -> HeldOutGap | None:
+    """Leave out one side of one leg at a time; choose anew, fit, predict what was left out.
+
+    Chosen among all single names and the sets of names that all readings leave possible. Zeros come
+    from the rest of each mounting. None where nothing can be left out.
+    """
+    return _LeftOut(posterior, leftover).gap()
+
+
+@dataclass(frozen=True, eq=False)
+class _LeftOut:
+    posterior: Posterior
+    leftover: Leftover
+
+    def gap(self) -> HeldOutGap | None:
+        root = np.sqrt(np.concatenate([c.variance_mm2 for c in self.posterior.sessions]))
+        squares, noise, used = np.zeros(2), 0.0, 0
+        for held in self._groups():
+            missed = [(left * root[held]) ** 2 for left in self._missed(held)]
+            squares += [float(one.sum()) for one in missed]
+            noise += float((root[held] ** 2).sum())
+            used += len(held)
+        if not used:
+            return None
+        before, after = np.sqrt(squares / used).tolist()
+        how = "one side of one leg left out at a time, the choice made again each time"
+        return HeldOutGap(how, before, after, math.sqrt(noise / used))
+
+    def _groups(self) -> Iterator[IntArray]:
+        """Cells of one leg on one side of Zero, in all sessions; of the tool along a coordinate."""
+        leg = self.leftover.conditions("leg")
+        displacement = self.leftover.conditions("displacement_mm")
+        places = [(k, displacement) for k in range(len(LEG_NAMES))]
+        places += [(TOOL, along) for along in self.leftover.conditions("position_mm").T]
+        for k, coordinate in places:
+            for side in (1.0, -1.0):
+                rows = np.flatnonzero((leg == k) & (np.sign(coordinate) == side))
+                if len(rows) and len(rows) < (leg == k).sum():
+                    yield rows
+
+    @cached_property
+    def _base(self) -> FloatArray:
+        """Columns ``(n, z + b)`` of zeros and base, per what is expected of them."""
+        rows = self.posterior.linear.rows
+        each = block_diag(*(cells.zeros for cells in self.posterior.sessions))
+        zeros = np.zeros((len(rows.residual), each.shape[1]))
+        zeros[: rows.cells] = LOOSE * each
+        return np.hstack([zeros, rows.base * spread_of(rows)])
+
+    @cached_property
+    def _sets(self) -> list[Key]:
+        """Sets of two and three names that all readings leave possible, with their scales."""
+        components = self.posterior.components
+        return [
+            tuple(zip(model.members, model.scales, strict=True))
+            for model in self.posterior.models
+            if len(model.members) > 1
+            and not model.mistakes
+            and all(components[k].kind in NAMES for k in model.members)
+        ]
+
+    def _missed(self, held: IntArray) -> tuple[FloatArray, FloatArray]:
+        """What is missed of rows that are left out, without a name and with the best one."""
+        linear = self.posterior.linear
+        rows = linear.rows
+        kept = np.setdiff1d(np.arange(len(rows.residual)), held)
+        expected = np.zeros(self._base.shape[1])
+        about = About.of(self._base[kept], rows.residual[kept], expected)
+        columns = about.left_by(linear.columns[kept])
+        products = Products(
+            columns.T @ columns, columns.T @ about.left, float(about.left @ about.left)
+        )
+        base = rows.residual[held] - self._base[held] @ (about.inverse @ about.along)
+        race = Race(
+            products,
+            linear.index,
+            np.array([c.log_prior for c in self.posterior.components[: len(linear.index)]]),
+            rows.free - len(held),
+            rows.freedom,
+            rows.excess,
+        )
+        chosen = self._best(race)
+        index = np.concatenate([linear.index[k] for k, _ in chosen])
+        scale = np.concatenate([np.full(len(linear.index[k]), s) for k, s in chosen])
+        inner = np.eye(len(index)) + scale[:, None] * products.inner[np.ix_(index, index)] * scale
+        sizes = scale * np.linalg.solve(inner, scale * products.along[index])
+        moved = linear.columns[kept][:, index] @ sizes
+        shift = about.inverse @ (about.basis[: len(kept)].T @ moved)
+        more = linear.columns[held][:, index] @ sizes - self._base[held] @ shift
+        return base, base - more
+
+    def _best(self, race: Race) -> Key:
+        """The name or the set of names of most weight."""
+        square, room = race.one_more(race.products)
+        log = race.log_evidence(square, room) + LOG_SCALES[:, None] + race.log_prior
+        names = [c.kind in NAMES for c in self.posterior.components[: len(race.columns)]]
+        log = np.where(names, log + LOG_CAUSES[1], -math.inf)
+        row, number = np.unravel_index(int(np.argmax(log)), log.shape)
+        best: Key = ((int(number), SCALES[int(row)]),)
+        most = float(log[row, number])
+        for key in self._sets:
+            products, weight = race.products, float(LOG_CAUSES[len(key)])
+            for k, scale in key:
+                products = products.beside(race.columns[k], scale)
+                weight += race.log_prior[k] + LOG_SCALES[SCALES.index(scale)]
+            weight += float(race.log_evidence(np.array(products.square), np.array(products.room)))
+            if weight > most:
+                best, most = key, weight
+        return best

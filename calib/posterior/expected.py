@@ -1,0 +1,99 @@
+"""What a procedure will tell before it is measured, and the bound at the tool after it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.arrays import BLIND, FloatArray, svd_of_all
+from calib.noise.reading import IndicatorFigures, visits
+from calib.posterior.cells import SessionCase
+from calib.posterior.correction import correction
+from calib.posterior.models import Posterior
+from calib.posterior.posterior import posterior
+from calib.stats import coverage_factor
+from calib.tripod.geometry import PARAMETER_NAMES
+from calib.tripod.pipeline import Model
+from calib.tripod.planning import TripodPlanning
+
+
+@dataclass(frozen=True)
+class ExpectedParameter:
+    """Expanded uncertainty (95 %) to expect of a parameter, mm; None where readings do not tell it.
+
+    ``alone_mm`` with the other kind (offsets, lengths) as in the machine file, ``all_mm`` with all
+    six free; papers/000 (12)-(14). ``held_mm`` with all six held by their tolerances.
+    """
+
+    name: str
+    alone_mm: float | None
+    all_mm: float | None
+    held_mm: float
+
+
+@dataclass(frozen=True)
+class ExpectedResult:
+    """What a procedure will tell, before it is measured, if its readings show nothing new.
+
+    ``bound_mm`` is of the tool with joint offsets entered, touched off; the ``worst`` name and
+    place is behind most of it, None where that is no effect.
+    """
+
+    parameters: tuple[ExpectedParameter, ...]
+    bound_mm: float
+    worst: tuple[str, str] | None
+
+
+def expected_of(planned: TripodPlanning, tolerance_mm: FloatArray) -> ExpectedResult:
+    """Uncertainties and the bound at the tool for the noise of the indicator at hand."""
+    jacobian = planned.examine().sensitivity.jacobian
+    alone = np.concatenate([_half_widths(jacobian[:, :3]), _half_widths(jacobian[:, 3:])])
+    every = _half_widths(jacobian)
+    held = _half_widths(np.vstack([jacobian, np.diag(1.0 / tolerance_mm)]))
+    rows = zip(PARAMETER_NAMES, alone.tolist(), every.tolist(), held.tolist(), strict=True)
+    found = posterior([_nothing_new(planned, tolerance_mm)])
+    offsets = correction(found, "offsets")
+    parameters = tuple(
+        ExpectedParameter(
+            name,
+            one if math.isfinite(one) else None,
+            six if math.isfinite(six) else None,
+            last,
+        )
+        for name, one, six, last in rows
+    )
+    worst = _worst(found, offsets.values)
+    return ExpectedResult(parameters, offsets.bound_mm["touched-off"], worst)
+
+
+def _nothing_new(planned: TripodPlanning, tolerance_mm: FloatArray) -> SessionCase:
+    """Readings of the nominal machine: one of each cell, as sure as all of them are."""
+    model, visited = Model(planned.geometry), visits(planned.planned)
+    _, first, number = np.unique(visited.cell, return_index=True, return_inverse=True)
+    shown = replace(visited, value_mm=model.readings(visited)).take(first)
+    together = np.bincount(number, visited.averaged).astype(np.float64)
+    figures = IndicatorFigures(repeatability_mm=planned.noise.standard_deviation_mm)
+    return SessionCase(model, replace(shown, averaged=together), figures, tolerance_mm)
+
+
+def _worst(found: Posterior, values: FloatArray) -> tuple[str, str] | None:
+    """The name and place of the largest share of the expected square."""
+    shares: dict[tuple[str, str] | None, float] = {}
+    distances = found.tool_errors["touched-off"].distances(values)
+    for model, (weight, square, _) in zip(found.models, distances, strict=True):
+        names: list[tuple[str, str] | None] = [
+            (found.components[k].id, found.components[k].where) for k in model.members
+        ]
+        for name in names or [None]:
+            shares[name] = shares.get(name, 0.0) + weight * square
+    return max(shares, key=shares.__getitem__)
+
+
+def _half_widths(rows: FloatArray) -> FloatArray:
+    """Expanded uncertainties ``(k,)`` from whitened rows ``(n, k)``; infinite where not seen."""
+    _, singular, turned = svd_of_all(rows)
+    if singular[-1] <= BLIND * singular[0]:
+        return np.full(rows.shape[1], np.inf)
+    return np.asarray(coverage_factor(math.inf) * np.linalg.norm(turned.T / singular, axis=1))

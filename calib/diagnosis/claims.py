@@ -124,6 +124,15 @@ class Claims:
         ordered = sorted(shares.items(), key=lambda item: _order(item[0]))
         return dict(descending(ordered, lambda item: item[1]))
 
+    @cached_property
+    def ids(self) -> dict[str, float]:
+        """Probability of each name, wherever it acts; the likeliest first."""
+        shares: dict[str, float] = {}
+        for claim, weight in self.weights.items():
+            for name in claim.ids:
+                shares[name] = shares.get(name, 0.0) + weight
+        return dict(descending(sorted(shares.items()), lambda item: item[1]))
+
     def one_in_other(self, first: Named, second: Named) -> bool:
         """Whether an effect at one place with values of its own contains it at the other."""
         if first == second:

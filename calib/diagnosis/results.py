@@ -47,6 +47,14 @@ class Named:
 
 
 @dataclass(frozen=True)
+class LikelyName:
+    """A name with the probability that it acts anywhere."""
+
+    id: str
+    probability: float
+
+
+@dataclass(frozen=True)
 class Value:
     """One parameter of an effect."""
 
@@ -216,7 +224,7 @@ class Diagnosis:
     """The whole answer. ``sentence`` is the verdict for a machinist.
 
     ``missing`` is the probability that anything is missing, ``something_else`` that something
-    without a name acts. ``cleaned`` are the readings of each session as they were diagnosed.
+    without a name acts, ``names`` are those that may act anywhere. ``cleaned`` are the readings of each session as they were diagnosed.
     """
 
     verdict: Verdict
@@ -226,6 +234,7 @@ class Diagnosis:
     noise_source: str
     missing: float
     something_else: float
+    names: tuple[LikelyName, ...]
     gap_before: Gap
     gap_after: Gap
     held_out: HeldOutGap | None

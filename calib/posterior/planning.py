@@ -16,7 +16,7 @@ import numpy as np
 
 from calib.arrays import TIE, Conditions, FloatArray, descending
 from calib.posterior.correction import Correction, Holds, parts_of
-from calib.posterior.forecast import HEAVIEST, Forecast, ForecastOutcome
+from calib.posterior.forecast import HEAVIEST, Forecast
 from calib.posterior.measurements import FurtherMeasurement, MeasurementPreparation
 from calib.posterior.mixture import ExpectedReadings
 from calib.posterior.models import Posterior
@@ -198,12 +198,6 @@ class Planner:
         ]
 
     @cached_property
-    def outcomes(self) -> list[ForecastOutcome]:
-        """What is expected after each."""
-        models = [k for _, _, some in self._open for k in some]
-        return [self.forecast.after(readings, models) for readings in self.readings]
-
-    @cached_property
     def _scale(self) -> float:
         """The bound over that of the models of the forecast, which are not all."""
         return self.bound_mm / self.forecast.now_mm
@@ -211,8 +205,8 @@ class Planner:
     def proposals(self) -> list[Proposal]:
         """The best a minute first."""
         proposals = []
-        for candidate, outcome in zip(self.candidates, self.outcomes, strict=True):
-            bound_mm = self._scale * outcome.bound_mm
+        for candidate, readings in zip(self.candidates, self.readings, strict=True):
+            bound_mm = self._scale * self.forecast.after_mm(readings)
             gain = (self.bound_mm - bound_mm) / candidate.minutes
             proposals.append(Proposal(candidate, bound_mm, gain))
         return descending(proposals, lambda proposal: proposal.gain_mm_per_minute)
@@ -233,7 +227,7 @@ class Planner:
                 if best and gains[k] <= (1.0 + TIE) * gains[best[0]]:
                     break
                 both = ExpectedReadings.together([*chosen, self.readings[k]])
-                after_mm = self._scale * self.forecast.after(both).bound_mm
+                after_mm = self._scale * self.forecast.after_mm(both)
                 gains[k] = math.log(bound_mm / after_mm) / self.candidates[k].minutes
                 better = best is None or gains[k] > (1.0 + TIE) * gains[best[0]]
                 if better and after_mm < WORTH * bound_mm:
@@ -275,9 +269,11 @@ class Planner:
         components = [self.posterior.components[k] for k in members]
         return tuple(sorted((component.id, component.where) for component in components))
 
-    def _apart(self, outcome: ForecastOutcome) -> FloatArray:
+    def _apart(self, readings: ExpectedReadings) -> FloatArray:
         """Noise variances between open names, of their nearest models, either being true."""
-        either = np.minimum(outcome.separation, outcome.separation.T)
+        models = [k for _, _, some in self._open for k in some]
+        apart = self.forecast.apart(readings, models)
+        either = np.minimum(apart, apart.T)
         starts = np.cumsum([0, *(len(some) for _, _, some in self._open[:-1])])
         rows = np.minimum.reduceat(either, starts, axis=0)
         return np.asarray(np.minimum.reduceat(rows, starts, axis=1))
@@ -290,7 +286,7 @@ class Planner:
         if len(self._open) < 2 or not self.candidates:
             return None
         weight = np.array([share for _, share, _ in self._open])
-        apart = [self._apart(outcome) for outcome in self.outcomes]
+        apart = [self._apart(readings) for readings in self.readings]
         score = np.array(
             [float((np.minimum(each, GOAL) * np.outer(weight, weight)).sum()) for each in apart]
         )

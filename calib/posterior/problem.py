@@ -166,9 +166,11 @@ class Problem:
         every = []
         log = np.array([entry.log_weight for entry in entries])
         shared = self.base_unit[:, None] * about.inverse
-        along = about.basis[: len(self.columns)].T @ self.columns
+        moved = shared @ (about.basis[: len(self.columns)].T @ self.columns)
+        plain = ModelFit(shared @ about.along, shared, moved, race.products.square, about.room)
+        plain.mean[: len(self.rows.value)] += self.rows.value
         for number, entry in enumerate(entries):
-            fit = self._fitted(entry, race.products, about, shared, along)
+            fit = self._fitted(entry, race.products, plain)
             if number < REFINED and entry.members:
                 fit, gained = self._followed(race, entry, fit, about.room)
                 log[number] += gained
@@ -203,33 +205,23 @@ class Problem:
         scales = [s * np.ones(len(u)) for s, u in zip(entry.scales, units, strict=True)]
         return np.concatenate([np.zeros(0), *units]), np.concatenate([np.zeros(0), *scales])
 
-    def _fitted(
-        self,
-        entry: RaceEntry,
-        products: Products,
-        about: About,
-        shared: FloatArray,
-        along: FloatArray,
-    ) -> ModelFit:
-        """A model by its derivatives alone; ``along`` ``(b, k)`` are columns along the base."""
+    def _fitted(self, entry: RaceEntry, products: Products, plain: ModelFit) -> ModelFit:
+        """A model by its derivatives alone.
+
+        Of the ``plain`` one ``sizes`` ``(b, k)`` are what each column moves the base by.
+        """
         unit, scale = self._unit(entry)
         index = self._index(entry)
         inner = np.eye(len(index)) + scale[:, None] * products.inner[np.ix_(index, index)] * scale
         root = np.linalg.inv(np.linalg.cholesky(inner)).T
         inverse = root @ root.T
         sizes = inverse @ (scale * products.along[index])
-        beside = along[:, index] * scale
-        mean = self.base_unit * (about.inverse @ (about.along - beside @ sizes))
-        mean[: len(self.rows.value)] += self.rows.value
+        moved = plain.sizes[:, index] * scale
+        mean = np.concatenate([plain.mean - moved @ sizes, unit * scale * sizes])
         square = products.square - float(scale * products.along[index] @ sizes)
-        room = about.room + float(np.log(root.diagonal()).sum())
-        residual = about.left[: self.rows.cells]
-        cells = self.columns[: self.rows.cells, index] * scale
-        left = residual - (cells - about.basis[: self.rows.cells] @ beside) @ sizes
-        own = np.vstack([-shared @ beside @ root, (unit * scale)[:, None] * root])
-        return ModelFit(
-            np.concatenate([mean, unit * scale * sizes]), shared, own, square, room, left
-        )
+        room = plain.room + float(np.log(root.diagonal()).sum())
+        own = np.vstack([-moved @ root, (unit * scale)[:, None] * root])
+        return ModelFit(mean, plain.base, own, square, room)
 
     def _refitted(
         self, entry: RaceEntry, rows: Rows, block: FloatArray, at: FloatArray
@@ -253,7 +245,7 @@ class Problem:
         own = np.vstack([-shared @ beside @ inverse, (unit * scale)[:, None] * inverse])
         room = about.room - float(np.log(np.abs(root.diagonal())).sum())
         values = np.concatenate([mean, unit * (at + scale * sizes)])
-        return ModelFit(values, shared, own, float(left @ left), room, left[: rows.cells])
+        return ModelFit(values, shared, own, float(left @ left), room)
 
     def _followed(
         self, race: Race, entry: RaceEntry, fit: ModelFit, plain_room: float
@@ -262,7 +254,7 @@ class Problem:
         before = race.log_evidence(np.array(fit.square), np.array(fit.room - plain_room))
         try:
             models = self._models(entry, fit.mean)
-            beyond = self._residual(models, entry, fit) - fit.left
+            beyond = self._residual(models, entry, fit) - self._linear_residual(entry, fit)
             if float(beyond @ beyond) < BEYOND:
                 return fit, 0.0
             for _ in range(STEPS):
@@ -313,6 +305,15 @@ class Problem:
             for cells, model in zip(self.sessions, models, strict=True)
         ]
         return np.concatenate(parts) - self._linear_part(entry, fit.mean)
+
+    def _linear_residual(self, entry: RaceEntry, fit: ModelFit) -> FloatArray:
+        """The same by derivatives alone ``(cells,)``."""
+        count, value = self.rows.cells, np.zeros(len(self.base_unit))
+        value[: len(self.rows.value)] = self.rows.value
+        base = (fit.mean[: len(value)] - value) / self.base_unit
+        sizes = fit.mean[len(value) :] / self._unit(entry)[0]
+        columns = self.columns[:count, self._index(entry)]
+        return np.asarray(self.rows.residual[:count] - self.base[:count] @ base - columns @ sizes)
 
     def _about(self, models: Sequence[Model], entry: RaceEntry, fit: ModelFit) -> ModelFit:
         """One step of Gauss and Newton; readings within cells stay as they were.
@@ -375,7 +376,7 @@ class About:
 class ModelFit:
     """Values of a model ``(b + r,)``, a root of their covariance, what is left, and the room.
 
-    ``base`` and ``sizes`` as in `Weighted`; ``left`` ``(cells,)`` is what is left of each mean.
+    ``base`` and ``sizes`` as in `Weighted`.
     """
 
     mean: FloatArray
@@ -383,7 +384,6 @@ class ModelFit:
     sizes: FloatArray
     square: float
     room: float
-    left: FloatArray
 
 
 def _linear(

@@ -77,6 +77,7 @@ def extract(document: Json) -> Json:
         "candidates": [
             {"id": each["id"], "where": each["where"]} for each in document["candidates"][:5]
         ],
+        "probabilities": [[each["id"], each["probability"]] for each in document["names"]],
         "held_out": document.get("held_out_gap"),
         "noise_dof": (document.get("noise") or {}).get("degrees_of_freedom"),
         "next": (document.get("next_measurement") or {}).get("protocol"),

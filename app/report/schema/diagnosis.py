@@ -10,6 +10,7 @@ from calib.diagnosis.results import (
     Detectable,
     Gap,
     HeldOutGap,
+    LikelyName,
     ModelDiscrepancy,
     Named,
     SharedPattern,
@@ -119,6 +120,9 @@ class DiagnosisReport(Report):
     missing: float = at("found.diagnosis.missing", "probability that anything is missing")
     something_else: float = at(
         "found.diagnosis.something_else", "probability that something without a name acts"
+    )
+    names: tuple[LikelyName, ...] = at(
+        "found.diagnosis.names", "what may act anywhere, the likeliest first"
     )
     gap_before: Gap = at("found.diagnosis.gap_before")
     gap_after: Gap = at("found.diagnosis.gap_after")

@@ -224,7 +224,8 @@ class Diagnosis:
     """The whole answer. ``sentence`` is the verdict for a machinist.
 
     ``missing`` is the probability that anything is missing, ``something_else`` that something
-    without a name acts, ``names`` are those that may act anywhere. ``cleaned`` are the readings of each session as they were diagnosed.
+    without a name acts, ``names`` are those that may act anywhere. ``cleaned`` are the readings of
+    each session as they were diagnosed.
     """
 
     verdict: Verdict

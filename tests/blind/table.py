@@ -12,6 +12,7 @@ from tests.blind.baselines import BASELINES
 from tests.blind.cases import BARS, BLUNDERS, STRENGTHS, plan
 from tests.blind.effects import EFFECT_IDS
 from tests.blind.noise import NOISES
+from tests.blind.reliability import brier, reliability
 from tests.blind.scoring import (
     NEARLY_INSIDE,
     Json,
@@ -114,7 +115,8 @@ def shown(found: Rate) -> str:
 
 def page(told: Told) -> str:
     """The whole page."""
-    parts = [_head(told), _must_hold(told), _figures(told), _by_noise(told), _by_effect(told)]
+    parts = [_head(told), _must_hold(told), _figures(told), _probabilities(told)]
+    parts += [_by_noise(told), _by_effect(told)]
     parts += [_by_blunder(told), _verdicts(told), _against_baselines(told), _wrong(told)]
     return "\n\n".join(parts) + "\n"
 
@@ -276,6 +278,30 @@ def _figures(told: Told) -> str:
         )
     )
     return "\n".join(rows)
+
+
+def _probabilities(told: Told) -> str:
+    """Reliability of the probabilities of names, and the Brier score."""
+    known = told.cell("none", "single", "pair", "look-alike", "plane", "plane-alone")
+    foreign = [one for one in told.cell("outside", "left-out") if _foreign(one)]
+    rows = [
+        [
+            kind,
+            f"{each.least:g} … {each.most:g}",
+            f"{each.mean:.3f}",
+            f"{each.right:.3f}",
+            str(each.count),
+        ]
+        for kind, sessions in (("hidden laws known", known), ("outside", foreign))
+        for each in reliability(sessions)
+    ]
+    scores = [
+        f"Brier score of a session, {kind}: {score:.3f} ({len(sessions)} sessions)."
+        for kind, sessions in (("hidden laws known", known), ("outside", foreign))
+        if (score := brier(sessions)) is not None
+    ]
+    head = ["sessions", "probability", "mean", "right", "names"]
+    return "\n\n".join([_grid("Probabilities of names", head, rows), *scores])
 
 
 def _split(

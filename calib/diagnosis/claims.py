@@ -20,7 +20,7 @@ from calib.tripod.effects.empirical import EMPIRICAL
 
 Key = TypeVar("Key", str, Named)
 
-NAMES = ("named", "beside")
+NAMES = ("named", "beside", "mistake")
 """Kinds of components that have a name for a mechanic."""
 
 MISSING = 0.98

@@ -47,6 +47,9 @@ from calib.tripod.effects.drives import ActuatorCyclic
 from calib.tripod.effects.effect import Effect, EffectInstance, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
 
+BARS_DIFFER = "the bars are not those of the first session: diagnose the sessions one at a time"
+"""Of the component that is no law: bars of other lengths."""
+
 FAR_OFF = 5.0
 """Tolerances beyond which a joint offset is more likely a mistake in what was entered."""
 
@@ -183,7 +186,7 @@ class _Report:
         parameters, effects = self._values(number)
         after = self._with((*adopted, *effects))
         after_mm = after.rms_mm(after.left) if after else before_mm
-        kind, title = component.kind, component.id
+        kind, title = str(Kind.GROSS_ERROR), BARS_DIFFER
         if component.candidate:
             kind, title = str(component.candidate.kind), component.candidate.title
         what = component.id, kind, title, component.where
@@ -203,7 +206,7 @@ class _Report:
     def _likeliest(self, name: Named) -> int:
         """The component of a name at a place; of several, such as screws of two leads, the best."""
         every = enumerate(self.components)
-        numbers = [k for k, one in every if one.candidate and name_of(one) == name]
+        numbers = [k for k, one in every if name_of(one) == name]
         return descending(numbers, self._weight)[0]
 
     def _values(self, number: int) -> tuple[tuple[Value, ...], tuple[EffectInstance, ...]]:

@@ -7,7 +7,7 @@ of every law everywhere, for no machine is free of any. To that a model adds its
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,7 +17,7 @@ from calib.arrays import FloatArray, IntArray, without
 from calib.errors import NotIdentifiable
 from calib.posterior.cells import Cells
 from calib.posterior.labels import RivalModel, Solved
-from calib.posterior.library import ELSE, Component, library, something_else
+from calib.posterior.library import ELSE, Component, library, other_bars, something_else
 from calib.posterior.models import Linear, Posterior, Weighted, effects_of_tool
 from calib.posterior.race import LOG_CAUSES, Products, Race, RaceEntry
 from calib.posterior.readings import LENGTHS, Placed, Rows, placed_columns, rows_of
@@ -70,6 +70,7 @@ class Problem:
             else:
                 block = block * component.unit
             every.append((component, block))
+        every += _bars_of_sessions(sessions, rows)
         widths = [block.shape[1] for _, block in every]
         starts = np.cumsum([0, *widths[:-1]])
         return cls(
@@ -419,6 +420,18 @@ def _with_common_lengths(models: Sequence[Model]) -> tuple[Model, ...]:
         model.with_parameters(np.concatenate([model.parameters_mm[:3], lengths]))
         for model in models
     )
+
+
+def _bars_of_sessions(
+    sessions: Sequence[Cells], rows: Rows
+) -> Iterator[tuple[Component, FloatArray]]:
+    """Other bars in each session but the first, with their columns ``(n, 3)``."""
+    ends = np.cumsum([len(cells.means) for cells in sessions]).tolist()
+    for number in range(1, len(sessions)):
+        mine = slice(ends[number - 1], ends[number])
+        columns = np.zeros((len(rows.residual), LENGTHS))
+        columns[mine] = rows.base[mine, :LENGTHS] * rows.spread[:LENGTHS]
+        yield other_bars(number), columns
 
 
 def _of_postures(sessions: Sequence[Cells], total: int) -> FloatArray:

@@ -83,8 +83,8 @@ class SessionDiagnosis:
     def table(self) -> DataTable:
         """A row for each size of what was named, then of the other candidates, best first."""
         ranked: list[tuple[Finding | Contender, str]] = [
-            *((one, "named") for one in self.diagnosis.effects),
-            *((one, one.reason_rejected) for one in self.diagnosis.candidates),
+            *((effect, "named") for effect in self.diagnosis.effects),
+            *((each, each.reason_rejected) for each in self.diagnosis.candidates),
         ]
         return DataTable(
             (
@@ -93,11 +93,11 @@ class SessionDiagnosis:
             ),
             tuple(
                 (
-                    *(one.id, one.where, size.name, size.value, size.standard_uncertainty),
-                    *(size.unit, one.probability, one.gap_rms_after_mm, standing),
+                    *(named.id, named.where, size.name, size.value, size.standard_uncertainty),
+                    *(size.unit, named.probability, named.gap_rms_after_mm, standing),
                 )
-                for one, standing in ranked
-                for size in one.parameters
+                for named, standing in ranked
+                for size in named.parameters
             ),
         )
 
@@ -124,7 +124,7 @@ class SessionDiagnosis:
         if opened.machine.motion is not None and opened.procedure is not None:
             step_s = seconds_per_step(opened.machine, opened.procedure)
             pace = Pace(seconds_per_step=step_s)
-        ways = tuple(one for one in candidates(self.corrections.posterior, pace) if one.is_way)
+        ways = tuple(way for way in candidates(self.corrections.posterior, pace) if way.is_way)
         return self._planner(ways).reach() if ways else None
 
     def _planner(self, measurements: tuple[FurtherMeasurement, ...]) -> Planner:
@@ -162,8 +162,8 @@ def diagnose_files(
     """As `diagnose_sessions`, of files, with their warnings. Raises RecordError, too."""
     sessions, warnings = load_sessions(paths)
     others, more = load_sessions(held_out)
-    found = diagnose_sessions(sessions, model=model, held_out=others, effects=effects)
-    return replace(found, warnings=(*warnings, *more, *found.warnings))
+    diagnosed = diagnose_sessions(sessions, model=model, held_out=others, effects=effects)
+    return replace(diagnosed, warnings=(*warnings, *more, *diagnosed.warnings))
 
 
 def diagnose_sessions(

@@ -139,8 +139,8 @@ class Claims:
             return True
         if first.id != second.id or not {first, second} <= self.reach.keys():
             return False
-        (one, one_free), (two, two_free) = self.reach[first], self.reach[second]
-        return (two_free and one <= two) or (one_free and two <= one)
+        (places, free), (others, others_free) = self.reach[first], self.reach[second]
+        return (others_free and places <= others) or (free and others <= places)
 
     def holds(self, claim: Claim, name: Named) -> bool:
         """Whether a claim has this name, at this place or at one that contains it."""

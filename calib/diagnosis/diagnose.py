@@ -91,7 +91,7 @@ class _Report:
         self.posterior, self.others = posterior, others
         self.components = posterior.components
         self.claims = Claims.of(posterior)
-        laws = [share.effect for one in self.components for share in one.shares]
+        laws = [share.effect for each in self.components for share in each.shares]
         self.timed = timed_laws(laws)
         self.before = Leftover.of(posterior.sessions, (), self.timed)
         self.answer = self._checked(self.claims.answer())
@@ -206,7 +206,7 @@ class _Report:
     def _likeliest(self, name: Named) -> int:
         """The component of a name at a place; of several, such as screws of two leads, the best."""
         every = enumerate(self.components)
-        numbers = [k for k, one in every if name_of(one) == name]
+        numbers = [k for k, component in every if name_of(component) == name]
         return descending(numbers, self._weight)[0]
 
     def _values(self, number: int) -> tuple[tuple[Value, ...], tuple[EffectInstance, ...]]:
@@ -237,7 +237,7 @@ class _Report:
         """The likeliest law without a name, where something without a name is likely."""
         claims, likely = (
             self.claims,
-            [k for k, one in enumerate(self.components) if one.kind == "nameless"],
+            [k for k, component in enumerate(self.components) if component.kind == "nameless"],
         )
         weight = {k: self._weight(k) for k in likely}
         if (
@@ -266,7 +266,7 @@ class _Report:
     def _contenders(self) -> Iterator[Contender]:
         """Places that may act and are not named, the likeliest first."""
         rivals = {name for some in self.answer.rivals.values() for name in some}
-        known = {name_of(one) for one in self.components}
+        known = {name_of(component) for component in self.components}
         before_mm = self.before.rms_mm(self.before.left)
         names = [name for name in self.claims.places if name in known]
         for name in names[:MOST_CONTENDERS]:
@@ -304,7 +304,7 @@ class _Report:
         if number >= len(linear.index):  # of labels put right in another way
             name = name_of(self.components[number])
             every = enumerate(self.components[: len(linear.index)])
-            number = next((k for k, one in every if name_of(one) == name), number)
+            number = next((k for k, other in every if name_of(other) == name), number)
         if number >= len(linear.index):
             return np.zeros((len(linear.columns), 0))
         return np.asarray(linear.columns[:, linear.index[number]])
@@ -320,7 +320,7 @@ class _Report:
         if self.answer.verdict in ("partly-explained", "unexplained") and not left_over:
             yield NO_LAW
         for name in self.answer.rivals:
-            if name in {name_of(one) for one in self.components}:
+            if name in {name_of(component) for component in self.components}:
                 yield from self._half_seen(self._likeliest(name))
                 yield from self._leads(name)
         yield from self._far_offsets()
@@ -346,7 +346,7 @@ class _Report:
                 weights[lead] = weights.get(lead, 0.0) + self._weight(k)
         best = max(weights, key=weights.__getitem__, default=0.0)
         others = sorted(
-            one for one, w in weights.items() if one != best and w > AS_GOOD * weights[best]
+            lead for lead, w in weights.items() if lead != best and w > AS_GOOD * weights[best]
         )
         if others:
             leads_mm = ", ".join(f"{lead:g}" for lead in others)
@@ -459,7 +459,7 @@ def explained_share(before_rms_mm: float, after_rms_mm: float) -> float:
 def sentence(verdict: Verdict, findings: Sequence[Finding], where: str) -> str:
     """The verdict in one sentence that a machinist understands; ``where`` something is left."""
     names = " and ".join(f"{finding.title} ({finding.where})" for finding in findings)
-    others = sorted({rival.id for one in findings for rival in one.indistinguishable_from})
+    others = sorted({rival.id for finding in findings for rival in finding.indistinguishable_from})
     rivals = ["an unnamed effect" if other == EMPIRICAL else other for other in others]
     if len(rivals) > MOST_RIVALS:
         rivals = [*rivals[: MOST_RIVALS - 1], f"{len(rivals) - MOST_RIVALS + 1} others"]

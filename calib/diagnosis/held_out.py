@@ -60,11 +60,11 @@ class _LeftOut:
     def gap(self) -> HeldOutGap | None:
         root = np.sqrt(np.concatenate([c.variance_mm2 for c in self.posterior.sessions]))
         squares, noise, used = np.zeros(2), 0.0, 0
-        for held in self._groups():
-            missed = [(left * root[held]) ** 2 for left in self._missed(held)]
-            squares += [float(one.sum()) for one in missed]
-            noise += float((root[held] ** 2).sum())
-            used += len(held)
+        for rows in self._groups():
+            missed = [(left * root[rows]) ** 2 for left in self._missed(rows)]
+            squares += [float(square.sum()) for square in missed]
+            noise += float((root[rows] ** 2).sum())
+            used += len(rows)
         if not used:
             return None
         before, after = np.sqrt(squares / used).tolist()
@@ -104,23 +104,23 @@ class _LeftOut:
             and all(components[k].kind in NAMES for k in model.members)
         ]
 
-    def _missed(self, held: IntArray) -> tuple[FloatArray, FloatArray]:
+    def _missed(self, out_rows: IntArray) -> tuple[FloatArray, FloatArray]:
         """What is missed of rows that are left out, without a name and with the best one."""
         linear = self.posterior.linear
         rows = linear.rows
-        kept = np.setdiff1d(np.arange(len(rows.residual)), held)
+        kept = np.setdiff1d(np.arange(len(rows.residual)), out_rows)
         expected = np.zeros(self._base.shape[1])
         about = About.of(self._base[kept], rows.residual[kept], expected)
         columns = about.left_by(linear.columns[kept])
         products = Products(
             columns.T @ columns, columns.T @ about.left, float(about.left @ about.left)
         )
-        base = rows.residual[held] - self._base[held] @ (about.inverse @ about.along)
+        base = rows.residual[out_rows] - self._base[out_rows] @ (about.inverse @ about.along)
         race = Race(
             products,
             linear.index,
             np.array([c.log_prior for c in self.posterior.components[: len(linear.index)]]),
-            rows.free - len(held),
+            rows.free - len(out_rows),
             rows.freedom,
             rows.excess,
         )
@@ -131,7 +131,7 @@ class _LeftOut:
         sizes = scale * np.linalg.solve(inner, scale * products.along[index])
         moved = linear.columns[kept][:, index] @ sizes
         shift = about.inverse @ (about.basis[: len(kept)].T @ moved)
-        more = linear.columns[held][:, index] @ sizes - self._base[held] @ shift
+        more = linear.columns[out_rows][:, index] @ sizes - self._base[out_rows] @ shift
         return base, base - more
 
     def _best(self, race: Race) -> Key:

@@ -100,22 +100,22 @@ class _Patterns:
 
         Zeros are those of every session, offsets and lengths act as they do in the first one.
         """
-        keyed = [_rows_by_posture(one) for one in sessions]
-        common = sorted(set.intersection(*(set(one) for one in keyed)))
+        keyed = [_rows_by_posture(cells) for cells in sessions]
+        common = sorted(set.intersection(*(set(rows) for rows in keyed)))
         if not common:
             return None
         means, variances, zeros, bases = [], [], [], []
-        for one, rows in zip(sessions, keyed, strict=True):
-            taken, variance = one.means, one.variance_mm2
+        for cells, rows in zip(sessions, keyed, strict=True):
+            taken, variance = cells.means, cells.variance_mm2
             average = np.zeros((len(common), len(taken)))  # weighted means of these rows
             for k, key in enumerate(common):
                 weight = 1.0 / variance[rows[key]]
                 average[k, rows[key]] = weight / weight.sum()
-            means.append(average @ (taken.value_mm - one.model.readings(taken)))
+            means.append(average @ (taken.value_mm - cells.model.readings(taken)))
             variances.append(average**2 @ variance)
             zeros.append(average @ np.hstack([incidence(taken.mount), tilts(taken)]))
-            by_base = design_of(one.model, taken, range(BASE), ())
-            bases.append(average @ (by_base * one.case.spread_mm))
+            by_base = design_of(cells.model, taken, range(BASE), ())
+            bases.append(average @ (by_base * cells.case.spread_mm))
         every = np.array(variances)
         root = 1.0 / np.sqrt(every.mean(axis=0))
         zero = root[:, None] * np.hstack(zeros)
@@ -202,9 +202,9 @@ def _shares(left: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.eigvalsh(unit @ unit.transpose(0, 2, 1))[:, -1] / left.shape[1])
 
 
-def _rows_by_posture(one: Cells) -> dict[tuple[float, ...], list[int]]:
+def _rows_by_posture(cells: Cells) -> dict[tuple[float, ...], list[int]]:
     """Rows by leg, axis, station, displacement and position."""
-    taken = one.means
+    taken = cells.means
     keys = [taken.leg, taken.axis, taken.station, taken.displacement_mm, *taken.position_mm.T]
     rows: dict[tuple[float, ...], list[int]] = {}
     for k, key in enumerate(np.column_stack(keys).round(4).tolist()):

@@ -51,20 +51,20 @@ def expected_of(planned: TripodPlanning, tolerance_mm: FloatArray) -> ExpectedRe
     jacobian = planned.examine().sensitivity.jacobian
     alone = np.concatenate([_half_widths(jacobian[:, :3]), _half_widths(jacobian[:, 3:])])
     every = _half_widths(jacobian)
-    held = _half_widths(np.vstack([jacobian, np.diag(1.0 / tolerance_mm)]))
-    rows = zip(PARAMETER_NAMES, alone.tolist(), every.tolist(), held.tolist(), strict=True)
-    found = posterior([_nothing_new(planned, tolerance_mm)])
-    offsets = correction(found, "offsets")
+    within = _half_widths(np.vstack([jacobian, np.diag(1.0 / tolerance_mm)]))
+    rows = zip(PARAMETER_NAMES, alone.tolist(), every.tolist(), within.tolist(), strict=True)
+    known = posterior([_nothing_new(planned, tolerance_mm)])
+    offsets = correction(known, "offsets")
     parameters = tuple(
         ExpectedParameter(
             name,
-            one if math.isfinite(one) else None,
+            kind if math.isfinite(kind) else None,
             six if math.isfinite(six) else None,
             last,
         )
-        for name, one, six, last in rows
+        for name, kind, six, last in rows
     )
-    worst = _worst(found, offsets.values)
+    worst = _worst(known, offsets.values)
     return ExpectedResult(parameters, offsets.bound_mm["touched-off"], worst)
 
 
@@ -78,13 +78,13 @@ def _nothing_new(planned: TripodPlanning, tolerance_mm: FloatArray) -> SessionCa
     return SessionCase(model, replace(shown, averaged=together), figures, tolerance_mm)
 
 
-def _worst(found: Posterior, values: FloatArray) -> tuple[str, str] | None:
+def _worst(known: Posterior, values: FloatArray) -> tuple[str, str] | None:
     """The name and place of the largest share of the expected square."""
     shares: dict[tuple[str, str] | None, float] = {}
-    distances = found.tool_errors["touched-off"].distances(values)
-    for model, (weight, square, _) in zip(found.models, distances, strict=True):
+    distances = known.tool_errors["touched-off"].distances(values)
+    for model, (weight, square, _) in zip(known.models, distances, strict=True):
         names: list[tuple[str, str] | None] = [
-            (found.components[k].id, found.components[k].where) for k in model.members
+            (known.components[k].id, known.components[k].where) for k in model.members
         ]
         for name in names or [None]:
             shares[name] = shares.get(name, 0.0) + weight * square

@@ -12,6 +12,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from typing import Generic, TypeVar
 
@@ -22,6 +23,7 @@ from calib.arrays import (
     FloatArray,
     IntArray,
     Observations,
+    incidence,
     numbered,
     rows_of,
     without,
@@ -122,18 +124,41 @@ class RivalModel:
     columns: FloatArray
 
 
+Solution = TypeVar("Solution")
+
+
+@dataclass(frozen=True, eq=False)
+class Solved(Generic[Solution]):
+    """Sessions with what may be true of them: the log evidence, and models of each session.
+
+    ``with_one_name`` is the log weight ``(m,)`` of the best single name where the means of cells of
+    a session by its number differ by so many mm ``(n_cells, m)``.
+    """
+
+    solution: Solution
+    log_evidence: float
+    beside: Sequence[Sequence[RivalModel]]
+    with_one_name: Callable[[int, FloatArray], FloatArray]
+    mistakes: tuple[Mistake, ...] = ()
+
+    @property
+    def log_weight(self) -> float:
+        """With the priors of its mistakes."""
+        return self.log_evidence + sum(one.log_prior for one in self.mistakes)
+
+
 Scored = tuple[float, Mistake]
 """A log weight and the mistake that has it."""
 
 
-def suspects(
-    cells: Cells, beside: Sequence[RivalModel], log_evidence: float, others: Sequence[Cells] = ()
-) -> list[Mistake]:
-    """Mistakes of a session that may be likelier than none, the likeliest first.
+def suspects(solved: Solved[Solution], now: Sequence[Cells], number: int) -> list[Mistake]:
+    """Mistakes of a session by its number that may be likelier than none, the likeliest first.
 
-    ``beside`` are models of the session as it is, the plain one first, ``log_evidence`` that of all
-    of them, with the other sessions.
+    ``solved`` are the sessions as they are ``now``: mistakes are looked for beside its models, and
+    exchanges beside single names, too.
     """
+    cells, others = now[number], [*now[:number], *now[number + 1 :]]
+    beside, log_evidence = solved.beside[number], solved.log_evidence
     root = even_mm(cells)
     alone = [Screen.of(one, np.zeros((len(one.means), 0)), even_mm(one)) for one in others]
     elsewhere = sum(one.square for one in alone), sum(one.freedom for one in alone)
@@ -146,15 +171,25 @@ def suspects(
             moved = moved or _Moved.of(screen)
             scores += moved.scores(screen)
         for score, mistake in scores:
-            key, whole = (mistake.id, mistake.where, mistake.title), one.log_weight + score
-            if key not in scored or scored[key][0] < whole:
-                scored[key] = (whole, mistake)
+            _keep(scored, one.log_weight + score, mistake)
+    if moved is not None:
+        for whole, mistake in moved.beside_one_name(
+            screens[0], partial(solved.with_one_name, number)
+        ):
+            _keep(scored, whole, mistake)
     ordered = sorted(scored.values(), key=lambda each: -each[0])
     likely = [each for each in ordered if each[0] > log_evidence - DOUBTED][:TRIED]
     if screens[0].square > BENT * screens[0].freedom:
         likely = _fitted(screens[0], ordered, likely, beside[0].log_weight, log_evidence)
     best = likely[0][0] if likely else 0.0
     return [mistake for score, mistake in likely if score > best - DOUBTED][:RACED]
+
+
+def _keep(scored: dict[tuple[str, str, str], Scored], whole: float, mistake: Mistake) -> None:
+    """Keep the larger log weight of a mistake."""
+    key = mistake.id, mistake.where, mistake.title
+    if key not in scored or scored[key][0] < whole:
+        scored[key] = (whole, mistake)
 
 
 def _fitted(
@@ -220,16 +255,35 @@ class _Moved:
         squares = (screen.left_of(self.values_mm) ** 2).sum(axis=0)
         more = screen.log_likelihood(squares) - screen.log_likelihood(screen.square)
         for k in np.argsort(-more, kind="stable")[: 4 * TRIED].tolist():
-            one, visited = self.every[k], self.visited
-            rows = np.union1d(one.here, one.there)
-            # of each mounting all readings but one tell a unit: its zero is free
-            free = len(rows) - len(np.unique(visited.mount[rows]))
-            log_prior = math.log(PRIOR[one.id] / self.places[one.id])
-            log_prior += free * math.log(abs(one.factor))
-            right = replace(visited, value_mm=self.values_mm[:, k])
-            what = one.id, one.where, one.words(visited), rows, right, log_prior
-            mistake = Mistake(*what, one.source(len(visited)), one.factor)
-            yield float(more[k]) + log_prior, mistake
+            mistake = self._mistake(k)
+            yield float(more[k]) + mistake.log_prior, mistake
+
+    def beside_one_name(
+        self, plain: Screen, with_one_name: Callable[[FloatArray], FloatArray]
+    ) -> Iterator[Scored]:
+        """Exchanges that leave the plain model least, with their log weight beside one name."""
+        squares = (plain.left_of(self.values_mm) ** 2).sum(axis=0)
+        chosen = np.argsort(squares, kind="stable")[: 2 * TRIED]
+        cells = plain.cells
+        weight = cells.weight / cells.scatter_mm2
+        average = incidence(cells.cell).T * weight
+        average = average / average.sum(axis=1, keepdims=True)
+        change_mm = average @ (self.values_mm[:, chosen] - self.visited.value_mm[:, None])
+        log_weights = with_one_name(change_mm)
+        for k, log_weight in zip(chosen.tolist(), log_weights.tolist(), strict=True):
+            mistake = self._mistake(k)
+            yield log_weight + mistake.log_prior, mistake
+
+    def _mistake(self, k: int) -> Mistake:
+        exchange, visited = self.every[k], self.visited
+        rows = np.union1d(exchange.here, exchange.there)
+        # of each mounting all readings but one tell a unit: its zero is free
+        free = len(rows) - len(np.unique(visited.mount[rows]))
+        log_prior = math.log(PRIOR[exchange.id] / self.places[exchange.id])
+        log_prior += free * math.log(abs(exchange.factor))
+        right = replace(visited, value_mm=self.values_mm[:, k])
+        what = exchange.id, exchange.where, exchange.words(visited), rows, right, log_prior
+        return Mistake(*what, exchange.source(len(visited)), exchange.factor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,24 +404,6 @@ def _slips(screen: Screen) -> Iterator[_Apart]:
             yield _Apart("stand_slip", place, title, (rows[k:],), len(visited))
 
 
-Solution = TypeVar("Solution")
-
-
-@dataclass(frozen=True, eq=False)
-class Solved(Generic[Solution]):
-    """Sessions with what may be true of them: the log evidence, and models of each session."""
-
-    solution: Solution
-    log_evidence: float
-    beside: Sequence[Sequence[RivalModel]]
-    mistakes: tuple[Mistake, ...] = ()
-
-    @property
-    def log_weight(self) -> float:
-        """With the priors of its mistakes."""
-        return self.log_evidence + sum(one.log_prior for one in self.mistakes)
-
-
 def with_mistakes(
     sessions: Sequence[Cells], solve: Callable[[Sequence[Cells]], Solved[Solution]]
 ) -> list[Solved[Solution]]:
@@ -381,8 +417,7 @@ def with_mistakes(
     for _ in range(MOST):
         tried = []
         for number, cells in enumerate(now):
-            others = [*now[:number], *now[number + 1 :]]
-            for mistake in suspects(cells, best.beside[number], best.log_evidence, others):
+            for mistake in suspects(best, now, number):
                 right = now.copy()
                 right[number] = Cells.of_visits(cells.case, mistake.visited)
                 try:

@@ -143,7 +143,21 @@ class Problem:
             [RivalModel(one.log_weight + constant, self._beside(number, one)) for one in heaviest]
             for number in range(len(self.sessions))
         ]
-        return Solved(result, log_evidence + constant, beside)
+        names = [k for k, one in enumerate(self.components) if one.kind in ("named", "beside")]
+
+        def with_one_name(number: int, change_mm: FloatArray) -> FloatArray:
+            changed = self._changed(number, change_mm)
+            other = about.left[:, None] + about.left_by(changed)
+            return constant + race.best_singles(columns.T @ other, (other**2).sum(axis=0), names)
+
+        return Solved(result, log_evidence + constant, beside, with_one_name)
+
+    def _changed(self, number: int, change_mm: FloatArray) -> FloatArray:
+        """Rows ``(n, m)`` by which other means of cells ``(n_cells, m)`` of a session differ."""
+        begin = sum(len(cells.means) for cells in self.sessions[:number])
+        rows = np.zeros((len(self.rows.residual), change_mm.shape[1]))
+        rows[begin : begin + len(change_mm)] = self.sessions[number].whitened(change_mm)
+        return rows
 
     def _else(self, entry: RaceEntry) -> bool:
         return any(self.components[k].id == ELSE for k in entry.members)

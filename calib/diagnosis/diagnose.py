@@ -13,7 +13,6 @@ from calib.arrays import (
     LEG_NAMES,
     FloatArray,
     IntArray,
-    Observations,
     descending,
     numbered,
     without_means,
@@ -36,7 +35,6 @@ from calib.diagnosis.results import (
     Verdict,
 )
 from calib.errors import CalibrationError
-from calib.noise.reading import visit_numbers
 from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.labels import Mistake
 from calib.posterior.models import Posterior
@@ -396,7 +394,7 @@ class _Report:
     def _cleaned(self, number: int) -> CleanedReadings:
         case = self.posterior.sessions[number].case
         mistakes = [m for m in self.posterior.models[0].mistakes if m.session == number]
-        return _put_right(case.observed, mistakes)
+        return _put_right(case, mistakes)
 
 
 def _noise_mm(sessions: Sequence[Cells]) -> float:
@@ -420,9 +418,9 @@ APART = ("first_take", "wild_reading", "label_error")
 """Mistakes of which the readings are left out."""
 
 
-def _put_right(observed: Observations, mistakes: Sequence[Mistake]) -> CleanedReadings:
+def _put_right(case: SessionCase, mistakes: Sequence[Mistake]) -> CleanedReadings:
     """Readings with these mistakes corrected, one after the other, or left out."""
-    visit = visit_numbers(observed)
+    observed, visit = case.observed, case.visit
     count = int(visit.max()) + 1
     first = np.unique(visit, return_index=True)[1]
     place: IntArray = np.arange(count, dtype=np.intp)  # the visit whose labels each one has

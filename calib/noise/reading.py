@@ -194,14 +194,15 @@ class IndicatorFigures:
         return Noise((one,) * indicator_count, "instrument")
 
 
-def visits(observed: Observations) -> Observations:
+def visits(observed: Observations, visit: IntArray | None = None) -> Observations:
     """Average what was read in place: readings of a mounting with no motion between them.
 
-    Neither of the machine nor of a stand along its plane.
+    Neither of the machine nor of a stand along its plane. ``visit`` ``(n_readings,)`` numbers the
+    visits as they begin, where that is known better than by postures.
 
     Such repeats share the error of their approach, so they count as one reading, not as several.
     """
-    visit = visit_numbers(observed)
+    visit = visit_numbers(observed) if visit is None else visit
     first = np.unique(visit, return_index=True)[1]
     if len(first) == len(observed):
         return observed

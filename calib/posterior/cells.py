@@ -28,8 +28,8 @@ from calib.arrays import (
     without_zeros,
 )
 from calib.identify.fit import prior_fit
-from calib.noise.reading import IndicatorFigures, Noise, reading_noise, visits
-from calib.noise.repeats import Repeats, disagreeing, set_apart
+from calib.noise.reading import IndicatorFigures, Noise, reading_noise, visit_numbers, visits
+from calib.noise.repeats import Repeats, disagreeing, set_apart, typical_mm2
 from calib.noise.serial import independent, serial_correlation
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
@@ -41,6 +41,9 @@ FINEST_MM = 1e-5
 
 USUAL = 3.0
 """Standard deviations from its repeats up to which a reading counts in full."""
+
+JUMP = 13.0
+"""Standard deviations between two readings of one visit from which on they are none."""
 
 WRONG = 1e-6
 """Weight of a reading that disagrees with its repeats: it tells nothing about them."""
@@ -62,6 +65,30 @@ class SessionCase:
     def spread_mm(self) -> FloatArray:
         """Those standard deviations ``(6,)``; a tolerance of 0 is a value known as it stands."""
         return np.maximum(self.tolerance_mm, FINEST_MM)
+
+    @cached_property
+    def visit(self) -> IntArray:
+        """Number of the visit ``(n_readings,)`` of each reading.
+
+        What was read in place agrees but for the indicator: a reading that jumps away from the one
+        before was not read there, and is a visit by itself.
+        """
+        observed, visit = self.observed, visit_numbers(self.observed)
+        visited = visits(observed, visit)
+        typical = typical_mm2(Repeats.of(visited, steady=True))
+        if typical is None or len(visited) == len(observed):
+            return visit
+        least_mm2 = np.maximum(typical, self.indicator.display_mm**2 / 12.0)
+        order = np.lexsort((np.arange(len(visit)), visit))
+        change_mm = np.abs(np.diff(observed.value_mm[order]))
+        jump = change_mm**2 > JUMP**2 * least_mm2[observed.mount[order][1:]]
+        begins = np.concatenate([[True], (np.diff(visit[order]) > 0) | jump])
+        number = np.empty_like(visit)
+        number[order] = np.cumsum(begins) - 1
+        first = np.unique(number, return_index=True)[1]
+        rank = np.empty_like(first)
+        rank[np.argsort(first, kind="stable")] = np.arange(len(first))
+        return rank[number]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +118,7 @@ class Cells:
     @classmethod
     def of(cls, case: SessionCase) -> Cells:
         """Group the visits of a session."""
-        return cls.of_visits(case, visits(case.observed))
+        return cls.of_visits(case, visits(case.observed, case.visit))
 
     @classmethod
     def of_visits(cls, case: SessionCase, visited: Observations) -> Cells:

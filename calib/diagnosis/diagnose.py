@@ -266,18 +266,18 @@ class _Report:
             left = self.before.left - basis @ (basis.T @ self.before.left)
             after_mm = self.before.rms_mm(left)
             elsewhere = self._elsewhere(effects) if self.others and effects else None
+            freedom = self.before.freedom - basis.shape[1]
+            fits = self.before.p_value(float(left @ left), freedom) >= AGREEMENT
             if name in self.answer.rivals:
                 reason = "" if self.answer.verdict in WITH_NAMES else "best guess"
             elif name in rivals:
-                freedom = self.before.freedom - basis.shape[1]
-                fits = self.before.p_value(float(left @ left), freedom)
-                reason = "fits as well" if fits >= AGREEMENT else "with others"
+                reason = "fits as well" if fits else "with others"
             elif self.answer.rivals:
                 reason = "fits worse"
             elif self.answer.verdict == "agrees":
                 reason = "as by chance"
             else:
-                reason = "leaves a gap"
+                reason = "may act" if fits else "leaves a gap"
             yield Contender(
                 name.id,
                 name.where,
@@ -392,8 +392,9 @@ class _Report:
 
 
 def _noise_mm(sessions: Sequence[Cells]) -> float:
-    """Standard deviation of a reading, mean square over the visits, mm."""
-    return float(np.sqrt(np.mean(np.concatenate([cells.scatter_mm2 for cells in sessions]))))
+    """Standard deviation of a single reading, mean square over the visits, mm."""
+    visits = [cells.scatter_mm2 * cells.visited.averaged for cells in sessions]
+    return float(np.sqrt(np.mean(np.concatenate(visits))))
 
 
 def _needed(length: float, log_prior: float) -> float:
@@ -466,6 +467,7 @@ def sentence(verdict: Verdict, findings: Sequence[Finding], where: str) -> str:
         "ambiguous": f"Something is missing: {names}{instead}",
         "partly-explained": f"Part of what is missing: {names}. The rest: {where}.",
         "unexplained": f"Something is missing, {where}. No known effect explains it.",
-        "cannot-tell": "The readings are too few to say what is missing"
-        + (f"; best guess: {names}." if names else "."),
+        "cannot-tell": f"The readings are too few to say what is missing; best guess: {names}."
+        if names
+        else "These readings cannot tell whether anything is missing.",
     }[verdict]

@@ -63,7 +63,7 @@ NOTHING_NAMED = (
     "Nothing to adopt: the diagnosis names no effect of the machine or its indicators, and the "
     "rest follows no simple pattern."
 )
-NO_NEXT = "No measurement is proposed: no two effects are left to decide between."
+NO_NEXT = "No measurement is proposed: there are no two effects that one would decide between."
 CORRECT = "correct"
 WHAT_TO_ADOPT = "What do you want to adopt into the model, or to correct?"
 CORRECTED = "Corrected session written: {}. Diagnosing it; {} stays as it is."
@@ -110,6 +110,7 @@ def diagnosis_text(diagnosed: SessionDiagnosis) -> str:
     found = diagnosed.diagnosis
     return paragraphs(
         headline(found),
+        open_text(found),
         gap_text(found),
         effects_text(found.effects),
         _pattern(diagnosed),
@@ -129,6 +130,7 @@ def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
         headline(found),
         adopted,
         _next(diagnosed),
+        open_text(found),
         effects_text(found.effects),
         tool_text(diagnosed.tool),
         gap_text(found),
@@ -216,10 +218,18 @@ def gap_text(found: Diagnosis) -> str:
     if after != before:
         added = "what was named" if found.effects else "the best guess"
         said += f"\nWith {added}: {after.rms_mm:.4f} mm; that {by_chance(after.p_value)}."
-    if found.verdict != "agrees" and found.something_else >= BESIDE_AGREEMENT:
-        likely = probability_words(found.something_else)
-        said += f"\nProbability that something without a name acts: {likely}."
     return said
+
+
+def open_text(found: Diagnosis) -> str:
+    """How likely it is that anything is missing, and that it has no name, where that is open."""
+    if found.verdict in ("agrees", "explained"):
+        return ""
+    unnamed = probability_words(found.something_else)
+    return (
+        f"Probability that anything is missing: {probability_words(found.missing)}; that something "
+        f"without a name acts: {unnamed}."
+    )
 
 
 def freedom_words(gap: Gap) -> str:

@@ -407,8 +407,8 @@ def write_procedure(diagnosed: SessionDiagnosis, path: Path, *, replace: bool = 
     if proposed is None:
         raise UsageError(
             "--next",
-            "nothing that stayed ambiguous",
-            "an ambiguous diagnosis",
+            "no two effects that a measurement would decide between",
+            "a diagnosis that proposes a measurement",
             "What lowers the bound at the tool all the same: glidecal plan SESSION.",
         )
     text = proposed.candidate.text

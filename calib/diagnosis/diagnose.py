@@ -18,7 +18,7 @@ from calib.arrays import (
     without_means,
 )
 from calib.diagnosis.claims import EVEN, MISSING, NAMES, Answer, Claims, name_of
-from calib.diagnosis.gap import Leftover, locate, residuals, timed_laws, where_words
+from calib.diagnosis.gap import AGREEMENT, Leftover, locate, residuals, timed_laws, where_words
 from calib.diagnosis.held_out import left_out_postures, on_other_sessions
 from calib.diagnosis.pattern import repeats_words, shared_pattern
 from calib.diagnosis.results import (
@@ -55,7 +55,7 @@ MOST_CONTENDERS = 20
 MOST_RIVALS = 5
 WITH_NAMES: tuple[Verdict, ...] = ("explained", "ambiguous", "partly-explained")
 WITH_RESIDUALS: tuple[Verdict, ...] = ("ambiguous", "partly-explained", "unexplained")
-NO_LAW = "the rest follows no simple pattern of displacement, approach, time or temperature"
+NO_LAW = "no simple law of travel is likelier for the rest than an error of each posture's own"
 
 SEEN_9_OF_10 = 1.28
 """Standard normal quantile of 90 %."""
@@ -95,7 +95,9 @@ class _Report:
         self.answer = self._checked(self.claims.answer())
 
     def _checked(self, answer: Answer) -> Answer:
-        """Names that leave nothing to check them with are a guess."""
+        """Without noise nothing agrees; names that leave nothing to check them with are a guess."""
+        if answer.verdict == "agrees" and not (self.before.freedom and self.before.noise_freedom):
+            return replace(answer, verdict="cannot-tell")
         known = {name_of(component) for component in self.components}
         names = [name for name in answer.rivals if name in known]
         columns = [self._columns(self._likeliest(name)) for name in names]
@@ -232,22 +234,15 @@ class _Report:
         adopted: tuple[EffectInstance, ...],
         after: Leftover | None,
     ) -> ModelDiscrepancy | None:
-        """The likeliest law without a name, where something without a name is likely."""
-        claims, likely = (
-            self.claims,
-            [k for k, component in enumerate(self.components) if component.kind == "nameless"],
-        )
-        weight = {k: self._weight(k) for k in likely}
-        if (
-            self.answer.verdict not in WITH_RESIDUALS
-            or claims.unnamed < EVEN * claims.missing
-            or not any(weight.values())
-        ):
+        """The law without a name that is likelier than not; None where none is."""
+        laws = [k for k, component in enumerate(self.components) if component.kind == "nameless"]
+        best = descending(laws, self._weight)[:1]
+        if self.answer.verdict not in WITH_RESIDUALS or not best:
+            return None
+        if self._weight(best[0]) < EVEN * self.claims.missing:
             return None
         beside = after or self.before
-        finding = self._finding(
-            descending(likely, weight.__getitem__)[0], adopted, beside.rms_mm(beside.left)
-        )
+        finding = self._finding(best[0], adopted, beside.rms_mm(beside.left))
         together = (*adopted, *finding.effects)
         return ModelDiscrepancy(finding, self._elsewhere(together) if self.others else None)
 
@@ -274,16 +269,18 @@ class _Report:
             left = self.before.left - basis @ (basis.T @ self.before.left)
             after_mm = self.before.rms_mm(left)
             elsewhere = self._elsewhere(effects) if self.others and effects else None
+            freedom = self.before.freedom - basis.shape[1]
+            fits = self.before.p_value(float(left @ left), freedom) >= AGREEMENT
             if name in self.answer.rivals:
                 reason = "" if self.answer.verdict in WITH_NAMES else "best guess"
             elif name in rivals:
-                reason = "fits about as well"
+                reason = "fits as well" if fits else "with others"
             elif self.answer.rivals:
-                reason = "another effect explains it better"
+                reason = "fits worse"
             elif self.answer.verdict == "agrees":
-                reason = "no better than chance among so many candidates"
+                reason = "as by chance"
             else:
-                reason = "leaves a gap"
+                reason = "may act" if fits else "leaves a gap"
             yield Contender(
                 name.id,
                 name.where,
@@ -398,8 +395,9 @@ class _Report:
 
 
 def _noise_mm(sessions: Sequence[Cells]) -> float:
-    """Standard deviation of a reading, mean square over the visits, mm."""
-    return float(np.sqrt(np.mean(np.concatenate([cells.scatter_mm2 for cells in sessions]))))
+    """Standard deviation of a single reading, mean square over the visits, mm."""
+    visits = [cells.scatter_mm2 * cells.visited.averaged for cells in sessions]
+    return float(np.sqrt(np.mean(np.concatenate(visits))))
 
 
 def _needed(length: float, log_prior: float) -> float:
@@ -472,6 +470,7 @@ def sentence(verdict: Verdict, findings: Sequence[Finding], where: str) -> str:
         "ambiguous": f"Something is missing: {names}{instead}",
         "partly-explained": f"Part of what is missing: {names}. The rest: {where}.",
         "unexplained": f"Something is missing, {where}. No known effect explains it.",
-        "cannot-tell": "The readings are too few to say what is missing"
-        + (f"; best guess: {names}." if names else "."),
+        "cannot-tell": f"The readings are too few to say what is missing; best guess: {names}."
+        if names
+        else "These readings cannot tell whether anything is missing.",
     }[verdict]

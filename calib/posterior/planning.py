@@ -10,17 +10,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, starmap
 
 import numpy as np
 
 from calib.arrays import TIE, Conditions, FloatArray, descending
 from calib.posterior.correction import Correction, Holds, parts_of
 from calib.posterior.forecast import HEAVIEST, Forecast
+from calib.posterior.library import ELSE
 from calib.posterior.measurements import FurtherMeasurement, MeasurementPreparation
 from calib.posterior.mixture import ExpectedReadings
 from calib.posterior.models import Posterior
 from calib.posterior.tool import RIGID, Frame
+from calib.tripod.effects.empirical import EMPIRICAL
 
 WORTH = 0.9
 """A measurement is worth its time where it lowers the bound to less than this part."""
@@ -69,9 +71,16 @@ class Separation:
     def words(self) -> str:
         """The measurement and what it decides between."""
         verb = "decides" if self.apart >= DECISIVE else "helps to decide"
-        names = [" with ".join(f"{i} ({where})" for i, where in name) for name in self.names]
+        names = [" with ".join(starmap(_place_words, name)) for name in self.names]
         names = [name or "no named effect" for name in names]
         return f"{self.candidate.words}; it {verb} between {', '.join(names[:-1])} and {names[-1]}"
+
+
+def _place_words(name: str, where: str) -> str:
+    """An effect and its place; what is everywhere and has no name has no place to state."""
+    if name == ELSE:
+        return "an effect without a name"
+    return f"an unnamed effect ({where})" if name == EMPIRICAL else f"{name} ({where})"
 
 
 @dataclass(frozen=True)

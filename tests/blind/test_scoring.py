@@ -56,7 +56,7 @@ def single(effect: str, procedure: str = "sweep", noise: str = "gaussian") -> Ca
 
 def document(verdict: str, *effects: Json) -> Json:
     return {
-        "schema": "glidecal.diagnosis/1",
+        "schema": "glidecal.diagnosis/2",
         "verdict": verdict,
         "noise": {"degrees_of_freedom": 60},
         "effects": list(effects),

@@ -214,7 +214,7 @@ def test_a_law_without_a_name_comes_back(tmp_path: Path) -> None:
     entry = effect_entry("x", placed, known)
     assert (entry.id, entry.title) == (
         "empirical",
-        "an unnamed effect: readings grow with the cube of displacement and with time",
+        "readings grow with the cube of displacement and with time",
     )
     written_entry = json.loads(entry.model_dump_json(exclude_none=True))["parameters"]
     assert written_entry == {

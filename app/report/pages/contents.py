@@ -29,7 +29,12 @@ from app.report.text.correction import (
     shown_value,
     warning_lines,
 )
-from app.report.text.diagnosis import SHOWN_CANDIDATES, candidates_table, effects_text, gap_text
+from app.report.text.diagnosis import (
+    candidates_table,
+    effects_text,
+    gap_text,
+    shown_candidates,
+)
 from app.report.text.model import effect_words
 from app.report.text.result import (
     DECIDED,
@@ -320,7 +325,7 @@ def _missing(diagnosed: SessionDiagnosis) -> Section:
 
 def _evidence(found: Diagnosis) -> Sequence[Table | Picture]:
     """What speaks for the names, and for those that were not given."""
-    if not found.candidates:
+    if not (candidates := shown_candidates(found)):
         return ()
     bars = [
         (
@@ -328,16 +333,14 @@ def _evidence(found: Diagnosis) -> Sequence[Table | Picture]:
             1000.0 * one.gap_rms_after_mm,
             not one.reason_rejected,
         )
-        for k, one in enumerate(found.candidates)
-        if k < SHOWN_CANDIDATES or not one.reason_rejected
+        for one in candidates
     ]
     said = (
         "Evidence: what each candidate leaves of the gap. The shorter its bar, the more the "
-        "readings speak for it; a name is given where that is more than chance among all "
-        "candidates."
+        "readings speak for it; it is named where nothing else explains them as well."
     )
     picture = Picture(evidence_svg(bars, 1000.0 * found.gap_before.rms_mm), said)
-    return candidates_table(found.candidates), picture
+    return candidates_table(candidates), picture
 
 
 def _fit(solved: SessionSolution) -> Section:

@@ -31,7 +31,7 @@ ROOMS = (app.report.schema, protocols)
 """Where all documents stand that are written, or read again; some of the latter are TOML."""
 
 
-ID = re.compile(r"glidecal\.(.+)/1")
+ID = re.compile(r"glidecal\.(.+)")
 RECORD = f"session-{SCHEMA_NUMBER}.json"
 
 
@@ -56,8 +56,8 @@ def schemas() -> dict[str, str]:
         (schema_id,) = get_args(kind.model_fields["schema_id"].annotation)
         by_name.setdefault(ID.sub(r"\1", schema_id), []).append(kind)
     texts = {
-        f"{name}-1.json": _text(
-            f"{name}/1", reduce(or_, kinds), written=issubclass(kinds[0], Report)
+        f"{name.replace('/', '-')}.json": _text(
+            name, reduce(or_, kinds), written=issubclass(kinds[0], Report)
         )
         for name, kinds in by_name.items()
     }

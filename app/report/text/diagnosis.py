@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.table import Table
 
 from app.evaluating.diagnosis import DiagnosedTool, SessionDiagnosis, mistakes_of
+from app.report.text.correction import FRAME_WORDS
 from app.report.text.tables import (
     decimals,
     figures,
@@ -27,6 +28,7 @@ from calib.diagnosis.results import (
     Contender,
     Diagnosis,
     Finding,
+    Gap,
     GapPart,
     HeldOutGap,
     ModelDiscrepancy,
@@ -61,7 +63,7 @@ NOTHING_NAMED = (
     "Nothing to adopt: the diagnosis names no effect of the machine or its indicators, and the "
     "rest follows no simple pattern."
 )
-NO_NEXT = "No measurement is proposed: no two effects are left to decide between."
+NO_NEXT = "No measurement is proposed: there are no two effects that one would decide between."
 CORRECT = "correct"
 WHAT_TO_ADOPT = "What do you want to adopt into the model, or to correct?"
 CORRECTED = "Corrected session written: {}. Diagnosing it; {} stays as it is."
@@ -74,6 +76,12 @@ NO_FILE_NEEDED = "No file is needed: glidecal run --protocol {}"
 
 INDENT = "    "
 SHOWN_CANDIDATES = 8
+LIKELY = 0.005
+"""Probability of a candidate that is shown; a smaller one is written as < 0.01."""
+
+BESIDE_AGREEMENT = 0.05
+"""The same where readings and model agree: of many candidates some are a little likely."""
+
 SHOWN_SHARES = 6
 MOST_RIVALS = 8
 STRONG = 5.0
@@ -91,12 +99,6 @@ WITH: dict[Holds, str] = {
     "kinematics": "all that a controller can hold",
 }
 
-SHORT = {
-    "no better than chance among so many candidates": "no better than chance",
-    "another effect explains it better": "another fits better",
-}
-"""Reasons that would not fit on the line of a candidate."""
-
 
 def headline(found: Diagnosis) -> str:
     """The verdict in a sentence."""
@@ -106,16 +108,16 @@ def headline(found: Diagnosis) -> str:
 def diagnosis_text(diagnosed: SessionDiagnosis) -> str:
     """The verdict first, then what supports it."""
     found = diagnosed.diagnosis
-    listed = table_text(candidates_table(found.candidates))
     return paragraphs(
         headline(found),
+        open_text(found),
         gap_text(found),
         effects_text(found.effects),
         _pattern(diagnosed),
         *_support(diagnosed),
         tool_text(diagnosed.tool),
         f"Where readings and model disagree\n{shares_text(found.where)}",
-        f"Candidates, best first\n{listed}" if found.candidates else "",
+        candidates_text(found),
         *_detectable(found),
         *(f"Remark: {remark}" for remark in found.remarks),
     )
@@ -128,6 +130,7 @@ def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
         headline(found),
         adopted,
         _next(diagnosed),
+        open_text(found),
         effects_text(found.effects),
         tool_text(diagnosed.tool),
         gap_text(found),
@@ -174,7 +177,7 @@ def tool_text(tool: DiagnosedTool) -> str:
         best = min(better, key=entered.__getitem__)
         words += f" With {WITH[best]}: {uncertain(entered[best])} mm."
     return (
-        f"Tool over the workspace, r.m.s. (95 %), {tool.frame}: at most "
+        f"Tool over the workspace, r.m.s. (95 %), {FRAME_WORDS[tool.frame]}: at most "
         f"{uncertain(tool.now_mm)} mm as it is. {words}"
     )
 
@@ -205,18 +208,34 @@ def gap_text(found: Diagnosis) -> str:
     before, after, noise_mm = found.gap_before, found.gap_after, found.known_noise_mm
     if noise_mm is None:
         return (
-            f"Gap {before.rms_mm:.4f} mm r.m.s., {before.degrees_of_freedom} degrees of freedom; "
+            f"Gap {before.rms_mm:.4f} mm r.m.s., {freedom_words(before)}; "
             "without repeats or a stated noise nothing tells whether that is chance."
         )
     said = (
         f"Gap {before.rms_mm:.4f} mm r.m.s. beyond the scatter of repeats (noise of a reading "
-        f"{noise_mm:.4f} mm), {before.degrees_of_freedom} degrees of freedom; it "
-        f"{by_chance(before.p_value)}."
+        f"{noise_mm:.4f} mm), {freedom_words(before)}; it {by_chance(before.p_value)}."
     )
     if after != before:
         added = "what was named" if found.effects else "the best guess"
         said += f"\nWith {added}: {after.rms_mm:.4f} mm; that {by_chance(after.p_value)}."
     return said
+
+
+def open_text(found: Diagnosis) -> str:
+    """How likely it is that anything is missing, and that it has no name, where that is open."""
+    if found.verdict in ("agrees", "explained"):
+        return ""
+    unnamed = probability_words(found.something_else)
+    return (
+        f"Probability that anything is missing: {probability_words(found.missing)}; that something "
+        f"without a name acts: {unnamed}."
+    )
+
+
+def freedom_words(gap: Gap) -> str:
+    """The degrees of freedom of a gap."""
+    count = gap.degrees_of_freedom
+    return f"{count} degree{'s' if count != 1 else ''} of freedom"
 
 
 def by_chance(p_value: float) -> str:
@@ -303,20 +322,38 @@ def part_words(share: GapPart) -> str:
     return f"axis {share.axis.upper()}" if share.axis else share.pattern
 
 
-def candidates_table(candidates: tuple[Contender, ...]) -> Table:
-    """The candidates, with the gap that each would leave."""
-    judged = [one for one in candidates if one.held_out_gap_rms_mm is not None]
-    columns = ["gap after, mm", "held out, mm"][: 2 if judged else 1]
-    table = new_table("effect", "where", "probability", *columns, "", left=2)
-    shown = list(candidates[:SHOWN_CANDIDATES])
+def shown_candidates(found: Diagnosis) -> list[Contender]:
+    """The likely candidates, and the one that does most for readings that it never saw."""
+    least = BESIDE_AGREEMENT if found.verdict == "agrees" else LIKELY
+    likely = [one for one in found.candidates if one.probability >= least][:SHOWN_CANDIDATES]
+    if found.verdict == "agrees":
+        return likely
+    judged = [one for one in found.candidates if one.held_out_gap_rms_mm is not None]
     # through ties: every processor must show the same one
     best = descending(judged, lambda one: -(one.held_out_gap_rms_mm or 0.0))[:1]
-    shown += [one for one in best if one not in shown]  # it does most for what it never saw
-    for one in shown:
-        gaps = _gaps(one)[: len(columns)]
+    return [*likely, *(one for one in best if one not in likely)]
+
+
+def candidates_table(candidates: Sequence[Contender]) -> Table:
+    """The candidates, each with the part of the gap that it explains alone and what it leaves."""
+    held_out = any(one.held_out_gap_rms_mm is not None for one in candidates)
+    last = "held out" if held_out else "explains"
+    table = new_table("effect", "where", "likely", "gap, mm", last, "why", left=2)
+    table.columns[-1].justify = "left"
+    for one in candidates:
         likely = probability_words(one.probability)
+        unseen_mm = one.held_out_gap_rms_mm
+        unseen = "" if unseen_mm is None else f"{unseen_mm:.4f}"
+        gaps = f"{one.gap_rms_after_mm:.4f}", unseen if held_out else f"{one.explained:.0%}"
         table.add_row(one.id, one.where, likely, *gaps, one.reason_rejected or "named")
     return table
+
+
+def candidates_text(found: Diagnosis) -> str:
+    """The candidates that are shown, best first; empty where none is."""
+    shown = shown_candidates(found)
+    words = "Candidates, best first, and the gap that each alone leaves"
+    return f"{words}\n{table_text(candidates_table(shown))}" if shown else ""
 
 
 def probability_words(probability: float) -> str:
@@ -324,12 +361,6 @@ def probability_words(probability: float) -> str:
     if probability < 0.005:
         return "< 0.01"
     return f"{probability:.2f}" if probability < 0.995 else "> 0.99"
-
-
-def _gaps(one: Contender) -> tuple[str, str]:
-    """The gap that a candidate leaves, and on readings that it never saw."""
-    unseen_mm = one.held_out_gap_rms_mm
-    return f"{one.gap_rms_after_mm:.4f}", "" if unseen_mm is None else f"{unseen_mm:.4f}"
 
 
 def _detectable(found: Diagnosis) -> list[Table]:
@@ -404,19 +435,7 @@ def _cell_text(cell: Cell | None) -> str:
 def ranking_text(diagnosed: SessionDiagnosis) -> str:
     """The candidates, best first, with what each explains alone; then what looks the same."""
     found = diagnosed.diagnosis
-    if not found.candidates:
-        return "No effect of the catalogue shows in these readings."
-    held_out = any(one.held_out_gap_rms_mm is not None for one in found.candidates)
-    columns = ["gap after", "held out"][: 2 if held_out else 1]
-    table = new_table("effect", "where", "likely", "explains", *columns, "why", left=2)
-    table.columns[-1].justify = "left"
-    for one in found.candidates[:SHOWN_CANDIDATES]:
-        bar = "█" * round(10 * one.explained)
-        why = SHORT.get(one.reason_rejected, one.reason_rejected) or "named"
-        explains = f"{bar:<10} {one.explained:>4.0%}"
-        likely = probability_words(one.probability)
-        table.add_row(one.id, one.where, likely, explains, *_gaps(one)[: len(columns)], why)
-    parts = [f"Candidates, best first; gaps in mm\n{table_text(table)}"]
+    parts = [candidates_text(found) or "No effect of the catalogue is likely in these readings."]
     for finding in (finding for finding in found.effects if finding.effects):
         named = f"{finding.id} ({finding.where})"
         said = f"In these readings no other effect looks like {named}."

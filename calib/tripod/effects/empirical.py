@@ -90,7 +90,7 @@ class Empirical(Law):
         """What depends on what."""
         of_reading = self.stage == Stage.READING
         grows = "readings grow" if of_reading else "a carriage is off along its way"
-        return f"an unnamed effect: {grows} {empirical_words(self.bases)}"
+        return f"{grows} {empirical_words(self.bases)}"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

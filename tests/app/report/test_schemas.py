@@ -25,7 +25,7 @@ from tests.app.cli import glidecal
 from tests.conftest import ROOT
 
 FOLDER = ROOT / "docs" / "schemas"
-ID = re.compile(r"glidecal\.([a-z-]+)/1")
+ID = re.compile(r"glidecal\.([a-z-]+)/(\d+)")
 SAMPLES = ROOT / "sample_sessions"
 TWELVE, THREE = (str(SAMPLES / f"experiment_{n}_twelve.jsonl") for n in (2, 3))
 SWEEP = str(SAMPLES / "simulated_sweep.jsonl")
@@ -46,8 +46,12 @@ def test_the_schemas_are_those_of_the_program() -> None:
 
 def test_every_id_of_the_program_has_a_schema() -> None:
     sources = [path for room in ("app", "protocols") for path in (ROOT / room).rglob("*.py")]
-    ids = {found for path in sources for found in ID.findall(path.read_text(encoding="utf-8"))}
-    assert ids == {path.stem.rpartition("-")[0] for path in FOLDER.iterdir()}
+    ids = {
+        f"{name}-{number}"
+        for path in sources
+        for name, number in ID.findall(path.read_text(encoding="utf-8"))
+    }
+    assert ids == {path.stem for path in FOLDER.iterdir()}
 
 
 def kept(text: str) -> str:
@@ -55,7 +59,7 @@ def kept(text: str) -> str:
     document = json.loads(text)
     found = ID.fullmatch(document["schema"])
     assert found is not None
-    schema = json.loads((FOLDER / f"{found[1]}-1.json").read_text(encoding="utf-8"))
+    schema = json.loads((FOLDER / f"{found[1]}-{found[2]}.json").read_text(encoding="utf-8"))
     Draft202012Validator(schema).validate(document)
     return found[1]
 

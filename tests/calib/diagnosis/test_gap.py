@@ -41,9 +41,9 @@ def test_readings_left_out_are_predicted_as_well_as_by_the_true_effect(taken: Ob
     """Axes out of square pull the offsets of a fit without them 3 mm away: that must not hold."""
     effect = EffectInstance(LAWS["axis_squareness"], "xy", (2.0,))
     made = case(taken, effect, seed=4)
-    found = diagnose([made], CATALOGUE)
-    assert [(one.id, one.where) for one in found.effects] == [("axis_squareness", "xy")]
-    assert found.held_out is not None
+    diagnosis = diagnose([made], CATALOGUE)
+    assert [(one.id, one.where) for one in diagnosis.effects] == [("axis_squareness", "xy")]
+    assert diagnosis.held_out is not None
     right = left_by_the_true_effect_mm(taken, effect, made.observed.value_mm)
-    assert found.held_out.after_rms_mm == pytest.approx(right, rel=0.1)
-    assert found.held_out.before_rms_mm > 3.0 * right
+    assert diagnosis.held_out.after_rms_mm == pytest.approx(right, rel=0.1)
+    assert diagnosis.held_out.before_rms_mm > 3.0 * right

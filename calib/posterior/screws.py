@@ -99,20 +99,20 @@ class Screw:
 
     def _explained(self, leads_mm: FloatArray) -> FloatArray:
         """Squares ``(k,)`` that sine and cosine of each lead explain, in noise variances."""
-        sine, cosine = self._free(leads_mm, np.sin), self._free(leads_mm, np.cos)
+        turns = [2.0 * np.pi * travel[:, None] / leads_mm for travel in self.travel_mm]
+        sine = self._free([np.sin(turn) for turn in turns])
+        cosine = self._free([np.cos(turn) - 1.0 for turn in turns])  # at Zero nothing moves
         square = np.maximum((sine * sine).sum(axis=0), 1e-12)
         rest = cosine - sine * ((sine * cosine).sum(axis=0) / square)
         other = np.maximum((rest * rest).sum(axis=0), 1e-12)
         return np.asarray((self.left @ sine) ** 2 / square + (self.left @ rest) ** 2 / other)
 
-    def _free(self, leads_mm: FloatArray, wave: np.ufunc) -> FloatArray:
-        """What a wave of each lead does beside the base ``(n, k)``."""
+    def _free(self, waves: Sequence[FloatArray]) -> FloatArray:
+        """What waves ``(n_cells, k)`` of the travel in each session do beside the base."""
         rows = np.vstack(
             [
-                cells.whitened(per_mm[:, None] * wave(2.0 * np.pi * travel[:, None] / leads_mm))
-                for cells, per_mm, travel in zip(
-                    self.sessions, self.per_mm, self.travel_mm, strict=True
-                )
+                cells.whitened(per_mm[:, None] * wave)
+                for cells, per_mm, wave in zip(self.sessions, self.per_mm, waves, strict=True)
             ]
         )
         return without(self.basis, rows)

@@ -93,7 +93,9 @@ class _Report:
         self.answer = self._checked(self.claims.answer())
 
     def _checked(self, answer: Answer) -> Answer:
-        """Names that leave nothing to check them with are a guess."""
+        """Where nothing is free or no noise is known all is a guess; so are names that take all."""
+        if not self.before.freedom or self.before.noise_freedom <= 0.0:
+            return replace(answer, verdict="cannot-tell")
         known = {name_of(component) for component in self.components}
         names = [name for name in answer.rivals if name in known]
         columns = [self._columns(self._likeliest(name)) for name in names]
@@ -229,21 +231,18 @@ class _Report:
         adopted: tuple[EffectInstance, ...],
         after: Leftover | None,
     ) -> ModelDiscrepancy | None:
-        """The likeliest law without a name, where something without a name is likely."""
-        claims, likely = (
-            self.claims,
-            [k for k, one in enumerate(self.components) if one.kind == "nameless"],
+        """The likeliest law without a name, where it is likely that one acts."""
+        likely = {
+            k: self._weight(k) for k, one in enumerate(self.components) if one.kind == "nameless"
+        }
+        lawful = math.fsum(
+            model.weight for model in self.posterior.models if likely.keys() & set(model.members)
         )
-        weight = {k: self._weight(k) for k in likely}
-        if (
-            self.answer.verdict not in WITH_RESIDUALS
-            or claims.unnamed < EVEN * claims.missing
-            or not any(weight.values())
-        ):
+        if self.answer.verdict not in WITH_RESIDUALS or lawful < EVEN * self.claims.missing:
             return None
         beside = after or self.before
         finding = self._finding(
-            descending(likely, weight.__getitem__)[0], adopted, beside.rms_mm(beside.left)
+            descending([*likely], likely.__getitem__)[0], adopted, beside.rms_mm(beside.left)
         )
         together = (*adopted, *finding.effects)
         return ModelDiscrepancy(finding, self._elsewhere(together) if self.others else None)

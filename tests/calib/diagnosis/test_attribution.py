@@ -58,7 +58,7 @@ def test_a_large_effect_is_followed_beyond_its_derivatives(seed: int) -> None:
 
 def test_the_first_sentence_stays_a_sentence() -> None:
     diagnosis = diagnose(
-        [case(SWEEP, EffectInstance(LAWS["gauge_tilt"], "xy", (9.0,)), seed=1)], CATALOGUE
+        [case(SWEEP, EffectInstance(LAWS["gauge_tilt"], "xy", (60.0,)), seed=1)], CATALOGUE
     )
     many = tuple(Named(f"name_{k}", "x") for k in range(9))
     finding = replace(diagnosis.effects[0], indistinguishable_from=many)

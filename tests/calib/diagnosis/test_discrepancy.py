@@ -33,8 +33,7 @@ def test_a_cube_of_travel_is_described_and_never_named() -> None:
     unnamed = law_of(diagnosis).effect
     assert (unnamed.id, unnamed.kind, unnamed.where) == ("empirical", "empirical", "x")
     assert unnamed.title == (
-        "it grows with the cube of travel of carriage X, not with the direction of approach or "
-        "with time"
+        "an unnamed effect: a carriage is off along its way with the cube of travel"
     )
     (value,) = unnamed.parameters
     assert abs(value.value - 800.0) < 4.0 * value.standard_uncertainty
@@ -153,4 +152,6 @@ def test_a_cube_of_travel_goes_by_no_name(leg: str) -> None:
     diagnosis = diagnose([case(SWEEP, cube(400.0, leg), seed=3)], CATALOGUE)
     assert diagnosis.verdict == "unexplained"
     assert diagnosis.effects == ()
-    assert f"with the cube of travel of carriage {leg.upper()}" in law_of(diagnosis).effect.title
+    unnamed = law_of(diagnosis).effect
+    assert unnamed.where == leg
+    assert "a carriage is off along its way with the cube of travel" in unnamed.title

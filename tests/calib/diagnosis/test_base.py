@@ -128,7 +128,9 @@ def test_sessions_of_different_bars_are_told() -> None:
 
 
 def test_an_offset_entered_wrong_by_centimetres_is_no_effect() -> None:
-    diagnosis = diagnose([session(SWEEP, (0.1, -0.1, 0.05), offsets_mm=(31.0, 1.0, -0.5))], CATALOGUE)
+    diagnosis = diagnose(
+        [session(SWEEP, (0.1, -0.1, 0.05), offsets_mm=(31.0, 1.0, -0.5))], CATALOGUE
+    )
     assert diagnosis.verdict == "agrees"
     (remark,) = diagnosis.remarks
     assert remark.startswith("the joint offset of x comes out +3")

@@ -116,7 +116,9 @@ def test_a_model_that_has_the_effect_agrees() -> None:
 
 def test_an_effect_out_of_the_catalogue_is_not_given_a_name_with_confidence() -> None:
     others = [effect for effect in CATALOGUE if effect.id not in ("backlash",)]
-    diagnosis = diagnose([case(TWO_STATION, EffectInstance(LAWS["backlash"], "x", (0.05,)))], others)
+    diagnosis = diagnose(
+        [case(TWO_STATION, EffectInstance(LAWS["backlash"], "x", (0.05,)))], others
+    )
     assert diagnosis.verdict in ("unexplained", "partly-explained")
 
 

@@ -66,7 +66,9 @@ def test_what_is_left_in_experiments_2_and_3_is_one_pattern() -> None:
     sentence = diagnose_files(
         [SAMPLES / "experiment_2_six.jsonl"], held_out=[SAMPLES / "experiment_3_six.jsonl"]
     ).diagnosis.sentence
-    assert "sessions 1 and 2 have the same residual pattern, by chance once in 159 times" in sentence
+    assert (
+        "sessions 1 and 2 have the same residual pattern, by chance once in 159 times" in sentence
+    )
 
 
 def test_the_twelve_differences_of_table_2_share_none() -> None:
@@ -110,7 +112,9 @@ def test_an_error_without_a_name_repeats_or_does_not() -> None:
 def test_the_diagnosis_says_that_a_nameless_error_repeats() -> None:
     diagnosis = diagnose([session(1, shape(7)), session(2, shape(7))], CATALOGUE)
     assert diagnosis.verdict in ("unexplained", "partly-explained")
-    assert "It is reproducible: sessions 1 and 2 have the same residual pattern" in diagnosis.sentence
+    assert (
+        "It is reproducible: sessions 1 and 2 have the same residual pattern" in diagnosis.sentence
+    )
 
 
 def test_chance_of_two_directions_is_that_of_drawn_ones() -> None:

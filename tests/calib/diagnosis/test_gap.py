@@ -1,4 +1,4 @@
-"""The gap on readings that were left out, beside a fit that knows the effect, and where a gap is."""
+"""The gap on readings that were left out, beside a fit that knows the effect; where a gap is."""
 
 from __future__ import annotations
 

@@ -15,6 +15,7 @@ from calib.arrays import (
     IntArray,
     descending,
     numbered,
+    without,
     without_means,
 )
 from calib.diagnosis.claims import EVEN, MISSING, NAMES, Answer, Claims, name_of
@@ -95,12 +96,12 @@ class _Report:
         self.answer = self._checked(self.claims.answer())
 
     def _checked(self, answer: Answer) -> Answer:
-        """Without noise nothing agrees; names that leave nothing to check them with are a guess."""
-        if answer.verdict == "agrees" and not (self.before.freedom and self.before.noise_freedom):
+        """Where nothing is free or no noise is known all is a guess; so are names that take all."""
+        if not self.before.freedom or self.before.noise_freedom <= 0.0:
             return replace(answer, verdict="cannot-tell")
         known = {name_of(component) for component in self.components}
         names = [name for name in answer.rivals if name in known]
-        columns = [self._columns(self._likeliest(name)) for name in names]
+        columns = [self._columns(self._acting(name)) for name in names]
         if not names:
             return answer
         taken = self.before.explained_by(np.hstack(columns)).shape[1]
@@ -158,7 +159,7 @@ class _Report:
                 gaps_mm = self._gap_as_read_mm, before_mm
                 finding = Finding(*what, (), 0.0, *gaps_mm)
             else:
-                finding = self._finding(self._likeliest(name), adopted, before_mm)
+                finding = self._finding(self._acting(name), adopted, before_mm)
             probability, rivals = self.claims.places[name], self.answer.rivals[name]
             findings.append(
                 replace(finding, probability=probability, indistinguishable_from=rivals)
@@ -179,18 +180,18 @@ class _Report:
         return leftover.rms_mm(leftover.left)
 
     def _finding(
-        self, number: int, adopted: tuple[EffectInstance, ...], before_mm: float
+        self, numbers: tuple[int, ...], adopted: tuple[EffectInstance, ...], before_mm: float
     ) -> Finding:
-        """A component beside what is adopted."""
-        component = self.components[number]
-        parameters, effects = self._values(number)
+        """Components of one name beside what is adopted."""
+        component = self.components[numbers[0]]
+        parameters, effects = self._values(numbers)
         after = self._with((*adopted, *effects))
         after_mm = after.rms_mm(after.left) if after else before_mm
         kind, title = str(Kind.GROSS_ERROR), BARS_DIFFER
         if component.candidate:
             kind, title = str(component.candidate.kind), component.candidate.title
         what = component.id, kind, title, component.where
-        weight = self._weight(number)
+        weight = self._weight(numbers)
         return Finding(*what, parameters, weight, before_mm, after_mm, (), effects)
 
     def _with(self, effects: tuple[EffectInstance, ...]) -> Leftover | None:
@@ -200,49 +201,75 @@ class _Report:
         except CalibrationError:
             return None
 
-    def _weight(self, number: int) -> float:
-        return math.fsum(m.weight for m in self.posterior.models if number in m.members)
+    def _weight(self, numbers: tuple[int, ...]) -> float:
+        """Probability that these components act together."""
+        return math.fsum(m.weight for m in self.posterior.models if {*numbers} <= {*m.members})
 
-    def _likeliest(self, name: Named) -> int:
-        """The component of a name at a place; of several, such as screws of two leads, the best."""
-        every = enumerate(self.components)
-        numbers = [k for k, component in every if name_of(component) == name]
-        return descending(numbers, self._weight)[0]
+    def _acting(self, name: Named) -> tuple[int, ...]:
+        """The components of a name at a place; of several, such as screws of two leads, the best.
 
-    def _values(self, number: int) -> tuple[tuple[Value, ...], tuple[EffectInstance, ...]]:
-        """Parameters of a component, given that it acts, and the effects of their values."""
-        candidate = self.components[number].candidate
-        if candidate is None:
-            return (), ()
-        weights, means, squares = [], [], []
+        Two leads of one screw may act together: they are terms of a series.
+        """
+        weights = self._weights(name)
+        return descending(sorted(weights), weights.__getitem__)[0]
+
+    def _weights(self, name: Named) -> dict[tuple[int, ...], float]:
+        """Of each set of components with a name at a place, the weight of the models that have it.
+
+        Other components of this name are in none of these models.
+        """
+        mine = {k for k, component in enumerate(self.components) if name_of(component) == name}
+        weights: dict[tuple[int, ...], float] = {}
         for model in self.posterior.models:
-            if number in model.members:
+            numbers = tuple(k for k in model.members if k in mine)
+            if numbers:
+                weights[numbers] = weights.get(numbers, 0.0) + model.weight
+        return weights
+
+    def _values(
+        self, numbers: tuple[int, ...]
+    ) -> tuple[tuple[Value, ...], tuple[EffectInstance, ...]]:
+        """Parameters of components, given that they act together, and effects of their values."""
+        parameters: list[Value] = []
+        effects: list[EffectInstance] = []
+        models = [m for m in self.posterior.models if {*numbers} <= {*m.members}]
+        share = np.array([model.weight for model in models])
+        share /= math.fsum(share)
+        for number in numbers:
+            candidate = self.components[number].candidate
+            if candidate is None:
+                continue
+            means, squares = [], []
+            for model in models:
                 at = self.posterior.starts(model)[model.members.index(number)]
                 mine = slice(at, at + len(candidate.parameters))
-                weights.append(model.weight)
                 means.append(model.mean[mine])
                 squares.append(model.mean[mine] ** 2 + model.variance[mine])
-        share = np.array(weights) / math.fsum(weights)
-        mean = share @ np.array(means)
-        deviation = np.sqrt(np.maximum(share @ np.array(squares) - mean**2, 0.0))
-        each = zip(candidate.parameters, mean.tolist(), deviation.tolist(), strict=True)
-        parameters = tuple(Value(p.name, value, u, p.unit) for p, value, u in each)
-        return parameters, candidate.effects(mean)
+            mean = share @ np.array(means)
+            deviation = np.sqrt(np.maximum(share @ np.array(squares) - mean**2, 0.0))
+            each = zip(candidate.parameters, mean.tolist(), deviation.tolist(), strict=True)
+            parameters += [Value(p.name, value, u, p.unit) for p, value, u in each]
+            effects += candidate.effects(mean)
+        return tuple(parameters), tuple(effects)
 
     def _left_over(
         self,
         adopted: tuple[EffectInstance, ...],
         after: Leftover | None,
     ) -> ModelDiscrepancy | None:
-        """The law without a name that is likelier than not; None where none is."""
-        laws = [k for k, component in enumerate(self.components) if component.kind == "nameless"]
-        best = descending(laws, self._weight)[:1]
-        if self.answer.verdict not in WITH_RESIDUALS or not best:
-            return None
-        if self._weight(best[0]) < EVEN * self.claims.missing:
+        """The likeliest law without a name, where it is likely that one acts."""
+        likely = {
+            k: self._weight((k,)) for k, one in enumerate(self.components) if one.kind == "nameless"
+        }
+        lawful = math.fsum(
+            model.weight for model in self.posterior.models if likely.keys() & set(model.members)
+        )
+        if self.answer.verdict not in WITH_RESIDUALS or lawful < EVEN * self.claims.missing:
             return None
         beside = after or self.before
-        finding = self._finding(best[0], adopted, beside.rms_mm(beside.left))
+        finding = self._finding(
+            (descending([*likely], likely.__getitem__)[0],), adopted, beside.rms_mm(beside.left)
+        )
         together = (*adopted, *finding.effects)
         return ModelDiscrepancy(finding, self._elsewhere(together) if self.others else None)
 
@@ -263,10 +290,10 @@ class _Report:
         before_mm = self.before.rms_mm(self.before.left)
         names = [name for name in self.claims.places if name in known]
         for name in names[:MOST_CONTENDERS]:
-            number = self._likeliest(name)
-            parameters, effects = self._values(number)
-            basis = self.before.explained_by(self._columns(number))
-            left = self.before.left - basis @ (basis.T @ self.before.left)
+            numbers = self._acting(name)
+            parameters, effects = self._values(numbers)
+            basis = self.before.explained_by(self._columns(numbers))
+            left = without(basis, self.before.left)
             after_mm = self.before.rms_mm(left)
             elsewhere = self._elsewhere(effects) if self.others and effects else None
             freedom = self.before.freedom - basis.shape[1]
@@ -293,16 +320,22 @@ class _Report:
                 effects,
             )
 
-    def _columns(self, number: int) -> FloatArray:
-        """Derivatives ``(n, r)`` of rows by a component of the likeliest labels."""
-        linear = self.posterior.linear
-        if number >= len(linear.index):  # of labels put right in another way
-            name = name_of(self.components[number])
-            every = enumerate(self.components[: len(linear.index)])
-            number = next((k for k, other in every if name_of(other) == name), number)
-        if number >= len(linear.index):
-            return np.zeros((len(linear.columns), 0))
-        return np.asarray(linear.columns[:, linear.index[number]])
+    def _columns(self, numbers: Sequence[int]) -> FloatArray:
+        """Derivatives ``(n, r)`` of rows by components of the likeliest labels."""
+        linear, own = self.posterior.linear, self._likeliest_names
+        blocks = [np.zeros((len(linear.columns), 0))]
+        for number in numbers:
+            if number >= len(own):  # of labels put right in another way
+                name = name_of(self.components[number])
+                number = own.index(name) if name in own else number
+            if number < len(own):
+                blocks.append(linear.columns[:, linear.index[number]])
+        return np.hstack(blocks)
+
+    @cached_property
+    def _likeliest_names(self) -> list[Named]:
+        """Of the components of the likeliest labels."""
+        return [name_of(one) for one in self.components[: len(self.posterior.linear.index)]]
 
     def _remarks(self, left_over: ModelDiscrepancy | None) -> Iterator[str]:
         """What else a person must know."""
@@ -315,36 +348,38 @@ class _Report:
         if self.answer.verdict in ("partly-explained", "unexplained") and not left_over:
             yield NO_LAW
         for name in self.answer.rivals:
-            if name in {name_of(component) for component in self.components}:
-                yield from self._half_seen(self._likeliest(name))
+            if name in {name_of(one) for one in self.components}:
+                yield from self._half_seen(self._acting(name))
                 yield from self._leads(name)
         yield from self._far_offsets()
 
-    def _half_seen(self, number: int) -> Iterator[str]:
+    def _half_seen(self, numbers: tuple[int, ...]) -> Iterator[str]:
         """An effect of whose values the readings see combinations only."""
-        component, columns = self.components[number], self._columns(number)
-        rank = self.before.explained_by(columns).shape[1]
-        if rank < len(component.unit):
+        component = self.components[numbers[0]]
+        rank = self.before.explained_by(self._columns(numbers)).shape[1]
+        count = sum(len(self.components[number].unit) for number in numbers)
+        if rank < count:
             yield (
                 f"{component.id} ({component.where}): the readings see {rank} combination(s) of its"
-                f" {len(component.unit)} values; how the values share that is not known"
+                f" {count} values; how the values share that is not known"
             )
 
     def _leads(self, name: Named) -> Iterator[str]:
         """Screws of which the readings do not tell the lead."""
-        weights: dict[float, float] = {}
-        for k, component in enumerate(self.components):
-            laws = {share.effect for share in component.shares}
-            leads = {law.lead_mm for law in laws if isinstance(law, ActuatorCyclic)}
-            if name_of(component) == name and leads:
-                (lead,) = leads
-                weights[lead] = weights.get(lead, 0.0) + self._weight(k)
-        best = max(weights, key=weights.__getitem__, default=0.0)
-        others = sorted(
-            lead for lead, w in weights.items() if lead != best and w > AS_GOOD * weights[best]
-        )
+        weights: dict[tuple[float, ...], float] = {}
+        for numbers, weight in self._weights(name).items():
+            laws = {share.effect for k in numbers for share in self.components[k].shares}
+            leads = sorted(law.lead_mm for law in laws if isinstance(law, ActuatorCyclic))
+            weights[(*leads,)] = weights.get((*leads,), 0.0) + weight
+        best = max(weights, key=weights.__getitem__)
+        others = {
+            lead
+            for leads, weight in weights.items()
+            for lead in leads
+            if lead not in best and weight > AS_GOOD * weights[best]
+        }
         if others:
-            leads_mm = ", ".join(f"{lead:g}" for lead in others)
+            leads_mm = ", ".join(f"{lead:g}" for lead in sorted(others))
             yield (
                 f"{name.id} ({name.where}): leads of {leads_mm} mm fit as well; write the screw's"
                 " lead into the machine file"
@@ -377,7 +412,7 @@ class _Report:
         for k, component in enumerate(self.components[: len(linear.index)]):
             if component.kind not in NAMES or len(component.unit) != 1:
                 continue
-            length = float(np.linalg.norm(self.before.about.left_by(self._columns(k))))
+            length = float(np.linalg.norm(self.before.about.left_by(self._columns([k]))))
             if not length or self.before.noise_freedom <= 0.0:
                 continue
             size = (_needed(length, component.log_prior) + SEEN_9_OF_10) / length

@@ -225,7 +225,8 @@ def locate(leftover: Leftover) -> tuple[GapPart, ...]:
     """
     count = leftover.rows.cells
     square = leftover.left[:count] ** 2
-    total = float(leftover.left @ leftover.left) if leftover.freedom else 0.0
+    in_readings = leftover.left[: len(leftover.rows.residual)]  # not what lengths need of tolerance
+    total = float(in_readings @ in_readings) if leftover.freedom else 0.0
     taken = (leftover.about.basis[:count] ** 2).sum(axis=1)
     taken = taken + np.concatenate([(c.zeros**2).sum(axis=1) for c in leftover.sessions])
     shares = []

@@ -36,11 +36,14 @@ DECISIVE = 25.0
 than one of 1000 sessions."""
 
 AS_GOOD = 9.0
-"""Noise variances within which a standard lead is taken instead."""
+"""Noise variances within which another lead is as good."""
+
+APART = 2.0
+"""Steps within which two leads are one, not so well known."""
 
 
 def with_searched_leads(effects: Sequence[Effect], sessions: Sequence[Cells]) -> tuple[Effect, ...]:
-    """The laws, and the cyclic error whose lead explains most at each carriage.
+    """The laws, and cyclic errors of the leads that explain most at each carriage.
 
     None where the machine file names the lead or cyclic errors are not among the laws.
     """
@@ -48,10 +51,10 @@ def with_searched_leads(effects: Sequence[Effect], sessions: Sequence[Cells]) ->
     if sessions[0].case.model.geometry.screw_lead_mm is not None or not known:
         return tuple(effects)
     try:
-        leads = dict.fromkeys(screw.best_lead_mm() for screw in _screws(sessions))
+        leads = dict.fromkeys(lead for screw in _screws(sessions) for lead in screw.leads_mm())
     except NotIdentifiable:  # of labels that are wrong nothing fits
         return tuple(effects)
-    more = [ActuatorCyclic(lead) for lead in leads if lead is not None and lead not in known]
+    more = [ActuatorCyclic(lead) for lead in leads if lead not in known]
     return (*effects, *more)
 
 
@@ -79,40 +82,49 @@ class Screw:
         """Turns for each mm of travel."""
         return np.arange(1.0 / ISO_LEADS_MM[-1], 1.0 / ISO_LEADS_MM[0] + self._step / 2, self._step)
 
-    def best_lead_mm(self) -> float | None:
-        """The lead that explains most; a standard one if it does as well.
+    def leads_mm(self) -> Iterator[float]:
+        """Leads that explain as much as the best, each the best of its peak; standard ones first.
 
         None where the best explains less than `DECISIVE`.
         """
-        grid = self._grid
-        near = float(grid[np.argmax(self._explained(1.0 / grid))])
-        around = near + self._step * np.linspace(-1.0, 1.0, 2 * FINE + 1)
-        fine = 1.0 / np.clip(around, *grid[[0, -1]])
-        squares = self._explained(fine)
-        best = float(squares.max())
-        if best < DECISIVE:
-            return None
-        standard = self._explained(np.array(ISO_LEADS_MM))
-        if standard.max() >= best - AS_GOOD:
-            return ISO_LEADS_MM[int(np.argmax(standard))]
-        return float(f"{fine[np.argmax(squares)]:.3g}")
+        turns = self._grid
+        squares = self._explained(1.0 / turns)
+        inner = np.concatenate([[-np.inf], squares, [-np.inf]])
+        peaks = turns[(squares >= inner[:-2]) & (squares >= inner[2:])]
+        leads = np.array([self._refined_mm(peak) for peak in peaks.tolist()])
+        explained = self._explained(leads)
+        if explained.max() < DECISIVE:
+            return
+        least = float(explained.max()) - AS_GOOD
+        standard = np.array(ISO_LEADS_MM)
+        standard = standard[self._explained(standard) >= least]
+        yield from standard.tolist()
+        for lead in leads[explained >= least].tolist():
+            if (np.abs(1.0 / standard - 1.0 / lead) > APART * self._step).all():
+                yield float(f"{lead:.3g}")
+
+    def _refined_mm(self, turns: float) -> float:
+        """The best lead about a peak of the grid."""
+        around = turns + self._step * np.linspace(-1.0, 1.0, 2 * FINE + 1)
+        fine = 1.0 / np.clip(around, *self._grid[[0, -1]])
+        return float(fine[np.argmax(self._explained(fine))])
 
     def _explained(self, leads_mm: FloatArray) -> FloatArray:
         """Squares ``(k,)`` that sine and cosine of each lead explain, in noise variances."""
-        sine, cosine = self._free(leads_mm, np.sin), self._free(leads_mm, np.cos)
+        turns = [2.0 * np.pi * travel[:, None] / leads_mm for travel in self.travel_mm]
+        sine = self._free([np.sin(turn) for turn in turns])
+        cosine = self._free([np.cos(turn) - 1.0 for turn in turns])  # at Zero nothing moves
         square = np.maximum((sine * sine).sum(axis=0), 1e-12)
         rest = cosine - sine * ((sine * cosine).sum(axis=0) / square)
         other = np.maximum((rest * rest).sum(axis=0), 1e-12)
         return np.asarray((self.left @ sine) ** 2 / square + (self.left @ rest) ** 2 / other)
 
-    def _free(self, leads_mm: FloatArray, wave: np.ufunc) -> FloatArray:
-        """What a wave of each lead does beside the base ``(n, k)``."""
+    def _free(self, waves: Sequence[FloatArray]) -> FloatArray:
+        """What waves ``(n_cells, k)`` of the travel in each session do beside the base."""
         rows = np.vstack(
             [
-                cells.whitened(per_mm[:, None] * wave(2.0 * np.pi * travel[:, None] / leads_mm))
-                for cells, per_mm, travel in zip(
-                    self.sessions, self.per_mm, self.travel_mm, strict=True
-                )
+                cells.whitened(per_mm[:, None] * wave)
+                for cells, per_mm, wave in zip(self.sessions, self.per_mm, waves, strict=True)
             ]
         )
         return without(self.basis, rows)

@@ -20,7 +20,6 @@ from app.measuring.session import Indicators
 from app.measuring.simulated import planned_readings, short_travels, simulated_session
 from app.planning.tripod import stated_noise
 from calib.arrays import LEG_NAMES, FloatArray, conditions
-from calib.diagnosis.next_measurement import Preparation, options
 from calib.errors import CalibrationError, ImpossibleRequest, NotIdentifiable, RecordError
 from calib.posterior.measurements import set_ups_of
 from calib.tripod.geometry import Geometry
@@ -207,10 +206,6 @@ def test_what_plan_and_next_propose_stays_on_the_bar(
         for name in one.legs:
             leg = LEG_NAMES.index(name)
             assert_on_bar(machine, wrong_mm, leg, one.station, one.levels_mm)
-    for added in [*options(geometry, Preparation())][::5]:
-        for name in added.legs:
-            for station in added.stations:
-                assert_on_bar(machine, wrong_mm, LEG_NAMES.index(name), station, added.levels_mm)
 
 
 @VERY_FEW
@@ -253,7 +248,7 @@ def test_an_interval_without_a_station_leaves_nothing_to_choose() -> None:
     narrow = Machine(usable_bar=(0.85, 0.95)).geometry()
     with pytest.raises(ImpossibleRequest, match="Widen usable_bar"):
         leg_pool(narrow)
-    assert not list(options(narrow, Preparation()))
+    assert not list(set_ups_of(Model(narrow)))
 
 
 def test_candidates_that_the_default_pool_lost() -> None:

@@ -1,15 +1,17 @@
-"""Simulated sessions for the tests of the diagnosis, as its steps take them."""
+"""Simulated sessions for the tests of the diagnosis, and what their readings are changed to."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from calib.arrays import Observations, observe
-from calib.diagnosis.problem import Case, Problem
-from calib.diagnosis.results import Diagnosis
+from calib.arrays import FloatArray, Observations, observe
+from calib.diagnosis.results import Diagnosis, Finding
 from calib.noise.reading import IndicatorFigures
+from calib.posterior.cells import SessionCase
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.effects.effect import EffectInstance, Kind
 from calib.tripod.pipeline import Model, measure
 from tests.builders import conditions_of
 
@@ -26,17 +28,34 @@ def case(
     seed: int = 0,
     scatter_mm: float = 0.002,
     model: Model | None = None,
-) -> Case:
+) -> SessionCase:
     generator = np.random.default_rng(seed)
     offsets = np.concatenate([generator.uniform(-2, 2, 3), generator.normal(0, 0.03, 3)])
     truth = Model(parameters_mm=tuple(offsets.tolist()), effects=effects)
     value = measure(truth, taken, scatter_mm=scatter_mm, resolution_mm=0.0, generator=generator)
-    return Case(model or Model(), observe(taken, value), IndicatorFigures(), TOLERANCE_MM)
+    return SessionCase(model or Model(), observe(taken, value), IndicatorFigures(), TOLERANCE_MM)
 
 
-def problem(taken: Observations, seed: int) -> Problem:
-    return Problem.of([case(taken, seed=seed).fitted()])
+def with_readings(session: SessionCase, observed: Observations) -> SessionCase:
+    """The same machine with other readings."""
+    return replace(session, observed=observed)
 
 
-def names(found: Diagnosis) -> list[tuple[str, str]]:
-    return [(one.id, one.where) for one in found.effects]
+def with_values(session: SessionCase, value_mm: FloatArray) -> SessionCase:
+    """The same postures with other values ``(n,)``."""
+    return with_readings(session, replace(session.observed, value_mm=value_mm))
+
+
+def names(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    return [(finding.id, finding.where) for finding in diagnosis.effects]
+
+
+def mistakes(diagnosis: Diagnosis) -> list[Finding]:
+    """Mistakes of the readings that are named."""
+    return [finding for finding in diagnosis.effects if finding.kind == Kind.GROSS_ERROR]
+
+
+def possible(diagnosis: Diagnosis) -> set[tuple[str, str]]:
+    """Names at their places, and their rivals."""
+    rivals = {(r.id, r.where) for one in diagnosis.effects for r in one.indistinguishable_from}
+    return {*names(diagnosis), *rivals}

@@ -12,9 +12,9 @@ import pytest
 from app.evaluating.diagnosis import diagnose_files
 from calib.arrays import Observations, observe
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.problem import Case, Problem
-from calib.diagnosis.results import Diagnosis
+from calib.diagnosis.gap import Leftover
 from calib.noise.reading import IndicatorFigures
+from calib.posterior.cells import Cells, SessionCase
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, measure
@@ -25,6 +25,7 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     TOLERANCE_MM,
     TWO_STATION,
     names,
+    possible,
 )
 
 SAMPLES = Path(__file__).parents[3] / "sample_sessions"
@@ -38,41 +39,12 @@ def session(
     *effects: EffectInstance,
     offsets_mm: Triple = USUAL,
     seed: int = 0,
-) -> Case:
+) -> SessionCase:
     """Of a machine with these bars, noise 2 µm."""
     truth = Model(parameters_mm=(*offsets_mm, *lengths_mm), effects=effects)
     value = measure(truth, taken, scatter_mm=0.002, resolution_mm=0.0, generator=seed)
     figures = IndicatorFigures(repeatability_mm=0.002)
-    return Case(Model(), observe(taken, value), figures, TOLERANCE_MM)
-
-
-def possible(found: Diagnosis) -> set[tuple[str, str]]:
-    rivals = {(r.id, r.where) for one in found.effects for r in one.indistinguishable_from}
-    return {*names(found), *rivals}
-
-
-@pytest.mark.parametrize("sessions", [1, 2])
-def test_whitened_squares_are_generalised_least_squares(sessions: int) -> None:
-    """Noise and shared lengths of 0.1 mm as a covariance; offsets and zeros free."""
-    made = [session(SWEEP, (0.2, -0.1, 0.3), seed=k).fitted() for k in range(sessions)]
-    problem = Problem.of(made)
-    y = np.concatenate([(one.observed.value_mm - one.model.readings(one.observed)) for one in made])
-    bars = np.vstack([one.base[:, 3:] for one in made]) / 0.1
-    fitted = np.concatenate(
-        [np.repeat([one.model.parameters_mm[3:]], len(one.weight), 0) for one in made]
-    )
-    y = y + (bars * fitted).sum(axis=1)
-    noise = np.concatenate([1.0 / one.weight for one in made])
-    covariance = np.diag(noise) + 0.1**2 * bars @ bars.T
-    free = np.zeros((len(y), 9 * sessions))
-    for k, one in enumerate(made):
-        rows = slice(k * len(one.weight), (k + 1) * len(one.weight))
-        free[rows, 9 * k : 9 * k + 6] = np.eye(6)[one.observed.mount]
-        free[rows, 9 * k + 6 : 9 * k + 9] = one.base[:, :3]
-    root = np.linalg.cholesky(covariance)
-    white, right = np.linalg.solve(root, free), np.linalg.solve(root, y)
-    x = np.linalg.lstsq(white, right, rcond=1e-12)[0]
-    assert (problem.y**2).sum() == pytest.approx(((right - white @ x) ** 2).sum(), rel=1e-6)
+    return SessionCase(Model(), observe(taken, value), figures, TOLERANCE_MM)
 
 
 def test_with_bars_of_their_tolerance_nothing_is_missing() -> None:
@@ -80,9 +52,9 @@ def test_with_bars_of_their_tolerance_nothing_is_missing() -> None:
     ratio = []
     for seed in range(40):
         x, y, z = (0.1 * generator.standard_normal(3)).tolist()
-        problem = Problem.of([session(TWO_STATION, (x, y, z), seed=seed).fitted()])
-        ratio.append(problem.gap(problem.y) / problem.structure_df)
-    spread = np.sqrt(2.0 / problem.structure_df)
+        gap = Leftover.of([Cells.of(session(TWO_STATION, (x, y, z), seed=seed))]).gap()
+        ratio.append(gap.chi_square / gap.degrees_of_freedom)
+    spread = np.sqrt(2.0 / gap.degrees_of_freedom)
     assert np.mean(ratio) == pytest.approx(1.0, abs=4.0 * spread / np.sqrt(40))
 
 
@@ -108,66 +80,68 @@ def test_published_gaps_are_not_closed_by_bars_of_metres(
 @pytest.mark.parametrize("seed", range(4))
 def test_bars_off_by_three_tolerances_make_no_other_name(seed: int) -> None:
     for taken in (SWEEP, TWO_STATION):
-        found = diagnose([session(taken, (0.3, -0.3, 0.3), seed=seed)], CATALOGUE)
-        assert {name for name, _ in names(found)} <= {"leg_length"}
+        diagnosis = diagnose([session(taken, (0.3, -0.3, 0.3), seed=seed)], CATALOGUE)
+        assert {name for name, _ in names(diagnosis)} <= {"leg_length"}
 
 
 def test_a_bar_of_another_length_is_named_with_its_size() -> None:
-    found = diagnose([session(TWO_STATION, (1.5, 0.02, -0.05), seed=1)], CATALOGUE)
-    assert names(found) == [("leg_length", "x")]
-    (length,) = found.effects[0].parameters
+    diagnosis = diagnose([session(TWO_STATION, (1.5, 0.02, -0.05), seed=1)], CATALOGUE)
+    assert names(diagnosis) == [("leg_length", "x")]
+    (length,) = diagnosis.effects[0].parameters
     assert abs(length.value - 1.5) < 4.0 * length.standard_uncertainty
 
 
 @pytest.mark.parametrize("place", ["x", "y", "z"])
 def test_a_wrong_scale_is_seen_beside_bars_of_their_tolerance(place: str) -> None:
     scale = EffectInstance(LAWS["actuator_scale"], place, (0.5,))
-    found = diagnose([session(TWO_STATION, (0.05, -0.05, 0.02), scale, seed=7)], CATALOGUE)
-    assert ("actuator_scale", place) in possible(found)
+    diagnosis = diagnose([session(TWO_STATION, (0.05, -0.05, 0.02), scale, seed=7)], CATALOGUE)
+    assert ("actuator_scale", place) in possible(diagnosis)
 
 
 def test_all_scales_alike_are_another_size_of_machine() -> None:
     """Lengths free they agree: a similar machine. Bars of their tolerance cannot follow."""
     scales = [EffectInstance(LAWS["actuator_scale"], place, (3.0,)) for place in "xyz"]
-    found = diagnose([session(TWO_STATION, (0.05, -0.05, 0.02), *scales)], CATALOGUE)
-    assert found.verdict == "ambiguous"
-    assert {("actuator_scale", "all"), ("leg_length", "all")} <= possible(found)
+    diagnosis = diagnose([session(TWO_STATION, (0.05, -0.05, 0.02), *scales)], CATALOGUE)
+    assert diagnosis.verdict == "ambiguous"
+    assert {("actuator_scale", "all"), ("leg_length", "all")} <= possible(diagnosis)
 
 
 def test_lengths_found_in_two_sessions_serve_a_third() -> None:
     bars = (0.25, -0.2, 0.3)
     several = [session(SHORT, bars, offsets_mm=(k, -k, 0.5 * k), seed=k) for k in range(3)]
-    alone = Problem.of([several[2].fitted()])
-    others = Problem.of([one.fitted() for one in several[:2]])
-    told = Problem.of(alone.fitted_sessions, others.bars_seen())
-    assert told.gap(told.y) < alone.gap(alone.y)
+    cells = [Cells.of(one) for one in several]
+    alone, others = Leftover.of(cells[2:]), Leftover.of(cells[:2])
+    with_bars = Leftover.of(cells[2:], bars=others.bars())
+    assert with_bars.gap().chi_square < alone.gap().chi_square
     # as much less as the three have in common beyond the two
-    together = Problem.of([one.fitted() for one in several])
-    both = (others.y**2).sum() + (told.y**2).sum()
-    assert (together.y**2).sum() == pytest.approx(both, rel=1e-6)
+    together = Leftover.of(cells).gap().chi_square
+    both = others.gap().chi_square + with_bars.gap().chi_square
+    assert together == pytest.approx(both, rel=1e-6)
 
 
 def test_sessions_of_different_bars_are_told() -> None:
     bars: tuple[Triple, ...] = ((0.1, -0.1, 0.05), (-0.6, -0.5, 0.7))
     made = [session(TWO_STATION, each, seed=k) for k, each in enumerate(bars)]
-    found = diagnose(made, CATALOGUE)
-    assert names(found) == [("other_bars", "session 2")]
-    assert "diagnose the sessions one at a time" in found.effects[0].title
+    diagnosis = diagnose(made, CATALOGUE)
+    assert names(diagnosis) == [("other_bars", "session 2")]
+    assert "diagnose the sessions one at a time" in diagnosis.effects[0].title
 
 
 def test_an_offset_entered_wrong_by_centimetres_is_no_effect() -> None:
-    found = diagnose([session(SWEEP, (0.1, -0.1, 0.05), offsets_mm=(31.0, 1.0, -0.5))], CATALOGUE)
-    assert found.verdict == "agrees"
-    (said,) = found.remarks
-    assert said.startswith("the joint offset of x comes out +3")
-    assert "the machine file allows 2 mm" in said
+    diagnosis = diagnose(
+        [session(SWEEP, (0.1, -0.1, 0.05), offsets_mm=(31.0, 1.0, -0.5))], CATALOGUE
+    )
+    assert diagnosis.verdict == "agrees"
+    (remark,) = diagnosis.remarks
+    assert remark.startswith("the joint offset of x comes out +3")
+    assert "the machine file allows 2 mm" in remark
 
 
 def test_one_posture_tells_nothing() -> None:
     at_zero = SHORT.take(np.flatnonzero(SHORT.displacement_mm == 0.0))
-    found = diagnose([session(at_zero, (0.1, -0.1, 0.05))], CATALOGUE)
-    assert found.verdict == "cannot-tell"
-    assert any("measure others too" in said for said in found.remarks)
+    diagnosis = diagnose([session(at_zero, (0.1, -0.1, 0.05))], CATALOGUE)
+    assert diagnosis.verdict == "cannot-tell"
+    assert any("measure others too" in remark for remark in diagnosis.remarks)
 
 
 def driven_again(taken: Observations, times: int) -> Observations:
@@ -195,8 +169,8 @@ def test_lengths_without_tolerance_and_with_decimetres_stay_finite(tolerance_mm:
     """The smallest and the largest that a machine file may state; bars are as they should be."""
     made = session(SWEEP, (0.0, 0.0, 0.0))
     held = replace(made, tolerance_mm=np.array([2.0] * 3 + [tolerance_mm] * 3))
-    found = diagnose([held], CATALOGUE)
-    assert found.verdict == "agrees"
+    diagnosis = diagnose([held], CATALOGUE)
+    assert diagnosis.verdict == "agrees"
     assert np.isfinite(
-        [found.gap_before.rms_mm, *(one.size for one in found.smallest_detectable)]
+        [diagnosis.gap_before.rms_mm, *(one.size for one in diagnosis.smallest_detectable)]
     ).all()

@@ -1,4 +1,4 @@
-"""Unnamed laws: found, described, sized; not where there is nothing or no law."""
+"""Unnamed laws: diagnosis, described, sized; not where there is nothing or no law."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.empirical import BASES, Empirical, empirical_effect
 from calib.tripod.pipeline import Model, Stage
-from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case
+from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, with_values
 
 OFF = (1.2, -0.9, 0.6, 0.03, -0.02, 0.01)
 
@@ -21,29 +21,28 @@ def cube(size: float, leg: str = "x") -> EffectInstance:
     return EffectInstance(Empirical(("travel_cube_at_100mm",)), leg, (size,))
 
 
-def law_of(found: Diagnosis) -> ModelDiscrepancy:
-    assert found.left_over is not None
-    return found.left_over
+def law_of(diagnosis: Diagnosis) -> ModelDiscrepancy:
+    assert diagnosis.left_over is not None
+    return diagnosis.left_over
 
 
 def test_a_cube_of_travel_is_described_and_never_named() -> None:
     made = case(TWO_STATION, cube(800.0), seed=3)
-    found = diagnose([made], CATALOGUE)
-    assert found.verdict in ("partly-explained", "unexplained")
-    unnamed = law_of(found).effect
+    diagnosis = diagnose([made], CATALOGUE)
+    assert diagnosis.verdict in ("partly-explained", "unexplained")
+    unnamed = law_of(diagnosis).effect
     assert (unnamed.id, unnamed.kind, unnamed.where) == ("empirical", "empirical", "x")
     assert unnamed.title == (
-        "it grows with the cube of travel of carriage X, not with the direction of approach or "
-        "with time"
+        "an unnamed effect: a carriage is off along its way with the cube of travel"
     )
     (value,) = unnamed.parameters
     assert abs(value.value - 800.0) < 4.0 * value.standard_uncertainty
     assert unnamed.gap_rms_after_mm < 0.4 * unnamed.gap_rms_before_mm
-    held = law_of(found).held_out
+    held = law_of(diagnosis).held_out
     assert held is not None
     assert held.after_rms_mm < 0.5 * held.before_rms_mm
-    assert "empirical" not in {one.id for one in found.effects}
-    assert "empirical" not in {one.id for one in found.candidates}
+    assert "empirical" not in {one.id for one in diagnosis.effects}
+    assert "empirical" not in {one.id for one in diagnosis.candidates}
 
 
 def test_held_out_sessions_judge_the_law() -> None:
@@ -58,10 +57,10 @@ def test_readings_that_depend_on_time_and_direction() -> None:
     """Without anything in the catalogue that could be named in its place."""
     term = Empirical(("cube_at_100mm", "up_less_down"))
     effects = [EffectInstance(term, place, (60.0, 25.0)) for place in ("yx", "yz")]
-    found = diagnose([case(SWEEP, *effects, seed=6)], [LAWS["thermal_drift"]])
-    assert found.verdict == "unexplained"
-    assert found.effects == ()
-    unnamed = law_of(found).effect
+    diagnosis = diagnose([case(SWEEP, *effects, seed=6)], [LAWS["thermal_drift"]])
+    assert diagnosis.verdict == "unexplained"
+    assert diagnosis.effects == ()
+    unnamed = law_of(diagnosis).effect
     assert unnamed.where == "y"
     assert "with the cube of displacement and with the direction of approach" in unnamed.title
     assert unnamed.title.endswith("at both indicators of leg Y, not with time")
@@ -79,23 +78,22 @@ def test_a_law_beside_what_was_named() -> None:
         EffectInstance(LAWS["backlash"], "z", (0.05,)),
         EffectInstance(Empirical(("fourth_at_100mm",)), "xy", (30.0,)),
     )
-    found = diagnose([case(TWO_STATION, *effects, seed=7)], [LAWS["backlash"]])
-    assert [(one.id, one.where) for one in found.effects] == [("backlash", "z")]
-    assert found.verdict == "partly-explained"
-    left = law_of(found)
-    assert not left.whole
+    diagnosis = diagnose([case(TWO_STATION, *effects, seed=7)], [LAWS["backlash"]])
+    assert [(one.id, one.where) for one in diagnosis.effects] == [("backlash", "z")]
+    assert diagnosis.verdict == "partly-explained"
+    left = law_of(diagnosis)
     assert left.effect.where == "xy"
     assert "fourth power" in left.effect.title
-    assert left.effect.gap_rms_before_mm == pytest.approx(found.gap_after.rms_mm)
+    assert left.effect.gap_rms_before_mm == pytest.approx(diagnosis.gap_after.rms_mm)
 
 
 def test_adopted_it_is_gone_and_the_model_agrees() -> None:
     made = case(TWO_STATION, cube(800.0), seed=3)
     effects = law_of(diagnose([made], CATALOGUE)).effect.effects
     again = case(TWO_STATION, cube(800.0), seed=3, model=Model(effects=effects))
-    found = diagnose([again], CATALOGUE)
-    assert found.verdict == "agrees"
-    assert found.left_over is None
+    diagnosis = diagnose([again], CATALOGUE)
+    assert diagnosis.verdict == "agrees"
+    assert diagnosis.left_over is None
 
 
 @pytest.mark.parametrize("taken", [SWEEP, TWO_STATION])
@@ -110,11 +108,11 @@ def test_what_follows_no_law_is_said_to_follow_none() -> None:
     keys = list(zip(made.observed.mount, made.observed.displacement_mm, strict=True))
     own = {key: np.random.default_rng(abs(hash(key)) % 1000).normal(0, 0.02) for key in keys}
     value += np.array([own[key] for key in keys])
-    rough = made.with_readings(type(made.observed)(**(vars(made.observed) | {"value_mm": value})))
-    found = diagnose([rough], [])
-    assert found.verdict == "unexplained"
-    assert found.left_over is None
-    assert any("no simple pattern" in remark for remark in found.remarks)
+    rough = with_values(made, value)
+    diagnosis = diagnose([rough], [])
+    assert diagnosis.verdict == "unexplained"
+    assert diagnosis.left_over is None
+    assert any("no simple pattern" in remark for remark in diagnosis.remarks)
 
 
 def test_bases_and_laws_by_hand() -> None:
@@ -151,7 +149,9 @@ def test_laws_that_are_none() -> None:
 @pytest.mark.parametrize("leg", ["x", "y"])
 def test_a_cube_of_travel_goes_by_no_name(leg: str) -> None:
     """On a sweep a bowed bar does nearly the same."""
-    found = diagnose([case(SWEEP, cube(400.0, leg), seed=3)], CATALOGUE)
-    assert found.verdict == "unexplained"
-    assert found.effects == ()
-    assert f"with the cube of travel of carriage {leg.upper()}" in law_of(found).effect.title
+    diagnosis = diagnose([case(SWEEP, cube(400.0, leg), seed=3)], CATALOGUE)
+    assert diagnosis.verdict == "unexplained"
+    assert diagnosis.effects == ()
+    unnamed = law_of(diagnosis).effect
+    assert unnamed.where == leg
+    assert "a carriage is off along its way with the cube of travel" in unnamed.title

@@ -12,10 +12,10 @@ from app.evaluating.diagnosis import diagnose_files
 from calib.arrays import FloatArray, observe
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.pattern import shared_pattern
-from calib.diagnosis.problem import Case
 from calib.diagnosis.results import SharedPattern
+from calib.posterior.cells import Cells, SessionCase
 from calib.tripod.effects import CATALOGUE
-from tests.calib.diagnosis.diagnosed_sessions import SWEEP, case
+from tests.calib.diagnosis.diagnosed_sessions import SWEEP, case, with_readings
 
 SAMPLES = Path("sample_sessions")
 TABLE_1 = {  # papers/000 table 1, Max - Min: x_y, y_x, y_z, z_y, x_z, z_x
@@ -42,9 +42,9 @@ def left_of_table_1(values: tuple[float, ...]) -> FloatArray:
 def published(*numbers: str, held_out: str = "") -> SharedPattern:
     paths = [SAMPLES / f"experiment_{n}_six.jsonl" for n in numbers]
     others = [SAMPLES / f"experiment_{held_out}_six.jsonl"] if held_out else []
-    found = diagnose_files(paths, held_out=others).diagnosis.pattern
-    assert found is not None
-    return found
+    pattern = diagnose_files(paths, held_out=others).diagnosis.pattern
+    assert pattern is not None
+    return pattern
 
 
 @pytest.mark.parametrize(("first", "second"), [("1", "2"), ("1", "3"), ("2", "3")])
@@ -58,32 +58,34 @@ def test_cosines_of_table_1_by_the_matrix_of_the_papers(first: str, second: str)
 
 def test_what_is_left_in_experiments_2_and_3_is_one_pattern() -> None:
     """Of three directions a cosine c or more comes by chance with 1 - c."""
-    found = published("2", held_out="3")
-    assert found.reproducible
-    assert found.directions == 3
-    assert found.p_value_directions == pytest.approx(1.0 - found.pairs[0].cosine, rel=1e-6)
-    assert found.pairs[0].after_rms_mm < 0.15 * found.pairs[0].before_rms_mm
-    said = diagnose_files(
+    pattern = published("2", held_out="3")
+    assert pattern.reproducible
+    assert pattern.directions == 3
+    assert pattern.p_value_directions == pytest.approx(1.0 - pattern.pairs[0].cosine, rel=1e-6)
+    assert pattern.pairs[0].after_rms_mm < 0.15 * pattern.pairs[0].before_rms_mm
+    sentence = diagnose_files(
         [SAMPLES / "experiment_2_six.jsonl"], held_out=[SAMPLES / "experiment_3_six.jsonl"]
     ).diagnosis.sentence
-    assert "sessions 1 and 2 have the same residual pattern, by chance once in 159 times" in said
+    assert (
+        "sessions 1 and 2 have the same residual pattern, by chance once in 159 times" in sentence
+    )
 
 
 def test_the_twelve_differences_of_table_2_share_none() -> None:
     paths = [SAMPLES / f"experiment_{n}_twelve.jsonl" for n in "23"]
-    found = diagnose_files(paths).diagnosis
-    assert found.pattern is not None
-    assert not found.pattern.reproducible
-    assert found.pattern.pairs[0].cosine == pytest.approx(0.45, abs=0.01)
-    assert "reproducible" not in found.sentence
+    diagnosis = diagnose_files(paths).diagnosis
+    assert diagnosis.pattern is not None
+    assert not diagnosis.pattern.reproducible
+    assert diagnosis.pattern.pairs[0].cosine == pytest.approx(0.45, abs=0.01)
+    assert "reproducible" not in diagnosis.sentence
 
 
-def session(seed: int, shape: FloatArray) -> Case:
+def session(seed: int, shape: FloatArray) -> SessionCase:
     """A sweep with an error that has no name: one number for each posture of each mounting."""
     one = case(SWEEP, seed=seed)
     taken = one.observed
     off = 0.02 * shape[taken.mount, np.unique(taken.displacement_mm, return_inverse=True)[1]]
-    return one.with_readings(observe(taken, taken.value_mm + off))
+    return with_readings(one, observe(taken, taken.value_mm + off))
 
 
 def shape(seed: int) -> FloatArray:
@@ -93,40 +95,42 @@ def shape(seed: int) -> FloatArray:
 
 def test_an_error_without_a_name_repeats_or_does_not() -> None:
     same = [session(1, shape(7)), session(2, shape(7))]
-    found = shared_pattern([one.fitted() for one in same])
-    assert found is not None
-    assert found.reproducible
-    assert found.p_value_directions < 1e-6
-    assert found.p_value_permutations <= 0.01
-    assert found.pairs[0].scale == pytest.approx(1.0, abs=0.1)
-    assert found.pairs[0].after_rms_mm < 0.2 * found.pairs[0].before_rms_mm
-    other = shared_pattern([same[0].fitted(), session(3, shape(8)).fitted()])
+    pattern = shared_pattern([Cells.of(one) for one in same])
+    assert pattern is not None
+    assert pattern.reproducible
+    assert pattern.p_value_directions < 1e-6
+    assert pattern.p_value_permutations <= 0.01
+    assert pattern.pairs[0].scale == pytest.approx(1.0, abs=0.1)
+    assert pattern.pairs[0].after_rms_mm < 0.2 * pattern.pairs[0].before_rms_mm
+    other = shared_pattern([Cells.of(same[0]), Cells.of(session(3, shape(8)))])
     assert other is not None
     assert not other.reproducible
     assert abs(other.pairs[0].cosine) < 0.5
-    assert shared_pattern([case(SWEEP, seed=1).fitted(), same[0].fitted()]) is None
+    assert shared_pattern([Cells.of(case(SWEEP, seed=1)), Cells.of(same[0])]) is None
 
 
 def test_the_diagnosis_says_that_a_nameless_error_repeats() -> None:
-    found = diagnose([session(1, shape(7)), session(2, shape(7))], CATALOGUE)
-    assert found.verdict in ("unexplained", "partly-explained")
-    assert "It is reproducible: sessions 1 and 2 have the same residual pattern" in found.sentence
+    diagnosis = diagnose([session(1, shape(7)), session(2, shape(7))], CATALOGUE)
+    assert diagnosis.verdict in ("unexplained", "partly-explained")
+    assert (
+        "It is reproducible: sessions 1 and 2 have the same residual pattern" in diagnosis.sentence
+    )
 
 
 def test_chance_of_two_directions_is_that_of_drawn_ones() -> None:
-    found = shared_pattern([session(1, shape(7)).fitted(), session(2, shape(8)).fitted()])
-    assert found is not None
-    drawn = np.random.default_rng(0).normal(size=(2, 20000, found.directions))
+    pattern = shared_pattern([Cells.of(session(1, shape(7))), Cells.of(session(2, shape(8)))])
+    assert pattern is not None
+    drawn = np.random.default_rng(0).normal(size=(2, 20000, pattern.directions))
     one, other = drawn / np.linalg.norm(drawn, axis=2, keepdims=True)
-    reached = np.abs((one * other).sum(axis=1)) >= abs(found.pairs[0].cosine)
-    assert found.p_value_directions == pytest.approx(reached.mean(), abs=0.015)
+    reached = np.abs((one * other).sum(axis=1)) >= abs(pattern.pairs[0].cosine)
+    assert pattern.p_value_directions == pytest.approx(reached.mean(), abs=0.015)
 
 
 def test_postures_that_only_one_session_has_do_not_count() -> None:
     first, second = session(1, shape(7)), session(2, shape(7))
     kept = first.observed.take(first.observed.displacement_mm != 22.0)
-    fewer = shared_pattern([first.with_readings(kept).fitted(), second.fitted()])
-    all_of_them = shared_pattern([first.fitted(), second.fitted()])
+    fewer = shared_pattern([Cells.of(with_readings(first, kept)), Cells.of(second)])
+    all_of_them = shared_pattern([Cells.of(first), Cells.of(second)])
     assert fewer is not None
     assert all_of_them is not None
     assert fewer.reproducible

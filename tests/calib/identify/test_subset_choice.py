@@ -89,3 +89,19 @@ def test_tolerances_are_no_noise_that_the_left_over_enlarges(samples: Path) -> N
         errors.append(found.values_mm - truth)
     true = np.sqrt(np.mean(np.square(errors), axis=0))
     np.testing.assert_allclose(np.sqrt(solution.inflated_mm2(9.0).diagonal()), true, rtol=0.15)
+
+
+def test_lengths_within_tolerance_count_for_joint_offsets() -> None:
+    """What an error of a bar does to d_rho is refitted by hand: the bar's tolerance, times 1.96."""
+    data = observed([0.1, -0.2, 0.3, 0.0, 0.0, 0.0], postures(), scatter_mm=0.002, seed=1)
+    figures = IndicatorFigures(repeatability_mm=0.002)
+    choice = choose_subset(Model(), data, indicator=figures, tolerance_mm=TOLERANCES)
+    plain = choice.solutions["joint-offsets"]
+    longer = observed([0.1, -0.2, 0.3, 0.1, 0.0, 0.0], postures(), scatter_mm=0.002, seed=1)
+    again = choose_subset(Model(), longer, indicator=figures, tolerance_mm=TOLERANCES)
+    moved = again.solutions["joint-offsets"].values_mm - plain.values_mm
+    assert 0.1 * plain.outside[:, 3] == pytest.approx(moved, abs=1e-4)
+    assert plain.expanded_with_tolerances_mm[0] == pytest.approx(1.96 * abs(moved[0]), rel=0.02)
+    difference = plain.expanded_of_difference_mm
+    assert difference is not None
+    assert difference[0] < 0.05 * plain.expanded_with_tolerances_mm[0]

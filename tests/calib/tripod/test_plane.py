@@ -15,11 +15,12 @@ import pytest
 
 from app.measuring.simulated import planned_readings
 from calib.arrays import Conditions, FloatArray, Observations, observe, set_up_unknowns
-from calib.diagnosis.problem import Case, Problem
+from calib.diagnosis.gap import Leftover
 from calib.errors import NotIdentifiable
 from calib.identify.fit import PlainFit
 from calib.identify.identify import identify
 from calib.noise.reading import IndicatorFigures, visits
+from calib.posterior.cells import Cells, SessionCase
 from calib.tripod.effects.bars import LegBow
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
@@ -140,12 +141,14 @@ def test_zero_and_tilt_of_a_plane_never_reach_the_diagnosis() -> None:
     left = []
     for tilt in (0.0, 4e-3):
         observed = measured("zero-max-min-plane", OFF, tilt=tilt, scatter=SIGMA_MM)
-        left.append(Problem.of([Case(Model(), observed, figures, tolerance).fitted()]))
-    assert left[1].y == pytest.approx(left[0].y, abs=1e-5)
-    assert float(np.abs(left[0].y).max()) > 0.5
-    free = left[0].whitening.free
-    assert free.T @ free == pytest.approx(np.eye(free.shape[1]), abs=1e-9)
-    assert free.shape[1] == 6 + 2 * 2 + 3  # zeros, zeros and tilts over planes, joint offsets
+        cells = Cells.of(SessionCase(Model(), observed, figures, tolerance))
+        left.append(Leftover.of([cells]))
+    assert left[1].left == pytest.approx(left[0].left, abs=1e-5)
+    assert float(np.abs(left[0].left).max()) > 0.5
+    (cells,) = left[0].sessions
+    assert cells.zeros.T @ cells.zeros == pytest.approx(np.eye(cells.zeros.shape[1]), abs=1e-9)
+    assert cells.zeros.shape[1] == 6 + 2 * 2  # zeros, zeros and tilts over planes
+    assert left[0].freedom == len(cells.means) - (6 + 2 * 2 + 3)  # and joint offsets
 
 
 def test_a_bowed_bar_over_a_plane_by_hand() -> None:

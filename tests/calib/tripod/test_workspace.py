@@ -192,3 +192,12 @@ def test_milling_near_zero_does_not_show_legs_that_are_off_by_2_mm() -> None:
 def test_a_workspace_that_cannot_be_is_refused(changed: dict[str, object], words: str) -> None:
     with pytest.raises(CalibrationError, match=words):
         replace(ORTHOGLIDE, **changed)  # type: ignore[arg-type]
+
+
+def test_the_workspace_keeps_the_joint_limits() -> None:
+    """The cube of the limits itself does not: its corners ask for more travel than there is."""
+    points = workspace_points(ORTHOGLIDE, 12)
+    travel = inverse(ORTHOGLIDE, points) - ORTHOGLIDE.zero_mm
+    assert travel.min() >= ORTHOGLIDE.travel_min_mm
+    assert travel.max() <= ORTHOGLIDE.travel_max_mm
+    assert 0.65 * 12**3 < len(points) < 0.75 * 12**3

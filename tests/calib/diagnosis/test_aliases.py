@@ -1,0 +1,17 @@
+"""Which effects a procedure cannot tell apart, without any reading."""
+
+from __future__ import annotations
+
+from calib.diagnosis.aliases import alias_map
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.pipeline import Model
+from tests.calib.diagnosis.diagnosed_sessions import SHORT, TWO_STATION
+
+
+def test_aliases_need_no_data() -> None:
+    short, long = (
+        alias_map(Model(parameters_mm=(1.0, -0.8, 0.6, 0.03, -0.02, 0.01)), taken, CATALOGUE)
+        for taken in (SHORT, TWO_STATION)
+    )
+    assert len(short.imitations) > len(long.imitations)
+    assert any(one.distinguishable < 9.0 for one in short.imitations)

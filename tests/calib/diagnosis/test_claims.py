@@ -1,0 +1,140 @@
+"""Names, rivals and the verdict from weights that are written down here by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+from calib.diagnosis.claims import Claim, Claims, name_of
+from calib.diagnosis.results import Named
+from calib.posterior.library import ELSE, library
+from calib.posterior.posterior import posterior
+from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.effects.empirical import EMPIRICAL
+from calib.tripod.pipeline import Model
+from tests.calib.diagnosis.diagnosed_sessions import LAWS, SHORT, SWEEP, case
+
+COMPONENTS = library([(Model(), SWEEP)])
+"""What a sweep can show."""
+
+PLAY_X, PLAY_Y, PLAY_EACH = (Named("backlash", where) for where in ("x", "y", "x,y,z"))
+BOW, TAPER = Named("leg_bow", "xy"), Named("leg_taper", "xy")
+LAW = Named(EMPIRICAL, "x")
+SOMETHING = Named(ELSE, "all")
+UNNAMED = {LAW, SOMETHING}
+
+Weights = Sequence[tuple[tuple[Named, ...], float]]
+
+
+def claims(weights: Weights) -> Claims:
+    """Of models that hold these components and have these weights."""
+    assert sum(weight for _, weight in weights) == pytest.approx(1.0)
+    reach = {}
+    for component in COMPONENTS:
+        candidate = component.candidate
+        own = candidate is not None and candidate.arrangement in ("one", "each")
+        reach[name_of(component)] = frozenset(s.place for s in component.shares), own
+    assert {place for places, _ in weights for place in places} <= reach.keys()
+    each = {
+        Claim(frozenset({*places} - UNNAMED), unnamed=bool({*places} & UNNAMED)): weight
+        for places, weight in weights
+    }
+    return Claims(each, reach)
+
+
+def test_probabilities_are_sums_over_models() -> None:
+    found = claims([((), 0.2), ((PLAY_X,), 0.3), ((PLAY_X, BOW), 0.1), ((LAW, BOW), 0.4)])
+    assert found.nothing == pytest.approx(0.2)
+    assert found.missing == pytest.approx(0.8)
+    assert found.named == pytest.approx(0.4)
+    assert found.unnamed == pytest.approx(0.4)
+    assert found.places == pytest.approx({BOW: 0.5, PLAY_X: 0.4})
+
+
+@pytest.mark.parametrize(
+    ("weights", "verdict", "names"),
+    [
+        ([((), 0.6), ((PLAY_X,), 0.4)], "agrees", []),
+        ([((), 0.4), ((PLAY_X,), 0.6)], "cannot-tell", []),
+        ([((), 0.021), ((PLAY_X,), 0.979)], "cannot-tell", []),
+        ([((), 0.01), ((PLAY_X,), 0.99)], "explained", [PLAY_X]),
+        ([((PLAY_X,), 0.6), ((BOW,), 0.4)], "ambiguous", [PLAY_X]),
+        ([((PLAY_X,), 0.6), ((LAW,), 0.4)], "ambiguous", [PLAY_X]),
+        ([((PLAY_X,), 0.4), ((PLAY_X, BOW), 0.6)], "ambiguous", [PLAY_X, BOW]),
+        ([((PLAY_X, BOW), 1.0)], "explained", [PLAY_X, BOW]),
+        ([((PLAY_X, LAW), 0.98), ((LAW,), 0.02)], "partly-explained", [PLAY_X]),
+        ([((PLAY_X, LAW), 0.94), ((LAW,), 0.06)], "unexplained", []),
+        ([((SOMETHING,), 0.97), ((PLAY_X,), 0.03)], "unexplained", []),
+        ([((SOMETHING,), 0.94), ((PLAY_X,), 0.06)], "ambiguous", [PLAY_X]),
+        ([((SOMETHING,), 0.8), ((LAW, BOW), 0.2)], "unexplained", []),
+    ],
+)
+def test_each_verdict_is_a_range_of_probabilities(
+    weights: Weights, verdict: str, names: Sequence[Named]
+) -> None:
+    answer = claims(weights).answer()
+    assert answer.verdict == verdict
+    assert set(answer.rivals) == set(names)
+
+
+def test_rivals_are_what_stands_in_the_place_of_a_name() -> None:
+    answer = claims([((PLAY_X, BOW), 0.6), ((PLAY_X, TAPER), 0.3), ((LAW,), 0.1)]).answer()
+    assert answer.rivals[BOW] == (TAPER, Named(EMPIRICAL, "xy"))
+    assert answer.rivals[PLAY_X] == (Named(EMPIRICAL, "x"),)
+
+
+def test_what_is_added_to_a_heavier_model_and_not_needed_is_no_rival() -> None:
+    """A companion that the readings do not ask for stands for the law that it accompanies."""
+    weights = [((PLAY_X,), 0.6), ((LAW,), 0.3), ((LAW, TAPER), 0.1)]
+    assert claims(weights).answer().rivals == {PLAY_X: (Named(EMPIRICAL, "x"),)}
+    # where the pair is the heavier one, both of it are needed
+    weights = [((PLAY_X,), 0.6), ((LAW,), 0.1), ((BOW, TAPER), 0.3)]
+    assert set(claims(weights).answer().rivals[PLAY_X]) >= {BOW, TAPER}
+
+
+def test_an_effect_is_no_rival_of_itself_at_places_that_contain_it() -> None:
+    both = claims([((PLAY_X,), 0.6), ((PLAY_EACH,), 0.4)])
+    assert both.answer().rivals == {PLAY_X: ()}
+    assert both.one_in_other(PLAY_X, PLAY_EACH)
+    assert not both.one_in_other(PLAY_X, PLAY_Y)
+    elsewhere = claims([((PLAY_X,), 0.6), ((PLAY_Y,), 0.4)])
+    assert elsewhere.answer().rivals == {PLAY_X: (PLAY_Y,)}
+    shared = Named("backlash", "all")  # one value for all is not play at one drive
+    assert not both.one_in_other(PLAY_X, shared)
+    assert both.one_in_other(shared, PLAY_EACH)
+
+
+def test_open_claims_hold_all_but_one_in_a_hundred() -> None:
+    weights = [((PLAY_X,), 0.985), ((BOW,), 0.009), ((TAPER,), 0.006)]
+    assert claims(weights).answer().rivals == {PLAY_X: (BOW,)}
+    assert claims([((PLAY_X,), 0.992), ((BOW,), 0.008)]).answer().rivals == {PLAY_X: ()}
+
+
+def test_equal_weights_keep_the_order_of_names() -> None:
+    """Which of two exact aliases is told first does not depend on rounding."""
+    for more in (1e-15, -1e-15):
+        answer = claims([((TAPER,), 0.5 + more), ((BOW,), 0.5 - more)]).answer()
+        assert answer.rivals == {BOW: (TAPER,)}
+
+
+def test_claims_of_a_posterior_are_its_models_read_one_by_one() -> None:
+    """With a mistake among the names, and a law without a name on one side."""
+    session = case(SHORT, EffectInstance(LAWS["backlash"], "z", (0.02,)), seed=5)
+    value = session.observed.value_mm
+    value[(session.observed.leg == 0) & (session.observed.axis == 1)] *= -1.0
+    models = posterior([session])
+    read = Claims.of(models)
+    assert sum(read.weights.values()) == pytest.approx(1.0)
+    named, unnamed, reversed_sign = 0.0, 0.0, 0.0
+    for model in models.models:
+        kinds = {models.components[k].kind for k in model.members}
+        free = bool(kinds & {"nameless", ELSE})
+        unnamed += model.weight * free
+        named += model.weight * (not free and bool(kinds or model.mistakes))
+        signs = [one for one in model.mistakes if (one.id, one.where) == ("gauge_sign", "xy")]
+        reversed_sign += model.weight * bool(signs)
+    assert reversed_sign > 0.9
+    assert read.named == pytest.approx(named)
+    assert read.unnamed == pytest.approx(unnamed)
+    assert read.places[Named("gauge_sign", "xy")] == pytest.approx(reversed_sign)

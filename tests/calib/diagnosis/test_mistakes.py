@@ -1,0 +1,498 @@
+"""Mistakes in the data one by one, where each is hardest to tell from something else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.arrays import IntArray, Observations
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.results import CleanedReadings, Diagnosis, Finding
+from calib.noise.reading import IndicatorFigures
+from calib.posterior.cells import SessionCase
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.effect import EffectInstance
+from tests.calib.diagnosis.diagnosed_sessions import (
+    LAWS,
+    SHORT,
+    SWEEP,
+    TWO_STATION,
+    case,
+    mistakes,
+    names,
+    with_readings,
+    with_values,
+)
+
+SCATTER_MM = 0.002
+SINGLE = ("wild_reading", "label_error")
+
+
+def approached(observed: Observations) -> Observations:
+    """Approaches as the labels tell them, by a loop of its own."""
+    approach = np.zeros(len(observed))
+    before: dict[int, tuple[float, float]] = {}
+    for row, (mount, level) in enumerate(
+        zip(observed.mount.tolist(), observed.displacement_mm.tolist(), strict=True)
+    ):
+        last, sign = before.get(mount, (level, 0.0))
+        sign = float(np.sign(level - last)) or sign
+        before[mount] = level, sign
+        approach[row] = sign
+    return replace(observed, approach=approach)
+
+
+def rows_of(observed: Observations, mount: int) -> IntArray:
+    return np.flatnonzero(observed.mount == mount)
+
+
+def rows_at(observed: Observations, mount: int, level_mm: float) -> IntArray:
+    there = (observed.mount == mount) & (observed.displacement_mm == level_mm)
+    return np.flatnonzero(there)
+
+
+def shifted(observed: Observations, rows: IntArray, by_mm: float) -> Observations:
+    value = observed.value_mm.copy()
+    value[rows] += by_mm
+    return replace(observed, value_mm=value)
+
+
+def reading(observed: Observations, row: int, value_mm: float) -> Observations:
+    value = observed.value_mm.copy()
+    value[row] = value_mm
+    return replace(observed, value_mm=value)
+
+
+def posture_put_at(
+    observed: Observations, mount: int, level_mm: float, value_mm: float
+) -> Observations:
+    """All readings of one posture shifted alike, as an effect may: their median is there."""
+    rows = rows_at(observed, mount, level_mm)
+    return shifted(observed, rows, value_mm - float(np.median(observed.value_mm[rows])))
+
+
+def under_level(observed: Observations, row: int, level_mm: float) -> Observations:
+    levels = observed.displacement_mm.copy()
+    levels[row] = level_mm
+    return approached(replace(observed, displacement_mm=levels))
+
+
+def under_mount(observed: Observations, row: int, mount: int) -> Observations:
+    """A reading that was written down in the table of another indicator."""
+    other = rows_of(observed, mount)[0]
+    moved = {}
+    for name in ("leg", "axis", "station", "mount"):
+        moved[name] = getattr(observed, name).copy()
+        moved[name][row] = moved[name][other]
+    return approached(replace(observed, **moved))
+
+
+def place_of(observed: Observations, row: int) -> str:
+    return "xyz"[observed.leg[row]] + "xyz"[observed.axis[row]]
+
+
+def diagnosed(session: SessionCase, observed: Observations) -> Diagnosis:
+    return diagnose([with_readings(session, observed)], CATALOGUE)
+
+
+def the_mistake(diagnosis: Diagnosis) -> Finding:
+    (mistake,) = mistakes(diagnosis)
+    return mistake
+
+
+def cleaned(diagnosis: Diagnosis) -> CleanedReadings:
+    (session,) = diagnosis.cleaned
+    return session
+
+
+def left_out(diagnosis: Diagnosis, count: int) -> list[int]:
+    return np.setdiff1d(np.arange(count), cleaned(diagnosis).rows).tolist()
+
+
+def single(diagnosis: Diagnosis) -> list[Finding]:
+    return [mistake for mistake in mistakes(diagnosis) if mistake.id in SINGLE]
+
+
+def ids(mistake: Finding) -> set[str]:
+    return {mistake.id, *(rival.id for rival in mistake.indistinguishable_from)}
+
+
+@pytest.mark.parametrize(
+    ("taken", "first", "by_mm"),
+    [(SHORT, 2, 0.05), (SHORT, 7, -0.05), (SWEEP, 11, 0.05), (SWEEP, 12, -0.1), (SWEEP, 17, 0.05)],
+)
+def test_a_slip_is_no_drift_and_no_wild_reading(
+    taken: Observations, first: int, by_mm: float
+) -> None:
+    """Before the third reading, or between two cycles, repeats of one approach cannot tell."""
+    session = case(taken, seed=first)
+    observed = session.observed
+    rows = rows_of(observed, 3)
+    diagnosis = diagnosed(session, shifted(observed, rows[first:], by_mm))
+    slip = the_mistake(diagnosis)
+    assert (slip.id, slip.where) == ("stand_slip", place_of(observed, rows[first]))
+    assert f"before the reading at {observed.posture_words(rows[first])}" in slip.title
+    slipped = np.flatnonzero(cleaned(diagnosis).slips)
+    assert slipped.tolist() == rows[first:].tolist()
+    assert np.unique(cleaned(diagnosis).observed.mount[rows]).size == 2
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_slip_drift_and_wild_readings_are_told_apart(seed: int) -> None:
+    session = case(SWEEP, seed=seed)
+    clean = session.observed
+    rows = rows_of(clean, 2)
+    slip = diagnosed(session, shifted(clean, rows[9:], 0.05))
+    assert "stand_slip" in {mistake.id for mistake in mistakes(slip)}
+    wandering = clean.value_mm.copy()
+    wandering[rows] += np.linspace(0.0, 0.1, len(rows))
+    wild = shifted(clean, rows[[9]], 0.2)
+    for readings in (replace(clean, value_mm=wandering), wild, clean):
+        every = {mistake.id for mistake in mistakes(diagnosed(session, readings))}
+        assert "stand_slip" not in every
+
+
+@pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
+@pytest.mark.parametrize("play_mm", [0.0, 0.03])
+@pytest.mark.parametrize("size", [1.0, 5.0, 25.0])
+def test_a_steady_drift_is_no_slip_whatever_the_play(
+    taken: Observations, play_mm: float, size: float
+) -> None:
+    for seed in range(4):
+        effects = (EffectInstance(LAWS["backlash"], "y", (play_mm,)),) if play_mm else ()
+        session = case(taken, *effects, seed=seed)
+        observed = session.observed
+        drift = 0.05 * (observed.time_s - observed.time_s[0]) / 3600.0
+        diagnosis = diagnose([with_values(session, observed.value_mm + size * drift)], CATALOGUE)
+        assert "stand_slip" not in {mistake.id for mistake in mistakes(diagnosis)}
+
+
+def test_a_wrong_label_that_leaves_no_repeat() -> None:
+    """+41 mm is never approached from below; the reading stands alone and its neighbour turns."""
+    session = case(SWEEP, seed=2)
+    observed = session.observed
+    row = int(rows_of(observed, 2)[9])
+    assert observed.displacement_mm[row] == -71.0
+    diagnosis = diagnosed(session, under_level(observed, row, 41.0))
+    mistake = the_mistake(diagnosis)
+    assert (mistake.id, mistake.where) == ("label_error", "yx")
+    assert mistake.title == "one reading is wrong, at +41 mm, cycle 1; it fits -71 mm"
+    assert left_out(diagnosis, len(observed)) == [row]
+
+
+def test_two_readings_under_one_label_and_the_wrong_one_is_told() -> None:
+    """Zero written down as +60 mm: both stand beside each other, repeats of one approach."""
+    session = case(SHORT, seed=2)
+    row = int(rows_of(session.observed, 1)[0])
+    diagnosis = diagnosed(session, under_level(session.observed, row, 60.0))
+    mistake = the_mistake(diagnosis)
+    assert mistake.title == "one reading is wrong, at +60 mm, cycle 1; it fits +0 mm"
+    assert left_out(diagnosis, len(session.observed)) == [row]
+
+
+@pytest.mark.parametrize("taken", [SHORT, SWEEP])
+def test_a_reading_under_the_other_leg(taken: Observations) -> None:
+    session = case(taken, seed=3)
+    observed = session.observed
+    row = int(rows_of(observed, 0)[2])
+    other = int(observed.mount[(observed.leg == 2) & (observed.axis == 1)][0])
+    diagnosis = diagnosed(session, under_mount(observed, row, other))
+    mistake = the_mistake(diagnosis)
+    assert (mistake.id, mistake.where) == ("label_error", "zy")
+    assert mistake.title.endswith("it fits leg X")
+    assert left_out(diagnosis, len(observed)) == [row]
+
+
+def test_a_wrong_label_beside_a_drift() -> None:
+    session = case(SHORT, EffectInstance(LAWS["thermal_drift"], "x", (400.0,)), seed=4)
+    observed = session.observed
+    mount = int(observed.mount[(observed.leg == 1) & (observed.axis == 0)][0])
+    row = int(rows_of(observed, mount)[2])
+    mistake = the_mistake(diagnosed(session, under_level(observed, row, 0.0)))
+    assert (mistake.id, mistake.where) == ("label_error", "yx")
+    assert mistake.title.endswith("it fits -100 mm")
+
+
+def test_of_two_repeats_neither_can_be_called_wild() -> None:
+    """+60 mm is read twice: one of the two is an outlier, and nothing tells which."""
+    session = case(SWEEP, seed=5)
+    rows = rows_of(session.observed, 4)[[2, 13]]
+    assert session.observed.displacement_mm[rows].tolist() == [60.0, 60.0]
+    diagnosis = diagnosed(session, shifted(session.observed, rows[:1], 0.1))
+    assert the_mistake(diagnosis).id == "wild_reading"
+    assert left_out(diagnosis, len(session.observed)) == sorted(rows.tolist())
+
+
+@pytest.mark.parametrize("end", [0, -1])
+def test_at_either_end_a_slip_would_leave_the_same_readings(end: int) -> None:
+    session = case(SWEEP, seed=6)
+    row = rows_of(session.observed, 1)[[end]]
+    diagnosis = diagnosed(session, shifted(session.observed, row, 0.1))
+    mistake = the_mistake(diagnosis)
+    assert mistake.id == "wild_reading"
+    assert [(each.id, each.where) for each in mistake.indistinguishable_from] == [
+        ("stand_slip", mistake.where)
+    ]
+    assert diagnosis.verdict == "ambiguous"
+
+
+def test_a_flicker_of_the_display_is_no_wild_reading() -> None:
+    session = case(SHORT, seed=7, scatter_mm=1e-9)
+    row = rows_of(session.observed, 1)[[4]]
+    steps = np.round(session.observed.value_mm / 0.001) * 0.001
+    flickering = with_values(session, steps)
+    flickering = with_readings(session, shifted(flickering.observed, row, 0.002))
+    stepped = replace(flickering, indicator=IndicatorFigures(0.001))
+    assert single(diagnose([flickering], CATALOGUE))
+    assert single(diagnose([stepped], CATALOGUE)) == []
+
+
+@pytest.mark.parametrize("factor", [25.4, 1.0 / 25.4])
+def test_readings_in_inches_bring_their_scatter_with_them(factor: float) -> None:
+    session = case(SWEEP, EffectInstance(LAWS["gauge_gain"], "xy", (1.0,)), seed=8)
+    observed = session.observed
+    rows = rows_of(observed, 3)
+    value = observed.value_mm.copy()
+    value[rows] *= factor
+    diagnosis = diagnose([with_values(session, value)], CATALOGUE)
+    mistake = the_mistake(diagnosis)
+    assert (mistake.id, mistake.where) == ("unit_mixup", place_of(observed, rows[0]))
+    assert np.allclose(cleaned(diagnosis).observed.value_mm, observed.value_mm)
+
+
+def exchanged(session: SessionCase, first: IntArray, second: IntArray) -> SessionCase:
+    value = session.observed.value_mm.copy()
+    value[first], value[second] = value[second], value[first].copy()
+    return with_values(session, value)
+
+
+def read_along(observed: Observations, leg: int, axis: int) -> IntArray:
+    return np.flatnonzero((observed.leg == leg) & (observed.axis == axis))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_indicators_swapped_at_one_station_only(seed: int) -> None:
+    session = case(TWO_STATION, seed=seed)
+    observed = session.observed
+    station = float(np.unique(observed.station)[seed % 2])
+    first, second = (
+        rows[observed.station[rows] == station]
+        for rows in (read_along(observed, 1, 0), read_along(observed, 1, 2))
+    )
+    diagnosis = diagnose([exchanged(session, first, second)], CATALOGUE)
+    assert names(diagnosis) == [("gauge_swap", "y")]
+    assert diagnosis.effects[0].title.endswith(f"at station {station:g}")
+    assert diagnosis.verdict == "explained"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_indicators_swapped_at_all_stations_are_one_mistake(seed: int) -> None:
+    session = case(TWO_STATION, seed=seed)
+    first, second = (read_along(session.observed, 2, axis) for axis in (0, 1))
+    mistake = the_mistake(diagnose([exchanged(session, first, second)], CATALOGUE))
+    assert (mistake.id, mistake.where) == ("gauge_swap", "z")
+    assert mistake.title == "indicators exchanged"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_swapped_indicators_beside_a_strong_effect(seed: int) -> None:
+    session = case(SWEEP, EffectInstance(LAWS["axis_offset"], "xy", (0.6,)), seed=seed)
+    first, second = (read_along(session.observed, 1, axis) for axis in (0, 2))
+    diagnosis = diagnose([exchanged(session, first, second)], CATALOGUE)
+    assert ("gauge_swap", "y") in names(diagnosis)
+    assert {finding.id for finding in diagnosis.effects} == {"gauge_swap", "axis_offset"}
+
+
+@pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
+@pytest.mark.parametrize(
+    ("effect", "where", "values"),
+    [
+        ("backlash", "y", (0.08,)),
+        ("thermal_drift", "z", (3000.0,)),
+        ("leg_taper", "zx", (0.4,)),
+        ("gauge_gain", "xy", (8.0,)),
+        ("axis_offset", "xy", (2.0,)),
+    ],
+)
+def test_strong_effects_are_no_mistakes(
+    taken: Observations, effect: str, where: str, values: tuple[float, ...]
+) -> None:
+    """Each is ten times the scatter of a reading or more, somewhere in the session."""
+    for seed in range(2):
+        session = case(taken, EffectInstance(LAWS[effect], where, values), seed=seed)
+        plain = case(taken, seed=seed)
+        change = np.abs(session.observed.value_mm - plain.observed.value_mm)
+        assert change.max() > 10.0 * SCATTER_MM
+        assert mistakes(diagnose([session], CATALOGUE)) == []
+
+
+@pytest.mark.parametrize("taken", [SWEEP, TWO_STATION])
+def test_repeats_read_in_place_get_no_name(taken: Observations) -> None:
+    """Every posture is off by the scatter of a reading; the repeats do not show it."""
+    keys = np.stack([taken.mount, taken.displacement_mm, taken.approach])
+    cell = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
+    doubts = 0
+    for seed in range(12):
+        session = case(taken, seed=seed)
+        own = SCATTER_MM * np.random.default_rng([7, seed]).normal(size=cell.max() + 1)
+        diagnosis = diagnose([with_values(session, session.observed.value_mm + own[cell])])
+        assert diagnosis.effects == ()
+        doubts += diagnosis.verdict == "unexplained"
+    assert doubts >= 10
+
+
+@pytest.mark.parametrize("off", [0.0, 1.0, 2.0])
+def test_a_wild_reading_where_another_posture_reads_is_not_moved(off: float) -> None:
+    """It agrees with another posture by accident; every posture was read as often as elsewhere."""
+    session = case(SWEEP, seed=2)
+    row = int(rows_at(session.observed, 2, 22.0)[1])
+    there = float(session.observed.value_mm[row]) + 30.0 * SCATTER_MM
+    observed = posture_put_at(session.observed, 2, -37.0, there)
+    observed = reading(observed, row, there + off * SCATTER_MM)
+    diagnosis = diagnosed(session, observed)
+    (mistake,) = single(diagnosis)
+    assert "wild_reading" in ids(mistake)
+    assert left_out(diagnosis, len(observed)) == [row]
+    rest = np.delete(np.arange(len(observed)), row)
+    assert np.array_equal(
+        cleaned(diagnosis).observed.displacement_mm, observed.displacement_mm[rest]
+    )
+    assert np.array_equal(cleaned(diagnosis).observed.mount, observed.mount[rest])
+
+
+@pytest.mark.parametrize(("off", "first"), [(0.0, "label_error"), (3.0, "wild_reading")])
+def test_a_fit_that_may_be_an_accident_is_told_with_both_names(off: float, first: str) -> None:
+    """The nearer to the repeats elsewhere, the likelier a wrong label."""
+    session = case(SWEEP, seed=2)
+    row = int(rows_at(session.observed, 2, 22.0)[1])
+    there = float(session.observed.value_mm[row]) + 60.0 * SCATTER_MM
+    observed = posture_put_at(session.observed, 2, -37.0, there)
+    observed = reading(observed, row, there + off * SCATTER_MM)
+    diagnosis = diagnosed(session, observed)
+    (mistake,) = single(diagnosis)
+    assert left_out(diagnosis, len(observed)) == [row]
+    assert mistake.id == first
+    assert ids(mistake) >= {"label_error", "wild_reading"}
+
+
+def test_the_same_reading_is_a_wrong_label_where_the_counts_of_postures_say_so() -> None:
+    """As before, and it is the reading that -37 mm has too few of."""
+    session = case(SWEEP, seed=2)
+    row = int(rows_at(session.observed, 2, -37.0)[1])
+    there = float(np.median(session.observed.value_mm[rows_at(session.observed, 2, 22.0)]))
+    observed = posture_put_at(session.observed, 2, -37.0, there + 60.0 * SCATTER_MM)
+    levels = observed.displacement_mm.copy()
+    levels[row] = 22.0
+    diagnosis = diagnosed(session, replace(observed, displacement_mm=levels))
+    (mistake,) = single(diagnosis)
+    assert ids(mistake) == {"label_error"}
+    assert mistake.title.endswith("it fits -37 mm")
+    assert left_out(diagnosis, len(observed)) == [row]
+
+
+def test_a_repeat_that_fits_elsewhere_is_not_moved_when_others_show_the_wild_one() -> None:
+    """Two repeats of one approach contradict each other; those from the other side tell."""
+    session = case(TWO_STATION, seed=1)
+    wild, innocent = rows_at(session.observed, 3, 22.0)[[0, 2]]
+    assert session.observed.approach[wild] == session.observed.approach[innocent]
+    value = float(session.observed.value_mm[innocent])
+    observed = posture_put_at(session.observed, 3, 60.0, value)
+    observed = reading(observed, int(wild), value + 2500.0 * SCATTER_MM)
+    diagnosis = diagnosed(session, observed)
+    (mistake,) = single(diagnosis)
+    assert ids(mistake) == {"wild_reading"}
+    assert left_out(diagnosis, len(observed)) == [wild]
+
+
+@pytest.mark.parametrize("wild", [0, 1])
+@pytest.mark.parametrize("far", [40.0, 400.0])
+def test_of_two_repeats_the_innocent_one_is_not_moved(wild: int, far: float) -> None:
+    """It happens to read what another posture reads; the wild one fits nowhere."""
+    session = case(SWEEP, seed=5)
+    rows = rows_at(session.observed, 4, 60.0)
+    assert len(rows) == 2
+    innocent = float(session.observed.value_mm[rows[1 - wild]])
+    observed = posture_put_at(session.observed, 4, -71.0, innocent)
+    observed = reading(observed, int(rows[wild]), innocent - far * SCATTER_MM)
+    diagnosis = diagnosed(session, observed)
+    (mistake,) = single(diagnosis)
+    assert "wild_reading" in ids(mistake)
+    assert left_out(diagnosis, len(observed)) == sorted(rows.tolist())
+
+
+def test_a_reading_of_heavy_tails_is_not_moved() -> None:
+    """Too near to be called wild: that it fits another place as well proves nothing."""
+    session = case(SWEEP, seed=3)
+    row = int(rows_at(session.observed, 1, 22.0)[2])
+    mean = float(np.median(session.observed.value_mm[rows_at(session.observed, 1, 22.0)]))
+    there = mean + 0.87 * 17.0 * SCATTER_MM
+    observed = reading(posture_put_at(session.observed, 1, 41.0, there), row, there)
+    assert single(diagnosed(session, observed)) == []
+
+
+@pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
+@pytest.mark.parametrize("size_mm", [0.1, 0.4, 5.0])
+def test_two_mistakes_do_not_hide_each_other(taken: Observations, size_mm: float) -> None:
+    """Each of them alone would make the other look like scatter."""
+    for seed in range(3):
+        session = case(taken, seed=seed)
+        observed = session.observed
+        first, second = (int(rows_of(observed, mount)[4]) for mount in (0, 3))
+        value = observed.value_mm.copy()
+        value[[first, second]] += size_mm, -1.1 * size_mm
+        diagnosis = diagnose([with_values(session, value)], CATALOGUE)
+        assert len(single(diagnosis)) == 2
+        assert {first, second} <= {*left_out(diagnosis, len(observed))}
+
+
+def test_two_mistakes_are_not_reported_as_noise() -> None:
+    session = case(SHORT, seed=4)
+    value = session.observed.value_mm.copy()
+    value[rows_of(session.observed, 1)[4]] += 0.4
+    value[rows_of(session.observed, 5)[7]] -= 0.4
+    diagnosis = diagnose([with_values(session, value)], CATALOGUE)
+    assert diagnosis.verdict != "agrees"
+    assert [each.id for each in diagnosis.effects] == ["wild_reading", "wild_reading"]
+    assert diagnosis.noise_mm == pytest.approx(SCATTER_MM, rel=0.5)
+
+
+@pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
+def test_heavy_tails_hold_no_wrong_labels(taken: Observations) -> None:
+    for seed in range(40):
+        session = case(taken, seed=seed, scatter_mm=1e-9)
+        noise = SCATTER_MM * np.random.default_rng([8, seed]).standard_t(3, len(taken))
+        diagnosis = diagnose([with_values(session, session.observed.value_mm + noise)])
+        assert "label_error" not in {each.id for each in mistakes(diagnosis)}
+
+
+def test_two_wrong_labels_are_both_told() -> None:
+    session = case(SHORT, seed=4)
+    observed = session.observed
+    levels = observed.displacement_mm.copy()
+    first, second = int(rows_at(observed, 1, 60.0)[1]), int(rows_at(observed, 5, 0.0)[1])
+    levels[first], levels[second] = -100.0, 60.0
+    diagnosis = diagnosed(session, replace(observed, displacement_mm=levels))
+    assert [each.id for each in diagnosis.effects] == ["label_error", "label_error"]
+    assert diagnosis.noise_mm == pytest.approx(SCATTER_MM, rel=0.5)
+    assert left_out(diagnosis, len(observed)) == [first, second]
+
+
+@pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
+def test_first_readings_off_by_a_large_play_are_not_wild(taken: Observations) -> None:
+    """Before the first reading nobody knows from where the machine came."""
+    plays = [EffectInstance(LAWS["backlash"], leg, (0.5,)) for leg in "xyz"]
+    for seed in range(4):
+        assert single(diagnose([case(taken, *plays, seed=seed)], CATALOGUE)) == []
+
+
+@pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
+def test_indicators_that_scatter_unequally_are_no_mistakes(taken: Observations) -> None:
+    """One of six scatters three times as much as the others."""
+    for seed in range(40):
+        session = case(taken, seed=seed, scatter_mm=1e-9)
+        noise = SCATTER_MM * np.random.default_rng([8, seed]).normal(size=len(taken))
+        noise *= np.where(taken.mount == seed % taken.mount_count, 3.0, 1.0)
+        diagnosis = diagnose([with_values(session, session.observed.value_mm + noise)])
+        assert single(diagnosis) == []

@@ -58,7 +58,8 @@ class Component:
     """One thing that may be true.
 
     ``unit`` ``(r,)`` are unremarkable sizes of its values. ``candidate`` knows its places; None for
-    something else and for other bars.
+    something else and for other bars. ``squares`` ``(r,)`` are mean squares over the readings of
+    one mm of each value, where there are no laws that act at the tool.
     """
 
     id: str
@@ -67,15 +68,16 @@ class Component:
     unit: FloatArray
     candidate: Candidate | None
     log_prior: float = 0.0
+    squares: FloatArray | None = None
 
     @property
     def shares(self) -> tuple[Share, ...]:
         """Laws at places, and which of the values act there."""
         return self.candidate.shares if self.candidate else ()
 
-    def with_width(self, count: int) -> Component:
-        """The same with so many values of one size."""
-        return replace(self, unit=np.full(count, self.unit[0]))
+    def with_values(self, squares: FloatArray) -> Component:
+        """The same with values of one size, of these mean squares ``(r,)``."""
+        return replace(self, unit=np.full(len(squares), self.unit[0]), squares=squares)
 
     def effects(self, values: FloatArray) -> tuple[EffectInstance, ...]:
         """The effects of these values ``(r,)``; none of a component without laws."""

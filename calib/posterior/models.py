@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -136,10 +136,19 @@ class Posterior:
                 root = root + self.into_field[k] @ model.sizes[own]
             unseen = np.diag(self._unseen(model))
             roots = [model.inflated * root, unseen[:, unseen.any(axis=0)]]
-            every.append(
-                InField(model.weight, mean, *shared[key], model.inflated, np.hstack(roots))
-            )
+            in_field = InField(model.weight, mean, *shared[key], model.inflated, np.hstack(roots))
+            every.append(replace(in_field, unplaced_mm2=self._unplaced_mm2(model)))
         return every
+
+    def _unplaced_mm2(self, model: Weighted) -> float:
+        """Expected mean square of errors in the readings that have no law at the tool, mm²."""
+        square = 0.0
+        for k, at in zip(model.members, self.starts(model), strict=True):
+            squares = self.components[k].squares
+            if squares is not None:
+                mine = slice(at, at + len(squares))
+                square += float(squares @ (model.mean[mine] ** 2 + model.variance[mine]))
+        return square
 
     @cached_property
     def tool_errors(self) -> dict[Frame, ToolErrors]:

@@ -62,11 +62,11 @@ class Problem:
         taken = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
         components = library(taken, effects)
         rows, placed, blocks = _linear(sessions, models, components)
-        own = _of_postures(sessions, len(rows.residual))
+        own, squares = _of_postures(sessions, len(rows.residual))
         every = []
         for component, block in zip(components, blocks, strict=True):
             if component.id == ELSE:
-                component, block = component.with_width(own.shape[1]), own * component.unit
+                component, block = component.with_values(squares), own * component.unit
             else:
                 block = block * component.unit
             every.append((component, block))
@@ -448,12 +448,17 @@ def _bars_of_sessions(
         yield other_bars(number), columns
 
 
-def _of_postures(sessions: Sequence[Cells], total: int) -> FloatArray:
-    """Columns ``(total, r)`` of errors of each posture's own, 1 mm r.m.s., for each session."""
-    blocks = [cells.whitened(something_else(cells.means)) for cells in sessions]
+def _of_postures(sessions: Sequence[Cells], total: int) -> tuple[FloatArray, FloatArray]:
+    """Columns ``(total, r)`` of errors of each posture's own, 1 mm r.m.s., for each session.
+
+    Beside them their mean squares ``(r,)`` over the cells of all sessions, mm².
+    """
+    errors = [something_else(cells.means) for cells in sessions]
+    blocks = [cells.whitened(own) for cells, own in zip(sessions, errors, strict=True)]
+    squares = np.concatenate([(own**2).mean(axis=0) for own in errors]) / len(sessions)
     every = np.zeros((total, sum(block.shape[1] for block in blocks)))
     row = column = 0
     for block in blocks:
         every[row : row + len(block), column : column + block.shape[1]] = block
         row, column = row + block.shape[0], column + block.shape[1]
-    return every
+    return every, squares

@@ -23,9 +23,9 @@ Key = TypeVar("Key", str, Named)
 NAMES = ("named", "beside", "mistake")
 """Kinds of components that have a name for a mechanic."""
 
-MISSING = 0.98
-"""Probability that anything is missing, from which on it is told: of sound sessions one in 50 may
-come so far, and these are few among all."""
+MISSING = 0.9
+"""Probability that anything is missing, from which on the verdict says so: of 114 blind sessions
+that hide nothing none came beyond 0.78."""
 
 SURE = 0.95
 """Probability of a claim that is made without a rival, or that names do not explain everything."""

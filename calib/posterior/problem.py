@@ -37,8 +37,12 @@ BEYOND = 1.0
 """Noise variances by which a model may differ from its derivatives before it is followed."""
 
 
-EVERYWHERE = 0.03
-"""Of an unremarkable size: what every law is taken to have everywhere."""
+EVERYWHERE = 0.005
+"""Of an unremarkable size: what every law is taken to have everywhere.
+
+With 0.03 half of the effects of half the noise, r.m.s. in the readings, drowned in it, and the tool
+kept a quarter more of laws outside the library.
+"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -246,9 +246,11 @@ def reading_noise(
     The scatter of repeats is taken for each indicator, drift removed, and pooled but for those that
     scatter more than chance allows. Repeats that all agree say nothing: then the resolution
     rules, stated or seen in the text of the readings. Rows that stand ``apart`` are no repeats, a
-    ``steady`` drift is removed as in `Repeats.of`.
+    ``steady`` drift is removed as in `Repeats.of`, unless it leaves nothing of the repeats.
     """
     repeats = Repeats.of(visited, apart, steady=steady)
+    if steady and repeats.degrees_of_freedom.sum() <= 0.0:
+        repeats = Repeats.of(visited, apart)
     free = repeats.degrees_of_freedom
     step = indicator.display_mm
     squares = repeats.sums_of_squares(visited.value_mm[:, None])[:, 0]

@@ -27,7 +27,7 @@ async def test_pages_by_keys(bowed: Path) -> None:
         assert re.search(r"leg_bow \(xy\), machine", verdict(interface))
         assert re.search(r"gap 0\.\d{4} → 0\.\d{4} mm", verdict(interface))
         assert "Held out (one side" in verdict(interface)
-        bound = r"Tool over the workspace, .*: at most 0\.\d+ mm .* fits what they show"
+        bound = r"Tool over the workspace, .*: at most 0\.\d+ mm as it is\. With joint offsets"
         assert re.search(bound, " ".join(verdict(interface).split()))
         tabs = screen.query_one(TabbedContent)
         pages = []
@@ -42,7 +42,7 @@ async def test_pages_by_keys(bowed: Path) -> None:
         assert "▲▲" in text(interface, "#where-text")
         assert "Where the gap lies" in text(interface, "#where-text")
         ranked = text(interface, "#candidates-text")
-        assert re.search(r"leg_bow +xy +█+ +\d+% +0\.\d{4} +named", ranked)
+        assert re.search(r"leg_bow +xy +(> )?0\.\d\d +0\.\d{4} +\d+% +named", ranked)
         assert "no other effect looks like leg_bow (xy)" in ranked
         await pilot.press("4")
         await until(pilot, "chart", lambda: "+ after" in drawn(interface))

@@ -28,7 +28,7 @@ WRITING = {
         ("export", SAMPLE, "--format", "linuxcnc", "--home-offset", "0,0,0", "-o", "{}"),
         "calib_joint1.inc",
     ),
-    "adopt": (("diagnose", SAMPLE, "--candidate", "backlash:y", "--adopt", "{}"), ""),
+    "adopt": (("diagnose", SAMPLE, "--candidate", "actuator_scale:all", "--adopt", "{}"), ""),
     "postures": (("postures", "orthoglide", *POSTURES, "-o", "{}.toml"), ""),
     "postures hexaslide": (("postures", "hexaslide", *NINE, "-o", "{}.csv"), ""),
     "simulate hexaslide": (("simulate", *HEXA, "-o", "{}"), ""),
@@ -166,7 +166,7 @@ NO_TEXT = {
     "linuxcnc": ("export", SAMPLE, "--format", "linuxcnc", "--home-offset", "0,0,0", "-o", "-"),
     "xlsx": ("export", SAMPLE, "--format", "xlsx", "-o", "-"),
     "parquet": ("export", SAMPLE, "--format", "parquet", "-o", "-"),
-    "adopt": ("diagnose", SAMPLE, "--candidate", "backlash:y", "--adopt", "-"),
+    "adopt": ("diagnose", SAMPLE, "--candidate", "actuator_scale:all", "--adopt", "-"),
     "next": ("diagnose", SAMPLE, "--next", "-"),
     "template": ("import", "-", "--template"),
     "its truth": ("simulate", *HEXA, "-o", "{}", "--truth", "-"),
@@ -241,12 +241,12 @@ def test_every_verb_with_a_file_to_write_stands_above() -> None:
 def test_the_known_model_goes_on_without_a_question(tmp_path: Path, samples: Path) -> None:
     model = tmp_path / "m.json"
     session = samples / "simulated_sweep.jsonl"
-    first = ("diagnose", session, "--adopt", model, "--candidate", "backlash:y")
+    first = ("diagnose", session, "--adopt", model, "--candidate", "actuator_scale:all")
     assert glidecal(*first).status == 0
     again = ("diagnose", session, "--model", model, "--adopt", model, "--candidate", "gravity_sag")
     assert glidecal(*again).status == 0
     said = glidecal("model", model).out
-    assert "backlash (y)" in said
+    assert "actuator_scale (all)" in said
     assert "gravity_sag (all)" in said
 
 

@@ -61,27 +61,8 @@ class Problem:
         models = _with_common_lengths([cells.model for cells in sessions])
         taken = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
         components = library(taken, effects)
-        rows, placed, blocks = _linear(sessions, models, components)
-        own = _of_postures(sessions, len(rows.residual))
-        every = []
-        for component, block in zip(components, blocks, strict=True):
-            if component.id == ELSE:
-                component, block = component.with_width(own.shape[1]), own * component.unit
-            else:
-                block = block * component.unit
-            every.append((component, block))
-        widths = [block.shape[1] for _, block in every]
-        starts = np.cumsum([0, *widths[:-1]])
-        return cls(
-            sessions,
-            tuple(component for component, _ in every),
-            rows,
-            np.hstack([block for _, block in every]),
-            tuple(
-                np.arange(at, at + w, dtype=np.intp) for at, w in zip(starts, widths, strict=True)
-            ),
-            placed,
-        )
+        linear, components, placed = linear_about(sessions, models, components)
+        return cls(sessions, components, linear.rows, linear.columns, linear.index, placed)
 
     @cached_property
     def everywhere(self) -> tuple[int, ...]:
@@ -384,6 +365,27 @@ class ModelFit:
     square: float
     room: float
     left: FloatArray
+
+
+def linear_about(
+    sessions: Sequence[Cells], models: Sequence[Model], components: Sequence[Component]
+) -> tuple[Linear, tuple[Component, ...], tuple[Placed, ...]]:
+    """The sessions about a model of each; components with as many values as they have columns."""
+    rows, placed, blocks = _linear(sessions, models, components)
+    own = _of_postures(sessions, len(rows.residual))
+    every = []
+    for component, block in zip(components, blocks, strict=True):
+        if component.id == ELSE:
+            component, block = component.with_width(own.shape[1]), own
+        every.append((component, block * component.unit))
+    widths = [block.shape[1] for _, block in every]
+    starts = np.cumsum([0, *widths[:-1]])
+    index = tuple(
+        np.arange(at, at + w, dtype=np.intp) for at, w in zip(starts, widths, strict=True)
+    )
+    columns = np.hstack([block for _, block in every])
+    known = tuple(component for component, _ in every)
+    return Linear(rows, columns, index), known, placed
 
 
 def _linear(

@@ -98,7 +98,7 @@ def key(observed: Observations) -> list[tuple[float, ...]]:
 )
 @pytest.mark.parametrize("repeated", [False, True], ids=["once", "twice"])
 def test_values_go_back_to_their_labels(name: str, change: Change, repeated: bool) -> None:
-    session = case(SHORT, seed=5)
+    session = case(SHORT, seed=3)
     if repeated:
         session = replace(session, observed=twice_read(session.observed))
     wrong, diagnosis = changed(session, change)

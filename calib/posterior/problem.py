@@ -61,8 +61,8 @@ class Problem:
         models = _with_common_lengths([cells.model for cells in sessions])
         taken = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
         components = library(taken, effects)
-        linear, components, placed = linear_about(sessions, models, components)
-        return cls(sessions, components, linear.rows, linear.columns, linear.index, placed)
+        linear, known, placed = linear_about(sessions, models, components)
+        return cls(sessions, known, linear.rows, linear.columns, linear.index, placed)
 
     @cached_property
     def everywhere(self) -> tuple[int, ...]:

@@ -54,7 +54,7 @@ class Refit:
         for number, scale in model:
             columns = scale * self.result.linear.columns[:, self.result.linear.index[number]]
             covariance += columns @ columns.T
-        return covariance
+        return np.asarray(covariance)
 
     def log_weight(self, model: Model) -> float:
         """Student's t of the kept rows, and the priors of names and scales."""

@@ -133,7 +133,7 @@ class _Report:
             names=tuple(LikelyName(*each) for each in self.claims.ids.items()),
             gap_before=gap,
             gap_after=after.gap() if after else gap,
-            held_out=self._held_out(adopted),
+            held_out=self._held_out(adopted, after),
             where=parts[:MOST_CONTENDERS],
             effects=tuple(
                 f for f in findings if f.kind == Kind.GROSS_ERROR or verdict in WITH_NAMES
@@ -276,12 +276,14 @@ class _Report:
     def _elsewhere(self, effects: tuple[EffectInstance, ...]) -> HeldOutGap | None:
         return on_other_sessions(self.before, self.others, effects, self.timed)
 
-    def _held_out(self, adopted: tuple[EffectInstance, ...]) -> HeldOutGap | None:
+    def _held_out(
+        self, adopted: tuple[EffectInstance, ...], after: Leftover | None
+    ) -> HeldOutGap | None:
         if self.others:
             return self._elsewhere(adopted)
-        if not adopted or self.answer.verdict == "cannot-tell":  # a guess would predict itself
+        if not after or self.answer.verdict == "cannot-tell":  # a guess would predict itself
             return None
-        return left_out_postures(self.posterior, self.before)
+        return left_out_postures(self.posterior, self.before, after, adopted)
 
     def _contenders(self) -> Iterator[Contender]:
         """Places that may act and are not named, the likeliest first."""

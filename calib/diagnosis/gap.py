@@ -201,9 +201,14 @@ def spread_of(rows: Rows) -> FloatArray:
     return np.asarray(np.where(free, FREE, 1.0) * rows.spread)
 
 
-def _fitted(rows: Rows, bars: BarLengths | None) -> About:
+def expected_base(rows: Rows) -> FloatArray:
+    """Where lengths are expected ``(b,)`` less where rows are, in standard deviations."""
     spread = spread_of(rows)
-    expected = np.where(spread == rows.spread, (rows.prior - rows.value) / spread, 0.0)
+    return np.asarray(np.where(spread == rows.spread, (rows.prior - rows.value) / spread, 0.0))
+
+
+def _fitted(rows: Rows, bars: BarLengths | None) -> About:
+    spread, expected = spread_of(rows), expected_base(rows)
     base = rows.base * spread
     if bars is not None:
         base[:, :LENGTHS] = rows.base[:, :LENGTHS] @ bars.root_mm

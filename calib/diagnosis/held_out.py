@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,13 +12,14 @@ from scipy.linalg import block_diag
 
 from calib.arrays import LEG_NAMES, TOOL, FloatArray, IntArray
 from calib.diagnosis.claims import NAMES
-from calib.diagnosis.gap import LOOSE, Leftover, spread_of
+from calib.diagnosis.gap import LOOSE, Leftover, expected_base, spread_of
 from calib.diagnosis.results import HeldOutGap
 from calib.errors import CalibrationError
 from calib.posterior.cells import Cells
-from calib.posterior.models import Posterior
-from calib.posterior.problem import About
+from calib.posterior.models import Linear, Posterior
+from calib.posterior.problem import About, linear_about
 from calib.posterior.race import LOG_CAUSES, LOG_SCALES, SCALES, Key, Products, Race
+from calib.posterior.readings import LENGTHS
 from calib.tripod.effects.effect import Effect, EffectInstance
 
 
@@ -43,19 +44,46 @@ def on_other_sessions(
     return HeldOutGap(how, before.rms_mm(before.left), after.rms_mm(after.left), before.noise_mm)
 
 
-def left_out_postures(posterior: Posterior, leftover: Leftover) -> HeldOutGap | None:
+def left_out_postures(
+    posterior: Posterior, before: Leftover, after: Leftover, adopted: Sequence[EffectInstance]
+) -> HeldOutGap | None:
     """Leave out one side of one leg at a time; choose anew, fit, predict what was left out.
 
-    Chosen among all single names and the sets of names that all readings leave possible. Zeros come
-    from the rest of each mounting. None where nothing can be left out.
+    Chosen among all single names and the sets of names that all readings leave possible, about the
+    machine ``after`` with the effects ``adopted``: a large one is far from its derivatives without.
+    Zeros come from the rest of each mounting. None where nothing can be left out.
     """
-    return _LeftOut(posterior, leftover).gap()
+    return _LeftOut(posterior, before, _linear_with(posterior, after, adopted)).gap()
+
+
+def _linear_with(
+    posterior: Posterior, after: Leftover, adopted: Sequence[EffectInstance]
+) -> Linear:
+    """The sessions about the machine with these effects, as if it had none of them."""
+    lengths, offsets = np.split(after.rows.value, [LENGTHS])
+    models = []
+    for cells, own in zip(posterior.sessions, offsets.reshape(-1, 3), strict=True):
+        known = cells.case.model
+        acting = known.with_effects((*known.effects, *adopted))
+        models.append(acting.with_parameters(np.concatenate([own, lengths])))
+    components = posterior.components[: len(posterior.linear.index)]
+    linear, _, placed = linear_about(posterior.sessions, models, components)
+    widths = [len(effect.parameters) for effect, _ in placed]
+    starts = dict(zip(placed, np.cumsum([0, *widths[:-1]]).tolist(), strict=True))
+    if not {(one.effect, one.place) for one in adopted} <= starts.keys():
+        return posterior.linear
+    residual = linear.rows.residual.copy()
+    for one in adopted:
+        at = starts[one.effect, one.place]
+        residual += linear.rows.columns[:, at : at + len(one.values)] @ np.real(one.values)
+    return replace(linear, rows=replace(linear.rows, residual=residual))
 
 
 @dataclass(frozen=True, eq=False)
 class _LeftOut:
     posterior: Posterior
     leftover: Leftover
+    linear: Linear
 
     def gap(self) -> HeldOutGap | None:
         root = np.sqrt(np.concatenate([c.variance_mm2 for c in self.posterior.sessions]))
@@ -86,7 +114,7 @@ class _LeftOut:
     @cached_property
     def _base(self) -> FloatArray:
         """Columns ``(n, z + b)`` of zeros and base, per what is expected of them."""
-        rows = self.posterior.linear.rows
+        rows = self.linear.rows
         each = block_diag(*(cells.zeros for cells in self.posterior.sessions))
         zeros = np.zeros((len(rows.residual), each.shape[1]))
         zeros[: rows.cells] = LOOSE * each
@@ -100,16 +128,17 @@ class _LeftOut:
             tuple(zip(model.members, model.scales, strict=True))
             for model in self.posterior.models
             if len(model.members) > 1
-            and not model.mistakes
+            and model.mistakes == self.posterior.models[0].mistakes
             and all(components[k].kind in NAMES for k in model.members)
         ]
 
     def _missed(self, out_rows: IntArray) -> tuple[FloatArray, FloatArray]:
         """What is missed of rows that are left out, without a name and with the best one."""
-        linear = self.posterior.linear
+        linear = self.linear
         rows = linear.rows
         kept = np.setdiff1d(np.arange(len(rows.residual)), out_rows)
-        expected = np.zeros(self._base.shape[1])
+        zeros = self._base.shape[1] - len(rows.value)
+        expected = np.concatenate([np.zeros(zeros), expected_base(rows)])
         about = About.of(self._base[kept], rows.residual[kept], expected)
         columns = about.left_by(linear.columns[kept])
         products = Products(

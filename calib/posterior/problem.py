@@ -17,7 +17,7 @@ from calib.arrays import FloatArray, IntArray, without
 from calib.errors import NotIdentifiable
 from calib.posterior.cells import Cells
 from calib.posterior.labels import RivalModel, Solved
-from calib.posterior.library import ELSE, Component, library, other_bars, something_else
+from calib.posterior.library import ELSE, OTHER_BARS, Component, library, other_bars, something_else
 from calib.posterior.models import Linear, Posterior, Weighted, effects_of_tool
 from calib.posterior.race import LOG_CAUSES, Products, Race, RaceEntry
 from calib.posterior.readings import LENGTHS, Placed, Rows, placed_columns, rows_of
@@ -65,28 +65,8 @@ class Problem:
         models = _with_common_lengths([cells.model for cells in sessions])
         taken = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
         components = library(taken, effects)
-        rows, placed, blocks = _linear(sessions, models, components)
-        own, squares = _of_postures(sessions, len(rows.residual))
-        every = []
-        for component, block in zip(components, blocks, strict=True):
-            if component.id == ELSE:
-                component, block = component.with_values(squares), own * component.unit
-            else:
-                block = block * component.unit
-            every.append((component, block))
-        every += _bars_of_sessions(sessions, rows)
-        widths = [block.shape[1] for _, block in every]
-        starts = np.cumsum([0, *widths[:-1]])
-        return cls(
-            sessions,
-            tuple(component for component, _ in every),
-            rows,
-            np.hstack([block for _, block in every]),
-            tuple(
-                np.arange(at, at + w, dtype=np.intp) for at, w in zip(starts, widths, strict=True)
-            ),
-            placed,
-        )
+        linear, known, placed = linear_about(sessions, models, components)
+        return cls(sessions, known, linear.rows, linear.columns, linear.index, placed)
 
     @cached_property
     def everywhere(self) -> tuple[int, ...]:
@@ -403,6 +383,29 @@ class ModelFit:
     sizes: FloatArray
     square: float
     room: float
+
+
+def linear_about(
+    sessions: Sequence[Cells], models: Sequence[Model], components: Sequence[Component]
+) -> tuple[Linear, tuple[Component, ...], tuple[Placed, ...]]:
+    """The sessions about a model of each; components with as many values as they have columns."""
+    rows, placed, blocks = _linear(sessions, models, components)
+    own, squares = _of_postures(sessions, len(rows.residual))
+    every = []
+    for component, block in zip(components, blocks, strict=True):
+        if component.id == ELSE:
+            component, block = component.with_values(squares), own
+        if component.id != OTHER_BARS:
+            every.append((component, block * component.unit))
+    every += _bars_of_sessions(sessions, rows)
+    widths = [block.shape[1] for _, block in every]
+    starts = np.cumsum([0, *widths[:-1]])
+    index = tuple(
+        np.arange(at, at + w, dtype=np.intp) for at, w in zip(starts, widths, strict=True)
+    )
+    columns = np.hstack([block for _, block in every])
+    known = tuple(component for component, _ in every)
+    return Linear(rows, columns, index), known, placed
 
 
 def _linear(

@@ -108,7 +108,7 @@ def cleaned(diagnosis: Diagnosis) -> CleanedReadings:
 
 
 def left_out(diagnosis: Diagnosis, count: int) -> list[int]:
-    return np.setdiff1d(np.arange(count), cleaned(diagnosis).rows).tolist()
+    return sorted({*range(count)} - {*cleaned(diagnosis).rows.tolist()})
 
 
 def single(diagnosis: Diagnosis) -> list[Finding]:

@@ -1,0 +1,83 @@
+"""What is expected before measuring, against simulated sessions of sound machines."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.planning.tripod import stated_noise
+from calib.arrays import Observations, observe
+from calib.noise.reading import IndicatorFigures
+from calib.posterior.cells import SessionCase
+from calib.posterior.correction import correction
+from calib.posterior.expected import ExpectedResult, expected_of
+from calib.posterior.posterior import posterior
+from calib.tripod.geometry import PARAMETER_NAMES
+from calib.tripod.pipeline import Model
+from calib.tripod.planning import TripodPlanning
+from protocols.machine import Machine
+from tests.builders import conditions_of
+
+TOLERANCE_MM = np.array([2.0] * 3 + [0.1] * 3)
+
+
+def planning(taken: Observations, noise_mm: float) -> TripodPlanning:
+    return TripodPlanning(
+        name="orthoglide",
+        geometry=Machine().geometry(),
+        procedure="any",
+        planned=taken,
+        of_tool=False,
+        stations=(0.5,),
+        step_count=len(taken) // 2,
+        mounting_count=3,
+        seconds_per_step=20.0,
+        minutes_per_mounting=2.0,
+        noise=stated_noise(Machine(), noise_mm)[0],
+        noise_words="",
+    )
+
+
+def expected(procedure: str, noise_mm: float = 0.002) -> ExpectedResult:
+    return expected_of(planning(conditions_of(procedure), noise_mm), TOLERANCE_MM)
+
+
+@pytest.mark.parametrize("procedure", ["zero-max-min", "two-station"])
+def test_the_bound_is_that_of_a_session_that_shows_nothing_new(procedure: str) -> None:
+    """Of the same machine, read with this noise; its own zero readings and repeats included."""
+    taken = conditions_of(procedure)
+    bounds_mm = []
+    for seed in range(5):
+        noise = 0.002 * np.random.default_rng(seed).normal(size=len(taken))
+        data = observe(taken, Model().readings(taken) + noise)
+        figures = IndicatorFigures(repeatability_mm=0.002)
+        result = posterior([SessionCase(Model(), data, figures, TOLERANCE_MM)])
+        bounds_mm.append(correction(result, "offsets").bound_mm["touched-off"])
+    assert expected(procedure).bound_mm == pytest.approx(np.median(bounds_mm), rel=0.35)
+
+
+def test_more_readings_and_less_noise_lower_the_bound() -> None:
+    coarse, fine = (expected("zero-max-min", noise_mm) for noise_mm in (0.02, 0.002))
+    more = expected("two-station")
+    assert more.bound_mm < fine.bound_mm < coarse.bound_mm
+
+
+def test_parameters_are_half_widths_of_least_squares() -> None:
+    """Of the derivatives that the examination of the procedure has, by normal equations."""
+    taken = conditions_of("two-station")
+    plan = planning(taken, 0.002)
+    result = expected_of(plan, TOLERANCE_MM)
+    rows = plan.examine().sensitivity.jacobian
+
+    def half_widths(design: np.ndarray) -> np.ndarray:
+        return np.asarray(1.96 * np.sqrt(np.linalg.inv(design.T @ design).diagonal()))
+
+    alone = [*half_widths(rows[:, :3]), *half_widths(rows[:, 3:])]
+    every = half_widths(rows)
+    held = half_widths(np.vstack([rows, np.diag(1.0 / TOLERANCE_MM)]))
+    assert [one.name for one in result.parameters] == [*PARAMETER_NAMES]
+    for number, one in enumerate(result.parameters):
+        assert one.alone_mm == pytest.approx(alone[number], rel=1e-3)
+        assert one.all_mm == pytest.approx(every[number], rel=1e-2)
+        assert one.held_mm == pytest.approx(held[number], rel=1e-3)
+        assert one.held_mm <= min(every[number], 1.97 * TOLERANCE_MM[number])

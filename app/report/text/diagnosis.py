@@ -195,9 +195,12 @@ def _pattern(diagnosed: SessionDiagnosis) -> list[str]:
         f" with set-ups exchanged {once_in(pattern.p_value_permutations)}"
     )
     pairs = [
-        f"{INDENT}{names[one.second]} less {one.scale:.2f} × {names[one.first]} (cosine"
-        f" {one.cosine:.3f}): {one.before_rms_mm:.4f} → {one.after_rms_mm:.4f} mm, noise alone"
-        f" {one.noise_rms_mm:.4f} mm"
+        hanging(
+            f"{INDENT}{names[one.second]} less {one.scale:.2f} × {names[one.first]} (cosine"
+            f" {one.cosine:.3f}): {one.before_rms_mm:.4f} → {one.after_rms_mm:.4f} mm, noise alone"
+            f" {one.noise_rms_mm:.4f} mm",
+            INDENT,
+        )
         for one in pattern.pairs
     ]
     return [wrapped(said), *pairs]
@@ -291,6 +294,11 @@ def discrepancy_text(found: ModelDiscrepancy) -> str:
 
 def held_out_words(gap: HeldOutGap) -> str:
     """Whether the gap shrinks on what the choice did not see."""
+    if gap.after_rms_mm == gap.before_rms_mm:
+        return (
+            f"Held out ({gap.how}): {gap.before_rms_mm:.4f} mm, noise {gap.noise_rms_mm:.4f} mm. "
+            "No effect was named that could reduce it."
+        )
     said = (
         f"Held out ({gap.how}): {gap.before_rms_mm:.4f} → {gap.after_rms_mm:.4f} mm, "
         f"noise {gap.noise_rms_mm:.4f} mm."

@@ -228,6 +228,8 @@ def open_text(found: Diagnosis) -> str:
     """How likely it is that anything is missing, and that it has no name, where that is open."""
     if found.verdict in ("agrees", "explained"):
         return ""
+    if found.verdict != "cannot-tell" and found.something_else < BESIDE_AGREEMENT:
+        return ""
     unnamed = probability_words(found.something_else)
     return (
         f"Probability that anything is missing: {probability_words(found.missing)}; that something "

@@ -155,6 +155,8 @@ def _next(diagnosed: SessionDiagnosis) -> str:
         said = "A adopts what was named, and looks again for the rest."
     elif diagnosed.separation:
         said = "measure what is proposed below (N), then diagnose both sessions together."
+    elif found.left_over:
+        said += " A adopts the law without a name that is stated below."
     return f"Next: {said}"
 
 

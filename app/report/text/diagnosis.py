@@ -155,6 +155,8 @@ def _next(diagnosed: SessionDiagnosis) -> str:
         said = "A adopts what was named, and looks again for the rest."
     elif diagnosed.separation:
         said = "measure what is proposed below (N), then diagnose both sessions together."
+    elif found.left_over:
+        said += " A adopts the law without a name that is stated below."
     return f"Next: {said}"
 
 
@@ -195,9 +197,12 @@ def _pattern(diagnosed: SessionDiagnosis) -> list[str]:
         f" with set-ups exchanged {once_in(pattern.p_value_permutations)}"
     )
     pairs = [
-        f"{INDENT}{names[one.second]} less {one.scale:.2f} × {names[one.first]} (cosine"
-        f" {one.cosine:.3f}): {one.before_rms_mm:.4f} → {one.after_rms_mm:.4f} mm, noise alone"
-        f" {one.noise_rms_mm:.4f} mm"
+        hanging(
+            f"{INDENT}{names[one.second]} less {one.scale:.2f} × {names[one.first]} (cosine"
+            f" {one.cosine:.3f}): {one.before_rms_mm:.4f} → {one.after_rms_mm:.4f} mm, noise alone"
+            f" {one.noise_rms_mm:.4f} mm",
+            INDENT,
+        )
         for one in pattern.pairs
     ]
     return [wrapped(said), *pairs]
@@ -224,6 +229,8 @@ def gap_text(found: Diagnosis) -> str:
 def open_text(found: Diagnosis) -> str:
     """How likely it is that anything is missing, and that it has no name, where that is open."""
     if found.verdict in ("agrees", "explained"):
+        return ""
+    if found.verdict != "cannot-tell" and found.something_else < BESIDE_AGREEMENT:
         return ""
     unnamed = probability_words(found.something_else)
     return (
@@ -291,6 +298,11 @@ def discrepancy_text(found: ModelDiscrepancy) -> str:
 
 def held_out_words(gap: HeldOutGap) -> str:
     """Whether the gap shrinks on what the choice did not see."""
+    if gap.after_rms_mm == gap.before_rms_mm:
+        return (
+            f"Held out ({gap.how}): {gap.before_rms_mm:.4f} mm, noise {gap.noise_rms_mm:.4f} mm. "
+            "No effect was named that could reduce it."
+        )
     said = (
         f"Held out ({gap.how}): {gap.before_rms_mm:.4f} → {gap.after_rms_mm:.4f} mm, "
         f"noise {gap.noise_rms_mm:.4f} mm."

@@ -32,6 +32,7 @@ from calib.noise.reading import IndicatorFigures, Noise, reading_noise, visits
 from calib.noise.repeats import Repeats, disagreeing, set_apart
 from calib.noise.serial import independent, serial_correlation
 from calib.tripod.geometry import PARAMETER_NAMES
+from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model
 
 BASE = len(PARAMETER_NAMES)
@@ -91,7 +92,7 @@ class Cells:
     @classmethod
     def of(cls, case: SessionCase) -> Cells:
         """Group the visits of a session."""
-        return cls.of_visits(case, visits(case.observed))
+        return cls.of_visits(case, with_first_movements(visits(case.observed)))
 
     @classmethod
     def of_visits(cls, case: SessionCase, visited: Observations) -> Cells:

@@ -405,15 +405,17 @@ def _slips(screen: Screen) -> Iterator[_Apart]:
 
 
 def with_mistakes(
-    sessions: Sequence[Cells], solve: Callable[[Sequence[Cells]], Solved[Solution]]
+    ways: Sequence[Sequence[Cells]], solve: Callable[[Sequence[Cells]], Solved[Solution]]
 ) -> list[Solved[Solution]]:
     """The sessions as they are, and put right in each way that may be true; the likeliest first.
 
-    One mistake after the other: each is looked for in the readings that the likeliest ones before
+    The first takes of the sessions may have been reached in several ``ways``, each as likely. One
+    mistake after the other: each is looked for in the readings that the likeliest ones before
     leave.
     """
-    best, now = solve(sessions), list(sessions)
-    every = [best]
+    every = [solve(sessions) for sessions in ways]
+    number = max(range(len(ways)), key=lambda k: every[k].log_weight)
+    best, now = every[number], list(ways[number])
     for _ in range(MOST):
         tried = []
         for number, cells in enumerate(now):

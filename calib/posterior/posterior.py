@@ -17,6 +17,7 @@ from calib.posterior.screws import with_searched_leads
 from calib.posterior.tool import tool_field
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import Effect
+from calib.tripod.movements import with_first_movements
 
 
 def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = None) -> Posterior:
@@ -27,7 +28,18 @@ def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = N
     def solve(sessions: Sequence[Cells]) -> Solved[Posterior]:
         return Problem.of(tuple(sessions), laws).solved()
 
-    return _mixed(with_mistakes(every, solve))
+    return _mixed(with_mistakes(_ways(every), solve))
+
+
+def _ways(sessions: Sequence[Cells]) -> list[list[Cells]]:
+    """How the first postures of mountings may have been reached: nobody saw, or repeats tell."""
+    moved = []
+    for cells in sessions:
+        visited = with_first_movements(cells.visited)
+        changed = not np.array_equal(visited.movement, cells.visited.movement)
+        moved.append(Cells.of_visits(cells.case, visited) if changed else cells)
+    same = all(new is old for new, old in zip(moved, sessions, strict=True))
+    return [list(sessions)] if same else [list(sessions), moved]
 
 
 def _mixed(every: Sequence[Solved[Posterior]]) -> Posterior:

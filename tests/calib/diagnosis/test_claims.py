@@ -44,12 +44,12 @@ def claims(weights: Weights) -> Claims:
 
 
 def test_probabilities_are_sums_over_models() -> None:
-    found = claims([((), 0.2), ((PLAY_X,), 0.3), ((PLAY_X, BOW), 0.1), ((LAW, BOW), 0.4)])
-    assert found.nothing == pytest.approx(0.2)
-    assert found.missing == pytest.approx(0.8)
-    assert found.named == pytest.approx(0.4)
-    assert found.unnamed == pytest.approx(0.4)
-    assert found.places == pytest.approx({BOW: 0.5, PLAY_X: 0.4})
+    several = claims([((), 0.2), ((PLAY_X,), 0.3), ((PLAY_X, BOW), 0.1), ((LAW, BOW), 0.4)])
+    assert several.nothing == pytest.approx(0.2)
+    assert several.missing == pytest.approx(0.8)
+    assert several.named == pytest.approx(0.4)
+    assert several.unnamed == pytest.approx(0.4)
+    assert several.places == pytest.approx({BOW: 0.5, PLAY_X: 0.4})
 
 
 @pytest.mark.parametrize(

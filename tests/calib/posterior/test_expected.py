@@ -53,7 +53,7 @@ def test_the_bound_is_that_of_a_session_that_shows_nothing_new(procedure: str) -
         figures = IndicatorFigures(repeatability_mm=0.002)
         result = posterior([SessionCase(Model(), data, figures, TOLERANCE_MM)])
         bounds_mm.append(correction(result, "offsets").bound_mm["touched-off"])
-    assert expected(procedure).bound_mm == pytest.approx(np.median(bounds_mm), rel=0.35)
+    assert expected(procedure).bound_mm == pytest.approx(np.median(bounds_mm), rel=0.05)
 
 
 def test_more_readings_and_less_noise_lower_the_bound() -> None:

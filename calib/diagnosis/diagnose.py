@@ -49,6 +49,10 @@ from calib.tripod.effects.empirical import EMPIRICAL
 BARS_DIFFER = "the bars are not those of the first session: diagnose the sessions one at a time"
 """Of the component that is no law: bars of other lengths."""
 
+UNLIKELY = 0.001
+"""Chance of a gap below which readings do not agree, whatever is likeliest: repeats that did not
+leave their posture tell too little noise."""
+
 FAR_OFF = 5.0
 """Tolerances beyond which a joint offset is more likely a mistake in what was entered."""
 
@@ -96,9 +100,14 @@ class _Report:
         self.answer = self._checked(self.claims.answer())
 
     def _checked(self, answer: Answer) -> Answer:
-        """Where nothing is free or no noise is known all is a guess; so are names that take all."""
+        """What is left has a say where it is beyond chance, or nothing.
+
+        Where nothing is free or no noise is known all is a guess; so are names that take all.
+        """
         if not self.before.freedom or self.before.noise_freedom <= 0.0:
             return replace(answer, verdict="cannot-tell")
+        if answer.verdict == "agrees" and self.before.gap().p_value < UNLIKELY:
+            return replace(answer, verdict="unexplained")
         known = {name_of(component) for component in self.components}
         names = [name for name in answer.rivals if name in known]
         columns = [self._columns(self._acting(name)) for name in names]

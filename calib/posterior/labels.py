@@ -281,9 +281,30 @@ class _Moved:
         free = len(rows) - len(np.unique(visited.mount[rows]))
         log_prior = math.log(PRIOR[exchange.id] / self.places[exchange.id])
         log_prior += free * math.log(abs(exchange.factor))
-        right = replace(visited, value_mm=self.values_mm[:, k])
+        source = exchange.source(len(visited))
+        mount = _with_values(visited, source)
+        right = replace(visited, value_mm=self.values_mm[:, k], mount=mount)
         what = exchange.id, exchange.where, exchange.words(visited), rows, right, log_prior
-        return Mistake(*what, exchange.source(len(visited)), exchange.factor)
+        return Mistake(*what, source, exchange.factor)
+
+
+def _with_values(visited: Observations, source: IntArray) -> IntArray:
+    """Mountings ``(n,)`` where the value of visit i was written at visit ``source[i]``.
+
+    A value that stands apart, in a mounting of its own, does so where it belongs.
+    """
+    mount = visited.mount
+    alone = np.bincount(mount)[mount] == 1
+    if not alone.any():
+        return mount
+    place = numbered(visited.leg, visited.axis, visited.station, visited.over_plane)
+    usual = mount.copy()
+    for row in np.flatnonzero(alone).tolist():
+        others = mount[(place == place[row]) & ~alone]
+        if len(others):
+            usual[row] = np.bincount(others).argmax()
+    apart = visited.mount_count + np.arange(len(mount))
+    return numbered(np.where(alone[source], apart, usual))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from calib.errors import RecordError, UsageError
 from calib.identify.fit import Size
 from calib.identify.solution import Solution
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
-from calib.tripod.effects.drives import AxisLean, cyclic_of, effects_of
+from calib.tripod.effects.drives import AxisLean, StraightnessOfFourthOrder, cyclic_of, effects_of
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import BASES, EMPIRICAL, empirical_effect
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
@@ -31,8 +31,8 @@ from protocols.documents import (
 from protocols.files import open_to_read
 from protocols.machine import Machine
 
-OF_CORRECTIONS: tuple[Effect, ...] = (AxisLean(),)
-"""What a controller is told of one axis; readings show pairs of them, which have the names."""
+OF_MODELS: tuple[Effect, ...] = (AxisLean(), StraightnessOfFourthOrder())
+"""What models may have and no diagnosis calls by name: one axis of a pair, a law of a guide."""
 
 Value = Annotated[float, Field(ge=-1e9, le=1e9)]
 
@@ -174,7 +174,7 @@ def _effect_of(
             return unnamed
         value = ", ".join(dict.fromkeys(parameter_names)) or "none"
         raise RecordError(f"{subject}, parameters of {EMPIRICAL}", value, ", ".join(BASES))
-    every = (*effects, *BESIDE_CATALOGUE, *OF_CORRECTIONS)
+    every = (*effects, *BESIDE_CATALOGUE, *OF_MODELS)
     candidates = (*effects_of(every, geometry), *effects)
     variants = [effect for effect in candidates if effect.id == entry.id]
     if not variants:

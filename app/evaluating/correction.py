@@ -29,6 +29,7 @@ from calib.tripod.pipeline import Model, Stage
 from protocols.observations import indicator_figures, to_observations
 
 if TYPE_CHECKING:
+    from calib.tripod.effects.effect import Effect
     from calib.tripod.pipeline import StageEffect
     from calib.tripod.towers import Entered
     from protocols.machine import Frame
@@ -112,25 +113,33 @@ class SessionCorrection:
 class ControllerCorrections:
     """Sessions of one machine as they are corrected in a frame; each answer is worked out once.
 
-    Joint offsets are those of the last session.
+    Joint offsets are those of the last session. ``effects`` are looked for; None: the catalogue.
     """
 
     cases: tuple[SessionCase, ...]
     frame: Frame
+    effects: tuple[Effect, ...] | None = None
     _made: dict[tuple[Holds, tuple[tuple[str, str], ...]], SessionCorrection] = field(
         default_factory=dict
     )
 
     @classmethod
-    def of_sessions(cls, sessions: Sequence[Session], model: Model, frame: Frame) -> Self:
+    def of_sessions(
+        cls,
+        sessions: Sequence[Session],
+        model: Model,
+        frame: Frame,
+        effects: Sequence[Effect] | None = None,
+    ) -> Self:
         """``model`` has the effects of an adopted model at their fitted sizes."""
         known = Model(model.geometry).with_effects(model.effects)
-        return cls(tuple(_case(session, known) for session in sessions), frame)
+        cases = tuple(case_of(session, known) for session in sessions)
+        return cls(cases, frame, None if effects is None else tuple(effects))
 
     @cached_property
     def posterior(self) -> Posterior:
         """What the sessions tell of the machine. Raises NotIdentifiable."""
-        found = posterior(self.cases)
+        found = posterior(self.cases, self.effects)
         if not found.shows:
             raise NotIdentifiable(
                 "readings",
@@ -212,7 +221,7 @@ class ControllerCorrections:
         return any(self.of(holds).helps for holds in HOLDS)
 
 
-def _case(session: Session, model: Model) -> SessionCase:
+def case_of(session: Session, model: Model) -> SessionCase:
     """A session with the load that its tool carried."""
     machine = session.opened.machine
     geometry = replace(model.geometry, load=machine.load)

@@ -194,14 +194,15 @@ class IndicatorFigures:
         return Noise((one,) * indicator_count, "instrument")
 
 
-def visits(observed: Observations) -> Observations:
+def visits(observed: Observations, visit: IntArray | None = None) -> Observations:
     """Average what was read in place: readings of a mounting with no motion between them.
 
-    Neither of the machine nor of a stand along its plane.
+    Neither of the machine nor of a stand along its plane. ``visit`` ``(n_readings,)`` numbers the
+    visits as they begin, where that is known better than by postures.
 
     Such repeats share the error of their approach, so they count as one reading, not as several.
     """
-    visit = _visit_numbers(observed)
+    visit = visit_numbers(observed) if visit is None else visit
     first = np.unique(visit, return_index=True)[1]
     if len(first) == len(observed):
         return observed
@@ -214,10 +215,10 @@ def visits(observed: Observations) -> Observations:
 
 def visit_starts(observed: Observations) -> IntArray:
     """Row of the first reading of each visit ``(n_visits,)``, in the order of `visits`."""
-    return np.asarray(np.unique(_visit_numbers(observed), return_index=True)[1])
+    return np.asarray(np.unique(visit_numbers(observed), return_index=True)[1])
 
 
-def _visit_numbers(observed: Observations) -> IntArray:
+def visit_numbers(observed: Observations) -> IntArray:
     """Number of the visit that each reading ``(n_readings,)`` belongs to, counted as they begin."""
     visit = np.zeros(len(observed), dtype=np.intp)
     last: dict[int, tuple[int, int]] = {}
@@ -245,9 +246,11 @@ def reading_noise(
     The scatter of repeats is taken for each indicator, drift removed, and pooled but for those that
     scatter more than chance allows. Repeats that all agree say nothing: then the resolution
     rules, stated or seen in the text of the readings. Rows that stand ``apart`` are no repeats, a
-    ``steady`` drift is removed as in `Repeats.of`.
+    ``steady`` drift is removed as in `Repeats.of`, unless it leaves nothing of the repeats.
     """
     repeats = Repeats.of(visited, apart, steady=steady)
+    if steady and repeats.degrees_of_freedom.sum() <= 0.0:
+        repeats = Repeats.of(visited, apart)
     free = repeats.degrees_of_freedom
     step = indicator.display_mm
     squares = repeats.sums_of_squares(visited.value_mm[:, None])[:, 0]

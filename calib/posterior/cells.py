@@ -28,8 +28,8 @@ from calib.arrays import (
     without_zeros,
 )
 from calib.identify.fit import prior_fit
-from calib.noise.reading import IndicatorFigures, Noise, reading_noise, visits
-from calib.noise.repeats import Repeats, disagreeing, set_apart
+from calib.noise.reading import IndicatorFigures, Noise, reading_noise, visit_numbers, visits
+from calib.noise.repeats import Repeats, disagreeing, set_apart, typical_mm2
 from calib.noise.serial import independent, serial_correlation
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
@@ -41,6 +41,9 @@ FINEST_MM = 1e-5
 
 USUAL = 3.0
 """Standard deviations from its repeats up to which a reading counts in full."""
+
+JUMP = 13.0
+"""Standard deviations between two readings of one visit from which on they are none."""
 
 WRONG = 1e-6
 """Weight of a reading that disagrees with its repeats: it tells nothing about them."""
@@ -62,6 +65,30 @@ class SessionCase:
     def spread_mm(self) -> FloatArray:
         """Those standard deviations ``(6,)``; a tolerance of 0 is a value known as it stands."""
         return np.maximum(self.tolerance_mm, FINEST_MM)
+
+    @cached_property
+    def visit(self) -> IntArray:
+        """Number of the visit ``(n_readings,)`` of each reading.
+
+        What was read in place agrees but for the indicator: a reading that jumps away from the one
+        before was not read there, and is a visit by itself.
+        """
+        observed, visit = self.observed, visit_numbers(self.observed)
+        visited = visits(observed, visit)
+        typical = typical_mm2(Repeats.of(visited, steady=True))
+        if typical is None or len(visited) == len(observed):
+            return visit
+        least_mm2 = np.maximum(typical, self.indicator.display_mm**2 / 12.0)
+        order = np.lexsort((np.arange(len(visit)), visit))
+        change_mm = np.abs(np.diff(observed.value_mm[order]))
+        jump = change_mm**2 > JUMP**2 * least_mm2[observed.mount[order][1:]]
+        begins = np.concatenate([[True], (np.diff(visit[order]) > 0) | jump])
+        number = np.empty_like(visit)
+        number[order] = np.cumsum(begins) - 1
+        first = np.unique(number, return_index=True)[1]
+        rank = np.empty_like(first)
+        rank[np.argsort(first, kind="stable")] = np.arange(len(first))
+        return rank[number]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +118,7 @@ class Cells:
     @classmethod
     def of(cls, case: SessionCase) -> Cells:
         """Group the visits of a session."""
-        return cls.of_visits(case, visits(case.observed))
+        return cls.of_visits(case, visits(case.observed, case.visit))
 
     @classmethod
     def of_visits(cls, case: SessionCase, visited: Observations) -> Cells:
@@ -154,7 +181,7 @@ class Cells:
     def whitened(self, rows: FloatArray) -> FloatArray:
         """Rows ``(n_cells, ...)`` made independent, of unit variance, less the best zeros."""
         flat = self._independent(rows.reshape(len(rows), -1))
-        return np.asarray(without(self._zeros, flat).reshape(rows.shape))
+        return np.asarray(without(self.zeros, flat).reshape(rows.shape))
 
     def coloured(self, rows: FloatArray) -> FloatArray:
         """The opposite ``(n_cells, k)``, but for what zeros took."""
@@ -166,8 +193,8 @@ class Cells:
         return columns
 
     @cached_property
-    def _zeros(self) -> FloatArray:
-        """Basis ``(n_cells, r)`` of zeros of mountings and tilts of planes."""
+    def zeros(self) -> FloatArray:
+        """Basis ``(n_cells, r)`` of zeros of mountings and tilts of planes, whitened."""
         columns = np.hstack([incidence(self.means.mount), tilts(self.means)])
         shown = self._independent(columns)
         return basis_of(shown / lengths(shown), DEPENDENT)
@@ -191,12 +218,13 @@ class Cells:
             )
         ]
 
-    def in_time(self, columns: FloatArray) -> FloatArray:
+    def in_time(self, columns: FloatArray, left_mm: FloatArray) -> FloatArray:
         """What columns ``(n_visits, k)`` and readings do within cells: rows ``(r, 1 + k)``.
 
-        The readings come first; independent, of unit variance; as many as columns differ.
+        What is ``left_mm`` ``(n_visits,)`` of the readings comes first; independent, of unit
+        variance; as many as columns differ.
         """
-        rows = np.column_stack([columns, self.visited.value_mm])
+        rows = np.column_stack([columns, left_mm])
         root = np.sqrt(self._counted_mm2)[:, None]
         if self.serial:
             mountings = _by_mounting(self.visited, self.cell, self._counted_mm2, self.serial)

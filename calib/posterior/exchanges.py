@@ -47,6 +47,12 @@ class LabelExchange:
         right[self.there] = self.factor * value_mm[self.here]
         return right
 
+    def source(self, count: int) -> IntArray:
+        """The visit ``(count,)`` at which the value of each was written."""
+        source = np.arange(count, dtype=np.intp)
+        source[self.here], source[self.there] = self.there, self.here
+        return source
+
     def words(self, visited: Observations) -> str:
         """The title, of postures with their displacements."""
         if self.id != "postures_exchanged":

@@ -54,18 +54,6 @@ SHOWN = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class ForecastOutcome:
-    """What is expected after readings: the bound, and how far models are apart.
-
-    ``bound_mm`` is the mean over the models that may be true. ``separation`` ``(h, h)`` is what
-    model j leaves of the readings that are expected if model i is true, in noise variances.
-    """
-
-    bound_mm: float
-    separation: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class Forecast:
     """The posterior as the planner sees it: some of its models, in a frame, with what is entered.
 
@@ -270,10 +258,10 @@ class Forecast:
         """The bound without more readings."""
         nothing, field = np.zeros((0, 0)), np.zeros((0, self.shown.shape[1]))
         each = tuple((np.zeros(0), field) for _ in self.followed)
-        return self.after(ExpectedReadings(np.zeros(0), field, nothing, nothing, each)).bound_mm
+        return self.after_mm(ExpectedReadings(np.zeros(0), field, nothing, nothing, each))
 
-    def after(self, readings: ExpectedReadings, models: Sequence[int] = ()) -> ForecastOutcome:
-        """What is expected after these readings, and how far apart ``models`` are in them."""
+    def after_mm(self, readings: ExpectedReadings) -> float:
+        """The bound after these readings, the mean over the models that may be true."""
         updated = [group.updated(readings, self.followed) for group in self.groups]
         place = {k: (one, j) for one in updated for j, k in enumerate(one.group.rows.tolist())}
         total = 0.0
@@ -284,13 +272,20 @@ class Forecast:
                 log[other.group.rows] -= other.log_factor(true, j)
             weight = np.exp(log - log.max())
             total += share * self._bound_mm(updated, weight / weight.sum(), true.expected[:, j])
-        separation = np.zeros((len(models), len(models)))
+        return total
+
+    def apart(self, readings: ExpectedReadings, models: Sequence[int]) -> FloatArray:
+        """What model j leaves of the readings if model i is true ``(h, h)``, noise variances."""
+        groups = [g for g in self.groups if not set(models).isdisjoint(g.rows.tolist())]
+        updated = [group.updated(readings, self.followed) for group in groups]
+        place = {k: (one, j) for one in updated for j, k in enumerate(one.group.rows.tolist())}
+        apart = np.zeros((len(models), len(models)))
         for i, truth in enumerate(models):
             true, j = place[truth]
             for k, model in enumerate(models):
                 other, at = place[model]
-                separation[i, k] = other.square(true.expected[:, j])[at]
-        return ForecastOutcome(total, separation)
+                apart[i, k] = other.square(true.expected[:, j])[at]
+        return apart
 
     def _bound_mm(
         self, updated: Sequence[Updated], weight: FloatArray, readings: FloatArray

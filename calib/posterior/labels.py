@@ -12,6 +12,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from typing import Generic, TypeVar
 
@@ -22,6 +23,7 @@ from calib.arrays import (
     FloatArray,
     IntArray,
     Observations,
+    incidence,
     numbered,
     rows_of,
     without,
@@ -95,7 +97,9 @@ MOST_VALUES = 4_000_000
 class Mistake:
     """One mistake: its name, place and words, the visits it touches, and the visits put right.
 
-    ``log_prior`` is that of the mistake, with the density of what it makes of readings.
+    ``log_prior`` is that of the mistake, with the density of what it makes of readings;
+    ``session`` the number of the session that it is in. The value of visit i was written at visit
+    ``source[i]``, ``factor`` times as large in ``rows``.
     """
 
     id: str
@@ -104,6 +108,9 @@ class Mistake:
     rows: IntArray
     visited: Observations
     log_prior: float
+    source: IntArray
+    factor: float = 1.0
+    session: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,18 +124,41 @@ class RivalModel:
     columns: FloatArray
 
 
+Solution = TypeVar("Solution")
+
+
+@dataclass(frozen=True, eq=False)
+class Solved(Generic[Solution]):
+    """Sessions with what may be true of them: the log evidence, and models of each session.
+
+    ``with_one_name`` is the log weight ``(m,)`` of the best single name where the means of cells of
+    a session by its number differ by so many mm ``(n_cells, m)``.
+    """
+
+    solution: Solution
+    log_evidence: float
+    beside: Sequence[Sequence[RivalModel]]
+    with_one_name: Callable[[int, FloatArray], FloatArray]
+    mistakes: tuple[Mistake, ...] = ()
+
+    @property
+    def log_weight(self) -> float:
+        """With the priors of its mistakes."""
+        return self.log_evidence + sum(one.log_prior for one in self.mistakes)
+
+
 Scored = tuple[float, Mistake]
 """A log weight and the mistake that has it."""
 
 
-def suspects(
-    cells: Cells, beside: Sequence[RivalModel], log_evidence: float, others: Sequence[Cells] = ()
-) -> list[Mistake]:
-    """Mistakes of a session that may be likelier than none, the likeliest first.
+def suspects(solved: Solved[Solution], now: Sequence[Cells], number: int) -> list[Mistake]:
+    """Mistakes of a session by its number that may be likelier than none, the likeliest first.
 
-    ``beside`` are models of the session as it is, the plain one first, ``log_evidence`` that of all
-    of them, with the other sessions.
+    ``solved`` are the sessions as they are ``now``: mistakes are looked for beside its models, and
+    exchanges beside single names, too.
     """
+    cells, others = now[number], [*now[:number], *now[number + 1 :]]
+    beside, log_evidence = solved.beside[number], solved.log_evidence
     root = even_mm(cells)
     alone = [Screen.of(one, np.zeros((len(one.means), 0)), even_mm(one)) for one in others]
     elsewhere = sum(one.square for one in alone), sum(one.freedom for one in alone)
@@ -141,15 +171,25 @@ def suspects(
             moved = moved or _Moved.of(screen)
             scores += moved.scores(screen)
         for score, mistake in scores:
-            key, whole = (mistake.id, mistake.where, mistake.title), one.log_weight + score
-            if key not in scored or scored[key][0] < whole:
-                scored[key] = (whole, mistake)
+            _keep(scored, one.log_weight + score, mistake)
+    if moved is not None:
+        for whole, mistake in moved.beside_one_name(
+            screens[0], partial(solved.with_one_name, number)
+        ):
+            _keep(scored, whole, mistake)
     ordered = sorted(scored.values(), key=lambda each: -each[0])
     likely = [each for each in ordered if each[0] > log_evidence - DOUBTED][:TRIED]
     if screens[0].square > BENT * screens[0].freedom:
         likely = _fitted(screens[0], ordered, likely, beside[0].log_weight, log_evidence)
     best = likely[0][0] if likely else 0.0
     return [mistake for score, mistake in likely if score > best - DOUBTED][:RACED]
+
+
+def _keep(scored: dict[tuple[str, str, str], Scored], whole: float, mistake: Mistake) -> None:
+    """Keep the larger log weight of a mistake."""
+    key = mistake.id, mistake.where, mistake.title
+    if key not in scored or scored[key][0] < whole:
+        scored[key] = (whole, mistake)
 
 
 def _fitted(
@@ -215,15 +255,56 @@ class _Moved:
         squares = (screen.left_of(self.values_mm) ** 2).sum(axis=0)
         more = screen.log_likelihood(squares) - screen.log_likelihood(screen.square)
         for k in np.argsort(-more, kind="stable")[: 4 * TRIED].tolist():
-            one, visited = self.every[k], self.visited
-            rows = np.union1d(one.here, one.there)
-            # of each mounting all readings but one tell a unit: its zero is free
-            free = len(rows) - len(np.unique(visited.mount[rows]))
-            log_prior = math.log(PRIOR[one.id] / self.places[one.id])
-            log_prior += free * math.log(abs(one.factor))
-            right = replace(visited, value_mm=self.values_mm[:, k])
-            mistake = Mistake(one.id, one.where, one.words(visited), rows, right, log_prior)
-            yield float(more[k]) + log_prior, mistake
+            mistake = self._mistake(k)
+            yield float(more[k]) + mistake.log_prior, mistake
+
+    def beside_one_name(
+        self, plain: Screen, with_one_name: Callable[[FloatArray], FloatArray]
+    ) -> Iterator[Scored]:
+        """Exchanges that leave the plain model least, with their log weight beside one name."""
+        squares = (plain.left_of(self.values_mm) ** 2).sum(axis=0)
+        chosen = np.argsort(squares, kind="stable")[: 2 * TRIED]
+        cells = plain.cells
+        weight = cells.weight / cells.scatter_mm2
+        average = incidence(cells.cell).T * weight
+        average = average / average.sum(axis=1, keepdims=True)
+        change_mm = average @ (self.values_mm[:, chosen] - self.visited.value_mm[:, None])
+        log_weights = with_one_name(change_mm)
+        for k, log_weight in zip(chosen.tolist(), log_weights.tolist(), strict=True):
+            mistake = self._mistake(k)
+            yield log_weight + mistake.log_prior, mistake
+
+    def _mistake(self, k: int) -> Mistake:
+        exchange, visited = self.every[k], self.visited
+        rows = np.union1d(exchange.here, exchange.there)
+        # of each mounting all readings but one tell a unit: its zero is free
+        free = len(rows) - len(np.unique(visited.mount[rows]))
+        log_prior = math.log(PRIOR[exchange.id] / self.places[exchange.id])
+        log_prior += free * math.log(abs(exchange.factor))
+        source = exchange.source(len(visited))
+        mount = _with_values(visited, source)
+        right = replace(visited, value_mm=self.values_mm[:, k], mount=mount)
+        what = exchange.id, exchange.where, exchange.words(visited), rows, right, log_prior
+        return Mistake(*what, source, exchange.factor)
+
+
+def _with_values(visited: Observations, source: IntArray) -> IntArray:
+    """Mountings ``(n,)`` where the value of visit i was written at visit ``source[i]``.
+
+    A value that stands apart, in a mounting of its own, does so where it belongs.
+    """
+    mount = visited.mount
+    alone = np.bincount(mount)[mount] == 1
+    if not alone.any():
+        return mount
+    place = numbered(visited.leg, visited.axis, visited.station, visited.over_plane)
+    usual = mount.copy()
+    for row in np.flatnonzero(alone).tolist():
+        others = mount[(place == place[row]) & ~alone]
+        if len(others):
+            usual[row] = np.bincount(others).argmax()
+    apart = visited.mount_count + np.arange(len(mount))
+    return numbered(np.where(alone[source], apart, usual))
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,7 +353,9 @@ def _apart(screen: Screen) -> Iterator[Scored]:
         for k, rows in enumerate(one.groups):
             mount[rows] = visited.mount_count + k
         right = replace(visited, mount=numbered(mount))
-        mistake = Mistake(name, one.where, title, np.concatenate(one.groups), right, log_prior)
+        rows = np.concatenate(one.groups)
+        own = np.arange(len(visited), dtype=np.intp)
+        mistake = Mistake(name, one.where, title, rows, right, log_prior, own)
         yield float(more) + room + log_prior, mistake
 
 
@@ -342,45 +425,29 @@ def _slips(screen: Screen) -> Iterator[_Apart]:
             yield _Apart("stand_slip", place, title, (rows[k:],), len(visited))
 
 
-Solution = TypeVar("Solution")
-
-
-@dataclass(frozen=True, eq=False)
-class Solved(Generic[Solution]):
-    """Sessions with what may be true of them: the log evidence, and models of each session."""
-
-    solution: Solution
-    log_evidence: float
-    beside: Sequence[Sequence[RivalModel]]
-    mistakes: tuple[Mistake, ...] = ()
-
-    @property
-    def log_weight(self) -> float:
-        """With the priors of its mistakes."""
-        return self.log_evidence + sum(one.log_prior for one in self.mistakes)
-
-
 def with_mistakes(
-    sessions: Sequence[Cells], solve: Callable[[Sequence[Cells]], Solved[Solution]]
+    ways: Sequence[Sequence[Cells]], solve: Callable[[Sequence[Cells]], Solved[Solution]]
 ) -> list[Solved[Solution]]:
     """The sessions as they are, and put right in each way that may be true; the likeliest first.
 
-    One mistake after the other: each is looked for in the readings that the likeliest ones before
+    The first takes of the sessions may have been reached in several ``ways``, each as likely. One
+    mistake after the other: each is looked for in the readings that the likeliest ones before
     leave.
     """
-    best, now = solve(sessions), list(sessions)
-    every = [best]
+    every = [solve(sessions) for sessions in ways]
+    number = max(range(len(ways)), key=lambda k: every[k].log_weight)
+    best, now = every[number], list(ways[number])
     for _ in range(MOST):
         tried = []
         for number, cells in enumerate(now):
-            others = [*now[:number], *now[number + 1 :]]
-            for mistake in suspects(cells, best.beside[number], best.log_evidence, others):
+            for mistake in suspects(best, now, number):
                 right = now.copy()
                 right[number] = Cells.of_visits(cells.case, mistake.visited)
                 try:
                     solved = solve(right)
                 except NotIdentifiable:
                     continue
+                mistake = replace(mistake, session=number)
                 tried.append((replace(solved, mistakes=(*best.mistakes, mistake)), right))
         every += [solved for solved, _ in tried]
         better = max(tried, key=lambda each: each[0].log_weight, default=None)

@@ -26,6 +26,9 @@ from calib.tripod.pipeline import Model, Stage
 ELSE = "something_else"
 """The name of an error of each posture's own, smooth along the travel."""
 
+OTHER_BARS = "other_bars"
+"""The name of bars of other lengths in a session than in the first."""
+
 SMOOTH_MM = 40.0
 """How far along the travel an error of each posture's own is alike."""
 
@@ -42,6 +45,9 @@ ALL = "all"
 AXES = "axes"
 """Where all axes are out of square and shifted, each as it likes."""
 
+PRIOR_OF_OTHER_BARS = 0.003
+"""Of a session, as of any mistake of its labels."""
+
 SHARES = {"named": 0.67, "beside": 0.06, "nameless": 0.15, ELSE: 0.12}
 """Of the prior of a single component. Something else stands against names that are put together,
 three of which fit nearly any shape."""
@@ -52,7 +58,8 @@ class Component:
     """One thing that may be true.
 
     ``unit`` ``(r,)`` are unremarkable sizes of its values. ``candidate`` knows its places; None for
-    something else.
+    something else and for other bars. ``squares`` ``(r,)`` are mean squares over the readings of
+    one mm of each value, where there are no laws that act at the tool.
     """
 
     id: str
@@ -61,19 +68,26 @@ class Component:
     unit: FloatArray
     candidate: Candidate | None
     log_prior: float = 0.0
+    squares: FloatArray | None = None
 
     @property
     def shares(self) -> tuple[Share, ...]:
         """Laws at places, and which of the values act there."""
         return self.candidate.shares if self.candidate else ()
 
-    def with_width(self, count: int) -> Component:
-        """The same with so many values of one size."""
-        return replace(self, unit=np.full(count, self.unit[0]))
+    def with_values(self, squares: FloatArray) -> Component:
+        """The same with values of one size, of these mean squares ``(r,)``."""
+        return replace(self, unit=np.full(len(squares), self.unit[0]), squares=squares)
 
     def effects(self, values: FloatArray) -> tuple[EffectInstance, ...]:
         """The effects of these values ``(r,)``; none of a component without laws."""
         return self.candidate.effects(values) if self.candidate else ()
+
+
+def other_bars(number: int) -> Component:
+    """Bars of other lengths in the session of this number, in tolerances."""
+    log_prior = math.log(PRIOR_OF_OTHER_BARS)
+    return Component(OTHER_BARS, f"session {number + 1}", "mistake", np.ones(3), None, log_prior)
 
 
 POWERS = tuple(

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import FloatArray
+from calib.arrays import FloatArray, IntArray
 from calib.posterior.cells import Cells
 from calib.posterior.labels import Mistake
 from calib.posterior.library import Component
-from calib.posterior.readings import LENGTHS
+from calib.posterior.readings import LENGTHS, Rows
 from calib.posterior.tool import FRAMES, RIGID, Frame, ToolField
 from calib.posterior.tool_errors import InField, ToolErrors
 from calib.tripod.effects.effect import PER_THOUSAND, EffectInstance
@@ -55,6 +55,19 @@ class Weighted:
         return np.asarray(self.inflated**2 * covariance)
 
 
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Sessions about one fit of the base, as components see them.
+
+    ``columns`` ``(n, k)`` of all components, per unit of their values; ``index`` says which are
+    whose.
+    """
+
+    rows: Rows
+    columns: FloatArray
+    index: tuple[IntArray, ...]
+
+
 @dataclass(frozen=True)
 class LikelyMistake:
     """A mistake of labels or readings with its probability."""
@@ -69,13 +82,16 @@ class LikelyMistake:
 class Posterior:
     """What readings tell of the machine.
 
-    Values of the base are lengths, offsets of each session, then a little of every law.
+    Values of the base are lengths, offsets of each session, then a little of every law. Sessions
+    are as the likeliest mistakes put right leave them; ``linear`` has their components, which are
+    the first.
     """
 
     sessions: tuple[Cells, ...]
     components: tuple[Component, ...]
     models: tuple[Weighted, ...]
     field: ToolField
+    linear: Linear
 
     @property
     def geometry(self) -> Geometry:
@@ -120,10 +136,19 @@ class Posterior:
                 root = root + self.into_field[k] @ model.sizes[own]
             unseen = np.diag(self._unseen(model))
             roots = [model.inflated * root, unseen[:, unseen.any(axis=0)]]
-            every.append(
-                InField(model.weight, mean, *shared[key], model.inflated, np.hstack(roots))
-            )
+            in_field = InField(model.weight, mean, *shared[key], model.inflated, np.hstack(roots))
+            every.append(replace(in_field, unplaced_mm2=self._unplaced_mm2(model)))
         return every
+
+    def _unplaced_mm2(self, model: Weighted) -> float:
+        """Expected mean square of errors in the readings that have no law at the tool, mm²."""
+        square = 0.0
+        for k, at in zip(model.members, self.starts(model), strict=True):
+            squares = self.components[k].squares
+            if squares is not None:
+                mine = slice(at, at + len(squares))
+                square += float(squares @ (model.mean[mine] ** 2 + model.variance[mine]))
+        return square
 
     @cached_property
     def tool_errors(self) -> dict[Frame, ToolErrors]:

@@ -10,17 +10,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, starmap
 
 import numpy as np
 
 from calib.arrays import TIE, Conditions, FloatArray, descending
 from calib.posterior.correction import Correction, Holds, parts_of
-from calib.posterior.forecast import HEAVIEST, Forecast, ForecastOutcome
+from calib.posterior.forecast import HEAVIEST, Forecast
+from calib.posterior.library import ELSE
 from calib.posterior.measurements import FurtherMeasurement, MeasurementPreparation
 from calib.posterior.mixture import ExpectedReadings
 from calib.posterior.models import Posterior
 from calib.posterior.tool import RIGID, Frame
+from calib.tripod.effects.empirical import EMPIRICAL
 
 WORTH = 0.9
 """A measurement is worth its time where it lowers the bound to less than this part."""
@@ -69,9 +71,16 @@ class Separation:
     def words(self) -> str:
         """The measurement and what it decides between."""
         verb = "decides" if self.apart >= DECISIVE else "helps to decide"
-        names = [" with ".join(f"{i} ({where})" for i, where in name) for name in self.names]
+        names = [" with ".join(starmap(_place_words, name)) for name in self.names]
         names = [name or "no named effect" for name in names]
         return f"{self.candidate.words}; it {verb} between {', '.join(names[:-1])} and {names[-1]}"
+
+
+def _place_words(name: str, where: str) -> str:
+    """An effect and its place; what is everywhere and has no name has no place to state."""
+    if name == ELSE:
+        return "an effect without a name"
+    return f"an unnamed effect ({where})" if name == EMPIRICAL else f"{name} ({where})"
 
 
 @dataclass(frozen=True)
@@ -198,12 +207,6 @@ class Planner:
         ]
 
     @cached_property
-    def outcomes(self) -> list[ForecastOutcome]:
-        """What is expected after each."""
-        models = [k for _, _, some in self._open for k in some]
-        return [self.forecast.after(readings, models) for readings in self.readings]
-
-    @cached_property
     def _scale(self) -> float:
         """The bound over that of the models of the forecast, which are not all."""
         return self.bound_mm / self.forecast.now_mm
@@ -211,8 +214,8 @@ class Planner:
     def proposals(self) -> list[Proposal]:
         """The best a minute first."""
         proposals = []
-        for candidate, outcome in zip(self.candidates, self.outcomes, strict=True):
-            bound_mm = self._scale * outcome.bound_mm
+        for candidate, readings in zip(self.candidates, self.readings, strict=True):
+            bound_mm = self._scale * self.forecast.after_mm(readings)
             gain = (self.bound_mm - bound_mm) / candidate.minutes
             proposals.append(Proposal(candidate, bound_mm, gain))
         return descending(proposals, lambda proposal: proposal.gain_mm_per_minute)
@@ -233,7 +236,7 @@ class Planner:
                 if best and gains[k] <= (1.0 + TIE) * gains[best[0]]:
                     break
                 both = ExpectedReadings.together([*chosen, self.readings[k]])
-                after_mm = self._scale * self.forecast.after(both).bound_mm
+                after_mm = self._scale * self.forecast.after_mm(both)
                 gains[k] = math.log(bound_mm / after_mm) / self.candidates[k].minutes
                 better = best is None or gains[k] > (1.0 + TIE) * gains[best[0]]
                 if better and after_mm < WORTH * bound_mm:
@@ -275,9 +278,11 @@ class Planner:
         components = [self.posterior.components[k] for k in members]
         return tuple(sorted((component.id, component.where) for component in components))
 
-    def _apart(self, outcome: ForecastOutcome) -> FloatArray:
+    def _apart(self, readings: ExpectedReadings) -> FloatArray:
         """Noise variances between open names, of their nearest models, either being true."""
-        either = np.minimum(outcome.separation, outcome.separation.T)
+        models = [k for _, _, some in self._open for k in some]
+        apart = self.forecast.apart(readings, models)
+        either = np.minimum(apart, apart.T)
         starts = np.cumsum([0, *(len(some) for _, _, some in self._open[:-1])])
         rows = np.minimum.reduceat(either, starts, axis=0)
         return np.asarray(np.minimum.reduceat(rows, starts, axis=1))
@@ -290,7 +295,7 @@ class Planner:
         if len(self._open) < 2 or not self.candidates:
             return None
         weight = np.array([share for _, share, _ in self._open])
-        apart = [self._apart(outcome) for outcome in self.outcomes]
+        apart = [self._apart(readings) for readings in self.readings]
         score = np.array(
             [float((np.minimum(each, GOAL) * np.outer(weight, weight)).sum()) for each in apart]
         )

@@ -13,17 +13,33 @@ from calib.posterior.library import Component
 from calib.posterior.models import Posterior, Weighted
 from calib.posterior.problem import Problem
 from calib.posterior.race import LIGHTEST
+from calib.posterior.screws import with_searched_leads
 from calib.posterior.tool import tool_field
+from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import Effect
+from calib.tripod.movements import with_first_movements
 
 
 def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = None) -> Posterior:
     """Of these sessions together. Raises NotIdentifiable where one cannot be fitted."""
+    every = [Cells.of(case) for case in cases]
+    laws = with_searched_leads(CATALOGUE if effects is None else effects, every)
 
     def solve(sessions: Sequence[Cells]) -> Solved[Posterior]:
-        return Problem.of(tuple(sessions), effects).solved()
+        return Problem.of(tuple(sessions), laws).solved()
 
-    return _mixed(with_mistakes([Cells.of(case) for case in cases], solve))
+    return _mixed(with_mistakes(_ways(every), solve))
+
+
+def _ways(sessions: Sequence[Cells]) -> list[list[Cells]]:
+    """How the first postures of mountings may have been reached: nobody saw, or repeats tell."""
+    moved = []
+    for cells in sessions:
+        visited = with_first_movements(cells.visited)
+        changed = not np.array_equal(visited.movement, cells.visited.movement)
+        moved.append(Cells.of_visits(cells.case, visited) if changed else cells)
+    same = all(new is old for new, old in zip(moved, sessions, strict=True))
+    return [list(sessions)] if same else [list(sessions), moved]
 
 
 def _mixed(every: Sequence[Solved[Posterior]]) -> Posterior:
@@ -55,4 +71,4 @@ def _mixed(every: Sequence[Solved[Posterior]]) -> Posterior:
     likeliest = every[0].solution
     laws = (law for one in every for law in one.solution.field.placed)
     field = tool_field(likeliest.geometry, tuple(dict.fromkeys(laws)))
-    return Posterior(likeliest.sessions, tuple(components), tuple(models), field)
+    return Posterior(likeliest.sessions, tuple(components), tuple(models), field, likeliest.linear)

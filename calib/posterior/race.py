@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -59,7 +60,7 @@ class RaceEntry:
 class Products:
     """C'C ``(k, k)`` and C'y ``(k,)`` of columns in units; what is explained, and its room.
 
-    ``square`` is y'y. RivalModel a model, all that its components can do is gone from them.
+    ``square`` is y'y. Beside a model, all that its components can do is gone from them.
     """
 
     inner: FloatArray
@@ -101,6 +102,41 @@ class Race:
             return np.asarray(room - 0.5 * (self.excess + square))
         left = np.maximum(self.freedom + self.excess + square, 1e-9)
         return np.asarray(room - 0.5 * (self.freedom + self.free) * np.log(left))
+
+    def best_singles(
+        self, along: FloatArray, square: FloatArray, chosen: Sequence[int]
+    ) -> FloatArray:
+        """Log weights ``(m,)`` of the best of these components alone for other readings.
+
+        Their products with columns are ``along`` ``(k, m)``, with themselves ``square`` ``(m,)``.
+        """
+        best = np.full(len(square), -math.inf)
+        for members, index, sizes, axes in self._spectra:
+            mine = np.isin(members, chosen)
+            if not mine.any():
+                continue
+            turned = np.swapaxes(axes[mine], 1, 2) @ along[index[mine]]
+            size = np.maximum(sizes[mine], 0.0)
+            for scale, log_scale in zip(SCALES, LOG_SCALES, strict=True):
+                wide = 1.0 + scale**2 * size
+                left = square - (scale**2 * turned**2 / wide[:, :, None]).sum(axis=1)
+                room = self.products.room - 0.5 * np.log(wide).sum(axis=1)
+                log = self.log_evidence(left, room[:, None])
+                log = log + log_scale + self.log_prior[members[mine]][:, None]
+                best = np.maximum(best, log.max(axis=0))
+        return np.asarray(best + LOG_CAUSES[1])
+
+    @cached_property
+    def _spectra(self) -> list[tuple[IntArray, IntArray, FloatArray, FloatArray]]:
+        """Components of each width, their columns, and what C'C of these is in its own axes."""
+        widths = np.array([len(columns) for columns in self.columns])
+        spectra = []
+        for width in np.unique(widths):
+            members = np.flatnonzero(widths == width)
+            index = np.array([self.columns[int(k)] for k in members])
+            blocks = self.products.inner[index[:, :, None], index[:, None, :]]
+            spectra.append((members, index, *np.linalg.eigh(blocks)))
+        return spectra
 
     def one_more(self, products: Products) -> tuple[FloatArray, FloatArray]:
         """What is left and the room ``(scales, components)`` of each beside a model."""

@@ -100,7 +100,8 @@ def rows_of(
         timed = [law for law in laws if depends_on_time(law[0])]
         if within and timed and len(cells.visited) > len(means):
             by_law = placed_columns(model, cells.visited, [law[0] for law in timed])
-            shown = cells.in_time(np.hstack([by_law[law] for law in timed]))
+            left_mm = cells.visited.value_mm - model.readings(cells.visited)
+            shown = cells.in_time(np.hstack([by_law[law] for law in timed]), left_mm)
             more = np.zeros((len(shown), rows.shape[1]))
             more[:, 0] = shown[:, 0]
             index = [1 + width + starts[law] + k for law in timed for k in range(widths[law])]

@@ -40,7 +40,7 @@ class Screen:
 
     @classmethod
     def of(cls, cells: Cells, columns: FloatArray, root: FloatArray) -> Screen:
-        """RivalModel columns ``(n_cells, r)``; ``root`` ``(n,)`` are standard deviations, mm."""
+        """Beside columns ``(n_cells, r)``; ``root`` ``(n,)`` are standard deviations, mm."""
         visited, model, cell = cells.visited, _plain(cells), cells.cell
         spread, count = cells.case.spread_mm, BASE + columns.shape[1]
         derivatives = design_of(model, cells.means, range(BASE), ()) * spread

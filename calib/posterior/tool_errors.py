@@ -19,7 +19,8 @@ class InField:
     """A model in the tool's field: mean ``(f,)`` and covariance, in two parts.
 
     That of the base ``(f, f)``, which many models share, with its root ``(f, b)``, and a root
-    ``(f, k)`` of the rest; the first two times the square of ``inflated`` and itself.
+    ``(f, k)`` of the rest; the first two times the square of ``inflated`` and itself. Beside it the
+    mean square of errors that have no law, ``unplaced_mm2``: the tool is taken to have as much.
     """
 
     weight: float
@@ -28,10 +29,14 @@ class InField:
     base_root: FloatArray
     inflated: float
     root: FloatArray
+    unplaced_mm2: float = 0.0
 
 
 EXACT = 1e-7
 """Relative: a quantile of mean squares is worked out to so much."""
+
+UNPLACED_FREEDOM = 12.0
+"""Degrees of freedom of an error without a law over the workspace, smooth along the travel."""
 
 Distance = tuple[float, float, float]
 """Weight, mean and variance of the mean square of the tool's error, mm² and mm⁴."""
@@ -84,8 +89,11 @@ class ToolErrors:
                 inner = model.root.T @ own
                 both = float((own * (base @ own)).sum())
                 spread[k] = (
-                    more * size + float(np.trace(inner)),
-                    more**2 * square + 2.0 * more * both + float((inner**2).sum()),
+                    more * size + float(np.trace(inner)) + model.unplaced_mm2,
+                    more**2 * square
+                    + 2.0 * more * both
+                    + float((inner**2).sum())
+                    + model.unplaced_mm2**2 / UNPLACED_FREEDOM,
                 )
         return spread
 

@@ -224,9 +224,8 @@ KINDS: dict[str, Callable[[str, np.random.Generator], Session]] = {
 def posterior_of(table: str, resolution_mm: float | None) -> Posterior:
     """What a user's import and the posterior make of a table."""
     from app.commands.sessions import import_table
-    from app.evaluating.diagnosis import cases
+    from app.evaluating.correction import case_of
     from app.evaluating.solution import load_sessions
-    from calib.posterior.cells import SessionCase
     from calib.posterior.posterior import posterior
     from calib.tripod.pipeline import Model
 
@@ -235,8 +234,8 @@ def posterior_of(table: str, resolution_mm: float | None) -> Posterior:
         written.write_text(table, encoding="utf-8")
         import_table(written, session, machine=None, resolution=resolution_mm)
         sessions, _ = load_sessions([session])
-    (case,) = cases(sessions, Model(sessions[0].opened.machine.geometry()))
-    return posterior([SessionCase(case.model, case.observed, case.indicator, case.tolerance_mm)])
+    (session_read,) = sessions
+    return posterior([case_of(session_read, Model(session_read.opened.machine.geometry()))])
 
 
 def judged(session: Session) -> dict[str, Any]:

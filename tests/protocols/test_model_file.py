@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from calib.errors import RecordError, UsageError
+from calib.posterior.library import laws
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import candidates
 from calib.tripod.effects.drives import ActuatorCyclic, AxisOffset
@@ -62,9 +63,11 @@ def adopted(arrangement: str = "mirror") -> tuple[tuple[EffectInstance, ...], Ef
 
 
 @pytest.mark.parametrize(
-    "effect", CATALOGUE, ids=lambda effect: f"{effect.id}-{effect.parameters[0].name}"
+    "effect",
+    tuple(dict.fromkeys((*CATALOGUE, *laws(Machine().geometry())))),
+    ids=lambda effect: f"{effect.id}-{effect.parameters[0].name}",
 )
-def test_every_effect_of_the_catalogue_comes_back(tmp_path: Path, effect: Effect) -> None:
+def test_every_law_that_may_be_adopted_comes_back(tmp_path: Path, effect: Effect) -> None:
     places = effect.places(postures())
     sizes = tuple(0.5 * p.tolerance for p in effect.parameters)
     machine = Machine()
@@ -214,7 +217,7 @@ def test_a_law_without_a_name_comes_back(tmp_path: Path) -> None:
     entry = effect_entry("x", placed, known)
     assert (entry.id, entry.title) == (
         "empirical",
-        "an unnamed effect: readings grow with the cube of displacement and with time",
+        "readings grow with the cube of displacement and with time",
     )
     written_entry = json.loads(entry.model_dump_json(exclude_none=True))["parameters"]
     assert written_entry == {

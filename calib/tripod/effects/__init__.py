@@ -66,4 +66,4 @@ BESIDE_CATALOGUE: tuple[Effect, ...] = (
     GaugeHysteresis(),
     DriftOfStand(),
 )
-"""Those that models may hold and simulations follow; the diagnosis does not look for them."""
+"""Those that machines have less often: the diagnosis gives them less weight beforehand."""

@@ -90,7 +90,7 @@ class Empirical(Law):
         """What depends on what."""
         of_reading = self.stage == Stage.READING
         grows = "readings grow" if of_reading else "a carriage is off along its way"
-        return f"an unnamed effect: {grows} {empirical_words(self.bases)}"
+        return f"{grows} {empirical_words(self.bases)}"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -138,8 +138,8 @@ def _column(name: str, at: Acting) -> FloatArray:
 class Coupling(OfCarriage):
     """A carriage off by the product of its travel and another's: a frame that bends, say.
 
-    The place is the carriage, then the other one. No session looks for it: readings of legs, where
-    the others stand nearly still, hardly show it. The bound at the tool counts with it.
+    The place is the carriage, then the other one. Readings of legs, where the others stand nearly
+    still, hardly show it.
     """
 
     id = EMPIRICAL
@@ -161,12 +161,14 @@ def empirical_words(bases: Iterable[str]) -> str:
     return " and ".join(BASES[name].words for name in bases)
 
 
-def empirical_effect(names: Iterable[str]) -> Empirical | None:
+def empirical_effect(names: Iterable[str]) -> Empirical | Coupling | None:
     """The law of these parameters in their usual order.
 
     None where one of them is not known, or where some belong to readings and some to carriages.
     """
     wanted = set(names)
+    if wanted == {parameter.name for parameter in Coupling.parameters}:
+        return Coupling()
     if not wanted or not wanted <= set(BASES) or len({BASES[n].stage for n in wanted}) > 1:
         return None
     return Empirical(tuple(name for name in BASES if name in wanted))

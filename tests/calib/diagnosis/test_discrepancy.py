@@ -143,7 +143,7 @@ def test_laws_that_are_none() -> None:
     assert empirical_effect(("cube_at_100mm", "nonsense")) is None
     assert empirical_effect(("cube_at_100mm", "travel_cube_at_100mm")) is None
     mixed = empirical_effect(("per_hour", "line_at_100mm"))
-    assert mixed is not None
+    assert isinstance(mixed, Empirical)
     assert mixed.bases == ("line_at_100mm", "per_hour")
     assert {BASES[name].stage for name in mixed.bases} == {Stage.READING}
 

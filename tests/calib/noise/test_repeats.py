@@ -229,3 +229,15 @@ def test_beside_a_steady_drift_the_scatter_is_that_of_the_readings() -> None:
     assert steady.standard_deviation_mm == pytest.approx(0.001, rel=0.3)
     assert of_cycles.standard_deviation_mm is not None
     assert of_cycles.standard_deviation_mm > 0.003
+
+
+def test_one_repeat_a_mounting_tells_the_noise_although_a_drift_could_explain_it() -> None:
+    """The step of the display is not the noise where readings came back to Zero."""
+    data = session(0.02)
+    kept = data.take((data.cycle == 0) | ((data.cycle == 1) & (data.displacement_mm == 0.0)))
+    once = replace(kept, cycle=np.zeros(len(kept), dtype=np.intp))
+    stated = IndicatorFigures(resolution_mm=0.001)
+    noise = reading_noise(once, stated, steady=True)
+    assert noise is not None
+    assert (noise.source, noise.degrees_of_freedom) == ("repeats", 6.0)
+    assert noise.standard_deviation_mm == pytest.approx(0.02, rel=0.6)

@@ -166,7 +166,7 @@ def test_nothing_read_changes_nothing(unsure: Posterior) -> None:
     forecast = Forecast.of(unsure, FRAME, OFFSETS)
     there = set_up(0, 0.5, (0.0,), 1, 20.0)  # one posture: its zero takes it
     (readings,) = forecast.readings([there])
-    assert forecast.after(readings).bound_mm == pytest.approx(forecast.now_mm, rel=1e-6)
+    assert forecast.after_mm(readings) == pytest.approx(forecast.now_mm, rel=1e-6)
 
 
 def test_own_offsets_after_others_were_entered_tell_less(unsure: Posterior) -> None:
@@ -174,5 +174,5 @@ def test_own_offsets_after_others_were_entered_tell_less(unsure: Posterior) -> N
     change = MeasurementPreparation((0.1, 0.0, 0.0)).model
     (same,) = forecast.readings([TAKEN], change)
     (apart,) = forecast.readings([TAKEN], change, offsets_apart=True)
-    assert forecast.after(same).bound_mm <= forecast.after(apart).bound_mm * (1.0 + 1e-9)
-    assert forecast.after(apart).bound_mm < forecast.now_mm
+    assert forecast.after_mm(same) <= forecast.after_mm(apart) * (1.0 + 1e-9)
+    assert forecast.after_mm(apart) < forecast.now_mm

@@ -1,0 +1,102 @@
+"""Leads that are searched in readings, against least squares with waves of the pipeline."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.arrays import FloatArray, Observations
+from calib.posterior.cells import Cells
+from calib.posterior.screws import AS_GOOD, with_searched_leads
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.drives import ISO_LEADS_MM, ActuatorCyclic
+from calib.tripod.effects.effect import Effect, EffectInstance
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import Model, derivatives
+from tests.calib.posterior.sessions import SHORT, SWEEP, TWO_STATION, case
+
+SMALL_UM = 1e-3
+"""Of a wave: readings follow its size."""
+
+
+def leads_of(effects: tuple[Effect, ...]) -> list[float]:
+    return [effect.lead_mm for effect in effects if isinstance(effect, ActuatorCyclic)]
+
+
+def searched(sessions: list[Cells]) -> list[float]:
+    known = leads_of(CATALOGUE)
+    return [
+        lead for lead in leads_of(with_searched_leads(CATALOGUE, sessions)) if lead not in known
+    ]
+
+
+def explained(sessions: list[Cells], lead_mm: float, place: str) -> float:
+    """Square that a wave of this lead takes from readings of which the base is free.
+
+    Waves are differences of the pipeline's readings about each fitted model.
+    """
+    blocks, targets = [], []
+    for number, cells in enumerate(sessions):
+        taken, root = cells.means, 1.0 / np.sqrt(cells.variance_mm2)
+        plain = cells.model.readings(taken)
+        waves = []
+        for values in ((SMALL_UM, 0.0), (0.0, SMALL_UM)):
+            effect = EffectInstance(ActuatorCyclic(lead_mm), place, values)
+            acting = cells.model.with_effects((*cells.model.effects, effect))
+            waves.append((acting.readings(taken) - plain) / SMALL_UM)
+        base = derivatives(cells.model.geometry, np.array(cells.model.parameters_mm), taken)
+        own = np.column_stack([np.eye(taken.mount_count)[taken.mount], base])
+        block = np.zeros((len(taken), 2 + len(sessions) * own.shape[1]))
+        block[:, :2] = np.column_stack(waves)
+        block[:, 2 + number * own.shape[1] : 2 + (number + 1) * own.shape[1]] = own
+        blocks.append(root[:, None] * block)
+        targets.append(root * (taken.value_mm - plain))
+    design, target = np.vstack(blocks), np.concatenate(targets)
+
+    def left(columns: FloatArray) -> float:
+        scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+        rest = target - scaled @ np.linalg.lstsq(scaled, target, rcond=1e-10)[0]
+        return float(rest @ rest)
+
+    return left(design[:, 2:]) - left(design)
+
+
+@pytest.mark.parametrize("taken", [SWEEP, TWO_STATION], ids=["sweep", "two-station"])
+@pytest.mark.parametrize("lead_mm", [8.0, 13.3, 25.0])
+@pytest.mark.parametrize("sessions", [1, 2])
+def test_leads_that_are_added_explain_as_much_as_any(
+    taken: Observations, lead_mm: float, sessions: int
+) -> None:
+    """Against a fine grid of frequencies; the true one is among them, within its own doubt.
+
+    A wave of one carriage may be taken for one of another, which is then searched, too.
+    """
+    screw = EffectInstance(ActuatorCyclic(lead_mm), "x", (15.0, 10.0))
+    cells = [Cells.of(case(taken, screw, seed=3 + k)) for k in range(sessions)]
+    leads = searched(cells)
+    turns = np.linspace(1.0 / ISO_LEADS_MM[-1], 1.0 / ISO_LEADS_MM[0], 250)
+    best = {
+        place: max(explained(cells, float(1.0 / turn), place) for turn in turns) for place in "xyz"
+    }
+    assert best["x"] > 40.0
+    every = [*leads, *leads_of(CATALOGUE)]
+    assert max(explained(cells, lead, "x") for lead in every) > best["x"] - AS_GOOD
+    for lead in leads:  # three digits of a lead are less than its doubt
+        short = {place: best[place] - explained(cells, lead, place) for place in "xyz"}
+        assert min(short.values()) < 1.5 * AS_GOOD
+    assert min(abs(lead / lead_mm - 1.0) for lead in leads) < 0.03
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_has_no_lead(seed: int) -> None:
+    assert searched([Cells.of(case(TWO_STATION, seed=seed))]) == []
+
+
+def test_a_lead_in_the_machine_file_three_postures_and_other_laws_are_not_searched() -> None:
+    screw = EffectInstance(ActuatorCyclic(8.0), "x", (15.0, 10.0))
+    machine = Model(Geometry(screw_lead_mm=10.0))
+    assert searched([Cells.of(case(SWEEP, screw, seed=3))])
+    assert not searched([Cells.of(case(SWEEP, screw, seed=3, model=machine))])
+    assert not searched([Cells.of(case(SHORT, screw, seed=3))])
+    others = tuple(law for law in CATALOGUE if not isinstance(law, ActuatorCyclic))
+    assert with_searched_leads(others, [Cells.of(case(SWEEP, screw, seed=3))]) == others

@@ -122,16 +122,16 @@ class Followed:
     worst_after_mm: float
 
 
-MACHINES = 3
+MACHINES = 2
 """Drawn for each session: one alone may be of a model that has hardly any weight."""
 
 
 @pytest.fixture(scope="module")
 def followed() -> list[Followed]:
-    """Ten sessions, five each with joint offsets and with kinematics to enter."""
+    """Twenty sessions, ten each with joint offsets and with kinematics to enter."""
     every = []
-    for number in range(10):
-        trial = Trial.of(number, "offsets" if number < 5 else "kinematics")
+    for number in range(20):
+        trial = Trial.of(number, "offsets" if number % 10 < 5 else "kinematics")
         proposals = trial.planner.proposals()
         best, worst = proposals[0], max(proposals, key=lambda one: one.bound_mm)
         now_mm = trial.planner.bound_mm

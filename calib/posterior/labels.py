@@ -23,7 +23,6 @@ from calib.arrays import (
     FloatArray,
     IntArray,
     Observations,
-    incidence,
     numbered,
     rows_of,
     without,
@@ -265,10 +264,9 @@ class _Moved:
         squares = (plain.left_of(self.values_mm) ** 2).sum(axis=0)
         chosen = np.argsort(squares, kind="stable")[: 2 * TRIED]
         cells = plain.cells
-        weight = cells.weight / cells.scatter_mm2
-        average = incidence(cells.cell).T * weight
-        average = average / average.sum(axis=1, keepdims=True)
-        change_mm = average @ (self.values_mm[:, chosen] - self.visited.value_mm[:, None])
+        weight, change = cells.weight / cells.scatter_mm2, self.values_mm[:, chosen].T
+        sums = [np.bincount(cells.cell, weight * (own - self.visited.value_mm)) for own in change]
+        change_mm = np.array(sums).T / np.bincount(cells.cell, weight)[:, None]
         log_weights = with_one_name(change_mm)
         for k, log_weight in zip(chosen.tolist(), log_weights.tolist(), strict=True):
             mistake = self._mistake(k)

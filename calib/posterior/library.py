@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Conditions, FloatArray, numbered
+from calib.arrays import Conditions, FloatArray, IntArray, numbered, rows_of
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
 from calib.tripod.effects.candidates import Candidate, Share, candidates_together
 from calib.tripod.effects.drives import StraightnessOfFourthOrder, effects_of
@@ -215,16 +215,13 @@ def something_else(taken: Conditions) -> FloatArray:
     side = numbered(taken.approach, *taken.movement.T)
     cell = numbered(taken.leg, taken.axis, taken.level, *taken.position_mm.T, side)
     first = np.unique(cell, return_index=True)[1]
-    same = (taken.leg[first][:, None] == taken.leg[first]) & (
-        taken.axis[first][:, None] == taken.axis[first]
-    )
-    apart = taken.displacement_mm[first][:, None] - taken.displacement_mm[first]
-    far = ((taken.position_mm[first][:, None] - taken.position_mm[first]) ** 2).sum(axis=-1)
-    alike = same * np.exp(-(apart**2 + far) / (2.0 * SMOOTH_MM**2))
-    alike = alike * np.where(side[first][:, None] == side[first], 1.0, 1.0 - SIDED)
-    square, axes = np.linalg.eigh(alike)
-    kept = square > LEAST_SQUARE
-    columns = axes[:, kept] * np.sqrt(square[kept])
+    blocks = []
+    for rows in rows_of(numbered(taken.leg[first], taken.axis[first])):
+        square, axes = np.linalg.eigh(_alike(taken.take(first[rows]), side[first[rows]]))
+        kept = square > LEAST_SQUARE
+        blocks.append(np.zeros((len(first), int(kept.sum()))))
+        blocks[-1][rows] = axes[:, kept] * np.sqrt(square[kept])
+    columns = np.hstack(blocks)
     # one that nobody saw reached lies between its sides: else every first take would be explained
     place = numbered(taken.leg, taken.axis, taken.level, *taken.position_mm.T)[first]
     known = taken.approach_known[first]
@@ -233,3 +230,11 @@ def something_else(taken: Conditions) -> FloatArray:
         if sides.any():
             columns[row] = columns[sides].mean(axis=0)
     return np.asarray(columns[cell])
+
+
+def _alike(taken: Conditions, side: IntArray) -> FloatArray:
+    """How alike errors of postures of one mounting are ``(n, n)``."""
+    apart = taken.displacement_mm[:, None] - taken.displacement_mm
+    far = ((taken.position_mm[:, None] - taken.position_mm) ** 2).sum(axis=-1)
+    alike = np.exp(-(apart**2 + far) / (2.0 * SMOOTH_MM**2))
+    return np.asarray(alike * np.where(side[:, None] == side, 1.0, 1.0 - SIDED))

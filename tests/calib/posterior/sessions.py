@@ -15,16 +15,18 @@ from tests.builders import conditions_of
 
 SCATTER_MM = 0.002
 TOLERANCE_MM = np.array([2.0] * 3 + [0.1] * 3)
-SWEEP, SHORT = map(conditions_of, ("sweep", "zero-max-min"))
+SWEEP, SHORT, TWO_STATION = map(conditions_of, ("sweep", "zero-max-min", "two-station"))
 
 
-def case(taken: Observations, *effects: EffectInstance, seed: int = 0) -> SessionCase:
+def case(
+    taken: Observations, *effects: EffectInstance, seed: int = 0, model: Model | None = None
+) -> SessionCase:
     """A machine with joint offsets and lengths of its own, each mounting with a zero of its own."""
     generator = np.random.default_rng(seed)
     offsets = np.concatenate([generator.uniform(-2, 2, 3), generator.normal(0, 0.03, 3)])
     truth = Model(parameters_mm=tuple(offsets.tolist()), effects=effects)
     value = measure(truth, taken, scatter_mm=SCATTER_MM, resolution_mm=0.0, generator=generator)
-    return SessionCase(Model(), observe(taken, value), IndicatorFigures(), TOLERANCE_MM)
+    return SessionCase(model or Model(), observe(taken, value), IndicatorFigures(), TOLERANCE_MM)
 
 
 def with_values(one: SessionCase, value_mm: FloatArray) -> SessionCase:

@@ -122,18 +122,23 @@ class Followed:
     worst_after_mm: float
 
 
+MACHINES = 2
+"""Drawn for each session: one alone may be of a model that has hardly any weight."""
+
+
 @pytest.fixture(scope="module")
 def followed() -> list[Followed]:
-    """Ten sessions, five each with joint offsets and with kinematics to enter."""
+    """Twenty sessions, ten each with joint offsets and with kinematics to enter."""
     every = []
-    for number in range(10):
-        trial = Trial.of(number, "offsets" if number < 5 else "kinematics")
+    for number in range(20):
+        trial = Trial.of(number, "offsets" if number % 10 < 5 else "kinematics")
         proposals = trial.planner.proposals()
         best, worst = proposals[0], max(proposals, key=lambda one: one.bound_mm)
-        machine = machine_drawn(trial.planner.posterior, trial.generator)
-        after = [trial.bound_after_mm(one.candidate, machine) for one in (best, worst)]
         now_mm = trial.planner.bound_mm
-        every.append(Followed(now_mm, best.bound_mm, after[0], worst.bound_mm, after[1]))
+        for _ in range(MACHINES):
+            machine = machine_drawn(trial.planner.posterior, trial.generator)
+            after = [trial.bound_after_mm(one.candidate, machine) for one in (best, worst)]
+            every.append(Followed(now_mm, best.bound_mm, after[0], worst.bound_mm, after[1]))
     return every
 
 
@@ -147,13 +152,11 @@ def test_bounds_become_what_was_expected(followed: list[Followed]) -> None:
 def test_the_proposal_gains_what_it_promised_over_the_worst_candidate(
     followed: list[Followed],
 ) -> None:
-    """R.m.s. over the sessions: those that hide nothing have nothing to gain.
-
-    Of 40 sessions with three machines each 0.69 was expected and became 0.76.
-    """
-    each = [(one.best_mm, one.worst_mm, one.best_after_mm, one.worst_after_mm) for one in followed]
-    best, worst, best_after, worst_after = np.sqrt(np.mean(np.square(each), axis=0))
-    expected, became = best / worst, best_after / worst_after
+    """The mean of logarithms, for these are ratios; of forty sessions 0.61 became 0.68."""
+    expected = float(np.exp(np.mean([np.log(one.best_mm / one.worst_mm) for one in followed])))
+    became = float(
+        np.exp(np.mean([np.log(one.best_after_mm / one.worst_after_mm) for one in followed]))
+    )
     assert expected < 0.72
     assert 0.8 < became / expected < 1.2
 

@@ -13,7 +13,7 @@ from calib.tripod.effects.drives import ISO_LEADS_MM, ActuatorCyclic
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, derivatives
-from tests.calib.diagnosis.diagnosed_sessions import SHORT, SWEEP, TWO_STATION, case
+from tests.calib.posterior.sessions import SHORT, SWEEP, TWO_STATION, case
 
 SMALL_UM = 1e-3
 """Of a wave: readings follow its size."""

@@ -11,7 +11,7 @@ from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.labels import Solved, with_mistakes
 from calib.posterior.library import Component
 from calib.posterior.models import Posterior, Weighted
-from calib.posterior.problem import Problem
+from calib.posterior.problem import PosteriorProblem
 from calib.posterior.race import LIGHTEST
 from calib.posterior.screws import with_searched_leads
 from calib.posterior.tool import tool_field
@@ -26,7 +26,7 @@ def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = N
     laws = with_searched_leads(CATALOGUE if effects is None else effects, every)
 
     def solve(sessions: Sequence[Cells]) -> Solved[Posterior]:
-        return Problem.of(tuple(sessions), laws).solved()
+        return PosteriorProblem.of(tuple(sessions), laws).solved()
 
     return _mixed(with_mistakes(_ways(every), solve))
 

@@ -46,7 +46,7 @@ kept a quarter more of laws outside the library.
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class PosteriorProblem:
     """All sessions about one fit of the base: rows, and the columns of every component.
 
     ``columns`` ``(n, k)`` are per unit of the components; ``index`` says which are whose.
@@ -60,7 +60,7 @@ class Problem:
     placed: tuple[Placed, ...]
 
     @classmethod
-    def of(cls, sessions: tuple[Cells, ...], effects: Sequence[Effect] | None) -> Problem:
+    def of(cls, sessions: tuple[Cells, ...], effects: Sequence[Effect] | None) -> PosteriorProblem:
         """Of sessions of one machine: ``effects`` are those of the library, or all."""
         models = _with_common_lengths([cells.model for cells in sessions])
         taken = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]

@@ -59,7 +59,7 @@ def with_searched_leads(effects: Sequence[Effect], sessions: Sequence[Cells]) ->
 
 
 @dataclass(frozen=True, eq=False)
-class Screw:
+class SearchedScrew:
     """A carriage: its travel ``(n_cells,)`` in each session, mm.
 
     ``per_mm`` ``(n_cells,)`` is what means of cells change for each mm of it, ``left`` and
@@ -130,7 +130,7 @@ class Screw:
         return without(self.basis, rows)
 
 
-def _screws(sessions: Sequence[Cells]) -> Iterator[Screw]:
+def _screws(sessions: Sequence[Cells]) -> Iterator[SearchedScrew]:
     """The carriages that were read in enough postures. Raises NotIdentifiable."""
     models = [cells.model for cells in sessions]
     left, bases = [], []
@@ -155,4 +155,6 @@ def _screws(sessions: Sequence[Cells]) -> Iterator[Screw]:
             )
             travels.append(travel)
         if len(levels) >= LEAST_LEVELS:
-            yield Screw(sessions, tuple(travels), tuple(changes), without(basis, rows), basis)
+            yield SearchedScrew(
+                sessions, tuple(travels), tuple(changes), without(basis, rows), basis
+            )

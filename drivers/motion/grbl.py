@@ -119,6 +119,7 @@ class Grbl(Controller):
         self.state = self._part = ""
         self._fields: dict[str, str] = {}
         self._acknowledged = True
+        self._answers_more = False
         self._under_way = 0
         self.homing = False
         self.tells_homing = False
@@ -317,8 +318,9 @@ class Grbl(Controller):
         if self.wire is None:  # its cable is out; it may be back
             self.wire = self._opened()
         self._send(RESET if self.homing else JOG_CANCEL)
-        if isinstance(self.wire, Descriptor) and not self._acknowledged:
-            self._send(b"\n")  # its "ok" comes after those that the other process has read
+        if not self._acknowledged and (attempt or isinstance(self.wire, Descriptor)):
+            self._answers_more = True
+            self._send(b"\n")  # its "ok" comes after one that was lost, or another process has read
         if attempt and self.state == "Run":  # a jog may have ended: at rest a hold locks the board
             self._send(FEED_HOLD)
         if self.state == "Hold" and self._part == "0" and not self._acknowledged:
@@ -382,7 +384,7 @@ class Grbl(Controller):
     def _done(self, command: str, wait_s: float = ACCEPT_S) -> list[str]:
         """Send a line; what came until it was acknowledged."""
         deadline = Deadline(wait_s)
-        if not self._acknowledged:  # of a line that a stop cut short
+        if self._answers_more or not self._acknowledged:  # of a line that a stop cut short
             self._drain()
         self._send(command.encode() + b"\n")
         self._acknowledged = False
@@ -409,6 +411,7 @@ class Grbl(Controller):
             if self._receive():
                 quiet = time.monotonic()
         self._received, self._acknowledged, self._under_way = b"", True, 0
+        self._answers_more = False
 
     def _heard(self, deadline: Deadline) -> str:
         """The next line; an alarm, or a board that started anew, is a fault."""

@@ -239,6 +239,23 @@ def test_a_controller_that_falls_silent_is_not_stopped_and_says_so(name: str) ->
         assert not r.axes.moving
 
 
+def test_an_acknowledgement_that_is_lost_is_asked_for_again() -> None:
+    class Interrupted(GrblTwin):
+        def answer(self, line: str) -> str:
+            reply = super().answer(line)
+            if line.startswith("$J"):
+                self.befall(MotionTrouble.SILENCE)
+            return reply
+
+    with rig("grbl", answer_s=0.2, make=lambda axes: Interrupted(axes, "tcp")) as r:
+        r.on_the_way()
+        assert comes_true(lambda: "NOT STOPPED. Use the emergency stop." in r.line.why)
+        r.twin.mend()
+        r.comes(State.FAULT)
+        assert not r.axes.moving
+        assert r.line.answered().result(PATIENCE_S) == pytest.approx(r.axes.at_mm, abs=0.001)
+
+
 @every
 def test_who_leaves_a_machine_that_is_not_seen_to_rest_reads_that(name: str) -> None:
     with rig(name, answer_s=0.2) as r:

@@ -12,7 +12,7 @@ from calib.diagnosis.gap import Leftover
 from calib.diagnosis.results import AliasMap, Imitation
 from calib.noise.reading import IndicatorFigures
 from calib.posterior.cells import Cells, SessionCase
-from calib.posterior.problem import Problem
+from calib.posterior.problem import PosteriorProblem
 from calib.tripod.effects.candidates import invisible
 from calib.tripod.effects.effect import Effect
 from calib.tripod.pipeline import Model
@@ -34,7 +34,7 @@ def alias_map(model: Model, taken: Observations, effects: Sequence[Effect]) -> A
     """
     figures = IndicatorFigures(repeatability_mm=NOISE_MM)
     cells = Cells.of(SessionCase(model, taken, figures, np.array(TOLERANCE_MM)))
-    problem, known = Problem.of((cells,), effects), {effect.id for effect in effects}
+    problem, known = PosteriorProblem.of((cells,), effects), {effect.id for effect in effects}
     leftover = Leftover.about_rows((cells,), problem.rows)
     compared = [
         (component, problem.columns[:, index])

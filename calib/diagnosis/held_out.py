@@ -123,13 +123,12 @@ class _LeftOut:
     @cached_property
     def _sets(self) -> list[Key]:
         """Sets of two and three names that all readings leave possible, with their scales."""
-        components = self.posterior.components
+        of_linear = self.posterior.components[: len(self.linear.index)]
+        names = {k for k, component in enumerate(of_linear) if component.kind in NAMES}
         return [
             tuple(zip(model.members, model.scales, strict=True))
             for model in self.posterior.models
-            if len(model.members) > 1
-            and model.mistakes == self.posterior.models[0].mistakes
-            and all(components[k].kind in NAMES for k in model.members)
+            if len(model.members) > 1 and names >= {*model.members}
         ]
 
     def _missed(self, out_rows: IntArray) -> tuple[FloatArray, FloatArray]:

@@ -121,6 +121,8 @@ class _Report:
         findings = self._findings()
         adopted = tuple(effect for finding in findings for effect in finding.effects)
         after = self._with(adopted) if adopted else None
+        if after and after.gap().p_value < UNLIKELY and self.answer.verdict == "explained":
+            self.answer = replace(self.answer, verdict="partly-explained")
         pattern = shared_pattern([*self.posterior.sessions, *self.others])
         left_over, where = self._left_over(adopted, after), ""
         gap = self.before.gap()
@@ -280,7 +282,13 @@ class _Report:
             (descending([*likely], likely.__getitem__)[0],), adopted, beside.rms_mm(beside.left)
         )
         together = (*adopted, *finding.effects)
-        return ModelDiscrepancy(finding, self._elsewhere(together) if self.others else None)
+        if self.others:
+            return ModelDiscrepancy(finding, self._elsewhere(together))
+        with_law, kinds = self._with(together), (*NAMES, "nameless")
+        missed = with_law and left_out_postures(
+            self.posterior, self.before, with_law, together, kinds
+        )
+        return ModelDiscrepancy(finding, missed or None)
 
     def _elsewhere(self, effects: tuple[EffectInstance, ...]) -> HeldOutGap | None:
         return on_other_sessions(self.before, self.others, effects, self.timed)
@@ -458,7 +466,7 @@ def _needed(length: float, log_prior: float) -> float:
     return float(np.sqrt(square.min()))
 
 
-APART = ("first_take", "wild_reading", "label_error")
+APART = ("first_take", "wild_reading", "label_error", "posture_off")
 """Mistakes of which the readings are left out."""
 
 

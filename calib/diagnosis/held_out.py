@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -45,15 +45,20 @@ def on_other_sessions(
 
 
 def left_out_postures(
-    posterior: Posterior, before: Leftover, after: Leftover, adopted: Sequence[EffectInstance]
+    posterior: Posterior,
+    before: Leftover,
+    after: Leftover,
+    adopted: Sequence[EffectInstance],
+    kinds: Collection[str] = NAMES,
 ) -> HeldOutGap | None:
     """Leave out one side of one leg at a time; choose anew, fit, predict what was left out.
 
-    Chosen among all single names and the sets of names that all readings leave possible, about the
-    machine ``after`` with the effects ``adopted``: a large one is far from its derivatives without.
+    Chosen among single components of these ``kinds``, names unless laws are allowed, too, and the
+    sets of them that all readings leave possible. All is about the machine ``after`` with the
+    effects ``adopted``: a large one is far from its derivatives without.
     Zeros come from the rest of each mounting. None where nothing can be left out.
     """
-    return _LeftOut(posterior, before, _linear_with(posterior, after, adopted)).gap()
+    return _LeftOut(posterior, before, _linear_with(posterior, after, adopted), kinds).gap()
 
 
 def _linear_with(
@@ -84,6 +89,7 @@ class _LeftOut:
     posterior: Posterior
     leftover: Leftover
     linear: Linear
+    kinds: Collection[str]
 
     def gap(self) -> HeldOutGap | None:
         root = np.sqrt(np.concatenate([c.variance_mm2 for c in self.posterior.sessions]))
@@ -122,13 +128,13 @@ class _LeftOut:
 
     @cached_property
     def _sets(self) -> list[Key]:
-        """Sets of two and three names that all readings leave possible, with their scales."""
+        """Sets of two and three of these kinds that all readings leave possible, with scales."""
         of_linear = self.posterior.components[: len(self.linear.index)]
-        names = {k for k, component in enumerate(of_linear) if component.kind in NAMES}
+        allowed = {k for k, component in enumerate(of_linear) if component.kind in self.kinds}
         return [
             tuple(zip(model.members, model.scales, strict=True))
             for model in self.posterior.models
-            if len(model.members) > 1 and names >= {*model.members}
+            if len(model.members) > 1 and allowed >= {*model.members}
         ]
 
     def _missed(self, out_rows: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -163,20 +169,17 @@ class _LeftOut:
         return base, base - more
 
     def _best(self, race: Race) -> Key:
-        """The name or the set of names of most weight."""
+        """What has most weight alone, or the set that has more."""
         square, room = race.one_more(race.products)
         log = race.log_evidence(square, room) + LOG_SCALES[:, None] + race.log_prior
-        names = [c.kind in NAMES for c in self.posterior.components[: len(race.columns)]]
-        log = np.where(names, log + LOG_CAUSES[1], -math.inf)
+        every = self.posterior.components[: len(race.columns)]
+        allowed = [component.kind in self.kinds for component in every]
+        log = np.where(allowed, log + LOG_CAUSES[1], -math.inf)
         row, number = np.unravel_index(int(np.argmax(log)), log.shape)
         best: Key = ((int(number), SCALES[int(row)]),)
         most = float(log[row, number])
         for key in self._sets:
-            products, weight = race.products, float(LOG_CAUSES[len(key)])
-            for k, scale in key:
-                products = products.beside(race.columns[k], scale)
-                weight += race.log_prior[k] + LOG_SCALES[SCALES.index(scale)]
-            weight += float(race.log_evidence(np.array(products.square), np.array(products.room)))
+            weight = race.entry(key).log_weight
             if weight > most:
                 best, most = key, weight
         return best

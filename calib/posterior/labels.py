@@ -37,6 +37,7 @@ PRIOR = {
     "first_take": 0.02,
     "wild_reading": 0.003,
     "label_error": 0.003,
+    "posture_off": 0.001,
     "stand_slip": 0.003,
     "gauge_swap": 0.003,
     "legs_exchanged": 0.0005,
@@ -51,17 +52,29 @@ Two cables change places more often than whole tables of two legs, which a guide
 one after the other; readings tell neither from the other.
 """
 
-LEAST = {"first_take": 6.0, "wild_reading": 13.0, "label_error": 13.0, "stand_slip": 8.0}
+LEAST = {
+    "first_take": 6.0,
+    "wild_reading": 13.0,
+    "label_error": 13.0,
+    "posture_off": 13.0,
+    "stand_slip": 8.0,
+}
 """Standard deviations of a reading from which on it is a mistake: less is in the tail of noise.
 
 Of Student's t with 3 degrees of freedom one of 60 readings is beyond 13 in one session of thirty.
 """
 
-LEAST_CHANGED = 8.0
+LEAST_CHANGED = 3.0
 """Standard deviations of a reading by which an exchange changes at least one."""
 
 LOG_RANGE = math.log(1000.0)
 """A reading that is wrong is off by anything between 10 µm and 10 mm, each octave alike."""
+
+LEAST_SEEN = 1e-6
+"""Share of a shift's square that others must leave, or it cannot be told."""
+
+FEW_POSTURES = 5
+"""Of a mounting of fewer postures none can be off by itself: a law goes through the others."""
 
 MOST = 3
 """Mistakes that are looked for together."""
@@ -319,7 +332,8 @@ class _Apart:
 def _apart(screen: Screen) -> Iterator[Scored]:
     """Readings that stand apart, and the log likelihood that each adds, its prior included."""
     visited, root = screen.cells.visited, screen.root
-    for one in (*_single(screen), *_first_takes(visited), *_slips(screen)):
+    apart = *_single(screen), *_first_takes(visited), *_postures_off(screen), *_slips(screen)
+    for one in apart:
         columns = np.zeros((len(screen.basis), len(one.groups)))
         for k, rows in enumerate(one.groups):
             columns[rows, k] = 1.0 / root[rows]
@@ -366,6 +380,30 @@ def _single(screen: Screen) -> Iterator[_Apart]:
     for row in furthest[:TRIED].tolist():
         title = f"one reading is wrong, {words_of(visited, row)}"
         yield _Apart("wild_reading", place_of(visited, row), title, (np.array([row]),), count)
+
+
+def _postures_off(screen: Screen) -> Iterator[_Apart]:
+    """The postures of which all readings lie furthest from where others expect them."""
+    visited, root = screen.cells.visited, screen.root
+    posture = numbered(visited.mount, visited.level, *visited.position_mm.T)
+    rows = rows_of(posture)
+    of_mount = visited.mount[[int(members[0]) for members in rows]]
+    many = np.bincount(of_mount)[of_mount] >= FEW_POSTURES
+    candidates = many & (np.bincount(posture) > 1)
+    if not candidates.any():
+        return
+    count = len(visited)
+    known = np.zeros((len(rows), screen.basis.shape[1]))
+    np.add.at(known, posture, screen.basis[:count] / root[:, None])
+    size = np.bincount(posture, 1.0 / root**2) - (known**2).sum(axis=1)
+    along = np.bincount(posture, screen.left[:count] / root)
+    candidates &= size > LEAST_SEEN * np.bincount(posture, 1.0 / root**2)
+    gains = np.where(candidates, along**2 / np.where(candidates, size, 1.0), 0.0)
+    for k in np.argsort(-gains, kind="stable")[: min(TRIED, int(candidates.sum()))].tolist():
+        row = int(rows[k][0])
+        title = f"all readings at {visited.posture_words(row)} are off: it was another posture"
+        places = int(candidates.sum())
+        yield _Apart("posture_off", place_of(visited, row), title, (rows[k],), places)
 
 
 def words_of(visited: Observations, row: int) -> str:
@@ -415,7 +453,7 @@ def _slips(screen: Screen) -> Iterator[_Apart]:
         along = np.cumsum((screen.left[rows] / root[rows])[::-1])[::-1]
         known = np.cumsum((screen.basis[rows] / root[rows, None])[::-1], axis=0)[::-1]
         size = np.cumsum((1.0 / root[rows] ** 2)[::-1])[::-1] - (known**2).sum(axis=1)
-        gains = np.where(size > 1e-6 * size.max(), along**2 / np.maximum(size, 1e-12), 0.0)
+        gains = np.where(size > LEAST_SEEN * size.max(), along**2 / np.maximum(size, 1e-12), 0.0)
         for k in (2 + np.argsort(-gains[2:-1], kind="stable"))[:2].tolist():
             row = int(rows[k])
             title = f"the stand moved before the reading {words_of(visited, row)}"

@@ -162,38 +162,38 @@ class PosteriorProblem:
     def _weighted(
         self, race: Race, entries: Sequence[RaceEntry], about: About
     ) -> tuple[list[Weighted], float]:
-        every = []
-        log = np.array([entry.log_weight for entry in entries])
+        every: list[Weighted] = []
+        log: list[float] = []
         shared = self.base_unit[:, None] * about.inverse
         moved = shared @ (about.basis[: len(self.columns)].T @ self.columns)
         plain = ModelFit(shared @ about.along, shared, moved, race.products.square, about.room)
         plain.mean[: len(self.rows.value)] += self.rows.value
-        for number, entry in enumerate(entries):
-            fit = self._fitted(entry, race.products, plain)
-            if number < REFINED and entry.members:
+
+        def add(entry: RaceEntry, *, follow: bool) -> None:
+            fit, gained = self._fitted(entry, race.products, plain), 0.0
+            if follow and entry.members:
                 fit, gained = self._followed(race, entry, fit, about.room)
-                log[number] += gained
-            inflated = 1.0
-            if not math.isinf(race.freedom):
-                more = (race.freedom + fit.square) / max(race.freedom + race.free - 2.0, 1.0)
-                inflated = math.sqrt(max(more, 1.0))
-            every.append(
-                Weighted(
-                    entry.members,
-                    entry.scales,
-                    0.0,
-                    fit.mean,
-                    fit.base,
-                    fit.sizes,
-                    inflated,
-                    self.everywhere,
-                )
-            )
-        share = np.exp(log - log.max())
-        log_evidence = float(log.max() + np.log(share.sum()))
+            log.append(entry.log_weight + gained)
+            every.append(self._model(race, entry, fit))
+
+        for number, entry in enumerate(entries):
+            add(entry, follow=number < REFINED)
+        for fewer in _fewer(race, entries, log):
+            add(fewer, follow=True)
+        share = np.exp(np.array(log) - max(log))
+        log_evidence = max(log) + math.log(share.sum())
         share /= share.sum()
         models = [replace(one, weight=float(w)) for one, w in zip(every, share, strict=True)]
-        return models, log_evidence
+        return sorted(models, key=lambda model: -model.weight), log_evidence
+
+    def _model(self, race: Race, entry: RaceEntry, fit: ModelFit) -> Weighted:
+        """With what its noise adds to its deviations; not weighed yet."""
+        inflated = 1.0
+        if not math.isinf(race.freedom):
+            more = (race.freedom + fit.square) / max(race.freedom + race.free - 2.0, 1.0)
+            inflated = math.sqrt(max(more, 1.0))
+        members = entry.members, entry.scales, 0.0
+        return Weighted(*members, fit.mean, fit.base, fit.sizes, inflated, self.everywhere)
 
     def _index(self, entry: RaceEntry) -> IntArray:
         return np.concatenate([np.zeros(0, np.intp), *(self.index[k] for k in entry.members)])
@@ -339,6 +339,22 @@ class PosteriorProblem:
         residual[within:] -= block[within:] @ at
         rows = replace(near, residual=residual, spread=self.rows.spread)
         return self._refitted(entry, rows, block, at)
+
+
+def _fewer(
+    race: Race, entries: Sequence[RaceEntry], log_weights: Sequence[float]
+) -> list[RaceEntry]:
+    """The heaviest model without each of its components, where derivatives alone left that out.
+
+    A component may have stood for what is beyond the derivatives of the others.
+    """
+    number = int(np.argmax(log_weights))
+    best, known = entries[number], {one.members for one in entries}
+    if log_weights[number] == best.log_weight:
+        return []
+    key = tuple(zip(best.members, best.scales, strict=True))
+    fewer = [race.entry((*key[:k], *key[k + 1 :])) for k in range(len(key))]
+    return [one for one in fewer if one.members not in known]
 
 
 @dataclass(frozen=True, eq=False)

@@ -103,6 +103,15 @@ class Race:
         left = np.maximum(self.freedom + self.excess + square, 1e-9)
         return np.asarray(room - 0.5 * (self.freedom + self.free) * np.log(left))
 
+    def entry(self, key: Key) -> RaceEntry:
+        """One model, weighed alone."""
+        products = self.products
+        for k, scale in key:
+            products = products.beside(self.columns[k], scale)
+        log = self.log_evidence(np.array(products.square), np.array(products.room))
+        cost = float(LOG_CAUSES[len(key)]) + sum(self._cost(*member) for member in key)
+        return RaceEntry(tuple(k for k, _ in key), tuple(s for _, s in key), float(log) + cost)
+
     def best_singles(
         self, along: FloatArray, square: FloatArray, chosen: Sequence[int]
     ) -> FloatArray:

@@ -113,10 +113,10 @@ def test_lengths_found_in_two_sessions_serve_a_third() -> None:
     alone, others = Leftover.of(cells[2:]), Leftover.of(cells[:2])
     with_bars = Leftover.of(cells[2:], bars=others.bars())
     assert with_bars.gap().chi_square < alone.gap().chi_square
-    # as much less as the three have in common beyond the two
+    # as much less as the three have in common beyond the two, but for squares of 0.3 mm
     together = Leftover.of(cells).gap().chi_square
     both = others.gap().chi_square + with_bars.gap().chi_square
-    assert together == pytest.approx(both, rel=1e-6)
+    assert together == pytest.approx(both, rel=2e-4)
 
 
 def test_sessions_of_different_bars_are_told() -> None:

@@ -57,7 +57,7 @@ def test_probabilities_are_sums_over_models() -> None:
     [
         ([((), 0.6), ((PLAY_X,), 0.4)], "agrees", []),
         ([((), 0.4), ((PLAY_X,), 0.6)], "cannot-tell", []),
-        ([((), 0.021), ((PLAY_X,), 0.979)], "cannot-tell", []),
+        ([((), 0.11), ((PLAY_X,), 0.89)], "cannot-tell", []),
         ([((), 0.01), ((PLAY_X,), 0.99)], "explained", [PLAY_X]),
         ([((PLAY_X,), 0.6), ((BOW,), 0.4)], "ambiguous", [PLAY_X]),
         ([((PLAY_X,), 0.6), ((LAW,), 0.4)], "ambiguous", [PLAY_X]),

@@ -195,7 +195,7 @@ def test_two_leads_of_one_screw_are_terms_of_a_series() -> None:
             assert abs(size.value - value) < 4.0 * size.standard_uncertainty
     assert two.gap_after.p_value > 0.01
     assert not any("fit as well" in remark for remark in two.remarks)
-    assert two.verdict == "ambiguous"
+    assert two.verdict == "explained"
 
 
 def test_ten_thousand_readings_stay_near_linear() -> None:

@@ -6,13 +6,20 @@ import numpy as np
 import pytest
 
 from calib.arrays import Observations
-from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.diagnose import NO_LAW, diagnose
 from calib.diagnosis.results import Diagnosis, ModelDiscrepancy
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.empirical import BASES, Empirical, empirical_effect
 from calib.tripod.pipeline import Model, Stage
-from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, with_values
+from tests.calib.diagnosis.diagnosed_sessions import (
+    LAWS,
+    SWEEP,
+    TWO_STATION,
+    case,
+    names,
+    with_values,
+)
 
 OFF = (1.2, -0.9, 0.6, 0.03, -0.02, 0.01)
 
@@ -32,9 +39,7 @@ def test_a_cube_of_travel_is_described_and_never_named() -> None:
     assert diagnosis.verdict in ("partly-explained", "unexplained")
     unnamed = law_of(diagnosis).effect
     assert (unnamed.id, unnamed.kind, unnamed.where) == ("empirical", "empirical", "x")
-    assert unnamed.title == (
-        "an unnamed effect: a carriage is off along its way with the cube of travel"
-    )
+    assert unnamed.title == "a carriage is off along its way with the cube of travel"
     (value,) = unnamed.parameters
     assert abs(value.value - 800.0) < 4.0 * value.standard_uncertainty
     assert unnamed.gap_rms_after_mm < 0.4 * unnamed.gap_rms_before_mm
@@ -54,26 +59,22 @@ def test_held_out_sessions_judge_the_law() -> None:
 
 
 def test_readings_that_depend_on_time_and_direction() -> None:
-    """Without anything in the catalogue that could be named in its place."""
+    """With the direction: hysteresis of both indicators. The rest is put on their carriage."""
     term = Empirical(("cube_at_100mm", "up_less_down"))
     effects = [EffectInstance(term, place, (60.0, 25.0)) for place in ("yx", "yz")]
     diagnosis = diagnose([case(SWEEP, *effects, seed=6)], [LAWS["thermal_drift"]])
-    assert diagnosis.verdict == "unexplained"
-    assert diagnosis.effects == ()
+    assert diagnosis.verdict == "partly-explained"
+    assert names(diagnosis) == [("gauge_hysteresis", "y")]
+    for lag in diagnosis.effects[0].parameters:
+        assert abs(lag.value + 25.0) < 4.0 * lag.standard_uncertainty
     unnamed = law_of(diagnosis).effect
     assert unnamed.where == "y"
-    assert "with the cube of displacement and with the direction of approach" in unnamed.title
-    assert unnamed.title.endswith("at both indicators of leg Y, not with time")
-    values = {v.name: v for v in unnamed.parameters}
-    assert set(values) == {f"{b}_{p}" for b in term.bases for p in ("yx", "yz")}
-    for name, size in (("cube_at_100mm", 60.0), ("up_less_down", 25.0)):
-        for place in ("yx", "yz"):
-            one = values[f"{name}_{place}"]
-            assert abs(one.value - size) < 4.0 * one.standard_uncertainty
+    assert "with the cube of travel" in unnamed.title
+    assert unnamed.gap_rms_after_mm < 0.3 * unnamed.gap_rms_before_mm
 
 
 def test_a_law_beside_what_was_named() -> None:
-    """A name is kept, and what it leaves is described by itself."""
+    """A name is kept, and what it leaves is described by itself: guide or display, who knows."""
     effects = (
         EffectInstance(LAWS["backlash"], "z", (0.05,)),
         EffectInstance(Empirical(("fourth_at_100mm",)), "xy", (30.0,)),
@@ -83,7 +84,7 @@ def test_a_law_beside_what_was_named() -> None:
     assert diagnosis.verdict == "partly-explained"
     left = law_of(diagnosis)
     assert left.effect.where == "xy"
-    assert "fourth power" in left.effect.title
+    assert left.effect.gap_rms_after_mm < 0.5 * left.effect.gap_rms_before_mm
     assert left.effect.gap_rms_before_mm == pytest.approx(diagnosis.gap_after.rms_mm)
 
 
@@ -112,7 +113,7 @@ def test_what_follows_no_law_is_said_to_follow_none() -> None:
     diagnosis = diagnose([rough], [])
     assert diagnosis.verdict == "unexplained"
     assert diagnosis.left_over is None
-    assert any("no simple pattern" in remark for remark in diagnosis.remarks)
+    assert NO_LAW in diagnosis.remarks
 
 
 def test_bases_and_laws_by_hand() -> None:
@@ -148,10 +149,11 @@ def test_laws_that_are_none() -> None:
 
 @pytest.mark.parametrize("leg", ["x", "y"])
 def test_a_cube_of_travel_goes_by_no_name(leg: str) -> None:
-    """On a sweep a bowed bar does nearly the same."""
+    """On a sweep a bowed bar does nearly the same, and may be told as its rival."""
     diagnosis = diagnose([case(SWEEP, cube(400.0, leg), seed=3)], CATALOGUE)
-    assert diagnosis.verdict == "unexplained"
-    assert diagnosis.effects == ()
+    assert diagnosis.something_else > 0.9
+    assert all(name.probability < 0.1 for name in diagnosis.effects)
+    assert diagnosis.verdict in ("unexplained", "ambiguous")
     unnamed = law_of(diagnosis).effect
     assert unnamed.where == leg
     assert "a carriage is off along its way with the cube of travel" in unnamed.title

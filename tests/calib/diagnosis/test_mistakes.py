@@ -22,6 +22,7 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     case,
     mistakes,
     names,
+    possible,
     with_readings,
     with_values,
 )
@@ -113,10 +114,6 @@ def left_out(diagnosis: Diagnosis, count: int) -> list[int]:
 
 def single(diagnosis: Diagnosis) -> list[Finding]:
     return [mistake for mistake in mistakes(diagnosis) if mistake.id in SINGLE]
-
-
-def ids(mistake: Finding) -> set[str]:
-    return {mistake.id, *(rival.id for rival in mistake.indistinguishable_from)}
 
 
 @pytest.mark.parametrize(
@@ -215,27 +212,26 @@ def test_a_wrong_label_beside_a_drift() -> None:
     assert mistake.title.endswith("it fits -100 mm")
 
 
-def test_of_two_repeats_neither_can_be_called_wild() -> None:
-    """+60 mm is read twice: one of the two is an outlier, and nothing tells which."""
+def test_of_two_repeats_the_other_postures_tell_which_is_wild() -> None:
+    """+60 mm is read twice; a law that goes through all others goes through one of the two."""
     session = case(SWEEP, seed=5)
     rows = rows_of(session.observed, 4)[[2, 13]]
     assert session.observed.displacement_mm[rows].tolist() == [60.0, 60.0]
     diagnosis = diagnosed(session, shifted(session.observed, rows[:1], 0.1))
     assert the_mistake(diagnosis).id == "wild_reading"
-    assert left_out(diagnosis, len(session.observed)) == sorted(rows.tolist())
+    assert left_out(diagnosis, len(session.observed)) == rows[:1].tolist()
 
 
-@pytest.mark.parametrize("end", [0, -1])
-def test_at_either_end_a_slip_would_leave_the_same_readings(end: int) -> None:
+@pytest.mark.parametrize(
+    ("end", "ids"), [(0, {"first_take", "wild_reading"}), (-1, {"wild_reading"})]
+)
+def test_at_either_end_a_reading_that_stands_apart_is_left_out(end: int, ids: set[str]) -> None:
+    """A stand that moved before the last one, or after the first, would leave the same readings."""
     session = case(SWEEP, seed=6)
     row = rows_of(session.observed, 1)[[end]]
     diagnosis = diagnosed(session, shifted(session.observed, row, 0.1))
-    mistake = the_mistake(diagnosis)
-    assert mistake.id == "wild_reading"
-    assert [(each.id, each.where) for each in mistake.indistinguishable_from] == [
-        ("stand_slip", mistake.where)
-    ]
-    assert diagnosis.verdict == "ambiguous"
+    assert {name for name, _ in possible(diagnosis)} == ids
+    assert {*row.tolist()} <= {*left_out(diagnosis, len(session.observed))}  # both of the stand
 
 
 def test_a_flicker_of_the_display_is_no_wild_reading() -> None:
@@ -245,8 +241,8 @@ def test_a_flicker_of_the_display_is_no_wild_reading() -> None:
     flickering = with_values(session, steps)
     flickering = with_readings(session, shifted(flickering.observed, row, 0.002))
     stepped = replace(flickering, indicator=IndicatorFigures(0.001))
-    assert single(diagnose([flickering], CATALOGUE))
-    assert single(diagnose([stepped], CATALOGUE)) == []
+    diagnosis = diagnose([stepped], CATALOGUE)
+    assert (single(diagnosis), diagnosis.verdict) == ([], "agrees")
 
 
 @pytest.mark.parametrize("factor", [25.4, 1.0 / 25.4])
@@ -333,63 +329,51 @@ def test_repeats_read_in_place_get_no_name(taken: Observations) -> None:
     """Every posture is off by the scatter of a reading; the repeats do not show it."""
     keys = np.stack([taken.mount, taken.displacement_mm, taken.approach])
     cell = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
-    doubts = 0
+    doubts, named = 0, 0
     for seed in range(12):
         session = case(taken, seed=seed)
         own = SCATTER_MM * np.random.default_rng([7, seed]).normal(size=cell.max() + 1)
         diagnosis = diagnose([with_values(session, session.observed.value_mm + own[cell])])
-        assert diagnosis.effects == ()
-        doubts += diagnosis.verdict == "unexplained"
+        assert diagnosis.verdict != "explained"
+        doubts += diagnosis.verdict in ("unexplained", "partly-explained")
+        named += bool(diagnosis.effects)
     assert doubts >= 10
+    assert named <= 1
 
 
-@pytest.mark.parametrize("off", [0.0, 1.0, 2.0])
-def test_a_wild_reading_where_another_posture_reads_is_not_moved(off: float) -> None:
-    """It agrees with another posture by accident; every posture was read as often as elsewhere."""
+@pytest.mark.parametrize("off", [0.0, 2.0])
+def test_a_reading_that_another_posture_has_is_a_wrong_label(off: float) -> None:
     session = case(SWEEP, seed=2)
-    row = int(rows_at(session.observed, 2, 22.0)[1])
-    there = float(session.observed.value_mm[row]) + 30.0 * SCATTER_MM
-    observed = posture_put_at(session.observed, 2, -37.0, there)
-    observed = reading(observed, row, there + off * SCATTER_MM)
-    diagnosis = diagnosed(session, observed)
+    row, other = (int(rows_at(session.observed, 2, level)[1]) for level in (22.0, -37.0))
+    there = float(session.observed.value_mm[other])
+    diagnosis = diagnosed(session, reading(session.observed, row, there + off * SCATTER_MM))
     (mistake,) = single(diagnosis)
-    assert "wild_reading" in ids(mistake)
-    assert left_out(diagnosis, len(observed)) == [row]
-    rest = np.delete(np.arange(len(observed)), row)
-    assert np.array_equal(
-        cleaned(diagnosis).observed.displacement_mm, observed.displacement_mm[rest]
-    )
-    assert np.array_equal(cleaned(diagnosis).observed.mount, observed.mount[rest])
+    assert (mistake.id, mistake.title.rpartition("; ")[2]) == ("label_error", "it fits -37 mm")
+    assert left_out(diagnosis, len(session.observed)) == [row]
 
 
-@pytest.mark.parametrize(("off", "first"), [(0.0, "label_error"), (3.0, "wild_reading")])
-def test_a_fit_that_may_be_an_accident_is_told_with_both_names(off: float, first: str) -> None:
-    """The nearer to the repeats elsewhere, the likelier a wrong label."""
-    session = case(SWEEP, seed=2)
-    row = int(rows_at(session.observed, 2, 22.0)[1])
-    there = float(session.observed.value_mm[row]) + 60.0 * SCATTER_MM
-    observed = posture_put_at(session.observed, 2, -37.0, there)
-    observed = reading(observed, row, there + off * SCATTER_MM)
-    diagnosis = diagnosed(session, observed)
-    (mistake,) = single(diagnosis)
-    assert left_out(diagnosis, len(observed)) == [row]
-    assert mistake.id == first
-    assert ids(mistake) >= {"label_error", "wild_reading"}
+@pytest.mark.parametrize(("taken", "level"), [(SWEEP, -37.0), (TWO_STATION, 60.0)])
+@pytest.mark.parametrize("by_mm", [0.05, -0.3])
+def test_a_posture_that_was_another_in_all_cycles(
+    taken: Observations, level: float, by_mm: float
+) -> None:
+    session = case(taken, seed=2)
+    rows = rows_at(session.observed, 2, level)
+    diagnosis = diagnosed(session, shifted(session.observed, rows, by_mm))
+    mistake = the_mistake(diagnosis)
+    assert (mistake.id, mistake.where) == ("posture_off", place_of(session.observed, int(rows[0])))
+    assert f"all readings at {level:+.0f} mm are off" in mistake.title
+    assert diagnosis.verdict == "explained"
+    assert left_out(diagnosis, len(taken)) == sorted(rows.tolist())
 
 
-def test_the_same_reading_is_a_wrong_label_where_the_counts_of_postures_say_so() -> None:
-    """As before, and it is the reading that -37 mm has too few of."""
-    session = case(SWEEP, seed=2)
-    row = int(rows_at(session.observed, 2, -37.0)[1])
-    there = float(np.median(session.observed.value_mm[rows_at(session.observed, 2, 22.0)]))
-    observed = posture_put_at(session.observed, 2, -37.0, there + 60.0 * SCATTER_MM)
-    levels = observed.displacement_mm.copy()
-    levels[row] = 22.0
-    diagnosis = diagnosed(session, replace(observed, displacement_mm=levels))
-    (mistake,) = single(diagnosis)
-    assert ids(mistake) == {"label_error"}
-    assert mistake.title.endswith("it fits -37 mm")
-    assert left_out(diagnosis, len(observed)) == [row]
+def test_of_three_postures_none_is_called_another() -> None:
+    """A law of travel goes through any three."""
+    session = case(SHORT, seed=2)
+    rows = rows_at(session.observed, 2, 60.0)
+    diagnosis = diagnosed(session, shifted(session.observed, rows, 0.05))
+    assert mistakes(diagnosis) == []
+    assert diagnosis.verdict == "unexplained"
 
 
 def test_a_repeat_that_fits_elsewhere_is_not_moved_when_others_show_the_wild_one() -> None:
@@ -402,24 +386,8 @@ def test_a_repeat_that_fits_elsewhere_is_not_moved_when_others_show_the_wild_one
     observed = reading(observed, int(wild), value + 2500.0 * SCATTER_MM)
     diagnosis = diagnosed(session, observed)
     (mistake,) = single(diagnosis)
-    assert ids(mistake) == {"wild_reading"}
+    assert (mistake.id, mistake.indistinguishable_from) == ("wild_reading", ())
     assert left_out(diagnosis, len(observed)) == [wild]
-
-
-@pytest.mark.parametrize("wild", [0, 1])
-@pytest.mark.parametrize("far", [40.0, 400.0])
-def test_of_two_repeats_the_innocent_one_is_not_moved(wild: int, far: float) -> None:
-    """It happens to read what another posture reads; the wild one fits nowhere."""
-    session = case(SWEEP, seed=5)
-    rows = rows_at(session.observed, 4, 60.0)
-    assert len(rows) == 2
-    innocent = float(session.observed.value_mm[rows[1 - wild]])
-    observed = posture_put_at(session.observed, 4, -71.0, innocent)
-    observed = reading(observed, int(rows[wild]), innocent - far * SCATTER_MM)
-    diagnosis = diagnosed(session, observed)
-    (mistake,) = single(diagnosis)
-    assert "wild_reading" in ids(mistake)
-    assert left_out(diagnosis, len(observed)) == sorted(rows.tolist())
 
 
 def test_a_reading_of_heavy_tails_is_not_moved() -> None:

@@ -58,7 +58,7 @@ NOTHING = Claim(frozenset(), unnamed=False)
 
 
 @dataclass(frozen=True)
-class Answer:
+class NamedVerdict:
     """A verdict with the places that it names, each with its rivals, the likeliest first."""
 
     verdict: Verdict
@@ -149,15 +149,15 @@ class Claims:
         """Whether a claim has this name, at this place or at one that contains it."""
         return any(self.one_in_other(name, other) for other in claim.names)
 
-    def answer(self) -> Answer:
+    def answer(self) -> NamedVerdict:
         """The verdict."""
         missing = self.missing
         if missing < MISSING:
-            return Answer("agrees" if self.nothing >= AGREED else "cannot-tell", {})
+            return NamedVerdict("agrees" if self.nothing >= AGREED else "cannot-tell", {})
         if self.named < (1.0 - SURE) * missing:
             head = tuple(name for name, p in self.places.items() if p >= SURE * missing)
             word: Verdict = "partly-explained" if head else "unexplained"
-            return Answer(word, dict.fromkeys(head, ()))
+            return NamedVerdict(word, dict.fromkeys(head, ()))
         head = self._heaviest()
         rivals = {name: self._rivals_of(name, head) for name in head}
         with_all = self.probability(lambda claim: all(self.holds(claim, name) for name in head))
@@ -169,7 +169,7 @@ class Claims:
             )
         )
         sure = with_all >= SURE * missing and alone >= EVEN * with_all and not any(rivals.values())
-        return Answer("explained" if sure else "ambiguous", rivals)
+        return NamedVerdict("explained" if sure else "ambiguous", rivals)
 
     def _heaviest(self) -> tuple[Named, ...]:
         """The likeliest set of names that explains everything, at its likeliest places."""

@@ -18,7 +18,7 @@ from calib.arrays import (
     without,
     without_means,
 )
-from calib.diagnosis.claims import EVEN, MISSING, NAMES, Answer, Claims, name_of
+from calib.diagnosis.claims import EVEN, MISSING, NAMES, Claims, NamedVerdict, name_of
 from calib.diagnosis.gap import AGREEMENT, Leftover, locate, residuals, timed_laws, where_words
 from calib.diagnosis.held_out import left_out_postures, on_other_sessions
 from calib.diagnosis.pattern import repeats_words, shared_pattern
@@ -84,7 +84,7 @@ def diagnose(
 
 def diagnosis_of(posterior: Posterior, held_out: Sequence[SessionCase] = ()) -> Diagnosis:
     """What a mechanic is to know of these sessions. Raises NotIdentifiable."""
-    return _Report(posterior, [Cells.of(case) for case in held_out]).make()
+    return _Report(posterior, Cells.of_all(held_out) if held_out else []).make()
 
 
 class _Report:
@@ -99,7 +99,7 @@ class _Report:
         self.before = Leftover.of(posterior.sessions, (), self.timed)
         self.answer = self._checked(self.claims.answer())
 
-    def _checked(self, answer: Answer) -> Answer:
+    def _checked(self, answer: NamedVerdict) -> NamedVerdict:
         """What is left has a say where it is beyond chance, or nothing.
 
         Where nothing is free or no noise is known all is a guess; so are names that take all.

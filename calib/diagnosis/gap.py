@@ -126,8 +126,8 @@ class Leftover:
     @property
     def noise_freedom(self) -> float:
         """Degrees of freedom of the noise of all sessions; 0 where one has none."""
-        freedom = [cells.freedom for cells in self.sessions]
-        return sum(freedom) if all(freedom) else 0.0
+        known = all(cells.noise for cells in self.sessions)
+        return sum(cells.freedom for cells in self.sessions) if known else 0.0
 
     def p_value(self, square: float, freedom: int) -> float:
         """Chance of a square at least this large from noise alone; 1 where nothing is free."""

@@ -100,6 +100,13 @@ class Noise:
         numbers = [first.setdefault(one, k) for k, one in enumerate(self.indicators)]
         return np.array(numbers, dtype=np.intp)
 
+    def for_indicators(self, count: int) -> Noise:
+        """The same for so many indicators, all alike."""
+        shares = [(each.repeatability_mm2, each.quantisation_mm2) for each in self.indicators]
+        scatter, shared = np.mean(shares, axis=0).tolist()
+        alike = IndicatorNoise(scatter, shared, self.degrees_of_freedom)
+        return replace(self, indicators=(alike,) * count, pooled=True, outliers=())
+
     def repeatability_mm2(self, observed: Observations) -> FloatArray:
         """Variance of each value ``(n_readings,)`` that repeats reduce, mm²."""
         scatter = np.array([one.repeatability_mm2 for one in self.indicators])

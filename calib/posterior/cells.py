@@ -7,7 +7,7 @@ each other make a mean less certain than its repeats let expect.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -53,13 +53,15 @@ WRONG = 1e-6
 class SessionCase:
     """One session: the model it was measured against, and what is known of machine and indicators.
 
-    ``tolerance_mm`` ``(6,)`` are standard deviations of joint offsets and bar lengths.
+    ``tolerance_mm`` ``(6,)`` are standard deviations of joint offsets and bar lengths. Where these
+    readings tell no noise, that of ``others`` holds: of sessions with the same indicators.
     """
 
     model: Model
     observed: Observations
     indicator: IndicatorFigures
     tolerance_mm: FloatArray
+    others: Noise | None = None
 
     @property
     def spread_mm(self) -> FloatArray:
@@ -128,6 +130,8 @@ class Cells:
         floor_mm2 = case.indicator.display_mm**2 / 12.0
         apart = np.array(disagreeing(repeats, floor_mm2), dtype=np.intp)
         noise = reading_noise(visited, case.indicator, apart.tolist(), steady=True)
+        if noise is None and case.others is not None:
+            noise = case.others.for_indicators(visited.indicator_count)
         if noise is None:  # equal weights: what the model leaves tells the variance
             centred = without_zeros(visited, visited.averaged, visited.value_mm)
             scatter = max(1e-4 * float((centred**2).mean()), 1e-8) / visited.averaged
@@ -148,10 +152,20 @@ class Cells:
         scatters = variance, scatter, weight
         return cls(case, visited, cell, means, *scatters, noise, serial, apart, excess)
 
+    @classmethod
+    def of_all(cls, cases: Sequence[SessionCase]) -> list[Cells]:
+        """Several sessions: one without repeats has the noise of those with most."""
+        every = [cls.of(case) for case in cases]
+        best = max(every, key=lambda cells: cells.freedom)
+        return [
+            cells if cells.noise else cls.of(replace(cells.case, others=best.noise))
+            for cells in every
+        ]
+
     @property
     def freedom(self) -> float:
-        """Degrees of freedom of the noise; 0 where none is known."""
-        return self.noise.degrees_of_freedom if self.noise else 0.0
+        """Degrees of freedom that these readings add to what is known of the noise."""
+        return self.noise.degrees_of_freedom if self.noise and not self.case.others else 0.0
 
     @cached_property
     def log_constant(self) -> float:

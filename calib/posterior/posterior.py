@@ -22,7 +22,7 @@ from calib.tripod.movements import with_first_movements
 
 def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = None) -> Posterior:
     """Of these sessions together. Raises NotIdentifiable where one cannot be fitted."""
-    every = [Cells.of(case) for case in cases]
+    every = Cells.of_all(cases)
     laws = with_searched_leads(CATALOGUE if effects is None else effects, every)
 
     def solve(sessions: Sequence[Cells]) -> Solved[Posterior]:

@@ -69,9 +69,7 @@ class Follower:
         return Trial(self.made.truth, tuple(documents))
 
     def _measured(self, asked: Json, number: int) -> Path:
-        before = asked["before"]
-        changes = tuple(before["add_to_entered_offsets_mm"])
-        again = Again(visits_of(asked["protocol"]), changes, before["load"])
+        again = Again(visits_of(asked["protocol"]), tuple(asked["entered_mm"]), asked["load"])
         path = self.folder / f"{self.case.session}-{number}.jsonl"
         machine = path.with_suffix(".toml")
         machine.write_text(machine_text(again), encoding="utf-8")
@@ -82,8 +80,7 @@ class Follower:
 
 def proposed(document: Json) -> bool:
     """Whether a measurement that separates names is proposed."""
-    asked = document["next_measurement"]
-    return document["verdict"] == "ambiguous" and bool(asked and asked["between"])
+    return document["verdict"] == "ambiguous" and document["next_measurement"] is not None
 
 
 def visits_of(procedure: str) -> list[Visit]:

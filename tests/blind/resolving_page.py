@@ -56,10 +56,10 @@ def _head(trials: Sequence[Trial], followed: Sequence[Trial], drawn: int, seed: 
 
 
 def _preparation(one: Trial) -> str:
-    before = one.first["next_measurement"]["before"]
-    if before["load"] != 1.0:
+    proposal = one.first["next_measurement"]
+    if proposal["load"] != 1.0:
         return "load"
-    return "offset" if any(before["add_to_entered_offsets_mm"]) else "nothing"
+    return "offset" if any(proposal["entered_mm"]) else "nothing"
 
 
 def _main(trials: Sequence[Trial], followed: Sequence[Trial], promised: Sequence[Trial]) -> str:

@@ -77,8 +77,8 @@ def test_each_sort_of_proposal_resolves(
     trial = Follower.of(case(procedure, effect, 1.0), SEED, tmp_path).trial(1)
     asked = trial.first["next_measurement"]
     assert trial.first["verdict"] == "ambiguous"
-    assert asked["before"]["load"] == load
-    assert any(asked["before"]["add_to_entered_offsets_mm"]) is shifted
+    assert asked["load"] == load
+    assert any(asked["entered_mm"]) is shifted
     assert trial.expected >= 25.0
     assert effect in {name for name, _ in trial.between}
     assert trial.resolved()
@@ -95,9 +95,13 @@ def document(verdict: str, *names: tuple[str, str], also: tuple[tuple[str, str],
             {"id": name, "where": where, "indistinguishable_from": rivals} for name, where in names
         ],
         "next_measurement": {
-            "expected_separation": 30.0,
-            "between": [{"id": "backlash", "where": "x"}, {"id": "actuator_scale", "where": "x"}],
-            "before": {"load": 1.0, "add_to_entered_offsets_mm": [0.0, 0.0, 0.0]},
+            "apart": 30.0,
+            "names": [
+                [{"id": "backlash", "where": "x"}],
+                [{"id": "actuator_scale", "where": "x"}],
+            ],
+            "load": 1.0,
+            "entered_mm": [0.0, 0.0, 0.0],
         },
     }
 

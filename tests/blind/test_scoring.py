@@ -61,6 +61,7 @@ def document(verdict: str, *effects: Json) -> Json:
         "noise": {"degrees_of_freedom": 60},
         "effects": list(effects),
         "candidates": [],
+        "names": [],
         "held_out_gap": {"how": "", "before_rms_mm": 0.01, "after_rms_mm": 0.002},
     }
 

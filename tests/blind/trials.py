@@ -37,12 +37,17 @@ class Trial:
     @property
     def expected(self) -> float:
         """Noise variances by which the first proposal promised to separate."""
-        return float(self.first["next_measurement"]["expected_separation"])
+        return float(self.first["next_measurement"]["apart"])
 
     @property
     def between(self) -> set[Name]:
-        """The names that the first proposal is to separate."""
-        return {(one["id"], one["where"]) for one in self.first["next_measurement"]["between"]}
+        """Names that the first proposal is to separate: not in all that may be true together."""
+        every: list[set[Name]] = [
+            {(one["id"], one["where"]) for one in together}
+            for together in self.first["next_measurement"]["names"]
+        ]
+        common = every[0].intersection(*every[1:])
+        return set().union(*every) - common
 
     def after(self, rounds: int) -> Json:
         """What was said after so many measurements; the last word where there were fewer."""

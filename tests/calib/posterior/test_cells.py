@@ -128,3 +128,19 @@ def test_evidences_of_other_mountings_compare() -> None:
         assert cells.freedom == np.inf
         ours, theirs = density(cells)
         assert ours == pytest.approx(theirs, abs=0.01)
+
+
+def test_a_session_without_repeats_has_the_noise_of_the_others_and_adds_none() -> None:
+    several = case(SWEEP, seed=1)
+    once = replace(several, observed=several.observed.take(several.observed.cycle == 1))
+    levels = once.observed.level
+    first = np.unique(np.stack([once.observed.mount, levels]), axis=1, return_index=True)[1]
+    once = replace(once, observed=once.observed.take(np.sort(first)))
+    assert Cells.of(once).noise is None
+    both = Cells.of_all([once, several])
+    noise = both[1].noise
+    assert noise is not None
+    assert both[0].scatter_mm2 == pytest.approx(noise.standard_deviation_mm**2)
+    assert [cells.freedom for cells in both] == [0.0, noise.degrees_of_freedom]
+    (alone,) = Cells.of_all([once])
+    assert alone.noise is None

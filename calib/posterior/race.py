@@ -105,12 +105,17 @@ class Race:
 
     def entry(self, key: Key) -> RaceEntry:
         """One model, weighed alone."""
-        products = self.products
-        for k, scale in key:
-            products = products.beside(self.columns[k], scale)
-        log = self.log_evidence(np.array(products.square), np.array(products.room))
+        index = np.concatenate([np.zeros(0, np.intp), *(self.columns[k] for k, _ in key)])
+        each = [np.full(len(self.columns[k]), scale) for k, scale in key]
+        scales = np.concatenate([np.zeros(0), *each])
+        inner = scales[:, None] * self.products.inner[np.ix_(index, index)] * scales
+        root = np.linalg.cholesky(np.eye(len(index)) + inner)
+        shown = np.linalg.solve(root, scales * self.products.along[index])
+        square = np.array(self.products.square - float(shown @ shown))
+        room = np.array(self.products.room - float(np.log(root.diagonal()).sum()))
         cost = float(LOG_CAUSES[len(key)]) + sum(self._cost(*member) for member in key)
-        return RaceEntry(tuple(k for k, _ in key), tuple(s for _, s in key), float(log) + cost)
+        log_weight = float(self.log_evidence(square, room)) + cost
+        return RaceEntry(tuple(k for k, _ in key), tuple(s for _, s in key), log_weight)
 
     def best_singles(
         self, along: FloatArray, square: FloatArray, chosen: Sequence[int]

@@ -38,7 +38,7 @@ DECISIVE = 25.0
 """Noise variances from which a measurement decides between names; below it helps."""
 DECIDED = 0.95
 """Probability from which a name is not open."""
-OPEN = 0.05
+OPEN = 0.01
 """Weight, beside the likeliest, that a rival has at least."""
 MOST_COMPARED = 6
 NEAR = 0.1

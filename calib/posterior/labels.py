@@ -101,7 +101,7 @@ ALIKE = 3.0
 FITTED = 12
 """Exchanges of tables, and as many of postures, that are fitted then."""
 
-MOST_VALUES = 4_000_000
+MOST_VALUES = 1_500_000
 """Values of exchanges that are held at once."""
 
 

@@ -114,11 +114,13 @@ class ControllerCorrections:
     """Sessions of one machine as they are corrected in a frame; each answer is worked out once.
 
     Joint offsets are those of the last session. ``effects`` are looked for; None: the catalogue.
+    ``stated`` is the posterior where it was worked out already.
     """
 
     cases: tuple[SessionCase, ...]
     frame: Frame
     effects: tuple[Effect, ...] | None = None
+    stated: Posterior | None = None
     _made: dict[tuple[Holds, tuple[tuple[str, str], ...]], SessionCorrection] = field(
         default_factory=dict
     )
@@ -139,6 +141,8 @@ class ControllerCorrections:
     @cached_property
     def posterior(self) -> Posterior:
         """What the sessions tell of the machine. Raises NotIdentifiable."""
+        if self.stated is not None:
+            return self.stated
         found = posterior(self.cases, self.effects)
         if not found.shows:
             raise NotIdentifiable(
@@ -148,6 +152,10 @@ class ControllerCorrections:
                 "Move the machine and read the indicator again.",
             )
         return found
+
+    def with_posterior(self, posterior: Posterior) -> Self:
+        """The same sessions corrected by another posterior of them."""
+        return replace(self, stated=posterior, _made={})
 
     @cached_property
     def mistakes(self) -> tuple[LikelyMistake, ...]:

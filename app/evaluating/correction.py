@@ -132,10 +132,11 @@ class ControllerCorrections:
         model: Model,
         frame: Frame,
         effects: Sequence[Effect] | None = None,
+        free: frozenset[tuple[Effect, str]] = frozenset(),
     ) -> Self:
-        """``model`` has the effects of an adopted model at their fitted sizes."""
+        """``model`` has the effects of an adopted model; sizes of those that are ``free`` vary."""
         known = Model(model.geometry).with_effects(model.effects)
-        cases = tuple(case_of(session, known) for session in sessions)
+        cases = tuple(case_of(session, known, free) for session in sessions)
         return cls(cases, frame, None if effects is None else tuple(effects))
 
     @cached_property
@@ -229,8 +230,10 @@ class ControllerCorrections:
         return any(self.of(holds).helps for holds in HOLDS)
 
 
-def case_of(session: Session, model: Model) -> SessionCase:
-    """A session with the load that its tool carried."""
+def case_of(
+    session: Session, model: Model, free: frozenset[tuple[Effect, str]] = frozenset()
+) -> SessionCase:
+    """A session with the load that its tool carried; laws that are ``free`` as in its case."""
     machine = session.opened.machine
     geometry = replace(model.geometry, load=machine.load)
     return SessionCase(
@@ -238,6 +241,7 @@ def case_of(session: Session, model: Model) -> SessionCase:
         to_observations([session]),
         indicator_figures([session]),
         machine.tolerances_mm(),
+        free=free,
     )
 
 

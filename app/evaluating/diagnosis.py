@@ -40,6 +40,7 @@ from protocols.model_file import (
     ambiguity,
     ambiguous_effects,
     effect_entry,
+    free_effects,
     model_file,
     read_model_file,
     to_model,
@@ -210,12 +211,14 @@ def diagnose_sessions(
     effects = known_effects() if effects is None else effects
     known = Model(sessions[0].opened.machine.geometry())
     warnings: list[str] = []
+    free: frozenset[tuple[Effect, str]] = frozenset()
     if model:
         found = read_model_file(model)
         known = to_model(found, f"model {model}", effects)
+        free = free_effects(found, effects)
         warnings += [said] if (said := ambiguity(ambiguous_effects(found))) else []
     frame = sessions[-1].opened.machine.frame
-    corrections = ControllerCorrections.of_sessions(sessions, known, frame, effects)
+    corrections = ControllerCorrections.of_sessions(sessions, known, frame, effects, free)
     for session, case in zip(sessions, corrections.cases, strict=True):
         if case.observed.over_plane.any():
             refuse_leaning_planes([session], Cells.of(case).model, case.observed)

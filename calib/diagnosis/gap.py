@@ -8,8 +8,8 @@ tolerance allows.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -69,13 +69,15 @@ class BarLengths:
 class Leftover:
     """What a model of each session leaves of its rows, joint offsets and lengths fitted.
 
-    ``about`` has the base fitted; ``values`` are how many sizes of effects were fitted beside it.
+    ``about`` has the base fitted, then the sizes of adopted effects, which are free within
+    ``free`` standard deviations; ``values`` are how many sizes of effects were fitted beside it.
     """
 
     sessions: tuple[Cells, ...]
     rows: Rows
     about: About
     values: int = 0
+    free: Mapping[Placed, FloatArray] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -110,14 +112,14 @@ class Leftover:
         values = sum(len(effect.values) for effect in effects)
         of_time = np.repeat([law[0] in timed for law in widths], list(widths.values())).astype(bool)
         starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
+        free = {law: spread for law, spread in free.items() if law in starts}
         sizes = [
             rows.columns[:, starts[law] : starts[law] + len(spread)] * spread
             for law, spread in free.items()
-            if law in starts
         ]
         about = _fitted(rows, bars, np.hstack([np.zeros((len(rows.columns), 0)), *sizes]))
         rows = replace(rows, columns=rows.columns[:, of_time])
-        return cls(tuple(sessions), rows, about, values)
+        return cls(tuple(sessions), rows, about, values, free)
 
     @classmethod
     def about_rows(cls, sessions: Sequence[Cells], rows: Rows) -> Leftover:
@@ -128,6 +130,15 @@ class Leftover:
     def left(self) -> FloatArray:
         """Rows ``(n,)``, then what lengths need of their tolerance."""
         return self.about.left
+
+    def resized(self) -> tuple[EffectInstance, ...]:
+        """What adopted effects differ by from their sizes in the model."""
+        values = (self.about.inverse @ self.about.along)[len(self.rows.value) :]
+        ends = np.cumsum([len(spread) for spread in self.free.values()])
+        each = zip(self.free.items(), np.split(values, ends), strict=False)
+        return tuple(
+            EffectInstance(*law, tuple((spread * own).tolist())) for (law, spread), own in each
+        )
 
     @cached_property
     def freedom(self) -> int:

@@ -37,8 +37,8 @@ def on_other_sessions(
     """
     try:
         fitted = Leftover.of(leftover.sessions, effects, timed)
-        before = Leftover.of(others, (), timed, leftover.bars())
-        after = Leftover.of(others, effects, timed, fitted.bars())
+        before = Leftover.of(others, leftover.resized(), timed, leftover.bars())
+        after = Leftover.of(others, (*effects, *fitted.resized()), timed, fitted.bars())
     except CalibrationError:
         return None
     how = "sessions that were not used"

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_files
-from app.evaluating.solution import solve_files
+from app.evaluating.solution import load_sessions, solve_files
+from app.planning.tripod import next_measurement
 from calib.tripod.effects.drives import Backlash
 from protocols.machine import Machine
 from protocols.model_file import EffectEntry, ModelFile, ParameterEntry, free_effects
@@ -44,6 +45,15 @@ def test_the_size_that_is_entered_is_that_of_the_readings(session: Path, tmp_pat
     assert bounds_mm[0] == pytest.approx(bounds_mm[1], rel=0.2)
     solved = solve_files([session], model=model(tmp_path), holds="play")
     assert solved.correction.bound_mm == pytest.approx(bounds_mm[0], rel=0.2)
+
+
+def test_a_plan_is_made_of_the_same_posterior(session: Path, tmp_path: Path) -> None:
+    path = model(tmp_path)
+    sessions, _ = load_sessions([session])
+    plan = next_measurement(sessions, model_file=path)
+    diagnosed = diagnose_files([session], model=path)
+    bound_mm = diagnosed.tool.entered_mm["offsets"]
+    assert plan.proposed.bound_mm == pytest.approx(bound_mm, rel=1e-6)
 
 
 def test_a_held_size_is_no_size_of_the_readings(session: Path, tmp_path: Path) -> None:

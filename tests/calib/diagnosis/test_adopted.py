@@ -15,7 +15,7 @@ from calib.posterior.posterior import posterior
 from calib.tripod.effects.drives import ActuatorCyclic
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
-from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, possible
+from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, names, possible
 
 PLAY = LAWS["backlash"]
 
@@ -54,6 +54,18 @@ def test_a_wrong_size_of_the_model_is_found_again(taken: object) -> None:
     # as well known as where it is found without a model
     found = correction(posterior([session]), "play")
     assert made.bound_mm["touched-off"] == pytest.approx(found.bound_mm["touched-off"], rel=0.2)
+
+
+def test_sizes_of_held_out_sessions_are_those_of_the_others() -> None:
+    """The size that the model states would leave a gap there."""
+    wrong = EffectInstance(PLAY, "z", (0.03,))
+    first, other = (
+        adopted(case(SWEEP, EffectInstance(PLAY, "z", (0.05,)), seed=seed), wrong)
+        for seed in (4, 9)
+    )
+    gap = diagnosis_of(posterior([first]), [replace(other, free=frozenset())]).held_out
+    assert gap is not None
+    assert gap.before_rms_mm < 1.5 * gap.noise_rms_mm
 
 
 def test_a_held_size_stays_and_what_it_lacks_is_missing() -> None:
@@ -99,3 +111,19 @@ def test_a_size_that_fits_is_kept_and_its_uncertainty_is_in_the_bound() -> None:
     assert value_and_deviation(held, (effect.effect, "y"))[1] < 0.5 * u
     bounds_mm = [correction(one, "tables").bound_mm["touched-off"] for one in (free, held)]
     assert bounds_mm[0] > bounds_mm[1]
+
+
+def test_what_is_missing_beside_an_adopted_effect_is_named() -> None:
+    """Whatever size of the adopted one is stated; postures that are left out find it again, too."""
+    hidden = EffectInstance(PLAY, "z", (0.05,)), EffectInstance(LAWS["leg_bow"], "xy", (0.3,))
+    session, before_mm = case(SWEEP, *hidden, seed=3), []
+    for stated_mm in (0.01, 0.05):
+        known = adopted(session, EffectInstance(PLAY, "z", (stated_mm,)))
+        diagnosis = diagnosis_of(posterior([known]))
+        assert diagnosis.verdict == "explained"
+        assert names(diagnosis) == [("leg_bow", "xy")]
+        assert diagnosis.gap_after.p_value > 0.01
+        assert diagnosis.held_out is not None
+        assert diagnosis.held_out.after_rms_mm < 1.1 * diagnosis.held_out.noise_rms_mm
+        before_mm.append(diagnosis.held_out.before_rms_mm)
+    assert before_mm[0] == pytest.approx(before_mm[1], rel=0.003)

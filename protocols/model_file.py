@@ -386,6 +386,22 @@ def sizes_of(model: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> tuple[S
     return tuple(sizes)
 
 
+def free_effects(
+    model: ModelFile, effects: Sequence[Effect] = CATALOGUE
+) -> frozenset[tuple[Effect, str]]:
+    """Laws of a model at their places, less those of which a person holds any size.
+
+    Raises RecordError as `to_model` does.
+    """
+    geometry = model.machine.geometry()
+    places: dict[bool, set[tuple[Effect, str]]] = {True: set(), False: set()}
+    for entry in model.effects:
+        is_held = any(parameter.held for parameter in entry.parameters.values())
+        placed = placed_effects(entry, effects, geometry, "model")
+        places[is_held] |= {(instance.effect, instance.place) for instance in placed}
+    return frozenset(places[False] - places[True])
+
+
 def with_solution(model: ModelFile, solution: Solution) -> ModelFile:
     """The model with parameters and sizes as they were fitted together, and how well each is known.
 

@@ -22,7 +22,7 @@ from calib.errors import UsageError
 from protocols.machine_files import machine_names
 
 if TYPE_CHECKING:
-    from app.evaluating.diagnosis import SessionDiagnosis
+    from app.evaluating.diagnosis import AdoptedTool, SessionDiagnosis
 
 
 def diagnose(
@@ -76,27 +76,31 @@ def diagnose(
     if next_procedure:
         evaluated.write_procedure(found, next_procedure, replace=may)
         say(f"next measurement: glidecal run --protocol {next_procedure}")
+    adopted = None
     if adopt:
         evaluated.adopt(found, adopt, known=model, candidate=candidate, replace=may)
         say(f"model written: {adopt}")
+        adopted = found.adopted_tool(candidate)
         if evaluated.left_behind(found, candidate):
             say("there is an unnamed effect too: --candidate empirical")
     if correct:
         evaluated.correct(found, sessions[0], correct)
         say(f"corrected session written: {correct}")
-    _show(found, further=bool(next_procedure), as_json=as_json)
+    _show(found, adopted, further=bool(next_procedure), as_json=as_json)
 
 
-def _show(found: SessionDiagnosis, *, further: bool, as_json: bool) -> None:
-    """The diagnosis; with it the bound at the tool after ``further`` set-ups."""
+def _show(
+    found: SessionDiagnosis, adopted: AdoptedTool | None, *, further: bool, as_json: bool
+) -> None:
+    """The diagnosis, the tool with adopted names, and its bound after ``further`` set-ups."""
     from app.report.schema.diagnosis import DiagnosisReport
     from app.report.text.diagnosis import diagnosis_text
     from app.report.text.planning import further_text
 
     reach = found.reach() if further else None
     answer = Answer(
-        lambda: diagnosis_text(found) + (f"\n\n{further_text(reach)}" if reach else ""),
-        lambda: DiagnosisReport.of(found=found, reach=reach),
+        lambda: diagnosis_text(found, adopted) + (f"\n\n{further_text(reach)}" if reach else ""),
+        lambda: DiagnosisReport.of(found=found, reach=reach, adopted=adopted),
     )
     typer.echo(answer.shown(as_json=as_json))
 

@@ -114,11 +114,13 @@ class ControllerCorrections:
     """Sessions of one machine as they are corrected in a frame; each answer is worked out once.
 
     Joint offsets are those of the last session. ``effects`` are looked for; None: the catalogue.
+    ``stated`` is the posterior where it was worked out already.
     """
 
     cases: tuple[SessionCase, ...]
     frame: Frame
     effects: tuple[Effect, ...] | None = None
+    stated: Posterior | None = None
     _made: dict[tuple[Holds, tuple[tuple[str, str], ...]], SessionCorrection] = field(
         default_factory=dict
     )
@@ -130,15 +132,18 @@ class ControllerCorrections:
         model: Model,
         frame: Frame,
         effects: Sequence[Effect] | None = None,
+        free: frozenset[tuple[Effect, str]] = frozenset(),
     ) -> Self:
-        """``model`` has the effects of an adopted model at their fitted sizes."""
+        """``model`` has the effects of an adopted model; sizes of those that are ``free`` vary."""
         known = Model(model.geometry).with_effects(model.effects)
-        cases = tuple(case_of(session, known) for session in sessions)
+        cases = tuple(case_of(session, known, free) for session in sessions)
         return cls(cases, frame, None if effects is None else tuple(effects))
 
     @cached_property
     def posterior(self) -> Posterior:
         """What the sessions tell of the machine. Raises NotIdentifiable."""
+        if self.stated is not None:
+            return self.stated
         found = posterior(self.cases, self.effects)
         if not found.shows:
             raise NotIdentifiable(
@@ -148,6 +153,10 @@ class ControllerCorrections:
                 "Move the machine and read the indicator again.",
             )
         return found
+
+    def with_posterior(self, posterior: Posterior) -> Self:
+        """The same sessions corrected by another posterior of them."""
+        return replace(self, stated=posterior, _made={})
 
     @cached_property
     def mistakes(self) -> tuple[LikelyMistake, ...]:
@@ -221,8 +230,10 @@ class ControllerCorrections:
         return any(self.of(holds).helps for holds in HOLDS)
 
 
-def case_of(session: Session, model: Model) -> SessionCase:
-    """A session with the load that its tool carried."""
+def case_of(
+    session: Session, model: Model, free: frozenset[tuple[Effect, str]] = frozenset()
+) -> SessionCase:
+    """A session with the load that its tool carried; laws that are ``free`` as in its case."""
     machine = session.opened.machine
     geometry = replace(model.geometry, load=machine.load)
     return SessionCase(
@@ -230,6 +241,7 @@ def case_of(session: Session, model: Model) -> SessionCase:
         to_observations([session]),
         indicator_figures([session]),
         machine.tolerances_mm(),
+        free=free,
     )
 
 

@@ -16,8 +16,9 @@ from app.evaluating.solution import (
     refuse_leaning_planes,
     solve_sessions,
 )
+from calib.diagnosis.claims import conditional
 from calib.diagnosis.diagnose import diagnosis_of
-from calib.diagnosis.results import Contender, Diagnosis, Finding
+from calib.diagnosis.results import Contender, Diagnosis, Finding, Named
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.solution import Subset
 from calib.posterior.cells import Cells
@@ -39,6 +40,7 @@ from protocols.model_file import (
     ambiguity,
     ambiguous_effects,
     effect_entry,
+    free_effects,
     model_file,
     read_model_file,
     to_model,
@@ -108,8 +110,18 @@ class SessionDiagnosis:
     @cached_property
     def tool(self) -> DiagnosedTool:
         """What the tool is off by, now and with values entered."""
-        entered: dict[Holds, ToolOff] = {holds: self.corrections.of(holds).off for holds in HOLDS}
-        return DiagnosedTool(self.corrections.frame, self.corrections.off_now, entered)
+        return DiagnosedTool.of(self.corrections)
+
+    def adopted_tool(self, candidate: str | None = None) -> AdoptedTool | None:
+        """What the tool is off by if the names are true that `adopt` takes with this candidate.
+
+        None where no model has all of them. Raises UsageError where there is nothing to adopt.
+        """
+        names = tuple(Named(effect.id, effect.where) for effect in _chosen(self, candidate))
+        posterior = conditional(self.corrections.posterior, names)
+        if posterior is None:
+            return None
+        return AdoptedTool(names, DiagnosedTool.of(self.corrections.with_posterior(posterior)))
 
     @cached_property
     def separation(self) -> Separation | None:
@@ -141,6 +153,12 @@ class DiagnosedTool:
     now: ToolOff
     entered: dict[Holds, ToolOff]
 
+    @classmethod
+    def of(cls, corrections: ControllerCorrections) -> DiagnosedTool:
+        """The tool with each correction of these sessions."""
+        entered: dict[Holds, ToolOff] = {holds: corrections.of(holds).off for holds in HOLDS}
+        return cls(corrections.frame, corrections.off_now, entered)
+
     @property
     def now_mm(self) -> float:
         """95 % of the posterior keep it with what the controller holds now."""
@@ -150,6 +168,14 @@ class DiagnosedTool:
     def entered_mm(self) -> dict[Holds, float]:
         """The same with what each controller holds entered."""
         return {holds: off.bound_mm[self.frame] for holds, off in self.entered.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class AdoptedTool:
+    """The error of the ``tool`` if the adopted ``names`` are true."""
+
+    names: tuple[Named, ...]
+    tool: DiagnosedTool
 
 
 def diagnose_files(
@@ -185,12 +211,14 @@ def diagnose_sessions(
     effects = known_effects() if effects is None else effects
     known = Model(sessions[0].opened.machine.geometry())
     warnings: list[str] = []
+    free: frozenset[tuple[Effect, str]] = frozenset()
     if model:
         found = read_model_file(model)
         known = to_model(found, f"model {model}", effects)
+        free = free_effects(found, effects)
         warnings += [said] if (said := ambiguity(ambiguous_effects(found))) else []
     frame = sessions[-1].opened.machine.frame
-    corrections = ControllerCorrections.of_sessions(sessions, known, frame, effects)
+    corrections = ControllerCorrections.of_sessions(sessions, known, frame, effects, free)
     for session, case in zip(sessions, corrections.cases, strict=True):
         if case.observed.over_plane.any():
             refuse_leaning_planes([session], Cells.of(case).model, case.observed)

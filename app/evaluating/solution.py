@@ -36,6 +36,7 @@ if TYPE_CHECKING:  # asked for by option only
     from calib.posterior.correction import Holds
     from calib.posterior.entered import ToolOff
     from calib.posterior.models import Posterior
+    from calib.tripod.effects.effect import Effect
     from protocols.machine import Frame, Machine
     from protocols.model_file import ModelFile
 
@@ -305,7 +306,11 @@ def solve_sessions(
     """
     observed = to_observations(sessions)
     machine = sessions[0].opened.machine
-    start, sizes = (Model(machine.geometry()), ()) if model is None else _of(model, machine, method)
+    start = Model(machine.geometry())
+    sizes: tuple[Size, ...] = ()
+    free: frozenset[tuple[Effect, str]] = frozenset()
+    if model is not None:
+        start, sizes, free = _of(model, machine, method)
     choice = choose_subset(
         start,
         observed,
@@ -317,7 +322,7 @@ def solve_sessions(
     )
     chosen = subset or choice.usual
     corrections = ControllerCorrections.of_sessions(
-        sessions, choice.fitted.model, frame or machine.frame
+        sessions, choice.fitted.model, frame or machine.frame, free=free
     )
     found = SessionSolution(tuple(sessions), observed, choice, chosen, corrections, holds)
     if model is not None:
@@ -327,10 +332,12 @@ def solve_sessions(
     return found.with_subset(chosen)
 
 
-def _of(model: ModelFile, machine: Machine, method: Method) -> tuple[Model, tuple[Size, ...]]:
-    """Where a fit with this model begins, and what it frees of the effects."""
+def _of(
+    model: ModelFile, machine: Machine, method: Method
+) -> tuple[Model, tuple[Size, ...], frozenset[tuple[Effect, str]]]:
+    """Where a fit with this model begins, what it frees of the effects, and `free_effects`."""
     from app.evaluating.own_effects import known_effects  # files of users: only where asked for
-    from protocols.model_file import sizes_of, to_model
+    from protocols.model_file import free_effects, sizes_of, to_model
 
     if replace(model.machine.geometry(), load=machine.load) != machine.geometry():
         raise UsageError(
@@ -341,7 +348,8 @@ def _of(model: ModelFile, machine: Machine, method: Method) -> tuple[Model, tupl
     if model.effects and method != "exact":
         raise UsageError("--method with --model", method, "exact: sizes of effects are fitted, too")
     effects = known_effects()
-    return to_model(model, "model", effects), sizes_of(model, effects)
+    start = to_model(model, "model", effects)
+    return start, sizes_of(model, effects), free_effects(model, effects)
 
 
 def _counting(sessions: Sequence[Session]) -> list[tuple[str, Reading]]:

@@ -28,7 +28,7 @@ from calib.tripod.planning import TripodPlanning
 from protocols.data_table import DataTable
 from protocols.files import Written, unused_path
 from protocols.machine import Frame, Instrument, Machine, load_machine
-from protocols.model_file import read_model
+from protocols.model_file import free_effects, read_model, read_model_file
 from protocols.motion import seconds_per_step
 from protocols.observations import indicator_figures, to_observations, worst_stated
 from protocols.procedure import Procedure, load_procedure
@@ -230,7 +230,10 @@ def next_measurement(
     machine, model = _machine_and_model(sessions, machine_file, model_file)
     stated, words = stated_noise(machine, noise_mm)
     known = Model(model.geometry).with_effects(model.effects)
-    cases = cases_of(sessions, known) or [
+    free: frozenset[tuple[Effect, str]] = frozenset()
+    if model_file:
+        free = free_effects(read_model_file(model_file), known_effects())
+    cases = cases_of(sessions, known, free) or [
         nothing_measured(known, stated.standard_deviation_mm, machine.tolerances_mm())
     ]
     found = posterior(cases)
@@ -252,8 +255,15 @@ def next_measurement(
     return MeasurementPlan(names, machine.name, reading_mm, words, plan, reach)
 
 
-def cases_of(sessions: Sequence[Session], model: Model) -> list[SessionCase]:
-    """Sessions with the same joint offsets entered, and the same load, are one set of readings."""
+def cases_of(
+    sessions: Sequence[Session],
+    model: Model,
+    free: frozenset[tuple[Effect, str]] = frozenset(),
+) -> list[SessionCase]:
+    """Sessions with the same joint offsets entered, and the same load, are one set of readings.
+
+    Sizes of laws of the model that are ``free`` vary.
+    """
     groups: dict[tuple[object, float], list[Session]] = {}
     for session in sessions:
         machine = session.opened.machine
@@ -264,6 +274,7 @@ def cases_of(sessions: Sequence[Session], model: Model) -> list[SessionCase]:
             to_observations(some),
             indicator_figures(some),
             some[-1].opened.machine.tolerances_mm(),
+            free=free,
         )
         for (_, load), some in groups.items()
     ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -70,6 +70,7 @@ class DiagnoseScreen(PagedScreen):
         self.diagnosed: SessionDiagnosis | None = None
         self.looking = False
         self._gap_before_mm: float | None = None
+        self._adopted_words: Callable[[], str] | None = None
         self._known: ModelFile | None = None
 
     def compose(self) -> ComposeResult:
@@ -113,7 +114,9 @@ class DiagnoseScreen(PagedScreen):
     @work(group="diagnose", exclusive=True)
     async def _diagnose(self) -> None:
         try:
-            self._known, found = await apart(self, _diagnosis, self.paths, self.model)
+            self._known, found, at_tool = await apart(
+                self, _diagnosis, self.paths, self.model, self._adopted_words
+            )
         except GlidecalError as problem:
             self.looking = False
             self._say_everywhere(texts.problem_text(problem))
@@ -124,6 +127,7 @@ class DiagnoseScreen(PagedScreen):
         adopted = ""
         if self.model is not None and self._gap_before_mm is not None:
             adopted = texts.ADOPTED.format(self.model.name, self._gap_before_mm, now)
+            adopted = f"{adopted} {at_tool}".rstrip()
         self._page_text("verdict").update(signalled(texts.verdict_text(found, adopted)))
         self._page_text("where").update(texts.where_text(found))
         self._page_text("candidates").update(texts.ranking_text(found))
@@ -186,6 +190,7 @@ class DiagnoseScreen(PagedScreen):
                 said = texts.MODEL_WRITTEN.format(self.model)
                 self.app.notify(said, timeout=10, markup=False)
                 self._gap_before_mm = found.diagnosis.gap_before.rms_mm
+                self._adopted_words = None
                 self._look()
 
     def _ask_file(
@@ -238,6 +243,9 @@ class DiagnoseScreen(PagedScreen):
             )
             self.app.notify(texts.MODEL_WRITTEN.format(target), timeout=10, markup=False)
             self.model, self._gap_before_mm = target, found.diagnosis.gap_before.rms_mm
+            # a size that a person holds is no part of the posterior given the name
+            words = partial(texts.words_on_adopting, found, candidate)
+            self._adopted_words = None if held else words
             self._look()
 
     def action_next(self) -> None:
@@ -274,9 +282,9 @@ class DiagnoseScreen(PagedScreen):
 
 
 def _diagnosis(
-    paths: Sequence[Path], model: Path | None
-) -> tuple[ModelFile | None, SessionDiagnosis]:
+    paths: Sequence[Path], model: Path | None, adopted_words: Callable[[], str] | None
+) -> tuple[ModelFile | None, SessionDiagnosis, str]:
     known = read_model_file(model) if model else None
     found = diagnose_files(paths, model=model)
     _ = found.tool, found.separation  # worked out here, not while the page is drawn
-    return known, found
+    return known, found, adopted_words() if adopted_words else ""

@@ -7,8 +7,8 @@ among them, and whether a law without a name acts beside them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -222,6 +222,25 @@ class Claims:
                 others = [Named(EMPIRICAL, name.where)]
             rivals |= dict.fromkeys(sorted(others, key=_order))
         return tuple(rivals)
+
+
+def conditional(posterior: Posterior, names: Collection[Named]) -> Posterior | None:
+    """The posterior if these names are true, each at its place or at one that contains it.
+
+    Laws without a name count as names here. None where no model has all of them.
+    """
+    claims = Claims.of(posterior)
+
+    def has_all(members: Sequence[int]) -> bool:
+        present = {name_of(posterior.components[k]) for k in members}
+        return all(any(claims.one_in_other(name, other) for other in present) for name in names)
+
+    models = [model for model in posterior.models if has_all(model.members)]
+    if not models:
+        return None
+    whole = math.fsum(model.weight for model in models)
+    kept = tuple(replace(model, weight=model.weight / whole) for model in models)
+    return replace(posterior, models=kept)
 
 
 def _order(name: Named) -> tuple[str, str]:

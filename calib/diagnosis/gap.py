@@ -8,8 +8,8 @@ tolerance allows.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -69,13 +69,15 @@ class BarLengths:
 class Leftover:
     """What a model of each session leaves of its rows, joint offsets and lengths fitted.
 
-    ``about`` has the base fitted; ``values`` are how many sizes of effects were fitted beside it.
+    ``about`` has the base fitted, then the sizes of adopted effects, which are free within
+    ``free`` standard deviations; ``values`` are how many sizes of effects were fitted beside it.
     """
 
     sessions: tuple[Cells, ...]
     rows: Rows
     about: About
     values: int = 0
+    free: Mapping[Placed, FloatArray] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -91,6 +93,8 @@ class Leftover:
         """
         models, placed = [], []
         widths: dict[Placed, int] = {}
+        free = sessions[0].case.free_spread
+        laws = tuple(dict.fromkeys((*timed, *(law for law, _ in free))))
         for cells in sessions:
             acting = cells.case.model.with_effects((*cells.case.model.effects, *effects))
             if bars is not None:
@@ -99,23 +103,42 @@ class Leftover:
             weight = 1.0 / cells.variance_mm2
             model = prior_fit(acting, cells.means, weight, cells.case.spread_mm).model
             models.append(model)
-            placed.append(placed_columns(model, cells.means, timed))
+            columns = placed_columns(model, cells.means, laws)
+            placed.append({law: c for law, c in columns.items() if law[0] in timed or law in free})
             widths |= {law: len(law[0].parameters) for law in placed[-1]}
         shared = np.mean([model.parameters_mm[3:] for model in models], axis=0)
         models = [m.with_parameters(np.array([*m.parameters_mm[:3], *shared])) for m in models]
         rows = rows_of(sessions, models, placed, widths)
         values = sum(len(effect.values) for effect in effects)
-        return cls(tuple(sessions), rows, _fitted(rows, bars), values)
+        of_time = np.repeat([law[0] in timed for law in widths], list(widths.values())).astype(bool)
+        starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
+        free = {law: spread for law, spread in free.items() if law in starts}
+        sizes = [
+            rows.columns[:, starts[law] : starts[law] + len(spread)] * spread
+            for law, spread in free.items()
+        ]
+        about = _fitted(rows, bars, np.hstack([np.zeros((len(rows.columns), 0)), *sizes]))
+        rows = replace(rows, columns=rows.columns[:, of_time])
+        return cls(tuple(sessions), rows, about, values, free)
 
     @classmethod
     def about_rows(cls, sessions: Sequence[Cells], rows: Rows) -> Leftover:
         """Of rows about models of the sessions."""
-        return cls(tuple(sessions), rows, _fitted(rows, None))
+        return cls(tuple(sessions), rows, _fitted(rows, None, np.zeros((len(rows.residual), 0))))
 
     @property
     def left(self) -> FloatArray:
         """Rows ``(n,)``, then what lengths need of their tolerance."""
         return self.about.left
+
+    def resized(self) -> tuple[EffectInstance, ...]:
+        """What adopted effects differ by from their sizes in the model."""
+        values = (self.about.inverse @ self.about.along)[len(self.rows.value) :]
+        ends = np.cumsum([len(spread) for spread in self.free.values()])
+        each = zip(self.free.items(), np.split(values, ends), strict=False)
+        return tuple(
+            EffectInstance(*law, tuple((spread * own).tolist())) for (law, spread), own in each
+        )
 
     @cached_property
     def freedom(self) -> int:
@@ -207,14 +230,16 @@ def expected_base(rows: Rows) -> FloatArray:
     return np.asarray(np.where(spread == rows.spread, (rows.prior - rows.value) / spread, 0.0))
 
 
-def _fitted(rows: Rows, bars: BarLengths | None) -> About:
+def _fitted(rows: Rows, bars: BarLengths | None, sizes: FloatArray) -> About:
+    """The base, and ``sizes`` ``(n, k)`` of adopted effects per standard deviation, fitted."""
     spread, expected = spread_of(rows), expected_base(rows)
     base = rows.base * spread
     if bars is not None:
         base[:, :LENGTHS] = rows.base[:, :LENGTHS] @ bars.root_mm
         away = bars.mean_mm - rows.value[:LENGTHS]
         expected[:LENGTHS] = np.linalg.solve(bars.root_mm, away)
-    return About.of(base, rows.residual, expected)
+    expected = np.concatenate([expected, np.zeros(sizes.shape[1])])
+    return About.of(np.hstack([base, sizes]), rows.residual, expected)
 
 
 def timed_laws(laws: Sequence[Effect]) -> tuple[Effect, ...]:

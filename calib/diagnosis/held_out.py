@@ -16,8 +16,9 @@ from calib.diagnosis.gap import LOOSE, Leftover, expected_base, spread_of
 from calib.diagnosis.results import HeldOutGap
 from calib.errors import CalibrationError
 from calib.posterior.cells import Cells
+from calib.posterior.library import Component
 from calib.posterior.models import Linear, Posterior
-from calib.posterior.problem import About, linear_about
+from calib.posterior.problem import About, free_columns, linear_about
 from calib.posterior.race import LOG_CAUSES, LOG_SCALES, SCALES, Key, Products, Race
 from calib.posterior.readings import LENGTHS
 from calib.tripod.effects.effect import Effect, EffectInstance
@@ -36,8 +37,8 @@ def on_other_sessions(
     """
     try:
         fitted = Leftover.of(leftover.sessions, effects, timed)
-        before = Leftover.of(others, (), timed, leftover.bars())
-        after = Leftover.of(others, effects, timed, fitted.bars())
+        before = Leftover.of(others, leftover.resized(), timed, leftover.bars())
+        after = Leftover.of(others, (*effects, *fitted.resized()), timed, fitted.bars())
     except CalibrationError:
         return None
     how = "sessions that were not used"
@@ -119,18 +120,26 @@ class _LeftOut:
 
     @cached_property
     def _base(self) -> FloatArray:
-        """Columns ``(n, z + b)`` of zeros and base, per what is expected of them."""
+        """Columns ``(n, z + k + b)`` of zeros, adopted sizes and base, per what is expected."""
         rows = self.linear.rows
         each = block_diag(*(cells.zeros for cells in self.posterior.sessions))
         zeros = np.zeros((len(rows.residual), each.shape[1]))
         zeros[: rows.cells] = LOOSE * each
-        return np.hstack([zeros, rows.base * spread_of(rows)])
+        case, linear = self.posterior.sessions[-1].case, self.linear
+        sizes = free_columns(self._components, linear.columns, linear.index, case)
+        return np.hstack([zeros, sizes, rows.base * spread_of(rows)])
+
+    @property
+    def _components(self) -> tuple[Component, ...]:
+        """Components of the linear problem, those of the likeliest labels."""
+        return self.posterior.components[: len(self.linear.index)]
 
     @cached_property
     def _sets(self) -> list[Key]:
         """Sets of two and three of these kinds that all readings leave possible, with scales."""
-        of_linear = self.posterior.components[: len(self.linear.index)]
-        allowed = {k for k, component in enumerate(of_linear) if component.kind in self.kinds}
+        allowed = {
+            k for k, component in enumerate(self._components) if component.kind in self.kinds
+        }
         return [
             tuple(zip(model.members, model.scales, strict=True))
             for model in self.posterior.models
@@ -142,8 +151,8 @@ class _LeftOut:
         linear = self.linear
         rows = linear.rows
         kept = np.setdiff1d(np.arange(len(rows.residual)), out_rows)
-        zeros = self._base.shape[1] - len(rows.value)
-        expected = np.concatenate([np.zeros(zeros), expected_base(rows)])
+        beside = self._base.shape[1] - len(rows.value)
+        expected = np.concatenate([np.zeros(beside), expected_base(rows)])
         about = About.of(self._base[kept], rows.residual[kept], expected)
         columns = about.left_by(linear.columns[kept])
         products = Products(
@@ -153,7 +162,7 @@ class _LeftOut:
         race = Race(
             products,
             linear.index,
-            np.array([c.log_prior for c in self.posterior.components[: len(linear.index)]]),
+            np.array([component.log_prior for component in self._components]),
             rows.free - len(out_rows),
             rows.freedom,
             rows.excess,

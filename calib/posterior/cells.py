@@ -31,6 +31,7 @@ from calib.identify.fit import prior_fit
 from calib.noise.reading import IndicatorFigures, Noise, reading_noise, visit_numbers, visits
 from calib.noise.repeats import Repeats, disagreeing, set_apart, typical_mm2
 from calib.noise.serial import independent, serial_correlation
+from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 
@@ -49,12 +50,17 @@ WRONG = 1e-6
 """Weight of a reading that disagrees with its repeats: it tells nothing about them."""
 
 
+ADOPTED = 4.0
+"""Unremarkable sizes by which an adopted effect may differ from its size in the model; at least."""
+
+
 @dataclass(frozen=True, eq=False)
 class SessionCase:
     """One session: the model it was measured against, and what is known of machine and indicators.
 
     ``tolerance_mm`` ``(6,)`` are standard deviations of joint offsets and bar lengths. Where these
-    readings tell no noise, that of ``others`` holds: of sessions with the same indicators.
+    readings tell no noise, that of ``others`` holds: of sessions with the same indicators. Effects
+    of the model that are ``free``, laws at places, have other sizes than it states.
     """
 
     model: Model
@@ -62,6 +68,22 @@ class SessionCase:
     indicator: IndicatorFigures
     tolerance_mm: FloatArray
     others: Noise | None = None
+    free: frozenset[tuple[Effect, str]] = frozenset()
+
+    @cached_property
+    def free_spread(self) -> dict[tuple[Effect, str], FloatArray]:
+        """Standard deviations of each free effect about its sizes in the model, in its units.
+
+        `ADOPTED` unremarkable sizes, or the size itself where it is larger.
+        """
+        spread: dict[tuple[Effect, str], FloatArray] = {}
+        for known in self.model.effects:
+            if isinstance(known, EffectInstance) and (known.effect, known.place) in self.free:
+                least = [ADOPTED * one.tolerance for one in known.effect.parameters]
+                own = np.maximum(least, np.abs(known.values))
+                law = known.effect, known.place
+                spread[law] = np.maximum(own, spread.get(law, own))
+        return spread
 
     @property
     def spread_mm(self) -> FloatArray:

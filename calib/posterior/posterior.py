@@ -10,6 +10,7 @@ import numpy as np
 from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.labels import Solved, with_mistakes
 from calib.posterior.library import Component
+from calib.posterior.library import laws as library_laws
 from calib.posterior.models import Posterior, Weighted
 from calib.posterior.problem import PosteriorProblem
 from calib.posterior.race import LIGHTEST
@@ -24,11 +25,20 @@ def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = N
     """Of these sessions together. Raises NotIdentifiable where one cannot be fitted."""
     every = Cells.of_all(cases)
     laws = with_searched_leads(CATALOGUE if effects is None else effects, every)
+    laws = (*laws, *_adopted_variants(cases[-1], laws))
 
     def solve(sessions: Sequence[Cells]) -> Solved[Posterior]:
         return PosteriorProblem.of(tuple(sessions), laws).solved()
 
     return _mixed(with_mistakes(_ways(every), solve))
+
+
+def _adopted_variants(case: SessionCase, effects: Sequence[Effect]) -> list[Effect]:
+    """Laws of adopted effects of which the library has other variants only, as screws' leads."""
+    known = library_laws(case.model.geometry, effects)
+    ids = {law.id for law in known}
+    adopted = dict.fromkeys(law for law, _ in case.free_spread)
+    return [law for law in adopted if law.id in ids and law not in known]
 
 
 def _ways(sessions: Sequence[Cells]) -> list[list[Cells]]:

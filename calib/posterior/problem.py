@@ -15,7 +15,7 @@ import numpy as np
 
 from calib.arrays import FloatArray, IntArray, without
 from calib.errors import NotIdentifiable
-from calib.posterior.cells import Cells
+from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.labels import RivalModel, Solved
 from calib.posterior.library import ELSE, OTHER_BARS, Component, library, other_bars, something_else
 from calib.posterior.models import Linear, Posterior, Weighted, effects_of_tool
@@ -80,15 +80,26 @@ class PosteriorProblem:
     @cached_property
     def base(self) -> FloatArray:
         """Derivatives ``(n, b)`` by the base, per standard deviation of what is expected."""
-        none = np.zeros(0, np.intp)  # one posture shows no law
-        index = np.concatenate([none, *(self.index[k] for k in self.everywhere)])
-        return np.hstack([self.rows.base * self.rows.spread, EVERYWHERE * self.columns[:, index]])
+        none = np.zeros((len(self.columns), 0))  # one posture shows no law
+        laws = (
+            self.columns[:, self.index[k]] * (self.spread_of(k) / self.components[k].unit)
+            for k in self.everywhere
+        )
+        return np.hstack([self.rows.base * self.rows.spread, none, *laws])
+
+    def spread_of(self, k: int) -> FloatArray:
+        """Standard deviations ``(r,)`` of the values of a component everywhere.
+
+        A little of its unit, or that of an adopted effect about its size in the model.
+        """
+        component = self.components[k]
+        free = free_spread(component, self.sessions[-1].case)
+        return EVERYWHERE * component.unit if free is None else free
 
     @cached_property
     def base_unit(self) -> FloatArray:
         """Those standard deviations ``(b,)``."""
-        units = [EVERYWHERE * self.components[k].unit for k in self.everywhere]
-        return np.concatenate([self.rows.spread, *units])
+        return np.concatenate([self.rows.spread, *map(self.spread_of, self.everywhere)])
 
     def expected(self, rows: Rows) -> FloatArray:
         """Where the base is expected less where rows are, in standard deviations ``(b,)``."""
@@ -147,12 +158,15 @@ class PosteriorProblem:
         return any(self.components[k].id == ELSE for k in entry.members)
 
     def _beside(self, number: int, entry: RaceEntry) -> FloatArray:
-        """Columns ``(n_cells, r)`` of a model in a session, each of the size that it expects."""
+        """Columns ``(n_cells, r)`` of a model in a session, each of the size that it expects.
+
+        Those of adopted effects are among them.
+        """
         begin = sum(len(cells.means) for cells in self.sessions[:number])
         cells = self.sessions[number]
-        scale = self._unit(entry)[1]
-        own = self.columns[begin : begin + len(cells.means), self._index(entry)]
-        return cells.coloured(own * scale)
+        own = self.columns[:, self._index(entry)] * self._unit(entry)[1]
+        free = free_columns(self.components, self.columns, self.index, cells.case)
+        return cells.coloured(np.hstack([own, free])[begin : begin + len(cells.means)])
 
     @property
     def geometry(self) -> Geometry:
@@ -339,6 +353,29 @@ class PosteriorProblem:
         residual[within:] -= block[within:] @ at
         rows = replace(near, residual=residual, spread=self.rows.spread)
         return self._refitted(entry, rows, block, at)
+
+
+def free_spread(component: Component, case: SessionCase) -> FloatArray | None:
+    """Standard deviations ``(r,)`` of an adopted effect at one place; None of other components."""
+    if component.candidate is None or component.candidate.arrangement != "one":
+        return None
+    (share,) = component.shares
+    return case.free_spread.get((share.effect, share.place))
+
+
+def free_columns(
+    components: Sequence[Component],
+    columns: FloatArray,
+    index: Sequence[IntArray],
+    case: SessionCase,
+) -> FloatArray:
+    """Columns ``(n, r)`` of adopted effects per standard deviation; others are per unit."""
+    blocks = [np.zeros((len(columns), 0))]
+    for component, mine in zip(components, index, strict=True):
+        spread = free_spread(component, case)
+        if spread is not None:
+            blocks.append(columns[:, mine] * (spread / component.unit))
+    return np.hstack(blocks)
 
 
 def _fewer(

@@ -49,6 +49,7 @@ async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(bowed: Path) -
         assert verdict(interface).startswith("AGREES.")
         words = f"bow [x]_model.json: gap {before:.4f} → {again.gap_before.rms_mm:.4f} mm."
         assert words in verdict(interface).replace("\n", " ")
+        assert f"{words} Given leg_bow (xy): tool" in " ".join(verdict(interface).split())
         assert text(interface, "#diagnosed").endswith("model bow [x]_model.json")
         assert f"Model written: {model}" in said(interface)
         await pilot.press("a")

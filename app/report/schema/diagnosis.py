@@ -135,6 +135,9 @@ class DiagnosisReport(Report):
     next_measurement: SeparationEntry | None = at("found.separation")
     smallest_detectable: tuple[Detectable, ...] = at("found.diagnosis.smallest_detectable")
     tool: ToolEntry = at("found.tool")
+    tool_adopted: ToolEntry | None = asked(
+        "adopted.tool", "with --adopt: if the adopted names are true"
+    )
     further: tuple[FurtherSetUp, ...] | None = asked(
         "reach.further", "with --next: set-ups in turn, each with the bound after it"
     )

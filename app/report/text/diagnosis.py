@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.table import Table
 
-from app.evaluating.diagnosis import DiagnosedTool, SessionDiagnosis, mistakes_of
+from app.evaluating.diagnosis import AdoptedTool, DiagnosedTool, SessionDiagnosis, mistakes_of
 from app.report.text.correction import FRAME_WORDS
 from app.report.text.tables import (
     decimals,
@@ -105,8 +105,8 @@ def headline(found: Diagnosis) -> str:
     return wrapped(f"{found.verdict.upper()}. {found.sentence}")
 
 
-def diagnosis_text(diagnosed: SessionDiagnosis) -> str:
-    """The verdict first, then what supports it."""
+def diagnosis_text(diagnosed: SessionDiagnosis, adopted: AdoptedTool | None = None) -> str:
+    """The verdict first, then what supports it; ``adopted`` is the tool with adopted names."""
     found = diagnosed.diagnosis
     return paragraphs(
         headline(found),
@@ -116,6 +116,7 @@ def diagnosis_text(diagnosed: SessionDiagnosis) -> str:
         _pattern(diagnosed),
         *_support(diagnosed),
         tool_text(diagnosed.tool),
+        adopted_text(adopted, diagnosed.tool) if adopted else "",
         f"Where readings and model disagree\n{shares_text(found.where)}",
         candidates_text(found),
         *_detectable(found),
@@ -173,15 +174,44 @@ def _support(diagnosed: SessionDiagnosis, key: str = "") -> list[str]:
 def tool_text(tool: DiagnosedTool) -> str:
     """What the tool is off by at most, as it is and with values entered."""
     entered = tool.entered_mm
-    better = [h for h in HOLDS[1:] if entered[h] < WORTH_SAYING * entered["offsets"]]
     words = f"With joint offsets entered: {uncertain(entered['offsets'])} mm."
-    if better:
-        best = min(better, key=entered.__getitem__)
+    if best := _worth_holding(tool):
         words += f" With {WITH[best]}: {uncertain(entered[best])} mm."
     return (
         f"Tool over the workspace, r.m.s. (95 %), {FRAME_WORDS[tool.frame]}: at most "
         f"{uncertain(tool.now_mm)} mm as it is. {words}"
     )
+
+
+def _worth_holding(tool: DiagnosedTool) -> Holds | None:
+    """What a controller holds that keeps the tool best; None where joint offsets do as well."""
+    entered = tool.entered_mm
+    better = [h for h in HOLDS[1:] if entered[h] < WORTH_SAYING * entered["offsets"]]
+    if not better:
+        return None
+    return min(better, key=entered.__getitem__)
+
+
+def adopted_text(adopted: AdoptedTool, all_models: DiagnosedTool) -> str:
+    """What the tool is off by at most if the adopted names are true, beside all models."""
+    tool = adopted.tool
+    names = " and ".join(f"{name.id} ({name.where})" for name in adopted.names)
+    some: dict[Holds, str] = {"offsets": "joint offsets entered"}
+    if best := _worth_holding(tool):
+        some[best] = WITH[best]
+    bounds = ", ".join(
+        f"at most {uncertain(tool.entered_mm[holds])} mm with {words} (over all models "
+        f"{uncertain(all_models.entered_mm[holds])} mm)"
+        for holds, words in some.items()
+    )
+    frame = FRAME_WORDS[tool.frame]
+    return f"Given {names}: tool over the workspace, r.m.s. (95 %), {frame}, {bounds}."
+
+
+def words_on_adopting(diagnosed: SessionDiagnosis, candidate: str | None) -> str:
+    """What the names that are adopted from this diagnosis change at the tool."""
+    adopted = diagnosed.adopted_tool(candidate)
+    return adopted_text(adopted, diagnosed.tool) if adopted else ""
 
 
 def _pattern(diagnosed: SessionDiagnosis) -> list[str]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from app.report.text.tables import uncertain
 from tests.app.cli import glidecal, refused
 
 PROMISED = {
@@ -65,6 +66,8 @@ def test_find_adopt_and_see_the_gap_gone(tmp_path: Path) -> None:
     held = found["held_out_gap"]
     assert held["after_rms_mm"] < 0.5 * held["before_rms_mm"]
     assert len(found["candidates"]) <= 20
+    assert found["tool_adopted"]["frame"] == found["tool"]["frame"]
+    assert "tool_adopted" not in diagnosed(session)
     again = diagnosed(session, "--model", adopted)
     assert again["verdict"] == "agrees"
     assert again["gap_before"]["rms_mm"] == pytest.approx(found["gap_after"]["rms_mm"], rel=0.05)
@@ -76,6 +79,24 @@ def test_find_adopt_and_see_the_gap_gone(tmp_path: Path) -> None:
     assert "No effects." in removed.out
     assert "removed backlash (x): screw replaced" in removed.out
     assert diagnosed(session, "--model", adopted)["verdict"] == "explained"
+
+
+def test_adopting_says_what_the_name_changes_at_the_tool(samples: Path, tmp_path: Path) -> None:
+    """The figures of the sentence are those of the document; all models are those without it."""
+    session = samples / "simulated_zero-max-min.jsonl"
+    likely = diagnosed(session)["candidates"][0]
+    name = f"{likely['id']}:{likely['where']}"
+    asked = (session, "--candidate", name, "--adopt")
+    found = diagnosed(*asked, tmp_path / "json.json")
+    adopted_mm, all_mm = (found[key]["entered_mm"]["offsets"] for key in ("tool_adopted", "tool"))
+    assert adopted_mm != pytest.approx(all_mm, rel=0.01)
+    run = glidecal("diagnose", *asked, tmp_path / "text.json")
+    assert run.status == 0, run.err
+    assert (
+        f"Given {likely['id']} ({likely['where']}): tool over the workspace, r.m.s. (95 %), "
+        f"touched off, at most {uncertain(adopted_mm)} mm with joint offsets entered (over all "
+        f"models {uncertain(all_mm)} mm)"
+    ) in " ".join(run.out.split())
 
 
 def test_the_first_line_is_the_verdict(tmp_path: Path) -> None:

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 
 import pytest
 
-from calib.diagnosis.claims import Claim, Claims, name_of
+from calib.diagnosis.claims import Claim, Claims, conditional, name_of
 from calib.diagnosis.results import Named
+from calib.posterior.correction import correction
 from calib.posterior.library import ELSE, library
+from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.empirical import EMPIRICAL
@@ -138,3 +140,42 @@ def test_claims_of_a_posterior_are_its_models_read_one_by_one() -> None:
     assert read.named == pytest.approx(named)
     assert read.unnamed == pytest.approx(unnamed)
     assert read.places[Named("gauge_sign", "xy")] == pytest.approx(reversed_sign)
+
+
+def bounds_mm(posterior: Posterior) -> list[float]:
+    """Of the tool touched off, with joint offsets and with all that a controller can hold."""
+    some = correction(posterior, "offsets"), correction(posterior, "kinematics")
+    return [made.bound_mm["touched-off"] for made in some]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_right_name_lowers_the_bound_and_a_certain_one_changes_nothing(seed: int) -> None:
+    doubtful = posterior([case(SHORT, EffectInstance(LAWS["backlash"], "z", (0.03,)), seed=seed)])
+    name = Named("backlash", "z")
+    claims = Claims.of(doubtful)
+    assert claims.answer().verdict == "ambiguous"
+    assert claims.places[name] < 0.9
+    certain = conditional(doubtful, [name])
+    assert certain is not None
+    assert sum(model.weight for model in certain.models) == pytest.approx(1.0)
+    claims = Claims.of(certain)
+    assert claims.probability(lambda claim: claims.holds(claim, name)) == pytest.approx(1.0)
+    before_mm, after_mm = bounds_mm(doubtful), bounds_mm(certain)
+    assert after_mm[0] <= before_mm[0]
+    assert after_mm[1] < 0.5 * before_mm[1]
+    again = conditional(certain, [name])
+    assert again is not None
+    assert bounds_mm(again) == pytest.approx(after_mm, rel=1e-12)
+
+
+def test_models_with_the_name_at_places_that_contain_it_are_kept() -> None:
+    """Also models in which a law without a name acts; no model has two rivals of that many."""
+    models = posterior([case(SHORT, EffectInstance(LAWS["backlash"], "x", (0.05,)), seed=5)])
+    name = Named("backlash", "x")
+    certain = conditional(models, [name])
+    assert certain is not None
+    present = [{name_of(certain.components[k]) for k in m.members} for m in certain.models]
+    places = {some.where for names in present for some in names if some.id == "backlash"}
+    assert {"x", "x,y,z"} <= places
+    assert all({name, Named("backlash", "x,y,z")} & names for names in present)
+    assert conditional(models, [name, Named("backlash", "y"), Named("leg_bow", "xy"), LAW]) is None

@@ -1,0 +1,129 @@
+"""Sizes of adopted effects are free about those of the model; held ones are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.diagnose import diagnosis_of
+from calib.posterior.cells import SessionCase
+from calib.posterior.correction import correction
+from calib.posterior.models import Posterior
+from calib.posterior.posterior import posterior
+from calib.tripod.effects.drives import ActuatorCyclic
+from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.pipeline import Model
+from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, names, possible
+
+PLAY = LAWS["backlash"]
+
+
+def adopted(session: SessionCase, *effects: EffectInstance, held: bool = False) -> SessionCase:
+    """The session against a model with these effects."""
+    free = frozenset() if held else frozenset((one.effect, one.place) for one in effects)
+    return replace(session, model=Model(effects=effects), free=free)
+
+
+def value_and_deviation(posterior: Posterior, law: tuple[object, str]) -> tuple[float, float]:
+    """Of the first size of a law in the tool's field, over all models."""
+    (column, *_) = posterior.field.columns_of(law)  # type: ignore[arg-type]
+    middle = float(posterior.mean[column])
+    square = 0.0
+    for model in posterior.models_in_field:
+        variance = model.inflated**2 * model.base[column, column]
+        variance += float((model.root[column] ** 2).sum())
+        square += model.weight * (variance + (float(model.mean[column]) - middle) ** 2)
+    return middle, float(np.sqrt(square))
+
+
+@pytest.mark.parametrize("taken", [SWEEP, TWO_STATION])
+def test_a_wrong_size_of_the_model_is_found_again(taken: object) -> None:
+    session = case(taken, EffectInstance(PLAY, "z", (0.05,)), seed=4)  # type: ignore[arg-type]
+    free = posterior([adopted(session, EffectInstance(PLAY, "z", (0.03,)))])
+    diagnosis = diagnosis_of(free)
+    assert diagnosis.verdict == "agrees"
+    assert diagnosis.gap_before.p_value > 0.01
+    made = correction(free, "play")
+    (column,) = free.field.columns_of((PLAY, "z"))
+    middle_mm, u_mm = value_and_deviation(free, (PLAY, "z"))
+    assert made.values[column] == pytest.approx(middle_mm, abs=u_mm)
+    assert abs(made.values[column] - 0.05) < 4.0 * u_mm
+    assert u_mm < 0.002
+    # as well known as where it is found without a model
+    found = correction(posterior([session]), "play")
+    assert made.bound_mm["touched-off"] == pytest.approx(found.bound_mm["touched-off"], rel=0.2)
+
+
+def test_sizes_of_held_out_sessions_are_those_of_the_others() -> None:
+    """The size that the model states would leave a gap there."""
+    wrong = EffectInstance(PLAY, "z", (0.03,))
+    first, other = (
+        adopted(case(SWEEP, EffectInstance(PLAY, "z", (0.05,)), seed=seed), wrong)
+        for seed in (4, 9)
+    )
+    gap = diagnosis_of(posterior([first]), [replace(other, free=frozenset())]).held_out
+    assert gap is not None
+    assert gap.before_rms_mm < 1.5 * gap.noise_rms_mm
+
+
+def test_a_held_size_stays_and_what_it_lacks_is_missing() -> None:
+    session = case(SWEEP, EffectInstance(PLAY, "z", (0.05,)), seed=4)
+    held = posterior([adopted(session, EffectInstance(PLAY, "z", (0.03,)), held=True)])
+    (column,) = held.field.columns_of((PLAY, "z"))
+    assert held.start[column] == pytest.approx(0.03)
+    diagnosis = diagnosis_of(held)
+    assert diagnosis.missing > 0.99
+    assert ("backlash", "z") in possible(diagnosis)
+    (size,) = diagnosis.effects[0].parameters
+    assert size.value == pytest.approx(0.02, abs=4.0 * size.standard_uncertainty)
+
+
+def test_each_place_of_an_effect_is_free() -> None:
+    sizes_mm = dict(zip("xyz", (0.05, 0.02, 0.04), strict=True))
+    session = case(SWEEP, *(EffectInstance(PLAY, p, (mm,)) for p, mm in sizes_mm.items()), seed=2)
+    free = posterior([adopted(session, *(EffectInstance(PLAY, p, (0.03,)) for p in sizes_mm))])
+    assert diagnosis_of(free).verdict == "agrees"
+    for place, mm in sizes_mm.items():
+        middle_mm, u_mm = value_and_deviation(free, (PLAY, place))
+        assert abs(middle_mm - mm) < 4.0 * u_mm
+        assert u_mm < 0.002
+
+
+def test_a_searched_lead_of_the_model_is_free() -> None:
+    """No library has it, and nothing is left of it in which it could be searched."""
+    law = ActuatorCyclic(7.3)
+    session = case(SWEEP, EffectInstance(law, "x", (12.0, 0.0)), seed=2)
+    free = posterior([adopted(session, EffectInstance(law, "x", (11.0, 0.0)))])
+    middle_um, u_um = value_and_deviation(free, (law, "x"))
+    assert abs(middle_um - 12.0) < 4.0 * u_um
+    assert u_um > 0.1
+    assert diagnosis_of(free).verdict == "agrees"
+
+
+def test_a_size_that_fits_is_kept_and_its_uncertainty_is_in_the_bound() -> None:
+    effect = EffectInstance(LAWS["actuator_scale"], "y", (0.5,))
+    session = case(SWEEP, effect, seed=2)
+    free, held = (posterior([adopted(session, effect, held=held)]) for held in (False, True))
+    middle, u = value_and_deviation(free, (effect.effect, "y"))
+    assert abs(middle - 0.5) < 4.0 * u
+    assert value_and_deviation(held, (effect.effect, "y"))[1] < 0.5 * u
+    bounds_mm = [correction(one, "tables").bound_mm["touched-off"] for one in (free, held)]
+    assert bounds_mm[0] > bounds_mm[1]
+
+
+def test_what_is_missing_beside_an_adopted_effect_is_named() -> None:
+    """Whatever size of the adopted one is stated; postures that are left out find it again, too."""
+    hidden = EffectInstance(PLAY, "z", (0.05,)), EffectInstance(LAWS["leg_bow"], "xy", (0.3,))
+    session, before_mm = case(SWEEP, *hidden, seed=3), []
+    for stated_mm in (0.01, 0.05):
+        known = adopted(session, EffectInstance(PLAY, "z", (stated_mm,)))
+        diagnosis = diagnosis_of(posterior([known]))
+        assert diagnosis.verdict == "explained"
+        assert names(diagnosis) == [("leg_bow", "xy")]
+        assert diagnosis.gap_after.p_value > 0.01
+        assert diagnosis.held_out is not None
+        assert diagnosis.held_out.after_rms_mm < 1.1 * diagnosis.held_out.noise_rms_mm
+        before_mm.append(diagnosis.held_out.before_rms_mm)
+    assert before_mm[0] == pytest.approx(before_mm[1], rel=0.003)

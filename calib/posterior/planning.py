@@ -207,6 +207,16 @@ class Planner:
         ]
 
     @cached_property
+    def _of_another_session(self) -> list[ExpectedReadings]:
+        """The same where each is diagnosed as a session with joint offsets of its own."""
+        spread_mm = self.forecast.cells.case.tolerance_mm[:3]
+        each = zip(self.candidates, self.readings, strict=True)
+        return [
+            readings if candidate.preparation.words else readings.with_offsets_apart(spread_mm)
+            for candidate, readings in each
+        ]
+
+    @cached_property
     def _scale(self) -> float:
         """The bound over that of the models of the forecast, which are not all."""
         return self.bound_mm / self.forecast.now_mm
@@ -295,7 +305,7 @@ class Planner:
         if len(self._open) < 2 or not self.candidates:
             return None
         weight = np.array([share for _, share, _ in self._open])
-        apart = [self._apart(readings) for readings in self.readings]
+        apart = [self._apart(readings) for readings in self._of_another_session]
         score = np.array(
             [float((np.minimum(each, GOAL) * np.outer(weight, weight)).sum()) for each in apart]
         )

@@ -19,7 +19,7 @@ from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.labels import RivalModel, Solved
 from calib.posterior.library import ELSE, OTHER_BARS, Component, library, other_bars, something_else
 from calib.posterior.models import Linear, Posterior, Weighted, effects_of_tool
-from calib.posterior.race import LOG_CAUSES, Products, Race, RaceEntry
+from calib.posterior.race import LOG_CAUSES, Key, Products, Race, RaceEntry
 from calib.posterior.readings import LENGTHS, Placed, Rows, placed_columns, rows_of
 from calib.posterior.tool import laws_held, tool_field
 from calib.tripod.effects.effect import Effect
@@ -176,8 +176,7 @@ class PosteriorProblem:
     def _weighted(
         self, race: Race, entries: Sequence[RaceEntry], about: About
     ) -> tuple[list[Weighted], float]:
-        every: list[Weighted] = []
-        log: list[float] = []
+        every: dict[Key, tuple[float, Weighted]] = {}
         shared = self.base_unit[:, None] * about.inverse
         moved = shared @ (about.basis[: len(self.columns)].T @ self.columns)
         plain = ModelFit(shared @ about.along, shared, moved, race.products.square, about.room)
@@ -187,17 +186,22 @@ class PosteriorProblem:
             fit, gained = self._fitted(entry, race.products, plain), 0.0
             if follow and entry.members:
                 fit, gained = self._followed(race, entry, fit, about.room)
-            log.append(entry.log_weight + gained)
-            every.append(self._model(race, entry, fit))
+            every[entry.key] = entry.log_weight + gained, self._model(race, entry, fit)
 
         for number, entry in enumerate(entries):
             add(entry, follow=number < REFINED)
-        for fewer in _fewer(race, entries, log):
-            add(fewer, follow=True)
-        share = np.exp(np.array(log) - max(log))
-        log_evidence = max(log) + math.log(share.sum())
+        best = max(entries, key=lambda entry: every[entry.key][0])
+        if every[best.key][0] != best.log_weight:
+            for entry in _fewer(race, entries, best):
+                add(entry, follow=True)
+        log = np.array([log_weight for log_weight, _ in every.values()])
+        share = np.exp(log - log.max())
+        log_evidence = float(log.max() + math.log(share.sum()))
         share /= share.sum()
-        models = [replace(one, weight=float(w)) for one, w in zip(every, share, strict=True)]
+        models = [
+            replace(model, weight=float(w))
+            for (_, model), w in zip(every.values(), share, strict=True)
+        ]
         return sorted(models, key=lambda model: -model.weight), log_evidence
 
     def _model(self, race: Race, entry: RaceEntry, fit: ModelFit) -> Weighted:
@@ -378,20 +382,16 @@ def free_columns(
     return np.hstack(blocks)
 
 
-def _fewer(
-    race: Race, entries: Sequence[RaceEntry], log_weights: Sequence[float]
-) -> list[RaceEntry]:
-    """The heaviest model without each of its components, where derivatives alone left that out.
+def _fewer(race: Race, entries: Sequence[RaceEntry], best: RaceEntry) -> list[RaceEntry]:
+    """The best model without each of its components, at each scale that was not followed.
 
     A component may have stood for what is beyond the derivatives of the others.
     """
-    number = int(np.argmax(log_weights))
-    best, known = entries[number], {one.members for one in entries}
-    if log_weights[number] == best.log_weight:
-        return []
-    key = tuple(zip(best.members, best.scales, strict=True))
-    fewer = [race.entry((*key[:k], *key[k + 1 :])) for k in range(len(key))]
-    return [one for one in fewer if one.members not in known]
+    parts = [(*best.key[:k], *best.key[k + 1 :]) for k in range(len(best.key))]
+    fewer = {tuple(member for member, _ in part): race.entry(part) for part in parts}
+    known = {entry.members for entry in entries}
+    light = [entry for entry in entries[REFINED:] if entry.members in fewer]
+    return [*light, *(entry for members, entry in fewer.items() if members not in known)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,6 +55,11 @@ class RaceEntry:
     scales: tuple[float, ...]
     log_weight: float
 
+    @property
+    def key(self) -> Key:
+        """Its components, each with its scale."""
+        return tuple(zip(self.members, self.scales, strict=True))
+
 
 @dataclass(frozen=True, eq=False)
 class Products:

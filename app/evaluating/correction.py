@@ -233,7 +233,10 @@ class ControllerCorrections:
 def case_of(
     session: Session, model: Model, free: frozenset[tuple[Effect, str]] = frozenset()
 ) -> SessionCase:
-    """A session with the load that its tool carried; laws that are ``free`` as in its case."""
+    """A session with the load that its tool carried; laws that are ``free`` as in its case.
+
+    Joint offsets are those of other sessions with the same values entered and no part moved.
+    """
     machine = session.opened.machine
     geometry = replace(model.geometry, load=machine.load)
     return SessionCase(
@@ -242,6 +245,7 @@ def case_of(
         indicator_figures([session]),
         machine.tolerances_mm(),
         free=free,
+        state=(machine.entered_offsets_mm, machine.adjusted),
     )
 
 

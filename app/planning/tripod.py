@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app.evaluating.correction import case_of
 from app.evaluating.own_effects import known_effects
 from app.measuring.simulated import planned_readings, simulated_session
 from calib.arrays import LEG_NAMES
@@ -15,7 +16,6 @@ from calib.diagnosis.aliases import alias_map as compare
 from calib.diagnosis.results import AliasMap
 from calib.errors import ImpossibleRequest, UsageError
 from calib.noise.reading import IndicatorFigures, Noise
-from calib.posterior.cells import SessionCase
 from calib.posterior.correction import Holds, correction
 from calib.posterior.expected import ExpectedResult, expected_of
 from calib.posterior.measurements import USUAL_PACE, Pace, candidates, nothing_measured
@@ -30,7 +30,7 @@ from protocols.files import Written, unused_path
 from protocols.machine import Frame, Instrument, Machine, load_machine
 from protocols.model_file import free_effects, read_model, read_model_file
 from protocols.motion import seconds_per_step
-from protocols.observations import indicator_figures, to_observations, worst_stated
+from protocols.observations import to_observations, worst_stated
 from protocols.procedure import Procedure, load_procedure
 from protocols.session import Session
 
@@ -233,7 +233,7 @@ def next_measurement(
     free: frozenset[tuple[Effect, str]] = frozenset()
     if model_file:
         free = free_effects(read_model_file(model_file), known_effects())
-    cases = cases_of(sessions, known, free) or [
+    cases = [case_of(session, known, free) for session in sessions] or [
         nothing_measured(known, stated.standard_deviation_mm, machine.tolerances_mm())
     ]
     found = posterior(cases)
@@ -253,31 +253,6 @@ def next_measurement(
     words = words if asked_mm else f"{reading_mm:.4g} mm, from the sessions"
     names = tuple(session.name for session in sessions)
     return MeasurementPlan(names, machine.name, reading_mm, words, plan, reach)
-
-
-def cases_of(
-    sessions: Sequence[Session],
-    model: Model,
-    free: frozenset[tuple[Effect, str]] = frozenset(),
-) -> list[SessionCase]:
-    """Sessions with the same joint offsets entered, and the same load, are one set of readings.
-
-    Sizes of laws of the model that are ``free`` vary.
-    """
-    groups: dict[tuple[object, float], list[Session]] = {}
-    for session in sessions:
-        machine = session.opened.machine
-        groups.setdefault((machine.entered_offsets_mm, machine.load), []).append(session)
-    return [
-        SessionCase(
-            replace(model, geometry=replace(model.geometry, load=load)),
-            to_observations(some),
-            indicator_figures(some),
-            some[-1].opened.machine.tolerances_mm(),
-            free=free,
-        )
-        for (_, load), some in groups.items()
-    ]
 
 
 def _pace_s(machine: Machine, sessions: Sequence[Session]) -> float:

@@ -7,7 +7,7 @@ each other make a mean less certain than its repeats let expect.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -60,7 +60,8 @@ class SessionCase:
 
     ``tolerance_mm`` ``(6,)`` are standard deviations of joint offsets and bar lengths. Where these
     readings tell no noise, that of ``others`` holds: of sessions with the same indicators. Effects
-    of the model that are ``free``, laws at places, have other sizes than it states.
+    of the model that are ``free``, laws at places, have other sizes than it states. Sessions of the
+    same ``state`` of the machine share joint offsets but for homing; None: with no other session.
     """
 
     model: Model
@@ -69,6 +70,7 @@ class SessionCase:
     tolerance_mm: FloatArray
     others: Noise | None = None
     free: frozenset[tuple[Effect, str]] = frozenset()
+    state: Hashable | None = None
 
     @cached_property
     def free_spread(self) -> dict[tuple[Effect, str], FloatArray]:

@@ -32,7 +32,7 @@ from calib.posterior.correction import projector_of
 from calib.posterior.library import ELSE, something_else
 from calib.posterior.mixture import ExpectedReadings, Group, Updated
 from calib.posterior.models import Posterior
-from calib.posterior.readings import LENGTHS, Placed, placed_columns
+from calib.posterior.readings import HOMING_MM, LENGTHS, Placed, placed_columns
 from calib.posterior.tool import Frame
 from calib.posterior.tool_errors import InField, quantile_mm
 from calib.tripod.pipeline import Model
@@ -181,12 +181,12 @@ class Forecast:
         set_ups: Sequence[Conditions],
         change: Callable[[Model], Model] = lambda model: model,
         *,
-        offsets_apart: bool = False,
+        entered_anew: bool = False,
     ) -> list[ExpectedReadings]:
         """What each set-up is expected to show of a machine after a ``change``.
 
-        With ``offsets_apart`` joint offsets are not those of the sessions, as after others were
-        entered: the readings have to show them again.
+        Its joint offsets differ from those of the last session by what homing changes. With
+        ``entered_anew`` they are others: the readings have to show them again.
         """
         means, counts = zip(*(_cells(taken) for taken in set_ups), strict=True)
         every = joined(means)
@@ -221,8 +221,9 @@ class Forecast:
                     tuple((whiten @ e[rows], whiten @ c[rows]) for e, c in each),
                 )
             )
-        spread_mm = self.cells.case.tolerance_mm[:3]
-        return [one.with_offsets_apart(spread_mm) for one in shown] if offsets_apart else shown
+        tolerance_mm = self.cells.case.tolerance_mm[:3]
+        spread_mm = tolerance_mm if entered_anew else np.minimum(tolerance_mm, HOMING_MM)
+        return [one.with_other_offsets(spread_mm) for one in shown]
 
     def _columns(
         self,

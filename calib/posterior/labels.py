@@ -152,11 +152,12 @@ class Solved(Generic[Solution]):
     beside: Sequence[Sequence[RivalModel]]
     with_one_name: Callable[[int, FloatArray], FloatArray]
     mistakes: tuple[Mistake, ...] = ()
+    log_prior: float = 0.0
 
     @property
     def log_weight(self) -> float:
-        """With the priors of its mistakes."""
-        return self.log_evidence + sum(one.log_prior for one in self.mistakes)
+        """With its prior and those of its mistakes."""
+        return self.log_evidence + self.log_prior + sum(one.log_prior for one in self.mistakes)
 
 
 Scored = tuple[float, Mistake]
@@ -462,17 +463,17 @@ def _slips(screen: Screen) -> Iterator[_Apart]:
 
 
 def with_mistakes(
-    ways: Sequence[Sequence[Cells]], solve: Callable[[Sequence[Cells]], Solved[Solution]]
+    ways: Sequence[tuple[float, Sequence[Cells]]],
+    solve: Callable[[Sequence[Cells]], Solved[Solution]],
 ) -> list[Solved[Solution]]:
     """The sessions as they are, and put right in each way that may be true; the likeliest first.
 
-    The first takes of the sessions may have been reached in several ``ways``, each as likely. One
-    mistake after the other: each is looked for in the readings that the likeliest ones before
-    leave.
+    The sessions may have come about in several ``ways``, each with its log prior. One mistake after
+    the other: each is looked for in the readings that the likeliest ones before leave.
     """
-    every = [solve(sessions) for sessions in ways]
+    every = [replace(solve(sessions), log_prior=log_prior) for log_prior, sessions in ways]
     number = max(range(len(ways)), key=lambda k: every[k].log_weight)
-    best, now = every[number], list(ways[number])
+    best, now = every[number], list(ways[number][1])
     for _ in range(MOST):
         tried = []
         for number, cells in enumerate(now):
@@ -484,7 +485,9 @@ def with_mistakes(
                 except NotIdentifiable:
                     continue
                 mistake = replace(mistake, session=number)
-                tried.append((replace(solved, mistakes=(*best.mistakes, mistake)), right))
+                mistakes, log_prior = (*best.mistakes, mistake), best.log_prior
+                solved = replace(solved, mistakes=mistakes, log_prior=log_prior)
+                tried.append((solved, right))
         every += [solved for solved, _ in tried]
         better = max(tried, key=lambda each: each[0].log_weight, default=None)
         if better is None or better[0].log_weight < best.log_weight:

@@ -22,8 +22,8 @@ class ExpectedReadings:
     """Expected means of cells ``(n,)`` of set-ups, in standard deviations, without their zeros.
 
     ``columns`` ``(n, f)`` are derivatives by the tool's field, ``own`` ``(n, k)`` errors of each
-    posture's own per mm, ``loose`` ``(n, l)`` what joint offsets of their own do within their
-    tolerances. ``followed`` are expected means and columns of the models that have their own.
+    posture's own per mm, ``loose`` ``(n, l)`` what differences of joint offsets do within theirs.
+    ``followed`` are expected means and columns of the models that have their own.
     """
 
     expected: FloatArray
@@ -32,15 +32,9 @@ class ExpectedReadings:
     loose: FloatArray
     followed: tuple[tuple[FloatArray, FloatArray], ...]
 
-    def with_offsets_apart(self, spread_mm: FloatArray) -> ExpectedReadings:
-        """With joint offsets of their own, expected within ``spread_mm`` ``(3,)`` of these."""
-        apart = np.arange(self.columns.shape[1]) >= len(spread_mm)
-        return replace(
-            self,
-            columns=self.columns * apart,
-            loose=self.columns[:, : len(spread_mm)] * spread_mm,
-            followed=tuple((expected, columns * apart) for expected, columns in self.followed),
-        )
+    def with_other_offsets(self, spread_mm: FloatArray) -> ExpectedReadings:
+        """With joint offsets that differ from these by so much, standard deviations ``(3,)``."""
+        return replace(self, loose=self.columns[:, : len(spread_mm)] * spread_mm)
 
     @classmethod
     def together(cls, every: Sequence[ExpectedReadings]) -> ExpectedReadings:

@@ -195,7 +195,7 @@ class Planner:
             expected = self.forecast.readings(
                 list(set_ups.values()),
                 preparation.model,
-                offsets_apart=bool(preparation.words),
+                entered_anew=bool(preparation.words),
             )
             keys = [(preparation, key) for key in set_ups]
             shown |= dict(zip(keys, expected, strict=True))
@@ -204,16 +204,6 @@ class Planner:
                 [shown[candidate.preparation, id(s)] for s in candidate.taken]
             )
             for candidate in self.candidates
-        ]
-
-    @cached_property
-    def _of_another_session(self) -> list[ExpectedReadings]:
-        """The same where each is diagnosed as a session with joint offsets of its own."""
-        spread_mm = self.forecast.cells.case.tolerance_mm[:3]
-        each = zip(self.candidates, self.readings, strict=True)
-        return [
-            readings if candidate.preparation.words else readings.with_offsets_apart(spread_mm)
-            for candidate, readings in each
         ]
 
     @cached_property
@@ -305,7 +295,7 @@ class Planner:
         if len(self._open) < 2 or not self.candidates:
             return None
         weight = np.array([share for _, share, _ in self._open])
-        apart = [self._apart(readings) for readings in self._of_another_session]
+        apart = [self._apart(readings) for readings in self.readings]
         score = np.array(
             [float((np.minimum(each, GOAL) * np.outer(weight, weight)).sum()) for each in apart]
         )

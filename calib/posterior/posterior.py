@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -19,6 +20,10 @@ from calib.posterior.tool import tool_field
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import Effect
 from calib.tripod.movements import with_first_movements
+
+CHANGED = 0.01
+"""Probability that joint offsets of sessions differ that were measured in one state of the machine:
+a carriage was homed anew after a crash, or what was entered is not what the file says."""
 
 
 def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = None) -> Posterior:
@@ -41,8 +46,21 @@ def _adopted_variants(case: SessionCase, effects: Sequence[Effect]) -> list[Effe
     return [law for law in adopted if law.id in ids and law not in known]
 
 
-def _ways(sessions: Sequence[Cells]) -> list[list[Cells]]:
-    """How the first postures of mountings may have been reached: nobody saw, or repeats tell."""
+def _ways(sessions: Sequence[Cells]) -> list[tuple[float, list[Cells]]]:
+    """How sessions may have come about, with the log prior of each.
+
+    Nobody saw how the first postures of mountings were reached, or repeats tell. Sessions of one
+    state of the machine share joint offsets, or these changed all the same.
+    """
+    states = [cells.case.state for cells in sessions if cells.case.state is not None]
+    if len(states) == len(set(states)):
+        return [(0.0, way) for way in _ways_of_first_takes(sessions)]
+    ways = [(math.log(1.0 - CHANGED), way) for way in _ways_of_first_takes(sessions)]
+    changed = [replace(cells, case=replace(cells.case, state=None)) for cells in sessions]
+    return [*ways, *((math.log(CHANGED), way) for way in _ways_of_first_takes(changed))]
+
+
+def _ways_of_first_takes(sessions: Sequence[Cells]) -> list[list[Cells]]:
     moved = []
     for cells in sessions:
         visited = with_first_movements(cells.visited)

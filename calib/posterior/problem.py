@@ -109,7 +109,7 @@ class PosteriorProblem:
 
     def solved(self) -> Solved[Posterior]:
         """Race, then each model with its normal; the heaviest followed through the simulation."""
-        about = About.of(self.base, self.rows.residual, self.expected(self.rows))
+        about = self._about_of(self.base, self.rows)
         columns, residual = about.left_by(self.columns), about.left
         race = Race(
             Products(columns.T @ columns, columns.T @ residual, float(residual @ residual)),
@@ -127,7 +127,7 @@ class PosteriorProblem:
         field = tool_field(self.geometry, tuple(laws))
         linear = Linear(self.rows, self.columns, self.index)
         result = Posterior(self.sessions, self.components, tuple(models), field, linear)
-        constant = self.rows.log_constant
+        constant = self.rows.log_constant + self._log_of_states(about)
         nothing = race.products
         log_plain = race.log_evidence(np.array(nothing.square), np.array(nothing.room))
         plain = RaceEntry((), (), float(LOG_CAUSES[0] + log_plain))
@@ -146,6 +146,20 @@ class PosteriorProblem:
             return constant + race.best_singles(columns.T @ other, (other**2).sum(axis=0), names)
 
         return Solved(result, log_evidence + constant, beside, with_one_name)
+
+    def _about_of(self, base: FloatArray, rows: Rows) -> About:
+        whitening = self.rows.whitening_beside(base.shape[1] - len(rows.spread))
+        return About.of(base, rows.residual, self.expected(rows), whitening)
+
+    def _log_of_states(self, about: About) -> float:
+        """What expecting the same joint offsets of several sessions adds to the log evidence.
+
+        Mistakes are compared without what offsets cost: these are never the question.
+        """
+        if np.array_equal(self.rows.whitening, np.eye(len(self.rows.whitening))):
+            return 0.0
+        apart = About.of(self.base, self.rows.residual, self.expected(self.rows))
+        return about.room - apart.room
 
     def _changed(self, number: int, change_mm: FloatArray) -> FloatArray:
         """Rows ``(n, m)`` by which other means of cells ``(n_cells, m)`` of a session differ."""
@@ -247,7 +261,7 @@ class PosteriorProblem:
         unit, scale = self._unit(entry)
         base = self.base.copy()
         base[: rows.cells, : len(rows.spread)] = rows.base * rows.spread
-        about = About.of(base, rows.residual, self.expected(rows))
+        about = self._about_of(base, rows)
         columns = about.left_by(block * scale)
         upper = np.vstack([columns, np.eye(len(scale))])
         basis, root = np.linalg.qr(upper)
@@ -409,12 +423,22 @@ class About:
     room: float
 
     @classmethod
-    def of(cls, base: FloatArray, residual: FloatArray, expected: FloatArray) -> About:
-        """Of derivatives ``(n, b)`` per standard deviation."""
-        basis, root = np.linalg.qr(np.vstack([base, np.eye(base.shape[1])]))
-        target = np.concatenate([residual, expected])
+    def of(
+        cls,
+        base: FloatArray,
+        residual: FloatArray,
+        expected: FloatArray,
+        whitening: FloatArray | None = None,
+    ) -> About:
+        """Of derivatives ``(n, b)`` per standard deviation; None: what is expected is independent.
+
+        Else ``whitening`` ``(b, b)`` makes it so.
+        """
+        whitening = np.eye(base.shape[1]) if whitening is None else whitening
+        basis, root = np.linalg.qr(np.vstack([base, whitening]))
+        target = np.concatenate([residual, whitening @ expected])
         along = basis.T @ target
-        room = -float(np.log(np.abs(root.diagonal())).sum())
+        room = float(np.log(whitening.diagonal()).sum() - np.log(np.abs(root.diagonal())).sum())
         return cls(basis, np.linalg.inv(root), along, without(basis, target), room)
 
     def left_by(self, columns: FloatArray) -> FloatArray:

@@ -9,8 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from calib.arrays import Conditions, FloatArray, set_up_unknowns
 from calib.identify.fit import design_of
@@ -20,6 +22,10 @@ from calib.tripod.effects.effect import Effect, Kind
 from calib.tripod.pipeline import Model
 
 LENGTHS = BASE - 3
+
+HOMING_MM = 0.01
+"""Standard deviation of what homing again changes a joint offset by: switches of machines repeat
+within a few micrometres to some hundredths."""
 
 Placed = tuple[Effect, str]
 """A law and its place."""
@@ -50,9 +56,10 @@ class Rows:
     lengths that sessions share, then by the joint offsets of each; ``columns`` ``(n, k)`` those of
     effects. The first ``cells`` rows are means of cells, the others what readings do within them.
     ``value`` ``(b,)`` is where the models have the base parameters, ``prior`` ``(b,)`` where they
-    are expected, within ``spread`` ``(b,)``. ``free`` directions are left to readings beside zeros
-    and joint offsets; ``freedom`` belongs to the noise. ``excess`` is the square sum of repeats
-    that disagree, ``log_constant`` what evidences of other labels differ by as well.
+    are expected, within ``spread`` ``(b,)``; ``whitening`` ``(b, b)`` makes what is expected of
+    them, in these standard deviations, independent. ``free`` directions are left to readings beside
+    zeros and joint offsets; ``freedom`` belongs to the noise. ``excess`` is the square sum of
+    repeats that disagree, ``log_constant`` what evidences of other labels differ by as well.
     """
 
     residual: FloatArray
@@ -62,10 +69,15 @@ class Rows:
     value: FloatArray
     prior: FloatArray
     spread: FloatArray
+    whitening: FloatArray
     free: int
     freedom: float
     excess: float
     log_constant: float
+
+    def whitening_beside(self, count: int) -> FloatArray:
+        """The same for these and ``count`` independent values after them."""
+        return np.asarray(block_diag(self.whitening, np.eye(count)))
 
 
 def rows_of(
@@ -123,11 +135,28 @@ def rows_of(
         base_of([model.parameters_mm for model in models]),
         base_of([cells.case.model.parameters_mm for cells in sessions]),
         base_of([cells.case.spread_mm for cells in sessions]),
+        _whitening(sessions),
         free,
         freedom,
         sum(cells.excess for cells in sessions),
         sum(cells.log_constant for cells in sessions) + _log_of_student(freedom, free),
     )
+
+
+def _whitening(sessions: Sequence[Cells]) -> FloatArray:
+    """Sessions of one state of the machine have the same joint offsets, but for homing ``(b, b)``.
+
+    The inverse of a Cholesky root of how lengths and offsets of all sessions correlate.
+    """
+    correlation = np.eye(LENGTHS + 3 * len(sessions))
+    for one, other in combinations(range(len(sessions)), 2):
+        state, spread = sessions[one].case.state, sessions[one].case.spread_mm[:3]
+        if state is None or state != sessions[other].case.state:
+            continue
+        alike = 1.0 - 0.5 * np.minimum(HOMING_MM / spread, 1.0) ** 2
+        first, second = (LENGTHS + 3 * k + np.arange(3) for k in (one, other))
+        correlation[first, second] = correlation[second, first] = alike
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(correlation)))
 
 
 def _log_of_student(freedom: float, free: int) -> float:

@@ -14,6 +14,7 @@ from calib.posterior.measurements import MeasurementPreparation, set_up
 from calib.posterior.mixture import Updated
 from calib.posterior.models import Posterior, Weighted
 from calib.posterior.posterior import posterior
+from calib.posterior.readings import HOMING_MM
 from calib.posterior.tool import Frame
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
@@ -69,7 +70,9 @@ class Dense:
         self.before = model.covariance
         zeros = ZERO_MM**2 * np.equal.outer(cells.mount, cells.mount)
         noise = np.diag(model.inflated**2 * mm2 / np.bincount(taken.cell))
-        self.spread = self.columns @ self.before @ self.columns.T + zeros + noise
+        by_offsets = self.columns[:, result.parameter_count - 3 : result.parameter_count]
+        homed = (model.inflated * HOMING_MM) ** 2 * by_offsets @ by_offsets.T
+        self.spread = self.columns @ self.before @ self.columns.T + zeros + noise + homed
         self.gain = self.before @ self.columns.T @ np.linalg.inv(self.spread)
         self.after = self.before - self.gain @ self.columns @ self.before
         into = np.zeros((result.field.rows.shape[1], len(at)))
@@ -173,6 +176,6 @@ def test_own_offsets_after_others_were_entered_tell_less(unsure: Posterior) -> N
     forecast = Forecast.of(unsure, FRAME, OFFSETS)
     change = MeasurementPreparation((0.1, 0.0, 0.0)).model
     (same,) = forecast.readings([TAKEN], change)
-    (apart,) = forecast.readings([TAKEN], change, offsets_apart=True)
+    (apart,) = forecast.readings([TAKEN], change, entered_anew=True)
     assert forecast.after_mm(same) <= forecast.after_mm(apart) * (1.0 + 1e-9)
     assert forecast.after_mm(apart) < forecast.now_mm

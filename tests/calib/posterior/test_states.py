@@ -1,0 +1,85 @@
+"""Sessions measured in one state of the machine share its joint offsets, but for homing."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.arrays import FloatArray, Observations, observe
+from calib.noise.reading import IndicatorFigures
+from calib.posterior.cells import SessionCase
+from calib.posterior.correction import correction
+from calib.posterior.models import Posterior
+from calib.posterior.posterior import posterior
+from calib.posterior.readings import HOMING_MM, LENGTHS
+from calib.tripod.pipeline import Model, measure
+from tests.calib.posterior.hidden_machines import SWEEP, TOLERANCE_MM, TWO_STATION
+
+LEG_X = TWO_STATION.take(np.flatnonzero((TWO_STATION.leg == 0) & (TWO_STATION.axis == 1)))
+OFFSETS_MM, LENGTH_ERRORS_MM = np.array([0.41, -0.32, 0.2]), (0.02, -0.03, 0.01)
+HOMED_MM = np.array([0.006, -0.004, 0.005])
+"""What homing changed between two sessions."""
+
+
+def read(
+    taken: Observations, change_mm: FloatArray | float, seed: int, state: Hashable = "as built"
+) -> SessionCase:
+    """What was read with joint offsets that differ by so much ``(3,)``."""
+    parameters = (*(OFFSETS_MM + change_mm).tolist(), *LENGTH_ERRORS_MM)
+    machine = Model(parameters_mm=parameters)
+    value = measure(machine, taken, scatter_mm=0.001, resolution_mm=0.0, generator=seed)
+    observed = observe(taken, value)
+    return SessionCase(Model(), observed, IndicatorFigures(), TOLERANCE_MM, state=state)
+
+
+def change_of(result: Posterior) -> tuple[FloatArray, FloatArray]:
+    """Offsets of the second session less those of the first ``(3,)``, and their deviations, mm.
+
+    Of the models by which one state's offsets were shared, or not: the likelier ones.
+    """
+    into = np.zeros((3, len(result.models[0].base)))
+    into[:, LENGTHS : LENGTHS + 3] = -np.eye(3)
+    into[:, LENGTHS + 3 : LENGTHS + 6] = np.eye(3)
+    best = result.models[0]
+    count = into.shape[1]
+    change = into @ best.mean[:count]
+    return change, np.sqrt(np.diag(into @ best.covariance[:count, :count] @ into.T))
+
+
+@pytest.fixture(scope="module")
+def sessions() -> list[SessionCase]:
+    """The whole machine, then one leg along one direction after it was homed again."""
+    return [read(SWEEP, 0.0, 1), read(LEG_X, HOMED_MM, 2)]
+
+
+def test_a_leg_read_again_leaves_the_machine_known(sessions: list[SessionCase]) -> None:
+    together = posterior(sessions)
+    change, deviation = change_of(together)
+    assert np.all(np.abs(change - HOMED_MM) < 3.0 * deviation)
+    assert np.all(deviation < 1.01 * HOMING_MM)
+    assert deviation[1] < 0.5 * HOMING_MM  # leg x read along y shows it
+    alone = posterior([replace(case, state=None) for case in sessions])
+    shared_mm, own_mm = (
+        correction(one, "offsets").bound_mm["touched-off"] for one in (together, alone)
+    )
+    assert shared_mm < 0.01
+    assert own_mm > 0.5
+
+
+def test_offsets_that_changed_all_the_same_are_each_sessions_own() -> None:
+    changed = np.array([0.3, 0.0, -0.1])
+    change, deviation = change_of(posterior([read(SWEEP, 0.0, 1), read(TWO_STATION, changed, 2)]))
+    assert np.all(np.abs(change - changed) < 3.0 * deviation)
+    assert np.all(deviation < 0.003)
+
+
+def test_sessions_of_other_states_do_not_share(sessions: list[SessionCase]) -> None:
+    moved = [sessions[0], replace(sessions[1], state="after a crash")]
+    apart = [replace(case, state=None) for case in sessions]
+    for states, none in zip(
+        *(change_of(posterior(cases)) for cases in (moved, apart)), strict=True
+    ):
+        assert np.array_equal(states, none)

@@ -50,6 +50,10 @@ WRONG = 1e-6
 """Weight of a reading that disagrees with its repeats: it tells nothing about them."""
 
 
+HOMING_MM = 0.01
+"""Standard deviation of what homing again changes a joint offset by: switches of machines repeat
+within a few micrometres to some hundredths."""
+
 ADOPTED = 4.0
 """Unremarkable sizes by which an adopted effect may differ from its size in the model; at least."""
 
@@ -60,8 +64,9 @@ class SessionCase:
 
     ``tolerance_mm`` ``(6,)`` are standard deviations of joint offsets and bar lengths. Where these
     readings tell no noise, that of ``others`` holds: of sessions with the same indicators. Effects
-    of the model that are ``free``, laws at places, have other sizes than it states. Sessions of the
-    same ``state`` of the machine share joint offsets but for homing; None: with no other session.
+    of the model that are ``free``, laws at places, have other sizes than it states. Joint
+    offsets of sessions of the same ``state`` of the machine differ by what homing changes,
+    ``homing_mm``; None: they are no other session's.
     """
 
     model: Model
@@ -71,6 +76,7 @@ class SessionCase:
     others: Noise | None = None
     free: frozenset[tuple[Effect, str]] = frozenset()
     state: Hashable | None = None
+    homing_mm: float = HOMING_MM
 
     @cached_property
     def free_spread(self) -> dict[tuple[Effect, str], FloatArray]:
@@ -154,6 +160,8 @@ class Cells:
         floor_mm2 = case.indicator.display_mm**2 / 12.0
         apart = np.array(disagreeing(repeats, floor_mm2), dtype=np.intp)
         noise = reading_noise(visited, case.indicator, apart.tolist(), steady=True)
+        if noise and noise.repeated == "nothing" and not case.indicator.repeatability_mm:
+            noise = None  # a display's step alone is the least that a reading may scatter
         if noise is None and case.others is not None:
             noise = case.others.for_indicators(visited.indicator_count)
         if noise is None:  # equal weights: what the model leaves tells the variance

@@ -27,12 +27,12 @@ from calib.arrays import (
 )
 from calib.errors import UnreachablePosture
 from calib.identify.fit import design_of
-from calib.posterior.cells import BASE, Cells
+from calib.posterior.cells import BASE, HOMING_MM, Cells
 from calib.posterior.correction import projector_of
 from calib.posterior.library import ELSE, something_else
 from calib.posterior.mixture import ExpectedReadings, Group, Updated
 from calib.posterior.models import Posterior
-from calib.posterior.readings import HOMING_MM, LENGTHS, Placed, placed_columns
+from calib.posterior.readings import LENGTHS, Placed, placed_columns
 from calib.posterior.tool import Frame
 from calib.posterior.tool_errors import InField, quantile_mm
 from calib.tripod.pipeline import Model

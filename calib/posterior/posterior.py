@@ -22,8 +22,11 @@ from calib.tripod.effects.effect import Effect
 from calib.tripod.movements import with_first_movements
 
 CHANGED = 0.01
-"""Probability that joint offsets of sessions differ that were measured in one state of the machine:
-a carriage was homed anew after a crash, or what was entered is not what the file says."""
+"""Probability that joint offsets changed between sessions of one state of the machine: a switch was
+moved, or what was entered is not what the file says."""
+CHANGE_MM = 0.3
+"""Standard deviation of such a change: expected about the offsets before, so that a session of one
+leg does not pull those of the others towards what the file says."""
 
 
 def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = None) -> Posterior:
@@ -49,14 +52,14 @@ def _adopted_variants(case: SessionCase, effects: Sequence[Effect]) -> list[Effe
 def _ways(sessions: Sequence[Cells]) -> list[tuple[float, list[Cells]]]:
     """How sessions may have come about, with the log prior of each.
 
-    Nobody saw how the first postures of mountings were reached, or repeats tell. Sessions of one
-    state of the machine share joint offsets, or these changed all the same.
+    Nobody saw how the first postures of mountings were reached, or repeats tell. Joint offsets of
+    sessions of one state of the machine are the same but for homing, or changed by more.
     """
     states = [cells.case.state for cells in sessions if cells.case.state is not None]
     if len(states) == len(set(states)):
         return [(0.0, way) for way in _ways_of_first_takes(sessions)]
     ways = [(math.log(1.0 - CHANGED), way) for way in _ways_of_first_takes(sessions)]
-    changed = [replace(cells, case=replace(cells.case, state=None)) for cells in sessions]
+    changed = [replace(cells, case=replace(cells.case, homing_mm=CHANGE_MM)) for cells in sessions]
     return [*ways, *((math.log(CHANGED), way) for way in _ways_of_first_takes(changed))]
 
 

@@ -23,10 +23,6 @@ from calib.tripod.pipeline import Model
 
 LENGTHS = BASE - 3
 
-HOMING_MM = 0.01
-"""Standard deviation of what homing again changes a joint offset by: switches of machines repeat
-within a few micrometres to some hundredths."""
-
 Placed = tuple[Effect, str]
 """A law and its place."""
 
@@ -153,7 +149,7 @@ def _whitening(sessions: Sequence[Cells]) -> FloatArray:
         state, spread = sessions[one].case.state, sessions[one].case.spread_mm[:3]
         if state is None or state != sessions[other].case.state:
             continue
-        alike = 1.0 - 0.5 * np.minimum(HOMING_MM / spread, 1.0) ** 2
+        alike = 1.0 - 0.5 * np.minimum(sessions[other].case.homing_mm / spread, 1.0) ** 2
         first, second = (LENGTHS + 3 * k + np.arange(3) for k in (one, other))
         correlation[first, second] = correlation[second, first] = alike
     return np.asarray(np.linalg.inv(np.linalg.cholesky(correlation)))

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from calib.arrays import Conditions, FloatArray
+from calib.posterior.cells import HOMING_MM
 from calib.posterior.forecast import Forecast
 from calib.posterior.measurements import MeasurementPreparation, set_up
 from calib.posterior.mixture import Updated
 from calib.posterior.models import Posterior, Weighted
 from calib.posterior.posterior import posterior
-from calib.posterior.readings import HOMING_MM
 from calib.posterior.tool import Frame
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model

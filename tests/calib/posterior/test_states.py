@@ -10,11 +10,11 @@ import pytest
 
 from calib.arrays import FloatArray, Observations, observe
 from calib.noise.reading import IndicatorFigures
-from calib.posterior.cells import SessionCase
+from calib.posterior.cells import HOMING_MM, SessionCase
 from calib.posterior.correction import correction
 from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior
-from calib.posterior.readings import HOMING_MM, LENGTHS
+from calib.posterior.readings import LENGTHS
 from calib.tripod.pipeline import Model, measure
 from tests.calib.posterior.hidden_machines import SWEEP, TOLERANCE_MM, TWO_STATION
 

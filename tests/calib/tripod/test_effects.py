@@ -344,7 +344,7 @@ def test_gain_and_tilt() -> None:
 
 
 def test_three_distances_are_what_six_shifts_show() -> None:
-    """Shifts that move all axes alike are joint offsets; theory.md, section 4, gives one by hand.
+    """Shifts that move all axes alike are joint offsets; one is worked out by hand.
 
     Axis x shifted towards y by 1 is y of z to x: zx -1; its change of the readings in proportion.
     """

@@ -315,8 +315,8 @@ def _beside(one: EffectInstance, placed: list[EffectInstance], columns: Columns)
 
 def _described(placed: EffectInstance, case: Case, columns: Columns, noise_mm: float) -> Json:
     mine = placed.candidate
-    # With no blunder tested the whole catalogue competes, but for what was left out of it.
-    known = [c for c in (*rivals(), *beside(), everywhere()) if c.id not in beside_ids(case)]
+    # With no blunder tested all that is looked for competes, but for what was left out of it.
+    known = [*rivals(), *beside(), everywhere()]
     others = [c for c in known if c.id != mine.id and c.id not in case.without]
     rival, share = best_rival(columns, placed.signal, others)
     parameters = len(mine.directions)
@@ -347,11 +347,6 @@ def _described(placed: EffectInstance, case: Case, columns: Columns, noise_mm: f
         "named_by_a_judge": named_by_a_judge(columns, placed.signal, mine.id, every, noise_mm),
         "elsewhere_ncp": (1 - max(elsewhere, default=0.0)) * ncp,
     }
-
-
-def beside_ids(case: Case) -> set[str]:
-    """Physics that the diagnosis of this case does not look for."""
-    return {c.id for c in beside()} - set(case.also)
 
 
 def _also_right(placed: EffectInstance) -> list[str]:

@@ -18,11 +18,14 @@ from app.machines.options import (
     Answer,
     AsJson,
     Machine,
+    MacroName,
+    PrintableRadius,
     Protocol,
     Seed,
     argument,
     figure,
     file,
+    macro_answer,
     number,
     say,
 )
@@ -87,6 +90,8 @@ def run(
     until: Annotated[
         float | None, figure("Set-up after set-up, until the tool is off by at most this, mm.")
     ] = None,
+    macro: MacroName = None,
+    printable_radius: PrintableRadius = None,
 ) -> None:
     """The guided session on real indicators. With --simulated on a simulated machine."""
     from app.measuring.indicators import check_indicators, choose_indicators, simulated_indicators
@@ -114,6 +119,15 @@ def run(
     procedure = load_procedure(named, known.geometry())
     if random_order is not None:
         procedure = shuffled(procedure, random_order)
+    if printable_radius is not None and macro is None:
+        raise UsageError("--printable-radius", "no --macro", "with --macro alone")
+    if macro:
+        if not dry_run:
+            next_step = "The firmware of the printer measures it, and its log is imported."
+            raise UsageError("--macro", "no --dry-run", "run --dry-run --macro", next_step)
+        answer = macro_answer(macro, procedure, known, printable_radius, output)
+        typer.echo(answer.shown(as_json=False))
+        return
     if not (chosen or dry_run):
         allowed = "--indicator PROFILE:PORT, [[indicator]] in the machine file"
         raise UsageError("indicators", "none", allowed)

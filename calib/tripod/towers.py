@@ -179,7 +179,8 @@ def entered(model: Model, entries: TowerEntries) -> Entered:
             off = machine_at(model, believed_mm(values, points), way).tool_mm - points
             if geometry.set_at_zero:
                 at_zero = at_zero_mm(values, way)
-                rows.append((at_zero - standing[way])[kept])
+                # as heavy as all places together squared: it is no part of the bargain
+                rows.append(len(points) * (at_zero - standing[way])[kept])
                 off = off - at_zero
             rows.append(off.ravel())
         return np.concatenate(rows)

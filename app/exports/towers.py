@@ -152,8 +152,8 @@ def comments(offsets: Offsets, values: Entered, put: str, held: str) -> list[str
     ]
     if max(abs(x), abs(y), abs(z)) >= LEAST_MM:
         lines.append(
-            f"sent to Zero the tool then stands ({x:+.4f}, {y:+.4f}, {z:+.4f}) mm from its present "
-            "place there: errors count from the new one"
+            f"sent to Zero the tool then stands ({x:+z.4f}, {y:+z.4f}, {z:+z.4f}) mm from its "
+            "present place there: errors count from the new one"
         )
     alone = dict(each_alone(offsets.model, values.entries))
     if whole := [name for name, left_mm in alone.items() if left_mm < LEAST_MM]:

@@ -34,7 +34,7 @@ MARLIN_PUT = (
 )
 SMOOTHIEWARE_PUT = (
     "send these lines, then M500, then home. Older builds take F for H, the angle of the third "
-    "tower. A, B, C of M665 (radii of the towers) and D, E, H must be 0 now; what M206 adds stays"
+    "tower. What M206 adds stays"
 )
 LEAST_TRIM_MM = 0.25
 """Marlin does not retrace by fewer than some steps: every trim is longer than these are."""

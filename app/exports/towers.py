@@ -136,6 +136,8 @@ def comments(offsets: Offsets, values: Entered, put: str, held: str) -> list[str
     """
     now = values.now
     x, y, z = values.moved_mm.tolist()
+    each_radius = values.entries.radii
+    radius = f"radius {_three(now.radius_mm if each_radius else now.radius_mm[:1])} mm"
     kept = "these values keep the height of the tool in the middle of the plate as it is now"
     if abs(z) >= SEEN_MM:
         way = "higher" if z > 0.0 else "lower"
@@ -144,8 +146,8 @@ def comments(offsets: Offsets, values: Entered, put: str, held: str) -> list[str
         f"{TOUCH}; {kept}",
         *origin(offsets),
         put,
-        f"made for a controller that now holds radius {float(now.radius_mm[0]):.3f} mm, lengths of "
-        f"the bars {_three(now.length_mm)} mm, towers at {_three(now.angle_deg)}°{held}; if it "
+        f"made for a controller that now holds {radius}, lengths of the bars "
+        f"{_three(now.length_mm)} mm, towers at {_three(now.angle_deg)}°{held}; if it "
         "holds others, these values are wrong",
         f"tool error over the workspace, if the model is right: {values.before_mm:.4f} mm r.m.s. "
         f"now, {values.after_mm:.4f} mm with these values",

@@ -68,21 +68,24 @@ class Towers:
     angle_deg: FloatArray
 
     @classmethod
-    def of(cls, geometry: Geometry) -> Towers:
-        """What the controller believes now. Raises ImpossibleRequest for other machines."""
+    def of(cls, geometry: Geometry, *, one_circle: bool = False) -> Towers:
+        """What the controller believes now. Raises ImpossibleRequest for other machines.
+
+        With ``one_circle`` for towers at unequal distances from the middle, too.
+        """
         upright = np.abs(geometry.directions - (0.0, 0.0, 1.0)).max() < UPRIGHT
         across = geometry.anchors[:, :2]
         radii = np.hypot(*across.T)
-        if not upright or np.ptp(radii) > ON_CIRCLE_MM:
+        if not upright or (one_circle and np.ptp(radii) > ON_CIRCLE_MM):
             shown = ", ".join(f"{radius:.3f}" for radius in radii)
             raise ImpossibleRequest(
                 "kinematics of upright towers",
                 f"towers at {shown} mm from the tool" if upright else "drives along other lines",
-                "three drives along +z whose bars span the same distance at Zero",
+                "three drives along +z" + " at one distance from it" * one_circle,
                 "Is this the machine file of what the controller believes?",
             )
         angles = np.degrees(np.arctan2(across[:, 1], across[:, 0])) % 360.0
-        return cls(geometry.lengths, np.full(3, radii.mean()), angles)
+        return cls(geometry.lengths, np.full(3, radii.mean()) if one_circle else radii, angles)
 
     @property
     def span_mm(self) -> FloatArray:
@@ -148,7 +151,8 @@ def entered(model: Model, entries: TowerEntries) -> Entered:
     height there stays as it is, and its place too where towers may stand anywhere. Raises
     ImpossibleRequest as `Towers.of`.
     """
-    now, geometry = Towers.of(model.geometry), model.geometry
+    geometry = model.geometry
+    now = Towers.of(geometry, one_circle=not entries.radii)
     points, zero = workspace_points(geometry), np.zeros((1, 3))
     base = -geometry.anchors[:, 2]
     counts = [3, 3 if entries.radii else 1, 3 if entries.lengths else 1, 3 * entries.angles]

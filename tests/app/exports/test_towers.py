@@ -297,6 +297,34 @@ def test_towers_anywhere_and_one_length_go_into_controllers_with_one(
 
 
 @pytest.mark.parametrize("kind", READ_ALIKE)
+def test_towers_that_are_held_at_unequal_distances_stay_so(kind: str, tmp_path: Path) -> None:
+    """A machine file that has the places of its towers already, and nothing left to correct."""
+    drives = machine().drive
+    assert drives is not None
+    feet = (RADIUS + np.array(BARS_ALIKE.out_mm))[:, None] * outward(ANGLES)
+    moved = tuple(
+        drive.model_copy(
+            update={"origin_mm": (x + drive.platform_mm[0], y + drive.platform_mm[1], 0.0)}
+        )
+        for drive, (x, y) in zip(drives, feet.tolist(), strict=True)
+    )
+    known = machine(drive=moved)
+    model, out = tmp_path / "model.json", tmp_path / "out"
+    model.write_text(model_file(Model(known.geometry()), known).text(), encoding="utf-8")
+    asked = ("export", model, "-o", out, "--format")
+    assert "at one distance from it" in refused(2, *asked, "klipper")
+    run = glidecal(*asked, kind)
+    assert run.status == 0, run.err
+    told = READ_ALIKE[kind](out.read_text())
+    travel = [told(place) - told(np.zeros(3)) for place in GRID]
+    wanted = [
+        carriages(np.zeros(3), np.full(3, BAR), feet) - carriages(place, np.full(3, BAR), feet)
+        for place in GRID
+    ]
+    assert np.abs(np.array(travel) - wanted).max() < 1e-5
+
+
+@pytest.mark.parametrize("kind", READ_ALIKE)
 def test_controllers_with_one_length_say_what_unequal_bars_leave(kind: str, tmp_path: Path) -> None:
     text = exported(ANYTHING, kind, tmp_path).read_text()
     after = rms(errors(ANYTHING, READ_ALIKE[kind](text)))
@@ -370,6 +398,17 @@ def test_the_height_at_the_plate_is_kept(kind: str, plate_session: Path, tmp_pat
     assert rms(errors(OFF_IN_ALL, told)) < rms(errors(OFF_IN_ALL, BELIEVED))
 
 
+def test_the_height_at_the_plate_is_kept_by_lineardeltakins(
+    plate_session: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    run = glidecal("export", plate_session, "--format", "lineardeltakins", "-o", out)
+    assert run.status == 0, run.err
+    middle = np.zeros(3)
+    raised = OFF_IN_ALL.tool(lineardeltakins(out)(middle)) - OFF_IN_ALL.tool(BELIEVED(middle))
+    assert raised[2] == pytest.approx(0.0, abs=0.05)
+
+
 @pytest.mark.parametrize("kind", READ)
 @pytest.mark.parametrize("hidden", [ANYTHING, Hidden((-1.2, -0.9, -1.5)), Hidden()])
 def test_the_first_line_says_to_touch_the_plate_again(
@@ -432,6 +471,9 @@ def test_what_klipper_has_no_value_for_is_named_with_what_it_leaves(tmp_path: Pa
     assert 0.01 < after < rms(errors(hidden, BELIEVED))
     said = comments(text)
     assert f"{after:.4f} mm with these values" in said
+    zero = np.zeros(3)
+    raised = hidden.tool(klipper(text)(zero))[2] - hidden.tool(BELIEVED(zero))[2]
+    assert raised == pytest.approx(0.0, abs=0.001), "the height is no part of the bargain"
     assert "wholly in these values: d_rho" in said
     assert re.search(
         r"no value for all of axis_squareness\. By itself axis_squareness leaves 0\.", said

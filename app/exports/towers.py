@@ -235,7 +235,7 @@ def p_3z(offsets: Offsets) -> Export:
     rows: list[Sequence[str]] = [("parameter", "now", "value", "unit")]
 
     def add(name: str, before: float, after: float) -> None:
-        rows.append((name, f"{before:.6f}", f"{after:.6f}", "mm"))
+        rows.append((name, f"{before:z.6f}", f"{after:z.6f}", "mm"))
 
     add("Arm length", float(now.length_mm[0]), float(towers.length_mm[0]))
     drives = [LEG_NAMES.index(name) for name in named]
@@ -246,7 +246,7 @@ def p_3z(offsets: Offsets) -> Export:
     add("TCP displacement", 0.0, 0.0)
     for axis, drive in enumerate(drives, start=1):
         change = float(values.change_mm[drive])
-        rows.append((f"axis {axis} position at homing, change", "", f"{change:+.6f}", "mm"))
+        rows.append((f"axis {axis} position at homing, change", "", f"{change:+z.6f}", "mm"))
     lines = comments(offsets, values, P_3Z_PUT, "")
     return Export({"": csv_text(rows, lines)}, offsets.cautions)
 

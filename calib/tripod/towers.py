@@ -71,7 +71,7 @@ class Towers:
     def of(cls, geometry: Geometry, *, one_circle: bool = False) -> Towers:
         """What the controller believes now. Raises ImpossibleRequest for other machines.
 
-        With ``one_circle`` for towers at unequal distances from the middle, too.
+        With ``one_circle`` towers at unequal distances from the middle are another machine, too.
         """
         upright = np.abs(geometry.directions - (0.0, 0.0, 1.0)).max() < UPRIGHT
         across = geometry.anchors[:, :2]

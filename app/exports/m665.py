@@ -44,7 +44,7 @@ def config_g(offsets: Offsets) -> Export:
     """RepRapFirmware: lines for ``config.g``. Raises as `towers.printer_cfg`.
 
     H is the mean, so that the corrections of M666 add up to nothing, as automatic calibration
-    leaves them (LinearDeltaKinematics.cpp).
+    leaves them.
     """
     drives, now = drives_of_towers(offsets), endstops_now_mm(offsets)
     offsets, values = fitted(offsets, ON_ONE_CIRCLE)
@@ -61,7 +61,7 @@ def config_g(offsets: Offsets) -> Export:
 
 
 def marlin(offsets: Offsets) -> Export:
-    """Marlin: lines to send and to save (module/delta.cpp, M665, M666). Raises as `config_g`.
+    """Marlin: lines to send and to save. Raises as `config_g`.
 
     Trims of M666 must not be above 0: the carriage retraces from its switch by them. M665 takes two
     lines, because a line of it has 96 characters at most.
@@ -81,7 +81,7 @@ def marlin(offsets: Offsets) -> Export:
 
 
 def smoothieware(offsets: Offsets) -> Export:
-    """Smoothieware: lines to send and to save (LinearDeltaSolution.cpp, Endstops.cpp).
+    """Smoothieware: lines to send and to save.
 
     It has one length, and a radius for each tower. Raises as `config_g`, and UsageError where it
     holds unequal lengths now.

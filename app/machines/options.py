@@ -17,13 +17,10 @@ from calib.errors import UsageError
 from protocols.machine_files import USUAL_MACHINE, machine_names
 
 if TYPE_CHECKING:  # heavy: imported where used
-    from app.exports.macros import Dialect
     from app.report.schema.document import Report
     from app.screens import Look, MakeScreen
     from calib.design.criteria import Criterion
     from protocols.files import Written
-    from protocols.machine import Machine as TripodMachine
-    from protocols.procedure import Procedure
 
 
 def _finite(value: float | None) -> float | None:
@@ -222,33 +219,6 @@ class Answer:
         from app.report.schema.document import to_json
 
         return to_json(self.document()) if as_json else self.text()
-
-
-def macro_answer(
-    dialect: Dialect,
-    procedure: Procedure,
-    machine: TripodMachine,
-    printable_mm: float | None,
-    output: Path | None,
-) -> Answer:
-    """G-code that probes the places of a procedure; with ``output`` it is written to that file.
-
-    Raises UsageError for what a probe cannot measure, and for ``--json``.
-    """
-    from app.exports.macros import macro
-
-    text = macro(dialect, procedure, machine, printable_mm)
-
-    def shown() -> str:
-        if output is None:
-            return text.removesuffix("\n")
-        deliver(output, {"": text}, force=False)
-        return "Run it on the printer, save all that the firmware answers, and import that log."
-
-    def document() -> Report:
-        raise UsageError("--json", "beside --macro, which is G-code", "one of them")
-
-    return Answer(shown, document)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from app.machines.options import (
     SCATTER_MM,
     Answer,
     Family,
+    Force,
     FrameName,
     HoldsName,
     MacroName,
@@ -27,9 +28,9 @@ from app.machines.options import (
     Seed,
     Simulation,
     SubsetName,
+    deliver,
     figure,
     file,
-    macro_answer,
     may_replace,
     may_write,
     number,
@@ -264,6 +265,7 @@ class PlanOptions:
     ] = None
     printable_radius: PrintableRadius = None
     output: Annotated[Path | None, file("With --macro: file to write.", "--output", "-o")] = None
+    force: Force = False
 
 
 def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: Say) -> Answer:
@@ -275,8 +277,8 @@ def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: S
 
     if own.macro:
         return _macro(own.macro, machine, sessions, own)
-    for option in ("protocol", "printable_radius", "output"):
-        if getattr(own, option) is not None:
+    for option in ("protocol", "printable_radius", "output", "force"):
+        if getattr(own, option):
             raise UsageError(f"--{option.replace('_', '-')}", "no --macro", "with --macro alone")
     with working("Looking for the next measurement"):
         measured, warnings = load_sessions(sessions)
@@ -298,6 +300,8 @@ def _macro(
     dialect: Dialect, machine: str | None, sessions: Sequence[Path], own: PlanOptions
 ) -> Answer:
     """The places of a procedure on the machine of the last session, or on this one."""
+    from app.exports.macros import macro
+    from protocols.files import STANDARD_OUTPUT
     from protocols.machine import load_machine
     from protocols.procedure import load_procedure
     from protocols.record import read_record
@@ -306,7 +310,18 @@ def _macro(
         raise UsageError("--machine", "beside a session, which has its own", "one of them")
     known = read_record(sessions[-1]).opened.machine if sessions else load_machine(machine)
     procedure = load_procedure(own.protocol or known.usual_procedure, known.geometry())
-    return macro_answer(dialect, procedure, known, own.printable_radius, own.output)
+    text = macro(dialect, procedure, known, own.printable_radius)
+
+    def shown() -> str:
+        if own.output in (None, STANDARD_OUTPUT):
+            return text.removesuffix("\n")
+        deliver(own.output, {"": text}, force=own.force)
+        return "Run it on the printer, save all that the firmware answers, and import that log."
+
+    def document() -> Report:
+        raise UsageError("--json", "beside --macro, which is G-code", "one of them")
+
+    return Answer(shown, document)
 
 
 def workspace(name: str, limit: float, at_mm: Place | None) -> Answer:

@@ -119,5 +119,6 @@ def test_options_that_need_each_other() -> None:
     delta = ("--machine", "linear-delta")
     assert "no --dry-run" in refused(2, "run", *delta, "--simulated", "--macro", "klipper")
     assert "no --macro" in refused(2, *DRY, "--printable-radius", "80")
+    assert "plan --macro" in refused(2, *DRY, "--macro", "klipper", "-o", "probe.gcode")
     assert "no --macro" in refused(2, "plan", "--protocol", "plate-rings")
     assert "--json" in refused(2, "plan", *delta, "--macro", "klipper", "--json")

@@ -102,6 +102,7 @@ def run(
     from protocols.record import read_record
 
     refuse_beside_continue(context)
+    _check_macro(context)
     if motion is not None:
         check_controller(motion)
     known = load_machine(machine)
@@ -118,7 +119,6 @@ def run(
     procedure = load_procedure(named, known.geometry())
     if random_order is not None:
         procedure = shuffled(procedure, random_order)
-    _check_macro(context)
     if macro is not None:
         from app.exports import macros
 

@@ -455,6 +455,22 @@ def test_the_bound_counts_what_the_firmware_has_no_value_for(tmp_path: Path) -> 
     assert bounds["model"] < bounds["klipper"]
 
 
+def test_the_bound_of_a_controller_with_one_length_counts_what_unequal_bars_leave(
+    tmp_path: Path,
+) -> None:
+    hidden = Hidden((0.2, -0.1, 0.3), (0.9, -0.7, 0.2))
+    session = read_over_the_plate(hidden, tmp_path)
+    bounds: dict[str, float] = {}
+    for kind in ("klipper", *READ_ALIKE):
+        out = tmp_path / kind
+        assert glidecal("export", session, "--format", kind, "-o", out).status == 0
+        (bound,) = re.findall(r"at most ([\d.]+) mm with these values", comments(out.read_text()))
+        off = errors(hidden, READ_ANY[kind](out.read_text()))
+        assert rms(off - off.mean(axis=0)) <= float(bound)
+        bounds[kind] = float(bound)
+    assert bounds["smoothieware"] == bounds["p-3z"] > bounds["klipper"]
+
+
 @pytest.mark.parametrize("kind", READ_ANY)
 def test_the_other_sign_makes_it_worse(kind: str, tmp_path: Path) -> None:
     bars = (0.3, 0.3, 0.3) if kind in READ_ALIKE else (0.3, -0.2, 0.15)

@@ -18,6 +18,8 @@ from app.machines.options import (
     Answer,
     AsJson,
     Machine,
+    MacroName,
+    PrintableRadius,
     Protocol,
     Seed,
     argument,
@@ -87,6 +89,8 @@ def run(
     until: Annotated[
         float | None, figure("Set-up after set-up, until the tool is off by at most this, mm.")
     ] = None,
+    macro: MacroName = None,
+    printable_radius: PrintableRadius = None,
 ) -> None:
     """The guided session on real indicators. With --simulated on a simulated machine."""
     from app.measuring.indicators import check_indicators, choose_indicators, simulated_indicators
@@ -98,6 +102,7 @@ def run(
     from protocols.record import read_record
 
     refuse_beside_continue(context)
+    _check_macro(context)
     if motion is not None:
         check_controller(motion)
     known = load_machine(machine)
@@ -114,6 +119,11 @@ def run(
     procedure = load_procedure(named, known.geometry())
     if random_order is not None:
         procedure = shuffled(procedure, random_order)
+    if macro is not None:
+        from app.exports import macros
+
+        typer.echo(macros.macro(macro, procedure, known, printable_radius), nl=False)
+        return
     if not (chosen or dry_run):
         allowed = "--indicator PROFILE:PORT, [[indicator]] in the machine file"
         raise UsageError("indicators", "none", allowed)
@@ -147,6 +157,21 @@ def refuse_beside_continue(context: typer.Context) -> None:
     if context.params["resume"] and (wrong := typed(context, (*SETTLED, "dry_run"))):
         next_step = "A session goes on as its record says."
         raise UsageError(wrong, "beside --continue", "--continue without it", next_step)
+
+
+def _check_macro(context: typer.Context) -> None:
+    """Raises UsageError for what does not go with ``--macro``, or not without it."""
+    given = context.params
+    if given["macro"] is None:
+        if given["printable_radius"] is not None:
+            raise UsageError("--printable-radius", "no --macro", "with --macro alone")
+        return
+    if not given["dry_run"]:
+        next_step = "The firmware of the printer measures it, and its log is imported."
+        raise UsageError("--macro", "no --dry-run", "run --dry-run --macro", next_step)
+    if given["output"] is not None:
+        next_step = "glidecal plan --macro with -o writes a file."
+        raise UsageError("--output", "beside --macro", "standard output", next_step)
 
 
 def _all_of_it(plan: Plan) -> str:

@@ -122,7 +122,10 @@ def plan(
     as_json: AsJson = False,
     **own: Any,  # noqa: ANN401 (as above)
 ) -> None:
-    """The set-up that lowers the tool error most. Per minute, of those to be added."""
+    """The set-up that lowers the tool error most. Per minute, of those to be added.
+
+    With --macro the places of a plate, as G-code for the probe of a printer.
+    """
     family, propose = family_with("plan", machine)
     given = options_of(context, family, f"the machine {machine}", own)
     answer = propose(machine, [*(sessions or ()), *(session or ())], given, say)

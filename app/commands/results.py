@@ -111,6 +111,9 @@ def export(
             "lineardeltakins",
             "klipper",
             "reprapfirmware",
+            "marlin",
+            "smoothieware",
+            "p-3z",
             "xlsx",
             "parquet",
         ],
@@ -118,7 +121,7 @@ def export(
             "--format",
             metavar="NAME",
             help="json, csv, model, linuxcnc, linuxcnc-kins, lineardeltakins, klipper, "
-            "reprapfirmware; tables: csv, xlsx, parquet.",
+            "reprapfirmware, marlin, smoothieware, p-3z; tables: csv, xlsx, parquet.",
         ),
     ],
     table: Annotated[
@@ -143,8 +146,8 @@ def export(
     endstops: Annotated[
         str | None,
         typer.Option(
-            help="Present position_endstop of towers x,y,z in mm (Klipper); H + M666 "
-            "(RepRapFirmware)."
+            help="Where the switches of towers x,y,z trip now, mm: position_endstop (Klipper), "
+            "H + M666 (RepRapFirmware), H - M666 (Marlin), Z - M666 (Smoothieware)."
         ),
     ] = None,
     ini: Annotated[
@@ -175,7 +178,7 @@ def export(
 
     if sum(one is not None for one in (home_offset, endstops, ini)) > 1:
         raise UsageError("--home-offset, --endstops and --ini", "more than one", "one of them")
-    if ini and format_name in ("klipper", "reprapfirmware"):
+    if ini and format_name in ("klipper", "reprapfirmware", "marlin", "smoothieware", "p-3z"):
         raise UsageError("--ini", f"--format {format_name}", "a LinuxCNC format, or --endstops")
     offsets = offsets_from_file(source, subset, method, model, frame)
     machine = offsets.machine

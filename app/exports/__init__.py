@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.evaluating.solution import SessionSolution
-from app.exports import linuxcnc, towers
+from app.exports import linuxcnc, m665, towers
 from app.report.offsets import (
     Export,
     Offsets,
@@ -73,7 +73,10 @@ FORMATS = {
     "linuxcnc-kins": linuxcnc.with_kinematics,
     "lineardeltakins": towers.joints_and_pins,
     "klipper": towers.printer_cfg,
-    "reprapfirmware": towers.config_g,
+    "reprapfirmware": m665.config_g,
+    "marlin": m665.marlin,
+    "smoothieware": m665.smoothieware,
+    "p-3z": towers.p_3z,
 }
 """Each takes offsets and gives the files to write, by name ('' is the path itself)."""
 
@@ -89,7 +92,8 @@ def export_offsets(solved: SessionSolution, folder: Path, *, replace: bool = Fal
     files = {file: FORMATS[name](offsets).files[""] for name, file in FILE_NAMES.items()}
     if offsets.machine.position_endstop_mm:
         files["klipper.cfg"] = towers.printer_cfg(offsets).files[""]
-        files["reprapfirmware.g"] = towers.config_g(offsets).files[""]
+        files["reprapfirmware.g"] = m665.config_g(offsets).files[""]
+        files["marlin.g"] = m665.marlin(offsets).files[""]
     else:
         files |= linuxcnc.joint_includes(offsets).files
     return write_files(folder, files, replace=replace)

@@ -1,7 +1,7 @@
-"""Values for firmware of upright towers: Klipper, RepRapFirmware, LinuxCNC's lineardeltakins.
+"""Values for controllers of upright towers: Klipper, LinuxCNC's lineardeltakins, TwinCAT's P_3Z.
 
 A switch trips at the height of the tool over the middle; the carriage is then higher by
-sqrt(length^2 - radius^2).
+sqrt(length^2 - radius^2). What stands above the values of all such controllers is here, too.
 """
 
 from __future__ import annotations
@@ -28,7 +28,18 @@ from app.report.offsets import (
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import UsageError
 from calib.tripod.pipeline import Stage, StageEffect
-from calib.tripod.towers import Entered, Towers, each_alone, entered, tower_model
+from calib.tripod.towers import (
+    ALIKE_BARS,
+    ALL_ALIKE,
+    ON_ONE_CIRCLE,
+    Entered,
+    TowerEntries,
+    Towers,
+    each_alone,
+    entered,
+    tower_model,
+)
+from protocols.data_table import csv_text
 
 USUAL_ANGLES_DEG = (210.0, 330.0, 90.0)
 """Of the first, second and third tower of printers, from x, anticlockwise."""
@@ -74,7 +85,8 @@ def endstops_now_mm(offsets: Offsets) -> list[float]:
             "present heights of the switches",
             "none stated",
             "position_endstop_mm in the machine file, or --endstops X,Y,Z: Klipper's "
-            "position_endstop; of RepRapFirmware H plus M666",
+            "position_endstop; H plus M666 of RepRapFirmware; H less M666 of Marlin; Z less M666 "
+            "of Smoothieware",
         )
     joints = [name.lower() for name in held.axes or "XYZ"]
     home = [held.joints[joints.index(name)].home_offset_mm for name in LEG_NAMES]
@@ -82,63 +94,81 @@ def endstops_now_mm(offsets: Offsets) -> list[float]:
     return [at - below for at, below in zip(home, zero, strict=True)]
 
 
-def fitted(offsets: Offsets) -> tuple[Offsets, Entered]:
-    """Values of firmware that holds each bar and tower, with the bound of what they hold."""
+def fitted(offsets: Offsets, entries: TowerEntries) -> tuple[Offsets, Entered]:
+    """Values of a controller that has these entries, with the bound of what they hold.
+
+    Raises UsageError where it has one length and holds unequal ones now.
+    """
     whole = for_controller(offsets, "kinematics")
-    found = entered(whole.model, each_tower=True)
-    return _bounded(whole, found), found
+    values = entered(whole.model, entries)
+    _check_lengths(values)
+    return _bounded(whole, values), values
 
 
-def _bounded(offsets: Offsets, found: Entered, along: Sequence[StageEffect] = ()) -> Offsets:
+def _check_lengths(values: Entered) -> None:
+    if (
+        not values.entries.lengths
+        and max(values.now.length_mm) - min(values.now.length_mm) > LEAST_MM
+    ):
+        raise UsageError("lengths of the bars held now", "unequal ones", "one length for all bars")
+
+
+def _bounded(offsets: Offsets, values: Entered, along: Sequence[StageEffect] = ()) -> Offsets:
     """The bound with these values, and those of the joints for effects ``along`` the drives.
 
     That of a model file is gone where they leave a part of it.
     """
     if offsets.solved is not None:
-        off = offsets.solved.corrections.off_with_towers(found, along)
+        off = offsets.solved.corrections.off_with_towers(values, along)
         return with_bound(offsets, bound_of_files(offsets.solved, off))
-    return with_bound(offsets, offsets.bound if found.after_mm < LEAST_MM else "")
+    return with_bound(offsets, offsets.bound if values.after_mm < LEAST_MM else "")
 
 
-def comments(
-    offsets: Offsets, found: Entered, put: str, holds: str, *, each_tower: bool = True
-) -> list[str]:
+TOUCH = "BEFORE THE FIRST MOVE: home, then touch the plate again"
+SEEN_MM = 0.005
+"""A change of the tool's height from which a file states it, with two decimals."""
+
+
+def comments(offsets: Offsets, values: Entered, put: str, held: str) -> list[str]:
     """What stands above the values: where they go, what they are for, what they leave, cautions.
 
-    First that the height of the tool changes: at Zero each carriage is as far below its switch as
-    its endstop says, and the tool goes with the mean of the three.
+    First that the plate is to be touched again, and what becomes of the height of the tool there.
     """
-    now = found.now
-    lower_mm = sum(found.endstops_mm((0.0, 0.0, 0.0))) / len(LEG_NAMES)
-    said = [
-        "BEFORE THE FIRST MOVE: touch the plate again. With these values the tool at Zero stands "
-        f"about {abs(lower_mm):.2f} mm {'lower' if lower_mm > 0.0 else 'higher'} than now",
+    now = values.now
+    x, y, z = values.moved_mm.tolist()
+    each_radius = values.entries.radii
+    radius = f"radius {_three(now.radius_mm if each_radius else now.radius_mm[:1])} mm"
+    kept = "these values keep the height of the tool in the middle of the plate as it is now"
+    if abs(z) >= SEEN_MM:
+        way = "higher" if z > 0.0 else "lower"
+        kept = f"with these values the tool at Zero stands about {abs(z):.2f} mm {way} than now"
+    lines = [
+        f"{TOUCH}; {kept}",
         *origin(offsets),
         put,
-        f"made for a controller that now holds radius {now.radius_mm:.3f} mm, lengths of the bars "
-        f"{_three(now.length_mm)} mm, towers at {_three(now.angle_deg)}°, {holds}; if it "
+        f"made for a controller that now holds {radius}, lengths of the bars "
+        f"{_three(now.length_mm)} mm, towers at {_three(now.angle_deg)}°{held}; if it "
         "holds others, these values are wrong",
-        f"tool error over the workspace, if the model is right: {found.before_mm:.4f} mm r.m.s. "
-        f"now, {found.after_mm:.4f} mm with these values",
+        f"tool error over the workspace, if the model is right: {values.before_mm:.4f} mm r.m.s. "
+        f"now, {values.after_mm:.4f} mm with these values",
     ]
-    x, y, z = found.at_zero_mm.tolist()
     if max(abs(x), abs(y), abs(z)) >= LEAST_MM:
-        said.append(
-            f"the tool sent to Zero then stands at ({x:+.4f}, {y:+.4f}, {z:+.4f}) mm: errors count "
-            "from there"
+        lines.append(
+            f"sent to Zero the tool then stands ({x:+z.4f}, {y:+z.4f}, {z:+z.4f}) mm from its "
+            "present place there: errors count from the new one"
         )
-    alone = dict(each_alone(offsets.model, each_tower=each_tower))
-    if held := [name for name, left_mm in alone.items() if left_mm < LEAST_MM]:
-        said.append(f"wholly in these values: {', '.join(held)}")
+    alone = dict(each_alone(offsets.model, values.entries))
+    if whole := [name for name, left_mm in alone.items() if left_mm < LEAST_MM]:
+        lines.append(f"wholly in these values: {', '.join(whole)}")
     if short := {name: mm for name, mm in alone.items() if mm >= LEAST_MM}:
-        shown = ", ".join(f"{name} leaves {mm:.4f} mm" for name, mm in short.items())
-        said.append(
+        each = ", ".join(f"{name} leaves {mm:.4f} mm" for name, mm in short.items())
+        lines.append(
             f"not wholly: the firmware has no value for all of {', '.join(short)}. By itself "
-            f"{shown}, together {found.after_mm:.4f} mm r.m.s. at the tool"
+            f"{each}, together {values.after_mm:.4f} mm r.m.s. at the tool"
         )
-    for name, one in offsets.parameters.items():
-        said += known_lines(name, one, lacks_fit=offsets.lacks_fit)
-    return [line for text in (*said, *offsets.cautions) for line in short_lines(text)]
+    for name, offset in offsets.parameters.items():
+        lines += known_lines(name, offset, lacks_fit=offsets.lacks_fit)
+    return [line for text in (*lines, *offsets.cautions) for line in short_lines(text)]
 
 
 def _three(values: FloatArray, decimals: int = 3) -> str:
@@ -155,10 +185,10 @@ def printer_cfg(offsets: Offsets) -> Export:
     `endstops_now_mm` and `fitted`.
     """
     drives, now = drives_of_towers(offsets), endstops_now_mm(offsets)
-    offsets, found = fitted(offsets)
-    stops = found.endstops_mm(now)
+    offsets, values = fitted(offsets, ON_ONE_CIRCLE)
+    stops, towers = values.endstops_mm(now), values.towers
     steppers = [
-        f"stepper_{name} (tower {LEG_NAMES[drive]}) position_endstop {now[drive]:.6f} mm"
+        f", stepper_{name} (tower {LEG_NAMES[drive]}) position_endstop {now[drive]:.6f} mm"
         for name, drive in zip(STEPPERS, drives, strict=True)
     ]
     put = (
@@ -166,51 +196,59 @@ def printer_cfg(offsets: Offsets) -> Export:
         "over what stands above and over saved values; then home. Later saved calibrations are "
         "refused while it is included"
     )
-    lines = [f"# {line}" for line in comments(offsets, found, put, ", ".join(steppers))]
-    lines += ["[printer]", f"delta_radius: {found.towers.radius_mm:.6f}"]
+    told = comments(offsets, values, put, "".join(steppers))
+    lines = [f"# {line}" for line in told]
+    lines += ["[printer]", f"delta_radius: {float(towers.radius_mm[0]):.6f}"]
     for name, drive in zip(STEPPERS, drives, strict=True):
         lines += [
             f"[stepper_{name}]",
             f"position_endstop: {stops[drive]:.6f}",
-            f"arm_length: {found.towers.length_mm[drive]:.6f}",
-            f"angle: {found.towers.angle_deg[drive]:.6f}",
+            f"arm_length: {towers.length_mm[drive]:.6f}",
+            f"angle: {towers.angle_deg[drive]:.6f}",
         ]
     return Export({"": "\n".join(lines) + "\n"}, offsets.cautions)
 
 
-TOWERS = "XYZ"
+P_3Z_PUT = (
+    "enter the values in the kinematic group of type P_3Z, whose axes 1, 2, 3 move these rails. "
+    "The displacement of the tool is in the places of the rails already, so that it is 0: only "
+    "their difference acts. Add each change to the position that homing gives the axis (or to the "
+    "offset of its encoder), then home. The axes must count upwards as the height of the joint on "
+    "the carriage: with the tool over the middle, axis less z must then be the root of arm length² "
+    "- x² - y² of its rail; read one back before you move"
+)
 
 
-def config_g(offsets: Offsets) -> Export:
-    """RepRapFirmware: lines M665 and M666 for ``config.g``. Raises as `printer_cfg`.
+def p_3z(offsets: Offsets) -> Export:
+    """TwinCAT's kinematics P_3Z (3D-Tripod Type 1): a table of values to enter by hand.
 
-    A switch trips at H + M666. X, Y, Z of M665 turn the towers at 210, 330 and 90° anticlockwise,
-    in degrees (LinearDeltaKinematics.cpp). H is the mean, so that the corrections of M666 add up to
-    nothing, as automatic calibration leaves them.
+    It has one arm length, x and y of each rail, and the displacement of the tool. Raises UsageError
+    where a joint counts downwards, and as `fitted`.
     """
-    drives, now = drives_of_towers(offsets), endstops_now_mm(offsets)
-    offsets, found = fitted(offsets)
-    stops, towers = [found.endstops_mm(now)[drive] for drive in drives], found.towers
-    height = sum(stops) / len(stops)
-    held = [
-        f"H + M666 of {name} (tower {LEG_NAMES[drive]}) {now[drive]:.6f} mm"
-        for name, drive in zip(TOWERS, drives, strict=True)
-    ]
-    put = (
-        "put these lines into config.g in the place of M665 and M666 there, each with the B that "
-        "it has (radius of the bed; tilt, which must be A0 B0 now); take them out of "
-        "config-override.g; then home. Saved by M500 they lose digits after the third"
-    )
-    turned = [
-        f"{name}{(towers.angle_deg[drive] - usual + 180.0) % 360.0 - 180.0:z.6f}"
-        for name, drive, usual in zip(TOWERS, drives, USUAL_ANGLES_DEG, strict=True)
-    ]
-    lengths = ":".join(f"{towers.length_mm[drive]:.6f}" for drive in drives)
-    raised = [f"{name}{stop - height:z.6f}" for name, stop in zip(TOWERS, stops, strict=True)]
-    lines = [f"; {line}" for line in comments(offsets, found, put, ", ".join(held))]
-    lines.append(f"M665 L{lengths} R{towers.radius_mm:.6f} H{height:.6f} {' '.join(turned)}")
-    lines.append(f"M666 {' '.join(raised)}")
-    return Export({"": "\n".join(lines) + "\n"}, offsets.cautions)
+    named = offsets.machine.joints or tuple(LEG_NAMES)
+    if any("-" in name for name in named):
+        raise UsageError(
+            f"joints of machine '{offsets.machine.name}'", ", ".join(named), "joints that count up"
+        )
+    offsets, values = fitted(offsets, ALIKE_BARS)
+    now, towers = values.now, values.towers
+    rows: list[Sequence[str]] = [("parameter", "now", "value", "unit")]
+
+    def add(name: str, before: float, after: float) -> None:
+        rows.append((name, f"{before:z.6f}", f"{after:z.6f}", "mm"))
+
+    add("Arm length", float(now.length_mm[0]), float(towers.length_mm[0]))
+    drives = [LEG_NAMES.index(name) for name in named]
+    for axis, drive in enumerate(drives, start=1):
+        for across, part in zip("XY", (0, 1), strict=True):
+            before, after = now.feet_mm[drive, part], towers.feet_mm[drive, part]
+            add(f"Rail {axis} {across}-position", float(before), float(after))
+    add("TCP displacement", 0.0, 0.0)
+    for axis, drive in enumerate(drives, start=1):
+        change = float(values.change_mm[drive])
+        rows.append((f"axis {axis} position at homing, change", "", f"{change:+z.6f}", "mm"))
+    lines = comments(offsets, values, P_3Z_PUT, "")
+    return Export({"": csv_text(rows, lines)}, offsets.cautions)
 
 
 ANGLES_DEG = (90.0, 210.0, 330.0)
@@ -248,11 +286,10 @@ def joints_and_pins(offsets: Offsets) -> Export:
     offsets = for_joints(replace(offsets, machine=machine, controller=held), "kinematics")
     along = tuple(one for one in offsets.model.effects if one.stage == Stage.ACTUATOR)
     across = tuple(one for one in offsets.model.effects if one.stage != Stage.ACTUATOR)
-    found = entered(offsets.model.with_effects(across), each_tower=False)
-    if max(found.now.length_mm) - min(found.now.length_mm) > LEAST_MM:
-        raise UsageError("lengths of the bars held now", "unequal ones", "one length, pin L")
-    offsets = _bounded(offsets, found, along)
-    told = replace(offsets, model=tower_model(offsets.model, found.change_mm, along))
+    values = entered(offsets.model.with_effects(across), ALL_ALIKE)
+    _check_lengths(values)
+    offsets = _bounded(offsets, values, along)
+    told = replace(offsets, model=tower_model(offsets.model, values.change_mm, along))
     unit = held.mm_per_unit
     put = (
         "name this file as HALFILE after the one that loads lineardeltakins, and put the includes "
@@ -261,14 +298,13 @@ def joints_and_pins(offsets: Offsets) -> Export:
     homes = ", ".join(f"{joint.home_offset_mm:.6f}" for joint in held.joints[:3])
     said = comments(
         replace(offsets, model=offsets.model.with_effects(across)),
-        found,
+        values,
         put,
-        f"HOME_OFFSET {homes} mm of joints 0, 1, 2",
-        each_tower=False,
+        f", HOME_OFFSET {homes} mm of joints 0, 1, 2",
     )
     pins = [
-        f"setp lineardeltakins.L {float(found.towers.length_mm[0]) / unit:.6f}",
-        f"setp lineardeltakins.R {found.towers.radius_mm / unit:.6f}",
+        f"setp lineardeltakins.L {float(values.towers.length_mm[0]) / unit:.6f}",
+        f"setp lineardeltakins.R {float(values.towers.radius_mm[0]) / unit:.6f}",
     ]
     hal = "\n".join([*(f"# {line}" for line in said), *pins]) + "\n"
     joints_written = joint_files(told, kinematics=False)

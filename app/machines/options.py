@@ -181,6 +181,24 @@ Method = Annotated[
     typer.Option(help="linear: system (11); exact: nonlinear, raw readings."),
 ]
 
+MacroName = Annotated[
+    Literal["klipper", "reprapfirmware", "marlin"] | None,
+    typer.Option(
+        "--macro",
+        help="Instead, the places over the plate as G-code for the firmware's own probe: klipper, "
+        "reprapfirmware or marlin.",
+    ),
+]
+PrintableRadius = Annotated[
+    float | None,
+    number(
+        "With --macro: radius of the circle that the firmware prints in, mm; default: what towers "
+        "and bars allow.",
+        least=1.0,
+        most=10_000.0,
+    ),
+]
+
 SCATTER_MM, RESOLUTION_MM = 0.002, 0.001
 """Of a simulated machine and its indicators where nothing is asked for."""
 

@@ -14,17 +14,21 @@ from app.machines.options import (
     SCATTER_MM,
     Answer,
     Family,
+    Force,
     FrameName,
     HoldsName,
+    MacroName,
     Method,
     Place,
     PostureSearch,
+    PrintableRadius,
     Protocol,
     Question,
     Say,
     Seed,
     Simulation,
     SubsetName,
+    deliver,
     figure,
     file,
     may_replace,
@@ -32,9 +36,11 @@ from app.machines.options import (
     number,
     working,
 )
+from calib.errors import UsageError
 from protocols.machine_files import SCHEMA, USUAL_MACHINE, machine_names
 
 if TYPE_CHECKING:  # heavy: imported where used
+    from app.exports.macros import Dialect
     from app.report.schema.document import Report
     from protocols.machine import Machine
     from protocols.procedure import Procedure
@@ -101,7 +107,6 @@ def postures(asked: Question, search: PostureSearch, own: PostureOptions, say: S
     from app.planning.tripod import procedure_files, tripod_planning
     from app.report.schema.planning import PosturesReport
     from app.report.text.planning import postures_text
-    from calib.errors import UsageError
     from calib.tripod.optimum import optimum_postures
     from protocols.files import targets_of, write_files
 
@@ -254,15 +259,27 @@ class PlanOptions:
     mounting_seconds: MountingSeconds = 120.0
     frame: FrameName = None
     holds: HoldsName = "offsets"
+    macro: MacroName = None
+    protocol: Annotated[
+        str | None, typer.Option(help="With --macro: procedure by name, or a .toml file.")
+    ] = None
+    printable_radius: PrintableRadius = None
+    output: Annotated[Path | None, file("With --macro: file to write.", "--output", "-o")] = None
+    force: Force = False
 
 
 def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: Say) -> Answer:
-    """The measurement that is worth its minutes most."""
+    """The measurement that is worth its minutes most; or the places of a plate as a macro."""
     from app.evaluating.solution import load_sessions
     from app.planning.tripod import next_measurement
     from app.report.schema.diagnosis import PlanReport
     from app.report.text.planning import plan_text
 
+    if own.macro:
+        return _macro(own.macro, machine, sessions, own)
+    for option in ("protocol", "printable_radius", "output", "force"):
+        if getattr(own, option):
+            raise UsageError(f"--{option.replace('_', '-')}", "no --macro", "with --macro alone")
     with working("Looking for the next measurement"):
         measured, warnings = load_sessions(sessions)
         found = next_measurement(
@@ -277,6 +294,34 @@ def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: S
     for warning in warnings:
         say(f"glidecal: {warning}")
     return Answer(lambda: plan_text(found), lambda: PlanReport.of(plan=found))
+
+
+def _macro(
+    dialect: Dialect, machine: str | None, sessions: Sequence[Path], own: PlanOptions
+) -> Answer:
+    """The places of a procedure on the machine of the last session, or on this one."""
+    from app.exports.macros import macro
+    from protocols.files import STANDARD_OUTPUT
+    from protocols.machine import load_machine
+    from protocols.procedure import load_procedure
+    from protocols.record import read_record
+
+    if sessions and machine is not None:
+        raise UsageError("--machine", "beside a session, which has its own", "one of them")
+    known = read_record(sessions[-1]).opened.machine if sessions else load_machine(machine)
+    procedure = load_procedure(own.protocol or known.usual_procedure, known.geometry())
+    text = macro(dialect, procedure, known, own.printable_radius)
+
+    def shown() -> str:
+        if own.output in (None, STANDARD_OUTPUT):
+            return text.removesuffix("\n")
+        deliver(own.output, {"": text}, force=own.force)
+        return "Run it on the printer, save all that the firmware answers, and import that log."
+
+    def document() -> Report:
+        raise UsageError("--json", "beside --macro, which is G-code", "one of them")
+
+    return Answer(shown, document)
 
 
 def workspace(name: str, limit: float, at_mm: Place | None) -> Answer:

@@ -1,8 +1,9 @@
 """A linear delta as firmware of printers knows it, fitted to an identified model.
 
-Upright towers stand on one circle about the middle of the plate. With the tool at (x, y, z) the
-carriage of bar i is at z + sqrt(L_i^2 - |(x, y) - tower_i|^2). Firmware holds the lengths, the
-radius, sometimes the angles, and where each switch is along its tower.
+Upright towers stand about the middle of the plate. With the tool at (x, y, z) the carriage of bar i
+is at z + sqrt(L_i^2 - |(x, y) - tower_i|^2). Firmware holds lengths, radii, sometimes angles, and
+where each switch is along its tower. Readings against a plate do not show what raises all switches
+alike: it is chosen so that the tool keeps its height in the middle of the plate.
 """
 
 from __future__ import annotations
@@ -33,30 +34,58 @@ STEP = 1e-8
 """Relative size of the last step of the fit: its steps shrink quadratically."""
 
 
+@dataclass(frozen=True)
+class TowerEntries:
+    """Whether firmware has a length for each bar, a radius and an angle for each tower.
+
+    Else one length and one radius serve all three, and the angles stay as they are.
+    """
+
+    lengths: bool
+    radii: bool
+    angles: bool
+
+
+ON_ONE_CIRCLE = TowerEntries(lengths=True, radii=False, angles=True)
+"""Klipper, RepRapFirmware, Marlin."""
+
+ALIKE_BARS = TowerEntries(lengths=False, radii=True, angles=True)
+"""Smoothieware, TwinCAT's P_3Z."""
+
+ALL_ALIKE = TowerEntries(lengths=False, radii=False, angles=False)
+"""LinuxCNC's lineardeltakins."""
+
+
 @dataclass(frozen=True, eq=False)
 class Towers:
-    """Lengths of the bars ``(3,)``, the radius, and the angle of each tower from x ``(3,)``."""
+    """Lengths of the bars, distances of the towers from the middle, their angles from x.
+
+    Each is ``(3,)``.
+    """
 
     length_mm: FloatArray
-    radius_mm: float
+    radius_mm: FloatArray
     angle_deg: FloatArray
 
     @classmethod
-    def of(cls, geometry: Geometry) -> Towers:
-        """What the controller believes now. Raises ImpossibleRequest for other machines."""
+    def of(cls, geometry: Geometry, *, one_circle: bool = False) -> Towers:
+        """What the controller believes now. Raises ImpossibleRequest for other machines.
+
+        With ``one_circle`` towers at unequal distances from the middle are another machine, too.
+        """
         upright = np.abs(geometry.directions - (0.0, 0.0, 1.0)).max() < UPRIGHT
         across = geometry.anchors[:, :2]
         radii = np.hypot(*across.T)
-        if not upright or np.ptp(radii) > ON_CIRCLE_MM:
+        if not upright or (one_circle and np.ptp(radii) > ON_CIRCLE_MM):
             shown = ", ".join(f"{radius:.3f}" for radius in radii)
             raise ImpossibleRequest(
                 "kinematics of upright towers",
                 f"towers at {shown} mm from the tool" if upright else "drives along other lines",
-                "three drives along +z whose bars span the same distance at Zero",
+                "three drives along +z" + " at one distance from it" * one_circle,
                 "Is this the machine file of what the controller believes?",
             )
         angles = np.degrees(np.arctan2(across[:, 1], across[:, 0])) % 360.0
-        return cls(geometry.lengths, float(radii.mean()), angles)
+        return cls(geometry.lengths, np.full(3, radii.mean()) if one_circle else radii, angles)
 
     @property
     def span_mm(self) -> FloatArray:
@@ -67,7 +96,7 @@ class Towers:
     def feet_mm(self) -> FloatArray:
         """Where the towers stand about the tool ``(3, 2)``."""
         angle = np.radians(self.angle_deg)
-        return np.asarray(self.radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+        return np.asarray((self.radius_mm * [np.cos(angle), np.sin(angle)]).T)
 
     def apart_deg(self, angles_deg: Sequence[float]) -> list[list[float]]:
         """How far each of these places is from the tower of each drive, degrees."""
@@ -83,19 +112,21 @@ class Towers:
 
 @dataclass(frozen=True, eq=False)
 class Entered:
-    """What firmware that holds ``now`` is to hold: ``towers``, switches higher by ``change_mm``.
+    """What firmware with these entries is to hold in place of ``now``.
 
-    ``change_mm`` ``(3,)`` are the carriages at the switches. ``before_mm`` and ``after_mm`` are the
-    tool's r.m.s. error over the workspace as `tool_error_mm` counts it; ``at_zero_mm`` ``(3,)`` is
-    where the tool then stands when it is sent to Zero.
+    That is ``towers``, with switches higher by ``change_mm`` ``(3,)``, the carriages at them.
+    ``before_mm`` and ``after_mm`` are the tool's r.m.s. error over the workspace as `tool_error_mm`
+    counts it; ``moved_mm`` ``(3,)`` is how far from its present place the tool then stands when it
+    is sent to Zero.
     """
 
+    entries: TowerEntries
     now: Towers
     towers: Towers
     change_mm: FloatArray
     before_mm: float
     after_mm: float
-    at_zero_mm: FloatArray
+    moved_mm: FloatArray
 
     def endstops_mm(self, now_mm: Sequence[float]) -> list[float]:
         """Heights of the tool over the middle at which the switches of drives x, y, z trip.
@@ -112,57 +143,67 @@ def tower_model(model: Model, change_mm: FloatArray, kept: Sequence[StageEffect]
     return model.with_parameters(np.concatenate([change_mm, np.zeros(3)])).with_effects(tuple(kept))
 
 
-def entered(model: Model, *, each_tower: bool) -> Entered:
+def entered(model: Model, entries: TowerEntries) -> Entered:
     """The values that leave least of the model's error at the tool, r.m.s. over the workspace.
 
-    With ``each_tower`` every bar has a length and every tower an angle, else all bars have one
-    length and the angles stay. Least squares in tool space, both ways round, through the same
-    stages as identification. Raises ImpossibleRequest as `Towers.of`.
+    Least squares in tool space, both ways round, through the same stages as identification. Where
+    the tool's place at Zero is set by hand, what moves the tool alike everywhere is free: then its
+    height there stays as it is, and its place too where towers may stand anywhere. Raises
+    ImpossibleRequest as `Towers.of`.
     """
-    now, geometry = Towers.of(model.geometry), model.geometry
-    points = workspace_points(geometry)
+    geometry = model.geometry
+    now = Towers.of(geometry, one_circle=not entries.radii)
+    points, zero = workspace_points(geometry), np.zeros((1, 3))
     base = -geometry.anchors[:, 2]
+    counts = [3, 3 if entries.radii else 1, 3 if entries.lengths else 1, 3 * entries.angles]
+    ends = np.cumsum(counts)
 
     def read(values: FloatArray) -> tuple[Towers, FloatArray]:
-        if each_tower:
-            length, angle = now.length_mm + values[4:7], now.angle_deg + np.degrees(values[7:])
-        else:
-            length, angle = now.length_mm + values[4], now.angle_deg
-        return Towers(length, now.radius_mm + values[3], angle), values[:3]
+        change, radius, length, angle = np.split(values, ends[:-1])
+        turned = np.degrees(angle) if entries.angles else 0.0
+        return Towers(
+            now.length_mm + length, now.radius_mm + radius, now.angle_deg + turned
+        ), change
 
     def believed_mm(values: FloatArray, tool_mm: FloatArray) -> FloatArray:
         towers, change = read(values)
         return towers.carriages_mm(tool_mm) + base - change
 
+    def at_zero_mm(values: FloatArray, way: float) -> FloatArray:
+        return np.asarray(machine_at(model, believed_mm(values, zero), way).tool_mm[0])
+
+    start = np.zeros(ends[-1])
+    kept = slice(0, 3) if entries.radii and entries.angles else slice(2, 3)
+    ways = (1.0, -1.0) if model.effects else (1.0,)
+    standing = {way: at_zero_mm(start, way) for way in ways}
+
     def off_mm(values: FloatArray) -> FloatArray:
-        zero = np.zeros((1, 3))
         rows = []
-        for way in (1.0, -1.0) if model.effects else (1.0,):
+        for way in ways:
             off = machine_at(model, believed_mm(values, points), way).tool_mm - points
             if geometry.set_at_zero:
-                at_zero = machine_at(model, believed_mm(values, zero), way).tool_mm
-                # kept at its height: else all switches together could be anywhere
-                rows.append(at_zero[:, 2])
+                at_zero = at_zero_mm(values, way)
+                # as heavy as all places together squared: it is no part of the bargain
+                rows.append(len(points) * (at_zero - standing[way])[kept])
                 off = off - at_zero
             rows.append(off.ravel())
         return np.concatenate(rows)
 
-    start = np.zeros(10 if each_tower else 5)
-    found = least_squares(off_mm, start, xtol=STEP, ftol=None, gtol=None).x
-    towers, change = read(found)
-    stands = machine_at(model, believed_mm(found, np.zeros((1, 3))), 1.0).tool_mm[0]
-    after_mm = tool_error_mm(model, lambda tool_mm: believed_mm(found, tool_mm))
-    return Entered(now, towers, change, tool_error_mm(model), after_mm, stands)
+    solution = least_squares(off_mm, start, xtol=STEP, ftol=None, gtol=None).x
+    towers, change = read(solution)
+    moved_mm = at_zero_mm(solution, 1.0) - standing[1.0]
+    after_mm = tool_error_mm(model, lambda tool_mm: believed_mm(solution, tool_mm))
+    return Entered(entries, now, towers, change, tool_error_mm(model), after_mm, moved_mm)
 
 
-def each_alone(model: Model, *, each_tower: bool) -> Iterator[tuple[str, float]]:
+def each_alone(model: Model, entries: TowerEntries) -> Iterator[tuple[str, float]]:
     """What `entered` leaves of each part of the model by itself, mm r.m.s.: names and figures."""
     nominal = Model(model.geometry)
     for name, part in (("d_rho", slice(0, 3)), ("d_L", slice(3, 6))):
         values = np.zeros(6)
         values[part] = model.parameters_mm[part]
         if values.any():
-            yield name, entered(nominal.with_parameters(values), each_tower=each_tower).after_mm
-    for effect_id in dict.fromkeys(one.id for one in model.effects):
-        same = tuple(one for one in model.effects if one.id == effect_id)
-        yield effect_id, entered(nominal.with_effects(same), each_tower=each_tower).after_mm
+            yield name, entered(nominal.with_parameters(values), entries).after_mm
+    for effect_id in dict.fromkeys(effect.id for effect in model.effects):
+        same = tuple(effect for effect in model.effects if effect.id == effect_id)
+        yield effect_id, entered(nominal.with_effects(same), entries).after_mm

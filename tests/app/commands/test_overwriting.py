@@ -33,6 +33,7 @@ WRITING = {
     "postures hexaslide": (("postures", "hexaslide", *NINE, "-o", "{}.csv"), ""),
     "simulate hexaslide": (("simulate", *HEXA, "-o", "{}"), ""),
     "its truth": (("simulate", *HEXA, "-o", "{}-other", "--truth", "{}"), ""),
+    "macro": (("plan", "--machine", "linear-delta", "--macro", "marlin", "-o", "{}"), ""),
     "report": (("report", SAMPLE, "-o", "{}.html"), ""),
     "template": (("import", "{}.csv", "--template"), ""),
     "template xlsx": (("import", "{}.xlsx", "--template"), ""),

@@ -1,14 +1,16 @@
-"""Values for Klipper, RepRapFirmware and lineardeltakins against machines and firmware of our own.
+"""Values for controllers of upright towers against machines and firmware of our own.
 
 A true machine (towers, bars, switches that are off) is driven by what a firmware computes from
 the exported file. Both are written here from the geometry and from the documented formulas:
-Klipper's klippy/kinematics/delta.py, RepRapFirmware's LinearDeltaKinematics.cpp, LinuxCNC's
+Klipper's klippy/kinematics/delta.py, RepRapFirmware's LinearDeltaKinematics.cpp, Marlin's
+module/delta.cpp and homeaxis(), Smoothieware's LinearDeltaSolution.cpp and Endstops.cpp, LinuxCNC's
 lineardeltakins-common.h. Nothing of the program's mathematics takes part.
 """
 
 from __future__ import annotations
 
 import configparser
+import csv
 import math
 import re
 from collections.abc import Callable
@@ -23,8 +25,10 @@ from calib.tripod.effects.drives import AxisOffset, AxisSquareness
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
 from protocols.machine import Machine, load_machine
+from protocols.machine_files import MACHINES
 from protocols.model_file import model_file
 from tests.app.cli import glidecal, refused
+from tests.blind.linear_delta import places
 
 FloatArray = NDArray[np.float64]
 Firmware = Callable[[FloatArray], FloatArray]
@@ -157,6 +161,47 @@ def reprapfirmware(text: str) -> Firmware:
     return lambda place: trip - carriages(place, arms, towers)
 
 
+def all_words(text: str, command: str) -> dict[str, float]:
+    """Words of all lines with this command: each sets what it names."""
+    lines = [line for line in text.splitlines() if line.startswith(command)]
+    assert all(len(line) <= 96 for line in lines), "Marlin cuts longer lines"
+    return {name: float(value) for line in lines for name, value in words(line).items()}
+
+
+def marlin(text: str) -> Firmware:
+    """recalc_delta_settings(), DELTA_IK, and homing that retraces by M666 and is then at H."""
+    told, trims = all_words(text, "M665"), all_words(text, "M666")
+    arms = told["L"] + np.array([told[name] for name in "ABC"])
+    angles = np.array([210.0, 330.0, 90.0]) + [told[name] for name in "XYZ"]
+    towers = told["R"] * outward(angles)
+    retraced = np.array([trims[name] for name in "XYZ"])
+    assert (retraced <= -0.2).all(), "above 0 is refused, near 0 no step is made"
+    at_home = carriages(np.array([0.0, 0.0, told["H"]]), arms, towers)
+    return lambda place: at_home - carriages(place, arms, towers) - retraced
+
+
+def smoothieware(text: str) -> Firmware:
+    """init(), cartesian_to_actuator(), and homing that believes to be M666 below Z."""
+    told, trims = all_words(text, "M665"), all_words(text, "M666")
+    angles = np.array([210.0, 330.0, 90.0]) + [told[name] for name in "DEH"]
+    radii = told["R"] + np.array([told[name] for name in "ABC"])
+    towers, arms = radii[:, None] * outward(angles), np.full(3, told["L"])
+    trim = np.array([trims[name] for name in "XYZ"])
+    at_switch = carriages(np.array([0.0, 0.0, told["Z"]]), arms, towers) - trim
+    return lambda place: at_switch - carriages(place, arms, towers)
+
+
+def p_3z(text: str) -> Firmware:
+    """A carriage at z + sqrt(L^2 - (x - rail x)^2 - (y - rail y)^2), each axis from its switch."""
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    told = {row["parameter"]: float(row["value"]) for row in csv.DictReader(lines)}
+    assert told["TCP displacement"] == 0.0
+    towers = np.array([[told[f"Rail {n} {way}-position"] for way in "XY"] for n in (1, 2, 3)])
+    change = [told[f"axis {n} position at homing, change"] for n in (1, 2, 3)]
+    homes = np.array(ENDSTOPS) + math.sqrt(BAR**2 - RADIUS**2) + change
+    return lambda place: homes - carriages(place, np.full(3, told["Arm length"]), towers)
+
+
 def lineardeltakins(folder: Path) -> Firmware:
     """kinematics_inverse(); joints 0, 1, 2 are towers z, x, y here."""
     pins = dict(
@@ -203,7 +248,13 @@ def comments(text: str) -> str:
 ANYTHING = Hidden(
     (1.0, -0.6, 0.3), (0.3, -0.2, 0.15), out_mm=(0.4, -0.3, 0.6), round_mm=(0.5, 0.2, -0.4)
 )
-READ = {"klipper": klipper, "reprapfirmware": reprapfirmware}
+READ = {"klipper": klipper, "reprapfirmware": reprapfirmware, "marlin": marlin}
+"""Firmware with a length for each bar."""
+
+READ_ALIKE = {"smoothieware": smoothieware, "p-3z": p_3z}
+"""Controllers with one length, and towers anywhere."""
+
+READ_ANY = READ | READ_ALIKE
 
 
 @pytest.mark.parametrize("kind", READ)
@@ -219,29 +270,167 @@ def test_bars_towers_and_switches_go_into_the_firmware_of_printers(
     assert f"{before:.4f} mm r.m.s. now, 0.0000 mm with these values" in said
     assert "wholly in these values: d_rho, d_L, axis_offset" in said
     assert "not wholly" not in said
-    stands = ANYTHING.tool(READ[kind](text)(np.zeros(3)))
-    x, y, z = (f"{v:+.4f}" for v in stands)
-    assert abs(stands[2]) < 1e-5, "the height of the plate stays"
-    assert f"then stands at ({x}, {y}, " in said
-    del z
+    zero = np.zeros(3)
+    moved = ANYTHING.tool(READ[kind](text)(zero)) - ANYTHING.tool(BELIEVED(zero))
+    assert abs(moved[2]) < 1e-5, "the height at the plate stays"
+    x, y = (f"{part:+.4f}" for part in moved[:2])
+    assert f"then stands ({x}, {y}, " in said
+
+
+BARS_ALIKE = Hidden(
+    (1.0, -0.6, 0.3), (0.3, 0.3, 0.3), out_mm=(0.4, -0.3, 0.6), round_mm=(0.5, 0.2, -0.4)
+)
+
+
+@pytest.mark.parametrize("kind", READ_ALIKE)
+def test_towers_anywhere_and_one_length_go_into_controllers_with_one(
+    kind: str, tmp_path: Path
+) -> None:
+    before = rms(errors(BARS_ALIKE, BELIEVED))
+    text = exported(BARS_ALIKE, kind, tmp_path).read_text()
+    assert before > 0.3
+    assert np.abs(errors(BARS_ALIKE, READ_ALIKE[kind](text))).max() < 1e-5
+    assert "wholly in these values: d_rho, d_L, axis_offset" in comments(text)
+    zero = np.zeros(3)
+    moved = BARS_ALIKE.tool(READ_ALIKE[kind](text)(zero)) - BARS_ALIKE.tool(BELIEVED(zero))
+    assert np.abs(moved).max() < 1e-5, "nor is the place over the plate another"
+
+
+@pytest.mark.parametrize("kind", READ_ALIKE)
+def test_towers_that_are_held_at_unequal_distances_stay_so(kind: str, tmp_path: Path) -> None:
+    """A machine file that has the places of its towers already, and nothing left to correct."""
+    drives = machine().drive
+    assert drives is not None
+    feet = (RADIUS + np.array(BARS_ALIKE.out_mm))[:, None] * outward(ANGLES)
+    moved = tuple(
+        drive.model_copy(
+            update={"origin_mm": (x + drive.platform_mm[0], y + drive.platform_mm[1], 0.0)}
+        )
+        for drive, (x, y) in zip(drives, feet.tolist(), strict=True)
+    )
+    known = machine(drive=moved)
+    model, out = tmp_path / "model.json", tmp_path / "out"
+    model.write_text(model_file(Model(known.geometry()), known).text(), encoding="utf-8")
+    asked = ("export", model, "-o", out, "--format")
+    assert "at one distance from it" in refused(2, *asked, "klipper")
+    run = glidecal(*asked, kind)
+    assert run.status == 0, run.err
+    told = READ_ALIKE[kind](out.read_text())
+    travel = [told(place) - told(np.zeros(3)) for place in GRID]
+    wanted = [
+        carriages(np.zeros(3), np.full(3, BAR), feet) - carriages(place, np.full(3, BAR), feet)
+        for place in GRID
+    ]
+    assert np.abs(np.array(travel) - wanted).max() < 1e-5
+
+
+@pytest.mark.parametrize("kind", READ_ALIKE)
+def test_controllers_with_one_length_say_what_unequal_bars_leave(kind: str, tmp_path: Path) -> None:
+    text = exported(ANYTHING, kind, tmp_path).read_text()
+    after = rms(errors(ANYTHING, READ_ALIKE[kind](text)))
+    assert 0.01 < after < 0.5 * rms(errors(ANYTHING, BELIEVED))
+    assert f"{after:.4f} mm with these values" in comments(text)
+    assert "no value for all of d_L. By itself d_L leaves 0." in comments(text)
+
+
+@pytest.mark.parametrize("kind", READ_ALIKE)
+def test_bars_that_are_held_unequal_now_are_refused_where_there_is_one_length(
+    kind: str, tmp_path: Path
+) -> None:
+    drives = machine().drive
+    assert drives is not None
+    longer = drives[0].model_copy(update={"leg_length_mm": 251.0})
+    unequal = machine(drive=(longer, *drives[1:]))
+    model = tmp_path / "model.json"
+    model.write_text(model_file(Model(unequal.geometry()), unequal).text(), encoding="utf-8")
+    asked = ("export", model, "--format", kind, "-o", tmp_path / "out")
+    assert "unequal ones" in refused(2, *asked)
+
+
+OFF_IN_ALL = Hidden(
+    (0.4, -0.3, 0.2),
+    (0.5, 0.45, 0.55),
+    out_mm=(0.7, 0.3, 0.5),
+    round_mm=(0.3, -0.4, 0.2),
+)
+"""Switches, bars, the radius and the angles of the towers are off."""
+
+
+def read_over_the_plate(hidden: Hidden, folder: Path, seed: int = 1) -> Path:
+    """A session of an indicator at the tool over a flat plate, three cycles of rings."""
+    generator = np.random.default_rng(seed)
+    middle = hidden.tool(BELIEVED(np.zeros(3)))[2]
+    rows = ["x_mm,y_mm,z_mm,value_mm,cycle"]
+    for cycle, place in [*places(), (3, np.zeros(3))]:
+        shown = hidden.tool(BELIEVED(place))[2] - middle + generator.normal(scale=0.002)
+        rows.append(f"{place[0]:.3f},{place[1]:.3f},0,{shown:.3f},{cycle}")
+    known, source, session = folder / "m.toml", folder / "plate.csv", folder / "plate.jsonl"
+    known.write_text(machine_toml(), encoding="utf-8")
+    source.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    run = glidecal("import", source, "-o", session, "--machine", known, "--resolution", "0.001")
+    assert run.status == 0, run.err
+    return session
+
+
+def machine_toml() -> str:
+    """The machine file that comes with the program, with the switches' present heights."""
+    text = (MACHINES / "linear-delta.toml").read_text(encoding="utf-8")
+    stated = f"position_endstop_mm = {list(ENDSTOPS)}"
+    told, count = re.subn(r"(?m)^# position_endstop_mm = .*$", stated, text)
+    assert count == 1
+    return told
+
+
+@pytest.fixture(scope="module")
+def plate_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return read_over_the_plate(OFF_IN_ALL, tmp_path_factory.mktemp("plate"))
+
+
+@pytest.mark.parametrize("kind", READ_ANY)
+def test_the_height_at_the_plate_is_kept(kind: str, plate_session: Path, tmp_path: Path) -> None:
+    """The true machine, sent to the middle of the plate with the values that it had and the new."""
+    out = tmp_path / kind
+    run = glidecal("export", plate_session, "--format", kind, "-o", out)
+    assert run.status == 0, run.err
+    middle, told = np.zeros(3), READ_ANY[kind](out.read_text())
+    now = OFF_IN_ALL.tool(BELIEVED(middle))[2]
+    assert OFF_IN_ALL.tool(told(middle))[2] - now == pytest.approx(0.0, abs=0.05)
+    assert rms(errors(OFF_IN_ALL, told)) < rms(errors(OFF_IN_ALL, BELIEVED))
+
+
+def test_the_height_at_the_plate_is_kept_by_lineardeltakins(
+    plate_session: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    run = glidecal("export", plate_session, "--format", "lineardeltakins", "-o", out)
+    assert run.status == 0, run.err
+    middle = np.zeros(3)
+    raised = OFF_IN_ALL.tool(lineardeltakins(out)(middle)) - OFF_IN_ALL.tool(BELIEVED(middle))
+    assert raised[2] == pytest.approx(0.0, abs=0.05)
 
 
 @pytest.mark.parametrize("kind", READ)
 @pytest.mark.parametrize("hidden", [ANYTHING, Hidden((-1.2, -0.9, -1.5)), Hidden()])
-def test_the_first_line_says_to_touch_the_plate_and_how_the_height_changes(
+def test_the_first_line_says_to_touch_the_plate_again(
     kind: str, hidden: Hidden, tmp_path: Path
 ) -> None:
+    """Where the machine file says nothing of the plate, how the height changes, too."""
     text = exported(hidden, kind, tmp_path).read_text()
+    assert comments(text).startswith(
+        "BEFORE THE FIRST MOVE: home, then touch the plate again; these values keep the height of "
+        "the tool in the middle of the plate"
+    )
+    absolute = exported(hidden, kind, tmp_path / "absolute", set_at_zero=False).read_text()
     zero = np.zeros(3)
-    raised = (hidden.tool(READ[kind](text)(zero)) - hidden.tool(BELIEVED(zero)))[2]
-    assert text.splitlines()[0].lstrip("#; ").startswith("BEFORE THE FIRST MOVE: touch the plate")
-    stated = re.search(r"stands about ([\d.]+) mm (lower|higher) than now", comments(text))
+    raised = (hidden.tool(READ[kind](absolute)(zero)) - hidden.tool(BELIEVED(zero)))[2]
+    if hidden == Hidden():
+        assert "keep the height" in comments(absolute)
+        return
+    stated = re.search(r"stands about ([\d.]+) mm (lower|higher) than now", comments(absolute))
     assert stated
+    assert abs(raised) > 0.1, "else this test shows nothing"
     value = float(stated[1]) * {"lower": -1.0, "higher": 1.0}[stated[2]]
-    # two decimals; the mean of the carriages leaves out that towers off their places tilt
-    assert value == pytest.approx(raised, abs=0.005 + 0.03 * abs(raised))
-    if hidden != Hidden():
-        assert abs(raised) > 0.1, "else this test shows nothing"
+    assert value == pytest.approx(raised, abs=0.005)
 
 
 def test_the_bound_counts_what_the_firmware_has_no_value_for(tmp_path: Path) -> None:
@@ -266,12 +455,29 @@ def test_the_bound_counts_what_the_firmware_has_no_value_for(tmp_path: Path) -> 
     assert bounds["model"] < bounds["klipper"]
 
 
-@pytest.mark.parametrize("kind", READ)
+def test_the_bound_of_a_controller_with_one_length_counts_what_unequal_bars_leave(
+    tmp_path: Path,
+) -> None:
+    hidden = Hidden((0.2, -0.1, 0.3), (0.9, -0.7, 0.2))
+    session = read_over_the_plate(hidden, tmp_path)
+    bounds: dict[str, float] = {}
+    for kind in ("klipper", *READ_ALIKE):
+        out = tmp_path / kind
+        assert glidecal("export", session, "--format", kind, "-o", out).status == 0
+        (bound,) = re.findall(r"at most ([\d.]+) mm with these values", comments(out.read_text()))
+        off = errors(hidden, READ_ANY[kind](out.read_text()))
+        assert rms(off - off.mean(axis=0)) <= float(bound)
+        bounds[kind] = float(bound)
+    assert bounds["smoothieware"] == bounds["p-3z"] > bounds["klipper"]
+
+
+@pytest.mark.parametrize("kind", READ_ANY)
 def test_the_other_sign_makes_it_worse(kind: str, tmp_path: Path) -> None:
-    hidden = Hidden((0.8, -0.5, 0.3), (0.3, -0.2, 0.15))
+    bars = (0.3, 0.3, 0.3) if kind in READ_ALIKE else (0.3, -0.2, 0.15)
+    hidden = Hidden((0.8, -0.5, 0.3), bars)
     turned = Hidden(hidden.switch_mm, hidden.bar_mm, wrong_sign=True)
     text = exported(turned, kind, tmp_path).read_text()
-    assert rms(errors(hidden, READ[kind](text))) > 1.9 * rms(errors(hidden, BELIEVED))
+    assert rms(errors(hidden, READ_ANY[kind](text))) > 1.9 * rms(errors(hidden, BELIEVED))
 
 
 def test_what_klipper_has_no_value_for_is_named_with_what_it_leaves(tmp_path: Path) -> None:
@@ -281,6 +487,9 @@ def test_what_klipper_has_no_value_for_is_named_with_what_it_leaves(tmp_path: Pa
     assert 0.01 < after < rms(errors(hidden, BELIEVED))
     said = comments(text)
     assert f"{after:.4f} mm with these values" in said
+    zero = np.zeros(3)
+    raised = hidden.tool(klipper(text)(zero))[2] - hidden.tool(BELIEVED(zero))[2]
+    assert raised == pytest.approx(0.0, abs=0.001), "the height is no part of the bargain"
     assert "wholly in these values: d_rho" in said
     assert re.search(
         r"no value for all of axis_squareness\. By itself axis_squareness leaves 0\.", said

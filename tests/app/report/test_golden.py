@@ -20,6 +20,10 @@ TEXTS: dict[str, tuple[str, ...]] = {
     "solve_exact": ("solve", SAMPLE),
     "solve_six": ("solve", "sample_sessions/experiment_1_six.jsonl", "--method", "linear"),
     "replay": ("replay", "sample_sessions/experiment_3_twelve.jsonl", "--headless"),
+    **{
+        f"macro_{dialect}": ("run", "--dry-run", "--machine", "linear-delta", "--macro", dialect)
+        for dialect in ("klipper", "reprapfirmware", "marlin")
+    },
     "dry_run": ("run", "--dry-run", "--protocol", "zero-max-min"),
 }
 

@@ -24,7 +24,7 @@ from calib.tripod.effects.drives import ActuatorCyclic, AxisOffset, AxisSquarene
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model
-from calib.tripod.towers import entered
+from calib.tripod.towers import ON_ONE_CIRCLE, entered
 from tests.builders import conditions_of
 from tests.calib.tripod.test_linear_delta import rings
 from tests.tripods import DELTA, ORTHOGLIDE
@@ -148,7 +148,7 @@ def test_towers_of_firmware_stand_in_the_field_where_they_are() -> None:
     tolerance = np.array([1.0] * 3 + [0.3] * 3)
     found = posterior([SessionCase(Model(DELTA), data, FIGURES, tolerance)])
     rows = found.field.rows
-    told = rows @ tower_values(found, entered(truth, each_tower=True))
+    told = rows @ tower_values(found, entered(truth, ON_ONE_CIRCLE))
     wanted = rows @ values_of(found, truth)
     assert np.abs(wanted).max() > 0.15
     assert np.abs(told - wanted).max() < 0.005

@@ -1,0 +1,127 @@
+"""Lines M665 and M666, which three firmwares read in three ways.
+
+RepRapFirmware, Marlin and Smoothieware turn the towers that stand at 210, 330 and 90° anticlockwise
+by degrees. A switch of RepRapFirmware trips at H + M666. In Marlin and Smoothieware the carriage is
+taken to be at H (Z) once it stands M666 from its switch, which therefore trips at H - M666.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from app.exports.towers import (
+    USUAL_ANGLES_DEG,
+    comments,
+    drives_of_towers,
+    endstops_now_mm,
+    fitted,
+)
+from app.report.offsets import Export, Offsets
+from calib.arrays import LEG_NAMES
+from calib.tripod.towers import ALIKE_BARS, ON_ONE_CIRCLE, Entered
+
+TOWERS = "XYZ"
+
+REPRAPFIRMWARE_PUT = (
+    "put these lines into config.g in the place of M665 and M666 there, each with the B that it "
+    "has (radius of the bed; tilt, which must be A0 B0 now); take them out of config-override.g; "
+    "then home. Saved by M500 they lose digits after the third"
+)
+MARLIN_PUT = (
+    "send these lines, then M500, then home. Marlin 2 that has M665 A B C (trims of the bars) is "
+    "needed: M503 must show them after; older ones take B for another value. What M665 holds "
+    "beside these (S) stays. DELTA_RADIUS_TRIM_TOWER must be 0, 0, 0 in the configuration"
+)
+SMOOTHIEWARE_PUT = (
+    "send these lines, then M500, then home. Older builds take F for H, the angle of the third "
+    "tower. What M206 adds stays"
+)
+LEAST_TRIM_MM = 0.25
+"""Marlin does not retrace by fewer than some steps: every trim is longer than these are."""
+
+
+def config_g(offsets: Offsets) -> Export:
+    """RepRapFirmware: lines for ``config.g``. Raises as `towers.printer_cfg`.
+
+    H is the mean, so that the corrections of M666 add up to nothing, as automatic calibration
+    leaves them.
+    """
+    drives, now = drives_of_towers(offsets), endstops_now_mm(offsets)
+    offsets, values = fitted(offsets, ON_ONE_CIRCLE)
+    stops = _by_tower(values.endstops_mm(now), drives)
+    height, towers = sum(stops) / len(stops), values.towers
+    lengths = ":".join(f"{towers.length_mm[drive]:.6f}" for drive in drives)
+    radius = float(towers.radius_mm[0])
+    turned = _words(TOWERS, turned_deg(values, drives))
+    lines = [
+        f"M665 L{lengths} R{radius:.6f} H{height:.6f} {turned}",
+        f"M666 {_words(TOWERS, [stop - height for stop in stops])}",
+    ]
+    return _export(offsets, values, REPRAPFIRMWARE_PUT, _held("H + M666", now, drives), lines)
+
+
+def marlin(offsets: Offsets) -> Export:
+    """Marlin: lines to send and to save. Raises as `config_g`.
+
+    Trims of M666 must not be above 0: the carriage retraces from its switch by them. M665 takes two
+    lines, because a line of it has 96 characters at most.
+    """
+    drives, now = drives_of_towers(offsets), endstops_now_mm(offsets)
+    offsets, values = fitted(offsets, ON_ONE_CIRCLE)
+    stops, towers = _by_tower(values.endstops_mm(now), drives), values.towers
+    height, length = min(stops) - LEAST_TRIM_MM, float(towers.length_mm.mean())
+    trims = [float(towers.length_mm[drive]) - length for drive in drives]
+    radius = float(towers.radius_mm[0])
+    lines = [
+        f"M665 L{length:.6f} R{radius:.6f} H{height:.6f}",
+        f"M665 {_words(TOWERS, turned_deg(values, drives))} {_words('ABC', trims)}",
+        f"M666 {_words(TOWERS, [height - stop for stop in stops])}",
+    ]
+    return _export(offsets, values, MARLIN_PUT, _held("H - M666", now, drives), lines)
+
+
+def smoothieware(offsets: Offsets) -> Export:
+    """Smoothieware: lines to send and to save.
+
+    It has one length, and a radius for each tower. Raises as `config_g`, and UsageError where it
+    holds unequal lengths now.
+    """
+    drives, now = drives_of_towers(offsets), endstops_now_mm(offsets)
+    offsets, values = fitted(offsets, ALIKE_BARS)
+    stops, towers = _by_tower(values.endstops_mm(now), drives), values.towers
+    height, radius = min(stops), float(towers.radius_mm.mean())
+    further = [float(towers.radius_mm[drive]) - radius for drive in drives]
+    lines = [
+        f"M665 L{float(towers.length_mm[0]):.6f} R{radius:.6f} Z{height:.6f}",
+        f"M665 {_words('ABC', further)} {_words('DEH', turned_deg(values, drives))}",
+        f"M666 {_words(TOWERS, [height - stop for stop in stops])}",
+    ]
+    return _export(offsets, values, SMOOTHIEWARE_PUT, _held("Z - M666", now, drives), lines)
+
+
+def turned_deg(values: Entered, drives: Sequence[int]) -> list[float]:
+    """How far each tower of the firmware is turned from its usual place, anticlockwise, degrees."""
+    places = zip(drives, USUAL_ANGLES_DEG, strict=True)
+    angles = values.towers.angle_deg
+    return [(float(angles[drive]) - usual + 180.0) % 360.0 - 180.0 for drive, usual in places]
+
+
+def _by_tower(values: Sequence[float], drives: Sequence[int]) -> list[float]:
+    return [values[drive] for drive in drives]
+
+
+def _words(letters: str, values: Sequence[float]) -> str:
+    return " ".join(f"{name}{value:z.6f}" for name, value in zip(letters, values, strict=True))
+
+
+def _held(entry: str, now_mm: Sequence[float], drives: Sequence[int]) -> str:
+    """Where each switch trips now, in the words of the firmware."""
+    return "".join(
+        f", {entry} of {name} (tower {LEG_NAMES[drive]}) {now_mm[drive]:.6f} mm"
+        for name, drive in zip(TOWERS, drives, strict=True)
+    )
+
+
+def _export(offsets: Offsets, values: Entered, put: str, held: str, lines: Sequence[str]) -> Export:
+    above = [f"; {line}" for line in comments(offsets, values, put, held)]
+    return Export({"": "\n".join([*above, *lines]) + "\n"}, offsets.cautions)

@@ -1,0 +1,125 @@
+"""Planned places as G-code: read back as the firmware would, and what no probe can measure."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from protocols.machine import load_machine
+from protocols.procedure import load_procedure
+from tests.app.cli import glidecal, refused
+
+DIALECTS = ("klipper", "reprapfirmware", "marlin")
+DRY = ("run", "--dry-run", "--machine", "linear-delta")
+MIDDLE = (0.0, 0.0)
+
+
+def planned() -> list[tuple[float, float]]:
+    procedure = load_procedure("plate-rings", load_machine("linear-delta").geometry())
+    steps = procedure.steps(load_machine("linear-delta").geometry())
+    return [step.position_mm[:2] for step in steps if step.position_mm is not None]
+
+
+def probed(text: str) -> list[tuple[float, float]]:
+    """Where each probing move of any of the three firmwares meets the plate."""
+    place, met = MIDDLE, []
+    for line in text.splitlines():
+        words = {word[0]: float(word[1:]) for word in line.split()[1:] if line[0] != ";"}
+        if line.startswith(("G1 ", "G30")) and "X" in words:
+            place = words["X"], words["Y"]
+        if line.startswith("G30") or line == "PROBE":
+            met.append(place)
+    return met
+
+
+def ran(*arguments: str | Path) -> str:
+    run = glidecal(*arguments)
+    assert run.status == 0, run.err
+    return run.out
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_every_planned_place_is_probed_in_its_order(dialect: str) -> None:
+    met, wanted = probed(ran(*DRY, "--macro", dialect)), planned()
+    assert len(met) == len(wanted) == 58
+    for (x, y), (to_x, to_y) in zip(met, wanted, strict=True):
+        assert (x, y) == pytest.approx((to_x, to_y), abs=0.0051 if dialect == "marlin" else 1e-9)
+
+
+def test_the_nozzle_rises_before_each_way_in_klipper() -> None:
+    height = 0.0
+    for line in ran(*DRY, "--macro", "klipper").splitlines():
+        if line.startswith("G1 Z"):
+            height = float(line.split()[1][1:])
+        elif line.startswith("G1 X"):
+            assert height >= 10.0
+        elif line == "PROBE":
+            height = 0.0
+
+
+def test_each_cycle_is_one_report_of_reprapfirmware() -> None:
+    lines = re.findall(r"^G30 P.*$", ran(*DRY, "--macro", "reprapfirmware"), re.M)
+    points = [int(line.split()[1][1:]) for line in lines]
+    reports = [number for number, line in enumerate(lines) if line.endswith("S-1")]
+    assert points == [*range(19), *range(19), *range(20)]
+    assert reports == [18, 37, 57]
+
+
+def test_more_places_than_a_report_holds_are_several(tmp_path: Path) -> None:
+    many = plate(tmp_path, "radii_mm = [50.0]\npoints = 70")
+    text = ran(*DRY, "--protocol", many, "--macro", "reprapfirmware")
+    points = [int(number) for number in re.findall(r"^G30 P(\d+) ", text, re.M)]
+    assert len(points) == 70
+    assert max(points) < 24, "or the answer has more than 256 characters"
+    assert text.count("S-1\n") == points.count(0) == 3
+
+
+def plate(folder: Path, lines: str) -> Path:
+    path = folder / "mine.toml"
+    head = 'schema = "glidecal.procedure/1"\nname = "mine"\ntitle = "Mine"\ncycles = 1\n'
+    path.write_text(f"{head}return_to_zero = false\n[plate]\n{lines}\n", encoding="utf-8")
+    return path
+
+
+def test_plan_writes_the_same_to_a_file_or_to_standard_output(tmp_path: Path) -> None:
+    out = tmp_path / "probe.gcode"
+    told = ran("plan", "--machine", "linear-delta", "--macro", "marlin", "-o", out)
+    assert "import that log" in told
+    assert out.read_text(encoding="utf-8") == ran(*DRY, "--macro", "marlin")
+    assert ran("plan", "--machine", "linear-delta", "--macro", "marlin") == out.read_text("utf-8")
+    session = tmp_path / "s.jsonl"
+    ran("simulate", "--machine", "linear-delta", "-o", session)
+    assert ran("plan", session, "--macro", "marlin") == out.read_text(encoding="utf-8")
+
+
+def test_places_outside_the_printable_circle_are_refused(tmp_path: Path) -> None:
+    asked = (*DRY, "--macro", "klipper")
+    said = refused(2, *asked, "--printable-radius", "75")
+    assert "(0, 80, 0) mm, 80.0 mm from the middle" in said
+    assert "printable circle, up to 75.0 mm" in said
+    ran(*asked, "--printable-radius", "80")
+    far = plate(tmp_path, "positions_mm = [[0.0, 0.0, 0.0], [0.0, 124.5, 0.0]]")
+    assert "up to 124.0 mm" in refused(2, *asked, "--protocol", far)
+    ran(*asked, "--protocol", far, "--printable-radius", "130")
+
+
+def test_what_no_probe_measures_is_refused(tmp_path: Path) -> None:
+    above = plate(tmp_path, "radii_mm = [0.0, 50.0]\nheights_mm = [0.0, 20.0]")
+    assert "at z = 0" in refused(2, *DRY, "--macro", "klipper", "--protocol", above)
+    across = plate(tmp_path, 'axis = "x"\nradii_mm = [0.0, 50.0]')
+    assert "a plate across x" in refused(2, *DRY, "--macro", "klipper", "--protocol", across)
+    assert "readings of legs" in refused(2, "run", "--dry-run", "--macro", "klipper")
+    square = ("run", "--dry-run", "--protocol", plate(tmp_path, "radii_mm = [0.0, 20.0]"))
+    assert "upright towers" in refused(2, *square, "--macro", "klipper")
+
+
+def test_options_that_need_each_other() -> None:
+    delta = ("--machine", "linear-delta")
+    assert "no --dry-run" in refused(2, "run", *delta, "--simulated", "--macro", "klipper")
+    assert "no --dry-run" in refused(2, "run", "--continue", "s.jsonl", "--macro", "klipper")
+    assert "no --macro" in refused(2, *DRY, "--printable-radius", "80")
+    assert "plan --macro" in refused(2, *DRY, "--macro", "klipper", "-o", "probe.gcode")
+    assert "no --macro" in refused(2, "plan", "--protocol", "plate-rings")
+    assert "--json" in refused(2, "plan", *delta, "--macro", "klipper", "--json")

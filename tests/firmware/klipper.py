@@ -1,0 +1,106 @@
+"""Klipper's own kinematics of a delta, as its host program sets them up from ``printer.cfg``.
+
+Nothing of it is kept in this repository and nothing is fetched: a checkout or bare git directory
+``klipper`` lies where `tests.firmware.sources` looks for sources. Only `klippy/mathutil.py` and
+`klippy/kinematics/delta.py` are loaded; what moves motors is replaced.
+"""
+
+from __future__ import annotations
+
+import configparser
+import subprocess
+import sys
+from functools import cache
+from types import ModuleType, SimpleNamespace
+from typing import Any
+from unittest.mock import MagicMock
+
+import pytest
+
+from tests.firmware.sources import FOLDER, folder_of_sources
+
+STEP_MM = 0.0125
+
+
+def need_klipper() -> None:
+    """Skip where its code is not to be had."""
+    if not (folder_of_sources() / "klipper").is_dir():
+        pytest.skip(
+            "no sources of Klipper: put a checkout or bare git directory of Klipper3d/klipper as "
+            f"klipper into {folder_of_sources()}, or into the folder that {FOLDER} names"
+        )
+
+
+class Section:
+    """A section of a configuration as ``configfile.ConfigWrapper`` reads it."""
+
+    def __init__(self, parser: configparser.RawConfigParser, name: str) -> None:
+        self.parser, self.name = parser, name
+
+    def getsection(self, name: str) -> Section:
+        return Section(self.parser, name)
+
+    def getfloat(self, option: str, default: Any = KeyError, **_: object) -> Any:  # noqa: ANN401 (the program's own default)
+        if self.parser.has_option(self.name, option):
+            return self.parser.getfloat(self.name, option)
+        assert default is not KeyError, f"{option} must be specified in [{self.name}]"
+        return default
+
+
+class Rail:
+    """A tower's motor: where its switch is, and how long a step is."""
+
+    def __init__(
+        self, section: Section, *, default_position_endstop: float | None = None, **_: object
+    ) -> None:
+        at = section.getfloat("position_endstop", default_position_endstop or KeyError)
+        self.homing = SimpleNamespace(position_endstop=at)
+
+    def get_homing_info(self) -> SimpleNamespace:
+        return self.homing
+
+    def get_steppers(self) -> list[Any]:
+        stepper = MagicMock()
+        stepper.get_step_dist.return_value = STEP_MM
+        return [stepper]
+
+    def setup_itersolve(self, *_: object) -> None:
+        pass
+
+    def set_position(self, _: object) -> None:
+        pass
+
+
+@cache
+def delta_module() -> ModuleType:
+    """`klippy/kinematics/delta.py` with its own `mathutil`, and our `Rail` for its motors."""
+    need_klipper()
+    stepper = ModuleType("stepper")
+    stepper.LookupMultiRail = Rail  # type: ignore[attr-defined]
+    loaded = {"stepper": stepper, "queuelogger": ModuleType("queuelogger")}  # it logs elsewhere
+    for name, path in (("mathutil", "mathutil.py"), ("delta", "kinematics/delta.py")):
+        module = ModuleType(name)
+        with pytest.MonkeyPatch.context() as patch:
+            for known, other in loaded.items():
+                patch.setitem(sys.modules, known, other)
+            exec(compile(_source(path), path, "exec"), module.__dict__)
+        loaded[name] = module
+    return loaded["delta"]
+
+
+def _source(path: str) -> bytes:
+    source = folder_of_sources() / "klipper"
+    if not (source / "HEAD").is_file():
+        return (source / "klippy" / path).read_bytes()
+    shown = ("git", f"--git-dir={source}", "show", f"HEAD:klippy/{path}")
+    return subprocess.run(shown, check=True, capture_output=True).stdout
+
+
+def kinematics_of(text: str) -> Any:  # noqa: ANN401 (a class of Klipper)
+    """``DeltaKinematics`` of a ``printer.cfg``: of a key that is there twice the last counts."""
+    module, parser = delta_module(), configparser.RawConfigParser(strict=False)
+    parser.read_string(text)
+    toolhead = MagicMock()
+    toolhead.get_max_velocity.return_value = (300.0, 3000.0)
+    toolhead.Coord = lambda *parts, **_: parts
+    return module.DeltaKinematics(toolhead, Section(parser, "printer"))

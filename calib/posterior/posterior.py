@@ -21,12 +21,12 @@ from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import Effect
 from calib.tripod.movements import with_first_movements
 
-CHANGED = 0.01
-"""Probability that joint offsets changed between sessions of one state of the machine: a switch was
-moved, or what was entered is not what the file says."""
-CHANGE_MM = 0.3
-"""Standard deviation of such a change: expected about the offsets before, so that a session of one
-leg does not pull those of the others towards what the file says."""
+CHANGED = 0.003
+"""Probability, as of any mistake, that joint offsets changed between sessions of one state of the
+machine: a switch was moved, or what was entered is not what the file says."""
+CHANGE_MM = 1.0
+"""Standard deviation of such a change. It is expected about the offsets before: a session of one
+leg would else pull those of the others towards what the file says."""
 
 
 def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = None) -> Posterior:

@@ -68,7 +68,8 @@ class Screen:
         if math.isinf(self.cells.freedom):
             return np.asarray(-0.5 * np.asarray(square))
         more, free = self.elsewhere
-        half, whole = (self.freedom + free - fewer) / 2.0, np.maximum(square, 1e-9) + more
+        half = max(self.freedom + free - fewer, 1.0) / 2.0  # of fewer readings than unknowns
+        whole = np.maximum(square, 1e-9) + more
         return np.asarray(math.lgamma(half) - half * np.log(whole / 2.0))
 
 

@@ -235,7 +235,7 @@ def case_of(
 ) -> SessionCase:
     """A session with the load that its tool carried; laws that are ``free`` as in its case.
 
-    Joint offsets are those of other sessions with the same values entered and no part moved.
+    Joint offsets are those of sessions between which no part was moved, less what was entered.
     """
     machine = session.opened.machine
     geometry = replace(model.geometry, load=machine.load)
@@ -245,7 +245,8 @@ def case_of(
         indicator_figures([session]),
         machine.tolerances_mm(),
         free=free,
-        state=(machine.entered_offsets_mm, machine.adjusted),
+        state=(machine.name, machine.adjusted),
+        entered_mm=machine.entered_offsets_mm,
     )
 
 

@@ -65,8 +65,8 @@ class SessionCase:
     ``tolerance_mm`` ``(6,)`` are standard deviations of joint offsets and bar lengths. Where these
     readings tell no noise, that of ``others`` holds: of sessions with the same indicators. Effects
     of the model that are ``free``, laws at places, have other sizes than it states. Joint
-    offsets of sessions of the same ``state`` of the machine differ by what homing changes,
-    ``homing_mm``; None: they are no other session's.
+    offsets of sessions of the same ``state`` of the machine differ by what was ``entered_mm`` and
+    by what homing changes, ``homing_mm``; None: they are no other session's.
     """
 
     model: Model
@@ -76,6 +76,7 @@ class SessionCase:
     others: Noise | None = None
     free: frozenset[tuple[Effect, str]] = frozenset()
     state: Hashable | None = None
+    entered_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     homing_mm: float = HOMING_MM
 
     @cached_property

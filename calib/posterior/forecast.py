@@ -180,13 +180,10 @@ class Forecast:
         self,
         set_ups: Sequence[Conditions],
         change: Callable[[Model], Model] = lambda model: model,
-        *,
-        entered_anew: bool = False,
     ) -> list[ExpectedReadings]:
         """What each set-up is expected to show of a machine after a ``change``.
 
-        Its joint offsets differ from those of the last session by what homing changes. With
-        ``entered_anew`` they are others: the readings have to show them again.
+        Beside that its joint offsets differ from those of the last session by homing.
         """
         means, counts = zip(*(_cells(taken) for taken in set_ups), strict=True)
         every = joined(means)
@@ -221,8 +218,7 @@ class Forecast:
                     tuple((whiten @ e[rows], whiten @ c[rows]) for e, c in each),
                 )
             )
-        tolerance_mm = self.cells.case.tolerance_mm[:3]
-        spread_mm = tolerance_mm if entered_anew else np.minimum(tolerance_mm, HOMING_MM)
+        spread_mm = np.minimum(self.cells.case.tolerance_mm[:3], HOMING_MM)
         return [one.with_other_offsets(spread_mm) for one in shown]
 
     def _columns(

@@ -192,11 +192,7 @@ class Planner:
             wanted.setdefault(candidate.preparation, {}).update(set_ups)
         shown: dict[tuple[MeasurementPreparation, int], ExpectedReadings] = {}
         for preparation, set_ups in wanted.items():
-            expected = self.forecast.readings(
-                list(set_ups.values()),
-                preparation.model,
-                entered_anew=bool(preparation.words),
-            )
+            expected = self.forecast.readings(list(set_ups.values()), preparation.model)
             keys = [(preparation, key) for key in set_ups]
             shown |= dict(zip(keys, expected, strict=True))
         return [

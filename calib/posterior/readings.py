@@ -129,7 +129,7 @@ def rows_of(
         rows[:, 1 + width :],
         sum(map(len, parts)),
         base_of([model.parameters_mm for model in models]),
-        base_of([cells.case.model.parameters_mm for cells in sessions]),
+        base_of(_expected_mm(sessions)),
         base_of([cells.case.spread_mm for cells in sessions]),
         _whitening(sessions),
         free,
@@ -137,6 +137,21 @@ def rows_of(
         sum(cells.excess for cells in sessions),
         sum(cells.log_constant for cells in sessions) + _log_of_student(freedom, free),
     )
+
+
+def _expected_mm(sessions: Sequence[Cells]) -> list[FloatArray]:
+    """Parameters ``(6,)`` that each session expects: those of its model.
+
+    Offsets that were entered since the first session of the same state are gone from its own.
+    """
+    expected = []
+    for cells in sessions:
+        parameters = np.array(cells.case.model.parameters_mm)
+        first = next(one.case for one in sessions if one.case.state == cells.case.state)
+        if cells.case.state is not None:
+            parameters[:3] += np.subtract(first.entered_mm, cells.case.entered_mm)
+        expected.append(parameters)
+    return expected
 
 
 def _whitening(sessions: Sequence[Cells]) -> FloatArray:

@@ -11,7 +11,7 @@ import pytest
 from calib.arrays import Conditions, FloatArray
 from calib.posterior.cells import HOMING_MM
 from calib.posterior.forecast import Forecast
-from calib.posterior.measurements import MeasurementPreparation, set_up
+from calib.posterior.measurements import set_up
 from calib.posterior.mixture import Updated
 from calib.posterior.models import Posterior, Weighted
 from calib.posterior.posterior import posterior
@@ -170,12 +170,3 @@ def test_nothing_read_changes_nothing(unsure: Posterior) -> None:
     there = set_up(0, 0.5, (0.0,), 1, 20.0)  # one posture: its zero takes it
     (readings,) = forecast.readings([there])
     assert forecast.after_mm(readings) == pytest.approx(forecast.now_mm, rel=1e-6)
-
-
-def test_own_offsets_after_others_were_entered_tell_less(unsure: Posterior) -> None:
-    forecast = Forecast.of(unsure, FRAME, OFFSETS)
-    change = MeasurementPreparation((0.1, 0.0, 0.0)).model
-    (same,) = forecast.readings([TAKEN], change)
-    (apart,) = forecast.readings([TAKEN], change, entered_anew=True)
-    assert forecast.after_mm(same) <= forecast.after_mm(apart) * (1.0 + 1e-9)
-    assert forecast.after_mm(apart) < forecast.now_mm

@@ -76,6 +76,14 @@ def test_offsets_that_changed_all_the_same_are_each_sessions_own() -> None:
     assert np.all(deviation < 0.003)
 
 
+def test_what_was_entered_in_between_is_known(sessions: list[SessionCase]) -> None:
+    entered_mm = np.array([5.0, 0.0, -0.4])
+    after = replace(read(LEG_X, HOMED_MM - entered_mm, 2), entered_mm=(5.0, 0.0, -0.4))
+    change, deviation = change_of(posterior([sessions[0], after]))
+    assert np.all(np.abs(change - HOMED_MM + entered_mm) < 3.0 * deviation)
+    assert np.all(deviation < 1.01 * HOMING_MM)
+
+
 def test_sessions_of_other_states_do_not_share(sessions: list[SessionCase]) -> None:
     moved = [sessions[0], replace(sessions[1], state="after a crash")]
     apart = [replace(case, state=None) for case in sessions]

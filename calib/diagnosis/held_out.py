@@ -179,7 +179,7 @@ class _LeftOut:
 
     def _best(self, race: Race) -> Key:
         """What has most weight alone, or the set that has more."""
-        square, room = race.one_more(race.products)
+        square, room = race.one_more()
         log = race.log_evidence(square, room) + LOG_SCALES[:, None] + race.log_prior
         every = self.posterior.components[: len(race.columns)]
         allowed = [component.kind in self.kinds for component in every]

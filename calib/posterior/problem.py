@@ -109,7 +109,7 @@ class PosteriorProblem:
 
     def solved(self) -> Solved[Posterior]:
         """Race, then each model with its normal; the heaviest followed through the simulation."""
-        about = self._about_of(self.base, self.rows)
+        about = self._about_of(self.rows)
         columns, residual = about.left_by(self.columns), about.left
         race = Race(
             Products(columns.T @ columns, columns.T @ residual, float(residual @ residual)),
@@ -147,19 +147,28 @@ class PosteriorProblem:
 
         return Solved(result, log_evidence + constant, beside, with_one_name)
 
-    def _about_of(self, base: FloatArray, rows: Rows) -> About:
-        whitening = self.rows.whitening_beside(base.shape[1] - len(rows.spread))
-        return About.of(base, rows.residual, self.expected(rows), whitening)
+    @cached_property
+    def _laws(self) -> About:
+        """A little of every law, which is the same about all models."""
+        laws = self.base[:, len(self.rows.spread) :]
+        return About.of(laws, self.rows.residual, np.zeros(laws.shape[1]))
+
+    def _about_of(self, rows: Rows) -> About:
+        """The base about rows: lengths and offsets have derivatives of their own there."""
+        own = self.base[:, : len(rows.spread)].copy()
+        own[: rows.cells] = (rows.base * rows.spread)[: rows.cells]
+        expected = self.expected(rows)
+        return self._laws.with_more(own, rows.residual, expected, rows.whitening)
 
     def _log_of_states(self, about: About) -> float:
         """What expecting the same joint offsets of several sessions adds to the log evidence.
 
         Mistakes are compared without what offsets cost: these are never the question.
         """
-        if np.array_equal(self.rows.whitening, np.eye(len(self.rows.whitening))):
+        alone = np.eye(len(self.rows.whitening))
+        if np.array_equal(self.rows.whitening, alone):
             return 0.0
-        apart = About.of(self.base, self.rows.residual, self.expected(self.rows))
-        return about.room - apart.room
+        return about.room - self._about_of(replace(self.rows, whitening=alone)).room
 
     def _changed(self, number: int, change_mm: FloatArray) -> FloatArray:
         """Rows ``(n, m)`` by which other means of cells ``(n_cells, m)`` of a session differ."""
@@ -259,9 +268,7 @@ class PosteriorProblem:
     ) -> ModelFit:
         """The same about a solution; ``block`` ``(n, r)`` is per unit, ``at`` ``(r,)`` in units."""
         unit, scale = self._unit(entry)
-        base = self.base.copy()
-        base[: rows.cells, : len(rows.spread)] = rows.base * rows.spread
-        about = self._about_of(base, rows)
+        about = self._about_of(rows)
         columns = about.left_by(block * scale)
         upper = np.vstack([columns, np.eye(len(scale))])
         basis, root = np.linalg.qr(upper)
@@ -423,23 +430,37 @@ class About:
     room: float
 
     @classmethod
-    def of(
-        cls,
-        base: FloatArray,
-        residual: FloatArray,
-        expected: FloatArray,
-        whitening: FloatArray | None = None,
-    ) -> About:
-        """Of derivatives ``(n, b)`` per standard deviation; None: what is expected is independent.
-
-        Else ``whitening`` ``(b, b)`` makes it so.
-        """
-        whitening = np.eye(base.shape[1]) if whitening is None else whitening
-        basis, root = np.linalg.qr(np.vstack([base, whitening]))
-        target = np.concatenate([residual, whitening @ expected])
+    def of(cls, base: FloatArray, residual: FloatArray, expected: FloatArray) -> About:
+        """Of derivatives ``(n, b)`` per standard deviation of what is independently expected."""
+        basis, root = np.linalg.qr(np.vstack([base, np.eye(base.shape[1])]))
+        target = np.concatenate([residual, expected])
         along = basis.T @ target
-        room = float(np.log(whitening.diagonal()).sum() - np.log(np.abs(root.diagonal())).sum())
+        room = -float(np.log(np.abs(root.diagonal())).sum())
         return cls(basis, np.linalg.inv(root), along, without(basis, target), room)
+
+    def with_more(
+        self, own: FloatArray, residual: FloatArray, expected: FloatArray, whitening: FloatArray
+    ) -> About:
+        """With derivatives ``own`` ``(n, p)`` before these, about another residual.
+
+        ``whitening`` ``(p, p)`` makes what is ``expected`` of the own ones independent.
+        """
+        (count, width), more = own.shape, len(self.inverse)
+        others = np.insert(self.basis, count, np.zeros((width, more)), axis=0)
+        block = np.vstack([own, whitening, np.zeros((more, width))])
+        shared = others.T @ block
+        block = block - others @ shared
+        again = others.T @ block  # once more: one pass leaves rounding of large columns
+        mine, upper = np.linalg.qr(block - others @ again)
+        inverse_of_own = np.linalg.inv(upper)
+        beside = self.inverse @ (shared + again) @ inverse_of_own
+        none = np.zeros((width, more))
+        inverse = np.block([[none, inverse_of_own], [self.inverse, -beside]])
+        basis = np.hstack([others, mine])
+        target = np.concatenate([residual, whitening @ expected[:width], expected[width:]])
+        along = basis.T @ target
+        logs = np.log(whitening.diagonal()).sum() - np.log(np.abs(upper.diagonal())).sum()
+        return About(basis, inverse, along, without(basis, target), self.room + float(logs))
 
     def left_by(self, columns: FloatArray) -> FloatArray:
         """What of columns ``(n, k)`` the base does not do ``(n + b, k)``."""

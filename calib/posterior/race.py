@@ -65,7 +65,7 @@ class RaceEntry:
 class Products:
     """C'C ``(k, k)`` and C'y ``(k,)`` of columns in units; what is explained, and its room.
 
-    ``square`` is y'y. Beside a model, all that its components can do is gone from them.
+    ``square`` is y'y.
     """
 
     inner: FloatArray
@@ -73,18 +73,26 @@ class Products:
     square: float
     room: float = 0.0
 
-    def beside(self, index: IntArray, scale: float) -> Products:
-        """With these columns, of this scale, in the model."""
-        block = np.eye(len(index)) + scale**2 * self.inner[np.ix_(index, index)]
+    def taken_by(self, index: IntArray, scale: FloatArray) -> Taken:
+        """What columns ``(r,)`` of these scales ``(r,)`` take over, being in the model."""
+        block = np.eye(len(index)) + scale[:, None] * self.inner[np.ix_(index, index)] * scale
         root = np.linalg.cholesky(block)
-        shown = scale * np.linalg.solve(root, self.inner[index])
-        along = scale * np.linalg.solve(root, self.along[index])
-        return Products(
-            self.inner - shown.T @ shown,
-            self.along - shown.T @ along,
-            self.square - float(along @ along),
-            self.room - float(np.log(root.diagonal()).sum()),
-        )
+        both = np.column_stack([self.inner[index], self.along[index]])
+        shown = np.linalg.solve(root, scale[:, None] * both)
+        return Taken(shown[:, :-1], shown[:, -1], -float(np.log(root.diagonal()).sum()))
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """What a model's columns take over of C'C and C'y.
+
+    Beside them the products are C'C - ``shown``' ``shown`` ``(r, k)``, C'y - ``shown``' ``along``
+    ``(r,)``, y'y - ``along``' ``along``, and the room is more by ``room``.
+    """
+
+    shown: FloatArray
+    along: FloatArray
+    room: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,17 +118,17 @@ class Race:
 
     def entry(self, key: Key) -> RaceEntry:
         """One model, weighed alone."""
-        index = np.concatenate([np.zeros(0, np.intp), *(self.columns[k] for k, _ in key)])
-        each = [np.full(len(self.columns[k]), scale) for k, scale in key]
-        scales = np.concatenate([np.zeros(0), *each])
-        inner = scales[:, None] * self.products.inner[np.ix_(index, index)] * scales
-        root = np.linalg.cholesky(np.eye(len(index)) + inner)
-        shown = np.linalg.solve(root, scales * self.products.along[index])
-        square = np.array(self.products.square - float(shown @ shown))
-        room = np.array(self.products.room - float(np.log(root.diagonal()).sum()))
+        taken = self._taken(key)
+        square = np.array(self.products.square - float(taken.along @ taken.along))
+        room = np.array(self.products.room + taken.room)
         cost = float(LOG_CAUSES[len(key)]) + sum(self._cost(*member) for member in key)
         log_weight = float(self.log_evidence(square, room)) + cost
         return RaceEntry(tuple(k for k, _ in key), tuple(s for _, s in key), log_weight)
+
+    def _taken(self, key: Key) -> Taken:
+        index = np.concatenate([np.zeros(0, np.intp), *(self.columns[k] for k, _ in key)])
+        each = [np.full(len(self.columns[k]), scale) for k, scale in key]
+        return self.products.taken_by(index, np.concatenate([np.zeros(0), *each]))
 
     def best_singles(
         self, along: FloatArray, square: FloatArray, chosen: Sequence[int]
@@ -130,7 +138,8 @@ class Race:
         Their products with columns are ``along`` ``(k, m)``, with themselves ``square`` ``(m,)``.
         """
         best = np.full(len(square), -math.inf)
-        for members, index, sizes, axes in self._spectra:
+        for members, index, blocks in self._blocks:
+            sizes, axes = np.linalg.eigh(blocks)
             mine = np.isin(members, chosen)
             if not mine.any():
                 continue
@@ -146,38 +155,38 @@ class Race:
         return np.asarray(best + LOG_CAUSES[1])
 
     @cached_property
-    def _spectra(self) -> list[tuple[IntArray, IntArray, FloatArray, FloatArray]]:
-        """Components of each width, their columns, and what C'C of these is in its own axes."""
+    def _blocks(self) -> list[tuple[IntArray, IntArray, FloatArray]]:
+        """Components ``(m,)`` of each width, their columns ``(m, w)``, and C'C ``(m, w, w)``."""
         widths = np.array([len(columns) for columns in self.columns])
-        spectra = []
+        every = []
         for width in np.unique(widths):
             members = np.flatnonzero(widths == width)
             index = np.array([self.columns[int(k)] for k in members])
-            blocks = self.products.inner[index[:, :, None], index[:, None, :]]
-            spectra.append((members, index, *np.linalg.eigh(blocks)))
-        return spectra
+            every.append((members, index, self.products.inner[index[:, :, None], index[:, None]]))
+        return every
 
-    def one_more(self, products: Products) -> tuple[FloatArray, FloatArray]:
+    def one_more(self, key: Key = ()) -> tuple[FloatArray, FloatArray]:
         """What is left and the room ``(scales, components)`` of each beside a model."""
+        taken = self._taken(key)
+        beside = self.products.along - taken.along @ taken.shown
+        left = self.products.square - float(taken.along @ taken.along)
         square = np.empty((len(SCALES), len(self.columns)))
         room = np.empty_like(square)
-        widths = np.array([len(one) for one in self.columns])
-        for width in np.unique(widths):
-            members = np.flatnonzero(widths == width)
-            index = np.array([self.columns[int(k)] for k in members])
-            if width == 1:
-                sizes = np.maximum(products.inner[index[:, 0], index[:, 0]], 0.0)[:, None]
-                along = products.along[index]
+        for members, index, whole in self._blocks:
+            shown = taken.shown[:, index]
+            blocks = whole - np.einsum("rmi,rmj->mij", shown, shown)
+            along = beside[index]
+            if index.shape[1] == 1:
+                sizes = np.maximum(blocks[:, 0], 0.0)
             else:
-                blocks = products.inner[index[:, :, None], index[:, None, :]]
                 sizes, axes = np.linalg.eigh(blocks)
                 sizes = np.maximum(sizes, 0.0)
-                along = (axes * products.along[index][:, :, None]).sum(axis=1)
+                along = (axes * along[:, :, None]).sum(axis=1)
             for row, scale in enumerate(SCALES):
                 wide = 1.0 + scale**2 * sizes
-                square[row, members] = products.square - (scale**2 * along**2 / wide).sum(axis=1)
-                room[row, members] = products.room - 0.5 * np.log(wide).sum(axis=1)
-        return square, room
+                square[row, members] = left - (scale**2 * along**2 / wide).sum(axis=1)
+                room[row, members] = -0.5 * np.log(wide).sum(axis=1)
+        return square, self.products.room + taken.room + room
 
     def run(self) -> list[RaceEntry]:
         """Every model that counts, the heaviest first.
@@ -187,15 +196,18 @@ class Race:
         plain = self.products
         nothing = self.log_evidence(np.array(plain.square), np.array(plain.room))
         weights: dict[Key, float] = {(): float(LOG_CAUSES[0] + nothing)}
-        weights |= self._beside([()])
+        weights |= self._beside([()], weights[()])
         wide = [k for k, columns in enumerate(self.columns) if len(columns) > NARROW]
         pairs = self._pairs()
-        for key, log in self._beside([((k, scale),) for k in wide for scale in SCALES]).items():
+        starts: list[Key] = [((k, scale),) for k in wide for scale in SCALES]
+        for key, log in self._beside(starts, max(pairs.values(), default=-math.inf)).items():
             pairs[key] = max(log, pairs.get(key, -math.inf))
         heaviest: dict[tuple[int, ...], Key] = {}
         for key in sorted(pairs, key=lambda key: -pairs[key]):
             heaviest.setdefault(tuple(k for k, _ in key), key)
-        weights |= pairs | self._beside(list(heaviest.values())[:TRIPLES_FROM])
+        weights |= pairs
+        best = max(weights.values())
+        weights |= self._beside(list(heaviest.values())[:TRIPLES_FROM], best)
         logs = np.array(list(weights.values()))
         share = np.exp(logs - logs.max())
         share /= share.sum()
@@ -206,22 +218,21 @@ class Race:
         ]
         return sorted(entries, key=lambda entry: -entry.log_weight)
 
-    def _beside(self, starts: Sequence[Key]) -> dict[Key, float]:
-        """Log weights of models of one component more than these, all of as many components."""
-        found: dict[Key, float] = {}
-        best = -math.inf
+    def _beside(self, starts: Sequence[Key], best: float) -> dict[Key, float]:
+        """Log weights of models of one component more than these; none far behind the ``best``."""
+        every = []
         for members in starts:
-            products = self.products
-            for k, scale in members:
-                products = products.beside(self.columns[k], scale)
-            square, room = self.one_more(products)
+            square, room = self.one_more(members)
             log = self.log_evidence(square, room) + LOG_SCALES[:, None] + self.log_prior
             log += LOG_CAUSES[len(members) + 1] + sum(self._cost(*one) for one in members)
             log[:, [member for member, _ in members]] = -math.inf
             best = max(best, float(log.max()))
-            for row, k in np.argwhere(log > best - FAR_BEHIND).tolist():
-                found[tuple(sorted((*members, (k, SCALES[row]))))] = float(log[row, k])
-        return found
+            every.append(log)
+        return {
+            tuple(sorted((*members, (k, SCALES[row])))): float(log[row, k])
+            for members, log in zip(starts, every, strict=True)
+            for row, k in np.argwhere(log > best - FAR_BEHIND).tolist()
+        }
 
     def _pairs(self) -> dict[Key, float]:
         """Log weights of pairs of narrow components.

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from calib.arrays import Conditions, FloatArray, set_up_unknowns
 from calib.identify.fit import design_of
@@ -70,10 +69,6 @@ class Rows:
     freedom: float
     excess: float
     log_constant: float
-
-    def whitening_beside(self, count: int) -> FloatArray:
-        """The same for these and ``count`` independent values after them."""
-        return np.asarray(block_diag(self.whitening, np.eye(count)))
 
 
 def rows_of(

@@ -105,7 +105,7 @@ def test_a_pair_of_which_neither_helps_alone_is_found_among_many() -> None:
     design = np.column_stack([others, first, second])
     y = 30.0 * hidden + 0.3 * rng.normal(size=ROWS)
     race = race_of(design, y, columns_of((1,) * 42), math.inf)
-    square, _ = race.one_more(race.products)  # what each leaves alone
+    square, _ = race.one_more()  # what each leaves alone
     assert (np.argsort(square.min(axis=0))[:25] < 40).all()
     assert race.run()[0].members == (40, 41)
 

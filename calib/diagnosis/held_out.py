@@ -23,6 +23,9 @@ from calib.posterior.race import LOG_CAUSES, LOG_SCALES, SCALES, Key, Products, 
 from calib.posterior.readings import LENGTHS
 from calib.tripod.effects.effect import Effect, EffectInstance
 
+MOST_SETS = 40
+"""Sets of components that are tried again; lighter ones are not chosen without a few readings."""
+
 
 def on_other_sessions(
     leftover: Leftover,
@@ -136,7 +139,7 @@ class _LeftOut:
 
     @cached_property
     def _sets(self) -> list[Key]:
-        """Sets of two and three of these kinds that all readings leave possible, with scales."""
+        """Sets of two and three of these kinds that all readings leave likeliest, with scales."""
         allowed = {
             k for k, component in enumerate(self._components) if component.kind in self.kinds
         }
@@ -144,7 +147,7 @@ class _LeftOut:
             tuple(zip(model.members, model.scales, strict=True))
             for model in self.posterior.models
             if len(model.members) > 1 and allowed >= {*model.members}
-        ]
+        ][:MOST_SETS]
 
     def _missed(self, out_rows: IntArray) -> tuple[FloatArray, FloatArray]:
         """What is missed of rows that are left out, without a name and with the best one."""

@@ -41,6 +41,10 @@ MEDIAN_OF_NORMAL = 0.6745
 ROUNDING = 8 * float(np.finfo(np.float64).eps)
 """Relative scatter that floating point arithmetic alone makes of equal values."""
 
+MOST_CYCLES = 200
+"""Cycles of a mounting up to which each has a mean of its own; of more a steady rate is enough, and
+a basis of thousands would take minutes."""
+
 TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -76,14 +80,15 @@ class Repeats:
     ) -> Repeats:
         """The repeats among readings of `calib.noise.reading.visits`.
 
-        Rows that stand ``apart`` are repeats of nothing. Where a drift is ``steady``, a rate of
-        each mounting is removed in place of its cycles.
+        Rows that stand ``apart`` are repeats of nothing. Where a drift is ``steady``, or cycles are
+        more than `MOST_CYCLES`, a rate of each mounting is removed in place of its cycles.
         """
         cell = set_apart(visited.cell, apart)
         leverage = visited.averaged / np.bincount(cell, visited.averaged)[cell]
         cycles: list[tuple[IntArray, FloatArray]] = []
         for rows in visited.mountings:
-            drift = _rate if steady else _cycles
+            many = len(np.unique(visited.cycle[rows])) > MOST_CYCLES
+            drift = _rate if steady or many else _cycles
             basis = _beside_cells(visited, rows, cell[rows], drift(visited, rows))
             cycles.append((rows, basis))
             leverage[rows] += (basis * basis).sum(axis=1)

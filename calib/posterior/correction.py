@@ -40,6 +40,9 @@ WORTH = 0.01
 DOUBTED = 0.05
 """Weight from which a model has a say on each part."""
 
+EVEN = 0.5
+"""Probability of a larger error from which on a gain that few models expect is no reason."""
+
 
 @dataclass(frozen=True)
 class LeftOut:
@@ -169,6 +172,8 @@ def _doubt(errors: ToolErrors, with_it: FloatArray, without: FloatArray) -> str:
         return f"it lowers the expected square of the tool's error by less than {WORTH:.0%}"
     if worst > gain:
         return "it would raise the error under a model that the readings leave open"
+    if float(weight[more < 0.0].sum()) > EVEN:
+        return "it is likelier to raise the tool's error than to lower it"
     return ""
 
 

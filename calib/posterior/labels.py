@@ -25,7 +25,6 @@ from calib.arrays import (
     Observations,
     numbered,
     rows_of,
-    without,
     without_means,
 )
 from calib.errors import NotIdentifiable
@@ -335,15 +334,15 @@ def _apart(screen: Screen) -> Iterator[Scored]:
     visited, root = screen.cells.visited, screen.root
     apart = *_single(screen), *_first_takes(visited), *_postures_off(screen), *_slips(screen)
     for one in apart:
-        columns = np.zeros((len(screen.basis), len(one.groups)))
-        for k, rows in enumerate(one.groups):
-            columns[rows, k] = 1.0 / root[rows]
-        columns = without(screen.basis, columns)
-        inner = columns.T @ columns
+        # a shift of few rows: its products need no more than these
+        within = np.array([(1.0 / root[rows]) @ screen.basis[rows] for rows in one.groups])
+        square = np.array([float((1.0 / root[rows] ** 2).sum()) for rows in one.groups])
+        along = np.array([float((screen.left[rows] / root[rows]).sum()) for rows in one.groups])
+        inner = np.diag(square) - within @ within.T
         sizes = np.linalg.eigvalsh(inner)
         if sizes[0] < 1e-6 / float(root.max()) ** 2:
             continue
-        off_mm = np.linalg.solve(inner, columns.T @ screen.left)
+        off_mm = np.linalg.solve(inner, along)
         if np.abs(off_mm).max() < LEAST[one.id] * np.median(root):
             continue
         more = screen.log_likelihood(

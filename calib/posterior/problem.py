@@ -101,16 +101,10 @@ class PosteriorProblem:
         """Those standard deviations ``(b,)``."""
         return np.concatenate([self.rows.spread, *map(self.spread_of, self.everywhere)])
 
-    def expected(self, rows: Rows) -> FloatArray:
-        """Where the base is expected less where rows are, in standard deviations ``(b,)``."""
-        away = np.zeros(self.base.shape[1])
-        away[: len(rows.spread)] = (rows.prior - rows.value) / rows.spread
-        return away
-
     def solved(self) -> Solved[Posterior]:
         """Race, then each model with its normal; the heaviest followed through the simulation."""
         about = self._about_of(self.rows)
-        columns, residual = about.left_by(self.columns), about.left
+        columns, residual = about.left_by(self._laws.whitened(self.columns)), about.left
         race = Race(
             Products(columns.T @ columns, columns.T @ residual, float(residual @ residual)),
             self.index,
@@ -141,24 +135,39 @@ class PosteriorProblem:
         names = [k for k, one in enumerate(self.components) if one.kind in ("named", "beside")]
 
         def with_one_name(number: int, change_mm: FloatArray) -> FloatArray:
-            changed = self._changed(number, change_mm)
+            changed = self._laws.whitened(self._changed(number, change_mm))
             other = about.left[:, None] + about.left_by(changed)
             return constant + race.best_singles(columns.T @ other, (other**2).sum(axis=0), names)
 
         return Solved(result, log_evidence + constant, beside, with_one_name)
 
     @cached_property
-    def _laws(self) -> About:
+    def _laws(self) -> LittleOfAll:
         """A little of every law, which is the same about all models."""
-        laws = self.base[:, len(self.rows.spread) :]
-        return About.of(laws, self.rows.residual, np.zeros(laws.shape[1]))
+        return LittleOfAll(self.base[:, len(self.rows.spread) :])
 
     def _about_of(self, rows: Rows) -> About:
-        """The base about rows: lengths and offsets have derivatives of their own there."""
+        """Lengths and offsets about rows, where they have derivatives of their own."""
         own = self.base[:, : len(rows.spread)].copy()
         own[: rows.cells] = (rows.base * rows.spread)[: rows.cells]
-        expected = self.expected(rows)
-        return self._laws.with_more(own, rows.residual, expected, rows.whitening)
+        expected = (rows.prior - rows.value) / rows.spread
+        own, residual = self._laws.whitened(own), self._laws.whitened(rows.residual)
+        about = About.of(own, residual, expected, rows.whitening)
+        return replace(about, room=about.room + self._laws.room)
+
+    def _root(self, about: About) -> FloatArray:
+        """A root ``(b, b)`` of the covariance of the base; what laws do follows from the others."""
+        laws, count = self._laws, len(self.rows.residual)
+        beside = -laws.seen.T @ (about.basis[:count])
+        none = np.zeros((len(about.inverse), len(laws.root)))
+        root = np.block([[about.inverse, none], [beside, laws.root]])
+        return np.asarray(self.base_unit[:, None] * root)
+
+    def _moved(self, about: About, along: FloatArray, left: FloatArray) -> FloatArray:
+        """Values of the base ``(b, ...)`` for rows ``along`` the basis and those it has left."""
+        laws = self._laws.seen.T @ left[: len(self.rows.residual)]
+        unit = self.base_unit.reshape(-1, *(1,) * (along.ndim - 1))
+        return np.asarray(unit * np.concatenate([about.inverse @ along, laws]))
 
     def _log_of_states(self, about: About) -> float:
         """What expecting the same joint offsets of several sessions adds to the log evidence.
@@ -200,10 +209,12 @@ class PosteriorProblem:
         self, race: Race, entries: Sequence[RaceEntry], about: About
     ) -> tuple[list[Weighted], float]:
         every: dict[Key, tuple[float, Weighted]] = {}
-        shared = self.base_unit[:, None] * about.inverse
-        moved = shared @ (about.basis[: len(self.columns)].T @ self.columns)
-        plain = ModelFit(shared @ about.along, shared, moved, race.products.square, about.room)
-        plain.mean[: len(self.rows.value)] += self.rows.value
+        white = self._laws.whitened(self.columns)
+        along = about.basis[: len(white)].T @ white
+        moved = self._moved(about, along, about.left_by(white))
+        mean = self._moved(about, about.along, about.left)
+        mean[: len(self.rows.value)] += self.rows.value
+        plain = ModelFit(mean, self._root(about), moved, race.products.square, about.room)
 
         def add(entry: RaceEntry, *, follow: bool) -> None:
             fit, gained = self._fitted(entry, race.products, plain), 0.0
@@ -268,22 +279,20 @@ class PosteriorProblem:
     ) -> ModelFit:
         """The same about a solution; ``block`` ``(n, r)`` is per unit, ``at`` ``(r,)`` in units."""
         unit, scale = self._unit(entry)
-        about = self._about_of(rows)
-        columns = about.left_by(block * scale)
-        upper = np.vstack([columns, np.eye(len(scale))])
-        basis, root = np.linalg.qr(upper)
+        about, white = self._about_of(rows), self._laws.whitened(block * scale)
+        columns, along = about.left_by(white), about.basis[: len(white)].T @ white
+        basis, root = np.linalg.qr(np.vstack([columns, np.eye(len(scale))]))
         inverse = np.linalg.inv(root)
         target = np.concatenate([about.left, -at / scale])
         sizes = inverse @ (basis.T @ target)
         left = without(basis, target)
-        beside = about.basis[: len(block)].T @ (block * scale)
-        mean = self.base_unit * (about.inverse @ (about.along - beside @ sizes))
+        mean = self._moved(about, about.along - along @ sizes, about.left - columns @ sizes)
         mean[: len(rows.value)] += rows.value
-        shared = self.base_unit[:, None] * about.inverse
-        own = np.vstack([-shared @ beside @ inverse, (unit * scale)[:, None] * inverse])
+        moved = self._moved(about, along, columns)
+        own = np.vstack([-moved @ inverse, (unit * scale)[:, None] * inverse])
         room = about.room - float(np.log(np.abs(root.diagonal())).sum())
         values = np.concatenate([mean, unit * (at + scale * sizes)])
-        return ModelFit(values, shared, own, float(left @ left), room)
+        return ModelFit(values, self._root(about), own, float(left @ left), room)
 
     def _followed(
         self, race: Race, entry: RaceEntry, fit: ModelFit, plain_room: float
@@ -416,6 +425,61 @@ def _fewer(race: Race, entries: Sequence[RaceEntry], best: RaceEntry) -> list[Ra
 
 
 @dataclass(frozen=True, eq=False)
+class LittleOfAll:
+    """A little of every law as a part of the noise: I + L L' in place of I, L ``(n, l)``.
+
+    Its inverse root is symmetric, I - L g(L'L) L' or I - L L' g(L L'), whichever is smaller, with
+    g(x) = (1 - 1/sqrt(1 + x)) / x; I - L' L g(L'L) is a root of what is left of the laws.
+    """
+
+    columns: FloatArray
+
+    @cached_property
+    def _spectrum(self) -> tuple[FloatArray, FloatArray]:
+        few = self.columns.T if self.columns.shape[1] < len(self.columns) else self.columns
+        square, axes = np.linalg.eigh(few @ few.T)
+        return np.maximum(square, 0.0), axes
+
+    @cached_property
+    def _inner(self) -> FloatArray:
+        square, axes = self._spectrum
+        wide = np.sqrt(1.0 + square)
+        return np.asarray((axes / (wide * (1.0 + wide))) @ axes.T)
+
+    @cached_property
+    def _few(self) -> FloatArray | None:
+        """The inverse root itself ``(n, n)``; None where laws are fewer than rows."""
+        if self.columns.shape[1] < len(self.columns):
+            return None
+        square, axes = self._spectrum
+        return np.asarray((axes / np.sqrt(1.0 + square)) @ axes.T)
+
+    def whitened(self, rows: FloatArray) -> FloatArray:
+        """Rows ``(n, ...)`` with independent noise of unit variance, this little in it."""
+        if self._few is not None:
+            return np.asarray(self._few @ rows)
+        return np.asarray(rows - self.columns @ (self._inner @ (self.columns.T @ rows)))
+
+    @cached_property
+    def seen(self) -> FloatArray:
+        """`columns` whitened."""
+        return self.whitened(self.columns)
+
+    @cached_property
+    def root(self) -> FloatArray:
+        """Root ``(l, l)`` of the covariance of the laws, per unit, where all else is known."""
+        if self._few is not None:
+            return np.eye(self.columns.shape[1]) - self.columns.T @ (self._inner @ self.columns)
+        square, axes = self._spectrum
+        return np.asarray((axes / np.sqrt(1.0 + square)) @ axes.T)
+
+    @cached_property
+    def room(self) -> float:
+        """Half the log determinant of I + L L', less than 0."""
+        return -0.5 * float(np.log1p(self._spectrum[0]).sum())
+
+
+@dataclass(frozen=True, eq=False)
 class About:
     """A base fitted to rows, tolerances being rows below: no product of derivatives loses digits.
 
@@ -430,37 +494,23 @@ class About:
     room: float
 
     @classmethod
-    def of(cls, base: FloatArray, residual: FloatArray, expected: FloatArray) -> About:
-        """Of derivatives ``(n, b)`` per standard deviation of what is independently expected."""
-        basis, root = np.linalg.qr(np.vstack([base, np.eye(base.shape[1])]))
-        target = np.concatenate([residual, expected])
-        along = basis.T @ target
-        room = -float(np.log(np.abs(root.diagonal())).sum())
-        return cls(basis, np.linalg.inv(root), along, without(basis, target), room)
-
-    def with_more(
-        self, own: FloatArray, residual: FloatArray, expected: FloatArray, whitening: FloatArray
+    def of(
+        cls,
+        base: FloatArray,
+        residual: FloatArray,
+        expected: FloatArray,
+        whitening: FloatArray | None = None,
     ) -> About:
-        """With derivatives ``own`` ``(n, p)`` before these, about another residual.
+        """Of derivatives ``(n, b)`` per standard deviation; None: what is expected is independent.
 
-        ``whitening`` ``(p, p)`` makes what is ``expected`` of the own ones independent.
+        Else ``whitening`` ``(b, b)`` makes it so.
         """
-        (count, width), more = own.shape, len(self.inverse)
-        others = np.insert(self.basis, count, np.zeros((width, more)), axis=0)
-        block = np.vstack([own, whitening, np.zeros((more, width))])
-        shared = others.T @ block
-        block = block - others @ shared
-        again = others.T @ block  # once more: one pass leaves rounding of large columns
-        mine, upper = np.linalg.qr(block - others @ again)
-        inverse_of_own = np.linalg.inv(upper)
-        beside = self.inverse @ (shared + again) @ inverse_of_own
-        none = np.zeros((width, more))
-        inverse = np.block([[none, inverse_of_own], [self.inverse, -beside]])
-        basis = np.hstack([others, mine])
-        target = np.concatenate([residual, whitening @ expected[:width], expected[width:]])
+        whitening = np.eye(base.shape[1]) if whitening is None else whitening
+        basis, root = np.linalg.qr(np.vstack([base, whitening]))
+        target = np.concatenate([residual, whitening @ expected])
         along = basis.T @ target
-        logs = np.log(whitening.diagonal()).sum() - np.log(np.abs(upper.diagonal())).sum()
-        return About(basis, inverse, along, without(basis, target), self.room + float(logs))
+        room = float(np.log(whitening.diagonal()).sum() - np.log(np.abs(root.diagonal())).sum())
+        return cls(basis, np.linalg.inv(root), along, without(basis, target), room)
 
     def left_by(self, columns: FloatArray) -> FloatArray:
         """What of columns ``(n, k)`` the base does not do ``(n + b, k)``."""

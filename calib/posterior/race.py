@@ -73,11 +73,11 @@ class Products:
     square: float
     room: float = 0.0
 
-    def taken_by(self, index: IntArray, scale: FloatArray) -> Taken:
-        """What columns ``(r,)`` of these scales ``(r,)`` take over, being in the model."""
+    def taken_by(self, index: IntArray, scale: FloatArray, beside: slice) -> Taken:
+        """What columns ``(r,)`` of these scales ``(r,)`` take over of those ``beside``."""
         block = np.eye(len(index)) + scale[:, None] * self.inner[np.ix_(index, index)] * scale
         root = np.linalg.cholesky(block)
-        both = np.column_stack([self.inner[index], self.along[index]])
+        both = np.column_stack([self.inner[index][:, beside], self.along[index]])
         shown = np.linalg.solve(root, scale[:, None] * both)
         return Taken(shown[:, :-1], shown[:, -1], -float(np.log(root.diagonal()).sum()))
 
@@ -86,7 +86,7 @@ class Products:
 class Taken:
     """What a model's columns take over of C'C and C'y.
 
-    Beside them the products are C'C - ``shown``' ``shown`` ``(r, k)``, C'y - ``shown``' ``along``
+    For others the products are C'C - ``shown``' ``shown`` ``(r, k)``, C'y - ``shown``' ``along``
     ``(r,)``, y'y - ``along``' ``along``, and the room is more by ``room``.
     """
 
@@ -118,17 +118,17 @@ class Race:
 
     def entry(self, key: Key) -> RaceEntry:
         """One model, weighed alone."""
-        taken = self._taken(key)
+        taken = self._taken(key, slice(0))
         square = np.array(self.products.square - float(taken.along @ taken.along))
         room = np.array(self.products.room + taken.room)
         cost = float(LOG_CAUSES[len(key)]) + sum(self._cost(*member) for member in key)
         log_weight = float(self.log_evidence(square, room)) + cost
         return RaceEntry(tuple(k for k, _ in key), tuple(s for _, s in key), log_weight)
 
-    def _taken(self, key: Key) -> Taken:
+    def _taken(self, key: Key, beside: slice) -> Taken:
         index = np.concatenate([np.zeros(0, np.intp), *(self.columns[k] for k, _ in key)])
         each = [np.full(len(self.columns[k]), scale) for k, scale in key]
-        return self.products.taken_by(index, np.concatenate([np.zeros(0), *each]))
+        return self.products.taken_by(index, np.concatenate([np.zeros(0), *each]), beside)
 
     def best_singles(
         self, along: FloatArray, square: FloatArray, chosen: Sequence[int]
@@ -167,25 +167,19 @@ class Race:
 
     def one_more(self, key: Key = ()) -> tuple[FloatArray, FloatArray]:
         """What is left and the room ``(scales, components)`` of each beside a model."""
-        taken = self._taken(key)
+        taken = self._taken(key, slice(None))
         beside = self.products.along - taken.along @ taken.shown
         left = self.products.square - float(taken.along @ taken.along)
         square = np.empty((len(SCALES), len(self.columns)))
         room = np.empty_like(square)
+        scales = np.array(SCALES)[:, None, None, None]
         for members, index, whole in self._blocks:
             shown = taken.shown[:, index]
             blocks = whole - np.einsum("rmi,rmj->mij", shown, shown)
-            along = beside[index]
-            if index.shape[1] == 1:
-                sizes = np.maximum(blocks[:, 0], 0.0)
-            else:
-                sizes, axes = np.linalg.eigh(blocks)
-                sizes = np.maximum(sizes, 0.0)
-                along = (axes * along[:, :, None]).sum(axis=1)
-            for row, scale in enumerate(SCALES):
-                wide = 1.0 + scale**2 * sizes
-                square[row, members] = left - (scale**2 * along**2 / wide).sum(axis=1)
-                room[row, members] = -0.5 * np.log(wide).sum(axis=1)
+            root = np.linalg.cholesky(np.eye(index.shape[1]) + scales**2 * blocks)
+            own = np.linalg.solve(root, scales * beside[index][:, :, None])
+            square[:, members] = left - (own**2).sum(axis=(2, 3))
+            room[:, members] = -np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=2)
         return square, self.products.room + taken.room + room
 
     def run(self) -> list[RaceEntry]:

@@ -11,7 +11,6 @@ import numpy as np
 from scipy.special import gammainc
 
 from calib.arrays import FloatArray
-from calib.stats import COVERAGE
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +30,10 @@ class InField:
     root: FloatArray
     unplaced_mm2: float = 0.0
 
+
+KEPT = 0.975
+"""Part of the posterior that keeps a bound of 95 %. The other half of the risk is that of laws that
+no model has, and of effects that these readings hardly show."""
 
 EXACT = 1e-7
 """Relative: a quantile of mean squares is worked out to so much."""
@@ -121,12 +124,12 @@ class ToolErrors:
         return math.sqrt(float(self._weight @ (self._spread[:, 0] + self.expected(values))))
 
     def bound_mm(self, values: FloatArray) -> float:
-        """95 % of the posterior keep it with these values entered."""
+        """What a machine keeps 95 times in 100 with these values entered (`KEPT`)."""
         return quantile_mm(self.distances(values))
 
 
 def quantile_mm(distances: Sequence[Distance]) -> float:
-    """Root of the 95 % quantile of a mixture of gamma distributions of these moments."""
+    """Root of the quantile `KEPT` of a mixture of gamma distributions of these moments."""
     weight, size, variance = np.array(distances).T
     variance = np.maximum(variance, 1e-12 * size**2)
     shape, scale = size**2 / variance, variance / np.maximum(size, 1e-300)
@@ -134,5 +137,5 @@ def quantile_mm(distances: Sequence[Distance]) -> float:
     while high - low > EXACT * high:
         middle = (low + high) / 2.0
         below = float((weight * gammainc(shape, middle / scale)).sum() / weight.sum())
-        low, high = (middle, high) if below < COVERAGE else (low, middle)
+        low, high = (middle, high) if below < KEPT else (low, middle)
     return math.sqrt(high)

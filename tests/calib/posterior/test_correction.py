@@ -51,13 +51,13 @@ def drawn(result: Posterior, generator: np.random.Generator, count: int) -> Floa
 
 @pytest.mark.parametrize("frame", FRAMES)
 @pytest.mark.parametrize("holds", HOLDS)
-def test_the_bound_is_what_95_of_100_machines_drawn_from_the_posterior_keep(
+def test_the_bound_is_what_975_of_1000_machines_drawn_from_the_posterior_keep(
     unsure: Posterior, holds: Holds, frame: Frame
 ) -> None:
     entered = correction(unsure, holds, frame)
     machines = drawn(unsure, np.random.default_rng(1), DRAWS)
     error = unsure.field.rows @ (machines - entered.values[:, None])
-    kept_mm = float(np.sqrt(np.quantile(in_frame(unsure, error, frame), 0.95)))
+    kept_mm = float(np.sqrt(np.quantile(in_frame(unsure, error, frame), 0.975)))
     assert entered.bound_mm[frame] == pytest.approx(kept_mm, rel=0.08)
 
 

@@ -21,6 +21,7 @@ from scipy.optimize import root
 
 from app.evaluating.history import Index, key_of, read_history
 from benchmarks.controller import controller
+from benchmarks.diagnosis import diagnosis
 from benchmarks.hexaslide import hexaslide
 from benchmarks.identification import table as identification
 from benchmarks.interface import interface
@@ -184,6 +185,7 @@ PARTS: dict[str, Callable[[], list[str]]] = {
     "whole": whole_identification,
     "indicators": indicators,
     "processes": processes,
+    "diagnosis": diagnosis,
     "history": histories,
     "postures": postures,
     "hexaslide": hexaslide,

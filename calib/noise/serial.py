@@ -11,12 +11,12 @@ from __future__ import annotations
 import numpy as np
 
 from calib.arrays import (
-    DEPENDENT,
     FloatArray,
     IntArray,
     Observations,
-    basis_of,
+    basis_by_products,
     incidence,
+    lengths,
     numbered,
 )
 from calib.noise.repeats import arithmetic_mm2
@@ -58,7 +58,8 @@ def serial_correlation(observed: Observations, cell: IntArray, variance_mm2: Flo
     for rows in observed.mountings:
         order = np.linspace(-1.0, 1.0, len(rows))[:, None]
         beside = np.hstack([incidence(numbered(cell[rows])), order])
-        basis = basis_of(root[rows, None] * beside, DEPENDENT)
+        shown = root[rows, None] * beside
+        basis = basis_by_products(shown / lengths(shown))
         if len(rows) <= basis.shape[1]:
             continue
         free += len(rows) - basis.shape[1]

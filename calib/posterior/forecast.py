@@ -273,15 +273,15 @@ class Forecast:
 
     def apart(self, readings: ExpectedReadings, models: Sequence[int]) -> FloatArray:
         """What model j leaves of the readings if model i is true ``(h, h)``, noise variances."""
-        groups = [g for g in self.groups if not set(models).isdisjoint(g.rows.tolist())]
-        updated = [group.updated(readings, self.followed) for group in groups]
-        place = {k: (one, j) for one in updated for j, k in enumerate(one.group.rows.tolist())}
+        groups = [group.only(models) for group in self.groups]
+        updated = [group.updated(readings, self.followed) for group in groups if len(group.rows)]
+        number = {model: k for k, model in enumerate(models)}
+        columns = [np.array([number[k] for k in each.group.rows.tolist()]) for each in updated]
         apart = np.zeros((len(models), len(models)))
-        for i, truth in enumerate(models):
-            true, j = place[truth]
-            for k, model in enumerate(models):
-                other, at = place[model]
-                apart[i, k] = other.square(true.expected[:, j])[at]
+        for true, rows in zip(updated, columns, strict=True):
+            for expected, i in zip(true.expected.T, rows.tolist(), strict=True):
+                for other, mine in zip(updated, columns, strict=True):
+                    apart[i, mine] = other.square(expected)
         return apart
 
     def _bound_mm(

@@ -6,7 +6,7 @@ known beforehand, and so is where its mean goes if another model is true.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -86,16 +86,11 @@ class Group:
         """Models in the tool's field, linear ``about`` ``(f,)``; ``tool`` is ``(2q, f)``."""
         roots = [field.root / field.inflated for field in fields]
         widths = np.array([root.shape[1] for root in roots], dtype=np.intp)
-        firsts = np.cumsum([0, *widths[:-1]])
         mean, sizes = np.column_stack([field.mean for field in fields]), np.hstack(roots)
         return cls(
             np.array(rows, dtype=np.intp),
             np.repeat(np.arange(len(rows)), widths),
-            tuple(
-                firsts[widths == width][:, None] + np.arange(width)
-                for width in np.unique(widths)
-                if width
-            ),
+            _blocks(widths),
             fields[0].base_root,
             sizes,
             mean - about[:, None],
@@ -104,6 +99,23 @@ class Group:
             tool @ fields[0].base_root,
             tool @ sizes,
             tool @ mean,
+        )
+
+    def only(self, models: Collection[int]) -> Group:
+        """The group without other models than these."""
+        kept = np.isin(self.rows, list(models))
+        mine = kept[self.owner]
+        widths = np.bincount(self.owner, minlength=len(self.rows))[kept]
+        return replace(
+            self,
+            rows=self.rows[kept],
+            owner=np.repeat(np.arange(len(widths)), widths),
+            blocks=_blocks(widths),
+            sizes=self.sizes[:, mine],
+            away=self.away[:, kept],
+            inflated=self.inflated[kept],
+            tool_sizes=self.tool_sizes[:, mine],
+            tool_mean=self.tool_mean[:, kept],
         )
 
     def sums(self, values: FloatArray) -> FloatArray:
@@ -140,6 +152,14 @@ class Group:
             room[self.owner[block[:, 0]]] -= logs
         base = self.tool_base[:q] @ self.tool_base[:q].T - gain[:q] @ gain[:q].T
         return Updated(self, base, tool, seen, gain, white, lower, expected, sizes, room)
+
+
+def _blocks(widths: IntArray) -> tuple[IntArray, ...]:
+    """Columns of models of each width, a row for each model."""
+    firsts = np.cumsum([0, *widths[:-1]])
+    return tuple(
+        firsts[widths == width][:, None] + np.arange(width) for width in np.unique(widths) if width
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,8 @@ Json = dict[str, Any]
 # A rival is told apart where its misfit is worth this much; the reference names nothing below.
 EVIDENCE_FLOOR = 25.0
 CANDIDATES = 100  # effects times places: what a single p-value is charged for
+ROWS_ALONE = ("wild_reading", "label_error", "stand_slip", "first_take", "unit_mixup", "gauge_sign")
+"""Names of the contract and of the program for a single reading that is wrong."""
 NEARLY_INSIDE = 0.7  # a shape of which a known effect explains more is no fair unknown
 
 
@@ -213,11 +215,13 @@ def places(hidden: Json) -> list[str]:
 
 
 def blunder_named(one: Scored) -> bool:
-    """The mistake by its name and place; a wild reading by any name of a mistake."""
+    """The mistake by its name and place, or as an alias beside one; a wild reading by any name."""
     mistakes = [each for each in one.named if each["kind"] == "blunder"]
-    if one.truth["blunder"] != "wild":
-        mistakes = [each for each in mistakes if each["id"] == one.truth["blunder"]]
-    return any(same_place(each["where"], one.truth["blunder_where"]) for each in mistakes)
+    named = [(each["id"], each["where"]) for each in mistakes]
+    named += [(alias, where) for each in mistakes for alias, where in each["also_at"]]
+    wanted = ROWS_ALONE if one.truth["blunder"] == "wild" else (one.truth["blunder"],)
+    right = one.truth["blunder_where"]
+    return any(name in wanted and same_place(where, right) for name, where in named)
 
 
 def blunder_claimed(one: Scored) -> bool:

@@ -171,6 +171,17 @@ def test_a_wild_reading_may_have_any_name_of_a_mistake() -> None:
     assert wrong_confident(scored(made, document("explained", effect("backlash", "x"))))
 
 
+def test_an_alias_beside_a_mistake_names_it() -> None:
+    """A first reading that is wrong is a first take that stands apart: nothing tells them apart."""
+    made = make(Case("b/alias", "blunder", "sweep", "gaussian", blunder="label_error"), SEED)
+    place = made.truth["blunder_where"][0]
+    first = effect("first_take", place, "blunder", "label_error")
+    assert blunder_named(scored(made, document("ambiguous", first)))
+    assert not blunder_named(
+        scored(made, document("ambiguous", effect("first_take", place, "blunder")))
+    )
+
+
 def test_right_wrong_and_silent_answers() -> None:
     made = make(single("actuator_scale"), SEED)
     where = made.truth["hidden"][0]["where"][0]

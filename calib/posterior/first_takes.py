@@ -88,9 +88,10 @@ class WithinPlay:
             for way in (-1.0, 1.0)
         )
         derivatives = {law[1]: (down[law] - up[law])[:, 0] for law in down}
-        known = [one for one in cells.case.model.effects if isinstance(one, EffectInstance)]
         each = [
-            one.values[0].real * derivatives[one.place] for one in known if one.id == Backlash.id
+            effect.values[0].real * derivatives[effect.place]
+            for effect in cells.case.model.effects
+            if isinstance(effect, EffectInstance) and effect.id == Backlash.id
         ]
         off_mm = np.maximum(np.abs([*apart.values()]), FINEST_MM)
         beyond = off_mm > LEAST["first_take"] * np.median(even_mm(cells))
@@ -100,21 +101,21 @@ class WithinPlay:
     def log_more(self, components: Sequence[Component]) -> tuple[float, FloatArray]:
         """Log prior that an adopted play adds, and what each component adds ``(scales, k)``.
 
-        With a play of scale g a first take is off by N(0, (g u)²) in its direction; without one it
-        is off by a mistake, of any size.
+        Within a play of scale g a reading is off by N(0, (g u J)²), J its derivative by the play;
+        by a mistake it is off by any size.
         """
         adopted = self._log_usual(self.adopted_mm**2)
         more = np.zeros((len(SCALES), len(components)))
         for k, component in enumerate(components):
             each = [
-                component.unit[one.values[0]] * self.derivatives[one.place]
-                for one in component.shares
-                if one.effect.id == Backlash.id
+                component.unit[share.values[0]] * self.derivatives[share.place]
+                for share in component.shares
+                if share.effect.id == Backlash.id
             ]
             if each:
                 square = np.square(each).sum(axis=0)
                 of_scale = [self.adopted_mm**2 + scale**2 * square for scale in SCALES]
-                more[:, k] = [self._log_usual(one) - adopted for one in of_scale]
+                more[:, k] = [self._log_usual(play_mm2) - adopted for play_mm2 in of_scale]
         return adopted, more
 
     def reached_by(self, play_mm: Mapping[str, float]) -> bool:

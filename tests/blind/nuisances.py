@@ -122,8 +122,7 @@ def true_drift(procedure: str, rng: np.random.Generator) -> Session:
     rows = rows_of(PLANS[procedure], rng)
     axis, hours = int(rng.integers(3)), float(np.ptp(rows.time_s[rows.mount == 0]))
     hidden = machine(rng).plus([(("drift", (axis,)), DRIFT_MM / hours)])
-    place = f"thermal_drift:{LETTERS[axis]}"
-    return plain(*taken(procedure, hidden, rng), hidden, place)
+    return plain(*taken(procedure, hidden, rng), hidden)
 
 
 def legs_exchanged(procedure: str, rng: np.random.Generator) -> Session:

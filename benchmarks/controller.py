@@ -44,7 +44,7 @@ def _loops(folder: Path) -> list[str]:
         model = loop.session.with_name("found.json")
         loop.do("diagnose", loop.session, "--adopt", model)
         alone = loop.after_mm("offsets", loop.session, "--format", "linuxcnc")
-        how = ("--format", "linuxcnc", "--ambiguous")
+        how = ("--format", "linuxcnc")
         row = _row(f"offsets, play 60 µm, cyclic 10 µm{name}", loop, how, model)
         rows.append(row.format(f"offsets alone | {alone:.4f}"))
     lean, shift = np.zeros((3, 3)), np.zeros((3, 3))

@@ -63,6 +63,8 @@ LEAST = {
 Of Student's t with 3 degrees of freedom one of 60 readings is beyond 13 in one session of thirty.
 """
 
+FIRST_TAKE = "the first take stands apart: it settled, stood in a play, or was another posture"
+
 LEAST_CHANGED = 3.0
 """Standard deviations of a reading by which an exchange changes at least one."""
 
@@ -361,14 +363,26 @@ def _apart(screen: Screen) -> Iterator[Scored]:
                     np.array([chance]),
                 )
         log_prior = math.log(PRIOR[name] / one.places) + float(np.log(density).sum())
-        mount = visited.mount.copy()
-        for k, rows in enumerate(one.groups):
-            mount[rows] = visited.mount_count + k
-        right = replace(visited, mount=numbered(mount))
-        rows = np.concatenate(one.groups)
-        own = np.arange(len(visited), dtype=np.intp)
-        mistake = Mistake(name, one.where, title, rows, right, log_prior, own)
-        yield float(more) + room + log_prior, mistake
+        yield (
+            float(more) + room + log_prior,
+            standing_apart(visited, name, one.where, title, one.groups, log_prior),
+        )
+
+
+def standing_apart(
+    visited: Observations,
+    id: str,
+    where: str,
+    title: str,
+    groups: Sequence[IntArray],
+    log_prior: float,
+) -> Mistake:
+    """The mistake of rows that get a zero of their own, one for each of the groups."""
+    mount = visited.mount.copy()
+    for k, rows in enumerate(groups):
+        mount[rows] = visited.mount_count + k
+    right, own = replace(visited, mount=numbered(mount)), np.arange(len(visited), dtype=np.intp)
+    return Mistake(id, where, title, np.concatenate(groups), right, log_prior, own)
 
 
 def _single(screen: Screen) -> Iterator[_Apart]:
@@ -436,12 +450,11 @@ def _first_takes(visited: Observations) -> Iterator[_Apart]:
     leg, station = visited.leg[first], visited.station[first]
     stands = (numbered(leg, station, visited.over_plane[first]), leg, np.zeros_like(leg))
     sets = {tuple(first[k].tolist()) for key in stands for k in rows_of(numbered(key))}
-    title = "the first take stands apart: it settled, stood in a play, or was another posture"
     for members in sorted(sets):
         legs = {TOUCHED_LETTERS[number] for number in visited.leg[list(members)].tolist()}
         groups = tuple(np.array([row]) for row in members)
         where = legs.pop() if len(legs) == 1 else "all"
-        yield _Apart("first_take", where, title, groups, len(sets))
+        yield _Apart("first_take", where, FIRST_TAKE, groups, len(sets))
 
 
 def _slips(screen: Screen) -> Iterator[_Apart]:
@@ -461,18 +474,33 @@ def _slips(screen: Screen) -> Iterator[_Apart]:
             yield _Apart("stand_slip", place, title, (rows[k:],), len(visited))
 
 
+@dataclass(frozen=True, eq=False)
+class Way:
+    """How sessions may have come about: their cells, its log prior, and mistakes put right.
+
+    ``with_play``: only where a carriage has a play that reaches what stands apart.
+    """
+
+    sessions: Sequence[Cells]
+    log_prior: float = 0.0
+    mistakes: tuple[Mistake, ...] = ()
+    with_play: bool = False
+
+
 def with_mistakes(
-    ways: Sequence[tuple[float, Sequence[Cells]]],
-    solve: Callable[[Sequence[Cells]], Solved[Solution]],
+    ways: Sequence[Way], solve: Callable[[Sequence[Cells], bool], Solved[Solution]]
 ) -> list[Solved[Solution]]:
     """The sessions as they are, and put right in each way that may be true; the likeliest first.
 
-    The sessions may have come about in several ``ways``, each with its log prior. One mistake after
-    the other: each is looked for in the readings that the likeliest ones before leave.
+    The sessions may have come about in several ``ways``. One mistake after the other: each is
+    looked for in the readings that the likeliest ones before leave.
     """
-    every = [replace(solve(sessions), log_prior=log_prior) for log_prior, sessions in ways]
+    every = [
+        replace(solve(way.sessions, way.with_play), log_prior=way.log_prior, mistakes=way.mistakes)
+        for way in ways
+    ]
     number = max(range(len(ways)), key=lambda k: every[k].log_weight)
-    best, now = every[number], list(ways[number][1])
+    best, now, with_play = every[number], list(ways[number].sessions), ways[number].with_play
     for _ in range(MOST):
         tried = []
         for number, cells in enumerate(now):
@@ -480,7 +508,7 @@ def with_mistakes(
                 right = now.copy()
                 right[number] = Cells.of_visits(cells.case, mistake.visited)
                 try:
-                    solved = solve(right)
+                    solved = solve(right, with_play)
                 except NotIdentifiable:
                     continue
                 mistake = replace(mistake, session=number)

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from calib.posterior.cells import Cells, SessionCase
-from calib.posterior.labels import Solved, with_mistakes
+from calib.posterior.first_takes import first_takes_apart
+from calib.posterior.labels import Solved, Way, with_mistakes
 from calib.posterior.library import Component
 from calib.posterior.library import laws as library_laws
 from calib.posterior.models import Posterior, Weighted
@@ -35,8 +36,8 @@ def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = N
     laws = with_searched_leads(CATALOGUE if effects is None else effects, every)
     laws = (*laws, *_adopted_variants(cases[-1], laws))
 
-    def solve(sessions: Sequence[Cells]) -> Solved[Posterior]:
-        return PosteriorProblem.of(tuple(sessions), laws).solved()
+    def solve(sessions: Sequence[Cells], with_play: bool) -> Solved[Posterior]:
+        return PosteriorProblem.of(tuple(sessions), laws).solved(with_play=with_play)
 
     return _mixed(with_mistakes(_ways(every), solve))
 
@@ -49,28 +50,39 @@ def _adopted_variants(case: SessionCase, effects: Sequence[Effect]) -> list[Effe
     return [law for law in adopted if law.id in ids and law not in known]
 
 
-def _ways(sessions: Sequence[Cells]) -> list[tuple[float, list[Cells]]]:
-    """How sessions may have come about, with the log prior of each.
+def _ways(sessions: Sequence[Cells]) -> list[Way]:
+    """How sessions may have come about.
 
-    Nobody saw how the first postures of mountings were reached, or repeats tell. Joint offsets of
-    sessions of one state of the machine are the same but for homing, or changed by more.
+    Joint offsets of sessions of one state of the machine are the same but for homing, or changed by
+    more.
     """
     states = [cells.case.state for cells in sessions if cells.case.state is not None]
     if len(states) == len(set(states)):
-        return [(0.0, way) for way in _ways_of_first_takes(sessions)]
-    ways = [(math.log(1.0 - CHANGED), way) for way in _ways_of_first_takes(sessions)]
+        return _ways_of_first_takes(sessions, 0.0)
+    ways = _ways_of_first_takes(sessions, math.log(1.0 - CHANGED))
     changed = [replace(cells, case=replace(cells.case, homing_mm=CHANGE_MM)) for cells in sessions]
-    return [*ways, *((math.log(CHANGED), way) for way in _ways_of_first_takes(changed))]
+    return [*ways, *_ways_of_first_takes(changed, math.log(CHANGED))]
 
 
-def _ways_of_first_takes(sessions: Sequence[Cells]) -> list[list[Cells]]:
-    moved = []
-    for cells in sessions:
+def _ways_of_first_takes(sessions: Sequence[Cells], log_prior: float) -> list[Way]:
+    """Nobody saw how the first postures of mountings were reached, or repeats tell.
+
+    First takes that depart from these were reached from the other side, or are within a play.
+    """
+    moved, apart, mistakes = [], [], []
+    for number, cells in enumerate(sessions):
         visited = with_first_movements(cells.visited)
         changed = not np.array_equal(visited.movement, cells.visited.movement)
         moved.append(Cells.of_visits(cells.case, visited) if changed else cells)
-    same = all(new is old for new, old in zip(moved, sessions, strict=True))
-    return [list(sessions)] if same else [list(sessions), moved]
+        mistake = first_takes_apart(cells, number)
+        apart.append(Cells.of_visits(cells.case, mistake.visited) if mistake else cells)
+        mistakes += [mistake] if mistake else []
+    ways = [Way(sessions, log_prior)]
+    if any(new is not old for new, old in zip(moved, sessions, strict=True)):
+        ways.append(Way(moved, log_prior))
+    if mistakes:
+        ways.append(Way(apart, log_prior, tuple(mistakes), with_play=True))
+    return ways
 
 
 def _mixed(every: Sequence[Solved[Posterior]]) -> Posterior:

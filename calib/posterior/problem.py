@@ -16,12 +16,14 @@ import numpy as np
 from calib.arrays import FloatArray, IntArray, without
 from calib.errors import NotIdentifiable
 from calib.posterior.cells import Cells, SessionCase
+from calib.posterior.first_takes import REACHES, WithinPlay
 from calib.posterior.labels import RivalModel, Solved
 from calib.posterior.library import ELSE, OTHER_BARS, Component, library, other_bars, something_else
 from calib.posterior.models import Linear, Posterior, Weighted, effects_of_tool
-from calib.posterior.race import LOG_CAUSES, Key, Products, Race, RaceEntry
+from calib.posterior.race import LOG_CAUSES, SCALES, Key, Products, Race, RaceEntry
 from calib.posterior.readings import LENGTHS, Placed, Rows, placed_columns, rows_of
 from calib.posterior.tool import laws_held, tool_field
+from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import Effect
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
@@ -101,27 +103,34 @@ class PosteriorProblem:
         """Those standard deviations ``(b,)``."""
         return np.concatenate([self.rows.spread, *map(self.spread_of, self.everywhere)])
 
-    def solved(self) -> Solved[Posterior]:
-        """Race, then each model with its normal; the heaviest followed through the simulation."""
+    def solved(self, *, with_play: bool = False) -> Solved[Posterior]:
+        """Race, then each model with its normal; the heaviest followed through the simulation.
+
+        ``with_play``: of models in which a play reaches first takes that stand apart; without any
+        the log evidence is -inf.
+        """
         about = self._about_of(self.rows)
         columns, residual = about.left_by(self._laws.whitened(self.columns)), about.left
+        log_usual, log_prior = self._first_takes
         race = Race(
             Products(columns.T @ columns, columns.T @ residual, float(residual @ residual)),
             self.index,
-            np.array([component.log_prior for component in self.components]),
+            log_prior,
             self.rows.free,
             self.rows.freedom,
             self.rows.excess,
         )
         entries = race.run()
         models, log_evidence = self._weighted(race, entries, about)
+        if with_play:
+            models, log_evidence = self._with_play(models, log_evidence)
         acting = effects_of_tool(self.sessions[-1].case.model)
         known = [(one.effect, one.place) for one in acting]
         laws = dict.fromkeys([*self.placed, *laws_held(self.geometry), *known])
         field = tool_field(self.geometry, tuple(laws))
         linear = Linear(self.rows, self.columns, self.index)
         result = Posterior(self.sessions, self.components, tuple(models), field, linear)
-        constant = self.rows.log_constant + self._log_of_states(about)
+        constant = self.rows.log_constant + self._log_of_states(about) + log_usual
         nothing = race.products
         log_plain = race.log_evidence(np.array(nothing.square), np.array(nothing.room))
         plain = RaceEntry((), (), float(LOG_CAUSES[0] + log_plain))
@@ -145,6 +154,53 @@ class PosteriorProblem:
     def _laws(self) -> LittleOfAll:
         """A little of every law, which is the same about all models."""
         return LittleOfAll(self.base[:, len(self.rows.spread) :])
+
+    def _with_play(
+        self, models: Sequence[Weighted], log_evidence: float
+    ) -> tuple[list[Weighted], float]:
+        """Models with a play that reaches first takes, and the log evidence that is theirs."""
+        some = []
+        for model in models:
+            play_mm = self._play_mm(model)
+            if any(within.reached_by(play_mm) for within in self._within):
+                some.append(model)
+        share = math.fsum(model.weight for model in some)
+        if not share:
+            return [*models], -math.inf
+        scaled = [replace(model, weight=model.weight / share) for model in some]
+        return scaled, log_evidence + math.log(share)
+
+    def _play_mm(self, model: Weighted) -> dict[str, float]:
+        """How large a model's play of each carriage may be, `REACHES` above its mean."""
+        large = np.abs(model.mean) + REACHES * np.sqrt(model.variance)
+        at, play_mm = len(model.base), dict[str, float]()
+        for k in model.members:
+            component = self.components[k]
+            for share in component.shares:
+                if share.effect.id == Backlash.id:
+                    more = float(large[at + share.values[0]])
+                    play_mm[share.place] = play_mm.get(share.place, 0.0) + more
+            at += len(component.unit)
+        return play_mm
+
+    @cached_property
+    def _within(self) -> list[WithinPlay]:
+        """First takes that stand apart, of each session that has such."""
+        every = map(WithinPlay.of, self.sessions)
+        return [within for within in every if within]
+
+    @property
+    def _first_takes(self) -> tuple[float, FloatArray]:
+        """Log prior of first takes within a play of the model, and that of components.
+
+        The latter for each scale ``(scales, k)``.
+        """
+        log_usual = 0.0
+        log_prior = np.tile([one.log_prior for one in self.components], (len(SCALES), 1))
+        for within in self._within:
+            known, more = within.log_more(self.components)
+            log_usual, log_prior = log_usual + known, log_prior + more
+        return log_usual, log_prior
 
     def _about_of(self, rows: Rows) -> About:
         """Lengths and offsets about rows, where they have derivatives of their own."""

@@ -99,6 +99,7 @@ class Taken:
 class Race:
     """What runs: columns ``columns[k]`` of component k, its log prior, and what tells the noise.
 
+    ``log_prior`` ``(k,)`` is spread over the scales, or has a row for each, ``(scales, k)``.
     ``excess`` is the square sum of readings that disagree with their repeats.
     """
 
@@ -108,6 +109,11 @@ class Race:
     free: int
     freedom: float
     excess: float = 0.0
+
+    @cached_property
+    def _log_prior(self) -> FloatArray:
+        """Of each component at each scale ``(scales, k)``."""
+        return np.asarray(LOG_SCALES[:, None] + self.log_prior)
 
     def log_evidence(self, square: FloatArray, room: FloatArray) -> FloatArray:
         """Of what is left and the room of models, ``(...)``."""
@@ -145,12 +151,12 @@ class Race:
                 continue
             turned = np.swapaxes(axes[mine], 1, 2) @ along[index[mine]]
             size = np.maximum(sizes[mine], 0.0)
-            for scale, log_scale in zip(SCALES, LOG_SCALES, strict=True):
+            for scale, log_prior in zip(SCALES, self._log_prior, strict=True):
                 wide = 1.0 + scale**2 * size
                 left = square - (scale**2 * turned**2 / wide[:, :, None]).sum(axis=1)
                 room = self.products.room - 0.5 * np.log(wide).sum(axis=1)
                 log = self.log_evidence(left, room[:, None])
-                log = log + log_scale + self.log_prior[members[mine]][:, None]
+                log = log + log_prior[members[mine]][:, None]
                 best = np.maximum(best, log.max(axis=0))
         return np.asarray(best + LOG_CAUSES[1])
 
@@ -217,7 +223,7 @@ class Race:
         every = []
         for members in starts:
             square, room = self.one_more(members)
-            log = self.log_evidence(square, room) + LOG_SCALES[:, None] + self.log_prior
+            log = self.log_evidence(square, room) + self._log_prior
             log += LOG_CAUSES[len(members) + 1] + sum(self._cost(*one) for one in members)
             log[:, [member for member, _ in members]] = -math.inf
             best = max(best, float(log.max()))
@@ -309,8 +315,8 @@ class Race:
         shown = np.linalg.solve(root, along[:, :, None])[:, :, 0]
         room = self.products.room - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
         square = self.products.square - (shown**2).sum(axis=1)
-        prior = self.log_prior[one] + self.log_prior[other] + LOG_SCALES[scale].sum(axis=1)
+        prior = self._log_prior[scale[:, 0], one] + self._log_prior[scale[:, 1], other]
         return np.asarray(self.log_evidence(square, room) + prior + LOG_CAUSES[2])
 
     def _cost(self, member: int, scale: float) -> float:
-        return float(self.log_prior[member] + LOG_SCALES[SCALES.index(scale)])
+        return float(self._log_prior[SCALES.index(scale), member])

@@ -42,6 +42,29 @@ def last_movement(taken: Conditions) -> FloatArray:
     return np.where(told[:, None], taken.movement, movement)
 
 
+def departures_mm(observed: Observations, least: float = DEPARTS) -> dict[int, float]:
+    """First readings of mountings that depart from their repeats of every known side.
+
+    By the row, mm from the nearest side. Nobody saw how they were reached. ``least`` is in standard
+    deviations of the difference.
+    """
+    repeats = Repeats.of(observed)
+    scatter = repeats.standard_deviation_mm
+    known, departures = observed.approach_known, {}
+    if scatter is None:
+        return {}
+    for row in np.flatnonzero(~known).tolist():
+        alike = np.flatnonzero(known & (observed.posture == observed.posture[row]))
+        if not len(alike):
+            continue
+        sides = [alike[rows] for rows in rows_of(numbered(repeats.cell[alike]))]
+        off_mm = [float(observed.value_mm[row] - observed.value_mm[one].mean()) for one in sides]
+        least_mm = [least * scatter * math.sqrt(1.0 + 1.0 / len(one)) for one in sides]
+        if all(abs(off) > far for off, far in zip(off_mm, least_mm, strict=True)):
+            departures[row] = min(off_mm, key=abs)
+    return departures
+
+
 def with_first_movements(observed: Observations) -> Observations:
     """The same visits; where nobody saw how a posture was reached, its repeats tell.
 
@@ -49,20 +72,9 @@ def with_first_movements(observed: Observations) -> Observations:
     reached from the other one. One that agrees stays as it is: so far as it shows, nothing has
     play.
     """
-    repeats = Repeats.of(observed)
-    scatter = repeats.standard_deviation_mm
-    if scatter is None:
-        return observed
-    known, movement = observed.approach_known, observed.movement.copy()
-    last = last_movement(observed)
-    for row in np.flatnonzero(~known).tolist():
-        alike = np.flatnonzero(known & (observed.posture == observed.posture[row]))
-        if not len(alike):
-            continue
-        sides = [alike[rows] for rows in rows_of(numbered(repeats.cell[alike]))]
-        off_mm = [abs(observed.value_mm[row] - observed.value_mm[one].mean()) for one in sides]
-        least_mm = [DEPARTS * scatter * math.sqrt(1.0 + 1.0 / len(one)) for one in sides]
-        if all(off > least for off, least in zip(off_mm, least_mm, strict=True)):
-            ways = last[alike]  # a carriage that came from both sides tells nothing
-            movement[row] = np.where((ways == ways[0]).all(axis=0), -ways[0], 0.0)
+    movement, last = observed.movement.copy(), last_movement(observed)
+    for row in departures_mm(observed):
+        alike = observed.approach_known & (observed.posture == observed.posture[row])
+        ways = last[alike]  # a carriage that came from both sides tells nothing
+        movement[row] = np.where((ways == ways[0]).all(axis=0), -ways[0], 0.0)
     return replace(observed, movement=movement)

@@ -35,7 +35,7 @@ from tests.blind.generator import (
     table_text,
 )
 from tests.blind.noise import NOISES, draw
-from tests.blind.nuisances import in_field
+from tests.blind.nuisances import parameters_mm
 from tests.blind.scoring import Rate, detection_ncp
 from tests.blind.signatures import BASE, Columns
 from tests.blind.steps import PLANS, rows_of
@@ -179,7 +179,7 @@ def scored(case: Case, seed: int, folder: Path, spread_mm: float = LENGTH_SPREAD
         import_table(table, session, machine=None, resolution=made.resolution_mm)
     solved = solve_files([session])
     entered_mm = np.array(solved.joint_offsets_mm)
-    mean, covariance = in_field(solved.corrections.posterior)
+    stated_mm, uncertainty_mm = parameters_mm(solved.corrections.posterior)
     amounts = made.hidden.amounts
     true_mm = np.concatenate([amounts["offset"], amounts["length"]])
     return Scored(
@@ -187,7 +187,7 @@ def scored(case: Case, seed: int, folder: Path, spread_mm: float = LENGTH_SPREAD
         spread_mm,
         solved.correction.off.bound_mm["machine"],
         rms_mm(tool_errors_mm(made.hidden, entered_mm, np.zeros(3))),
-        (mean[:6] - true_mm) / np.sqrt(covariance.diagonal()[:6]),
+        (stated_mm - true_mm) / uncertainty_mm,
     )
 
 

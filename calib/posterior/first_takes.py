@@ -1,0 +1,145 @@
+"""First takes that stand apart within the play of a carriage; without a play that is a mistake.
+
+Nobody saw how the first reading of a mounting was reached. Where a carriage has play it stands
+somewhere within it, so the first take lies anywhere between what both sides would read.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.arrays import TOUCHED_LETTERS, FloatArray, IntArray, numbered
+from calib.posterior.cells import FINEST_MM, Cells
+from calib.posterior.labels import (
+    FIRST_TAKE,
+    LEAST,
+    LOG_RANGE,
+    Mistake,
+    standing_apart,
+)
+from calib.posterior.library import Component
+from calib.posterior.race import SCALES
+from calib.posterior.readings import placed_columns
+from calib.posterior.screening import even_mm
+from calib.tripod.effects.drives import Backlash
+from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.movements import departures_mm
+
+APART = 3.0
+"""Standard deviations of a difference from which on a first take may stand within a play: with less
+it looks like its repeats."""
+
+WITHIN = 0.5
+"""Probability that first takes stand within a play, not at one end of it."""
+
+REACHES = 2.0
+"""Standard deviations above its mean up to which a play may reach a first take; what is further off
+is a mistake, or in the tail of noise."""
+
+
+def first_takes_apart(cells: Cells, session: int) -> Mistake | None:
+    """The first takes of a session that depart from their repeats, with zeros of their own.
+
+    Its log prior is that within a play, but for what `WithinPlay.log_more` adds for its size.
+    """
+    visited, off_mm = cells.visited, departures_mm(cells.visited, APART)
+    if not off_mm:
+        return None
+    rows = sorted(off_mm)
+    far_mm = np.maximum(np.abs([off_mm[row] for row in rows]), FINEST_MM)
+    log_prior = math.log(WITHIN) - float(np.log(2.0 * LOG_RANGE * far_mm).sum())
+    legs = {TOUCHED_LETTERS[leg] for leg in visited.leg[rows].tolist()}
+    where = legs.pop() if len(legs) == 1 else "all"
+    groups = [np.array([row]) for row in rows]
+    mistake = standing_apart(visited, "first_take", where, FIRST_TAKE, groups, log_prior)
+    return replace(mistake, session=session)
+
+
+@dataclass(frozen=True, eq=False)
+class WithinPlay:
+    """First takes that stand apart, and what play of a carriage does to each.
+
+    ``off_mm`` ``(n,)`` is how far they are from the nearest repeat, ``derivatives`` ``(n,)`` by
+    place those of readings by the play there, ``adopted_mm`` ``(n,)`` what adopted plays do.
+    ``beyond`` ``(n,)`` marks those that no tail of the noise reaches.
+    """
+
+    off_mm: FloatArray
+    beyond: NDArray[np.bool_]
+    derivatives: dict[str, FloatArray]
+    adopted_mm: FloatArray
+
+    @classmethod
+    def of(cls, cells: Cells) -> WithinPlay | None:
+        """Of one session as it was put right; None where no first take stands apart."""
+        apart = dict(_apart(cells))
+        if not apart:
+            return None
+        taken = cells.means.take([*apart])
+        down, up = (
+            placed_columns(
+                cells.model, replace(taken, movement=np.full((len(taken), 3), way)), [Backlash()]
+            )
+            for way in (-1.0, 1.0)
+        )
+        derivatives = {law[1]: (down[law] - up[law])[:, 0] for law in down}
+        each = [
+            effect.values[0].real * derivatives[effect.place]
+            for effect in cells.case.model.effects
+            if isinstance(effect, EffectInstance) and effect.id == Backlash.id
+        ]
+        off_mm = np.maximum(np.abs([*apart.values()]), FINEST_MM)
+        beyond = off_mm > LEAST["first_take"] * np.median(even_mm(cells))
+        adopted = np.sqrt(np.sum(np.square(each), axis=0) + 0.0 * off_mm)
+        return cls(off_mm, beyond, derivatives, adopted)
+
+    def log_more(self, components: Sequence[Component]) -> tuple[float, FloatArray]:
+        """Log prior that an adopted play adds, and what each component adds ``(scales, k)``.
+
+        Within a play of scale g a reading is off by N(0, (g u J)²), J its derivative by the play;
+        by a mistake it is off by any size.
+        """
+        adopted = self._log_usual(self.adopted_mm**2)
+        more = np.zeros((len(SCALES), len(components)))
+        for k, component in enumerate(components):
+            each = [
+                component.unit[share.values[0]] * self.derivatives[share.place]
+                for share in component.shares
+                if share.effect.id == Backlash.id
+            ]
+            if each:
+                square = np.square(each).sum(axis=0)
+                of_scale = [self.adopted_mm**2 + scale**2 * square for scale in SCALES]
+                more[:, k] = [self._log_usual(play_mm2) - adopted for play_mm2 in of_scale]
+        return adopted, more
+
+    def reached_by(self, play_mm: Mapping[str, float]) -> bool:
+        """Whether adopted plays and these, by their places, reach one of them and all far ones."""
+        each = (abs(size * self.derivatives[place]) for place, size in play_mm.items())
+        reached = sum(each, self.adopted_mm) >= self.off_mm
+        return bool(reached.any() and reached[self.beyond].all())
+
+    def _log_usual(self, square_mm2: FloatArray) -> float:
+        """Log density within plays of these mean squares ``(n,)``, over that of a mistake."""
+        square_mm2 = np.maximum(square_mm2, FINEST_MM**2)
+        within = -0.5 * (self.off_mm**2 / square_mm2 + np.log(2.0 * math.pi * square_mm2))
+        more = within + np.log(2.0 * LOG_RANGE * self.off_mm)
+        return float(np.maximum(more, 0.0).sum())
+
+
+def _apart(cells: Cells) -> Iterator[tuple[int, float]]:
+    """First takes with a zero of their own, and how far each is from its nearest repeat, mm."""
+    means = cells.means
+    place = numbered(means.leg, means.axis, means.station, means.over_plane)
+    posture = numbered(place, means.level, *means.position_mm.T)
+    alone = np.bincount(means.mount)[means.mount] == 1
+    for row in np.flatnonzero(alone & ~means.approach_known).tolist():
+        repeats: IntArray = np.flatnonzero((posture == posture[row]) & ~alone)
+        if len(repeats):
+            off_mm = means.value_mm[row] - means.value_mm[repeats]
+            yield row, float(off_mm[np.abs(off_mm).argmin()])

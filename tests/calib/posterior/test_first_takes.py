@@ -1,0 +1,133 @@
+"""First takes within a play: the play keeps its size, and the take is named."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from calib.arrays import IntArray, Observations
+from calib.posterior.cells import Cells, SessionCase
+from calib.posterior.first_takes import WITHIN, WithinPlay, first_takes_apart
+from calib.posterior.labels import LOG_RANGE
+from calib.posterior.library import library
+from calib.posterior.posterior import posterior
+from calib.posterior.race import SCALES
+from calib.tripod.effects.drives import Backlash
+from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.pipeline import Model
+from tests.calib.posterior.sessions import SCATTER_MM, SHORT, SWEEP, case, with_values
+
+PLAY_MM = 0.05
+PLAY = EffectInstance(Backlash(), "x", (PLAY_MM,))
+
+
+def first_rows(taken: Observations) -> IntArray:
+    """The first readings that play of x moves, of legs y and z."""
+    first = np.unique(taken.mount, return_index=True)[1]
+    return np.asarray(first[taken.axis[first] == 0])
+
+
+def play_mm(taken: Observations) -> np.ndarray:
+    """What the play does to each of them when the carriage came down."""
+    rows = taken.take(first_rows(taken))
+    down, up = (
+        Model(effects=(PLAY,)).readings(replace(rows, movement=np.full((len(rows), 3), way)))
+        for way in (-1.0, 1.0)
+    )
+    return np.asarray(down - up)
+
+
+def within(taken: Observations, shares: tuple[float, float], seed: int) -> SessionCase:
+    """A session with play of x, whose first takes stand within it."""
+    one = case(taken, PLAY, seed=seed)
+    value = one.observed.value_mm.copy()
+    value[first_rows(taken)] += np.array(shares) * play_mm(taken)
+    return with_values(one, value)
+
+
+@pytest.mark.parametrize("taken", [SHORT, SWEEP], ids=["short", "sweep"])
+@pytest.mark.parametrize("shares", [(0.5, 0.4), (0.6, 0.0)])
+def test_a_first_take_within_a_play_is_named_and_the_play_keeps_its_size(
+    taken: Observations, shares: tuple[float, float]
+) -> None:
+    answer = posterior([within(taken, shares, seed=21)])
+    where = "all" if all(shares) else "y"
+    assert answer.mistakes["first_take", where] > 0.5
+    assert answer.places["backlash", "x"] > 0.9
+    (column,) = answer.field.columns_of((Backlash(), "x"))
+    size_mm = answer.mean[column]
+    square = sum(
+        one.weight
+        * (
+            one.inflated**2 * one.base[column, column]
+            + (one.root[column] ** 2).sum()
+            + (one.mean[column] - size_mm) ** 2
+        )
+        for one in answer.models_in_field
+    )
+    assert abs(size_mm - PLAY_MM) < 2.0 * math.sqrt(square)
+
+
+def test_without_a_play_a_little_departure_is_no_mistake() -> None:
+    one = case(SWEEP, seed=22)
+    value = one.observed.value_mm.copy()
+    first = first_rows(SWEEP)[0]
+    value[first] = value[SWEEP.posture == SWEEP.posture[first]].max() + 4.5 * SCATTER_MM
+    changed = with_values(one, value)
+    assert first_takes_apart(Cells.of(changed), 0) is not None
+    answer = posterior([changed])
+    assert answer.mistakes.get(("first_take", "y"), 0.0) < 0.05
+    assert not [id_ for (id_, _), p in answer.places.items() if id_ == "backlash" and p > 0.2]
+
+
+def test_an_adopted_play_makes_a_first_take_within_it_usual() -> None:
+    one = within(SWEEP, (0.5, 0.0), seed=23)
+    known = replace(one, model=Model(effects=(PLAY,)), free=frozenset([(Backlash(), "x")]))
+    assert posterior([known]).mistakes["first_take", "y"] > 0.5
+
+
+def test_a_play_reaches_one_first_take_and_every_far_one() -> None:
+    one = case(SWEEP, PLAY, seed=25)
+    value = one.observed.value_mm.copy()
+    first = first_rows(SWEEP)
+    value[first] += np.array([0.5, 0.4]) * play_mm(SWEEP)
+    for more_mm, reached in ((0.0, True), (0.2, False)):
+        value[first[0]] += more_mm
+        cells = Cells.of(with_values(one, value))
+        mistake = first_takes_apart(cells, 0)
+        assert mistake is not None
+        within = WithinPlay.of(Cells.of_visits(cells.case, mistake.visited))
+        assert within is not None
+        assert within.reached_by({"x": PLAY_MM}) == reached
+        assert not within.reached_by({"y": PLAY_MM})
+        assert not within.reached_by({"x": 0.1 * PLAY_MM})
+
+
+def test_prior_of_a_first_take_within_a_play() -> None:
+    """Density of a normal of the play's size, over that of a mistake of any size."""
+    cells = Cells.of(within(SWEEP, (0.5, 0.4), seed=24))
+    mistake = first_takes_apart(cells, 0)
+    assert mistake is not None
+    right = Cells.of_visits(cells.case, mistake.visited)
+    first = WithinPlay.of(right)
+    assert first is not None
+    assert WithinPlay.of(cells) is None
+    of_any_size = math.log(WITHIN) - np.log(2.0 * LOG_RANGE * first.off_mm).sum()
+    assert mistake.log_prior == pytest.approx(of_any_size)
+    expected_mm = np.abs([0.5, 0.4] * play_mm(SWEEP))
+    assert first.off_mm == pytest.approx(expected_mm, abs=4.0 * SCATTER_MM)
+    components = library([(right.model, right.means)])
+    adopted, more = first.log_more(components)
+    assert adopted == 0.0
+    (number,) = [k for k, c in enumerate(components) if (c.id, c.where) == ("backlash", "x")]
+    unit_mm = 0.01 * np.abs(play_mm(SWEEP)) / PLAY_MM
+    for row, scale in enumerate(SCALES):
+        log = norm.logpdf(first.off_mm, scale=scale * unit_mm)
+        log += np.log(2.0 * LOG_RANGE * first.off_mm)
+        assert more[row, number] == pytest.approx(log[log > 0.0].sum(), abs=0.02)
+    others = [k for k, one in enumerate(components) if one.id != "backlash"]
+    assert not more[:, others].any()

@@ -58,7 +58,8 @@ def _once(*arguments: str) -> Cost:
 def diagnosis() -> list[str]:
     """Sessions of a sweep, of more and more readings."""
     lines = [
-        "| diagnosis of readings | of them a file, s | diagnose, s | more, s | peak memory, MB |",
+        "| diagnosis of so many readings | reading the file, s | diagnose, s | more, s "
+        "| peak memory, MB |",
         "|---|---|---|---|---|",
     ]
     with tempfile.TemporaryDirectory() as folder:

@@ -226,14 +226,18 @@ def visit_starts(observed: Observations) -> IntArray:
 
 
 def visit_numbers(observed: Observations) -> IntArray:
-    """Number of the visit that each reading ``(n_readings,)`` belongs to, counted as they begin."""
+    """Number of the visit that each reading ``(n_readings,)`` belongs to, counted as they begin.
+
+    The tool leaves the plate after each contact.
+    """
     visit = np.zeros(len(observed), dtype=np.intp)
     last: dict[int, tuple[int, int]] = {}
     count = 0
-    pairs = zip(observed.mount.tolist(), observed.posture.tolist(), strict=True)
-    for row, (mount, posture) in enumerate(pairs):
+    known = (observed.mount, observed.posture, observed.contact)
+    rows = zip(*(column.tolist() for column in known), strict=True)
+    for row, (mount, posture, contact) in enumerate(rows):
         before = last.get(mount)
-        if before is None or before[0] != posture:
+        if before is None or before[0] != posture or contact:
             before = (posture, count)
             count += 1
         last[mount] = before

@@ -166,7 +166,7 @@ class Cells:
         if noise is None and case.others is not None:
             noise = case.others.for_indicators(visited.indicator_count)
         if noise is None:  # equal weights: what the model leaves tells the variance
-            centred = without_zeros(visited, visited.averaged, visited.value_mm)
+            centred = without_zeros(visited, visited.averaged, _off_mm(visited))
             scatter = max(1e-4 * float((centred**2).mean()), 1e-8) / visited.averaged
         else:
             scatter = np.maximum(noise.repeatability_mm2(visited), FINEST_MM**2)
@@ -288,6 +288,12 @@ class Cells:
         basis, upper = np.linalg.qr(own)
         shown = basis_of(upper, DEPENDENT).T @ (basis.T @ left)
         return np.column_stack([shown[:, -1], shown[:, :-1]])
+
+
+def _off_mm(visited: Observations) -> FloatArray:
+    """What was found of the machine's errors ``(n,)``, mm: of a contact it is in its place."""
+    along = visited.position_mm[np.arange(len(visited)), visited.axis]
+    return np.asarray(visited.value_mm - np.where(visited.contact, along, 0.0))
 
 
 def _by_mounting(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,7 +64,8 @@ class Differences:
 def differences(geometry: Geometry, observed: Observations) -> Differences:
     """Average the repeats of each mounting and subtract its reference posture.
 
-    The reference is Zero where the mounting has it, else its lowest displacement. Several
+    The reference is Zero where the mounting has it, else its lowest displacement; that of contacts
+    is the mean of their places. Several
     mountings of the same leg, axis and station are averaged with equal weight. Rows come in the
     order of papers/000 (11). Raises NotIdentifiable where no mounting has two postures.
     """
@@ -107,6 +108,9 @@ def _differences_of_mount(
         return
     cells = [members[rows] for rows in rows_of(observed.level[members])]
     levels = [_level(observed, cell[0]) for cell in cells]
+    if observed.contact[members[0]]:
+        yield from _about_their_mean(observed, cells, levels)
+        return
     zeros = [k for k, cell in enumerate(cells) if observed.at_zero[cell[0]]]
     reference = zeros[0] if zeros else 0
     zero, zero_weight = _mean(observed, cells[reference])
@@ -117,6 +121,22 @@ def _differences_of_mount(
             index, weight = _mean(observed, cell)
             terms = np.concatenate([index, zero]), np.concatenate([weight, -zero_weight])
             yield (*where, False, level, levels[reference]), terms
+
+
+def _about_their_mean(
+    observed: Observations, cells: Sequence[NDArray[np.intp]], levels: Sequence[Level]
+) -> Iterable[tuple[Key, Terms]]:
+    """Each place of contacts less the mean of all: no place is the one that all others err by."""
+    if len(cells) < 2:
+        return
+    means = [_mean(observed, cell) for cell in cells]
+    every = np.concatenate([rows for rows, _ in means])
+    all_weights = np.concatenate([weight for _, weight in means]) / len(cells)
+    first = int(cells[0][0])
+    where = (int(observed.leg[first]), int(observed.axis[first]), float(observed.station[first]))
+    for level, (rows, weight) in zip(levels, means, strict=True):
+        terms = np.concatenate([rows, every]), np.concatenate([weight, -all_weights])
+        yield (*where, False, level, (0.0, 0.0, 0.0)), terms
 
 
 def _over_plane(observed: Observations, members: NDArray[np.intp]) -> Iterable[tuple[Key, Terms]]:
@@ -172,7 +192,8 @@ def _names(geometry: Geometry, keys: list[Key]) -> Iterable[str]:
     stations: dict[tuple[int, int], float] = {}
     for leg, axis, station, over, (level, *more), (reference, *_) in keys:
         if leg == TOOL:
-            yield f"{LEG_NAMES[axis]}({', '.join(f'{v:g}' for v in (level, *more))})"
+            place = ", ".join(f"{round(v, 3) + 0.0:g}" for v in (level, *more))
+            yield f"{LEG_NAMES[axis]}({place})"
             continue
         short = f"{LEG_NAMES[axis]}_{LEG_NAMES[leg]}"
         at_station = f"{OVER_PLANE}{station!r}"

@@ -90,3 +90,27 @@ def table(hidden: Hidden, seed: int, scatter_mm: float = 0.002) -> str:
         x, y, z = place
         lines.append(f"{x:.3f},{y:.3f},{z:.3f},{shown:.3f},{cycle},{SECONDS * number:.1f}")
     return "\n".join(lines) + "\n"
+
+
+def touched(hidden: Hidden, across: FloatArray, height_mm: float = 0.0) -> FloatArray:
+    """Where the controller is, over ``(2,)``, as the tool is so high: by bisection, mm."""
+    down = -np.ones(3)
+    low, high = -20.0, 20.0
+    for _ in range(60):
+        middle = (low + high) / 2.0
+        place = np.array([*across, height_mm + middle])
+        low, high = (low, middle) if tool(hidden, place, down)[2] > height_mm else (middle, high)
+    return np.array([*across, height_mm + (low + high) / 2.0])
+
+
+def contacts(
+    hidden: Hidden, seed: int, scatter_mm: float = 0.005, decimals: int = 4, cycles: int = 3
+) -> str:
+    """A table of contacts with the plate: where the controller was as the tool met it."""
+    generator = np.random.default_rng(seed)
+    lines = ["x_mm,y_mm,z_mm,height_mm,cycle"]
+    for cycle, place in places(cycles):
+        x, y, z = touched(hidden, place[:2])
+        z += generator.normal(scale=scatter_mm)
+        lines.append(f"{x:.3f},{y:.3f},{z:.{decimals}f},0,{cycle}")
+    return "\n".join(lines) + "\n"

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from calib.errors import RecordError, UsageError
 from protocols.documents import read_text
 from protocols.machine import Instrument, Machine, machine_text
 from protocols.observations import SAME_PLACE_MM
-from protocols.printers import klipper
+from protocols.printers import klipper, marlin, repetier, reprapfirmware
+from protocols.printers.gcode import Texts
 from protocols.printers.tower_printer import Contact, Held
 from protocols.procedure import default_mount
 from protocols.session import Opened, Reading
@@ -36,17 +38,28 @@ class ImportedPrinter:
     odd: tuple[str, ...]
 
 
+class Dialect(Protocol):
+    """A module that reads files of one firmware."""
+
+    def is_mine(self, text: str) -> bool:
+        """Whether a text has a line that only this firmware has."""
+
+    def held(self, texts: Texts) -> Held:
+        """Geometry and contacts of these files together. Raises RecordError."""
+
+
+DIALECTS: tuple[Dialect, ...] = (klipper, repetier, marlin, reprapfirmware)
+"""Each knows its own texts, and reads several of them together."""
+
+
 def are_of_printer(paths: Sequence[Path]) -> bool:
     """Whether these are files of a firmware and no table. Raises RecordError for no such file."""
     if len(paths) > 1:
         return True
-    return not is_table(paths[0]) and _dialect(read_text(paths[0], WHAT)) != ""
-
-
-def _dialect(text: str) -> str:
-    if klipper.is_config(text) or klipper.is_answer(text):
-        return "klipper"
-    return ""
+    if is_table(paths[0]):
+        return False
+    text = read_text(paths[0], WHAT)
+    return any(dialect.is_mine(text) for dialect in DIALECTS)
 
 
 def imported_printer(
@@ -117,28 +130,21 @@ NOTE = (
 
 
 def _held(paths: Sequence[Path]) -> Held:
-    """What all files hold together; one of them may have the geometry."""
+    """What all files hold together, in the first dialect that knows them all.
+
+    Raises RecordError naming the file that the dialect of the first one does not know.
+    """
     texts = [(path, read_text(path, WHAT)) for path in paths]
-    configs = [path for path, text in texts if klipper.is_config(text)]
-    if len(configs) > 1:
-        names = ", ".join(map(str, configs))
-        raise RecordError(WHAT, names, "one printer.cfg; it includes others by itself")
-    config = klipper.Config.read(configs[0]) if configs else None
-    held = klipper.held(configs[0], config) if configs and config else Held(None, ())
-    contacts, odd = [*held.contacts], [*held.odd]
-    for path, text in texts:
-        if path in configs:
-            continue
-        if not _dialect(text):
-            raise RecordError(
-                f"{WHAT} {path}",
-                "no answer of a probe",
-                "a printer's configuration or a log of its probe",
-            )
-        more, strange = klipper.probed(text, config, path.name)
-        contacts += more
-        odd += strange
-    return Held(held.printer, tuple(contacts), tuple(odd))
+    knowing = [[dialect.is_mine(text) for _, text in texts] for dialect in DIALECTS]
+    best = max(range(len(DIALECTS)), key=lambda k: sum(knowing[k]))
+    strange = [path for path, mine in zip(paths, knowing[best], strict=True) if not mine]
+    if strange:
+        raise RecordError(
+            f"{WHAT} {strange[0]}",
+            "no geometry and no answer of a probe",
+            "files of one printer: its configuration, a log of its probe",
+        )
+    return DIALECTS[best].held(texts)
 
 
 def _readings(contacts: Sequence[Contact]) -> tuple[Reading, ...]:

@@ -18,6 +18,7 @@ import numpy as np
 
 from calib.errors import RecordError, UnreachablePosture
 from protocols.documents import MOST_WRITTEN_BYTES, read_text
+from protocols.printers.gcode import Texts
 from protocols.printers.tower_printer import (
     OFF_PLATE_MM,
     USUAL_ANGLES_DEG,
@@ -51,9 +52,9 @@ def is_config(text: str) -> bool:
     return re.search(r"^\[printer\]", text, re.MULTILINE) is not None
 
 
-def is_answer(text: str) -> bool:
-    """Whether a text has answers of the command PROBE."""
-    return ANSWER.search(text) is not None
+def is_mine(text: str) -> bool:
+    """Whether a text is a ``printer.cfg``, or has answers of the command PROBE."""
+    return is_config(text) or ANSWER.search(text) is not None
 
 
 @dataclass
@@ -159,7 +160,24 @@ class Config:
 WHAT = "printer configuration"
 
 
-def held(path: Path, config: Config) -> Held:
+def held(texts: Texts) -> Held:
+    """Geometry and contacts of one ``printer.cfg`` and logs of PROBE. Raises RecordError."""
+    paths = [path for path, text in texts if is_config(text)]
+    if len(paths) > 1:
+        names = ", ".join(map(str, paths))
+        raise RecordError(WHAT, names, "one printer.cfg; it includes others by itself")
+    config = Config.read(paths[0]) if paths else None
+    of_config = _held_in(paths[0], config) if config else Held(None, ())
+    contacts, odd = [*of_config.contacts], [*of_config.odd]
+    for path, text in texts:
+        if path not in paths:
+            more, strange = _probed(text, config, path.name)
+            contacts += more
+            odd += strange
+    return Held(of_config.printer, tuple(contacts), tuple(odd))
+
+
+def _held_in(path: Path, config: Config) -> Held:
     """What a ``printer.cfg`` holds. Raises RecordError for a machine without upright towers."""
     if config.text("printer", "delta_radius") is None:
         raise RecordError(
@@ -299,7 +317,7 @@ def _elsewhere(where: str, text: str, why: str) -> RecordError:
     )
 
 
-def probed(text: str, config: Config | None, name: str) -> tuple[list[Contact], list[str]]:
+def _probed(text: str, config: Config | None, name: str) -> tuple[list[Contact], list[str]]:
     """Contacts of a log of PROBE, and lines of it that are like answers and cannot be read.
 
     The place that is answered is the probe's, beside the tool by the offsets of ``[probe]``; the

@@ -7,6 +7,7 @@ The machine and its firmware are those of the exports' tests, which share nothin
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
@@ -36,6 +37,7 @@ OLD_ARM = 249.0
 """What stands above the saved block, which wins."""
 
 
+@cache
 def touched_at(hidden: Hidden, x: float, y: float, height_mm: float = 0.0) -> FloatArray:
     """Where the firmware believes to be as the tool is so high over the plate: by bisection."""
     low, high = -8.0, 8.0

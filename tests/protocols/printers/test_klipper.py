@@ -262,7 +262,7 @@ def test_what_the_command_line_cannot_mean(tmp_path: Path) -> None:
     table.write_text("x_mm,y_mm,z_mm,height_mm\n0,0,0,0\n9,9,0,0\n", encoding="utf-8")
     where = ("--machine-file-out", tmp_path / "m.toml", "--machine", "linear-delta")
     assert "without geometry" in refused(2, "import", table, "-o", out, *where)
-    assert "no answer of a probe" in refused(3, "import", path, table, "-o", out)
+    assert "no geometry and no answer of a probe" in refused(3, "import", path, table, "-o", out)
     assert not out.exists()
 
 
@@ -301,7 +301,7 @@ def test_whatever_stands_below_a_config_is_read_or_refused_in_a_sentence(text: s
         path = Path(folder, "printer.cfg")
         path.write_text(PRINTER + steppers() + text, encoding="utf-8")
         try:
-            found = klipper.held(path, klipper.Config.read(path))
+            found = klipper.held([(path, path.read_text(encoding="utf-8"))])
         except RecordError:
             return
         for contact in found.contacts:

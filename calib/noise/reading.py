@@ -257,7 +257,8 @@ def reading_noise(
     The scatter of repeats is taken for each indicator, drift removed, and pooled but for those that
     scatter more than chance allows. Repeats that all agree say nothing: then the resolution
     rules, stated or seen in the text of the readings. Rows that stand ``apart`` are no repeats, a
-    ``steady`` drift is removed as in `Repeats.of`, unless it leaves nothing of the repeats.
+    ``steady`` drift is removed as in `Repeats.of`, unless it leaves nothing of the repeats. The
+    resolution of a probe alone is no noise of contacts.
     """
     repeats = Repeats.of(visited, apart, steady=steady)
     if steady and repeats.degrees_of_freedom.sum() <= 0.0:
@@ -266,7 +267,9 @@ def reading_noise(
     step = indicator.display_mm
     squares = repeats.sums_of_squares(visited.value_mm[:, None])[:, 0]
     if free.sum() <= 0.0:
-        return indicator.noise(visited.indicator_count)
+        # a probe trips within many of its steps: without repeats these alone tell no noise
+        only_steps = visited.contact.all() and not indicator.repeatability_mm
+        return None if only_steps else indicator.noise(visited.indicator_count)
     if float(squares.sum()) <= arithmetic_mm2(visited) * free.sum():
         count = visited.indicator_count
         known = indicator.noise(count) or IndicatorFigures(resolution_mm=step).noise(count)

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.evaluating.diagnosis import diagnose_sessions
 from calib.errors import RecordError
 from protocols.machine import load_machine
 from protocols.observations import to_observations
@@ -160,6 +161,14 @@ def test_from_files_of_a_printer_to_better_lines(tmp_path: Path, dialect: str) -
     assert after < 0.3 * before
 
 
+TEN = (
+    *((0.00, 70.00, 1.860), (60.62, 35.00, 1.650), (60.62, -35.00, 2.327), (0.00, -70.00, 1.553)),
+    *((-60.62, -35.00, 1.247), (-60.62, 35.00, 1.900), (0.00, 35.00, 2.150)),
+    *((30.31, -17.50, 2.303), (-30.31, -17.50, 2.120), (0.00, 0.00, 2.327)),
+)
+"""X, Y and the way down of ten contacts of that printer."""
+
+
 def test_a_real_eeprom_is_the_machine_of_its_owner(tmp_path: Path) -> None:
     """Figures of a public printer: the tower with most steps trips at the homed height."""
     stored = {
@@ -170,7 +179,7 @@ def test_a_real_eeprom_is_the_machine_of_its_owner(tmp_path: Path) -> None:
         **{901: "207.040 Alpha A(210):", 905: "326.630 Alpha B(330):", 909: "90.000 Alpha C(90):"},
     }
     lines = [f'"11:26:45.015 : EPR:3 {place} {text}",' for place, text in stored.items()]
-    lines += ["09:23:25.257 : Z-probe:1.860 X:0.00 Y:70.00"]
+    lines += [f"09:23:25.257 : Z-probe:{down:.3f} X:{x:.2f} Y:{y:.2f}" for x, y, down in TEN]
     found = read(tmp_path, "\n".join(lines))
     machine = found.opened.machine
     assert machine.position_endstop_mm == pytest.approx((273.67, 274.20, 275.38))
@@ -179,6 +188,10 @@ def test_a_real_eeprom_is_the_machine_of_its_owner(tmp_path: Path) -> None:
     want = [[-85.969337, -43.879192], [80.607346, -53.09], [0.0, 96.52]]
     assert stand == pytest.approx(np.array(want), abs=2e-3)
     assert found.contacts[0].position_mm == (0.0, 70.0, -1.860)
+    # ten contacts of no known noise are no reason for bars of thirty tolerances
+    corrections = diagnose_sessions([fold([found.opened, *found.contacts])]).corrections
+    assert np.abs(corrections.of("kinematics").model.parameters_mm[3:]).max() < 3.0 * 0.3
+    assert corrections.of("offsets").off.bound_mm["touched-off"] < 1.5
 
 
 def test_answers_of_a_printer_win_over_its_configuration(tmp_path: Path) -> None:

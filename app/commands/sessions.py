@@ -86,9 +86,10 @@ def import_table(
     protocol: Protocol = None,
     force: Force = False,
 ) -> None:
-    """A session from a table of readings, or from files of a printer with its machine file.
+    """A session from a table or a printer's files.
 
-    With --template the table, to be filled in.
+    A table holds readings or contacts; with --template it is written, to be filled in. Of a printer
+    --machine-file-out writes the machine file.
     """
     from protocols.files import write_files
     from protocols.journal import write_whole

@@ -155,8 +155,8 @@ def identify_from(
     if within_mm is not None:
         tolerance = np.concatenate([within_mm, np.full(len(told.sizes), np.inf)])
         spread = spread.with_prior(visited, weight, fit.design, tolerance)
-    before = measured.combine @ model.readings(visited)
-    predicted = measured.combine @ fit.predicted_mm
+    before = measured.of(model.readings(visited))
+    predicted = measured.of(fit.predicted_mm)
     k, coverage = len(free), _coverage(spread)
     system = measured.combine @ fit.design
     return Solution(

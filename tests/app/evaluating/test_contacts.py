@@ -12,10 +12,11 @@ from app.evaluating.diagnosis import diagnose_sessions
 from calib.diagnosis.results import Diagnosis
 from calib.posterior.models import Posterior
 from protocols.machine import load_machine
+from protocols.machine_files import MACHINES
 from protocols.session import Session, fold
 from protocols.table import opened_table
 from tests.app.cli import glidecal
-from tests.blind.linear_delta import Hidden, Three, contacts, table
+from tests.blind.linear_delta import Hidden, Three, contacts, places, table, touched
 
 OF_INDICATORS = {
     *("gauge_gain", "gauge_tilt", "gauge_sign", "gauge_swap", "gauge_hysteresis"),
@@ -127,3 +128,33 @@ def test_texts_of_contacts_name_no_indicator(tmp_path: Path) -> None:
         ):
             assert said
             assert "indicator" not in said.lower(), name
+
+
+def test_places_are_compared_however_high_the_plate_was_met(tmp_path: Path) -> None:
+    """Before and after values were entered: each place by itself, what is left of each offset."""
+    first, again = Hidden(offset_mm=(0.4, -0.3, 0.2)), Hidden(offset_mm=(0.1, 0.1, 0.1))
+    entered = (0.3, -0.4, 0.1)
+    shipped = (MACHINES / "linear-delta.toml").read_text(encoding="utf-8")
+    paths = []
+    for number, (hidden, values) in enumerate(((first, (0.0, 0.0, 0.0)), (again, entered))):
+        name = tmp_path / f"{number}"
+        machine, source, path = (name.with_suffix(end) for end in (".toml", ".csv", ".jsonl"))
+        machine.write_text(
+            shipped.replace("offsets_mm = [0.0, 0.0, 0.0]", f"offsets_mm = {list(values)}"),
+            encoding="utf-8",
+        )
+        source.write_text(contacts(hidden, number), encoding="utf-8")
+        assert glidecal("import", source, "-o", path, "--machine", machine).status == 0
+        paths.append(path)
+    compared = json.loads(glidecal("compare", *paths, "--json").out)
+    assert len(compared["differences"]) == 19
+    assert compared["rms_before_mm"] > 0.1
+    assert compared["rms_after_mm"] < 0.005
+    # what three spheres say: so much the tool is higher than commanded, less the mean of all places
+    places_mm = np.array([place[:2] for _, place in places(1)[:19]])
+    higher = -np.array([touched(first, place)[2] for place in places_mm])
+    higher -= higher.mean()
+    (at,) = np.flatnonzero((places_mm == [0.0, 80.0]).all(axis=1))
+    assert compared["differences"]["z(0, 80)"]["before"] == pytest.approx(higher[at], abs=0.01)
+    run = glidecal("verify", *paths, "--tolerance", "0.2")
+    assert run.status == 0, run.err

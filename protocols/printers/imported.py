@@ -7,13 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from calib.errors import RecordError, UsageError
+from calib.tripod.geometry import Geometry
 from protocols.documents import read_text
 from protocols.machine import Instrument, Machine, machine_text
 from protocols.observations import SAME_PLACE_MM
 from protocols.printers import klipper, marlin, repetier, reprapfirmware
 from protocols.printers.gcode import Texts
-from protocols.printers.tower_printer import Contact, Held
+from protocols.printers.tower_printer import LARGEST, OFF_PLATE_MM, Contact, Held
 from protocols.procedure import default_mount
 from protocols.session import Opened, Reading
 from protocols.table import is_table
@@ -23,6 +26,8 @@ BY_HAND = "tool-z, by hand"
 """Mounting of heights that were measured by hand: a probe trips at a height of its own."""
 
 MOST_REMARKS = 20
+SHOWN = 80
+"""Letters of a line that a message repeats."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +109,7 @@ def imported_printer(
             "contacts, and no geometry",
             "the printer's configuration beside it, or --machine",
         )
+    _check(paths[0], held.contacts, machine)
     instrument = Instrument(
         profile="probe",
         port=paths[0].name,
@@ -145,6 +151,29 @@ def _held(paths: Sequence[Path]) -> Held:
             "files of one printer: its configuration, a log of its probe",
         )
     return DIALECTS[best].held(texts)
+
+
+def _check(path: Path, contacts: Sequence[Contact], machine: Machine) -> None:
+    """Raises RecordError for the first contact that is none of this machine's, with its text."""
+    geometry, allowed = machine.geometry(), "contacts with one plate, of this machine"
+    off_mm = np.array([contact.place_mm[2] - contact.height_mm for contact in contacts])
+    usual_mm = float(np.median(off_mm))
+    for contact, off in zip(contacts, off_mm.tolist(), strict=True):
+        x, y, z = contact.place_mm
+        reached = abs(x) + abs(y) + abs(z) <= LARGEST and _reached(geometry, contact)
+        if not reached or abs(off - usual_mm) > OFF_PLATE_MM:
+            why = f"{abs(off - usual_mm):.3g} mm off the others" if reached else "not reached"
+            raise RecordError(
+                f"{WHAT} {path}",
+                f"{contact.text[:SHOWN]}: the tool at ({x:.6g}, {y:.6g}, {z:.6g}) mm, {why}",
+                allowed,
+                "Are these contacts of another geometry, or in another unit? Take out a place that "
+                "failed.",
+            )
+
+
+def _reached(geometry: Geometry, contact: Contact) -> bool:
+    return bool((geometry.reach_mm2(np.array(contact.place_mm)) > 0.0).all())
 
 
 def _readings(contacts: Sequence[Contact]) -> tuple[Reading, ...]:

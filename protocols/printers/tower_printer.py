@@ -30,6 +30,9 @@ NEAR_REACH = 0.97
 CLEAR_MM = 10.0
 """A carriage may go lower than any contact needs by so much."""
 
+LARGEST = 10_000.0
+"""Of lengths in mm, and of angles."""
+
 Three = tuple[float, float, float]
 
 
@@ -80,6 +83,12 @@ class TowerPrinter:
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
+        every = (*self.length_mm, *self.radius_mm, *self.endstop_mm, *self.angle_deg)
+        for value in (*every, self.printable_mm or 0.0, self.turn_mm or 0.0):
+            if not abs(value) <= LARGEST:
+                raise RecordError(
+                    self.thing, f"{value:g}", f"lengths in mm and angles, up to {LARGEST:g}"
+                )
         for length, radius in zip(self.length_mm, self.radius_mm, strict=True):
             if not 0.0 < radius < NEAR_REACH * length:
                 raise RecordError(

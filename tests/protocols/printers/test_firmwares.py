@@ -258,6 +258,12 @@ MACRO, LOG = g32(PERFECT)
         ((m503(PERFECT).replace(" H300.00", ""),), "M665 without H"),
         ((m205(PERFECT).replace("EPR:3 881", "EPR:3 1881"),), "without Diagonal rod length"),
         ((m205(PERFECT).replace("80.000 Steps", "0 Steps"),), "steps per mm above 0"),
+        ((m503(PERFECT) + "Bed X: 15.0 Y: -5.0 Z: 9.5\n",), "9.5 mm off the others"),
+        ((m503(PERFECT) + "Bed X: 600 Y: 0 Z: 0.1\n",), "not reached"),
+        ((m503(PERFECT) + f"Bed X: {'9' * 400} Y: 0 Z: 0.1\n",), "not reached"),
+        ((m503(PERFECT).replace("L250.00", f"L{'9' * 400}"),), "M665 L"),
+        ((CONFIG_G.replace("X0 Y0 Z0 ;", "X99999 Y0 Z0 ;"), MACRO, LOG), "found 100209"),
+        ((m205(PERFECT).replace("EPR:3 885 124", "EPR:3 885 12400"),), "up to 10000"),
         ((m503(PERFECT), m205(PERFECT)), "no geometry and no answer of a probe"),
     ],
 )

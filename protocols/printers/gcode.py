@@ -21,7 +21,7 @@ PREFIX = re.compile(r"^(?:[\d:. ]+ : )?(?:Recv: |<<< |< )?(?:echo:)?\s*")
 
 
 @dataclass(frozen=True)
-class Line:
+class CodeLine:
     """A command with its words, where it stands, and as it stands there."""
 
     path: Path
@@ -50,7 +50,7 @@ class Line:
         return numbers[0]
 
 
-def commands(texts: Texts, *wanted: str) -> Iterator[Line]:
+def commands(texts: Texts, *wanted: str) -> Iterator[CodeLine]:
     """The lines of these commands in the order of the files; comments and all else are left."""
     for path, text in texts:
         for number, raw in enumerate(text.splitlines(), start=1):
@@ -63,7 +63,7 @@ def commands(texts: Texts, *wanted: str) -> Iterator[Line]:
                 found = WORD.fullmatch(word)
                 numbers = found[2].split(":") if found and found[2] else []
                 words[word[0]] = tuple(float(part) for part in numbers)
-            yield Line(path, number, plain, match[1], words)
+            yield CodeLine(path, number, plain, match[1], words)
 
 
 def lines(texts: Texts) -> Iterator[tuple[str, str]]:

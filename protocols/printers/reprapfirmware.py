@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator
 
 from calib.errors import RecordError
-from protocols.printers.gcode import Line, Texts, commands, lines
+from protocols.printers.gcode import CodeLine, Texts, commands, lines
 from protocols.printers.tower_printer import USUAL_ANGLES_DEG, Contact, Held, TowerPrinter
 
 NAME = "reprapfirmware"
@@ -133,10 +133,10 @@ def _heights(texts: Texts, odd: list[str]) -> Iterator[tuple[float, float, float
                 yield line.value("X"), line.value("Y"), float(entry), where
 
 
-def _groups(texts: Texts, odd: list[str]) -> list[list[Line]]:
+def _groups(texts: Texts, odd: list[str]) -> list[list[CodeLine]]:
     """Places that are reported together: each P once, S ends a group."""
-    groups: list[list[Line]] = []
-    now: list[Line] = []
+    groups: list[list[CodeLine]] = []
+    now: list[CodeLine] = []
     for line in commands(texts, "G30"):
         if "P" not in line.words:
             continue

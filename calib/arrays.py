@@ -51,6 +51,9 @@ class Conditions:
     the leg, from the tool at Zero, and ``station`` is that in the posture itself. Such a reading
     does not count from Zero; its mounting has a zero, and a tilt of the plane along the leg. NaN
     for all others.
+
+    Where ``contact`` holds nothing was read: at the commanded position the tool was on a plate.
+    The value is its height over the plate, 0 where it touches, and the zero that of the plate.
     """
 
     leg: IntArray
@@ -66,6 +69,7 @@ class Conditions:
     position_mm: FloatArray
     movement: FloatArray
     along_mm: FloatArray
+    contact: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.leg)
@@ -105,7 +109,7 @@ class Conditions:
     def posture_words(self, row: int) -> str:
         """``+60 mm`` for a leg, ``(0, 35, 10) mm`` for the tool."""
         if self.leg[row] == TOOL:
-            return f"({', '.join(f'{v:g}' for v in self.position_mm[row])}) mm"
+            return f"({', '.join(f'{round(v, 3) + 0.0:g}' for v in self.position_mm[row])}) mm"
         at = f" and {self.station[row]:g} of the bar" if self.over_plane[row] else ""
         return f"{self.displacement_mm[row]:+g} mm{at}"
 
@@ -211,6 +215,7 @@ def conditions(
         position_mm=np.array(np.broadcast_to(0.0 if position_mm is None else position_mm, (n, 3))),
         movement=np.zeros((n, 3)),
         along_mm=np.full(n, np.nan),
+        contact=np.zeros(n, dtype=np.bool_),
     )
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Iterable
 from operator import ge
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -264,6 +266,24 @@ class Machine(Document):
             usable_bar=(usable[0], usable[1], usable[2]),
             plane_mm=self.plane_mm,
         )
+
+
+def machine_text(machine: Machine, comments: Iterable[str]) -> str:
+    """The machine file below ``comments``, a line each; defaults are left out."""
+    content = machine.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    lines = [*(f"# {line}".rstrip() for line in comments), f'schema = "{machine.schema_id}"']
+    tables: list[tuple[str, dict[str, Any]]] = []
+    for key, value in content.items():
+        several = isinstance(value, list) and isinstance(value[0], dict)
+        if isinstance(value, dict):
+            tables.append((f"[{key}]", value))
+        elif several:
+            tables += [(f"[[{key}]]", one) for one in value]
+        else:
+            lines.append(f"{key} = {json.dumps(value)}")
+    for heading, table in tables:
+        lines += ["", heading, *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
+    return "\n".join(lines) + "\n"
 
 
 def _unit_vector(vector: Triple) -> Triple:

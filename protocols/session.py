@@ -33,7 +33,9 @@ from protocols.procedure import SLIDING, Leg, Procedure, Step, Touched, position
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-SchemaId = Literal["glidecal.session/1", "glidecal.session/2", "glidecal.session/3"]
+SchemaId = Literal[
+    "glidecal.session/1", "glidecal.session/2", "glidecal.session/3", "glidecal.session/4"
+]
 """Every schema of a record. A changed event needs a new one: docs/decisions/0003-record.md."""
 
 SCHEMA: SchemaId = get_args(SchemaId)[-1]
@@ -147,6 +149,9 @@ class Reading(Line):
     where the tool came to it along the axis, ``lift_mm`` is from how far. With ``over_plane`` the
     stand slid on a reference plane to the station, in this posture. ``moved`` tells of a machine
     that was moved by its controller; None where the operator did it.
+
+    With ``contact`` no indicator read: sent to ``position_mm`` the tool was on a plate, and
+    ``value_mm`` is its height over it, 0 where it touches; the text is that of the place.
     """
 
     event: Literal["reading"] = "reading"
@@ -168,6 +173,7 @@ class Reading(Line):
     resolution_mm: FigureMm | None = None
     unit_assumed: bool = False
     over_plane: bool | None = None
+    contact: bool | None = None
     moved: Moved | None = None
     extra: dict[Name, Name] = Field(default_factory=dict)
 
@@ -196,6 +202,8 @@ class Reading(Line):
             raise ValueError("position_mm: a reading of the tool has one, one of a leg has none")
         if self.over_plane and self.leg == "tool":
             raise ValueError("over_plane: a leg is read over a plane, not the tool")
+        if self.contact and self.leg != "tool":
+            raise ValueError("contact: the tool meets a plate, not a leg")
         return self
 
 
@@ -402,13 +410,15 @@ class Session:
         """Every reading, as `protocols.table` reads it: columns of docs/session.md.
 
         Those that do not count are among them: the machine was there. Raises RecordError for
-        readings of legs and of the tool in one session.
+        readings of legs and of the tool, or contacts and readings, in one session.
         """
         of_tool = {reading.leg == "tool" for reading in self.all_readings}
         if len(of_tool) > 1:
             raise RecordError("session", "readings of legs and of the tool", "one of both")
+        if len({reading.contact or False for reading in self.all_readings}) > 1:
+            raise RecordError("session", "contacts and readings of an indicator", "one of both")
         places = ("x_mm", "y_mm", "z_mm", "axis", "lift_mm") if True in of_tool else OF_LEG
-        columns = (*places, "value_mm", *OF_ANY)
+        columns = (*places, "height_mm" if self.of_contacts else "value_mm", *OF_ANY)
         moved = MOVED if any(reading.moved for reading in self.all_readings) else ()
         extra = list(dict.fromkeys(name for reading in self.all_readings for name in reading.extra))
         # columns of an old table that nobody knew then, under names that are nobody's now
@@ -435,6 +445,11 @@ class Session:
                 for reading in self.all_readings
             ),
         )
+
+    @property
+    def of_contacts(self) -> bool:
+        """Whether every reading is a contact, with which no indicator has to do."""
+        return bool(self.all_readings) and all(reading.contact for reading in self.all_readings)
 
     def _counting(self, number: int) -> tuple[str, str]:
         """Whether a reading counts, and why or why not."""

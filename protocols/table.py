@@ -47,6 +47,8 @@ OPTIONAL = (
 POSITION = ("x_mm", "y_mm", "z_mm")
 OF_TOOL = (*POSITION, "value_mm")
 """Columns of a table of readings of the tool, as against a plate."""
+OF_CONTACT = (*POSITION, "height_mm")
+"""Columns of a table of contacts: where the tool was sent to, and its height over a plate there."""
 OPTIONAL_OF_TOOL = (
     "axis",
     "lift_mm",
@@ -55,7 +57,7 @@ OPTIONAL_OF_TOOL = (
 
 NUMBERS = (
     *("displacement_mm", "value_mm", "time_s", "station", "temperature_c", "lift_mm"),
-    "resolution_mm",
+    *("resolution_mm", "height_mm"),
     *POSITION,
     *MOVED_MM,
     "feed_mm_min",
@@ -176,7 +178,7 @@ def opened_table(
     rows, unknown = _rows(path)
     events = (*_readings(rows, unknown, machine.geometry()), *_counting(rows))
     instrument = Instrument(
-        profile="table",
+        profile="probe" if "height_mm" in rows[0].fields else "table",
         port=path.name,
         resolution_mm=resolution_mm,
         repeatability_mm=repeatability_mm,
@@ -218,9 +220,8 @@ def _rows(path: Path) -> tuple[list[Row], tuple[str, ...]]:
     if not 1 <= len(rows) <= MOST_ROWS:
         count = f"{len(rows):,} rows" if rows else "no row of readings"
         raise RecordError(f"table {path}", count, f"a row for each reading, up to {MOST_ROWS:,}")
-    of_tool = _is_of_tool(header)
-    known_columns = OF_TOOL + OPTIONAL_OF_TOOL if of_tool else REQUIRED + OPTIONAL
-    return rows, tuple(name for name in header if name not in known_columns + MOVED)
+    required, optional = _columns(header)
+    return rows, tuple(name for name in header if name not in required + optional + MOVED)
 
 
 def _lines(path: Path) -> tuple[Texts, bool]:
@@ -245,15 +246,20 @@ def _lines(path: Path) -> tuple[Texts, bool]:
 
 def _check_header(path: Path, header: list[str]) -> None:
     subject = f"table {path}, header"
-    of_tool = _is_of_tool(header)
-    required = OF_TOOL if of_tool else REQUIRED
+    required, optional = _columns(header)
     missing = [name for name in required if name not in header]
     if missing:
         raise RecordError(
             subject,
             ", ".join(header) or "nothing",
-            "columns " + ", ".join(required + (OPTIONAL_OF_TOOL if of_tool else OPTIONAL)),
+            "columns " + ", ".join(required + optional),
             f"Missing: {', '.join(missing)}",
+        )
+    if "height_mm" in required and "value_mm" in header:
+        raise RecordError(
+            subject,
+            "height_mm and value_mm",
+            "height_mm of contacts, or value_mm of an indicator, not both",
         )
     doubled = [name for name, count in Counter(header).items() if count > 1]
     if doubled:
@@ -269,6 +275,13 @@ def _fields(path: Path, line: int, header: list[str], values: list[str]) -> dict
             "With decimal commas put semicolons between columns.",
         )
     return dict(zip(header, (unprotected(value.strip()) for value in values), strict=True))
+
+
+def _columns(header: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Columns that a table with this header must have, and those that it may have."""
+    if not _is_of_tool(header):
+        return REQUIRED, OPTIONAL
+    return OF_CONTACT if "height_mm" in header else OF_TOOL, OPTIONAL_OF_TOOL
 
 
 def _is_of_tool(names: Container[str]) -> bool:
@@ -296,8 +309,16 @@ def _tool_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geo
         lift_mm=lift or None,
         mount=row.fields.get("mount") or default_mount("tool", axis, 0.0),
         station=0.0,
-        **_of_any(row, unknown),
+        **(_of_any(row, unknown) | _of_contact(row, axis)),
     )
+
+
+def _of_contact(row: Row, axis: Leg) -> dict[str, Any]:
+    """What is a contact's own: its text is that of its place, which is what was found."""
+    if "height_mm" not in row.fields:
+        return {}
+    at = f"{axis}_mm"
+    return {"contact": True, "text": row.fields.get("device_text") or row.with_point(at)}
 
 
 def _reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry) -> Reading:
@@ -349,12 +370,13 @@ def _leg_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geom
 
 def _of_any(row: Row, unknown: tuple[str, ...]) -> dict[str, Any]:
     """What readings of legs and of the tool have in common."""
-    value = row.number("value_mm")
+    column = "height_mm" if "height_mm" in row.fields else "value_mm"
+    value = row.number(column)
     if abs(value) > LARGEST_READING_MM:
-        raise row.fault("value_mm", f"a reading up to {LARGEST_READING_MM:g} mm")
+        raise row.fault(column, f"a reading up to {LARGEST_READING_MM:g} mm")
     return {
         "value_mm": value,
-        "text": row.fields.get("device_text") or row.with_point("value_mm"),
+        "text": row.fields.get("device_text") or row.with_point(column),
         "resolution_mm": row.optional("resolution_mm", row.number, None),
         "unit_assumed": bool(row.optional("unit_assumed", lambda name: row.whole(name, 0), 0)),
         "cycle": row.optional("cycle", lambda name: row.whole(name, 1), 1),

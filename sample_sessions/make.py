@@ -107,6 +107,7 @@ def every_schema() -> None:
     _whole(folder / "moved.jsonl", _simulated("orthoglide", "zero-max-min"), moved=True)
     _whole(folder / "plane.jsonl", _simulated("orthoglide", "zero-max-min-plane"))
     _whole(folder / "plate.jsonl", _simulated("linear-delta", "plate-rings"))
+    _contacts(folder / "contacts.jsonl")
 
 
 def _simulated(machine_name: str, procedure_name: str) -> Session:
@@ -132,6 +133,14 @@ def _whole(path: Path, session: Session, *, moved: bool = False) -> None:
             session.opened,
             [_moved(reading, zero_mm) for reading in readings] if moved else list(readings),
         )
+
+
+def _contacts(path: Path) -> None:
+    """Where a tool met a plate, as a table has it."""
+    if not path.exists():
+        machine = load_machine("linear-delta")
+        opened, events, _ = opened_table(HERE / "tables" / "contacts.csv", machine, program())
+        write_whole(path, opened, list(events))
 
 
 def _moved(reading: Reading, zero_mm: list[float]) -> Reading:

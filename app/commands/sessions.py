@@ -6,8 +6,10 @@ import os
 import select
 import sys
 import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -34,6 +36,9 @@ from app.report.streams import need_terminal
 from calib.errors import GlidecalError, RecordError, UsageError, extra
 from protocols.machine_files import USUAL_MACHINE
 
+if TYPE_CHECKING:  # heavy: imported where used
+    from protocols.session import Event, Opened, Session
+
 
 @with_options_of_machines
 def simulate(
@@ -52,61 +57,129 @@ def simulate(
 
 
 def import_table(
-    table: Annotated[Path, argument("Table of readings (.csv or .xlsx).")],
+    source: Annotated[
+        list[Path],
+        argument(
+            "Table of readings (.csv or .xlsx), or files of a printer: its configuration, a log of "
+            "its probe."
+        ),
+    ],
     output: Annotated[Path | None, file("Session to write.", "--output", "-o")] = None,
     machine: Machine = None,
-    resolution: Annotated[float | None, figure("Resolution of the indicators, mm.")] = None,
+    machine_file_out: Annotated[
+        Path | None,
+        file("Machine file to write, of a printer's configuration.", "--machine-file-out"),
+    ] = None,
+    resolution: Annotated[
+        float | None, figure("Resolution of the indicators, or of the probe, mm.")
+    ] = None,
     repeatability: Annotated[
-        float | None, figure("Repeatability of the indicators (standard deviation), mm.")
+        float | None,
+        figure("Repeatability of the indicators or the probe (standard deviation), mm."),
     ] = None,
     remark: Annotated[
         list[str] | None, typer.Option(help="A remark for the record; may be repeated.")
     ] = None,
     template: Annotated[
-        bool, typer.Option("--template", help="Write TABLE, a row a reading, without values.")
+        bool, typer.Option("--template", help="Write the table, a row a reading, without values.")
     ] = False,
     protocol: Protocol = None,
     force: Force = False,
 ) -> None:
-    """A session from a table of readings. With --template the table, to be filled in."""
-    from app.version import program
+    """A session from a table or a printer's files.
+
+    A table holds readings or contacts; with --template it is written, to be filled in. Of a printer
+    --machine-file-out writes the machine file.
+    """
     from protocols.files import write_files
     from protocols.journal import write_whole
     from protocols.machine import load_machine
     from protocols.procedure import load_procedure
     from protocols.session import fold
-    from protocols.table import empty_table, off_bar_words, opened_table, within_limits
+    from protocols.table import empty_table
 
-    known = load_machine(machine)
     if template:
+        if len(source) > 1:
+            raise UsageError("--template", f"{len(source)} files", "one table to write")
+        known = load_machine(machine)
         asked = load_procedure(protocol or known.usual_procedure, known.geometry())
-        empty = empty_table(asked, known.geometry(), table)
-        write_files(table, {"": empty}, replace=may_replace(force, table))
-        say(f"{asked.name} to be filled in, column value_mm: {table}")
+        empty = empty_table(asked, known.geometry(), source[0])
+        write_files(source[0], {"": empty}, replace=may_replace(force, source[0]))
+        say(f"{asked.name} to be filled in, column value_mm: {source[0]}")
         return
     if output is None or protocol is not None:
         found = "none" if output is None else "--protocol without --template"
         raise UsageError("--output", found, "-o SESSION, or --template to write an empty table")
-    opened, events, unknown = opened_table(
-        table,
-        known,
-        program(),
-        resolution_mm=resolution,
-        repeatability_mm=repeatability,
-        remarks=tuple(remark or ()),
-    )
+    may = may_replace(force, machine_file_out)
+    stated = Stated(resolution, repeatability, tuple(remark or ()))
+    opened, events, machine_file, told = _taken_from(source, machine, stated)
+    if machine_file_out is not None and machine_file is None:
+        raise UsageError(
+            "--machine-file-out", f"{source[0]}, without geometry", "a printer's configuration"
+        )
     write_whole(output, opened, [*events])
-    readings = fold([opened, *events]).all_readings
-    if unknown:
-        say(f"glidecal: columns kept but not used: {', '.join(unknown)}")
-    outside = sum(not within_limits(reading, known.geometry()) for reading in readings)
-    if outside:
-        say(f"glidecal: {outside} readings lie outside the joint limits of the machine file")
-    if off_bar := off_bar_words(readings, known.geometry()):
-        say(f"glidecal: {off_bar}")
+    if machine_file_out is not None and machine_file is not None:
+        write_files(machine_file_out, {"": machine_file}, replace=may)
+        say(f"written: {machine_file_out}")
+    session = fold([opened, *events])
+    word = "contacts" if session.of_contacts else "readings"
+    for words in [*told, *_cautions(session, word)]:
+        say(f"glidecal: {words}")
+    say(f"{len(session.all_readings)} {word} written to {output}")
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What a person states of what measured, mm, and remarks for the record."""
+
+    resolution_mm: float | None
+    repeatability_mm: float | None
+    remarks: tuple[str, ...]
+
+
+def _taken_from(
+    source: list[Path], machine: str | None, stated: Stated
+) -> tuple[Opened, Sequence[Event], str | None, list[str]]:
+    """First line and events of a session of these files, a machine file, and what is not used."""
+    from app.version import program
+    from protocols.machine import load_machine
+    from protocols.printers.imported import are_of_printer, imported_printer
+    from protocols.table import opened_table
+
+    if are_of_printer(source):
+        held = imported_printer(
+            source,
+            program(),
+            machine=load_machine(machine) if machine else None,
+            resolution_mm=stated.resolution_mm,
+            repeatability_mm=stated.repeatability_mm,
+            remarks=stated.remarks,
+        )
+        told = [f"not used: {odd}" for odd in held.odd]
+        return held.opened, held.contacts, held.machine_file, told
+    opened, events, unknown = opened_table(
+        source[0],
+        load_machine(machine),
+        program(),
+        resolution_mm=stated.resolution_mm,
+        repeatability_mm=stated.repeatability_mm,
+        remarks=stated.remarks,
+    )
+    told = [f"columns kept but not used: {', '.join(unknown)}"] if unknown else []
+    return opened, events, None, told
+
+
+def _cautions(session: Session, word: str) -> Iterator[str]:
+    """What was measured where the machine file allows none, and too little."""
+    from protocols.table import off_bar_words, within_limits
+
+    readings, geometry = session.all_readings, session.opened.machine.geometry()
+    if outside := sum(not within_limits(reading, geometry) for reading in readings):
+        yield f"{outside} {word} lie outside the joint limits of the machine file"
+    if off_bar := off_bar_words(readings, geometry):
+        yield off_bar
     if len({reading.posture_mm for reading in readings}) < 2:
-        say("glidecal: only one posture in this table; it cannot be solved alone")
-    say(f"{len(readings)} readings written to {output}")
+        yield f"only one posture in these {word}; they cannot be solved alone"
 
 
 def validate(sessions: Sessions) -> None:

@@ -149,8 +149,8 @@ class ControllerCorrections:
             raise NotIdentifiable(
                 "readings",
                 "no two postures of one mounting",
-                "readings of one indicator in two postures or more",
-                "Move the machine and read the indicator again.",
+                "readings of one indicator, or contacts, in two postures or more",
+                "Move the machine and measure again.",
             )
         return found
 

@@ -145,6 +145,11 @@ class SessionSolution:
         return any(r.leg == "tool" for session in self.sessions for r in session.readings)
 
     @property
+    def of_contacts(self) -> bool:
+        """Whether all are contacts, which a probe or the tool itself made."""
+        return all(session.of_contacts for session in self.sessions)
+
+    @property
     def residuals(self) -> list[tuple[str, Reading, float]]:
         """What the model leaves of each visit, mm, with its session and first reading."""
         left = self.solution.residual_mm.tolist()

@@ -137,11 +137,13 @@ def check_values(record: Record) -> None:
         step = steps.get(reading.step or 0)
         number = step.indicators[step.axes.index(reading.axis)] if step else None
         read = _plain if number is None else parsers[number]
-        said_mm = read(reading.text)
-        if said_mm is not None and abs(said_mm - reading.value_mm) > SAME_MM:
+        said_mm, name, value_mm = read(reading.text), "value_mm", reading.value_mm
+        if reading.contact and reading.position_mm:  # its text is that of the place
+            name, value_mm = f"{reading.axis}_mm", reading.position_mm["xyz".index(reading.axis)]
+        if said_mm is not None and abs(said_mm - value_mm) > SAME_MM:
             raise RecordError(
                 f"session {record.path}, line {reading.line}",
-                f"value_mm {reading.value_mm} beside the text {reading.text!r}",
+                f"{name} {value_mm} beside the text {reading.text!r}",
                 f"{said_mm}, as the text says",
                 "Use an unaltered copy.",
             )

@@ -12,10 +12,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
-from calib.arrays import descending
+import numpy as np
+
+from calib.arrays import TOOL, descending
 from calib.diagnosis.results import Named, Verdict
 from calib.posterior.library import Component
 from calib.posterior.models import Posterior
+from calib.posterior.race import log_prior_odds
 from calib.tripod.effects.empirical import EMPIRICAL
 
 Key = TypeVar("Key", str, Named)
@@ -37,6 +40,13 @@ truth is to be in the set 99 times of 100."""
 AGREED = 0.6
 """Probability that nothing is missing, from which on readings agree: before any it is 0.45."""
 
+UNSEEN = 2.0
+"""Standard deviations of noise by which a model, at the sizes that it expects, changes all readings
+together, beside what lengths and offsets of their tolerances do, from which on readings of the tool
+show it. A plate shows little of a machine: play that is always taken up one way, say, is as likely
+after any readings as before, and such laws together kept a fifth of sound machines from agreeing.
+"""
+
 EVEN = 0.5
 """Probability from which on the simpler is told: nothing is missing, nothing acts beside a name."""
 
@@ -55,6 +65,25 @@ class Claim:
 
 
 NOTHING = Claim(frozenset(), unnamed=False)
+
+
+def _shown(posterior: Posterior) -> list[float]:
+    """By how much an unremarkable size of each component changes readings, in their noise.
+
+    Beside the base with its tolerances. Readings of legs show what they show, infinitely; so do
+    those put right in another way, of which the rows are not known.
+    """
+    every = [math.inf] * len(posterior.components)
+    if any((cells.means.leg != TOOL).any() for cells in posterior.sessions):
+        return every
+    rows, columns = posterior.linear.rows, posterior.linear.columns
+    base = rows.base * rows.spread
+    basis = np.linalg.qr(np.vstack([base, np.eye(base.shape[1])]))[0][: len(base)]
+    along = basis.T @ columns
+    for k, index in enumerate(posterior.linear.index):
+        own = columns[:, index].T @ columns[:, index] - along[:, index].T @ along[:, index]
+        every[k] = math.sqrt(max(float(np.linalg.eigvalsh(own).max(initial=0.0)), 0.0))
+    return every
 
 
 @dataclass(frozen=True)
@@ -77,10 +106,23 @@ class Claims:
 
     @classmethod
     def of(cls, posterior: Posterior) -> Claims:
-        """Of all models."""
-        components = posterior.components
-        weights: dict[Claim, float] = {}
+        """Of all models.
+
+        One that readings of the tool cannot show tells nothing of whether anything is missing, so
+        far as it is no likelier beside the model without any effect than it was before them.
+        """
+        components, shown_by = posterior.components, _shown(posterior)
+        plain = math.fsum(m.weight for m in posterior.models if not m.members and not m.mistakes)
+        weights: dict[Claim, float] = {NOTHING: 0.0}
         for model in posterior.models:
+            scaled = zip(model.members, model.scales, strict=True)
+            if not model.mistakes and math.hypot(*(s * shown_by[k] for k, s in scaled)) < UNSEEN:
+                odds = math.exp(log_prior_odds(model.members, model.scales, components))
+                as_before = min(model.weight, odds * plain)
+                weights[NOTHING] += as_before
+                model = replace(model, weight=model.weight - as_before)
+                if not model.weight:
+                    continue
             members = [components[k] for k in model.members]
             names = {name_of(member) for member in members if member.kind in NAMES}
             names |= {Named(mistake.id, mistake.where) for mistake in model.mistakes}

@@ -65,6 +65,10 @@ NO_LAW = "no simple law of travel is likelier for the rest than an error of each
 SEEN_9_OF_10 = 1.28
 """Standard normal quantile of 90 %."""
 
+NO_SIZE = 1e4
+"""Unremarkable sizes: no machine has so much. What would show from there on only shows nothing but
+rounding, as play that is always taken up one way."""
+
 AS_GOOD = 0.01
 """Weight beside the best from which another lead of a screw fits as well."""
 
@@ -435,6 +439,8 @@ class _Report:
             if not length or self.before.noise_freedom <= 0.0:
                 continue
             size = (_needed(length, component.log_prior) + SEEN_9_OF_10) / length
+            if size > NO_SIZE:
+                continue
             size *= float(component.unit[0])
             known = smallest.get(component.id)
             if math.isfinite(size) and (known is None or size < known.size):

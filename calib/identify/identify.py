@@ -155,8 +155,8 @@ def identify_from(
     if within_mm is not None:
         tolerance = np.concatenate([within_mm, np.full(len(told.sizes), np.inf)])
         spread = spread.with_prior(visited, weight, fit.design, tolerance)
-    before = measured.combine @ model.readings(visited)
-    predicted = measured.combine @ fit.predicted_mm
+    before = measured.of(model.readings(visited))
+    predicted = measured.of(fit.predicted_mm)
     k, coverage = len(free), _coverage(spread)
     system = measured.combine @ fit.design
     return Solution(
@@ -182,7 +182,9 @@ def identify_from(
         rms_before_mm=_rms(measured.value_mm - before),
         rms_after_mm=_rms(measured.value_mm - predicted),
         degrees_of_freedom=(
-            len(measured) if method == "linear" else len(visited) - set_up_unknowns(visited)
+            _independent(measured, visited)
+            if method == "linear"
+            else len(visited) - set_up_unknowns(visited)
         )
         - fit.design.shape[1],
         noise=noise,
@@ -377,6 +379,11 @@ def propagate(estimator: FloatArray, observed: Observations, noise: Noise) -> Pr
     with np.errstate(divide="ignore"):
         degrees = np.asarray(np.where(spread > 0.0, variance**2 / spread, np.inf))
     return Propagation(covariance, degrees, np.zeros_like(covariance), shared)
+
+
+def _independent(measured: Differences, observed: Observations) -> int:
+    """How many differences are: those of contacts of a mounting add up to nothing."""
+    return len(measured) - len(np.unique(observed.mount[observed.contact]))
 
 
 def uncertainties(combine: csr_array, observed: Observations, noise: Noise) -> FloatArray:

@@ -226,14 +226,18 @@ def visit_starts(observed: Observations) -> IntArray:
 
 
 def visit_numbers(observed: Observations) -> IntArray:
-    """Number of the visit that each reading ``(n_readings,)`` belongs to, counted as they begin."""
+    """Number of the visit that each reading ``(n_readings,)`` belongs to, counted as they begin.
+
+    The tool leaves the plate after each contact.
+    """
     visit = np.zeros(len(observed), dtype=np.intp)
     last: dict[int, tuple[int, int]] = {}
     count = 0
-    pairs = zip(observed.mount.tolist(), observed.posture.tolist(), strict=True)
-    for row, (mount, posture) in enumerate(pairs):
+    known = (observed.mount, observed.posture, observed.contact)
+    rows = zip(*(column.tolist() for column in known), strict=True)
+    for row, (mount, posture, contact) in enumerate(rows):
         before = last.get(mount)
-        if before is None or before[0] != posture:
+        if before is None or before[0] != posture or contact:
             before = (posture, count)
             count += 1
         last[mount] = before
@@ -253,7 +257,8 @@ def reading_noise(
     The scatter of repeats is taken for each indicator, drift removed, and pooled but for those that
     scatter more than chance allows. Repeats that all agree say nothing: then the resolution
     rules, stated or seen in the text of the readings. Rows that stand ``apart`` are no repeats, a
-    ``steady`` drift is removed as in `Repeats.of`, unless it leaves nothing of the repeats.
+    ``steady`` drift is removed as in `Repeats.of`, unless it leaves nothing of the repeats. The
+    resolution of a probe alone is no noise of contacts.
     """
     repeats = Repeats.of(visited, apart, steady=steady)
     if steady and repeats.degrees_of_freedom.sum() <= 0.0:
@@ -262,7 +267,9 @@ def reading_noise(
     step = indicator.display_mm
     squares = repeats.sums_of_squares(visited.value_mm[:, None])[:, 0]
     if free.sum() <= 0.0:
-        return indicator.noise(visited.indicator_count)
+        # a probe trips within many of its steps: without repeats these alone tell no noise
+        only_steps = visited.contact.all() and not indicator.repeatability_mm
+        return None if only_steps else indicator.noise(visited.indicator_count)
     if float(squares.sum()) <= arithmetic_mm2(visited) * free.sum():
         count = visited.indicator_count
         known = indicator.noise(count) or IndicatorFigures(resolution_mm=step).noise(count)

@@ -27,7 +27,7 @@ from calib.arrays import (
     without_means,
     without_zeros,
 )
-from calib.identify.fit import prior_fit
+from calib.identify.fit import design_of, prior_fit
 from calib.noise.reading import IndicatorFigures, Noise, reading_noise, visit_numbers, visits
 from calib.noise.repeats import Repeats, disagreeing, set_apart, typical_mm2
 from calib.noise.serial import independent, serial_correlation
@@ -166,8 +166,12 @@ class Cells:
         if noise is None and case.others is not None:
             noise = case.others.for_indicators(visited.indicator_count)
         if noise is None:  # equal weights: what the model leaves tells the variance
-            centred = without_zeros(visited, visited.averaged, visited.value_mm)
-            scatter = max(1e-4 * float((centred**2).mean()), 1e-8) / visited.averaged
+            if visited.contact.all():
+                scatter_mm2 = _likeliest_mm2(case, visited)
+            else:
+                centred = without_zeros(visited, visited.averaged, visited.value_mm)
+                scatter_mm2 = max(1e-4 * float((centred**2).mean()), 1e-8)
+            scatter = scatter_mm2 / visited.averaged
         else:
             scatter = np.maximum(noise.repeatability_mm2(visited), FINEST_MM**2)
             alone = set_apart(cell, apart)
@@ -288,6 +292,24 @@ class Cells:
         basis, upper = np.linalg.qr(own)
         shown = basis_of(upper, DEPENDENT).T @ (basis.T @ left)
         return np.column_stack([shown[:, -1], shown[:, :-1]])
+
+
+SCATTERS_MM = np.geomspace(1e-3, 1.0, 61)
+"""Of a probe that nobody stated, and of what else tells a contact from a plain machine."""
+
+
+def _likeliest_mm2(case: SessionCase, visited: Observations) -> float:
+    """The variance of contacts with which a machine within its tolerances is likeliest, mm²."""
+    within = design_of(case.model, visited, range(BASE), ()) * case.spread_mm
+    both = np.column_stack([visited.value_mm - case.model.readings(visited), within])
+    shown = without_zeros(visited, visited.averaged, both)
+    square, axes = np.linalg.eigh(shown[:, 1:] @ shown[:, 1:].T)
+    along = (axes.T @ shown[:, 0]) ** 2
+    variances = SCATTERS_MM[:, None] ** 2 + np.maximum(square, 0.0)
+    likelihood = -0.5 * (np.log(variances) + along / variances).sum(axis=1)
+    # of each mounting one direction is its zero, which nothing scatters
+    likelihood += visited.mount_count * np.log(SCATTERS_MM)
+    return float(SCATTERS_MM[likelihood.argmax()] ** 2)
 
 
 def _by_mounting(

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from calib.arrays import TOUCHED_LETTERS, FloatArray, IntArray, numbered
 from calib.posterior.cells import FINEST_MM, Cells
 from calib.posterior.labels import (
-    FIRST_TAKE,
     LEAST,
     LOG_RANGE,
     Mistake,
+    first_take_words,
     standing_apart,
 )
 from calib.posterior.library import Component
@@ -56,7 +56,8 @@ def first_takes_apart(cells: Cells, session: int) -> Mistake | None:
     legs = {TOUCHED_LETTERS[leg] for leg in visited.leg[rows].tolist()}
     where = legs.pop() if len(legs) == 1 else "all"
     groups = [np.array([row]) for row in rows]
-    mistake = standing_apart(visited, "first_take", where, FIRST_TAKE, groups, log_prior)
+    words = first_take_words(visited)
+    mistake = standing_apart(visited, "first_take", where, words, groups, log_prior)
     return replace(mistake, session=session)
 
 

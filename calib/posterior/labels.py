@@ -64,6 +64,7 @@ Of Student's t with 3 degrees of freedom one of 60 readings is beyond 13 in one 
 """
 
 FIRST_TAKE = "the first take stands apart: it settled, stood in a play, or was another posture"
+FIRST_CONTACT = "the first contact stands apart: it settled, or something hung from the nozzle"
 
 LEAST_CHANGED = 3.0
 """Standard deviations of a reading by which an exchange changes at least one."""
@@ -181,7 +182,9 @@ def suspects(solved: Solved[Solution], now: Sequence[Cells], number: int) -> lis
     moved: _Moved | None = None
     for one, screen in zip(beside, screens, strict=True):
         scores = [*_apart(screen)]
-        if screen.square > screen.freedom + FITS * math.sqrt(2.0 * max(screen.freedom, 0.0)):
+        fits = screen.freedom + FITS * math.sqrt(2.0 * max(screen.freedom, 0.0))
+        # a contact is a place: it has no indicator, sign or unit, and no label beside it
+        if screen.square > fits and not cells.visited.contact.any():
             moved = moved or _Moved.of(screen)
             scores += moved.scores(screen)
         for score, mistake in scores:
@@ -334,7 +337,9 @@ class _Apart:
 def _apart(screen: Screen) -> Iterator[Scored]:
     """Readings that stand apart, and the log likelihood that each adds, its prior included."""
     visited, root = screen.cells.visited, screen.root
-    apart = *_single(screen), *_first_takes(visited), *_postures_off(screen), *_slips(screen)
+    contacts = bool(visited.contact.any())
+    slips = () if contacts else _slips(screen)  # there is no stand
+    apart = *_single(screen), *_first_takes(visited), *_postures_off(screen), *slips
     for one in apart:
         # a shift of few rows: its products need no more than these
         within = np.array([(1.0 / root[rows]) @ screen.basis[rows] for rows in one.groups])
@@ -353,7 +358,7 @@ def _apart(screen: Screen) -> Iterator[Scored]:
         room = 0.5 * float(np.log(2.0 * math.pi / sizes).sum())
         density = 1.0 / (2.0 * LOG_RANGE * np.maximum(np.abs(off_mm), root.min()))
         name, title = one.id, one.title
-        if name == "wild_reading":
+        if name == "wild_reading" and not contacts:
             row = int(one.groups[0][0])
             chance, words = _other_label(visited, row, float(root[row]))
             if chance > density[0]:
@@ -392,7 +397,7 @@ def _single(screen: Screen) -> Iterator[_Apart]:
     share = np.maximum(1.0 - (screen.basis[:count] ** 2).sum(axis=1), 1e-6)
     furthest = np.argsort(-(screen.left[:count] ** 2) / share, kind="stable")
     for row in furthest[:TRIED].tolist():
-        title = f"one reading is wrong, {words_of(visited, row)}"
+        title = f"one {_taken(visited)} is wrong, {words_of(visited, row)}"
         yield _Apart("wild_reading", place_of(visited, row), title, (np.array([row]),), count)
 
 
@@ -415,9 +420,14 @@ def _postures_off(screen: Screen) -> Iterator[_Apart]:
     gains = np.where(candidates, along**2 / np.where(candidates, size, 1.0), 0.0)
     for k in np.argsort(-gains, kind="stable")[: min(TRIED, int(candidates.sum()))].tolist():
         row = int(rows[k][0])
-        title = f"all readings at {visited.posture_words(row)} are off: it was another posture"
+        title = f"all {_taken(visited)}s at {visited.posture_words(row)} are off: "
+        title += "something lay there" if visited.contact.any() else "it was another posture"
         places = int(candidates.sum())
         yield _Apart("posture_off", place_of(visited, row), title, (rows[k],), places)
+
+
+def _taken(visited: Observations) -> str:
+    return "contact" if visited.contact.any() else "reading"
 
 
 def words_of(visited: Observations, row: int) -> str:
@@ -450,11 +460,17 @@ def _first_takes(visited: Observations) -> Iterator[_Apart]:
     leg, station = visited.leg[first], visited.station[first]
     stands = (numbered(leg, station, visited.over_plane[first]), leg, np.zeros_like(leg))
     sets = {tuple(first[k].tolist()) for key in stands for k in rows_of(numbered(key))}
+    title = first_take_words(visited)
     for members in sorted(sets):
         legs = {TOUCHED_LETTERS[number] for number in visited.leg[list(members)].tolist()}
         groups = tuple(np.array([row]) for row in members)
         where = legs.pop() if len(legs) == 1 else "all"
-        yield _Apart("first_take", where, FIRST_TAKE, groups, len(sets))
+        yield _Apart("first_take", where, title, groups, len(sets))
+
+
+def first_take_words(visited: Observations) -> str:
+    """What a first take that stands apart may be."""
+    return FIRST_CONTACT if visited.contact.any() else FIRST_TAKE
 
 
 def _slips(screen: Screen) -> Iterator[_Apart]:

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import FloatArray, IntArray
+from calib.posterior.library import Component
 
 SCALES = (1.0, 4.0, 16.0, 64.0)
 """Of an unremarkable size: the standard deviations that a size may have."""
@@ -320,3 +321,12 @@ class Race:
 
     def _cost(self, member: int, scale: float) -> float:
         return float(self._log_prior[SCALES.index(scale), member])
+
+
+def log_prior_odds(
+    members: Sequence[int], scales: Sequence[float], components: Sequence[Component]
+) -> float:
+    """Log prior of a model with these components at these scales, less that of one without any."""
+    each = zip(members, scales, strict=True)
+    own = sum(components[k].log_prior + LOG_SCALES[SCALES.index(scale)] for k, scale in each)
+    return float(LOG_CAUSES[len(members)] - LOG_CAUSES[0] + own)

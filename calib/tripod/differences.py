@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,9 @@ Level = tuple[float, ...]
 Key = tuple[int, int, float, bool, Level, Level]
 """Leg, axis, station, whether over a plane, level, level of the reference."""
 
+CONTACT: Level = ()
+"""In the place of the level of the reference: of contacts it is the mean."""
+
 OVER_PLANE = "@p"
 """In the name of a difference, before the station."""
 
@@ -39,14 +43,21 @@ class Differences:
     the same map turns a reading matrix into system (11) and a reading covariance into (14).
     ``names`` are ``axis_leg`` with ``+`` for Max, ``-`` for Min, both minus Zero; ``y_x`` alone is
     Max minus Min where Zero is missing; other displacements are written out, as in ``y_x@30.0``.
-    Readings of the tool are named by axis and position, as in ``z(0, 30, 0)``. Over a plane it is
-    the height at a station less that of the line through both ends of the leg at Zero, so that
-    neither zero nor tilt are in it: ``z_x+@p0.1``.
+    Readings of the tool are named by axis and position, as in ``z(0, 30, 0)``. Contacts are named
+    by their place across, as in ``z(0, 30)``: by so much the tool is higher there than commanded,
+    less the mean of all places, which is ``beside_mm`` less than what the map gives. Over a plane
+    it is the height at a station less that of the line through both ends of the leg at Zero, so
+    that neither zero nor tilt are in it: ``z_x+@p0.1``.
     """
 
     names: tuple[str, ...]
     combine: csr_array
     value_mm: FloatArray
+    beside_mm: FloatArray
+
+    def of(self, readings_mm: FloatArray) -> FloatArray:
+        """The differences ``(n_differences,)`` of readings ``(n_readings,)``."""
+        return np.asarray(self.combine @ readings_mm - self.beside_mm)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -64,7 +75,8 @@ class Differences:
 def differences(geometry: Geometry, observed: Observations) -> Differences:
     """Average the repeats of each mounting and subtract its reference posture.
 
-    The reference is Zero where the mounting has it, else its lowest displacement. Several
+    The reference is Zero where the mounting has it, else its lowest displacement; that of contacts
+    is the mean of their places. Several
     mountings of the same leg, axis and station are averaged with equal weight. Rows come in the
     order of papers/000 (11). Raises NotIdentifiable where no mounting has two postures.
     """
@@ -81,7 +93,11 @@ def differences(geometry: Geometry, observed: Observations) -> Differences:
         )
     keys = sorted(terms, key=lambda key: _order_of_11(geometry, key))
     combine = _matrix([terms[key] for key in keys], len(observed))
-    return Differences(tuple(_names(geometry, keys)), combine, combine @ observed.value_mm)
+    rows = np.arange(len(observed))
+    commanded = np.where(observed.contact, observed.position_mm[rows, observed.axis], 0.0)
+    beside = combine @ commanded
+    value_mm = combine @ observed.value_mm - beside
+    return Differences(_unlike(_names(geometry, keys)), combine, value_mm, beside)
 
 
 def _matrix(rows: list[list[Terms]], reading_count: int) -> csr_array:
@@ -107,6 +123,9 @@ def _differences_of_mount(
         return
     cells = [members[rows] for rows in rows_of(observed.level[members])]
     levels = [_level(observed, cell[0]) for cell in cells]
+    if observed.contact[members[0]]:
+        yield from _about_their_mean(observed, cells, levels)
+        return
     zeros = [k for k, cell in enumerate(cells) if observed.at_zero[cell[0]]]
     reference = zeros[0] if zeros else 0
     zero, zero_weight = _mean(observed, cells[reference])
@@ -117,6 +136,32 @@ def _differences_of_mount(
             index, weight = _mean(observed, cell)
             terms = np.concatenate([index, zero]), np.concatenate([weight, -zero_weight])
             yield (*where, False, level, levels[reference]), terms
+
+
+def _unlike(names: Iterable[str]) -> tuple[str, ...]:
+    """The names, numbered where one comes again: two mountings met the plate at one place."""
+    seen: Counter[str] = Counter()
+    unlike = []
+    for name in names:
+        seen[name] += 1
+        unlike.append(name if seen[name] == 1 else f"{name} {seen[name]}")
+    return tuple(unlike)
+
+
+def _about_their_mean(
+    observed: Observations, cells: Sequence[NDArray[np.intp]], levels: Sequence[Level]
+) -> Iterable[tuple[Key, Terms]]:
+    """Each place of contacts less the mean of all: no place is the one that all others err by."""
+    if len(cells) < 2:
+        return
+    means = [_mean(observed, cell) for cell in cells]
+    every = np.concatenate([rows for rows, _ in means])
+    all_weights = np.concatenate([weight for _, weight in means]) / len(cells)
+    first = int(cells[0][0])
+    where = (int(observed.leg[first]), int(observed.axis[first]), float(observed.station[first]))
+    for level, (rows, weight) in zip(levels, means, strict=True):
+        terms = np.concatenate([rows, every]), np.concatenate([weight, -all_weights])
+        yield (*where, False, level, CONTACT), terms
 
 
 def _over_plane(observed: Observations, members: NDArray[np.intp]) -> Iterable[tuple[Key, Terms]]:
@@ -170,10 +215,15 @@ def _order_of_11(geometry: Geometry, key: Key) -> tuple[float, ...]:
 def _names(geometry: Geometry, keys: list[Key]) -> Iterable[str]:
     """Names in the order of the keys; the first station of a leg and axis keeps the short names."""
     stations: dict[tuple[int, int], float] = {}
-    for leg, axis, station, over, (level, *more), (reference, *_) in keys:
+    for leg, axis, station, over, (level, *more), of_reference in keys:
         if leg == TOOL:
-            yield f"{LEG_NAMES[axis]}({', '.join(f'{v:g}' for v in (level, *more))})"
+            parts, decimals = [level, *more], 3
+            if of_reference == CONTACT:  # as rings and firmware have them, however steps round
+                parts, decimals = [v for k, v in enumerate(parts) if k != axis], 1
+            place = ", ".join(f"{round(v, decimals) + 0.0:g}" for v in parts)
+            yield f"{LEG_NAMES[axis]}({place})"
             continue
+        (reference,) = of_reference
         short = f"{LEG_NAMES[axis]}_{LEG_NAMES[leg]}"
         at_station = f"{OVER_PLANE}{station!r}"
         if not over:

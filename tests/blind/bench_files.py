@@ -48,7 +48,7 @@ def write_session(made: Made, path: Path, machine: Path | None = None) -> None:
     try:
         with contextlib.redirect_stderr(io.StringIO()):
             import_table(
-                table,
+                [table],
                 path,
                 machine=str(machine) if machine else None,
                 resolution=made.resolution_mm,

@@ -176,7 +176,7 @@ def scored(case: Case, seed: int, folder: Path, spread_mm: float = LENGTH_SPREAD
     table, session = folder / f"{case.session}.csv", folder / f"{case.session}.jsonl"
     table.write_text(made.table, encoding="utf-8")
     with contextlib.redirect_stderr(io.StringIO()):
-        import_table(table, session, machine=None, resolution=made.resolution_mm)
+        import_table([table], session, machine=None, resolution=made.resolution_mm)
     solved = solve_files([session])
     entered_mm = np.array(solved.joint_offsets_mm)
     stated_mm, uncertainty_mm = parameters_mm(solved.corrections.posterior)

@@ -90,3 +90,29 @@ def table(hidden: Hidden, seed: int, scatter_mm: float = 0.002) -> str:
         x, y, z = place
         lines.append(f"{x:.3f},{y:.3f},{z:.3f},{shown:.3f},{cycle},{SECONDS * number:.1f}")
     return "\n".join(lines) + "\n"
+
+
+def touched(hidden: Hidden, across: FloatArray, height_mm: float = 0.0) -> FloatArray:
+    """Where the controller is, over ``(2,)``, as the tool is so high, mm: to rounding.
+
+    Sent a millimetre lower the tool goes lower by that but for some thousandths.
+    """
+    place, down = np.array([*across, height_mm]), -np.ones(3)
+    for _ in range(8):
+        place[2] -= tool(hidden, place, down)[2] - height_mm
+    assert abs(tool(hidden, place, down)[2] - height_mm) < 1e-9
+    return place
+
+
+def contacts(
+    hidden: Hidden, seed: int, scatter_mm: float = 0.005, decimals: int = 4, cycles: int = 3
+) -> str:
+    """A table of contacts with the plate: where the controller was as the tool met it."""
+    generator = np.random.default_rng(seed)
+    lines = ["x_mm,y_mm,z_mm,height_mm,cycle"]
+    met = {place[:2].tobytes(): touched(hidden, place[:2]) for _, place in places(1)}
+    for cycle, place in places(cycles):
+        x, y, z = met[place[:2].tobytes()]
+        z += generator.normal(scale=scatter_mm)
+        lines.append(f"{x:.3f},{y:.3f},{z:.{decimals}f},0,{cycle}")
+    return "\n".join(lines) + "\n"

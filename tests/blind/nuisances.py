@@ -244,7 +244,7 @@ def posterior_of(table: str, resolution_mm: float | None) -> Posterior:
     with tempfile.TemporaryDirectory() as name, contextlib.redirect_stderr(io.StringIO()):
         written, session = Path(name, "table.csv"), Path(name, "session.jsonl")
         written.write_text(table, encoding="utf-8")
-        import_table(written, session, machine=None, resolution=resolution_mm)
+        import_table([written], session, machine=None, resolution=resolution_mm)
         sessions, _ = load_sessions([session])
     (session_read,) = sessions
     return posterior([case_of(session_read, Model(session_read.opened.machine.geometry()))])

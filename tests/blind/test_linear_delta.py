@@ -26,7 +26,7 @@ HIDDEN = {
 def diagnosed(folder: Path, hidden: Hidden, seed: int) -> Diagnosis:
     source, path = folder / "blind.csv", folder / "blind.jsonl"
     source.write_text(table(hidden, seed), encoding="utf-8")
-    import_table(source, path, machine="linear-delta", resolution=0.001)
+    import_table([source], path, machine="linear-delta", resolution=0.001)
     return diagnose_files([path]).diagnosis
 
 

@@ -35,7 +35,7 @@ def answers(table: str, resolution_mm: float | None) -> list[Answer]:
     with tempfile.TemporaryDirectory() as name, contextlib.redirect_stderr(io.StringIO()):
         written, session = Path(name, "table.csv"), Path(name, "session.jsonl")
         written.write_text(table, encoding="utf-8")
-        import_table(written, session, machine=None, resolution=resolution_mm)
+        import_table([written], session, machine=None, resolution=resolution_mm)
         solved = solve_files([session])
         posterior = solved.corrections.posterior
     likely = [*posterior.mistakes.items(), *posterior.places.items()][:MOST_TOLD]

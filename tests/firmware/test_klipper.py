@@ -1,4 +1,4 @@
-"""Exported files judged by Klipper's own kinematics, on a true machine of our own."""
+"""Files for and from a printer judged by Klipper's own kinematics, on a true machine of our own."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from protocols.printers.imported import imported_printer
 from tests.app.cli import glidecal
 from tests.app.exports.test_towers import (
     ANGLES,
@@ -25,6 +26,14 @@ from tests.app.exports.test_towers import (
     rms,
 )
 from tests.firmware.klipper import STEP_MM, kinematics_of, need_klipper
+from tests.protocols.printers.printers import (
+    OLD_ARM,
+    PRINTER,
+    arms_saved,
+    rings,
+    saved,
+    steppers,
+)
 
 MIDDLE = np.zeros(3)
 NOW = f"[printer]\nkinematics: delta\ndelta_radius: {RADIUS}\n" + "".join(
@@ -67,3 +76,32 @@ def test_klipper_moves_the_true_machine_nearer_with_the_height_kept(tmp_path: Pa
     raised = OFF_IN_ALL.tool(told(MIDDLE))[2] - OFF_IN_ALL.tool(now(MIDDLE))[2]
     assert raised == pytest.approx(0.0, abs=0.05)
     assert rms(errors(OFF_IN_ALL, told)) < rms(errors(OFF_IN_ALL, now))
+
+
+def test_stable_positions_are_imported_as_klipper_reads_them(tmp_path: Path) -> None:
+    """Its own steps for places near the plate, written as it saves them, come back as the places.
+
+    A saved block of a wrong arm above it: what Klipper itself computes with decides.
+    """
+    calibration = kinematics_of(NOW).get_calibration()
+    places = [(x, y, 0.1 * k - 0.3) for k, (x, y) in enumerate(rings(7))]
+    lines = [*arms_saved(), "[delta_calibrate]"]
+    for number, place in enumerate(places):
+        steps = "%.3f,%.3f,%.3f" % tuple(calibration.calc_stable_position(place))  # noqa: UP031
+        lines += [f"height{number} = 0.25", f"height{number}_pos = {steps}"]
+    path = tmp_path / "printer.cfg"
+    path.write_text(PRINTER + steppers(OLD_ARM) + saved(lines), encoding="utf-8")
+    found = imported_printer([path], "test")
+    for contact, place in zip(found.contacts, places, strict=True):
+        (steps_text,) = [line.split("= ")[1] for line in lines if _of(contact.text, line)]
+        by_klipper_mm = calibration.get_position_from_stable(
+            [float(step) for step in steps_text.split(",")]
+        )
+        assert contact.position_mm == pytest.approx(by_klipper_mm, abs=1e-9)
+        assert contact.position_mm == pytest.approx(place, abs=1e-4)
+        assert contact.value_mm == 0.25
+
+
+def _of(text: str, line: str) -> bool:
+    """Whether a line of the saved block is that of a contact's steps."""
+    return line.startswith(text.split(":")[0] + "_pos")

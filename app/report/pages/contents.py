@@ -186,6 +186,7 @@ def _sessions(sessions: Sequence[Session]) -> list[Table]:
         return [*_sessions(sessions[:BESIDE]), *_sessions(sessions[BESIDE:])]
     table = new_table("session", *(one.name for one in sessions), left=1 + len(sessions))
     opened = [session.opened for session in sessions]
+    contacts = all(session.of_contacts for session in sessions)
     rows: dict[str, list[str]] = {
         "origin": [one.origin for one in opened],
         "began": [f"{one.at:%Y-%m-%d %H:%M %Z}" for one in opened],
@@ -194,9 +195,11 @@ def _sessions(sessions: Sequence[Session]) -> list[Table]:
             "" if one.temperature_c is None else f"{one.temperature_c:g} °C" for one in opened
         ],
         "procedure": [one.procedure.name if one.procedure else "" for one in opened],
-        "indicators": ["\n".join(map(indicator_words, one.instruments)) for one in opened],
+        "probe" if contacts else "indicators": [
+            "\n".join(map(indicator_words, one.instruments)) for one in opened
+        ],
         "measured with": [one.program for one in opened],
-        "readings that count": [
+        "contacts that count" if contacts else "readings that count": [
             f"{len(one.readings)} of {len(one.all_readings)}" for one in sessions
         ],
         "SHA-256 of the last line": [one.digest for one in sessions],
@@ -396,7 +399,9 @@ def _readings(session: Session) -> Section:
         mounts = ", ".join(dict.fromkeys(one.mount for one in taken.values()))
         shown = [signed(taken[axis].value_mm, 4) if axis in taken else "" for axis in axes]
         table.add_row(numbers, mounts, place, station, *shown, *others)
-    return Section(f"Readings of {session.name}", [table])
+    return Section(
+        f"{'Contacts' if session.of_contacts else 'Readings'} of {session.name}", [table]
+    )
 
 
 def _state(session: Session, reading: Reading) -> str:

@@ -77,28 +77,39 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
         )
 
 
+def taken_word(solved: SessionSolution) -> str:
+    """One thing that was measured."""
+    return "contact" if solved.of_contacts else "reading"
+
+
+def gauge_word(solved: SessionSolution) -> str:
+    """What measured it."""
+    return "probe" if solved.of_contacts else "indicator"
+
+
 def _of_noise(solved: SessionSolution) -> Iterator[str]:
     """No noise at all, indicators with more of it, drift."""
     noise = solved.solution.noise
     if noise.standard_deviation_mm < LEAST_NOISE_MM:
         yield (
-            "WARNING: these readings show no noise, so the uncertainties are only rounding. "
-            "State the resolution and repeatability of the indicators."
+            f"WARNING: these {taken_word(solved)}s show no noise, so the uncertainties are only "
+            f"rounding. State the resolution and repeatability of the {gauge_word(solved)}s."
         )
     if solved.noisy:
         shown = "; ".join(map(_noisy, solved.noisy[:MOST_NAMED]))
         rest = len(solved.noisy) - MOST_NAMED
         yield (
-            f"NOTE: the indicators scatter differently: {shown}"
+            f"NOTE: the {gauge_word(solved)}s scatter differently: {shown}"
             f"{f'; {rest} more' if rest > 0 else ''}; the others "
             f"{uncertain(math.sqrt(noise.quiet_mm2), 4)} mm. Each is weighted by its own scatter. "
             "Check the one that scatters most."
         )
     if noise.cycle_drift_mm is not None:
         yield (
-            "NOTE: the readings drift from cycle to cycle by "
+            f"NOTE: the {taken_word(solved)}s drift from cycle to cycle by "
             f"{uncertain(noise.cycle_drift_mm)} mm r.m.s. This is not counted as noise, but drift "
-            "within a cycle is part of the differences. Is the machine warm? Is the stand firm? "
+            "within a cycle is part of the differences. Is the machine warm? Is the "
+            f"{'probe' if solved.of_contacts else 'stand'} firm? "
             "glidecal diagnose looks for drift."
         )
 
@@ -134,17 +145,17 @@ def _of_readings(solved: SessionSolution) -> Iterator[str]:
     for suspect in solved.suspects[:MOST_NAMED]:
         r = suspect.reading
         yield (
-            f"SUSPECT: reading {r.reading} of {suspect.session} ({_place(r)}, cycle {r.cycle}) is "
-            f"{signed(suspect.studentised, 1)} standard deviations from its repeats. It is "
-            "used. Measure it again."
+            f"SUSPECT: {taken_word(solved)} {r.reading} of {suspect.session} ({_place(r)}, "
+            f"cycle {r.cycle}) is {signed(suspect.studentised, 1)} standard deviations from its "
+            "repeats. It is used. Measure it again."
         )
     yield from _more("SUSPECT", len(solved.suspects) - MOST_NAMED)
     for one in solved.isolated[:MOST_NAMED]:
         numbers = ", ".join(str(reading.reading) for reading in one.readings)
         yield (
-            f"NOT USED: reading {numbers} of {one.session} ({_place(one.readings[0])}) is alone "
-            "with its zero: without a second posture it gives no difference. Measure at least two "
-            "postures between two breaks."
+            f"NOT USED: {taken_word(solved)} {numbers} of {one.session} "
+            f"({_place(one.readings[0])}) is alone with its zero: without a second posture it "
+            "gives no difference. Measure at least two postures between two breaks."
         )
     yield from _more("NOT USED", len(solved.isolated) - MOST_NAMED)
 
@@ -166,7 +177,7 @@ def _of_the_measurement(solved: SessionSolution) -> Iterator[str]:
     if solved.solution.noise.repeated == "equal" and step_mm:
         yield (
             f"NOTE: all repeats agree to the last digit, {step_mm:g} mm. They do not show how much "
-            "the readings scatter, and more of them would not make the result better."
+            f"the {taken_word(solved)}s scatter, and more of them would not make the result better."
         )
     in_place = solved.reading_count - len(solved.visits)
     if in_place:
@@ -189,9 +200,9 @@ def _of_residuals(solved: SessionSolution) -> Iterator[str]:
     solution = solved.solution
     if solution.noise.source == "residuals":
         yield (
-            "NOTE: there are no repeats and no stated figures of the indicator, so the residual is "
-            "taken as noise and cannot show whether the model fits. Measure more cycles, or import "
-            "with --resolution and --repeatability."
+            f"NOTE: there are no repeats and no stated figures of the {gauge_word(solved)}, so the "
+            "residual is taken as noise and cannot show whether the model fits. Measure more "
+            "cycles, or import with --resolution and --repeatability."
         )
     elif solution.lack_of_fit is None:
         yield "NOTE: no degree of freedom is left, so the fit of the model cannot be checked."

@@ -60,8 +60,8 @@ LOOKING = "Looking for what is missing …"
 NOT_YET = "The diagnosis is not ready yet."
 NOTHING_FOUND = "There is no diagnosis, so there is nothing to adopt, write or copy."
 NOTHING_NAMED = (
-    "Nothing to adopt: the diagnosis names no effect of the machine or its indicators, and the "
-    "rest follows no simple pattern."
+    "Nothing to adopt: the diagnosis names no effect of the machine or of what measured it, and "
+    "the rest follows no simple pattern."
 )
 NO_NEXT = "No measurement is proposed: there are no two effects that one would decide between."
 CORRECT = "correct"
@@ -145,7 +145,7 @@ def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
 def _next(diagnosed: SessionDiagnosis) -> str:
     """What to do with such a verdict."""
     found = diagnosed.diagnosis
-    said = "page 2 shows where the gap lies. Look at the machine and the stand there."
+    said = "page 2 shows where the gap lies. Look at the machine and the set-up there."
     if mistakes_of(diagnosed):
         said = "A writes a corrected session, without the mistakes, and diagnoses that."
     elif found.verdict == "agrees":

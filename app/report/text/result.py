@@ -11,7 +11,13 @@ from rich.table import Table
 
 from app.evaluating.comparison import Comparison
 from app.evaluating.solution import SessionSolution
-from app.report.text.caveats import UNKNOWN_HOME_OFFSET, caveats, caveats_of_view
+from app.report.text.caveats import (
+    UNKNOWN_HOME_OFFSET,
+    caveats,
+    caveats_of_view,
+    gauge_word,
+    taken_word,
+)
 from app.report.text.correction import (
     FRAME_WORDS,
     SUBSET_WORDS,
@@ -33,7 +39,6 @@ from app.report.text.tables import (
     uncertain,
 )
 from calib.identify.solution import SUBSETS, Solution
-from calib.noise.reading import Noise
 from protocols.machine import Instrument
 from protocols.session import Session
 
@@ -62,7 +67,7 @@ def entered_parts(solved: SessionSolution) -> list[str | Table]:
     correction = solved.correction
     return [
         f"{', '.join(solved.names)}: values to enter in the controller, "
-        f"{FRAME_WORDS[correction.frame]}, {solved.reading_count} readings",
+        f"{FRAME_WORDS[correction.frame]}, {solved.reading_count} {taken_word(solved)}s",
         "\n".join(warning_lines(solved, correction)),
         correction_table(correction),
         bound_table(correction),
@@ -100,7 +105,8 @@ def _measured_words(session: Session) -> str:
     words += [f"by {opened.operator}"] if opened.operator else []
     words += [] if opened.temperature_c is None else [f"at {opened.temperature_c:g} °C"]
     indicators = dict.fromkeys(map(indicator_words, opened.instruments))
-    return f"{' '.join(words)}; {', '.join(indicators) or 'indicators not named'}."
+    unnamed = "contacts" if session.of_contacts else "indicators not named"
+    return f"{' '.join(words)}; {', '.join(indicators) or unnamed}."
 
 
 def indicator_words(one: Instrument) -> str:
@@ -124,17 +130,18 @@ def verdict_words(solved: SessionSolution) -> str:
     """How well the parameters of the view are known, and what that is at legs, a line each."""
     solution = solved.solution
     return (
-        f"{_known_words(solution)}\n"
+        f"{_known_words(solved)}\n"
         f"{'Tool' if solved.reads_tool else 'Leg'} deviations {solution.rms_before_mm:.4f} → "
         f"{solution.rms_after_mm:.4f} mm r.m.s."
     )
 
 
-def _known_words(solution: Solution) -> str:
+def _known_words(solved: SessionSolution) -> str:
     """What is known to how much; of joint offsets often only how they differ from the bars."""
-    source = "95 %, reading noise only"
+    solution = solved.solution
+    source = f"95 %, {taken_word(solved)} noise only"
     if solution.subset == "with-tolerances":
-        source = "95 %, reading noise and tolerances of the parts"
+        source = f"95 %, {taken_word(solved)} noise and tolerances of the parts"
     elif solution.noise.source == "residuals":
         source = "95 %, residual taken as noise"
     whole = uncertain(float(solution.expanded_with_tolerances_mm.max()))
@@ -202,15 +209,16 @@ def subset_table(solved: SessionSolution) -> Table:
 def noise_words(solved: SessionSolution) -> str:
     """Where the noise figure comes from, and the parameters known least independently."""
     solution, noise = solved.solution, solved.solution.noise
-    mean = "" if noise.pooled else " r.m.s. over the indicators"
+    mean = "" if noise.pooled else f" r.m.s. over the {gauge_word(solved)}s"
     value, first, second = solution.strongest_correlation or (0.0, "", "")
     shown = signed(value, 2)
     correlation = f"strongest correlation {shown}, {first} and {second}."
     if float(shown) == 0.0:
         correlation = "no correlation to state."
     return (
-        f"Noise of a single reading {uncertain(noise.standard_deviation_mm, 4)} mm{mean}, "
-        f"{_source_words(noise)}{_display_words(solved.display_found_mm)}.\n"
+        f"Noise of a single {taken_word(solved)} "
+        f"{uncertain(noise.standard_deviation_mm, 4)} mm{mean}, "
+        f"{_source_words(solved)}{_display_words(solved.display_found_mm)}.\n"
         f"Coverage factor {solution.coverage_factor:.3f}; condition number "
         f"{solution.condition_number:.1f}; {correlation}"
     )
@@ -221,7 +229,8 @@ def _display_words(step_mm: float | None) -> str:
     return f"; display step {step_mm:g} mm, found in the values" if step_mm else ""
 
 
-def _source_words(noise: Noise) -> str:
+def _source_words(solved: SessionSolution) -> str:
+    noise = solved.solution.noise
     free = noise.degrees_of_freedom
     degrees = "" if math.isinf(free) else f", {free_words(free)}"
     if noise.source == "repeats":
@@ -232,7 +241,7 @@ def _source_words(noise: Noise) -> str:
         return f"mostly rounding of the display{degrees}"
     if noise.repeated == "equal":
         return "from resolution and repeatability as stated or seen in the digits"
-    return "from the indicator's stated resolution and repeatability"
+    return f"from the {gauge_word(solved)}'s stated resolution and repeatability"
 
 
 DECISION_WORDS = {"pass": "passes", "fail": "fails", "undecided": "cannot be decided"}

@@ -34,6 +34,7 @@ from calib.tripod.effects.gauges import (
     GaugeHysteresis,
     GaugeTilt,
     PlateTilt,
+    TiltOfTouchedPlate,
     TipOnRoundBar,
 )
 
@@ -52,6 +53,7 @@ CATALOGUE: tuple[Effect, ...] = (
     GaugeGain(),
     GaugeTilt(),
     PlateTilt(),
+    TiltOfTouchedPlate(),
     DriftWithTime(),
     DriftWithTemperature(),
 )

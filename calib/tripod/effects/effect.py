@@ -158,8 +158,9 @@ PER_THOUSAND = 1e-3
 
 
 def mounts(taken: Conditions) -> tuple[str, ...]:
-    """Leg and measuring axis of every kind of mounting there is."""
-    found = set(zip(taken.leg.tolist(), taken.axis.tolist(), strict=True))
+    """Leg and measuring axis of every kind of mounting of an indicator; a contact has none."""
+    read = ~taken.contact
+    found = set(zip(taken.leg[read].tolist(), taken.axis[read].tolist(), strict=True))
     return tuple(place for place in DIRECTIONS + AT_TOOL if numbers(place) in found)
 
 
@@ -180,9 +181,10 @@ def travel_mm(flow: Flow, leg: int) -> FloatArray:
 
 
 def at_mount(flow: Flow, place: str) -> FloatArray:
-    """1 for the readings of this leg and measuring axis, 0 for others ``(n,)``."""
-    leg, axis = numbers(place)
-    return np.asarray((flow.taken.leg == leg) & (flow.taken.axis == axis), dtype=np.float64)
+    """1 for the readings of this leg and measuring axis, 0 for others and contacts ``(n,)``."""
+    (leg, axis), taken = numbers(place), flow.taken
+    read = (taken.leg == leg) & (taken.axis == axis) & ~taken.contact
+    return np.asarray(read, dtype=np.float64)
 
 
 def hours(taken: Conditions) -> FloatArray:

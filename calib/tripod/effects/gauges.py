@@ -1,4 +1,7 @@
-"""Effects of indicators and stands; ``"xy"`` measures y on leg x, ``"tz"`` the tool along z."""
+"""Effects of indicators, stands and plates.
+
+``"xy"`` measures y on leg x, ``"tz"`` the tool along z.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ from calib.tripod.effects.effect import (
     numbers,
     on_legs,
 )
-from calib.tripod.pipeline import Flow, moved_along
+from calib.tripod.pipeline import Flow, measuring_directions, moved_along
 
 PERCENT = 1e-2
 
@@ -95,6 +98,27 @@ class PlateTilt(OfTouch):
         first, second = (k for k in range(3) if k != numbers(at.place)[1])
         way = at.values[0] * at.stage_input[..., first] + at.values[1] * at.stage_input[..., second]
         return PER_THOUSAND * way
+
+
+@dataclass(frozen=True)
+class TiltOfTouchedPlate(PlateTilt):
+    """The same of the plate that the tool meets in contacts: nothing of an indicator."""
+
+    id = "plate_tilt"
+    title = "the plate that the tool meets is askew"
+    kind = Kind.MACHINE
+    controller = "nothing to enter: level the plate"
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """The tool along every coordinate that it met a plate along."""
+        return tuple(f"t{LEG_NAMES[axis]}" for axis in np.unique(taken.axis[taken.contact]))
+
+    def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
+        """Touched points ``(..., n, 3)``."""
+        taken = at.flow.taken
+        met = taken.contact & (taken.axis == numbers(at.place)[1])
+        along = measuring_directions(at.flow.geometry, taken)
+        return np.asarray((off_mm * met)[..., None] * along)
 
 
 @dataclass(frozen=True)

@@ -217,7 +217,7 @@ def test_one_posture_is_refused(tmp_path: Path, samples: Path) -> None:
     session = part_of_experiment_2(tmp_path, samples, "displacement_mm", "0")
     message = refused(5, "diagnose", session)
     assert "no two postures of one mounting" in message
-    assert "Move the machine and read the indicator again" in message
+    assert "Move the machine and measure again" in message
 
 
 def test_without_any_noise_no_chance_is_told(tmp_path: Path, samples: Path) -> None:

@@ -14,12 +14,15 @@ from tests.conftest import ROOT
 
 GOLDEN = ROOT / "tests" / "golden"
 SAMPLE = "sample_sessions/experiment_2_twelve.jsonl"
+CONTACTS = "sample_sessions/every_schema/4/contacts.jsonl"
 TEXTS: dict[str, tuple[str, ...]] = {
     "solve_linear": ("solve", SAMPLE, "--method", "linear", "--subset", "joint-offsets"),
     "solve_both": ("solve", SAMPLE, "--method", "linear", "--subset", "both"),
     "solve_exact": ("solve", SAMPLE),
     "solve_six": ("solve", "sample_sessions/experiment_1_six.jsonl", "--method", "linear"),
     "replay": ("replay", "sample_sessions/experiment_3_twelve.jsonl", "--headless"),
+    "solve_contacts": ("solve", CONTACTS),
+    "diagnose_contacts": ("diagnose", CONTACTS),
     **{
         f"macro_{dialect}": ("run", "--dry-run", "--machine", "linear-delta", "--macro", dialect)
         for dialect in ("klipper", "reprapfirmware", "marlin")

@@ -58,11 +58,16 @@ def on_plate() -> Conditions:
 
 TAKEN = walked()
 PLATE = on_plate()
+CONTACTS = replace(PLATE, contact=np.ones(len(PLATE), dtype=np.bool_))
 
 EVERY = (*CATALOGUE, *BESIDE_CATALOGUE)
 SETTINGS = [
     pytest.param(known, geometry, taken, id=f"{known.id}-{known.parameters[0].name}-{name}")
-    for name, geometry, taken in (("legs", Geometry(), TAKEN), ("plate", DELTA, PLATE))
+    for name, geometry, taken in (
+        ("legs", Geometry(), TAKEN),
+        ("plate", DELTA, PLATE),
+        ("contacts", DELTA, CONTACTS),
+    )
     for known in effects_of(EVERY, geometry)
     if known.places(taken)
 ]
@@ -100,7 +105,8 @@ def at(leg: int, axis: int, *displacements: float, approach: float = 1.0) -> Con
 def test_the_catalogue_holds_the_ids_of_the_contract() -> None:
     contract = """axis_squareness axis_offset straightness actuator_scale actuator_cyclic backlash
         leg_length gravity_sag thermal_drift leg_taper leg_bow gauge_gain gauge_tilt"""
-    assert set(contract.split()) == {known.id for known in CATALOGUE}
+    beside = {"plate_tilt"}  # of contacts, which the contract did not know yet
+    assert set(contract.split()) | beside == {known.id for known in CATALOGUE}
     assert not {known.id for known in CATALOGUE} & {known.id for known in BESIDE_CATALOGUE}
     for known in EVERY:
         assert known.title
@@ -578,3 +584,24 @@ def test_every_effect_says_what_to_do() -> None:
         place = "xy" if effect.stage != Stage.ACTUATOR else "x"
         (said,) = remedies([EffectInstance(effect, place, (1.0,) * len(effect.parameters))])
         assert "{" not in said, effect.id
+
+
+def test_an_indicator_has_no_law_for_contacts_and_changes_none() -> None:
+    """A gain of 100 % leaves the height of a contact as it is; with an indicator it doubles."""
+    ids = {known.id for known in effects_of(EVERY, DELTA) if known.places(CONTACTS)}
+    assert "plate_tilt" in ids
+    assert not ids & {"gauge_gain", "gauge_tilt", "gauge_hysteresis", "stand_drift"}
+    gain = EffectInstance(effect("gauge_gain"), "tz", (100.0,))
+    model = Model(DELTA, OFF)
+    with_gain = replace(model, effects=(gain,))
+    assert with_gain.readings(CONTACTS) == pytest.approx(model.readings(CONTACTS), abs=1e-12)
+    assert with_gain.readings(PLATE) == pytest.approx(2.0 * model.readings(PLATE), abs=1e-9)
+
+
+def test_a_plate_that_falls_towards_x_is_further_from_the_tool_there() -> None:
+    tilt = EffectInstance(effect("plate_tilt"), "tz", (3.0, 0.0))
+    place = [[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [0.0, 50.0, 0.0]]
+    taken = tool_conditions(place)
+    taken = replace(taken, contact=np.ones(3, dtype=np.bool_))
+    height = replace(Model(DELTA), effects=(tilt,)).readings(taken)
+    assert height == pytest.approx([0.0, 0.150, 0.0], abs=1e-9)

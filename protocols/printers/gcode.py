@@ -1,0 +1,73 @@
+"""Lines of G-code: a command and its words, in configurations and as firmware repeats them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.errors import RecordError
+
+Texts = list[tuple[Path, str]]
+"""Files in the order in which they were named, each with its text."""
+
+NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)"
+COMMAND = re.compile(r"(?:^|[\s:])([GM]\d+)(?![\d.])((?:\s+[A-Z][^\s;]*)*)\s*(?:;.*)?$")
+WORD = re.compile(rf"([A-Z])({NUMBER}(?::{NUMBER})*)?")
+PREFIX = re.compile(r"^(?:[\d:. ]+ : )?(?:Recv: |<<< |< )?(?:echo:)?\s*")
+"""What hosts and firmware write before a line: a time, who said it, ``echo:``."""
+
+
+@dataclass(frozen=True)
+class CodeLine:
+    """A command with its words, where it stands, and as it stands there."""
+
+    path: Path
+    number: int
+    text: str
+    command: str
+    words: dict[str, tuple[float, ...]]
+
+    @property
+    def where(self) -> str:
+        """File and line, for messages."""
+        return f"{self.path.name}, line {self.number}"
+
+    def value(self, letter: str, usual: float = 0.0) -> float:
+        """The one number behind a letter; ``usual`` where the letter is missing.
+
+        Raises RecordError where there are several, or none behind the letter.
+        """
+        numbers = self.words.get(letter)
+        if numbers is None:
+            return usual
+        if len(numbers) != 1 or not math.isfinite(numbers[0]):
+            raise RecordError(
+                f"file of a printer {self.where}", repr(self.text), f"{letter} and a number"
+            )
+        return numbers[0]
+
+
+def commands(texts: Texts, *wanted: str) -> Iterator[CodeLine]:
+    """The lines of these commands in the order of the files; comments and all else are left."""
+    for path, text in texts:
+        for number, raw in enumerate(text.splitlines(), start=1):
+            plain = PREFIX.sub("", raw.split(";", 1)[0]).strip()
+            match = COMMAND.search(plain)
+            if match is None or match[1] not in wanted or not plain.startswith(match[1]):
+                continue
+            words = {}
+            for word in match[2].split():
+                found = WORD.fullmatch(word)
+                numbers = found[2].split(":") if found and found[2] else []
+                words[word[0]] = tuple(float(part) for part in numbers)
+            yield CodeLine(path, number, plain, match[1], words)
+
+
+def lines(texts: Texts) -> Iterator[tuple[str, str]]:
+    """Every line as ``file, line N`` and its text."""
+    for path, text in texts:
+        for number, raw in enumerate(text.splitlines(), start=1):
+            yield f"{path.name}, line {number}", raw.strip()

@@ -1,0 +1,208 @@
+"""Files of a printer's firmware as one session: its machine file, and its contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from calib.errors import RecordError, UsageError
+from calib.tripod.geometry import Geometry
+from protocols.documents import read_text
+from protocols.machine import Instrument, Machine, machine_text
+from protocols.observations import SAME_PLACE_MM
+from protocols.printers import klipper, marlin, repetier, reprapfirmware
+from protocols.printers.gcode import Texts
+from protocols.printers.tower_printer import LARGEST, OFF_PLATE_MM, Contact, Held
+from protocols.procedure import default_mount
+from protocols.session import Opened, Reading
+from protocols.table import is_table
+
+WHAT = "file of a printer"
+BY_HAND = "tool-z, by hand"
+"""Mounting of heights that were measured by hand: a probe trips at a height of its own."""
+
+MOST_REMARKS = 20
+SHOWN = 80
+"""Letters of a line that a message repeats."""
+
+
+@dataclass(frozen=True)
+class ImportedPrinter:
+    """A session to write: its first line, its contacts, the machine file, and what is not used.
+
+    ``machine_file`` is TOML; None where the machine was stated, not read.
+    """
+
+    opened: Opened
+    contacts: tuple[Reading, ...]
+    machine_file: str | None
+    odd: tuple[str, ...]
+
+
+class Dialect(Protocol):
+    """A module that reads files of one firmware."""
+
+    def is_mine(self, text: str) -> bool:
+        """Whether a text has a line that only this firmware has."""
+
+    def held(self, texts: Texts) -> Held:
+        """Geometry and contacts of these files together. Raises RecordError."""
+
+
+DIALECTS: tuple[Dialect, ...] = (klipper, repetier, marlin, reprapfirmware)
+"""Each knows its own texts, and reads several of them together."""
+
+
+def are_of_printer(paths: Sequence[Path]) -> bool:
+    """Whether these are files of a firmware and no table. Raises RecordError for no such file."""
+    if len(paths) > 1:
+        return True
+    if is_table(paths[0]):
+        return False
+    text = read_text(paths[0], WHAT)
+    return any(dialect.is_mine(text) for dialect in DIALECTS)
+
+
+def imported_printer(
+    paths: Sequence[Path],
+    program: str,
+    *,
+    machine: Machine | None = None,
+    resolution_mm: float | None = None,
+    repeatability_mm: float | None = None,
+    remarks: tuple[str, ...] = (),
+) -> ImportedPrinter:
+    """A session of what these files hold, the geometry of one of them or the ``machine``'s.
+
+    ``resolution_mm`` and ``repeatability_mm`` are stated of the probe. Raises RecordError for
+    files without geometry or contacts, UsageError for a machine that is stated and read.
+    """
+    held = _held(paths)
+    if held.printer is not None and machine is not None:
+        raise UsageError(
+            "--machine",
+            f"{machine.name}, beside the geometry in {paths[0]}",
+            "one of both",
+            "Leave it out: the machine file is made of the printer's own numbers.",
+        )
+    if not held.contacts:
+        raise RecordError(
+            f"{WHAT} {paths[0]}",
+            "no contact with the plate",
+            "heights that the firmware saved, or a log of its probe beside it",
+            "Write the places with glidecal plan --macro, run it, and name its log here, too.",
+        )
+    text = None
+    if held.printer is not None:
+        machine = held.printer.machine(held.contacts)
+        names = ", ".join(path.name for path in paths)
+        text = machine_text(
+            machine, (f"Made by glidecal import from {names}. Lengths in mm.", *NOTE)
+        )
+    if machine is None:
+        raise RecordError(
+            f"{WHAT} {paths[0]}",
+            "contacts, and no geometry",
+            "the printer's configuration beside it, or --machine",
+        )
+    _check(paths[0], held.contacts, machine)
+    instrument = Instrument(
+        profile="probe",
+        port=paths[0].name,
+        axes="z",
+        resolution_mm=resolution_mm,
+        repeatability_mm=repeatability_mm,
+    )
+    told = tuple(f"not used: {words}" for words in held.odd[:MOST_REMARKS])
+    opened = Opened(
+        program=program,
+        origin="imported",
+        machine=machine,
+        instruments=(instrument,),
+        remarks=(*remarks, *told),
+    )
+    return ImportedPrinter(opened, _readings(held.contacts), text, held.odd)
+
+
+NOTE = (
+    "What no firmware knows stands here as it is usual for printers: tolerances (standard",
+    "deviations of what is off before calibration), and the box that errors of the tool are",
+    "judged over. Change them as you know better.",
+)
+
+
+def _held(paths: Sequence[Path]) -> Held:
+    """What all files hold together, in the first dialect that knows them all.
+
+    Raises RecordError naming the file that the dialect of the first one does not know.
+    """
+    texts = [(path, read_text(path, WHAT)) for path in paths]
+    knowing = [[dialect.is_mine(text) for _, text in texts] for dialect in DIALECTS]
+    best = max(range(len(DIALECTS)), key=lambda k: sum(knowing[k]))
+    strange = [path for path, mine in zip(paths, knowing[best], strict=True) if not mine]
+    if strange:
+        raise RecordError(
+            f"{WHAT} {strange[0]}",
+            "no geometry and no answer of a probe",
+            "files of one printer: its configuration, a log of its probe",
+        )
+    return DIALECTS[best].held(texts)
+
+
+def _check(path: Path, contacts: Sequence[Contact], machine: Machine) -> None:
+    """Raises RecordError for the first contact that is none of this machine's, with its text."""
+    geometry, allowed = machine.geometry(), "contacts with one plate, of this machine"
+    off_mm = np.array([contact.place_mm[2] - contact.height_mm for contact in contacts])
+    usual_mm = float(np.median(off_mm))
+    for contact, off in zip(contacts, off_mm.tolist(), strict=True):
+        x, y, z = contact.place_mm
+        reached = abs(x) + abs(y) + abs(z) <= LARGEST and _reached(geometry, contact)
+        if not reached or abs(off - usual_mm) > OFF_PLATE_MM:
+            why = f"{abs(off - usual_mm):.3g} mm off the others" if reached else "not reached"
+            raise RecordError(
+                f"{WHAT} {path}",
+                f"{contact.text[:SHOWN]}: the tool at ({x:.6g}, {y:.6g}, {z:.6g}) mm, {why}",
+                allowed,
+                "Are these contacts of another geometry, or in another unit? Take out a place that "
+                "failed.",
+            )
+
+
+def _reached(geometry: Geometry, contact: Contact) -> bool:
+    return bool((geometry.reach_mm2(np.array(contact.place_mm)) > 0.0).all())
+
+
+def _readings(contacts: Sequence[Contact]) -> tuple[Reading, ...]:
+    """Contacts in their order; the same place once more is the next cycle."""
+    visits: list[tuple[float, float, float, int]] = []
+    readings = []
+    for number, contact in enumerate(contacts, start=1):
+        x, y, z = contact.place_mm
+        before = [
+            cycle
+            for at_x, at_y, height, cycle in visits
+            if max(abs(at_x - x), abs(at_y - y)) <= SAME_PLACE_MM and height == contact.height_mm
+        ]
+        cycle = max(before, default=0) + 1
+        visits.append((x, y, contact.height_mm, cycle))
+        readings.append(
+            Reading(
+                reading=number,
+                leg="tool",
+                axis="z",
+                displacement_mm=0.0,
+                position_mm=(x, y, z),
+                value_mm=contact.height_mm,
+                text=contact.text,
+                cycle=cycle,
+                mount=BY_HAND if contact.by == "hand" else default_mount("tool", "z", 0.0),
+                station=0.0,
+                resolution_mm=contact.resolution_mm,
+                contact=True,
+            )
+        )
+    return tuple(readings)

@@ -1,0 +1,343 @@
+"""Klipper: ``printer.cfg`` with what SAVE_CONFIG wrote below it, and what PROBE answers.
+
+A stable position is three numbers of steps below the switches of a, b and c, so it tells the
+heights of the carriages whatever geometry was held then (klippy/extras/delta_calibrate.py):
+position_endstop + sqrt(arm_length^2 - delta_radius^2) - steps x length of a step.
+"""
+
+from __future__ import annotations
+
+import configparser
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import RecordError, UnreachablePosture
+from protocols.documents import MOST_WRITTEN_BYTES, read_text
+from protocols.printers.gcode import Texts
+from protocols.printers.tower_printer import (
+    OFF_PLATE_MM,
+    USUAL_ANGLES_DEG,
+    Contact,
+    Held,
+    Three,
+    TowerPrinter,
+)
+
+SAVED = "#*#"
+SAVED_HEADER = "#*# <---------------------- SAVE_CONFIG ---------------------->"
+STEPPERS = ("stepper_a", "stepper_b", "stepper_c")
+CALIBRATION = "delta_calibrate"
+MOST_HEIGHTS = 999
+MOST_INCLUDES = 100
+FULL_STEPS = 200
+
+NUMBER = r"([+-]?\d+(?:\.\d+)?)"
+PROBED = re.compile(rf"probe: at {NUMBER},{NUMBER} bed will contact at z={NUMBER}", re.ASCII)
+PROBED_BEFORE = re.compile(rf"probe at {NUMBER},{NUMBER} is z={NUMBER}", re.ASCII)
+"""Of programs from before 2025: the place of the tool, and its height as the probe tripped."""
+
+ANSWER = re.compile(r"\bprobe:? at ")
+OF_CALIBRATION = re.compile(r"(manual_height|height|distance)(\d+)(_pos[12]?)?$")
+KNOWN = {"radius", "horizontal_move_z", "speed", "points"}
+"""Keys of ``[delta_calibrate]`` that are no measurement."""
+
+
+def is_config(text: str) -> bool:
+    """Whether a text has the section of a ``printer.cfg`` that tells the kinematics."""
+    return re.search(r"^\[printer\]", text, re.MULTILINE) is not None
+
+
+def is_mine(text: str) -> bool:
+    """Whether a text is a ``printer.cfg``, or has answers of the command PROBE."""
+    return is_config(text) or ANSWER.search(text) is not None
+
+
+@dataclass
+class Config:
+    """Sections of a ``printer.cfg`` with its includes; of a key that is there twice the last."""
+
+    path: Path
+    parser: configparser.RawConfigParser = field(
+        default_factory=lambda: configparser.RawConfigParser(
+            strict=False, inline_comment_prefixes=(";", "#")
+        )
+    )
+    odd: list[str] = field(default_factory=list)
+
+    @classmethod
+    def read(cls, path: Path) -> Config:
+        """Raises RecordError naming the file and what cannot be read of it."""
+        config = cls(path)
+        plain, _, saved = read_text(path, WHAT, MOST_WRITTEN_BYTES).partition(SAVED_HEADER)
+        config._add(path, plain, [path.resolve()])
+        lines = saved.splitlines()
+        strange = [line for line in lines if line.strip() and not line.startswith(SAVED)]
+        if strange:
+            raise RecordError(
+                f"{WHAT} {path}, below the SAVE_CONFIG line",
+                repr(strange[0]),
+                "lines that begin with #*#, as Klipper wrote them",
+                "Klipper does not read this block either: remove the line.",
+            )
+        kept = "\n".join(line.removeprefix(SAVED).removeprefix(" ") for line in lines)
+        config._parse(path, re.sub(r"^DO NOT EDIT.*$", "", kept, flags=re.MULTILINE))
+        return config
+
+    def _add(self, path: Path, text: str, inside: list[Path]) -> None:
+        """A text and, in their places, the files that it includes."""
+        buffered: list[str] = []
+        for line in text.splitlines():
+            include = re.match(r"\[include\s+([^\]]+)\]", line)
+            if include is None:
+                buffered.append(line)
+                continue
+            self._parse(path, "\n".join(buffered))
+            buffered = []
+            self._include(path, include[1].strip(), inside)
+        self._parse(path, "\n".join(buffered))
+
+    def _include(self, path: Path, name: str, inside: list[Path]) -> None:
+        try:
+            found = sorted(path.parent.glob(name))
+        except (ValueError, NotImplementedError):  # nothing, or from the root of the disk
+            found = []
+        if not found:
+            self.odd.append(f"[include {name}] of {path.name}: there is no such file")
+        for each in found:
+            other = each.resolve()
+            if other in inside or len(inside) > MOST_INCLUDES:
+                raise RecordError(f"{WHAT} {path}", f"[include {name}]", "no file inside itself")
+            self._add(each, read_text(each, WHAT, MOST_WRITTEN_BYTES), [*inside, other])
+
+    def _parse(self, path: Path, text: str) -> None:
+        try:
+            self.parser.read_string(text, str(path))
+        except configparser.Error as problem:
+            line = (
+                getattr(problem, "lineno", None)
+                or (getattr(problem, "errors", None) or [[0]])[0][0]
+            )
+            where = f", near line {line}" if line else ""
+            raise RecordError(
+                f"{WHAT} {path}{where}",
+                reason="no section or key, as Klipper has them",
+                next_step="Give the printer.cfg that the printer starts with.",
+            ) from problem
+
+    def number(
+        self, section: str, key: str, usual: float | None = None, *, above: float | None = None
+    ) -> float:
+        """A finite number. Raises RecordError where it is missing, no number, or not above."""
+        what = f"{WHAT} {self.path}, [{section}] {key}"
+        text = self.text(section, key)
+        if text is None:
+            if usual is None:
+                raise RecordError(what, "nothing", "a number", "Add it as the printer has it.")
+            return usual
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value) or (above is not None and value <= above):
+            limit = "" if above is None else f" above {above:g}"
+            raise RecordError(what, repr(text), f"a finite number{limit}")
+        return value
+
+    def text(self, section: str, key: str) -> str | None:
+        """What stands there; None: nothing."""
+        return self.parser.get(section, key, fallback=None)
+
+    def keys(self, section: str) -> Mapping[str, str]:
+        """All keys of a section; none where there is no such section."""
+        return dict(self.parser.items(section)) if self.parser.has_section(section) else {}
+
+
+WHAT = "printer configuration"
+
+
+def held(texts: Texts) -> Held:
+    """Geometry and contacts of one ``printer.cfg`` and logs of PROBE. Raises RecordError."""
+    paths = [path for path, text in texts if is_config(text)]
+    if len(paths) > 1:
+        names = ", ".join(map(str, paths))
+        raise RecordError(WHAT, names, "one printer.cfg; it includes others by itself")
+    config = Config.read(paths[0]) if paths else None
+    of_config = _held_in(paths[0], config) if config else Held(None, ())
+    contacts, odd = [*of_config.contacts], [*of_config.odd]
+    for path, text in texts:
+        if path not in paths:
+            more, strange = _probed(text, config, path.name)
+            contacts += more
+            odd += strange
+    return Held(of_config.printer, tuple(contacts), tuple(odd))
+
+
+def _held_in(path: Path, config: Config) -> Held:
+    """What a ``printer.cfg`` holds. Raises RecordError for a machine without upright towers."""
+    if config.text("printer", "delta_radius") is None:
+        raise RecordError(
+            f"{WHAT} {path}, [printer] kinematics",
+            f"{config.text('printer', 'kinematics') or 'nothing'}, without delta_radius",
+            "kinematics of three upright towers, with delta_radius",
+            "Other printers are not calibrated here.",
+        )
+    printer, step_mm = _printer(path, config)
+    odd = [*config.odd]
+    contacts = tuple(_heights(config, printer, step_mm, odd))
+    return Held(printer, contacts, tuple(odd))
+
+
+def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Three]:
+    radius = config.number("printer", "delta_radius", above=0.0)
+    first_arm = config.number(STEPPERS[0], "arm_length", above=radius)
+    first_stop = config.number(STEPPERS[0], "position_endstop")
+    arms = [config.number(name, "arm_length", first_arm, above=radius) for name in STEPPERS]
+    stops = [config.number(name, "position_endstop", first_stop) for name in STEPPERS]
+    angles = [
+        config.number(name, "angle", usual)
+        for name, usual in zip(STEPPERS, USUAL_ANGLES_DEG, strict=True)
+    ]
+    turns = [_turn_mm(config, name) for name in STEPPERS]
+    steps = [turn / _steps_a_turn(config, name) for turn, name in zip(turns, STEPPERS, strict=True)]
+    printable = config.number("printer", "print_radius", radius, above=0.0)
+    printer = TowerPrinter(
+        f"{WHAT} {path}",
+        path.stem,
+        (arms[0], arms[1], arms[2]),
+        (radius, radius, radius),
+        (stops[0], stops[1], stops[2]),
+        (angles[0], angles[1], angles[2]),
+        printable,
+        turns[0] if len(set(turns)) == 1 else None,
+    )
+    return printer, (steps[0], steps[1], steps[2])
+
+
+def _turn_mm(config: Config, stepper: str) -> float:
+    """Travel of a carriage for one turn of its motor: behind a gear it is less."""
+    if config.text(stepper, "rotation_distance") is None:
+        old = config.text(stepper, "step_distance")
+        raise RecordError(
+            f"{WHAT} {config.path}, [{stepper}] rotation_distance",
+            "nothing" if old is None else f"step_distance: {old}, as Klipper had it before 2021",
+            "the travel for one turn, in mm: without it steps are no length",
+            "Give the printer.cfg that the printer starts with today.",
+        )
+    return config.number(stepper, "rotation_distance", above=0.0) / _gearing(config, stepper)
+
+
+def _gearing(config: Config, stepper: str) -> float:
+    ratio, text = 1.0, config.text(stepper, "gear_ratio") or ""
+    for pair in filter(None, (part.strip() for part in text.split(","))):
+        match = re.fullmatch(rf"{NUMBER}\s*:\s*{NUMBER}", pair)
+        if match is None or not float(match[1]) > 0.0 or not float(match[2]) > 0.0:
+            raise RecordError(
+                f"{WHAT} {config.path}, [{stepper}] gear_ratio", repr(text), "such as 80:16"
+            )
+        ratio *= float(match[1]) / float(match[2])
+    return ratio
+
+
+def _steps_a_turn(config: Config, stepper: str) -> float:
+    full = config.number(stepper, "full_steps_per_rotation", FULL_STEPS, above=0.0)
+    return full * config.number(stepper, "microsteps", above=0.0)
+
+
+def _heights(
+    config: Config, printer: TowerPrinter, step_mm: Three, odd: list[str]
+) -> Iterator[Contact]:
+    """Contacts of the saved block; what is not used of it goes to ``odd``."""
+    keys = config.keys(CALIBRATION)
+    used: set[str] = set()
+    for name in ("height", "manual_height"):
+        for number in range(MOST_HEIGHTS):
+            key = f"{name}{number}"
+            if key not in keys:  # there Klipper stops, too
+                break
+            if f"{key}_pos" not in keys:
+                raise RecordError(
+                    f"{WHAT} {config.path}, [{CALIBRATION}] {key}_pos",
+                    "nothing",
+                    f"three numbers of steps beside {key}",
+                )
+            used |= {key, f"{key}_pos"}
+            yield _contact(config, printer, step_mm, key)
+    distances = sorted(key for key in keys if key.startswith("distance") and "_" not in key)
+    if distances:
+        odd.append(
+            f"[{CALIBRATION}] {distances[0]} … {distances[-1]}: measured distances are not used"
+        )
+    for key in keys:
+        if key in used or key in KNOWN or key.startswith("distance"):
+            continue
+        known = OF_CALIBRATION.match(key)
+        why = "a number before it is missing" if known else "not known"
+        odd.append(f"[{CALIBRATION}] {key}: {why}")
+
+
+def _contact(config: Config, printer: TowerPrinter, step_mm: Three, key: str) -> Contact:
+    where = f"{WHAT} {config.path}, [{CALIBRATION}] {key}_pos"
+    height_mm = config.number(CALIBRATION, key)
+    text = config.text(CALIBRATION, f"{key}_pos") or ""
+    try:
+        steps = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        steps = np.array([math.nan])
+    if steps.shape != (3,) or not np.isfinite(steps).all():
+        raise RecordError(where, repr(text), "three numbers of steps, of a, b and c")
+    by_hand = key.startswith("manual")
+    carriages = printer.switches_mm - steps * np.array(step_mm)
+    try:
+        x, y, z = printer.tool_mm(carriages)
+    except UnreachablePosture as problem:
+        raise _elsewhere(where, text, "the bars do not meet there") from problem
+    if abs(z - height_mm) > OFF_PLATE_MM:
+        raise _elsewhere(where, text, f"the tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm")
+    return Contact(
+        (x, y, z),
+        f"{key}: {height_mm:g}, {key}_pos: {text}",
+        height_mm,
+        max(step_mm),
+        "hand" if by_hand else "probe",
+    )
+
+
+def _elsewhere(where: str, text: str, why: str) -> RecordError:
+    return RecordError(
+        where,
+        f"{text}: {why}",
+        f"a place within {OFF_PLATE_MM:g} mm of the plate",
+        "These contacts are of another geometry: endstops, arms or steps changed since. Run "
+        "DELTA_CALIBRATE again, save, and import that.",
+    )
+
+
+def _probed(text: str, config: Config | None, name: str) -> tuple[list[Contact], list[str]]:
+    """Contacts of a log of PROBE, and lines of it that are like answers and cannot be read.
+
+    The place that is answered is the probe's, beside the tool by the offsets of ``[probe]``; the
+    tool stands its z_offset higher.
+    """
+    x_offset, y_offset, z_offset = (
+        0.0 if config is None else config.number("probe", f"{axis}_offset", 0.0) for axis in "xyz"
+    )
+    contacts, odd = [], []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if match := PROBED.search(line):
+            x, y, z = (float(part) for part in match.groups())
+            place = (x - x_offset, y - y_offset, z + z_offset)
+        elif match := PROBED_BEFORE.search(line):
+            x, y, z = (float(part) for part in match.groups())
+            place = (x, y, z)
+        elif ANSWER.search(line):
+            odd.append(f"{name}, line {number}: {line.strip()!r}: no place of PROBE")
+            continue
+        else:
+            continue
+        contacts.append(Contact(place, match[0], z_offset))
+    return contacts, odd

@@ -1,0 +1,80 @@
+"""Repetier: lines of its EEPROM (M205), and ``Z-probe:`` lines of G29, G33 or G30.
+
+The tower with the most steps of offset trips at the homed height, each other one by the difference
+lower. What a probe line states is how far the tool went down from one height: it met the plate at
+that height less this way, and the height is the same for all.
+"""
+
+from __future__ import annotations
+
+import re
+
+from calib.errors import RecordError
+from protocols.printers.gcode import NUMBER, Texts, lines
+from protocols.printers.tower_printer import Contact, Held, TowerPrinter
+
+NAME = "repetier"
+STORED = re.compile(rf"EPR:\d+ (\d+) ({NUMBER}) ")
+ANSWER = re.compile(rf"Z-probe: ?({NUMBER}) X: ?({NUMBER}) Y: ?({NUMBER})")
+
+STEPS, HEIGHT, ROD, RADIUS, PRINTABLE = 11, 153, 881, 885, 925
+OFFSETS, ANGLES = (893, 895, 897), (901, 905, 909)
+RADII_MORE, RODS_MORE = (913, 917, 921), (933, 937, 941)
+BESIDE = (800, 804)
+PLACES = {
+    **{STEPS: "Steps per mm", HEIGHT: "Z max length", ROD: "Diagonal rod length"},
+    **{RADIUS: "Horizontal rod radius at 0,0"},
+}
+"""Places of the EEPROM that must be there, as they are named beside their values."""
+
+
+def is_mine(text: str) -> bool:
+    """Whether a text has a line that only this firmware has."""
+    return re.search(r"\bEPR:\d+ \d+ |Z-probe: ?[-\d]", text) is not None
+
+
+def held(texts: Texts) -> Held:
+    """Geometry and contacts of these files together. Raises RecordError."""
+    stored: dict[int, float] = {}
+    odd: list[str] = []
+    contacts, first = [], ""
+    for where, text in lines(texts):
+        if match := STORED.search(text):
+            first = first or where
+            stored[int(match[1])] = float(match[2])
+        elif match := ANSWER.search(text):
+            down, x, y = (float(part) for part in match.groups())
+            contacts.append(Contact((x, y, 0.0 - down), match[0], 0.0, 0.001))
+        elif re.search(r"Z-probe: ?\D", text):
+            odd.append(f"{where}: {text!r}: no place of a probe")
+    if any(stored.get(place) for place in BESIDE):
+        odd.append("the probe's offset in X and Y: places are taken as the tool's")
+    return Held(_printer(texts, stored, first), tuple(contacts), tuple(odd))
+
+
+def _printer(texts: Texts, stored: dict[int, float], first: str) -> TowerPrinter | None:
+    if ROD not in stored and RADIUS not in stored and not stored:
+        return None
+    missing = [name for place, name in PLACES.items() if place not in stored]
+    if missing or not stored[STEPS] > 0.0:
+        raise RecordError(
+            f"file of a printer, {first}",
+            f"an EEPROM without {', '.join(missing) or 'steps per mm above 0'}",
+            "the EEPROM of a printer with three upright towers",
+            "Save all that M205 shows.",
+        )
+    rods = [stored[ROD] + stored.get(place, 0.0) for place in RODS_MORE]
+    radii = [stored[RADIUS] + stored.get(place, 0.0) for place in RADII_MORE]
+    usual = zip(ANGLES, (210.0, 330.0, 90.0), strict=True)
+    angles = [stored.get(place, angle) for place, angle in usual]
+    offsets = [stored.get(place, 0.0) / stored[STEPS] for place in OFFSETS]
+    stops = [stored[HEIGHT] + offset - max(offsets) for offset in offsets]
+    return TowerPrinter(
+        f"file of a printer, {first}",
+        texts[0][0].stem,
+        (rods[0], rods[1], rods[2]),
+        (radii[0], radii[1], radii[2]),
+        (stops[0], stops[1], stops[2]),
+        (angles[0], angles[1], angles[2]),
+        stored.get(PRINTABLE),
+    )

@@ -1,0 +1,186 @@
+"""A printer with three upright towers: its machine file, and where its tool met the plate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from pydantic import ValidationError
+
+from calib.arrays import FloatArray
+from calib.errors import RecordError
+from calib.tripod.geometry import trilaterate
+from protocols.documents import Triple, describe
+from protocols.machine import Drive, Machine
+
+USUAL_ANGLES_DEG = (210.0, 330.0, 90.0)
+"""Of the first, second and third tower of printers, from x, anticlockwise."""
+
+OFF_PLATE_MM = 5.0
+"""So far the tool may be above or below its plate in a contact: a machine that is off by more was
+not printing, and its contacts are of another geometry."""
+
+NEAR_REACH = 0.97
+"""Of a bar's length across, beyond which it is too level to place a tool by."""
+
+CLEAR_MM = 10.0
+"""A carriage may go lower than any contact needs by so much."""
+
+LARGEST = 10_000.0
+"""Of lengths in mm, and of angles."""
+
+Three = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Contact:
+    """The tool at ``place_mm``, ``height_mm`` over a plate: measured by a probe, or by hand.
+
+    ``text`` is what the file says; ``resolution_mm`` the step in which places are known.
+    """
+
+    place_mm: Three
+    text: str
+    height_mm: float = 0.0
+    resolution_mm: float | None = None
+    by: Literal["probe", "hand"] = "probe"
+
+
+@dataclass(frozen=True)
+class Held:
+    """What the files of a printer hold: its geometry if they have it, contacts, and odd lines.
+
+    ``odd`` names what looked like geometry or a contact and is not used, with the reason.
+    """
+
+    printer: TowerPrinter | None
+    contacts: tuple[Contact, ...]
+    odd: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class TowerPrinter:
+    """Geometry as firmware has it, tower by tower, mm and degrees from x anticlockwise.
+
+    ``endstop_mm`` are heights of the tool over the middle of the plate at which the switches trip:
+    the carriage is then at that height plus sqrt(length^2 - radius^2). ``printable_mm`` is the
+    radius that the firmware allows, ``turn_mm`` the travel for one turn of a motor; None: not
+    known. ``thing`` is what error messages name.
+    """
+
+    thing: str
+    name: str
+    length_mm: Three
+    radius_mm: Three
+    endstop_mm: Three
+    angle_deg: Three = USUAL_ANGLES_DEG
+    printable_mm: float | None = None
+    turn_mm: float | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        every = (*self.length_mm, *self.radius_mm, *self.endstop_mm, *self.angle_deg)
+        for value in (*every, self.printable_mm or 0.0, self.turn_mm or 0.0):
+            if not abs(value) <= LARGEST:
+                raise RecordError(
+                    self.thing, f"{value:g}", f"lengths in mm and angles, up to {LARGEST:g}"
+                )
+        for length, radius in zip(self.length_mm, self.radius_mm, strict=True):
+            if not 0.0 < radius < NEAR_REACH * length:
+                raise RecordError(
+                    self.thing,
+                    f"bars of {length:g} mm on a radius of {radius:g} mm",
+                    f"a radius above 0 and below {NEAR_REACH:g} of the bars' length",
+                    "Are these bars and a radius, in mm?",
+                )
+
+    @cached_property
+    def towers_mm(self) -> FloatArray:
+        """Where each tower stands ``(3, 3)``, at height 0."""
+        angle, radius = np.radians(self.angle_deg), np.array(self.radius_mm)
+        return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(3)], axis=1)
+
+    @cached_property
+    def _raised_mm(self) -> FloatArray:
+        """Height of each carriage ``(3,)`` over the tool in the middle."""
+        return np.asarray(np.sqrt(np.square(self.length_mm) - np.square(self.radius_mm)))
+
+    @property
+    def switches_mm(self) -> FloatArray:
+        """Height of each carriage ``(3,)`` where its switch trips."""
+        return np.array(self.endstop_mm) + self._raised_mm
+
+    def tool_mm(self, carriage_mm: FloatArray) -> Three:
+        """Where the tool is with carriages at these heights ``(3,)``.
+
+        Raises UnreachablePosture where the bars do not meet.
+        """
+        feet = self.towers_mm + np.asarray(carriage_mm)[:, None] * np.array([0.0, 0.0, 1.0])
+        # the towers stand anticlockwise, as their angles do: then the tool is below this plane
+        first, second = feet[1] - feet[0], feet[2] - feet[0]
+        side = -1.0 if np.cross(first, second)[2] > 0.0 else 1.0
+        x, y, z = trilaterate(feet, np.array(self.length_mm), side).tolist()
+        return x, y, z
+
+    @property
+    def reach_mm(self) -> float:
+        """The radius that is printed on: as stated, but no more than towers and bars allow."""
+        radius = max(self.radius_mm)
+        allowed = min(radius, min(self.length_mm) - radius)
+        return min(self.printable_mm or allowed, allowed)
+
+    def machine(self, contacts: Sequence[Contact]) -> Machine:
+        """The machine file, with travel for these contacts. Raises RecordError."""
+        x, y = (self.towers_mm[:, k].tolist() for k in range(2))
+        lengths = np.array(self.length_mm)
+        half = float(round(0.5 * self.reach_mm))
+        corners = np.array([[a * half, b * half, 0.0] for a in (-1, 1) for b in (-1, 1)])
+        over_corners = self._over_mm(corners)
+        places = np.array([*corners, *(contact.place_mm for contact in contacts)])
+        lowest = self._over_mm(places) + places[:, 2:] - self._raised_mm
+        top = float(math.floor((self.switches_mm - over_corners).min() - 1.0))
+        alike = len(set(self.length_mm)) == 1
+        up: Triple = (0.0, 0.0, 1.0)
+        try:
+            return Machine(
+                name=self.name,
+                leg_length_mm=self.length_mm[0] if alike else float(lengths.mean()),
+                travel_max_mm=float(math.ceil(max(self.endstop_mm))),
+                travel_min_mm=float(math.floor(min(lowest.min(), 0.0) - CLEAR_MM)),
+                workspace_mm=((-half, -half, 0.0), (half, half, max(top, 1.0))),
+                set_at_zero=True,
+                procedure="plate-rings",
+                offset_tolerance_mm=1.0,
+                length_tolerance_mm=0.3,
+                position_endstop_mm=self.endstop_mm,
+                screw_lead_mm=self.turn_mm,
+                drive=(
+                    _drive(x[0], y[0], None if alike else self.length_mm[0], up),
+                    _drive(x[1], y[1], None if alike else self.length_mm[1], up),
+                    _drive(x[2], y[2], None if alike else self.length_mm[2], up),
+                ),
+            )
+        except ValidationError as problem:
+            raise RecordError(
+                self.thing, describe(problem), "the geometry of a printer with three upright towers"
+            ) from problem
+
+    def _over_mm(self, places_mm: FloatArray) -> FloatArray:
+        """Height of carriages over the tool at places ``(n, 3)``: ``(n, 3)``."""
+        across = places_mm[:, None, :2] - self.towers_mm[:, :2]
+        lengths = np.array(self.length_mm)
+        square = (across**2).sum(axis=-1)
+        return np.asarray(np.sqrt(lengths**2 - np.minimum(square, (NEAR_REACH * lengths) ** 2)))
+
+
+def _drive(x_mm: float, y_mm: float, length_mm: float | None, up: Triple) -> Drive:
+    """An upright tower; only its distance from the platform's joint acts: that is at the tool."""
+    return Drive(
+        origin_mm=(round(x_mm, 6) + 0.0, round(y_mm, 6) + 0.0, 0.0),
+        direction=up,
+        leg_length_mm=length_mm,
+    )

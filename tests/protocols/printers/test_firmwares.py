@@ -1,0 +1,288 @@
+"""RepRapFirmware, Marlin and Repetier: lines as they hold and answer them, on a true machine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.evaluating.diagnosis import diagnose_sessions
+from calib.errors import RecordError
+from protocols.machine import load_machine
+from protocols.observations import to_observations
+from protocols.printers import marlin, repetier, reprapfirmware
+from protocols.printers.imported import ImportedPrinter, imported_printer
+from protocols.session import fold
+from tests.app.cli import glidecal
+from tests.app.exports.test_towers import (
+    ANGLES,
+    BAR,
+    BELIEVED,
+    ENDSTOPS,
+    OFF_IN_ALL,
+    RADIUS,
+    Hidden,
+    errors,
+    rms,
+)
+from tests.app.exports.test_towers import marlin as by_marlin
+from tests.app.exports.test_towers import reprapfirmware as by_reprapfirmware
+from tests.protocols.printers.printers import rings, touched_at
+
+PERFECT = Hidden()
+HEIGHT = 300.0
+STOPS = [stop - HEIGHT for stop in ENDSTOPS]
+
+
+def read(folder: Path, *texts: str) -> ImportedPrinter:
+    paths = [folder / f"{number}.g" for number in range(len(texts))]
+    for path, text in zip(paths, texts, strict=True):
+        path.write_text(text, encoding="utf-8")
+    return imported_printer(paths, "test")
+
+
+def words(values: Sequence[float], letters: str = "XYZ") -> str:
+    return " ".join(f"{letter}{value:.3f}" for letter, value in zip(letters, values, strict=True))
+
+
+CONFIG_G = f"""\
+; general
+M550 P"mine"                    ; a name
+M665 L{BAR}:{BAR}:{BAR} R{RADIUS} H{HEIGHT} B100 X0 Y0 Z0 ; as measured
+M666 {words(STOPS)} A0.00 B0.00
+G31 P500 X0 Y0 Z0.25            ; trigger
+"""
+
+
+def g32(hidden: Hidden, cycles: int = 1, trigger_mm: float = 0.25) -> tuple[str, str]:
+    """A macro with its places, and the answers: where the tool was as the probe tripped."""
+    macro = "".join(
+        f"G30 P{k} X{x:.3f} Y{y:.3f} Z-99999{' S-1' if k == 18 else ''}\n"
+        for k, (x, y) in enumerate(rings())
+    )
+    heights = [touched_at(hidden, x, y, trigger_mm)[2] - trigger_mm for x, y in rings()]
+    answer = "G32 bed probe heights: " + " ".join(f"{height:.3f}" for height in heights)
+    lines = f"12:01:02 {answer}, mean 0.001, deviation from mean 0.100\n"
+    return macro, lines * cycles
+
+
+def m503(hidden: Hidden, cycles: int = 1) -> str:
+    """What Marlin shows and answers; its probe is 15 mm beside the tool and trips 2 mm early."""
+    adjusted = [-stop for stop in STOPS]
+    lines = [
+        "echo:; Endstop adjustment:",
+        f"echo:  M666 {words(adjusted)}",
+        f"echo:  M665 L{BAR:.2f} R{RADIUS:.2f} H{HEIGHT:.2f} S200.00 X0.00 Y0.00 Z0.00 "
+        "A0.00 B0.00 C0.00",
+        "echo:  M851 X15.00 Y-5.00 Z-2.00 ; (mm)",
+    ]
+    for _ in range(cycles):
+        for x, y in rings():
+            height = touched_at(hidden, x, y, 2.0)[2] - 2.0
+            lines += ["ok", f"Bed X: {x + 15.0:.2f} Y: {y - 5.0:.2f} Z: {height:.2f}"]
+    return "\n".join(lines) + "\n"
+
+
+EEPROM = {
+    11: (80.0, "Steps per mm"),
+    153: (max(ENDSTOPS), "Z max length [mm]"),
+    881: (BAR, "Diagonal rod length [mm]"),
+    885: (RADIUS, "Horizontal rod radius at 0,0 [mm]"),
+    925: (100.0, "Max printable radius [mm]"),
+    893: (round((ENDSTOPS[0] - 299.0) * 80), "Tower X endstop offset [steps]"),
+    895: (round((ENDSTOPS[1] - 299.0) * 80), "Tower Y endstop offset [steps]"),
+    897: (round((ENDSTOPS[2] - 299.0) * 80), "Tower Z endstop offset [steps]"),
+    901: (210.0, "Alpha A(210):"),
+    905: (330.0, "Alpha B(330):"),
+    909: (90.0, "Alpha C(90):"),
+}
+
+
+def m205(hidden: Hidden, cycles: int = 1, more: str = "") -> str:
+    lines = [f"11:26:45.077 : EPR:3 {k} {value:.3f} {name}" for k, (value, name) in EEPROM.items()]
+    for _ in range(cycles):
+        for x, y in rings():
+            down = 3.0 - touched_at(hidden, x, y)[2]
+            lines.append(f"09:23:25.257 : Z-probe:{down:.3f} X:{x:.2f} Y:{y:.2f}")
+    return "\n".join(lines) + f"\n{more}"
+
+
+@pytest.mark.parametrize("dialect", ["reprapfirmware", "marlin", "repetier"])
+@pytest.mark.parametrize("hidden", [PERFECT, OFF_IN_ALL], ids=["none", "all"])
+def test_geometry_and_contacts_are_what_the_firmware_holds(
+    tmp_path: Path, dialect: str, hidden: Hidden
+) -> None:
+    texts = {
+        "reprapfirmware": (CONFIG_G, *g32(hidden, 2)),
+        "marlin": (m503(hidden, 2),),
+        "repetier": (m205(hidden, 2),),
+    }[dialect]
+    found = read(tmp_path, *texts)
+    machine, far = found.opened.machine, 3.0 if dialect == "repetier" else 0.0
+    assert not found.odd
+    assert machine.leg_length_mm == BAR
+    assert machine.position_endstop_mm == pytest.approx(ENDSTOPS, abs=1e-9)
+    assert machine.drive is not None
+    stand = np.array([drive.origin_mm[:2] for drive in machine.drive])
+    assert np.hypot(*stand.T) == pytest.approx([RADIUS] * 3, abs=1e-5)
+    assert np.degrees(np.arctan2(*stand.T[::-1])) % 360.0 == pytest.approx(ANGLES, abs=1e-4)
+    height = {"reprapfirmware": 0.25, "marlin": 2.0, "repetier": 0.0}[dialect]
+    assert {one.value_mm for one in found.contacts} == {height}
+    assert [one.cycle for one in found.contacts] == [1] * 19 + [2] * 19
+    places = np.array([one.position_mm for one in found.contacts[:19]])
+    want = np.array([touched_at(hidden, x, y, height) for x, y in rings()]) - [0.0, 0.0, far]
+    assert np.abs(places - want).max() < 0.0051
+    observed = to_observations([fold([found.opened, *found.contacts])])
+    assert observed.contact.all()
+    assert len(np.unique(observed.posture)) == 19
+
+
+@pytest.mark.parametrize("dialect", ["reprapfirmware", "marlin"])
+def test_from_files_of_a_printer_to_better_lines(tmp_path: Path, dialect: str) -> None:
+    hidden = Hidden(switch_mm=(0.4, -0.3, 0.2), bar_mm=(0.2, -0.1, 0.0))
+    texts = (CONFIG_G, *g32(hidden, 2)) if dialect == "reprapfirmware" else (m503(hidden, 2),)
+    paths = [tmp_path / f"{number}.g" for number in range(len(texts))]
+    for path, text in zip(paths, texts, strict=True):
+        path.write_text(text, encoding="utf-8")
+    session, machine, out = (tmp_path / name for name in ("s.jsonl", "m.toml", "lines.g"))
+    run = glidecal("import", *paths, "-o", session, "--machine-file-out", machine)
+    assert run.status == 0, run.err
+    assert "38 contacts written" in run.err
+    assert load_machine(machine).position_endstop_mm == pytest.approx(ENDSTOPS)
+    run = glidecal("export", session, "--format", dialect, "-o", out)
+    assert run.status == 0, run.err
+    firmware = {"reprapfirmware": by_reprapfirmware, "marlin": by_marlin}[dialect]
+    before = rms(errors(hidden, BELIEVED))
+    after = rms(errors(hidden, firmware(out.read_text())))
+    assert after < 0.3 * before
+
+
+TEN = (
+    *((0.00, 70.00, 1.860), (60.62, 35.00, 1.650), (60.62, -35.00, 2.327), (0.00, -70.00, 1.553)),
+    *((-60.62, -35.00, 1.247), (-60.62, 35.00, 1.900), (0.00, 35.00, 2.150)),
+    *((30.31, -17.50, 2.303), (-30.31, -17.50, 2.120), (0.00, 0.00, 2.327)),
+)
+"""X, Y and the way down of ten contacts of that printer."""
+
+
+def test_a_real_eeprom_is_the_machine_of_its_owner(tmp_path: Path) -> None:
+    """Figures of a public printer: the tower with most steps trips at the homed height."""
+    stored = {
+        **{11: "100.0000 Steps per mm", 153: "275.380 Z max length [mm]"},
+        **{881: "203.450 Diagonal rod length [mm]", 925: "85.000 Max printable radius [mm]"},
+        **{885: "96.520 Horizontal rod radius at 0,0 [mm]", 893: "0 Tower X endstop offset"},
+        **{895: "53 Tower Y endstop offset [steps]", 897: "171 Tower Z endstop offset [steps]"},
+        **{901: "207.040 Alpha A(210):", 905: "326.630 Alpha B(330):", 909: "90.000 Alpha C(90):"},
+    }
+    lines = [f'"11:26:45.015 : EPR:3 {place} {text}",' for place, text in stored.items()]
+    lines += [f"09:23:25.257 : Z-probe:{down:.3f} X:{x:.2f} Y:{y:.2f}" for x, y, down in TEN]
+    found = read(tmp_path, "\n".join(lines))
+    machine = found.opened.machine
+    assert machine.position_endstop_mm == pytest.approx((273.67, 274.20, 275.38))
+    assert machine.drive is not None
+    stand = np.array([drive.origin_mm[:2] for drive in machine.drive])
+    want = [[-85.969337, -43.879192], [80.607346, -53.09], [0.0, 96.52]]
+    assert stand == pytest.approx(np.array(want), abs=2e-3)
+    assert found.contacts[0].position_mm == (0.0, 70.0, -1.860)
+    # ten contacts of no known noise are no reason for bars of thirty tolerances
+    corrections = diagnose_sessions([fold([found.opened, *found.contacts])]).corrections
+    assert np.abs(corrections.of("kinematics").model.parameters_mm[3:]).max() < 3.0 * 0.3
+    assert corrections.of("offsets").off.bound_mm["touched-off"] < 1.5
+
+
+def test_answers_of_a_printer_win_over_its_configuration(tmp_path: Path) -> None:
+    """M665 and M666 asked for on the printer show what is held now; config.g what it began with."""
+    macro, log = g32(PERFECT)
+    held = (
+        f"Diagonals {BAR:.3f}:{BAR:.3f}:{BAR:.3f}, delta radius {RADIUS:.3f}, homed height "
+        "300.500, bed radius 100.0, X 0.000°, Y 0.000°, Z 0.000°\n"
+        "Endstop adjustments X0.10 Y-0.20 Z0.10, tilt X0.00% Y0.00%\n"
+    )
+    found = read(tmp_path, CONFIG_G, macro, held + log)
+    assert found.opened.machine.position_endstop_mm == pytest.approx((300.6, 300.3, 300.6))
+
+
+ODD_G = "G30 P0 X0 Y0 Z-99999\nG30 P1 X50 Y0 Z0.1\nG30 P2 X0 Y50 Z-99999 S-1\n"
+
+
+@pytest.mark.parametrize(
+    ("texts", "said"),
+    [
+        (
+            (CONFIG_G, ODD_G, "G32 bed probe heights: 0.010 probing failed, mean 0, dev"),
+            "1.g, line 2: 'G30 P1 X50 Y0 Z0.1': no place that is probed | "
+            "2.g, line 1: place 'G30 P2 X0 Y50 Z-99999 S-1': probing failed",
+        ),
+        (
+            (
+                CONFIG_G.replace("A0.00", "A0.50"),
+                "G30 P0 X0 Y0 Z-99999\nG30 P1 X9 Y0 Z-99999 S6\n",
+                "G32 bed probe heights: 0.010 0.020, mean\nG32 bed probe heights: 0.010 0.020, m",
+            ),
+            "the tilt A B of the bed | 2.g, line 2: measured after a calibration",
+        ),
+        (
+            (m503(PERFECT) + "Bed X: nothing\n.Height:300.00  Ex:+0.00\nM206 Z0.5\n",),
+            "'Bed X: nothing': no place of G30 | ",
+        ),
+        (
+            (m205(PERFECT, more="Z-probe: failed\nEPR:3 800 20.0 Z-probe offset x [mm]\n"),),
+            "no place of a probe | the probe's offset in X and Y: places are taken as the tool's",
+        ),
+    ],
+    ids=["entries", "calibrated", "marlin", "repetier"],
+)
+def test_what_is_not_used_is_named(tmp_path: Path, texts: tuple[str, ...], said: str) -> None:
+    found = read(tmp_path, *texts)
+    assert said in " | ".join(found.odd)
+    assert found.opened.remarks == tuple(f"not used: {odd}" for odd in found.odd)
+
+
+MACRO, LOG = g32(PERFECT)
+
+
+@pytest.mark.parametrize(
+    ("texts", "said"),
+    [
+        ((CONFIG_G, LOG), "1 answers of G32 to 0 lists of places G30 P"),
+        ((CONFIG_G, MACRO), "no contact with the plate"),
+        ((CONFIG_G, ODD_G, LOG), "19 heights for 2 places"),
+        ((CONFIG_G.replace(f"R{RADIUS}", ""), MACRO, LOG), "M665 without R"),
+        ((CONFIG_G.replace(f"R{RADIUS}", "R900"), MACRO, LOG), "on a radius of 900 mm"),
+        ((CONFIG_G.replace("H300.0", "H1:2"), MACRO, LOG), "H and a number"),
+        ((MACRO, LOG), "contacts, and no geometry"),
+        ((m503(PERFECT).replace(" H300.00", ""),), "M665 without H"),
+        ((m205(PERFECT).replace("EPR:3 881", "EPR:3 1881"),), "without Diagonal rod length"),
+        ((m205(PERFECT).replace("80.000 Steps", "0 Steps"),), "steps per mm above 0"),
+        ((m503(PERFECT) + "Bed X: 15.0 Y: -5.0 Z: 9.5\n",), "9.5 mm off the others"),
+        ((m503(PERFECT) + "Bed X: 600 Y: 0 Z: 0.1\n",), "not reached"),
+        ((m503(PERFECT) + f"Bed X: {'9' * 400} Y: 0 Z: 0.1\n",), "not reached"),
+        ((m503(PERFECT).replace("L250.00", f"L{'9' * 400}"),), "M665 L"),
+        ((CONFIG_G.replace("X0 Y0 Z0 ;", "X99999 Y0 Z0 ;"), MACRO, LOG), "found 100209"),
+        ((m205(PERFECT).replace("EPR:3 885 124", "EPR:3 885 12400"),), "up to 10000"),
+        ((m503(PERFECT), m205(PERFECT)), "no geometry and no answer of a probe"),
+    ],
+)
+def test_files_that_cannot_be_used(tmp_path: Path, texts: tuple[str, ...], said: str) -> None:
+    with pytest.raises(RecordError) as problem:
+        read(tmp_path, *texts)
+    assert said in " ".join(str(problem.value).split())
+
+
+BEGUN = (CONFIG_G + MACRO, m503(PERFECT), m205(PERFECT))
+ALPHABET = "GM0356 XYZLRHPSB.:-+;echoBdprbiagnlsEPR\n"
+
+
+@given(st.text(alphabet=ALPHABET, max_size=300), st.sampled_from([0, 1, 2]))
+def test_whatever_a_log_holds_is_read_or_refused_in_a_sentence(text: str, which: int) -> None:
+    dialect = (reprapfirmware, marlin, repetier)[which]
+    try:
+        found = dialect.held([(Path("a.g"), BEGUN[which] + text)])
+    except RecordError:
+        return
+    for contact in found.contacts:
+        assert np.isfinite(contact.place_mm).all()

@@ -1,0 +1,314 @@
+"""A printer.cfg as one import: machine file and contacts; what is odd or wrong in it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from calib.errors import RecordError
+from protocols.machine import load_machine
+from protocols.observations import to_observations
+from protocols.printers import klipper
+from protocols.printers.imported import ImportedPrinter, imported_printer
+from protocols.record import read_record
+from protocols.session import Session, fold
+from tests.app.cli import glidecal, refused
+from tests.app.exports.test_towers import (
+    ANGLES,
+    ANYTHING,
+    BAR,
+    BELIEVED,
+    ENDSTOPS,
+    OFF_IN_ALL,
+    RADIUS,
+    Hidden,
+    errors,
+    rms,
+)
+from tests.app.exports.test_towers import klipper as by_formula
+from tests.protocols.printers.printers import (
+    MOTOR,
+    OLD_ARM,
+    PRINTER,
+    STEP_MM,
+    arms_saved,
+    height_lines,
+    printer_cfg,
+    rings,
+    saved,
+    stable,
+    steppers,
+    touched_at,
+)
+
+PERFECT = Hidden()
+NOW = f"[printer]\ndelta_radius: {RADIUS}\n" + steppers(motor="")
+
+
+def read(folder: Path, text: str, *logs: str) -> ImportedPrinter:
+    paths = [folder / "printer.cfg", *(folder / f"{k}.log" for k in range(len(logs)))]
+    for path, content in zip(paths, (text, *logs), strict=True):
+        path.write_text(content, encoding="utf-8")
+    return imported_printer(paths, "test")
+
+
+def test_the_machine_is_that_of_the_saved_block(tmp_path: Path) -> None:
+    machine = read(tmp_path, printer_cfg(PERFECT)).opened.machine
+    assert machine.leg_length_mm == BAR != OLD_ARM
+    assert machine.position_endstop_mm == ENDSTOPS
+    assert machine.screw_lead_mm == 40.0
+    assert machine.drive is not None
+    stand = np.array([drive.origin_mm[:2] for drive in machine.drive])
+    assert np.hypot(*stand.T) == pytest.approx([RADIUS] * 3, abs=1e-5)
+    turned = np.degrees(np.arctan2(stand[:, 1], stand[:, 0])) % 360.0
+    assert turned == pytest.approx(ANGLES, abs=1e-5)
+
+
+@pytest.mark.parametrize("hidden", [PERFECT, OFF_IN_ALL, ANYTHING], ids=["none", "some", "all"])
+def test_stable_positions_are_the_places_that_were_commanded(
+    tmp_path: Path, hidden: Hidden
+) -> None:
+    """Carriages from steps, the tool from carriages; half a step of each is a step across."""
+    found = to_observations([_session(read(tmp_path, printer_cfg(hidden)))])
+    assert found.contact.all()
+    want = np.array([touched_at(hidden, x, y) for x, y in rings()])
+    assert np.abs(found.position_mm - want).max() < 2.0 * STEP_MM
+    steps = np.array([BELIEVED(place) for place in found.position_mm]) / STEP_MM
+    assert steps == pytest.approx(np.array([stable(hidden, x, y) for x, y in rings()]), abs=1e-6)
+
+
+def _session(found: ImportedPrinter) -> Session:
+    return fold([found.opened, *found.contacts])
+
+
+def test_heights_by_hand_have_a_zero_of_their_own(tmp_path: Path) -> None:
+    steps = ",".join(f"{step:.3f}" for step in stable(PERFECT, 30.0, 0.0, 25.0))
+    more = ("manual_height0 = 25.0", f"manual_height0_pos = {steps}")
+    found = read(tmp_path, printer_cfg(PERFECT, 7, more))
+    assert len(found.contacts) == 8
+    by_hand = found.contacts[-1]
+    assert by_hand.value_mm == 25.0
+    assert by_hand.mount != found.contacts[0].mount
+    assert by_hand.position_mm == pytest.approx((30.0, 0.0, 25.0), abs=STEP_MM)
+    assert not found.odd
+
+
+def test_probe_heights_are_heights_of_the_tool_as_it_trips(tmp_path: Path) -> None:
+    """A probe that trips 2 mm before the nozzle would touch: the saved height says so."""
+    steps = [",".join(f"{s:.3f}" for s in stable(PERFECT, x, y, 2.0)) for x, y in rings(7)]
+    lines = ["[delta_calibrate]"]
+    for number, text in enumerate(steps):
+        lines += [f"height{number} = 2.0", f"height{number}_pos = {text}"]
+    found = read(tmp_path, PRINTER + steppers() + saved(lines))
+    assert [one.value_mm for one in found.contacts] == [2.0] * 7
+    assert [one.position_mm[2] for one in found.contacts] == pytest.approx([2.0] * 7, abs=STEP_MM)  # type: ignore[index]
+
+
+def test_a_log_of_probe_is_cycles_of_places(tmp_path: Path) -> None:
+    """The answer is of the probe, 20 mm beside the tool; the tool stood 1.5 mm higher."""
+    probe = "[probe]\nx_offset: 20\ny_offset: -5\nz_offset: 1.5\n"
+    log = "".join(
+        f"Recv: // probe: at {x:.3f},{y:.3f} bed will contact at z={0.1 + k / 1000:.6f}\n"
+        f"Recv: // Result: at {x:.3f},{y:.3f} estimate contact at z={0.1 + k / 1000:.6f}\n"
+        for k, (x, y) in enumerate([(0, 0), (30, 0), (0, 30)] * 2)
+    )
+    found = read(tmp_path, PRINTER + steppers() + probe, log)
+    assert [one.cycle for one in found.contacts] == [1, 1, 1, 2, 2, 2]
+    assert found.contacts[1].position_mm == pytest.approx((10.0, 5.0, 1.601))
+    assert {one.value_mm for one in found.contacts} == {1.5}
+    observed = to_observations([_session(found)])
+    assert len(np.unique(observed.posture)) == 3
+    assert not found.odd
+
+
+def test_old_answers_are_the_place_of_the_tool(tmp_path: Path) -> None:
+    log = "// probe at 0.000,30.000 is z=2.506948\n// probe at 5.0 is z=1\n"
+    found = read(tmp_path, PRINTER + steppers() + "[probe]\nz_offset: 2.5\n", log)
+    (contact,) = found.contacts
+    assert contact.position_mm == (0.0, 30.0, 2.506948)
+    assert contact.value_mm == 2.5
+    assert found.odd == ("0.log, line 2: '// probe at 5.0 is z=1': no place of PROBE",)
+    assert found.opened.remarks == (f"not used: {found.odd[0]}",)
+
+
+def test_what_is_not_used_is_named(tmp_path: Path) -> None:
+    more = (
+        "distance0 = 60.0",
+        "distance0_pos1 = 1,2,3",
+        "distance0_pos2 = 3,2,1",
+        "height9 = 0.0",
+        "height9_pos = 1,2,3",
+        "delta_a_angle = 210.0",
+    )
+    found = read(tmp_path, printer_cfg(PERFECT, 7, more) + "")
+    said = " | ".join(found.odd)
+    assert "distance0 … distance0: measured distances are not used" in said
+    assert "height9: a number before it is missing" in said
+    assert "height9_pos: a number before it is missing" in said
+    assert "delta_a_angle: not known" in said
+    assert len(found.contacts) == 7
+
+
+def test_includes_are_read_where_they_stand(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "towers.cfg").write_text(steppers(), encoding="utf-8")
+    text = PRINTER + "[include parts/*.cfg]\n[include lost.cfg]\n" + saved(height_lines(PERFECT))
+    found = read(tmp_path, text)
+    assert len(found.contacts) == 19
+    assert found.odd == ("[include lost.cfg] of printer.cfg: there is no such file",)
+
+
+def test_gears_and_full_steps_make_a_step_shorter(tmp_path: Path) -> None:
+    """80:16 and 400 full steps: a step is a tenth; steps of the file are ten times as many."""
+    motor = "rotation_distance: 40\nmicrosteps: 16\ngear_ratio: 80:16\n"
+    motor += "full_steps_per_rotation: 400\n"
+    lines = [
+        ",".join(f"{10.0 * float(part):.3f}" for part in line.split("= ")[1].split(","))
+        if "_pos" in line
+        else line
+        for line in height_lines(PERFECT, 7)
+    ]
+    keys = [line.split(" =")[0] for line in height_lines(PERFECT, 7)]
+    saved_lines = [
+        f"{key} = {line}" if "_pos" in key else line for key, line in zip(keys, lines, strict=True)
+    ]
+    found = read(tmp_path, PRINTER + steppers(motor=motor) + saved(saved_lines))
+    places = np.array([one.position_mm for one in found.contacts])
+    assert places[:, :2] == pytest.approx(np.array(rings(7)), abs=STEP_MM)
+    assert found.opened.machine.screw_lead_mm == 8.0
+
+
+ARM = steppers()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            PRINTER.replace("delta\n", "cartesian\n").replace("delta_radius", "size") + ARM,
+            "[printer] kinematics: found cartesian, without delta_radius. Allowed: kinematics of "
+            "three upright towers",
+        ),
+        (PRINTER + ARM.replace("arm_length", "arm"), "[stepper_a] arm_length: found nothing"),
+        (
+            PRINTER + ARM.replace("rotation_distance: 40", "step_distance: 0.0125"),
+            "[stepper_a] rotation_distance: found step_distance: 0.0125, as Klipper had it before",
+        ),
+        (
+            PRINTER + ARM.replace("rotation_distance: 40\n", ""),
+            "[stepper_a] rotation_distance: found nothing. Allowed: the travel for one turn",
+        ),
+        (PRINTER + ARM.replace("microsteps: 16\n", ""), "[stepper_a] microsteps: found nothing"),
+        (PRINTER + ARM.replace("250.0", "nan"), "[stepper_a] arm_length: found 'nan'"),
+        (PRINTER + ARM.replace("250.0", "100"), "arm_length: found '100'. Allowed: a finite num"),
+        (PRINTER + ARM.replace("250.0", "126"), "bars of 126 mm on a radius of 124 mm"),
+        (PRINTER + ARM + "gear_ratio: 0:3\n", "[stepper_c] gear_ratio: found '0:3'"),
+        (PRINTER + ARM, "no contact with the plate"),
+        (PRINTER + "broken\n" + ARM, "no section or key"),
+        (
+            PRINTER + ARM + saved(["[delta_calibrate]", "height0 = 0"]),
+            "height0_pos: found nothing. Allowed: three numbers of steps",
+        ),
+        (
+            PRINTER + ARM + saved(["[delta_calibrate]", "height0 = 0", "height0_pos = 1,2"]),
+            "height0_pos: found '1,2'. Allowed: three numbers of steps",
+        ),
+        (
+            PRINTER + ARM + saved(["[delta_calibrate]", "height0 = 0", "height0_pos = 1,2,3"]),
+            "a place within 5 mm of the plate. These contacts are of another geometry",
+        ),
+        (
+            PRINTER + ARM + saved(["[delta_calibrate]", "height0 = 0", "height0_pos = 9,99999,3"]),
+            "the bars do not meet there",
+        ),
+        (
+            PRINTER + ARM.replace("_distance: 40", "_distance: 32") + saved(height_lines(PERFECT)),
+            "These contacts are of another geometry",
+        ),
+        (PRINTER + ARM + saved([]) + "height0 = 0\n", "below the SAVE_CONFIG line"),
+        (PRINTER + "[include printer.cfg]\n" + ARM, "no file inside itself"),
+    ],
+)
+def test_configurations_that_cannot_be_used(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "printer.cfg"
+    path.write_text(text, encoding="utf-8")
+    told = refused(3, "import", path, "-o", tmp_path / "s.jsonl")
+    assert said in " ".join(told.split())
+    assert not (tmp_path / "s.jsonl").exists()
+
+
+def test_a_log_without_a_geometry_needs_a_machine(tmp_path: Path) -> None:
+    log, out = tmp_path / "a.log", tmp_path / "s.jsonl"
+    log.write_text("// probe at 0.000,30.000 is z=0.506948\n", encoding="utf-8")
+    assert "contacts, and no geometry" in refused(3, "import", log, "-o", out)
+    run = glidecal("import", log, "-o", out, "--machine", "linear-delta")
+    assert run.status == 0, run.err
+    assert "1 contacts written" in run.err
+    assert read_record(out).session.of_contacts
+
+
+def test_what_the_command_line_cannot_mean(tmp_path: Path) -> None:
+    path, out = tmp_path / "printer.cfg", tmp_path / "s.jsonl"
+    path.write_text(printer_cfg(PERFECT), encoding="utf-8")
+    assert "one of both" in refused(2, "import", path, "-o", out, "--machine", "linear-delta")
+    assert "found none" in refused(2, "import", path)
+    assert "one table" in refused(2, "import", path, path, "--template")
+    table = tmp_path / "t.csv"
+    table.write_text("x_mm,y_mm,z_mm,height_mm\n0,0,0,0\n9,9,0,0\n", encoding="utf-8")
+    where = ("--machine-file-out", tmp_path / "m.toml", "--machine", "linear-delta")
+    assert "without geometry" in refused(2, "import", table, "-o", out, *where)
+    assert "no geometry and no answer of a probe" in refused(3, "import", path, table, "-o", out)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("hidden", "share"),
+    [(Hidden(switch_mm=(0.4, -0.3, 0.2)), 0.15), (OFF_IN_ALL, 0.6)],
+    ids=["switches", "all"],
+)
+def test_from_a_printer_cfg_to_a_better_one(tmp_path: Path, hidden: Hidden, share: float) -> None:
+    """Import, solve, export, and the true machine follows its tool better with the new values.
+
+    Each place once, on whole steps: nothing tells the noise. Radius and angles are not fitted yet,
+    so of all that is off a part stays.
+    """
+    cfg, session = tmp_path / "printer.cfg", tmp_path / "s.jsonl"
+    machine, out = tmp_path / "machine.toml", tmp_path / "calib.cfg"
+    cfg.write_text(printer_cfg(hidden), encoding="utf-8")
+    run = glidecal("import", cfg, "-o", session, "--machine-file-out", machine)
+    assert run.status == 0, run.err
+    assert "19 contacts written" in run.err
+    assert load_machine(machine) == read_record(session).session.opened.machine
+    solved = json.loads(glidecal("solve", session, "--json").out)
+    assert solved["correction"]["holds"] == "offsets"
+    run = glidecal("export", session, "--format", "klipper", "-o", out)
+    assert run.status == 0, run.err
+    before = rms(errors(hidden, by_formula(NOW)))
+    after = rms(errors(hidden, by_formula(out.read_text())))
+    assert after < share * before
+
+
+@given(st.text(alphabet="[]#*=:,.-+0123456789abehigt_\n stepper_adelta_radius", max_size=300))
+def test_whatever_stands_below_a_config_is_read_or_refused_in_a_sentence(text: str) -> None:
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "printer.cfg")
+        path.write_text(PRINTER + steppers() + text, encoding="utf-8")
+        try:
+            found = klipper.held([(path, path.read_text(encoding="utf-8"))])
+        except RecordError:
+            return
+        for contact in found.contacts:
+            assert np.isfinite(contact.place_mm).all()
+
+
+def test_motors_without_a_common_turn_have_no_screw(tmp_path: Path) -> None:
+    text = PRINTER + steppers().replace(MOTOR, MOTOR.replace("40", "39.9"), 1)
+    found = read(tmp_path, text + saved([*arms_saved(), *height_lines(PERFECT)]))
+    assert found.opened.machine.screw_lead_mm is None

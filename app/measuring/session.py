@@ -15,11 +15,19 @@ from calib.errors import MotionError
 from calib.tripod.pipeline import StageEffect
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
 from protocols.clock import SessionClock
-from protocols.expectation import ExpectedReading, Movement, expected, movement
+from protocols.expectation import (
+    ExpectedReading,
+    Movement,
+    contradiction,
+    expected,
+    movement,
+    since_last_seen,
+)
 from protocols.journal import Journal
 from protocols.procedure import Leg, Step, default_mount
 from protocols.session import (
     Changed,
+    Event,
     Faulted,
     Line,
     Mounted,
@@ -40,13 +48,17 @@ class Doubt(StrEnum):
     UNCHANGED = "unchanged"
     TOO_SOON = "taken too soon"
     BEYOND = "further off than expected"
+    REPEATS = "other than its repeat"
+    ODD = "the odd one of its repeats"
 
 
 @dataclass(frozen=True)
 class TakenStep:
     """What came of one take: the readings on the disk, or the faults that prevented it.
 
-    With a ``doubt`` the readings do not count until they are kept; ``due`` is what was expected.
+    With a ``doubt`` the ``questioned`` ones do not count until they are kept; ``due`` is what was
+    expected. ``earlier`` are readings of another step that may be wrong instead, or the odd ones of
+    three repeats.
     """
 
     step: Step
@@ -54,6 +66,12 @@ class TakenStep:
     faults: tuple[Fault, ...]
     due: tuple[ExpectedReading, ...] = ()
     doubt: Doubt | None = None
+    earlier: tuple[Reading, ...] = ()
+
+    @property
+    def questioned(self) -> tuple[Reading, ...]:
+        """The readings that wait for an answer, where there is a doubt."""
+        return self.earlier if self.doubt is Doubt.ODD else self.readings
 
 
 LONGEST_MM = 1000.0
@@ -107,6 +125,7 @@ class GuidedSession:
         self._lock = threading.RLock()
         self.clock = clock or SessionClock(journal.events)
         self._untold_jump_s = 0.0
+        self._vouched: set[int] = set()
         self._digits_mm: dict[int, float] = {}
         self._due: tuple[Session, tuple[ExpectedReading, ...]] | None = None
         if self.mover is not None:
@@ -229,15 +248,23 @@ class GuidedSession:
         readings = self._readings(step, outcomes, mounts, moved)
         time_s = readings[0].time_s or 0.0
         due = expected(self.session, step, time_s)
-        doubt, remarks = self._examine(step, readings, due, time_s)
-        if doubt:
-            numbers = tuple(r.reading for r in readings)
-            remarks = [Superseded(readings=numbers, reason=f"questioned: {doubt}")]
         # a step cut off between its two readings is measured again as a whole
         leftovers = self._superseded((step.number,), "step was interrupted")
-        self._append([*mounted, *leftovers, *readings, *remarks])
+        events: list[Event] = [*mounted, *leftovers, *readings]
+        doubt, remarks = self._examine(step, readings, due, time_s)
+        taken = TakenStep(step, readings, (), due, doubt)
+        if doubt is Doubt.UNCHANGED:  # or the machine was here already when it should not have been
+            before = due[0].before.step
+            earlier = [r for r in self.session.readings if before and r.step == before]
+            taken = replace(taken, earlier=tuple(earlier))
+        elif due and not doubt:
+            taken = _compared(taken, fold([*self._journal.events, *events]), self._vouched)
+        if taken.doubt:
+            numbers = tuple(r.reading for r in taken.questioned)
+            remarks = [Superseded(readings=numbers, reason=f"questioned: {taken.doubt}")]
+        self._append([*events, *remarks])
         self.moved()  # what is due next is worked out in this thread, not in that of the pictures
-        return TakenStep(step, readings, (), due, doubt)
+        return taken
 
     def _where(self, step: Step) -> Moved | None:
         """Where a machine that moves itself is; raises MotionError where that is elsewhere."""
@@ -265,8 +292,6 @@ class GuidedSession:
                 return Doubt.TOO_SOON, []
         else:
             moved = Movement.SEEN
-        if any(one.is_beyond(value) for one, value in zip(due, values_mm, strict=False)):
-            return Doubt.BEYOND, []
         said = f"step {step.number}: no reading can show a move here; the operator's word"
         return None, [Noted(text=said)] if moved is Movement.UNKNOWN else []
 
@@ -316,8 +341,19 @@ class GuidedSession:
     def keep(self, taken: TakenStep, reason: str) -> None:
         """Questioned readings count after all."""
         with self._lock:
-            numbers = tuple(r.reading for r in taken.readings)
+            numbers = tuple(r.reading for r in taken.questioned)
+            if taken.doubt is Doubt.ODD:  # three settled it, and the operator decides otherwise
+                self._vouched.update(numbers)
             self._append([Restored(readings=numbers, reason=reason)])
+
+    def measure_earlier(self, taken: TakenStep, reason: str) -> None:
+        """The new readings are right, the earlier ones wrong: their step becomes the next one."""
+        if taken.doubt is Doubt.ODD:  # they count no more as it is
+            return
+        with self._lock:
+            latest, earlier = ([r.reading for r in g] for g in (taken.readings, taken.earlier))
+            right = Restored(readings=tuple(latest), reason=reason)
+            self._append([right, Superseded(readings=tuple(earlier), reason=reason)])
 
     def undo(self, reason: str = "repeated by the operator") -> Step | None:
         """Supersede the readings of the last step taken; it becomes the present step again."""
@@ -417,6 +453,20 @@ class GuidedSession:
             step = self.step()
             if step is not None:
                 self._append([self._new_mounting(step)])
+
+    def remount_since(self, reason: str) -> tuple[int, ...]:
+        """The stand has moved, nobody knows when: the steps that are measured again for it.
+
+        They are those since the stand was last seen where it had been; all later readings get a
+        new zero.
+        """
+        with self._lock:
+            step = self.step()
+            unsure = since_last_seen(self.session)
+            numbers = tuple(r.reading for r in unsure)
+            gone: list[Line] = [Superseded(readings=numbers, reason=reason)] if numbers else []
+            self._append([*gone, *([self._new_mounting(step)] if step else [])])
+            return tuple(dict.fromkeys(r.step for r in unsure if r.step is not None))
 
     def change(self, change: Changed) -> None:
         """Parts of the machine were moved: every step is measured again, on new set-ups."""
@@ -522,3 +572,20 @@ class GuidedSession:
             for offset, (axis, outcome) in enumerate(zip(step.axes, outcomes, strict=True))
             if isinstance(outcome, IndicatorReading)
         )
+
+
+def _compared(taken: TakenStep, session: Session, vouched: set[int]) -> TakenStep:
+    """The readings with a doubt where they disagree with others of the session that has them.
+
+    Readings ``vouched`` for are not doubted again.
+    """
+    disagree = contradiction(session, taken.readings)
+    if disagree is None:
+        return taken
+    if disagree.latest:
+        doubt = Doubt.REPEATS if disagree.repeats else Doubt.BEYOND
+    elif vouched & {r.reading for r in disagree.earlier}:
+        return taken
+    else:
+        doubt = Doubt.ODD
+    return replace(taken, doubt=doubt, earlier=disagree.earlier)

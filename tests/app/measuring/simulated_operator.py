@@ -282,12 +282,18 @@ class Operator:
 
 
 @contextmanager
-def session(folder: Path, seed: int, patch: pytest.MonkeyPatch, tally: Tally) -> Iterator[Operator]:
-    """One session on a machine of its own; every fifth was calibrated before."""
-    chance = np.random.default_rng(seed)
-    calibrated = seed % 5 == 4
+def opened_on(
+    folder: Path,
+    name: str,
+    chance: np.random.Generator,
+    patch: pytest.MonkeyPatch,
+    kind: type[Bench] = Bench,
+    *,
+    calibrated: bool = False,
+) -> Iterator[tuple[Bench, GuidedSession]]:
+    """A session that was begun on a machine of its own; it is finished in the end."""
     size_mm = (0.01, 0.005) if calibrated else (2.0, 0.1)
-    bench = Bench(
+    bench = kind(
         chance,
         table(hidden(chance, *size_mm)),
         float(chance.choice([0.001, 0.0001, 0.0005])),
@@ -301,13 +307,21 @@ def session(folder: Path, seed: int, patch: pytest.MonkeyPatch, tally: Tally) ->
     )
     patch.setattr("app.measuring.gauges.time", SimpleNamespace(monotonic=lambda: bench.now_s))
     begun = datetime(2026, 1, 1, tzinfo=UTC)
-    journal = Journal.create(folder / f"{seed}.jsonl", opened)
+    journal = Journal.create(folder / f"{name}.jsonl", opened)
     clock = SessionClock(
         journal.events, lambda: bench.now_s, lambda: begun + timedelta(seconds=bench.now_s)
     )
     gauges = tuple(BenchGauge(bench, number) for number in range(2))
     with GuidedSession(journal, Indicators(gauges), clock) as guided:
-        yield Operator(bench, guided, tally)
+        yield bench, guided
         guided.finish()
+
+
+@contextmanager
+def session(folder: Path, seed: int, patch: pytest.MonkeyPatch, tally: Tally) -> Iterator[Operator]:
+    """One session on a machine of its own; every fifth was calibrated before."""
+    chance = np.random.default_rng(seed)
+    with opened_on(folder, str(seed), chance, patch, calibrated=seed % 5 == 4) as (bench, guided):
+        yield Operator(bench, guided, tally)
     events = read_record(guided.path).events
     tally.noted += sum(e.event == "noted" and "operator's word" in e.text for e in events)

@@ -286,11 +286,13 @@ def test_a_reading_that_disagrees_is_questioned_and_counts_when_it_is_kept(tmp_p
             assert taken.step.number == number
             if taken.doubt:
                 questioned.append(number)
-                assert taken.doubt is Doubt.BEYOND
-                assert guided.step() == taken.step
+                assert taken.doubt in (Doubt.BEYOND, Doubt.REPEATS, Doubt.ODD)
+                following = guided.step()
+                assert following is not None
+                assert following.number == taken.questioned[0].step
                 guided.keep(taken, "right")
         assert len(guided.session.readings) == 20
-        assert len(guided.session.restored) == 2 * len(questioned)
+        assert guided.session.restored
     assert questioned
     assert min(questioned) >= 4
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from app.measuring.gauges import Gauge, Motion
 from app.measuring.moving import Mover
-from calib.errors import MotionError
+from calib.errors import MotionError, UsageError
 from calib.tripod.pipeline import StageEffect
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
 from protocols.clock import SessionClock
@@ -50,6 +50,7 @@ class Doubt(StrEnum):
     BEYOND = "further off than expected"
     REPEATS = "other than its repeat"
     ODD = "the odd one of its repeats"
+    STAND = "as on the set-up before"
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,12 @@ class TakenStep:
         """The readings that wait for an answer, where there is a doubt."""
         return self.earlier if self.doubt is Doubt.ODD else self.readings
 
+
+HANDLED_MM = 0.2
+"""A spindle that went further between two set-ups was set up; less is a table that is touched."""
+
+UNMOVED_MM = 0.01
+"""So much a stand that nobody touched may drift until the next leg is read."""
 
 LONGEST_MM = 1000.0
 """No indicator moves so far: a reading beyond is a fault of the device."""
@@ -255,14 +262,19 @@ class GuidedSession:
         taken = TakenStep(step, readings, (), due, doubt)
         if doubt is Doubt.UNCHANGED:  # or the machine was here already when it should not have been
             before = due[0].before.step
-            earlier = [r for r in self.session.readings if before and r.step == before]
-            taken = replace(taken, earlier=tuple(earlier))
+            earlier = tuple(r for r in self.session.readings if before and r.step == before)
+            taken = replace(taken, earlier=earlier)
+        elif not due and self._go is None:
+            earlier = self._unmoved_stand(step, readings)
+            taken = replace(taken, doubt=Doubt.STAND if earlier else None, earlier=earlier)
         elif due and not doubt:
             taken = _compared(taken, fold([*self._journal.events, *events]), self._vouched)
         if taken.doubt:
             numbers = tuple(r.reading for r in taken.questioned)
             remarks = [Superseded(readings=numbers, reason=f"questioned: {taken.doubt}")]
         self._append([*events, *remarks])
+        for gauge in self.gauges:
+            gauge.forget_travel()
         self.moved()  # what is due next is worked out in this thread, not in that of the pictures
         return taken
 
@@ -294,6 +306,28 @@ class GuidedSession:
             moved = Movement.SEEN
         said = f"step {step.number}: no reading can show a move here; the operator's word"
         return None, [Noted(text=said)] if moved is Movement.UNKNOWN else []
+
+    def _unmoved_stand(self, step: Step, readings: Sequence[Reading]) -> tuple[Reading, ...]:
+        """The last readings of the set-up before, where the first of a new one are the same.
+
+        None where a spindle went far since: then somebody set it up, to the same zero.
+        """
+        counting = self.session.readings
+        elsewhere = [r for r in counting if r.set_up != readings[0].set_up and r.step is not None]
+        elsewhere = [r for r in elsewhere if r.posture_mm == step.posture_mm]
+        if not elsewhere:
+            return ()
+        last = tuple(r for r in elsewhere if r.step == elsewhere[-1].step)
+        before = self.steps[(last[0].step or 1) - 1]
+        shown_mm = dict(zip(before.indicators, (r.value_mm for r in last), strict=False))
+        stayed = counting[-1].step == before.number
+        for number, reading in zip(step.indicators, readings, strict=True):
+            gauge = self.gauges[number]
+            apart_mm = abs(reading.value_mm - shown_mm.get(number, math.inf))
+            handled = stayed and gauge.travel_mm > HANDLED_MM
+            if handled or apart_mm > gauge.rest_mm + UNMOVED_MM:
+                return ()
+        return last
 
     def _arrival_s(self, step: Step, before: Reading) -> float:
         """When the machine can be there at the earliest, in time of the session."""
@@ -477,6 +511,21 @@ class GuidedSession:
         """Tell a simulated machine to stand as for this set-up, which is no step of its own."""
         if self._go is not None:
             self._go(step)
+
+    def go_on_at(self, number: int, port: str) -> None:
+        """An indicator, counted from 0, is at another port now; noted in the record.
+
+        Raises UsageError for the port of another indicator, IndicatorError where it does not open,
+        RecordError.
+        """
+        others = [gauge.port for k, gauge in enumerate(self.gauges) if k != number]
+        if port in others:
+            raise UsageError(f"port of indicator {number + 1}", port, "a port of its own")
+        before = self.name_of(number)
+        self.gauges[number].go_on_at(port)
+        adapter = self.gauges[number].adapter
+        which = f", adapter {adapter}" if adapter else ""
+        self.note(f"{before} goes on at {port}{which}")
 
     def note(self, text: str) -> None:
         """A remark for the record."""

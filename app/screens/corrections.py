@@ -82,7 +82,7 @@ class Corrections(Screen[None]):
         try:
             result = await asyncio.to_thread(self._result)
         except GlidecalError as problem:
-            again = f"{self.FINISHES} tries again, F10 leaves."
+            again = f"{self.FINISHES} tries again, {{measure.leave}} leaves."
             self.refused(f"Every reading is on the disk, but: {problem} {again}")
             return
         self.app.guided = None
@@ -179,7 +179,8 @@ class Corrections(Screen[None]):
         def chosen(numbers: list[int] | None) -> None:
             if numbers:
                 question = "Why? The reason stays in the record."
-                said = "Skipped: {}. Key B brings a skipped step back."
+                back = f"{self.app.key('measure.earlier')} brings a skipped step back."
+                said = f"Skipped: {{}}. {back}"
                 self._with_reason(question, partial(self.guided.skip, numbers), said)
 
         self.ask(ChoiceDialog("What do you want to skip?", choices), chosen)

@@ -187,16 +187,21 @@ def test_what_the_operator_reads_over_a_plane(tmp_path: Path) -> None:
     geometry = MACHINE.geometry()
     with session(tmp_path / "s.jsonl") as (guided, _):
         first, second, third, *_ = guided.steps
+        keys = {"measure.where": "W", "measure.take": "Space"}
         lines = step_text(first, guided.session).splitlines()
+        for key_id, key in keys.items():
+            lines = [line.replace(f"{{{key_id}}}", key) for line in lines]
         assert lines[:3] == [
             "LEG X   ZERO   cycle 1 of 1",
             "First, at Zero: stand on the plane under leg X, indicator along Z (1). W shows it.",
             "Move the tool to X +0.00 mm. Slide the stand to 31 mm from its tool end (10%); Space.",
         ]
-        assert step_in_list(second, geometry) == "X ZERO 0.9"
+        assert step_in_list(second, geometry, "1") == "X ZERO 0.9"
         guided.go()
         guided.take()
-        slide = "The machine stays. Slide the stand to 279 mm from its tool end (90%); Space."
+        slide = (
+            "The machine stays. Slide the stand to 279 mm from its tool end (90%); {measure.take}."
+        )
         assert step_text(second, guided.session).splitlines()[1] == slide
         assert "The stand slides on the plane." in set_up_text(guided.session, second, [ALONG])
         picture = drawn_set_up(guided.session, third, [ALONG])

@@ -51,11 +51,13 @@ class Trace:
     """The last 20 s of one indicator.
 
     ``moments`` are slots of time, oldest first: how many ago, least and largest reading in mm.
-    Readings that stay in a band like ``band_mm`` (lower and upper edge) count as at rest.
+    Readings that stay in a band like ``band_mm`` (lower and upper edge) count as at rest. All
+    slots together are ``span_s``, 0 where they are no times.
     """
 
     moments: tuple[tuple[int, float, float], ...] = ()
     band_mm: tuple[float, float] = (0.0, 0.0)
+    span_s: float = SLOT_S * SLOTS
 
 
 @dataclass(frozen=True)

@@ -419,7 +419,8 @@ class MeasureScreen(Corrections, Resting):
             self.proceed()
             return
         unattended = self.automatic and self.plan.simulated
-        review = LegReviewScreen(self.guided.session, step, unattended=unattended)
+        rests_mm = [self.guided.gauges[k].rest_mm for k in step.indicators]
+        review = LegReviewScreen(self.guided.session, step, rests_mm, unattended=unattended)
         self.ask(review, self._reviewed)
 
     def _reviewed(self, hold: bool | None) -> None:

@@ -354,21 +354,30 @@ class LegReviewScreen(Dialog[bool]):
         Binding("v", "plot", "View", id="measure.plot"),
     ]
 
-    def __init__(self, session: Session, step: Step, *, unattended: bool = False) -> None:
+    def __init__(
+        self,
+        session: Session,
+        step: Step,
+        rests_mm: Sequence[float] = (),
+        *,
+        unattended: bool = False,
+    ) -> None:
         super().__init__()
         self._session = session
         self._step = step
+        self._rests_mm = tuple(rests_mm)
         self._unattended = unattended
 
     def compose(self) -> ComposeResult:
         try:
-            text = texts.review_text(review_leg(self._session, self._step))
+            review = review_leg(self._session, self._step, self._rests_mm)
+            text = texts.review_text(review, self._session)
         except GlidecalError as problem:
             text = str(problem)
         text = self.app.keyed(text)
         with Horizontal(classes="wide-dialog"):
             with VerticalScroll(id="review"):
-                yield Static(text, id="review-text", markup=False)
+                yield Static(signalled(text), id="review-text")
             yield ChartPlot(plot_id="review-chart")
 
     def on_mount(self) -> None:

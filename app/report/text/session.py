@@ -11,7 +11,7 @@ from itertools import groupby
 from pathlib import Path
 from shlex import quote
 
-from app.measuring.leg_review import LegReview, LegRow, leg_rows, positions
+from app.measuring.leg_review import LegReview, LegRow, Usual, leg_rows, positions
 from app.measuring.session import Doubt, GuidedSession, TakenStep
 from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, paragraphs, signed, uncertain
@@ -575,29 +575,40 @@ def point_text(step: Step, session: Session) -> str:
 
 REVIEW_HELP = """\
 Scatter       standard deviation of a reading in the repeats of a posture
-Stated        what the repeatability and resolution of the indicator allow
+Usual         the scatter to hold against it: what the indicator states,
+              the other legs, or an indicator at rest
 Worst return  largest difference between two Zeros of one cycle: it shows
               drift, and a stand that moved"""
 
 
-def review_text(review: LegReview) -> str:
-    """A leg after its last step: repeatability beside the indicator's, drift, differences."""
-    table = new_table("axis", "scatter, mm", "repeats", "stated, mm", "worst return, mm")
+def review_text(review: LegReview, session: Session) -> str:
+    """A leg after its last step: repeatability beside the usual one, drift, differences.
+
+    Keys in it are ids of bindings in braces.
+    """
+    table = new_table("axis", "scatter, mm", "repeats", "usual, mm", "from", "worst return, mm")
     for one in review.axes:
         table.add_row(
             one.axis.upper(),
-            _or_none(one.standard_deviation_mm, "no repeats"),
+            "no repeats" if one.standard_deviation_mm is None else _four(one.standard_deviation_mm),
             str(one.degrees_of_freedom),
-            _or_none(one.stated_mm, "not stated"),
+            _four(one.usual_mm),
+            one.usual,
             "" if one.worst_return_mm is None else signed(one.worst_return_mm, 4),
         )
     read, wide = f"Leg {review.leg.upper()}", 8
+    verdict = review_verdict(review, session)
+    worst = verdict.startswith("WARNING:")  # on a line of its own: it stands out
     if review.leg == "tool":
         read, wide = "The plate", 22
     cells = [f"{name:<{wide}}{signed(value):>8}" for name, value in review.differences_mm]
     rows = ["      ".join(cells[k : k + ACROSS]) for k in range(0, len(cells), ACROSS)]
     return paragraphs(
-        f"{read} is done. {review_verdict(review)}",
+        *(
+            [f"{read} is done.", verdict]
+            if "WARNING" in verdict
+            else [f"{read} is done. {verdict}"]
+        ),
         table,
         [f"{len(cells)} differences so far, mm", *rows],
         "Space continues, {measure.hold} holds the session, {measure.plot} shows the plot.",
@@ -607,28 +618,35 @@ def review_text(review: LegReview) -> str:
 ACROSS = 2
 """Differences on a line: all twelve of a session fit into the smallest terminal."""
 
-WORSE_THAN_STATED = 3.0
-"""Scatter of so many times the stated one is worth a word."""
+MORE_THAN_USUAL = 3.0
+"""Scatter of so many times the usual one is worth a word."""
+
+BESIDE = {
+    Usual.STATED: "its indicator states",
+    Usual.OTHERS: "the other legs do",
+    Usual.AT_REST: "an indicator at rest",
+}
 
 
-def review_verdict(review: LegReview) -> str:
-    """Whether the scatter is what the indicators promise, in one sentence."""
-    bad = [
-        one.axis.upper()
-        for one in review.axes
-        if one.stated_mm
-        and one.standard_deviation_mm
-        and one.standard_deviation_mm > WORSE_THAN_STATED * one.stated_mm
-    ]
-    if bad:
-        return f"Readings along {' and '.join(bad)} scatter more than the indicator explains."
+def review_verdict(review: LegReview, session: Session) -> str:
+    """Whether the scatter is as usual, in a sentence or two; which reading to look at."""
+    worst = max(review.axes, key=lambda one: one.excess)
+    if worst.excess > MORE_THAN_USUAL:
+        much = f"{worst.excess:.0f} times as much as {BESIDE[worst.usual]}"
+        said = f"WARNING: readings along {worst.axis.upper()} scatter {much}."
+        if worst.furthest is not None and worst.furthest.step:
+            name = step_name(session.steps()[worst.furthest.step - 1], session)
+            off = f"is {signed(worst.furthest_mm)} mm off its repeats"
+            again = "{measure.hold} holds the session, then {measure.earlier} measures it again."
+            said += f" {name[0].upper()}{name[1:]}, {off}: {again}"
+        return said
     if all(one.standard_deviation_mm is None for one in review.axes):
         return "Without repeats the scatter is not known."
     return "No scatter is suspicious."
 
 
-def _or_none(value: float | None, words: str) -> str:
-    return words if value is None else f"{value:.4f}"
+def _four(length_mm: float) -> str:
+    return f"{length_mm:.4f}"
 
 
 def clock_set_text(jump_s: float) -> str:

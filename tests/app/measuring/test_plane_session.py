@@ -221,7 +221,9 @@ def test_what_the_operator_reads_over_a_plane(tmp_path: Path) -> None:
             [*expected, 0.0], abs=0.002
         )
         assert point_text(second, guided.session).startswith("step   2  leg X  ZERO 0.9")
-        assert review_text(review_leg(guided.session, first)).startswith("Leg X is done.")
+        assert review_text(review_leg(guided.session, first), guided.session).startswith(
+            "Leg X is done."
+        )
     told = dry_run_text(BOTH, MACHINE, (ACROSS, ALONG))
     last = next(line for line in told.split("\n") if line.split()[:1] == ["67"])
     assert " ".join(last.split()) == "67 y MIN 3 p 0.1 z 2 G53 G0 X0.000 Y-100.000"

@@ -604,11 +604,7 @@ def review_text(review: LegReview, session: Session) -> str:
     cells = [f"{name:<{wide}}{signed(value):>8}" for name, value in review.differences_mm]
     rows = ["      ".join(cells[k : k + ACROSS]) for k in range(0, len(cells), ACROSS)]
     return paragraphs(
-        *(
-            [f"{read} is done.", verdict]
-            if "WARNING" in verdict
-            else [f"{read} is done. {verdict}"]
-        ),
+        *([f"{read} is done.", verdict] if worst else [f"{read} is done. {verdict}"]),
         table,
         [f"{len(cells)} differences so far, mm", *rows],
         "Space continues, {measure.hold} holds the session, {measure.plot} shows the plot.",

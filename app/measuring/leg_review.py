@@ -105,11 +105,12 @@ def _row(
         return None
     zero = members[start].value_mm
     levels = {level(r) for r in members if r.cycle == cycle} - {0.0}
-    differences: dict[float, float] = {}
+    differences = {level(r): r.value_mm - zero for r in members if r.cycle == cycle and level(r)}
+    seen: set[float] = set()
     for r in members[start + 1 :]:
         if level(r) != 0.0:
-            differences[level(r)] = r.value_mm - zero
-        elif r.cycle != cycle or len(differences) == len(levels):
+            seen.add(level(r))
+        elif r.cycle != cycle or seen >= levels:
             return LegRow(axis, cycle, differences, r.value_mm - zero)
     return LegRow(axis, cycle, differences, None) if differences or start == 0 else None
 

@@ -22,7 +22,7 @@ BANDS = 3.0
 LEAST_MM = 0.02
 """The least height of a chart: a last digit that flickers must not look like a step."""
 
-SCALE_COLUMNS, LEAST_COLUMNS = 12, 30
+SCALE_COLUMNS, LEAST_COLUMNS = 13, 30
 """Room for the scale beside a chart, and from how many columns on there is any."""
 
 EVERY = 4

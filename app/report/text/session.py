@@ -110,7 +110,7 @@ class TakenBy(StrEnum):
 
 WHO_TAKES = {
     TakenBy.HAND: "Move the tool to {to}. When stable, press {{measure.take}}.",
-    TakenBy.INDICATORS: "Move the tool to {to}. It is read when it has moved and is stable.",
+    TakenBy.INDICATORS: "Move the tool to {to}. It is read when stable.",
     TakenBy.CONTROLLER: "The tool goes to {to}, and is read when stable.",
     TakenBy.NOBODY: "The tool goes to {to}.",
 }
@@ -179,7 +179,7 @@ def step_text(step: Step, session: Session, by: TakenBy = TakenBy.HAND) -> str:
     if plate is not None and plate.lift_mm:
         lines[1] = f"Lift off by {plate.lift_mm:g} mm, go above the position, come down; take."
         lines.insert(2, mdi_line(step, machine, plate.lift_mm))
-    if session.is_new_place(step):
+    if session.is_new_place(step) or not session.was_read(step):
         read = zip(step.axes, step.indicators, strict=True)
         axes = " and ".join(f"{axis.upper()} ({k + 1})" for axis, k in read)
         first = f"indicators on leg {leg} along {axes}, {_from_tool_end(step, geometry)}"
@@ -341,12 +341,12 @@ def question_text(taken: TakenStep, session: Session) -> str:
 def _off_lines(taken: TakenStep, session: Session) -> list[str]:
     """For each axis what was read, and how it is off."""
     before = _before(taken, session)
+    shown = [f"along {r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in taken.readings]
+    if not taken.due:
+        return shown
     lines = []
-    for reading, due in zip(taken.readings, taken.due, strict=False):
-        line = f"along {reading.axis.upper()} {signed(reading.value_mm, 4)} mm"
-        if taken.doubt is Doubt.STAND:
-            line += ", as before"
-        elif taken.doubt is not Doubt.BEYOND:
+    for line, reading, due in zip(shown, taken.readings, taken.due, strict=True):
+        if taken.doubt is not Doubt.BEYOND:
             line += f", {signed(reading.value_mm - due.before.value_mm, 4)} mm since {before}"
         elif due.is_beyond(reading.value_mm):
             line += f" where {signed(due.mean_mm)} ± {uncertain(due.limit_mm)} mm is expected"
@@ -369,7 +369,8 @@ def _asked(taken: TakenStep, session: Session) -> str:
     if taken.step.over_plane:
         mover = "machine or stand"
     if taken.doubt is Doubt.STAND:
-        return f"Unchanged since {taken.earlier[0].place_words}: was the stand set up anew?"
+        last = step_name(session.steps()[(taken.earlier[0].step or 1) - 1], session)
+        return f"Unchanged since {last}: was the stand set up anew, at {taken.step.touched}?"
     asked = {
         Doubt.UNCHANGED: f"Unchanged since {before}: did {mover} move?",
         Doubt.TOO_SOON: f"So soon after {before} the machine cannot be there: did it move?",
@@ -577,7 +578,7 @@ REVIEW_HELP = """\
 Scatter       standard deviation of a reading in the repeats of a posture
 Usual         the scatter to hold against it: what the indicator states,
               the other legs, or an indicator at rest
-Worst return  largest difference between two Zeros of one cycle: it shows
+Return        largest difference between two Zeros of one cycle: it shows
               drift, and a stand that moved"""
 
 
@@ -586,14 +587,13 @@ def review_text(review: LegReview, session: Session) -> str:
 
     Keys in it are ids of bindings in braces.
     """
-    table = new_table("axis", "scatter, mm", "repeats", "usual, mm", "from", "worst return, mm")
+    table = new_table("axis", "scatter, mm", "repeats", "usual, mm", "return, mm")
     for one in review.axes:
         table.add_row(
             one.axis.upper(),
             "no repeats" if one.standard_deviation_mm is None else _four(one.standard_deviation_mm),
             str(one.degrees_of_freedom),
-            _four(one.usual_mm),
-            one.usual,
+            f"{_four(one.usual_mm)} {one.usual}",
             "" if one.worst_return_mm is None else signed(one.worst_return_mm, 4),
         )
     read, wide = f"Leg {review.leg.upper()}", 8

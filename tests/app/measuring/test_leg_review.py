@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.measuring.leg_review import LegRow, Usual, review_leg
+from app.measuring.leg_review import LegRow, Usual, leg_rows, review_leg
 from app.report.text.session import leg_table_text, review_text
 from calib.tripod.geometry import Geometry
 from protocols.record import read_record
@@ -107,3 +107,14 @@ def test_what_is_stated_is_held_against_it_too() -> None:
     review = review_leg(session, session.steps()[0])
     assert all(one.usual is Usual.STATED for one in review.axes)
     assert "times as much as its indicator states" in review_text(review, session)
+
+
+def test_a_step_measured_again_later_stands_in_the_row_of_its_cycle() -> None:
+    """MAX of cycle 1 was read after MAX of cycle 3."""
+    session = measured(repeatability_mm=None, legs="x")
+    first = [r for r in session.readings if r.step == 2]
+    others = [r for r in session.readings if r.step != 2]
+    later = replace(session, readings=(*others, *first))
+    rows, before = (leg_rows(s, s.steps()[0]) for s in (later, session))
+    assert [row.minus_zero_mm for row in rows] == [row.minus_zero_mm for row in before]
+    assert rows[0].minus_zero_mm[60.0] == first[0].value_mm - others[0].value_mm

@@ -183,15 +183,15 @@ def adapter_before(port: str) -> str:
     return _last_used().adapters.get(port, "")
 
 
-def returned_ports(instruments: Sequence[Instrument]) -> dict[int, str]:
-    """For indicators, counted from 0, whose port has gone: where their adapter is now.
+def moved_adapters(instruments: Sequence[Instrument]) -> dict[int, str]:
+    """For indicators, counted from 0, whose adapter is at another port: where it is now.
 
     It is known by the serial number that it had when it was used last. Raises RecordError.
     """
     elsewhere = {}
     for number, one in enumerate(instruments):
         port = port_of(adapter_before(one.port), one.port)
-        if port is not None and port_is_gone(one.port):
+        if port is not None:
             elsewhere[number] = port
     return elsewhere
 

@@ -21,9 +21,9 @@ from app.measuring.indicators import (
     adapter_before,
     adapters,
     indicator_words,
+    moved_adapters,
     port_is_gone,
     ports_to_choose,
-    returned_ports,
 )
 from app.measuring.opening import begin, first_step, open_indicators
 from app.measuring.plan import Plan
@@ -32,6 +32,7 @@ from app.report.text import motion
 from app.report.text.home import CHECK_HELP
 from app.report.text.preparing import (
     NO_OTHER_PORT_HERE,
+    adapter_lines,
     check_text,
     dry_run_text,
     refused_text,
@@ -105,12 +106,15 @@ class CheckScreen(Screen[None]):
             return
         self._problem = problem
         self._gone = [k for k, one in enumerate(self._plan.instruments) if port_is_gone(one.port)]
-        where: dict[int, str] = {}
-        with suppress(GlidecalError):  # a proposal
-            where = returned_ports(self._plan.instruments)
-        words = refused_text(problem, self._plan.instruments, self._gone, where)
+        words = refused_text(problem, self._plan.instruments, self._gone, self._moved_adapters())
         self.query_one("#words", Static).update(self.app.keyed(words))
         self.refresh_bindings()
+
+    def _moved_adapters(self) -> dict[int, str]:
+        """Where adapters are now that were at other ports before; nothing where that is unknown."""
+        with suppress(GlidecalError):
+            return moved_adapters(self._plan.instruments)
+        return {}
 
     def _opened(self, indicators: Indicators) -> None:
         if is_left(self):
@@ -119,6 +123,9 @@ class CheckScreen(Screen[None]):
         self.app.indicators = indicators
         self.refresh_bindings()
         words = check_text(self._plan)
+        moved = adapter_lines(self._plan.instruments, self._moved_adapters())
+        if moved:
+            words = "\n".join(["WARNING: " + line for line in moved]) + f"\n\n{words}"
         if indicators.mover is not None:
             words = f"{motion.check_text(self._plan, indicators.mover)}\n\n{words}"
         self.query_one("#words", Static).update(words)

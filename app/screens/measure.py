@@ -15,7 +15,7 @@ from textual.binding import Binding, BindingType
 from textual.widgets import Footer
 
 from app.measuring.gauges import Live, Motion
-from app.measuring.indicators import adapters, port_of, ports_to_choose, remember
+from app.measuring.indicators import adapter_at, adapters, port_of, ports_to_choose, remember
 from app.measuring.moving import Mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession, TakenStep
@@ -230,11 +230,23 @@ class MeasureScreen(Corrections, Resting):
             elif isinstance(outcome, IndicatorReading) and number in self._lost:
                 del self._lost[number]
                 self.say(f"{name.capitalize()} answers again. Continue with this step.")
+                self._look_who_answers(number)
 
     def _tell_lost(self, number: int, fault: Fault) -> None:
         gone = fault.kind is FaultKind.DISCONNECTED
         where = self._lost[number]
         self.say(texts.lost_text(self.guided.name_of(number), fault.words, where, gone=gone))
+
+    @work
+    async def _look_who_answers(self, number: int) -> None:
+        """On hold where another adapter is at the port now: the names of two may be exchanged."""
+        gauge = self.guided.gauges[number]
+        adapter = await apart(self, adapter_at, gauge.port)
+        if gauge.adapter and adapter != gauge.adapter:
+            name = self.guided.name_of(number)
+            self._set_hold(True, f"{name}: adapter {adapter}, before {gauge.adapter}")
+            self.say(texts.other_adapter_text(name, adapter, gauge.adapter))
+            gauge.adapter = adapter
 
     @work(exclusive=True, group="ports")
     async def _look_for_ports(self) -> None:

@@ -100,7 +100,8 @@ async def test_an_indicator_goes_on_at_another_port(
 
     with TwinPort(twin(), "tcp") as first, TwinPort(twin(), "tcp") as second:
         where = {first.url: "A1"}
-        monkeypatch.setattr("app.measuring.gauges.adapter_at", lambda port: where.get(port, ""))
+        for module in ("app.measuring.gauges", "app.screens.measure"):
+            monkeypatch.setattr(f"{module}.adapter_at", lambda port: where.get(port, ""))
         for module in ("app.measuring.indicators", "app.screens.measure"):
             monkeypatch.setattr(f"{module}.adapters", lambda: where)
         monkeypatch.setattr(
@@ -130,12 +131,41 @@ async def test_an_indicator_goes_on_at_another_port(
                 interface.screen.query_one(OptionList).get_option_at_index(0).prompt
             )
             await pilot.press("1")
-            await until(pilot, "readings", lambda: "read from here" in text(interface, "#said"))
-            await until(pilot, "no fault", lambda: not screen._lost)
+            await until(pilot, "readings", lambda: not screen._lost)
+            await until(pilot, "its name", lambda: "FAULT" not in text(interface, "#said"))
+            assert not screen.held
             assert second.url in str(screen.query_one("#gauge0").border_subtitle)
             await pilot.press("f10")
     notes = [e.text for e in read_record(plan.path).events if e.event == "noted"]
     assert any(note.endswith(f"goes on at {second.url}, adapter A1") for note in notes)
+
+
+async def test_another_adapter_under_the_old_name_puts_the_session_on_hold(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two cables that were pulled may come back with their names exchanged."""
+    from protocols.machine import Instrument
+
+    def twin() -> IndicatorTwin:
+        return IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001))
+
+    numbers = ["A1"]
+    for module in ("app.measuring.gauges", "app.screens.measure"):
+        monkeypatch.setattr(f"{module}.adapter_at", lambda _: numbers[-1])
+    first = TwinPort(twin(), "tcp")
+    known = Instrument(profile="mitutoyo-01a", port=first.url)
+    plan = replace(quick_plan(tmp_path), instruments=(known,))
+    interface = Glidecal(CheckScreen(plan))
+    async with interface.run_test(size=SIZE) as pilot:
+        screen = await to_measuring(pilot, interface)
+        await take(pilot, screen)
+        first.close()
+        await until(pilot, "a fault", lambda: "FAULT" in text(interface, "#said"))
+        numbers.append("B2")
+        with TwinPort(twin(), "tcp", tcp_port=int(first.url.rpartition(":")[2])):
+            await until(pilot, "the hold", lambda: screen.held)
+            await until(pilot, "why", lambda: "adapter B2 is there now" in text(interface, "#said"))
+            await pilot.press("f10")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a device path that appears needs POSIX")

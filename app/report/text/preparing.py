@@ -121,6 +121,14 @@ def check_text(plan: Plan) -> str:
 NO_OTHER_PORT_HERE = "No other serial port is here. Plug the adapter in, then try again."
 
 
+def adapter_lines(instruments: Sequence[Instrument], elsewhere: Mapping[int, str]) -> list[str]:
+    """For each indicator whose adapter is at another port now, which."""
+    return [
+        f"{indicator_words(k, instruments[k]).capitalize()}: its adapter is at {port} now."
+        for k, port in elsewhere.items()
+    ]
+
+
 def refused_text(
     problem: GlidecalError,
     instruments: Sequence[Instrument],
@@ -128,10 +136,7 @@ def refused_text(
     elsewhere: Mapping[int, str],
 ) -> str:
     """Why the indicators did not open; for those whose port has ``gone`` where they are now."""
-    lines = [
-        f"{indicator_words(k, instruments[k]).capitalize()}: its adapter is at {port} now."
-        for k, port in elsewhere.items()
-    ]
+    lines = adapter_lines(instruments, elsewhere)
     choose = "{check.port} chooses another port, " if gone else ""
     again = f"{choose}{{check.retry}} tries again, {{check.back}} goes back."
     return paragraphs([str(problem)], lines, [again])

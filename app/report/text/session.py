@@ -530,6 +530,14 @@ def lost_text(name: str, words: str, elsewhere: str | None, *, gone: bool) -> st
     return lost
 
 
+def other_adapter_text(name: str, adapter: str, before: str) -> str:
+    """An indicator that answers again is behind another adapter: perhaps another indicator."""
+    return (
+        f"WARNING: {name} answers again, but adapter {adapter or 'without a number'} is there now, "
+        f"before it was {before}. Plug it back, or make sure that it is the same indicator."
+    )
+
+
 NO_PORT_LOST = "Every indicator answers: no other port is needed."
 NO_OTHER_PORT = "No other serial port is here. Plug the adapter in; then {measure.port} again."
 

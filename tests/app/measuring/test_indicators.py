@@ -17,11 +17,11 @@ from app.measuring.indicators import (
     adapters,
     check_indicators,
     indicator_of,
+    moved_adapters,
     parse_indicator,
     port_of,
     ports_to_choose,
     remember,
-    returned_ports,
 )
 from app.report.text.session import port_choices
 from calib.arrays import conditions
@@ -81,9 +81,9 @@ def test_an_adapter_is_known_under_another_name_by_its_serial_number(
     plain = Instrument(profile="sylvac", port="/dev/ttyGONE1")
     plugged(monkeypatch, Port("/dev/ttyGONE0", "A1"), Port("/dev/ttyGONE1", None))
     remember("test machine", [first, plain])
-    assert returned_ports([first, plain]) == {}
+    assert moved_adapters([first, plain]) == {}
     plugged(monkeypatch, Port("/dev/ttyGONE2", None), Port("/dev/ttyGONE7", "A1"))
-    assert returned_ports([first, plain]) == {0: "/dev/ttyGONE7"}
+    assert moved_adapters([first, plain]) == {0: "/dev/ttyGONE7"}
     assert [port for port, _ in ports_to_choose("A1", ["/dev/ttyGONE2"])] == ["/dev/ttyGONE7"]
     assert [port for port, _ in ports_to_choose("A1", [])] == ["/dev/ttyGONE7", "/dev/ttyGONE2"]
     assert [port for port, _ in ports_to_choose("", [])] == ["/dev/ttyGONE2", "/dev/ttyGONE7"]

@@ -65,7 +65,7 @@ class KeysInForce(Footer, Resting):
 class MeasureScreen(Corrections, Resting):
     """One step after the other; Space takes it."""
 
-    FINISHES = "{measure.take}"
+    FINISHES, LEAVES = "measure.take", "measure.leave"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "take", "Take", id="measure.take"),
         Binding("enter", "take", "Take", show=False, id="measure.take-too"),

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from app.measuring.gauges import Gauge, Motion
-from app.measuring.session import GuidedSession, Indicators, TakenStep
+from app.measuring.session import Doubt, GuidedSession, Indicators, TakenStep
 from drivers.profile import IndicatorReading, Outcome, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from protocols.clock import SessionClock
@@ -229,7 +229,7 @@ class Operator:
                 self.bench.knock()
             self.until_stable()
             seen = self.visible(step)
-            doubt = self.take().doubt
+            doubt = self.counted(self.take())
             self.tally.on_his_word += not seen and doubt is None
             self.tally.forgotten += seen
             self.tally.stored += seen and doubt is None
@@ -241,6 +241,13 @@ class Operator:
         self.wait(self.bench.move(step))
         self.wait(float(self.chance.uniform(1.2, 10.0)))
         self.honest_take()
+
+    def counted(self, taken: TakenStep) -> Doubt | None:
+        """What is doubted of these readings; where it is an earlier step he keeps all."""
+        if taken.doubt is not Doubt.ODD:
+            return taken.doubt
+        self.guided.keep(taken, "it is right")
+        return None
 
     def honest_take(self) -> bool:
         """Whether it was taken without a question; else it is kept."""
@@ -265,9 +272,9 @@ class Operator:
             if self.chance.random() < 0.01:
                 self.bench.knock()
             if self.looked(step):
-                taken = self.take()
-                self.tally.stored += seen and taken.doubt is None
-                if taken.doubt is None:
+                doubt = self.counted(self.take())
+                self.tally.stored += seen and doubt is None
+                if doubt is None:
                     return
         seen = self.visible(step)
         self.wait(self.bench.move(step))

@@ -119,10 +119,14 @@ class Contradiction:
     repeats: bool
 
 
-def contradiction(session: Session, taken: Sequence[Reading]) -> Contradiction | None:
+def contradiction(
+    session: Session, taken: Sequence[Reading], *, beyond: bool
+) -> Contradiction | None:
     """Whether the readings just ``taken``, the last of the session, disagree with those before.
 
-    Of two repeats of a posture either may be wrong; with a third the odd one is known.
+    ``beyond`` is whether they are further off than was expected of them: only then may they be
+    wrong. Of two repeats of a posture either may be; with a third the odd one is known, where all
+    else agrees.
     """
     procedure = session.opened.procedure
     if procedure is None:
@@ -134,16 +138,20 @@ def contradiction(session: Session, taken: Sequence[Reading]) -> Contradiction |
         return (group[0].posture_mm, group[0].station) == (now.posture_mm, now.station)
 
     ties = _contradicted(_correlated(session), readings, procedure.repeat_limit_mm)
-    ties.sort(key=lambda together: all(now not in group for group in together))
-    for together in ties:  # that of the latest first: no majority while they are in doubt
-        here = [g for g in together if now not in g and any(r.set_up == now.set_up for r in g)]
-        here.sort(key=again, reverse=True)  # a repeat before others, else in their order
-        repeats = bool(here) and again(here[0])
-        if any(now in group for group in together):
-            return Contradiction(True, tuple(here[0]) if here else (), repeats)
-        if repeats and len(together) == 1:
-            return Contradiction(False, tuple(here[0]), repeats)
-    return None
+    tie = next((together for together in ties if any(now in group for group in together)), None)
+    alone = ties[0] if len(ties) == 1 and len(ties[0]) == 1 else None
+    if tie is None and alone is not None and again(alone[0]) and _is_here(alone[0], now):
+        return Contradiction(False, tuple(alone[0]), True)
+    if not beyond:
+        return None
+    here = [g for g in tie or () if now not in g and _is_here(g, now)]
+    here.sort(key=again, reverse=True)  # a repeat before others, else in their order
+    return Contradiction(True, tuple(here[0]) if here else (), bool(here) and again(here[0]))
+
+
+def _is_here(step: Sequence[Reading], now: Reading) -> bool:
+    """Whether a step was read where the stand is."""
+    return any(r.set_up == now.set_up for r in step)
 
 
 def since_last_seen(session: Session) -> tuple[Reading, ...]:

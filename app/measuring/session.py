@@ -628,7 +628,9 @@ def _compared(taken: TakenStep, session: Session, vouched: set[int]) -> TakenSte
 
     Readings ``vouched`` for are not doubted again.
     """
-    disagree = contradiction(session, taken.readings)
+    pairs = zip(taken.due, taken.readings, strict=True)
+    beyond = any(due.is_beyond(reading.value_mm) for due, reading in pairs)
+    disagree = contradiction(session, taken.readings, beyond=beyond)
     if disagree is None:
         return taken
     if disagree.latest:

@@ -218,8 +218,13 @@ def measured(steps: Steps, then: Sequence[Event] = ()) -> Session:
 
 def of_latest(steps: Steps, then: Sequence[Event] = ()) -> tuple[bool, list[int], bool] | None:
     """Whether the latest may be wrong, which earlier ones may, and whether they are repeats."""
-    session = measured(steps, then)
-    disagree: Contradiction | None = contradiction(session, session.readings[-1:])
+    session, before = measured(steps, then), measured(steps[:-1], then)
+    displacement_mm, value_mm = steps[-1]
+    step = Step(len(steps), "x", displacement_mm, 9, 0.5, ("y",))
+    (due,) = expected(before, step, 20.0 * len(steps))
+    disagree: Contradiction | None = contradiction(
+        session, session.readings[-1:], beyond=due.is_beyond(value_mm)
+    )
     if disagree is None:
         return None
     return disagree.latest, [r.reading for r in disagree.earlier], disagree.repeats
@@ -262,7 +267,9 @@ def test_it_is_settled_also_where_the_second_was_kept() -> None:
 
 def test_three_that_all_differ_settle_nothing() -> None:
     steps = [*CYCLE, (0.0, 0.0), (60.0, -0.4), (-100.0, -0.41), (0.0, 0.0), (60.0, 1.0)]
-    disagree = of_latest(steps)
+    questioned = Superseded(readings=(5,), reason="questioned")
+    kept = Restored(readings=(5,), reason="kept")
+    disagree = of_latest(steps, [questioned, kept])
     assert disagree is not None
     latest, earlier, repeats = disagree
     assert latest

@@ -183,6 +183,12 @@ class Operator:
     def stable(self) -> bool:
         return all(gauge.live().motion is Motion.STABLE for gauge in self.guided.gauges)
 
+    def lift_spindles(self) -> None:
+        """As a stand is taken to another leg: both zeros may be as before, but not the way."""
+        for far_mm in (5.0, -5.0):
+            self.bench.zero_mm = [zero + far_mm for zero in self.bench.zero_mm]
+            self.wait(PACE_S)
+
     def until_stable(self) -> None:
         for _ in range(100):
             self.wait(PACE_S)
@@ -214,6 +220,7 @@ class Operator:
             self.guided.go()
             if self.guided.session.is_new_place(step):
                 self.bench.set_up(step)
+                self.lift_spindles()
                 self.wait(2.0)
                 assert self.take().doubt is None
                 self.taken_s = self.bench.now_s

@@ -197,7 +197,7 @@ async def test_replay(samples: Path, tmp_path: Path) -> None:
         await pilot.press("j", *"8", "enter")
         await until(pilot, "step 8", lambda: "step 8 of" in text(interface, "#progress"))
         displays = interface.screen.query(GaugeDisplay)
-        await until(pilot, "trends", lambda: all("⣿" in "".join(d.strip) for d in displays))
+        await until(pilot, "trends", lambda: all("m" in "".join(d.strip) for d in displays))
         assert "simulated_zero-max-min.jsonl" in text(interface, "#progress")
         assert "along Y" in str(interface.screen.query_one(ChartPlot).render())
         await compare(pilot, interface, "replay", tmp_path)

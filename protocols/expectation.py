@@ -86,11 +86,14 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[ExpectedReadi
     correlated = _correlated(session, step, time_s, mounts)
     noise_mm = max(LEAST_NOISE_MM, min(procedure.tolerance_mm, limit_mm / (2.0 * REACH)))
     noises_mm = np.full(len(readings) + len(mounts), noise_mm)
+    kept_mm = noises_mm.copy()  # whether it moved: no contradiction widens that
+    kept_mm[: len(readings)][[r.reading in session.restored for r in readings]] = limit_mm
+    sure = correlated.predict(kept_mm, worn=False)
     for together in _contradicted(correlated, readings, limit_mm):
         kept = [g for g in together if any(r.reading in session.restored for r in g)]
         doubted = {r.reading for g in kept or together for r in g}
         noises_mm[: len(readings)][[r.reading in doubted for r in readings]] = ZERO_MM
-    worn, sure = correlated.predict(noises_mm)
+    worn = correlated.predict(noises_mm, worn=True)
     calibrated = session.opened.verifies is not None or any(machine.entered_offsets_mm)
     return tuple(
         ExpectedReading(

@@ -182,7 +182,7 @@ class MeasureScreen(Corrections, Resting):
         mode = "ON HOLD" if self.held else "automatic" if self.automatic else "by hand"
         self.view.show_progress(texts.progress_text(session, self.guided.steps, mode))
         by = TakenBy.INDICATORS if self.automatic else TakenBy.HAND
-        if self.guided.mover is not None and not self.held:
+        if self.guided.mover is not None:
             by = TakenBy.CONTROLLER
         self.view.show_step(session, self.guided.steps, self.guided.step(), by)
         self._draw_live()  # in the same picture: a step takes long to draw, readings must not wait

@@ -92,19 +92,14 @@ class CorrelatedReadings:
         )
         return cls(value_mm, value_mm[first] + exact, sure + by_play.T @ by_play, sure)
 
-    def predict(self, noise_mm: FloatArray) -> tuple[Predicted, Predicted]:
-        """The last m - n readings: if the carriages may have play, and without.
+    def predict(self, noise_mm: FloatArray, *, worn: bool) -> Predicted:
+        """The last m - n readings, from a normal distribution that those of ``value_mm`` narrow.
 
-        ``noise_mm`` ``(m,)`` is the standard deviation of each reading by itself.
+        ``noise_mm`` ``(m,)`` is the standard deviation of each reading by itself; ``worn``: the
+        carriages may have play.
         """
-        noise = np.diag(noise_mm**2)
-        return self._last(self.worn_mm2 + noise, noise_mm), self._last(
-            self.sure_mm2 + noise, noise_mm
-        )
-
-    def _last(self, covariance: FloatArray, noise_mm: FloatArray) -> Predicted:
-        """The readings beyond those of ``value_mm``, of a normal distribution that those narrow."""
         n = len(self.value_mm)
+        covariance = (self.worn_mm2 if worn else self.sure_mm2) + np.diag(noise_mm**2)
         known, between = covariance[:n, :n], covariance[:n, n:]
         gain = np.linalg.solve(known, between)
         mean = self.expected_mm[n:] + gain.T @ (self.value_mm - self.expected_mm[:n])

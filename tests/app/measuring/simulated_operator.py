@@ -185,9 +185,10 @@ class Operator:
 
     def lift_spindles(self) -> None:
         """As a stand is taken to another leg: both zeros may be as before, but not the way."""
-        for far_mm in (5.0, -5.0):
-            self.bench.zero_mm = [zero + far_mm for zero in self.bench.zero_mm]
-            self.wait(PACE_S)
+        for gauge in self.guided.gauges:
+            for far_mm in (5.0, -5.0):
+                far = IndicatorReading("", far_mm, self.bench.digit_mm, unit_assumed=True)
+                gauge.hear(far)
 
     def until_stable(self) -> None:
         for _ in range(100):

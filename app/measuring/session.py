@@ -258,20 +258,7 @@ class GuidedSession:
         # a step cut off between its two readings is measured again as a whole
         leftovers = self._superseded((step.number,), "step was interrupted")
         events: list[Event] = [*mounted, *leftovers, *readings]
-        doubt, remarks = self._examine(step, readings, due, time_s)
-        taken = TakenStep(step, readings, (), due, doubt)
-        if doubt is Doubt.UNCHANGED:  # or the machine was here already when it should not have been
-            before = due[0].before.step
-            earlier = tuple(r for r in self.session.readings if before and r.step == before)
-            taken = replace(taken, earlier=earlier)
-        elif not due and self._go is None:
-            earlier = self._unmoved_stand(step, readings)
-            taken = replace(taken, doubt=Doubt.STAND if earlier else None, earlier=earlier)
-        elif due and not doubt:
-            taken = _compared(taken, fold([*self._journal.events, *events]), self._vouched)
-        if taken.doubt:
-            numbers = tuple(r.reading for r in taken.questioned)
-            remarks = [Superseded(readings=numbers, reason=f"questioned: {taken.doubt}")]
+        taken, remarks = self._examine(TakenStep(step, readings, (), due), events, time_s)
         self._append([*events, *remarks])
         for gauge in self.gauges:
             gauge.forget_travel()
@@ -289,23 +276,43 @@ class GuidedSession:
             raise
 
     def _examine(
+        self, taken: TakenStep, events: Sequence[Event], time_s: float
+    ) -> tuple[TakenStep, list[Line]]:
+        """The readings with what is questionable about them, and what to note behind ``events``."""
+        step, readings, due = taken.step, taken.readings, taken.due
+        doubt, remarks = self._movement_doubt(step, readings, due, time_s)
+        if doubt:
+            taken = replace(taken, doubt=doubt)
+            if doubt is Doubt.UNCHANGED and due[0].before.step:  # or it was here too early
+                before = due[0].before.step
+                earlier = tuple(r for r in self.session.readings if r.step == before)
+                taken = replace(taken, earlier=earlier)
+        elif due:
+            taken = _compared(taken, fold([*self._journal.events, *events]), self._vouched)
+        elif self._go is None and (last := self._unmoved_stand(step, readings)):
+            taken = replace(taken, doubt=Doubt.STAND, earlier=last)
+        if not taken.doubt:
+            return taken, remarks
+        numbers = tuple(r.reading for r in taken.questioned)
+        question = Superseded(readings=numbers, reason=f"questioned: {taken.doubt}")
+        return taken, [*(remarks if taken.doubt is Doubt.ODD else []), question]
+
+    def _movement_doubt(
         self, step: Step, readings: Sequence[Reading], due: Sequence[ExpectedReading], time_s: float
     ) -> tuple[Doubt | None, list[Line]]:
-        """What is questionable about readings, and what to note of those that are not."""
-        values_mm = [r.value_mm for r in readings]
-        if self._go is None and due:
-            rests_mm = [self.gauges[number].rest_mm for number in step.indicators]
-            moved = movement(step, due, values_mm, rests_mm, time_s)
-            if moved is Movement.UNCHANGED:
-                return Doubt.UNCHANGED, []
-            if self.mover is not None:  # its controller told it
-                moved = Movement.SEEN
-            if moved is Movement.UNKNOWN and time_s < self._arrival_s(step, due[0].before):
-                return Doubt.TOO_SOON, []
-        else:
-            moved = Movement.SEEN
-        said = f"step {step.number}: no reading can show a move here; the operator's word"
-        return None, [Noted(text=said)] if moved is Movement.UNKNOWN else []
+        """Whether it is doubtful that the machine moved, and what to note where nothing tells."""
+        if self._go is not None or not due:
+            return None, []
+        rests_mm = [self.gauges[number].rest_mm for number in step.indicators]
+        moved = movement(step, due, [r.value_mm for r in readings], rests_mm, time_s)
+        if moved is Movement.UNCHANGED:
+            return Doubt.UNCHANGED, []
+        if moved is not Movement.UNKNOWN or self.mover is not None:  # its controller told it
+            return None, []
+        if time_s < self._arrival_s(step, due[0].before):
+            return Doubt.TOO_SOON, []
+        word = f"step {step.number}: no reading can show a move here; the operator's word"
+        return None, [Noted(text=word)]
 
     def _unmoved_stand(self, step: Step, readings: Sequence[Reading]) -> tuple[Reading, ...]:
         """The last readings of the set-up before, where the first of a new one are the same.

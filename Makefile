@@ -62,8 +62,8 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/runtime.stamp: $(VENV)/bin/python pyproject.toml constraints.txt
-	@echo "Installing into $(VENV), once; this takes about half a minute."
-	$(PIP) -c constraints.txt -e .
+	@echo "Installing into $(VENV), once; this takes about a minute."
+	$(PIP) -c constraints.txt -e '.[report]'
 	@touch $@
 
 $(VENV)/dev.stamp: $(VENV)/bin/python pyproject.toml constraints.txt

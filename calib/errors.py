@@ -16,8 +16,11 @@ do next.
 
 from __future__ import annotations
 
+import re
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import metadata
 
 from calib.printable import printable
 
@@ -112,5 +115,23 @@ def extra(thing: str, name: str, otherwise: str = "") -> Iterator[None]:
             thing,
             f"no package {problem.name or problem}",
             f"an installation with the extra {name}",
-            f'Install it with: pip install "glidecal[{name}]"{otherwise}',
+            f"Install it with: {install_command(name)}{otherwise}",
         ) from problem
+
+
+def install_command(name: str) -> str:
+    """The command that installs the packages of an extra into this Python.
+
+    It names the packages, for that is right in a clone as from a wheel: the program itself need be
+    in no index.
+    """
+    try:
+        requirements = metadata.requires("glidecal") or []
+    except metadata.PackageNotFoundError:  # never installed: run from its folder
+        requirements = []
+    marker = re.compile(rf"""extra == ['"]{re.escape(name)}['"]""")
+    pairs = (requirement.partition(";") for requirement in requirements)
+    packages = [package.strip() for package, _, extras in pairs if marker.search(extras)]
+    wanted = " ".join(f'"{package}"' for package in packages) or f'"glidecal[{name}]"'
+    python = f'"{sys.executable}"' if " " in sys.executable else sys.executable or "python"
+    return f"{python} -m pip install {wanted}"

@@ -10,7 +10,7 @@ from enum import StrEnum
 import numpy as np
 
 from calib.arrays import TOOL, conditions
-from calib.tripod.prediction import DRIFT_MM_S, predict
+from calib.tripod.prediction import DRIFT_MM_S, ZERO_MM, CorrelatedReadings
 from protocols.documents import ZERO
 from protocols.observations import along_mm, approaches
 from protocols.procedure import Step, leg_number
@@ -71,51 +71,29 @@ class Movement(StrEnum):
 def expected(session: Session, step: Step, time_s: float) -> tuple[ExpectedReading, ...]:
     """What each indicator should show in a step at this time; none before the mounting's first.
 
-    A reading that was kept though it was questioned weighs little: one outlier must not make every
-    later one questionable.
+    Readings that the others contradict tell nothing: one outlier must not make every later one
+    questionable. Of two that contradict each other it is the one that was questioned and kept.
     """
     procedure, machine = session.opened.procedure, session.opened.machine
     if procedure is None or session.needs_new_zero(step):
         return ()
     readings = session.readings[-MOST:]
     last = {r.mount: r for r in readings}
-    number = {mount: k for k, mount in enumerate(last)}
     mounts = [session.mountings[-1].mounts[axis] for axis in step.axes]
     if not last.keys() >= set(mounts):
         return ()
-    observations = conditions(
-        [leg_number(r.leg) for r in readings] + [leg_number(step.leg)] * len(mounts),
-        [leg_number(r.axis) for r in readings] + [leg_number(axis) for axis in step.axes],
-        [r.displacement_mm for r in readings] + [step.displacement_mm] * len(mounts),
-        station=[r.station for r in readings] + [step.station] * len(mounts),
-        mount=[number[name] for name in (*(r.mount for r in readings), *mounts)],
-        position_mm=[r.position_mm or ZERO for r in readings]
-        + [step.position_mm or ZERO] * len(mounts),
-    )
-    places: list[Reading | Step] = [*readings, *(step for _ in mounts)]
-    along = [along_mm(place, machine) for place in places]
-    times_s = [r.time_s or 0.0 for r in readings] + [time_s] * len(mounts)
-    sides = approaches(session)[-MOST:]
-    side = dict(zip((r.mount for r in readings), sides, strict=True))
-    for mount in mounts:  # what does not move stays as it came
-        way_mm = step.displacement_mm - last[mount].displacement_mm
-        sides.append(math.copysign(1.0, way_mm) if way_mm else side[mount])
     limit_mm = procedure.repeat_limit_mm
+    correlated = _correlated(session, step, time_s, mounts)
     noise_mm = max(LEAST_NOISE_MM, min(procedure.tolerance_mm, limit_mm / (2.0 * REACH)))
-    noises_mm = [limit_mm if r.reading in session.restored else noise_mm for r in readings]
-    worn, sure = predict(
-        machine.geometry(),
-        machine.tolerances_mm(),
-        replace(
-            observations,
-            time_s=np.array(times_s),
-            along_mm=np.array(along),
-            approach=np.where(observations.leg == TOOL, 0.0, sides),
-        ),
-        np.array([r.value_mm for r in readings]),
-        np.array(noises_mm + [noise_mm] * len(mounts)),
-        machine.plane_tilt_mrad,
-    )
+    noises_mm = np.full(len(readings) + len(mounts), noise_mm)
+    kept_mm = noises_mm.copy()  # whether it moved: no contradiction widens that
+    kept_mm[: len(readings)][[r.reading in session.restored for r in readings]] = limit_mm
+    sure = correlated.predict(kept_mm, worn=False)
+    for together in _contradicted(correlated, readings, limit_mm):
+        kept = [g for g in together if any(r.reading in session.restored for r in g)]
+        doubted = {r.reading for g in kept or together for r in g}
+        noises_mm[: len(readings)][[r.reading in doubted for r in readings]] = ZERO_MM
+    worn = correlated.predict(noises_mm, worn=True)
     calibrated = session.opened.verifies is not None or any(machine.entered_offsets_mm)
     return tuple(
         ExpectedReading(
@@ -127,6 +105,134 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[ExpectedReadi
             calibrated=calibrated,
         )
         for mount, mean, deviation, plain, spread in zip(mounts, *worn, *sure, strict=True)
+    )
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """Readings that do not agree: those of the step just taken, of an earlier step, or either.
+
+    ``latest`` says whether those just taken may be wrong; ``earlier`` are the readings of another
+    step where the stand is that may be, none where the latest alone are. With ``repeats`` both
+    are of one posture.
+    """
+
+    latest: bool
+    earlier: tuple[Reading, ...]
+    repeats: bool
+
+
+def contradiction(
+    session: Session, taken: Sequence[Reading], *, beyond: bool
+) -> Contradiction | None:
+    """Whether the readings just ``taken``, the last of the session, disagree with those before.
+
+    ``beyond`` is whether they are further off than was expected of them: only then may they be
+    wrong. Of two repeats of a posture either may be; with a third the odd one is known, where all
+    else agrees.
+    """
+    procedure = session.opened.procedure
+    if procedure is None:
+        return None
+    readings = session.readings[-MOST:]
+    now = taken[0]
+
+    def again(group: Sequence[Reading]) -> bool:
+        return (group[0].posture_mm, group[0].station) == (now.posture_mm, now.station)
+
+    ties = _contradicted(_correlated(session), readings, procedure.repeat_limit_mm)
+    tie = next((together for together in ties if any(now in group for group in together)), None)
+    alone = ties[0] if len(ties) == 1 and len(ties[0]) == 1 else None
+    if tie is None and alone is not None and again(alone[0]) and _is_here(alone[0], now):
+        return Contradiction(False, tuple(alone[0]), True)
+    if not beyond:
+        return None
+    here = [g for g in tie or () if now not in g and _is_here(g, now)]
+    here.sort(key=again, reverse=True)  # a repeat before others, else in their order
+    return Contradiction(True, tuple(here[0]) if here else (), bool(here) and again(here[0]))
+
+
+def _is_here(step: Sequence[Reading], now: Reading) -> bool:
+    """Whether a step was read where the stand is."""
+    return any(r.set_up == now.set_up for r in step)
+
+
+def since_last_seen(session: Session) -> tuple[Reading, ...]:
+    """What was read where the stand is since it was last seen where it had been.
+
+    It is seen by a reading that repeats one from before; without any that is the first step. So
+    much may be wrong where the stand has moved, and nobody knows when.
+    """
+    procedure = session.opened.procedure
+    mounts = set(session.mountings[-1].mounts.values()) if session.mountings else set()
+    here = [r for r in session.readings if r.mount in mounts]
+    steps = [[r for r in here if r.step == n] for n in dict.fromkeys(r.step for r in here)]
+    limit_mm = procedure.repeat_limit_mm if procedure else 0.0
+    seen = 0
+    for k, latest in enumerate(steps):
+        if any(_repeats(latest, before, limit_mm) for before in steps[: min(seen + 1, k)]):
+            seen = k
+    return tuple(r for step in steps[seen + 1 :] for r in step)
+
+
+def _repeats(latest: Sequence[Reading], before: Sequence[Reading], limit_mm: float) -> bool:
+    """Whether two steps of one mounting show the same, but for a drift."""
+    if (latest[0].posture_mm, latest[0].station) != (before[0].posture_mm, before[0].station):
+        return False
+    drift_mm = DRIFT_MM_S * ((latest[0].time_s or 0.0) - (before[0].time_s or 0.0))
+    pairs = zip(latest, before, strict=False)
+    return all(abs(a.value_mm - b.value_mm) <= limit_mm + drift_mm for a, b in pairs)
+
+
+def _contradicted(
+    correlated: CorrelatedReadings, readings: Sequence[Reading], limit_mm: float
+) -> list[list[list[Reading]]]:
+    """Steps, as their readings, that the others contradict: `CorrelatedReadings.contradicted`."""
+    keys = [(r.step or 0, 0 if r.step else r.reading) for r in readings]
+    number = {key: k for k, key in enumerate(dict.fromkeys(keys))}
+    group = np.array([number[key] for key in keys], dtype=np.intp)
+    noise_mm = max(LEAST_NOISE_MM, limit_mm / (math.sqrt(2.0) * REACH))  # of each of two repeats
+    return [
+        [[r for r, g in zip(readings, group, strict=True) if g == one] for one in together]
+        for together in correlated.contradicted(group, noise_mm, limit_mm, REACH)
+    ]
+
+
+def _correlated(
+    session: Session, step: Step | None = None, time_s: float = 0.0, mounts: Sequence[str] = ()
+) -> CorrelatedReadings:
+    """The latest readings that count, with those of a step at this time on these ``mounts``."""
+    machine = session.opened.machine
+    readings = session.readings[-MOST:]
+    number = {name: k for k, name in enumerate(dict.fromkeys(r.mount for r in readings))}
+    due = [(step, axis) for axis in step.axes] if step else []
+    places: list[tuple[Reading | Step, str]] = [*((r, r.axis) for r in readings), *due]
+    names = [*(r.mount for r in readings), *mounts]
+    observations = conditions(
+        [leg_number(place.leg) for place, _ in places],
+        [leg_number(axis) for _, axis in places],
+        [place.displacement_mm for place, _ in places],
+        station=[place.station for place, _ in places],
+        mount=[number[name] for name in names],
+        position_mm=[place.position_mm or ZERO for place, _ in places],
+    )
+    sides = approaches(session)[-MOST:]
+    last = {r.mount: (r, side) for r, side in zip(readings, sides, strict=True)}
+    for mount in mounts:  # what does not move stays as it came
+        before, side = last[mount]
+        way_mm = step.displacement_mm - before.displacement_mm if step else 0.0
+        sides.append(math.copysign(1.0, way_mm) if way_mm else side)
+    return CorrelatedReadings.of(
+        machine.geometry(),
+        machine.tolerances_mm(),
+        replace(
+            observations,
+            time_s=np.array([r.time_s or 0.0 for r in readings] + [time_s] * len(mounts)),
+            along_mm=np.array([along_mm(place, machine) for place, _ in places]),
+            approach=np.where(observations.leg == TOOL, 0.0, sides),
+        ),
+        np.array([r.value_mm for r in readings]),
+        machine.plane_tilt_mrad,
     )
 
 

@@ -373,6 +373,11 @@ class Session:
         leg, station, axes = step.place
         return last is None or last.place != (leg, station, set(axes))
 
+    def was_read(self, step: Step) -> bool:
+        """Whether any reading that counts was taken where the stand is for a step."""
+        leg, station, _ = step.place
+        return any((r.leg, r.set_up[2]) == (leg, station) for r in self.readings)
+
     def needs_new_zero(self, step: Step) -> bool:
         """Whether readings from here on belong to a new mounting: a new place, or after a break.
 

@@ -13,7 +13,7 @@ from enum import StrEnum
 from itertools import takewhile
 from typing import Literal
 
-from app.measuring.indicators import indicator_words
+from app.measuring.indicators import adapter_at, indicator_words
 from drivers.line import IndicatorLine
 from drivers.profile import Fault, IndicatorReading, Outcome, Profile, Query
 from protocols.machine import Instrument
@@ -51,11 +51,13 @@ class Trace:
     """The last 20 s of one indicator.
 
     ``moments`` are slots of time, oldest first: how many ago, least and largest reading in mm.
-    Readings that stay in a band like ``band_mm`` (lower and upper edge) count as at rest.
+    Readings that stay in a band like ``band_mm`` (lower and upper edge) count as at rest. All
+    slots together are ``span_s``, 0 where they are no times.
     """
 
     moments: tuple[tuple[int, float, float], ...] = ()
     band_mm: tuple[float, float] = (0.0, 0.0)
+    span_s: float = SLOT_S * SLOTS
 
 
 @dataclass(frozen=True)
@@ -101,12 +103,19 @@ class Gauge:
         self._moments: deque[tuple[int, float, float]] = deque(maxlen=SLOTS)
         self._latest: Outcome | None = None
         self._pressed = self._rests = False
+        self._lowest_mm, self._highest_mm = math.inf, -math.inf
         self.on_news: Callable[[], None] = lambda: None
-        self._line = IndicatorLine(
-            profile,
+        self.adapter = ""
+        """The serial number of what is at the port, where it has one."""
+        self._asked, self._interval_s = asked, interval_s
+        self._line = self._line_at(port)
+
+    def _line_at(self, port: str) -> IndicatorLine:
+        return IndicatorLine(
+            self.profile,
             port,
-            query=asked,
-            interval_s=interval_s,
+            query=self._asked,
+            interval_s=self._interval_s,
             listener=self.hear,
             on_button=self.press,
         )
@@ -114,6 +123,19 @@ class Gauge:
     def start(self) -> None:
         """Open the port. Raises IndicatorError."""
         self._line.start()
+        self.adapter = adapter_at(self.port)
+
+    def go_on_at(self, port: str) -> None:
+        """The indicator is at another port now. Raises IndicatorError where that does not open.
+
+        Then it stays where it was.
+        """
+        line = self._line_at(port)
+        line.start()
+        before, self._line, self.port = self._line, line, port
+        self.adapter = adapter_at(port)
+        before.close()
+        self.restart_window()
 
     def close(self) -> None:
         """Close the port."""
@@ -140,7 +162,9 @@ class Gauge:
             self.on_news()
 
     def _remember(self, slot: int, value_mm: float) -> None:
-        """A reading for the strip chart."""
+        """A reading for the strip chart, and for how far the spindle went."""
+        self._lowest_mm = min(self._lowest_mm, value_mm)
+        self._highest_mm = max(self._highest_mm, value_mm)
         low = high = value_mm
         if self._moments and self._moments[-1][0] == slot:
             _, low, high = self._moments.pop()
@@ -161,6 +185,16 @@ class Gauge:
         with self._lock:
             self._heard.clear()
             self._pressed = self._rests = False
+
+    @property
+    def travel_mm(self) -> float:
+        """How far the spindle went since the last take; 0 where nothing was heard."""
+        return max(0.0, self._highest_mm - self._lowest_mm)
+
+    def forget_travel(self) -> None:
+        """A reading was taken: the way of the spindle counts from here."""
+        with self._lock:
+            self._lowest_mm, self._highest_mm = math.inf, -math.inf
 
     @property
     def rest_mm(self) -> float:

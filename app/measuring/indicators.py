@@ -9,7 +9,7 @@ import math
 import platform
 import re
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -107,12 +107,55 @@ def serial_ports() -> list[tuple[str, str]]:
     return [(one.device, one.description or "") for one in sorted(list_ports.comports())]
 
 
+def adapters() -> dict[str, str]:
+    """For each serial port here the serial number of its adapter, where it has one.
+
+    An adapter with several ports has its number once: the interface behind it tells them apart.
+    Nothing is opened.
+    """
+    from serial.tools import list_ports
+
+    numbers = {}
+    for port in list_ports.comports():
+        if port.serial_number:
+            interface = (port.location or "").partition(":")[2]
+            number = f"{port.serial_number} {interface}".strip()
+            numbers[port.device] = "".join(filter(str.isprintable, number))[:100]
+    return numbers
+
+
+def adapter_at(port: str) -> str:
+    """The serial number of the adapter at a port, empty where there is none to be known."""
+    if port == SIMULATED or "://" in port:
+        return ""
+    return adapters().get(port, "")
+
+
+def port_of(adapter: str, port: str) -> str | None:
+    """Where an adapter is now that was at this port; None where it is there, or not to be found."""
+    here = adapters() if adapter else {}
+    if here.get(port) == adapter:
+        return None
+    return next((device for device, number in here.items() if number == adapter), None)
+
+
+def ports_to_choose(adapter: str, used: Collection[str]) -> list[tuple[str, str]]:
+    """The serial ports that are not used, with what the system says: those of the adapter first."""
+    numbers = adapters()
+    free = [(port, words) for port, words in serial_ports() if port not in used]
+    return sorted(free, key=lambda one: not adapter or numbers.get(one[0]) != adapter)
+
+
 class RememberedIndicators(Document):
-    """The indicators that were used last with each machine, by its name."""
+    """The indicators that were used last with each machine, by its name.
+
+    ``adapters`` are the serial numbers of the adapters at their ports.
+    """
 
     machines: dict[Name, Annotated[tuple[Instrument, ...], Field(max_length=2)]] = Field(
         default_factory=dict
     )
+    adapters: dict[Name, Name] = Field(default_factory=dict)
 
 
 def last_used(machine: str) -> tuple[Instrument, ...]:
@@ -126,9 +169,31 @@ def last_used(machine: str) -> tuple[Instrument, ...]:
 def remember(machine: str, instruments: Sequence[Instrument]) -> None:
     """Keep what is used for `last_used`. Raises RecordError, UsageError for a link."""
     known = _last_used()
-    updated = RememberedIndicators(machines=known.machines | {machine: tuple(instruments)})
+    here = {one.port: adapter_at(one.port) for one in instruments}
+    updated = RememberedIndicators(
+        machines=known.machines | {machine: tuple(instruments)},
+        adapters=known.adapters | {port: number for port, number in here.items() if number},
+    )
     if updated != known:
         write_files(data_path(), {"": updated.model_dump_json(indent=1)}, replace=True)
+
+
+def adapter_before(port: str) -> str:
+    """The serial number of the adapter that was used last at a port. Raises RecordError."""
+    return _last_used().adapters.get(port, "")
+
+
+def moved_adapters(instruments: Sequence[Instrument]) -> dict[int, str]:
+    """For indicators, counted from 0, whose adapter is at another port: where it is now.
+
+    It is known by the serial number that it had when it was used last. Raises RecordError.
+    """
+    elsewhere = {}
+    for number, one in enumerate(instruments):
+        port = port_of(adapter_before(one.port), one.port)
+        if port is not None:
+            elsewhere[number] = port
+    return elsewhere
 
 
 def _last_used() -> RememberedIndicators:

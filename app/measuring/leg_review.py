@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
+from statistics import median
 
 from calib.noise.reading import visits
 from calib.noise.repeats import Repeats
@@ -12,6 +14,9 @@ from protocols.documents import ZERO, Triple
 from protocols.observations import indicator_figures, to_observations
 from protocols.procedure import Step
 from protocols.session import Reading, Session
+
+LEAST_REST_MM = 0.004
+"""As far as readings differ that are stable, where no procedure says it."""
 
 
 @dataclass(frozen=True)
@@ -100,29 +105,48 @@ def _row(
         return None
     zero = members[start].value_mm
     levels = {level(r) for r in members if r.cycle == cycle} - {0.0}
-    differences: dict[float, float] = {}
+    differences = {level(r): r.value_mm - zero for r in members if r.cycle == cycle and level(r)}
+    seen: set[float] = set()
     for r in members[start + 1 :]:
         if level(r) != 0.0:
-            differences[level(r)] = r.value_mm - zero
-        elif r.cycle != cycle or len(differences) == len(levels):
+            seen.add(level(r))
+        elif r.cycle != cycle or seen >= levels:
             return LegRow(axis, cycle, differences, r.value_mm - zero)
     return LegRow(axis, cycle, differences, None) if differences or start == 0 else None
+
+
+class Usual(StrEnum):
+    """What tells how much readings scatter usually."""
+
+    STATED = "stated"
+    OTHERS = "other legs"
+    AT_REST = "at rest"
 
 
 @dataclass(frozen=True)
 class AxisReview:
     """One axis of a leg: standard deviation of a reading (mm) and what is known beside it.
 
-    ``standard_deviation_mm`` is None without repeats; ``stated_mm`` is the indicator's stated
-    repeatability with its rounding, None where nothing is stated. ``worst_return_mm`` is the
-    largest difference between two Zeros of one cycle.
+    ``standard_deviation_mm`` is None without repeats. ``usual_mm`` is the scatter to hold against
+    it and ``usual`` where that is from: stated repeatability with its rounding, the other legs, or
+    an indicator at rest. ``worst_return_mm`` is the largest difference between two Zeros of one
+    cycle. ``furthest`` is the reading that is furthest from the median of its repeats, by
+    ``furthest_mm``; None without repeats.
     """
 
     axis: str
     standard_deviation_mm: float | None
     degrees_of_freedom: int
-    stated_mm: float | None
+    usual_mm: float
+    usual: Usual
     worst_return_mm: float | None
+    furthest: Reading | None = None
+    furthest_mm: float = 0.0
+
+    @property
+    def excess(self) -> float:
+        """How many times as much as usual it scatters; 0 without repeats."""
+        return (self.standard_deviation_mm or 0.0) / self.usual_mm
 
 
 @dataclass(frozen=True)
@@ -135,32 +159,97 @@ class LegReview:
     differences_mm: tuple[tuple[str, float], ...]
 
 
-def review_leg(session: Session, step: Step) -> LegReview:
-    """Review the leg and station of a step. Raises NotIdentifiable without any reading."""
+def review_leg(session: Session, step: Step, rests_mm: Sequence[float] = ()) -> LegReview:
+    """Review the leg and station of a step.
+
+    ``rests_mm`` is for each axis how far readings of its indicator differ while nothing moves.
+    Raises NotIdentifiable without any reading.
+    """
     visited = visits(to_observations([session]))
     measured = differences(session.opened.machine.geometry(), visited)
+    rests = [*rests_mm, *[0.0] * len(step.axes)]
     return LegReview(
         leg=step.leg,
         station=step.station,
-        axes=tuple(_review_axis(session, step, axis) for axis in step.axes),
+        axes=tuple(
+            _review_axis(session, step, axis, rest_mm)
+            for axis, rest_mm in zip(step.axes, rests, strict=False)
+        ),
         differences_mm=tuple(
             (measured.names[k], float(measured.value_mm[k])) for k in measured.published_rows
         ),
     )
 
 
-def _review_axis(session: Session, step: Step, axis: str) -> AxisReview:
-    here = [r.set_up == (step.leg, axis, step.place[1]) for r in session.readings]
-    repeats = Repeats.of(visits(to_observations([session]).take(here)))
+def _review_axis(session: Session, step: Step, axis: str, rest_mm: float) -> AxisReview:
+    place = (step.leg, axis, step.place[1])
+    repeats = _repeats(session, place)
     returns = [
         row.back_at_zero_mm
         for row in leg_rows(session, step)
         if row.axis == axis and row.back_at_zero_mm is not None
     ]
+    furthest, furthest_mm = _furthest(session, place)
+    usual, usual_mm = _usual(session, place, rest_mm, repeats.standard_deviation_mm or 0.0)
     return AxisReview(
         axis=axis,
         standard_deviation_mm=repeats.standard_deviation_mm,
         degrees_of_freedom=round(float(repeats.degrees_of_freedom.sum())),
-        stated_mm=indicator_figures([session]).stated_mm,
+        usual_mm=usual_mm,
+        usual=usual,
         worst_return_mm=max(returns, key=abs) if returns else None,
+        furthest=furthest,
+        furthest_mm=furthest_mm,
     )
+
+
+SetUp = tuple[str, str, float]
+"""Leg, axis and station."""
+
+
+def _repeats(session: Session, place: SetUp) -> Repeats:
+    here = [r.set_up == place for r in session.readings]
+    return Repeats.of(visits(to_observations([session]).take(here)))
+
+
+def _usual(
+    session: Session, place: SetUp, rest_mm: float, scatter_mm: float
+) -> tuple[Usual, float]:
+    """What tells most of the scatter: of what is known the one beside which it is largest.
+
+    Other legs tell by their median, with two of them or more; an indicator at rest where neither
+    they nor its maker tell anything, and at least as much as readings may differ that are stable.
+    """
+    stated_mm = indicator_figures([session]).stated_mm
+    others = [
+        repeats.standard_deviation_mm
+        for other in dict.fromkeys(r.set_up for r in session.readings)
+        if other != place and (repeats := _repeats(session, other)).standard_deviation_mm
+    ]
+    known = {Usual.STATED: stated_mm} if stated_mm else {}
+    if len(others) > 1:
+        known[Usual.OTHERS] = max(median(mm for mm in others if mm), rest_mm)
+    if not known:
+        procedure = session.opened.procedure
+        tolerance_mm = procedure.tolerance_mm if procedure else LEAST_REST_MM
+        known[Usual.AT_REST] = max(rest_mm, tolerance_mm)
+    usual = max(known, key=lambda one: scatter_mm / known[one])
+    return usual, known[usual]
+
+
+def _furthest(session: Session, place: SetUp) -> tuple[Reading | None, float]:
+    """The reading furthest from the median of its repeats on its mounting, and by how much."""
+    groups: dict[tuple[object, ...], list[Reading]] = {}
+    for r in session.readings:
+        if r.set_up == place:
+            groups.setdefault((r.mount, r.posture_mm, r.station), []).append(r)
+    apart = [
+        (r.value_mm - median(other.value_mm for other in group), r)
+        for group in groups.values()
+        for r in group
+        if len(group) > 2  # of two nobody knows which
+    ]
+    if not apart:
+        return None, 0.0
+    furthest_mm, reading = max(apart, key=lambda pair: abs(pair[0]))
+    return reading, furthest_mm

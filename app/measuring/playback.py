@@ -344,7 +344,9 @@ class Playback:
         shown = readings[-SLOTS:]
         moments = tuple((len(shown) - k, r.value_mm, r.value_mm) for k, r in enumerate(shown, 1))
         age_s = self._age_s(readings[-1])
-        return Live(_outcome(readings[-1]), age_s, Motion.STABLE, partial(Trace, moments))
+        return Live(
+            _outcome(readings[-1]), age_s, Motion.STABLE, partial(Trace, moments, span_s=0.0)
+        )
 
     def _fault(self, axis: Leg) -> Live | None:
         """The fault of this axis if the take shown last failed."""

@@ -11,15 +11,23 @@ from pathlib import Path
 
 from app.measuring.gauges import Gauge, Motion
 from app.measuring.moving import Mover
-from calib.errors import MotionError
+from calib.errors import MotionError, UsageError
 from calib.tripod.pipeline import StageEffect
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
 from protocols.clock import SessionClock
-from protocols.expectation import ExpectedReading, Movement, expected, movement
+from protocols.expectation import (
+    ExpectedReading,
+    Movement,
+    contradiction,
+    expected,
+    movement,
+    since_last_seen,
+)
 from protocols.journal import Journal
 from protocols.procedure import Leg, Step, default_mount
 from protocols.session import (
     Changed,
+    Event,
     Faulted,
     Line,
     Mounted,
@@ -40,13 +48,18 @@ class Doubt(StrEnum):
     UNCHANGED = "unchanged"
     TOO_SOON = "taken too soon"
     BEYOND = "further off than expected"
+    REPEATS = "other than its repeat"
+    ODD = "the odd one of its repeats"
+    STAND = "as on the set-up before"
 
 
 @dataclass(frozen=True)
 class TakenStep:
     """What came of one take: the readings on the disk, or the faults that prevented it.
 
-    With a ``doubt`` the readings do not count until they are kept; ``due`` is what was expected.
+    With a ``doubt`` the ``questioned`` ones do not count until they are kept; ``due`` is what was
+    expected. ``earlier`` are readings of another step that may be wrong instead, or the odd ones of
+    three repeats.
     """
 
     step: Step
@@ -54,7 +67,19 @@ class TakenStep:
     faults: tuple[Fault, ...]
     due: tuple[ExpectedReading, ...] = ()
     doubt: Doubt | None = None
+    earlier: tuple[Reading, ...] = ()
 
+    @property
+    def questioned(self) -> tuple[Reading, ...]:
+        """The readings that wait for an answer, where there is a doubt."""
+        return self.earlier if self.doubt is Doubt.ODD else self.readings
+
+
+HANDLED_MM = 0.2
+"""A spindle that went further between two set-ups was set up; less is a table that is touched."""
+
+UNMOVED_MM = 0.01
+"""So much a stand that nobody touched may drift until the next leg is read."""
 
 LONGEST_MM = 1000.0
 """No indicator moves so far: a reading beyond is a fault of the device."""
@@ -107,6 +132,7 @@ class GuidedSession:
         self._lock = threading.RLock()
         self.clock = clock or SessionClock(journal.events)
         self._untold_jump_s = 0.0
+        self._vouched: set[int] = set()
         self._digits_mm: dict[int, float] = {}
         self._due: tuple[Session, tuple[ExpectedReading, ...]] | None = None
         if self.mover is not None:
@@ -229,15 +255,15 @@ class GuidedSession:
         readings = self._readings(step, outcomes, mounts, moved)
         time_s = readings[0].time_s or 0.0
         due = expected(self.session, step, time_s)
-        doubt, remarks = self._examine(step, readings, due, time_s)
-        if doubt:
-            numbers = tuple(r.reading for r in readings)
-            remarks = [Superseded(readings=numbers, reason=f"questioned: {doubt}")]
         # a step cut off between its two readings is measured again as a whole
         leftovers = self._superseded((step.number,), "step was interrupted")
-        self._append([*mounted, *leftovers, *readings, *remarks])
+        events: list[Event] = [*mounted, *leftovers, *readings]
+        taken, remarks = self._examine(TakenStep(step, readings, (), due), events, time_s)
+        self._append([*events, *remarks])
+        for gauge in self.gauges:
+            gauge.forget_travel()
         self.moved()  # what is due next is worked out in this thread, not in that of the pictures
-        return TakenStep(step, readings, (), due, doubt)
+        return taken
 
     def _where(self, step: Step) -> Moved | None:
         """Where a machine that moves itself is; raises MotionError where that is elsewhere."""
@@ -250,25 +276,65 @@ class GuidedSession:
             raise
 
     def _examine(
+        self, taken: TakenStep, events: Sequence[Event], time_s: float
+    ) -> tuple[TakenStep, list[Line]]:
+        """The readings with what is questionable about them, and what to note behind ``events``."""
+        step, readings, due = taken.step, taken.readings, taken.due
+        doubt, remarks = self._movement_doubt(step, readings, due, time_s)
+        if doubt:
+            taken = replace(taken, doubt=doubt)
+            if doubt is Doubt.UNCHANGED and due[0].before.step:  # or it was here too early
+                before = due[0].before.step
+                earlier = tuple(r for r in self.session.readings if r.step == before)
+                taken = replace(taken, earlier=earlier)
+        elif due:
+            taken = _compared(taken, fold([*self._journal.events, *events]), self._vouched)
+        elif self._go is None and (last := self._unmoved_stand(step, readings)):
+            taken = replace(taken, doubt=Doubt.STAND, earlier=last)
+        if not taken.doubt:
+            return taken, remarks
+        numbers = tuple(r.reading for r in taken.questioned)
+        question = Superseded(readings=numbers, reason=f"questioned: {taken.doubt}")
+        return taken, [*(remarks if taken.doubt is Doubt.ODD else []), question]
+
+    def _movement_doubt(
         self, step: Step, readings: Sequence[Reading], due: Sequence[ExpectedReading], time_s: float
     ) -> tuple[Doubt | None, list[Line]]:
-        """What is questionable about readings, and what to note of those that are not."""
-        values_mm = [r.value_mm for r in readings]
-        if self._go is None and due:
-            rests_mm = [self.gauges[number].rest_mm for number in step.indicators]
-            moved = movement(step, due, values_mm, rests_mm, time_s)
-            if moved is Movement.UNCHANGED:
-                return Doubt.UNCHANGED, []
-            if self.mover is not None:  # its controller told it
-                moved = Movement.SEEN
-            if moved is Movement.UNKNOWN and time_s < self._arrival_s(step, due[0].before):
-                return Doubt.TOO_SOON, []
-        else:
-            moved = Movement.SEEN
-        if any(one.is_beyond(value) for one, value in zip(due, values_mm, strict=False)):
-            return Doubt.BEYOND, []
-        said = f"step {step.number}: no reading can show a move here; the operator's word"
-        return None, [Noted(text=said)] if moved is Movement.UNKNOWN else []
+        """Whether it is doubtful that the machine moved, and what to note where nothing tells."""
+        if self._go is not None or not due:
+            return None, []
+        rests_mm = [self.gauges[number].rest_mm for number in step.indicators]
+        moved = movement(step, due, [r.value_mm for r in readings], rests_mm, time_s)
+        if moved is Movement.UNCHANGED:
+            return Doubt.UNCHANGED, []
+        if moved is not Movement.UNKNOWN or self.mover is not None:  # its controller told it
+            return None, []
+        if time_s < self._arrival_s(step, due[0].before):
+            return Doubt.TOO_SOON, []
+        word = f"step {step.number}: no reading can show a move here; the operator's word"
+        return None, [Noted(text=word)]
+
+    def _unmoved_stand(self, step: Step, readings: Sequence[Reading]) -> tuple[Reading, ...]:
+        """The last readings of the set-up before, where the first of a new one are the same.
+
+        None where a spindle went far since: then somebody set it up, to the same zero.
+        """
+        counting = self.session.readings
+        elsewhere = [r for r in counting if r.set_up != readings[0].set_up and r.step is not None]
+        elsewhere = [r for r in elsewhere if r.posture_mm == step.posture_mm]
+        if not elsewhere:
+            return ()
+        last = tuple(r for r in elsewhere if r.step == elsewhere[-1].step)
+        before = self.steps[(last[0].step or 1) - 1]
+        shown_mm = dict(zip(before.indicators, (r.value_mm for r in last), strict=False))
+        stayed = counting[-1].step == before.number
+        for number, reading in zip(step.indicators, readings, strict=True):
+            gauge = self.gauges[number]
+            apart_mm = abs(reading.value_mm - shown_mm.get(number, math.inf))
+            handled = stayed and gauge.travel_mm > HANDLED_MM
+            if handled or apart_mm > gauge.rest_mm + UNMOVED_MM:
+                return ()
+        return last
 
     def _arrival_s(self, step: Step, before: Reading) -> float:
         """When the machine can be there at the earliest, in time of the session."""
@@ -316,8 +382,19 @@ class GuidedSession:
     def keep(self, taken: TakenStep, reason: str) -> None:
         """Questioned readings count after all."""
         with self._lock:
-            numbers = tuple(r.reading for r in taken.readings)
+            numbers = tuple(r.reading for r in taken.questioned)
+            if taken.doubt is Doubt.ODD:  # three settled it, and the operator decides otherwise
+                self._vouched.update(numbers)
             self._append([Restored(readings=numbers, reason=reason)])
+
+    def measure_earlier(self, taken: TakenStep, reason: str) -> None:
+        """The new readings are right, the earlier ones wrong: their step becomes the next one."""
+        if taken.doubt is Doubt.ODD:  # they count no more as it is
+            return
+        with self._lock:
+            latest, earlier = ([r.reading for r in g] for g in (taken.readings, taken.earlier))
+            right = Restored(readings=tuple(latest), reason=reason)
+            self._append([right, Superseded(readings=tuple(earlier), reason=reason)])
 
     def undo(self, reason: str = "repeated by the operator") -> Step | None:
         """Supersede the readings of the last step taken; it becomes the present step again."""
@@ -418,6 +495,20 @@ class GuidedSession:
             if step is not None:
                 self._append([self._new_mounting(step)])
 
+    def remount_since(self, reason: str) -> tuple[int, ...]:
+        """The stand has moved, nobody knows when: the steps that are measured again for it.
+
+        They are those since the stand was last seen where it had been; all later readings get a
+        new zero.
+        """
+        with self._lock:
+            step = self.step()
+            unsure = since_last_seen(self.session)
+            numbers = tuple(r.reading for r in unsure)
+            gone: list[Line] = [Superseded(readings=numbers, reason=reason)] if numbers else []
+            self._append([*gone, *([self._new_mounting(step)] if step else [])])
+            return tuple(dict.fromkeys(r.step for r in unsure if r.step is not None))
+
     def change(self, change: Changed) -> None:
         """Parts of the machine were moved: every step is measured again, on new set-ups."""
         with self._lock:
@@ -427,6 +518,21 @@ class GuidedSession:
         """Tell a simulated machine to stand as for this set-up, which is no step of its own."""
         if self._go is not None:
             self._go(step)
+
+    def go_on_at(self, number: int, port: str) -> None:
+        """An indicator, counted from 0, is at another port now; noted in the record.
+
+        Raises UsageError for the port of another indicator, IndicatorError where it does not open,
+        RecordError.
+        """
+        others = [gauge.port for k, gauge in enumerate(self.gauges) if k != number]
+        if port in others:
+            raise UsageError(f"port of indicator {number + 1}", port, "a port of its own")
+        before = self.name_of(number)
+        self.gauges[number].go_on_at(port)
+        adapter = self.gauges[number].adapter
+        which = f", adapter {adapter}" if adapter else ""
+        self.note(f"{before} goes on at {port}{which}")
 
     def note(self, text: str) -> None:
         """A remark for the record."""
@@ -522,3 +628,22 @@ class GuidedSession:
             for offset, (axis, outcome) in enumerate(zip(step.axes, outcomes, strict=True))
             if isinstance(outcome, IndicatorReading)
         )
+
+
+def _compared(taken: TakenStep, session: Session, vouched: set[int]) -> TakenStep:
+    """The readings with a doubt where they disagree with others of the session that has them.
+
+    Readings ``vouched`` for are not doubted again.
+    """
+    pairs = zip(taken.due, taken.readings, strict=True)
+    beyond = any(due.is_beyond(reading.value_mm) for due, reading in pairs)
+    disagree = contradiction(session, taken.readings, beyond=beyond)
+    if disagree is None:
+        return taken
+    if disagree.latest:
+        doubt = Doubt.REPEATS if disagree.repeats else Doubt.BEYOND
+    elif vouched & {r.reading for r in disagree.earlier}:
+        return taken
+    else:
+        doubt = Doubt.ODD
+    return replace(taken, doubt=doubt, earlier=disagree.earlier)

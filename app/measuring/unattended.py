@@ -207,6 +207,7 @@ def _check(taken: TakenStep) -> None:
     if taken.faults:
         raise IndicatorError(f"step {taken.step.number}", sentence(taken.faults[0].words), "")
     if taken.doubt:
+        number = taken.questioned[0].step
         found = f"readings {taken.doubt}"
         next_step = "They do not count. Look at stand and indicators, then continue the session."
-        raise IndicatorError(f"step {taken.step.number}", found, "readings as expected", next_step)
+        raise IndicatorError(f"step {number}", found, "readings as expected", next_step)

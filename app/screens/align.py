@@ -29,7 +29,7 @@ class AlignScreen(Corrections):
     """One screw after the other; what it has moved by and what is to go, while it is turned."""
 
     HELP = texts.ALIGN_HELP
-    FINISHES = "F"
+    FINISHES, LEAVES = "align.finish", "align.leave"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "choose(-1)", "Up", show=False, id="align.up"),
         Binding("down", "choose(1)", "Down", show=False, id="align.down"),

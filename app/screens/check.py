@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
@@ -16,14 +17,30 @@ from textual.widgets import Footer, Static
 
 from app.exit_codes import exit_code
 from app.measuring.gauges import PushResult, SpindleCheck
+from app.measuring.indicators import (
+    adapter_before,
+    adapters,
+    indicator_words,
+    moved_adapters,
+    port_is_gone,
+    ports_to_choose,
+)
 from app.measuring.opening import begin, first_step, open_indicators
 from app.measuring.plan import Plan
 from app.measuring.session import Indicators
 from app.report.text import motion
 from app.report.text.home import CHECK_HELP
-from app.report.text.preparing import check_text, dry_run_text, trial_text
+from app.report.text.preparing import (
+    NO_OTHER_PORT_HERE,
+    adapter_lines,
+    check_text,
+    dry_run_text,
+    refused_text,
+    trial_text,
+)
+from app.report.text.session import port_choices, port_question
 from app.screens.fast_keys import Title
-from app.screens.interface import Interface
+from app.screens.interface import ChoiceDialog, Interface
 from app.screens.pages import apart, is_left
 from app.screens.session_view import Gauges
 from calib.errors import GlidecalError
@@ -44,6 +61,7 @@ class CheckScreen(Screen[None]):
         Binding("f5", "begin", "Begin", show=False, id="check.begin-too"),
         Binding("x", "exchange", "Exchange the ports", id="check.exchange"),
         Binding("r", "retry", "Try again", id="check.retry"),
+        Binding("o", "port", "Other port", id="check.port"),
         Binding("escape", "back", "Back", id="check.back"),
         Binding("f10", "app.quit", "Quit", id="check.quit"),
     ]
@@ -52,6 +70,7 @@ class CheckScreen(Screen[None]):
         super().__init__()
         self._plan = plan
         self._problem: GlidecalError | None = None
+        self._gone: list[int] = []
         self._trial: SpindleCheck | None = None
         self._first: Step | None = None
 
@@ -86,8 +105,16 @@ class CheckScreen(Screen[None]):
         if is_left(self):
             return
         self._problem = problem
-        self.query_one("#words", Static).update(f"{problem}\n\nR tries again, Escape goes back.")
+        self._gone = [k for k, one in enumerate(self._plan.instruments) if port_is_gone(one.port)]
+        words = refused_text(problem, self._plan.instruments, self._gone, self._moved_adapters())
+        self.query_one("#words", Static).update(self.app.keyed(words))
         self.refresh_bindings()
+
+    def _moved_adapters(self) -> dict[int, str]:
+        """Where adapters are now that were at other ports before; nothing where that is unknown."""
+        with suppress(GlidecalError):
+            return moved_adapters(self._plan.instruments)
+        return {}
 
     def _opened(self, indicators: Indicators) -> None:
         if is_left(self):
@@ -96,6 +123,9 @@ class CheckScreen(Screen[None]):
         self.app.indicators = indicators
         self.refresh_bindings()
         words = check_text(self._plan)
+        moved = adapter_lines(self._plan.instruments, self._moved_adapters())
+        if moved:
+            words = "\n".join(["WARNING: " + line for line in moved]) + f"\n\n{words}"
         if indicators.mover is not None:
             words = f"{motion.check_text(self._plan, indicators.mover)}\n\n{words}"
         self.query_one("#words", Static).update(words)
@@ -119,6 +149,10 @@ class CheckScreen(Screen[None]):
                     self.query_one("#trial", Static).update(trial_text(trial, self._first))
                 self.refresh_bindings()
 
+    def say(self, text: str) -> None:
+        """What went wrong, above the panels: nothing lies over them."""
+        self.query_one("#trial", Static).update(text)
+
     def action_exchange(self) -> None:
         """The spindle that moved is the one that was asked for: its port belongs there."""
         if self._trial and self._trial.finding is PushResult.OTHER:
@@ -132,6 +166,8 @@ class CheckScreen(Screen[None]):
         """Begin is offered once the indicators are open, another try where they did not open."""
         if action == "retry":
             return self._problem is not None
+        if action == "port":
+            return self._problem is not None and bool(self._gone)
         if action == "exchange":
             return self._trial is not None and self._trial.finding is PushResult.OTHER
         return action != "begin" or self.app.indicators is not None
@@ -142,6 +178,28 @@ class CheckScreen(Screen[None]):
         self.query_one("#words", Static).update(OPENING)
         self.refresh_bindings()
         self._open()
+
+    def action_port(self) -> None:
+        """The first indicator whose port has gone is at another one: choose it, and try again."""
+        number = self._gone[0]
+        known = self._plan.instruments
+        adapter = ""
+        with suppress(GlidecalError):
+            adapter = adapter_before(known[number].port)
+        ports = ports_to_choose(adapter, [one.port for one in known])
+        if not ports:
+            self.say(NO_OTHER_PORT_HERE)
+            return
+        question = port_question(indicator_words(number, known[number]))
+        choices = port_choices(ports, adapters(), adapter)
+        self.app.ask(ChoiceDialog(question, choices), lambda port: self._at_port(number, port))
+
+    def _at_port(self, number: int, port: str) -> None:
+        known = list(self._plan.instruments)
+        known[number] = known[number].model_copy(update={"port": port})
+        self._plan = replace(self._plan, instruments=tuple(known))
+        self.query_one(Gauges).name_them(self._plan.instruments)
+        self.action_retry()
 
     def action_begin(self) -> None:
         """Start or continue the record and go measuring."""

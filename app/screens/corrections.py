@@ -27,7 +27,8 @@ class Corrections(Screen[None]):
 
     app: Interface
     FINISHES: ClassVar[str]
-    """The key that ends the session."""
+    LEAVES: ClassVar[str]
+    """Ids of the keys that end and that leave the session."""
 
     def __init__(self, guided: GuidedSession, plan: Plan) -> None:
         super().__init__()
@@ -82,7 +83,8 @@ class Corrections(Screen[None]):
         try:
             result = await asyncio.to_thread(self._result)
         except GlidecalError as problem:
-            again = f"{self.FINISHES} tries again, F10 leaves."
+            keys = self.app.key(self.FINISHES), self.app.key(self.LEAVES)
+            again = f"{keys[0]} tries again, {keys[1]} leaves."
             self.refused(f"Every reading is on the disk, but: {problem} {again}")
             return
         self.app.guided = None
@@ -179,7 +181,7 @@ class Corrections(Screen[None]):
         def chosen(numbers: list[int] | None) -> None:
             if numbers:
                 question = "Why? The reason stays in the record."
-                said = "Skipped: {}. Key B brings a skipped step back."
+                said = f"Skipped: {{}}. {self.app.key('measure.earlier')} brings it back."
                 self._with_reason(question, partial(self.guided.skip, numbers), said)
 
         self.ask(ChoiceDialog("What do you want to skip?", choices), chosen)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import signal
 import stat
 import sys
@@ -12,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 from rich.cells import cell_len
 from rich.segment import Segment
@@ -26,6 +27,7 @@ from textual.dom import DOMNode
 from textual.events import Event, InputEvent, Key, MouseDown, Paste, Resize
 from textual.filter import LineFilter
 from textual.geometry import Size
+from textual.notifications import SeverityLevel
 from textual.screen import ModalScreen, Screen
 from textual.theme import ThemeProvider
 from textual.timer import Timer
@@ -39,6 +41,7 @@ from app.report.text.home import REPLACE_CHOICES, WORDS_OF_LOOKS, key_list_text
 from app.report.text.tables import copied_text
 from app.screens import Look
 from app.screens.fast_keys import Dialog, Palette, ready
+from app.screens.keys import bindings_of, key_words, split
 from app.screens.pages import legible, signalled
 from app.settings import Settings, save_theme, settings_path
 from calib.errors import GlidecalError
@@ -165,6 +168,24 @@ TALL = 30
 NO_HELP = "The keys of this screen stand in its last line."
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Windows knows no SIGHUP."""
+
+
+KEY_ID = re.compile(r"\{([a-z]+\.[a-z-]+)\}")
+"""A key in a text for people, by the id of its binding."""
+
+
+@runtime_checkable
+class Saying(Protocol):
+    """A screen with a line of its own for what happened last."""
+
+    def say(self, text: str) -> None: ...
+
+
+@runtime_checkable
+class Helping(Protocol):
+    """A screen whose help names the keys that are in force."""
+
+    def help_text(self) -> str: ...
 
 
 class PrintableRows(LineFilter):
@@ -357,11 +378,45 @@ class Interface(App[str]):
         """Words about the focused panel, then about the screen."""
         of_machines = "\n".join(look.words for look in self.looks)
         panels = (self.focused or self.screen).ancestors_with_self  # the screen is the last of them
-        words = [p.HELP or str(p.tooltip or "") for p in panels if isinstance(p, Widget)]
+        words = [
+            p.help_text() if isinstance(p, Helping) else p.HELP or str(p.tooltip or "")
+            for p in panels
+            if isinstance(p, Widget)
+        ]
         said = "\n\n".join(dict.fromkeys(text for text in words if text))
         said = said.replace(WORDS_OF_LOOKS, of_machines)
         if not isinstance(self.screen, HelpDialog):
             self.push_screen(HelpDialog(said or NO_HELP))
+
+    def key(self, key_id: str) -> str:
+        """The first key of a binding of the screens that are open, by its id, as in force now."""
+        chosen = self._settings.keys.get(key_id)
+        if chosen:
+            return key_words(split(chosen)[0])
+        kinds = [type(node) for node in (*reversed(self.screen_stack), self)]
+        bound = (pair for kind in kinds for pair in bindings_of(kind))
+        return next((key_words(key) for key, binding in bound if binding.id == key_id), key_id)
+
+    def keyed(self, text: str) -> str:
+        """The text with keys in the place of the ids in it, such as ``{measure.take}``."""
+        return KEY_ID.sub(lambda found: self.key(found[1]), text)
+
+    def notify(
+        self,
+        message: str,
+        *,
+        title: str = "",
+        severity: SeverityLevel = "information",
+        timeout: float | None = None,
+        markup: bool = True,
+    ) -> None:
+        """In the line that the screen has for it; else, for a while, over its corner."""
+        whole = (one for one in reversed(self.screen_stack) if not isinstance(one, ModalScreen))
+        screen = next(whole, None)
+        if screen is not None and screen.is_mounted and isinstance(screen, Saying):
+            screen.say(message)
+        else:
+            super().notify(message, title=title, severity=severity, timeout=timeout, markup=markup)
 
     def copy(self, text: str) -> None:
         """To the clipboard of the terminal, as far as it lets programs use it."""

@@ -79,6 +79,12 @@ def split(keys: str) -> list[str]:
     return [key.strip() for key in keys.split(",")]
 
 
+def key_words(key: str) -> str:
+    """A key as a person calls it: ``Space``, ``F2``, ``Ctrl+T``."""
+    parts = ({"comma": ",", "plus": "+", "minus": "-"}.get(part, part) for part in key.split("+"))
+    return "+".join(part.upper() if len(part) == 1 else part.capitalize() for part in parts)
+
+
 def is_key(key: str) -> bool:
     """Whether a terminal can send this key at all."""
     *modifiers, last = key.split("+") if len(key) > 1 else [key]
@@ -119,8 +125,8 @@ def _places() -> tuple[tuple[tuple[str, Binding], ...], ...]:
     """The bindings of each screen together with those of the application."""
     for module in pkgutil.iter_modules(importlib.import_module("app.screens").__path__):
         importlib.import_module(f"app.screens.{module.name}")
-    everywhere = tuple(pair for kind in _ours(App) for pair in _bindings(kind))
-    screens = (tuple(_bindings(kind)) for kind in _ours(Screen))
+    everywhere = tuple(pair for kind in _ours(App) for pair in bindings_of(kind))
+    screens = (tuple(bindings_of(kind)) for kind in _ours(Screen))
     return tuple(own + everywhere for own in screens if own)
 
 
@@ -131,7 +137,7 @@ def _ours(kind: type[object]) -> Iterator[type[object]]:
         yield from _ours(below)
 
 
-def _bindings(kind: type[object]) -> Iterator[tuple[str, Binding]]:
+def bindings_of(kind: type[object]) -> Iterator[tuple[str, Binding]]:
     """Key and binding, inherited ones included; a nearer one hides a farther one."""
     seen: set[str] = set()
     for each in kind.__mro__:

@@ -15,12 +15,14 @@ from textual.binding import Binding, BindingType
 from textual.widgets import Footer
 
 from app.measuring.gauges import Live, Motion
+from app.measuring.indicators import adapter_at, adapters, port_of, ports_to_choose, remember
 from app.measuring.moving import Mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession, TakenStep
 from app.measuring.unattended import lost_words, release_lost
 from app.report.text import motion
 from app.report.text import session as texts
+from app.report.text.session import TakenBy
 from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog
 from app.screens.motion_dialog import MotionDialog
@@ -28,7 +30,7 @@ from app.screens.pages import Resting, apart, is_left
 from app.screens.session_view import LegReviewScreen, SessionView
 from calib.errors import GlidecalError, sentence
 from drivers.motion.states import State
-from drivers.profile import Fault, IndicatorReading
+from drivers.profile import Fault, FaultKind, IndicatorReading
 from protocols.clock import SleepWatch
 from protocols.expectation import Movement
 from protocols.procedure import Step
@@ -46,6 +48,9 @@ With GATHER_S alone waiting takes half as much again (`make bench` allows 5 % of
 AGES_S = 0.2
 """Ages and stale indicators are looked at so often."""
 
+PORTS_S = 1.0
+"""While an indicator is lost the serial ports are looked at so often."""
+
 HELD_KEY_S = 0.15
 """Presses that follow this closely are one held key."""
 
@@ -60,8 +65,7 @@ class KeysInForce(Footer, Resting):
 class MeasureScreen(Corrections, Resting):
     """One step after the other; Space takes it."""
 
-    HELP = texts.MEASURE_HELP
-    FINISHES = "Space"
+    FINISHES, LEAVES = "measure.take", "measure.leave"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "take", "Take", id="measure.take"),
         Binding("enter", "take", "Take", show=False, id="measure.take-too"),
@@ -74,6 +78,7 @@ class MeasureScreen(Corrections, Resting):
         Binding("n", "note", "Note", id="measure.note"),
         Binding("w", "where", "Where", show=False, id="measure.where"),
         Binding("v", "plot", "View", show=False, id="measure.plot"),
+        Binding("o", "port", "Port", show=False, id="measure.port"),
         Binding("g", "go", "Go", id="measure.go"),
         Binding("escape", "leave", "Home", show=False, id="measure.home"),
         Binding("f10", "app.quit", "Leave", id="measure.leave"),
@@ -83,7 +88,9 @@ class MeasureScreen(Corrections, Resting):
         super().__init__(guided, plan)
         self.view = SessionView(plan.instruments)
         self.held = False
-        self._lost: set[int] = set()
+        self._lost: dict[int, str | None] = {}
+        """Indicators without a value, and where their adapters were found."""
+        self._ports_at = 0.0
         self._waits: tuple[int, Movement] | None = None
         self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
         self._sleep = SleepWatch()
@@ -144,9 +151,12 @@ class MeasureScreen(Corrections, Resting):
         slept_s = self._sleep.slept_s()
         if slept_s:
             self._set_hold(True, f"the computer slept for {slept_s:.0f} s")
-            self.say(texts.slept_text(slept_s, "P" if self.guided.mover is None else "G"))
+            self.say(texts.slept_text(slept_s, self._goes_on))
         if not self.busy:  # a take holds the record, and looks itself
             self.write(self._look_at_clock)
+        if self._lost and time.monotonic() - self._ports_at > PORTS_S:
+            self._ports_at = time.monotonic()
+            self._look_for_ports()
         if time.monotonic() - self._shown_at > AGES_S / 2:  # else news has just shown the ages
             self._show_live()
 
@@ -171,8 +181,10 @@ class MeasureScreen(Corrections, Resting):
         session = self.guided.session
         mode = "ON HOLD" if self.held else "automatic" if self.automatic else "by hand"
         self.view.show_progress(texts.progress_text(session, self.guided.steps, mode))
-        itself = self.guided.mover is not None and not self.held
-        self.view.show_step(session, self.guided.steps, self.guided.step(), itself=itself)
+        by = TakenBy.INDICATORS if self.automatic else TakenBy.HAND
+        if self.guided.mover is not None:
+            by = TakenBy.CONTROLLER
+        self.view.show_step(session, self.guided.steps, self.guided.step(), by)
         self._draw_live()  # in the same picture: a step takes long to draw, readings must not wait
 
     def _draw_live(self) -> Sequence[Live]:
@@ -193,9 +205,10 @@ class MeasureScreen(Corrections, Resting):
         pressed = [gauge.button_pressed() for gauge in self.guided.gauges]
         if self.asking or self.held or self.busy or not self.guided.there:
             return
-        if self._anyway_until and self.ready_by_hand():
+        still = all(live.motion is Motion.STABLE for live in states)  # a fault is none
+        if self._anyway_until and still and self.ready_by_hand():
             self._anyway_until = 0.0
-            self.say("The readings are stable now: Space takes them.")
+            self.say("The readings are stable now: {measure.take} takes them.")
         if any(pressed):
             self.action_take()
         elif self.automatic and all(live.motion is Motion.STABLE for live in self._of_step(states)):
@@ -211,11 +224,76 @@ class MeasureScreen(Corrections, Resting):
         for number, live in enumerate(states):
             name, outcome = self.guided.name_of(number), live.outcome
             if isinstance(outcome, Fault) and number not in self._lost:
-                self._lost.add(number)
-                self.say(f"FAULT: {name}: {sentence(outcome.words)} The session waits.")
+                self._lost[number] = None
+                self._tell_lost(number, outcome)
+                self._anyway_until = 0.0
             elif isinstance(outcome, IndicatorReading) and number in self._lost:
-                self._lost.remove(number)
+                del self._lost[number]
                 self.say(f"{name.capitalize()} answers again. Continue with this step.")
+                self._look_who_answers(number)
+
+    def _tell_lost(self, number: int, fault: Fault) -> None:
+        gone = fault.kind is FaultKind.DISCONNECTED
+        where = self._lost[number]
+        self.say(texts.lost_text(self.guided.name_of(number), fault.words, where, gone=gone))
+
+    @work
+    async def _look_who_answers(self, number: int) -> None:
+        """On hold where another adapter is at the port now: the names of two may be exchanged."""
+        gauge = self.guided.gauges[number]
+        adapter = await apart(self, adapter_at, gauge.port)
+        if gauge.adapter and adapter != gauge.adapter:
+            name = self.guided.name_of(number)
+            self._set_hold(True, f"{name}: adapter {adapter}, before {gauge.adapter}")
+            self.say(texts.other_adapter_text(name, adapter, gauge.adapter))
+            gauge.adapter = adapter
+
+    @work(exclusive=True, group="ports")
+    async def _look_for_ports(self) -> None:
+        """Whether the adapter of an indicator that is lost is at another port now."""
+        for number in tuple(self._lost):
+            gauge = self.guided.gauges[number]
+            where = await apart(self, port_of, gauge.adapter, gauge.port)
+            outcome = gauge.live().outcome
+            if where != self._lost.get(number, where) and isinstance(outcome, Fault):
+                self._lost[number] = where
+                self._tell_lost(number, outcome)
+
+    def action_port(self) -> None:
+        """An indicator is at another port now: choose it."""
+        if self.busy or self.asking:
+            return
+        if not self._lost:
+            self.say(texts.NO_PORT_LOST)
+            return
+        number = min(self._lost)
+        gauge = self.guided.gauges[number]
+        ports = ports_to_choose(gauge.adapter, [one.port for one in self.guided.gauges])
+        if not ports:
+            self.say(texts.NO_OTHER_PORT)
+            return
+        choices = texts.port_choices(ports, adapters(), gauge.adapter)
+        question = texts.port_question(self.guided.name_of(number))
+
+        def chosen(port: str | None) -> None:
+            if port is not None:
+                self._go_on_at(number, port)
+
+        self.ask(ChoiceDialog(question, choices), chosen)
+
+    @work
+    async def _go_on_at(self, number: int, port: str) -> None:
+        try:
+            await apart(self, self.guided.go_on_at, number, port)
+        except GlidecalError as problem:
+            self.say(f"FAULT: {problem}")
+            return
+        self.view.rename(number, port)
+        self._show_step()
+        instruments = self.view.instruments
+        with suppress(GlidecalError):  # a proposal for the next time
+            await apart(self, remember, self.plan.machine.name, instruments)
+        self.say(f"{self.guided.name_of(number).capitalize()} is read from here on.")
 
     def _tell_motion(self) -> None:
         """One line when a machine that moves itself does something else; a stop is a hold."""
@@ -268,8 +346,7 @@ class MeasureScreen(Corrections, Resting):
             return
         mover, step = self.guided.mover, self.guided.step()
         if self.held:
-            key = "P" if mover is None else "G"
-            self.say(f"WAIT: on hold, nothing is taken. Press {key} to continue.")
+            self.say(f"WAIT: on hold, nothing is taken. Press {{{self._goes_on}}} to continue.")
         elif mover is not None and step is not None and not mover.is_there(step):
             self.say(motion.moving_text(mover, step))
         elif step is None:
@@ -278,7 +355,7 @@ class MeasureScreen(Corrections, Resting):
             self._begin_take()
         else:
             self._anyway_until = now + ANYWAY_S
-            self.say("WAIT: the readings move. Press Space again to take them anyway.")
+            self.say("WAIT: the readings move. Press {measure.take} again to take them anyway.")
 
     def ready_by_hand(self) -> bool:
         """Whether a single press takes: nothing moves, or there is a fault to be shown."""
@@ -314,7 +391,7 @@ class MeasureScreen(Corrections, Resting):
             self._show_step()
             dialog = ChoiceDialog(
                 texts.question_text(taken, self.guided.session),
-                texts.question_choices(taken.doubt),
+                texts.question_choices(taken),
                 leaving="Escape: not kept.",
             )
             self.ask(dialog, lambda answer: self._answered(answer or "", taken))
@@ -324,18 +401,28 @@ class MeasureScreen(Corrections, Resting):
     def _answered(self, answer: str, taken: TakenStep) -> None:
         """What the operator says to readings in question; only "keep" lets them count."""
         reason = texts.answer_reason(answer, taken)
-        self.say(texts.answered_text(answer, taken.step))
+        unsure: tuple[int, ...] = ()
         if answer == "keep":
             if self.write(lambda: self.guided.keep(taken, reason)):
+                self.say(texts.answered_text(answer, taken))
                 self._go_on(taken.step)
             return
         self.write(lambda: self.guided.note(f"step {taken.step.number}: {reason}"))
         if answer == "stand":
-            self.write(self.guided.remount)
-        if answer == "approach":
-            self.proceed()
-        else:
+            unsure = self._set_up_anew(reason)
+        elif answer == "earlier":
+            self.write(lambda: self.guided.measure_earlier(taken, reason))
+        self.say(texts.answered_text(answer, taken, unsure))
+        if answer == "read":  # without moving: what is stable stays so
             self._show_step()
+        else:
+            self.proceed()
+
+    def _set_up_anew(self, reason: str) -> tuple[int, ...]:
+        """A new zero from here on; the steps that are measured again for it."""
+        unsure: list[int] = []
+        self.write(lambda: unsure.extend(self.guided.remount_since(reason)))
+        return tuple(unsure)
 
     def _go_on(self, step: Step) -> None:
         """To the next step; after the last one of a leg its review comes between."""
@@ -344,7 +431,8 @@ class MeasureScreen(Corrections, Resting):
             self.proceed()
             return
         unattended = self.automatic and self.plan.simulated
-        review = LegReviewScreen(self.guided.session, step, unattended=unattended)
+        rests_mm = [self.guided.gauges[k].rest_mm for k in step.indicators]
+        review = LegReviewScreen(self.guided.session, step, rests_mm, unattended=unattended)
         self.ask(review, self._reviewed)
 
     def _reviewed(self, hold: bool | None) -> None:
@@ -359,7 +447,17 @@ class MeasureScreen(Corrections, Resting):
         self._show_step()
 
     def say(self, text: str) -> None:
-        self.view.say(text)
+        self.view.say(self.app.keyed(text))
+
+    def help_text(self) -> str:
+        """What each key does, by the keys in force."""
+        not_here = "measure.go" if self.guided.mover is None else "measure.automatic"
+        return texts.measure_help_text(self.app.key, without=not_here)
+
+    @property
+    def _goes_on(self) -> str:
+        """The id of the key that ends a hold."""
+        return "measure.hold" if self.guided.mover is None else "measure.go"
 
     def _by_hand(self) -> None:
         """Nothing is taken, and nothing moves, without a key."""
@@ -375,11 +473,11 @@ class MeasureScreen(Corrections, Resting):
     def action_hold(self) -> None:
         """Nothing is taken until the same key again; a machine that moves itself needs G."""
         if self.held and self.guided.mover is not None:
-            self.say("On hold. Press G to continue.")
+            self.say("On hold. Press {measure.go} to continue.")
             return
         self._set_hold(not self.held, "on hold" if not self.held else "continued")
-        key = "P" if self.guided.mover is None else "G"
-        self.say(f"On hold. Press {key} to continue." if self.held else "The session continues.")
+        again = f"On hold. Press {{{self._goes_on}}} to continue."
+        self.say(again if self.held else "The session continues.")
 
     def _set_hold(self, held: bool, note: str) -> None:
         if held and self.guided.mover is not None:

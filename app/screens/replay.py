@@ -16,6 +16,7 @@ from textual.widgets import Footer, Log
 from app.evaluating.solution import solve_files
 from app.measuring.playback import Playback
 from app.report.text import replay as texts
+from app.report.text.session import TakenBy
 from app.screens.interface import Interface, TextDialog
 from app.screens.pages import apart
 from app.screens.session_view import SessionView
@@ -94,7 +95,7 @@ class ReplayScreen(Screen[None]):
     def _show_picture(self) -> None:
         playback = self.playback
         self._show_progress()
-        self.view.show_step(playback.shown, playback.steps, playback.now)
+        self.view.show_step(playback.shown, playback.steps, playback.now, TakenBy.NOBODY)
         self.view.show_live(playback.live)
 
     def _show_progress(self) -> None:

@@ -26,7 +26,7 @@ from app.report.charts.tripod import drawn_set_up
 from app.report.text import session as texts
 from app.report.text.tables import signed
 from app.screens.fast_keys import Dialog
-from app.screens.interface import WIDE
+from app.screens.interface import WIDE, Interface
 from app.screens.pages import Resting, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError, sentence
@@ -212,11 +212,12 @@ class StepList(Words):
         self, steps: Sequence[Step], now: Step | None, session: Session, geometry: Geometry
     ) -> None:
         """List the steps."""
-        done, self._lines = session.done(), []
+        done, visits, self._lines = session.done(), texts.visits_of(tuple(steps)), []
         for step in steps:
             mark = "+" if step.number in done else "-" if step.number in session.skipped else " "
             mark = ">" if now and step.number == now.number else mark
-            self._lines.append(f"{mark} {step.number:>3} {texts.step_in_list(step, geometry)}")
+            words = texts.step_in_list(step, geometry, visits[step.number])
+            self._lines.append(f"{mark} {step.number:>3} {words}")
         self._at = (now.number if now else len(steps)) - 1
         self.on_resize()
 
@@ -229,6 +230,8 @@ class StepList(Words):
 
 class SessionView(Vertical, Resting):
     """The same picture whether a session is measured or replayed."""
+
+    app: Interface
 
     def __init__(self, instruments: Sequence[Instrument | None]) -> None:
         super().__init__()
@@ -250,15 +253,15 @@ class SessionView(Vertical, Resting):
         self.query_one("#progress", Static).update(text, layout=False)
 
     def show_step(
-        self, session: Session, steps: Sequence[Step], step: Step | None, *, itself: bool = False
+        self, session: Session, steps: Sequence[Step], step: Step | None, by: texts.TakenBy
     ) -> None:
-        """The present step, the list around it, the leg so far; ``itself``: no hand moves it."""
+        """The present step and who takes it, the list around it, the leg so far."""
         geometry = session.opened.machine.geometry()
         self.query_one(StepList).show(steps, step, session, geometry)
         if step is None:
             return
-        words = texts.step_text(step, session, itself=itself)
-        self.query_one("#step", Static).update(words, layout=False)
+        words = texts.step_text(step, session, by)
+        self.query_one("#step", Static).update(self.app.keyed(words), layout=False)
         self.query_one("#table", Static).update(
             texts.so_far_text(session, steps, step), layout=False
         )
@@ -281,6 +284,19 @@ class SessionView(Vertical, Resting):
         if step is None or step.leg == "tool":
             return None
         return SetUpScreen(session, step, self._instruments)
+
+    @property
+    def instruments(self) -> tuple[Instrument, ...]:
+        """The indicators with the ports where they are now."""
+        return tuple(one for one in self._instruments if one is not None)
+
+    def rename(self, number: int, port: str) -> None:
+        """An indicator, counted from 0, is at another port now."""
+        names = list(self._instruments)
+        known = names[number]
+        names[number] = known and known.model_copy(update={"port": port})
+        self._instruments = tuple(names)
+        self._gauges.name_them(self._instruments)
 
     def say(self, text: str) -> None:
         """What happened last, in one line; only a longer text moves what stands below it."""
@@ -329,6 +345,7 @@ UNATTENDED_S = 1.0
 class LegReviewScreen(Dialog[bool]):
     """Look, then go on to the next leg; dismissed with whether the session shall be on hold."""
 
+    app: Interface
     HELP = texts.REVIEW_HELP
     AUTO_FOCUS = "#review"
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -337,20 +354,30 @@ class LegReviewScreen(Dialog[bool]):
         Binding("v", "plot", "View", id="measure.plot"),
     ]
 
-    def __init__(self, session: Session, step: Step, *, unattended: bool = False) -> None:
+    def __init__(
+        self,
+        session: Session,
+        step: Step,
+        rests_mm: Sequence[float] = (),
+        *,
+        unattended: bool = False,
+    ) -> None:
         super().__init__()
         self._session = session
         self._step = step
+        self._rests_mm = tuple(rests_mm)
         self._unattended = unattended
 
     def compose(self) -> ComposeResult:
         try:
-            text = texts.review_text(review_leg(self._session, self._step))
+            review = review_leg(self._session, self._step, self._rests_mm)
+            text = texts.review_text(review, self._session)
         except GlidecalError as problem:
             text = str(problem)
+        text = self.app.keyed(text)
         with Horizontal(classes="wide-dialog"):
             with VerticalScroll(id="review"):
-                yield Static(text, id="review-text", markup=False)
+                yield Static(signalled(text), id="review-text")
             yield ChartPlot(plot_id="review-chart")
 
     def on_mount(self) -> None:

@@ -8,9 +8,12 @@ posture that was read before from the same side.
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 
-from calib.arrays import Conditions, FloatArray, numbered
+from calib.arrays import Conditions, FloatArray, IntArray, numbered
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
@@ -30,56 +33,112 @@ LEFT_OUT = 0.05
 """What the model leaves out in a posture, of the tolerance of the joint offsets. The prototype of
 papers/000 had offsets up to 1.7 mm and 0.14 mm r.m.s. left over after the fit."""
 
+CLEAR = 6.9
+"""Of two readings that may be wrong one is named alone where it is a thousand times as likely:
+the logarithm of that."""
 
 Predicted = tuple[FloatArray, FloatArray]
 """Mean and standard deviation ``(k,)`` of readings, mm."""
 
 
-def predict(
-    geometry: Geometry,
-    tolerance_mm: FloatArray,
-    taken: Conditions,
-    value_mm: FloatArray,
-    noise_mm: FloatArray,
-    tilt_mrad: float = 0.0,
-) -> tuple[Predicted, Predicted]:
-    """The last k readings from the n before them: if the carriages may have play, and without.
+@dataclass(frozen=True, eq=False)
+class CorrelatedReadings:
+    """Readings of one session and how they hang together.
 
-    ``taken`` has n + k rows, in time; every mounting has one among the n. ``value_mm`` ``(n,)`` are
-    what was read, ``tolerance_mm`` ``(6,)`` standard deviations of the parameters, ``noise_mm``
-    ``(n + k,)`` of each reading, ``tilt_mrad`` the most that a reference plane leans. The first
-    derivatives at the nominal machine serve as its model.
+    ``value_mm`` ``(n,)`` are the first n of all m readings in time, ``expected_mm`` ``(m,)`` what
+    the nominal machine shows. The covariances ``(m, m)`` are without noise: ``worn_mm2`` where the
+    carriages may have play, ``sure_mm2`` where they have none.
     """
-    first = np.unique(taken.mount, return_index=True)[1][taken.mount]
-    since_s = taken.time_s - taken.time_s[first]
-    nominal = (0.0,) * len(PARAMETER_NAMES)
-    by_tolerance = derivatives(geometry, nominal, taken) * tolerance_mm
-    exact = Model(geometry).readings(taken)
-    worn = [EffectInstance(Backlash(), carriage, (PLAY_MM,)) for carriage in "xyz"]
-    by_play = np.array([Model(geometry, effects=(one,)).readings(taken) - exact for one in worn])
-    one_mount = taken.mount[:, None] == taken.mount
-    place = numbered(taken.leg, taken.axis, taken.station, taken.level, taken.over_plane)
-    leaning_mm = 1e-3 * tilt_mrad / 2.0 * np.nan_to_num(taken.along_mm - taken.along_mm[first])
-    drifted_mm = DRIFT_MM_S / 2.0 * since_s
-    since_first = np.outer(drifted_mm, drifted_mm) + np.outer(leaning_mm, leaning_mm)
-    covariance = (
-        by_tolerance @ by_tolerance.T
-        + one_mount * (ZERO_MM**2 + since_first)
-        + (place[:, None] == place) * (LEFT_OUT * float(tolerance_mm[0])) ** 2
-        + np.diag(noise_mm**2)
-    )
-    expected = value_mm[first] + exact
-    known = value_mm, expected, noise_mm
-    return _last(covariance + by_play.T @ by_play, *known), _last(covariance, *known)
 
+    value_mm: FloatArray
+    expected_mm: FloatArray
+    worn_mm2: FloatArray
+    sure_mm2: FloatArray
 
-def _last(
-    covariance: FloatArray, value_mm: FloatArray, expected_mm: FloatArray, noise_mm: FloatArray
-) -> Predicted:
-    """The readings beyond those of ``value_mm``, of a normal distribution that those narrow."""
-    n = len(value_mm)
-    known, between = covariance[:n, :n], covariance[:n, n:]
-    gain = np.linalg.solve(known, between)
-    mean = expected_mm[n:] + gain.T @ (value_mm - expected_mm[:n])
-    variance = np.diag(covariance[n:, n:] - between.T @ gain)
-    return mean, np.sqrt(np.maximum(variance, noise_mm[n:] ** 2))
+    @classmethod
+    def of(
+        cls,
+        geometry: Geometry,
+        tolerance_mm: FloatArray,
+        taken: Conditions,
+        value_mm: FloatArray,
+        tilt_mrad: float = 0.0,
+    ) -> CorrelatedReadings:
+        """How readings taken like this hang together on a machine of these tolerances.
+
+        ``taken`` has m rows, in time; every mounting has one among the first n. ``value_mm``
+        ``(n,)`` are what was read, ``tolerance_mm`` ``(6,)`` standard deviations of the parameters,
+        ``tilt_mrad`` the most that a reference plane leans. The first derivatives at the nominal
+        machine serve as its model.
+        """
+        first = np.unique(taken.mount, return_index=True)[1][taken.mount]
+        since_s = taken.time_s - taken.time_s[first]
+        nominal = (0.0,) * len(PARAMETER_NAMES)
+        by_tolerance = derivatives(geometry, nominal, taken) * tolerance_mm
+        exact = Model(geometry).readings(taken)
+        worn = [EffectInstance(Backlash(), carriage, (PLAY_MM,)) for carriage in "xyz"]
+        by_play = np.array(
+            [Model(geometry, effects=(play,)).readings(taken) - exact for play in worn]
+        )
+        one_mount = taken.mount[:, None] == taken.mount
+        place = numbered(taken.leg, taken.axis, taken.station, taken.level, taken.over_plane)
+        leaning_mm = 1e-3 * tilt_mrad / 2.0 * np.nan_to_num(taken.along_mm - taken.along_mm[first])
+        drifted_mm = DRIFT_MM_S / 2.0 * since_s
+        since_first = np.outer(drifted_mm, drifted_mm) + np.outer(leaning_mm, leaning_mm)
+        sure = (
+            by_tolerance @ by_tolerance.T
+            + one_mount * (ZERO_MM**2 + since_first)
+            + (place[:, None] == place) * (LEFT_OUT * float(tolerance_mm[0])) ** 2
+        )
+        return cls(value_mm, value_mm[first] + exact, sure + by_play.T @ by_play, sure)
+
+    def predict(self, noise_mm: FloatArray, *, worn: bool) -> Predicted:
+        """The last m - n readings, from a normal distribution that those of ``value_mm`` narrow.
+
+        ``noise_mm`` ``(m,)`` is the standard deviation of each reading by itself; ``worn``: the
+        carriages may have play.
+        """
+        n = len(self.value_mm)
+        covariance = (self.worn_mm2 if worn else self.sure_mm2) + np.diag(noise_mm**2)
+        known, between = covariance[:n, :n], covariance[:n, n:]
+        gain = np.linalg.solve(known, between)
+        mean = self.expected_mm[n:] + gain.T @ (self.value_mm - self.expected_mm[:n])
+        variance = np.diag(covariance[n:, n:] - between.T @ gain)
+        return mean, np.sqrt(np.maximum(variance, noise_mm[n:] ** 2))
+
+    def contradicted(
+        self, group: IntArray, noise_mm: float, limit_mm: float, reach: float
+    ) -> list[list[int]]:
+        """Groups of the n readings that the others contradict, the clearest contradiction first.
+
+        ``group`` ``(n,)`` numbers what is wrong together, as both readings of a step. One is
+        contradicted where a reading of it is further than ``limit_mm`` and than ``reach`` standard
+        deviations from what all others predict. The one without which the others are most likely
+        is wrong; with it stand those for which that is within `CLEAR` as likely: of two that
+        contradict each other both. Then the same of what is left.
+        """
+        n = len(self.value_mm)
+        off_mm = self.value_mm - self.expected_mm[:n]
+        noise_mm2 = np.full(n, noise_mm**2)
+        together: list[list[int]] = []
+        while True:
+            precision = np.linalg.inv(self.worn_mm2[:n, :n] + np.diag(noise_mm2))
+            weighed = precision @ off_mm
+            likely = {}
+            own = np.diag(precision)  # of a row by itself: quick, and near to that of its group
+            far = np.abs(weighed) / own > 0.5 * np.maximum(limit_mm, reach / np.sqrt(own))
+            for candidate in np.unique(group[far & (noise_mm2 < ZERO_MM**2)]).tolist():
+                rows = np.flatnonzero(group == candidate)
+                alone_mm2 = np.linalg.inv(precision[np.ix_(rows, rows)])
+                away_mm = alone_mm2 @ weighed[rows]
+                deviation_mm = np.sqrt(np.diag(alone_mm2))
+                if (np.abs(away_mm) <= np.maximum(limit_mm, reach * deviation_mm)).all():
+                    continue
+                spread = math.log(float(np.linalg.det(alone_mm2 / ZERO_MM**2)))
+                likely[candidate] = 0.5 * (float(away_mm @ weighed[rows]) + spread)
+            if not likely:
+                return together
+            best = max(likely.values())
+            order = sorted(likely, key=lambda candidate: -likely[candidate])
+            together.append([c for c in order if likely[c] >= best - CLEAR])
+            noise_mm2[np.isin(group, together[-1])] = ZERO_MM**2

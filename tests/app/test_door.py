@@ -102,7 +102,7 @@ def test_a_table_is_loaded_as_the_import_does(tmp_path: Path) -> None:
 
 def test_without_pandas_a_frame_is_refused_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "pandas", None)
-    with pytest.raises(glidecal.GlidecalError, match=r"glidecal\[frames\]"):
+    with pytest.raises(glidecal.GlidecalError, match=r"-m pip install .*pandas>="):
         glidecal.load(SESSION).to_frame()
 
 

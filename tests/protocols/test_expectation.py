@@ -7,10 +7,18 @@ from collections.abc import Sequence
 
 import pytest
 
-from protocols.expectation import ExpectedReading, Movement, expected, movement
+from protocols.expectation import (
+    Contradiction,
+    ExpectedReading,
+    Movement,
+    contradiction,
+    expected,
+    movement,
+    since_last_seen,
+)
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Procedure, Step
-from protocols.session import Event, Mounted, Opened, Reading, Restored, Superseded, fold
+from protocols.session import Event, Mounted, Opened, Reading, Restored, Session, Superseded, fold
 
 LIMIT_MM = 0.05
 AT_S = 100.0
@@ -192,3 +200,99 @@ def test_on_a_calibrated_machine_readings_prove_nothing() -> None:
     assert movement(to(60.0), still, (0.0, 0.0), (0.004, 0.004), AT_S) is Movement.UNKNOWN
     unmoving = due([(mount, at, 0.0) for mount, at, _ in KNOWN], 60.0)
     assert movement(to(60.0), unmoving, (0.0, 0.0), (0.004, 0.004), AT_S) is Movement.UNKNOWN
+
+
+Steps = Sequence[tuple[float, float]]
+"""Displacement and value of each step in the order taken, mm."""
+
+
+def measured(steps: Steps, then: Sequence[Event] = ()) -> Session:
+    """A leg read along y; steps are numbered in their order, 20 s apart."""
+    readings = [
+        reading(k, ("xy", at, value)).model_copy(update={"step": k, "time_s": 20.0 * k})
+        for k, (at, value) in enumerate(steps, start=1)
+    ]
+    mounted = Mounted(leg="x", station=0.5, mounts={"y": "xy"})
+    return fold([opened(), mounted, *readings, *then])
+
+
+def of_latest(steps: Steps, then: Sequence[Event] = ()) -> tuple[bool, list[int], bool] | None:
+    """Whether the latest may be wrong, which earlier ones may, and whether they are repeats."""
+    session, before = measured(steps, then), measured(steps[:-1], then)
+    displacement_mm, value_mm = steps[-1]
+    step = Step(len(steps), "x", displacement_mm, 9, 0.5, ("y",))
+    (due,) = expected(before, step, 20.0 * len(steps))
+    disagree: Contradiction | None = contradiction(
+        session, session.readings[-1:], beyond=due.is_beyond(value_mm)
+    )
+    if disagree is None:
+        return None
+    return disagree.latest, [r.reading for r in disagree.earlier], disagree.repeats
+
+
+CYCLE = [(0.0, 0.0), (60.0, 0.3), (-100.0, -0.4)]
+
+
+def test_of_two_repeats_either_may_be_wrong() -> None:
+    assert of_latest([*CYCLE, (0.0, 0.0), (60.0, 0.32)]) is None
+    assert of_latest([*CYCLE, (0.0, 0.0), (60.0, -0.4)]) == (True, [2], True)
+
+
+def test_the_third_repeat_settles_which_was_wrong() -> None:
+    """Only the odd one is in question, be it the latest, the first or the second."""
+    for right_mm, wrong_mm in ((0.3, -0.4), (-0.4, 0.3)):
+        first, second, third = (
+            [
+                (0.0, 0.0), (60.0, a), (-100.0, -0.41),
+                (0.0, 0.001), (60.0, b), (-100.0, -0.4),
+                (0.0, 0.0), (60.0, c),
+            ]
+            for a, b, c in (
+                (wrong_mm, right_mm, right_mm + 0.004),
+                (right_mm, wrong_mm, right_mm - 0.004),
+                (right_mm, right_mm + 0.004, wrong_mm),
+            )
+        )  # fmt: skip
+        assert of_latest(first) == (False, [2], True)
+        assert of_latest(second) == (False, [5], True)
+        assert of_latest(third) == (True, [], False)
+
+
+def test_it_is_settled_also_where_the_second_was_kept() -> None:
+    steps = [*CYCLE, (0.0, 0.0), (60.0, -0.4), (-100.0, -0.41), (0.0, 0.0), (60.0, -0.403)]
+    questioned = Superseded(readings=(5,), reason="questioned")
+    kept = Restored(readings=(5,), reason="kept")
+    assert of_latest(steps, [questioned, kept]) == (False, [2], True)
+
+
+def test_three_that_all_differ_settle_nothing() -> None:
+    steps = [*CYCLE, (0.0, 0.0), (60.0, -0.4), (-100.0, -0.41), (0.0, 0.0), (60.0, 1.0)]
+    questioned = Superseded(readings=(5,), reason="questioned")
+    kept = Restored(readings=(5,), reason="kept")
+    disagree = of_latest(steps, [questioned, kept])
+    assert disagree is not None
+    latest, earlier, repeats = disagree
+    assert latest
+    assert earlier in ([2], [5])
+    assert repeats
+
+
+def test_a_first_visit_is_held_against_the_step_before() -> None:
+    assert of_latest([(0.0, 0.0), (60.0, 4.0)]) == (True, [1], False)
+
+
+def test_a_drift_is_no_contradiction() -> None:
+    """1 µm/s, as two standard deviations, over a minute."""
+    assert of_latest([*CYCLE, (0.0, 0.06)]) is None
+    assert of_latest([*CYCLE, (0.0, 0.16)]) == (True, [1], True)
+
+
+def test_since_when_the_stand_may_have_moved() -> None:
+    """It was seen at Zero of cycle 2; MAX and MIN of that cycle may have moved with it."""
+    moved = [*CYCLE, (0.0, 0.02), (60.0, 0.6), (-100.0, -0.1), (0.0, 0.3)]
+    assert [r.reading for r in since_last_seen(measured(moved))] == [5, 6, 7]
+    assert [r.reading for r in since_last_seen(measured(moved[:3]))] == [2, 3]
+    calm = [*CYCLE, (0.0, 0.01), (60.0, 0.31)]
+    assert since_last_seen(measured(calm)) == ()
+    again = [*CYCLE, (0.0, 0.0), (60.0, 0.6), (60.0, 0.61)]  # agree with each other alone
+    assert [r.reading for r in since_last_seen(measured(again))] == [5, 6]

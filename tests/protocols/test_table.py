@@ -238,9 +238,7 @@ def test_workbooks_that_are_none_and_one_that_is_too_large_unpacked(tmp_path: Pa
 def test_a_workbook_without_openpyxl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = workbook_of(tmp_path / "t.xlsx", [HEADER.split(",")])
     monkeypatch.setitem(sys.modules, "openpyxl", None)
-    with pytest.raises(
-        UsageError, match=r'pip install "glidecal\[xlsx\]", or save the table as CSV'
-    ):
+    with pytest.raises(UsageError, match=r'pip install "openpyxl>=3.1", or save the table as CSV'):
         read_table(path)
 
 

@@ -18,6 +18,7 @@ from textual.widgets import Input, Select, Static
 
 from app.measuring.demo import demo_plan
 from app.measuring.plan import Plan
+from app.measuring.session import Doubt, TakenStep
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.history import HistoryScreen
@@ -26,10 +27,14 @@ from app.screens.measure import HELD_KEY_S, MeasureScreen
 from app.screens.prepare import IndicatorScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen
 from drivers.profile import Outcome
+from protocols.procedure import Step
 
 SIZE = (80, 24)
 PATIENCE = 1500
 PRESSES = 5
+QUESTIONED = TakenStep(Step(4, "x", 0.0, 2, 0.5, ("y", "z")), (), (), doubt=Doubt.BEYOND)
+"""A step that is further off than expected."""
+
 Looking = TypeVar("Looking", DiagnoseScreen, HexaSlideScreen)
 
 

@@ -69,12 +69,13 @@ async def take_something_else(
     [
         ("1", "Not kept. Next is step 4: take it again."),
         ("2", "leave the posture"),
-        ("3", "with the new zero"),
-        ("4", "Step 4 is kept"),
+        ("3", "Next is step 1: move there"),
+        ("4", "With the new zero steps 2, 3 are measured again, too"),
+        ("5", "Step 4 is kept"),
         ("escape", "Not kept. Next is step 4: take it again."),
     ],
 )
-async def test_a_reading_that_disagrees_is_questioned(
+async def test_of_two_repeats_that_disagree_either_may_be_wrong(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, key: str, said: str
 ) -> None:
     async with measuring(tmp_path) as (pilot, interface, screen):
@@ -84,27 +85,70 @@ async def test_a_reading_that_disagrees_is_questioned(
         await until(pilot, "a question", lambda: isinstance(interface.screen, ChoiceDialog))
         await until(pilot, "its words", lambda: interface.screen.query(Static))
         question = str(interface.screen.query(Static).first().content)
-        assert "Step 4, leg X ZERO" in question
-        assert "± 0.050 mm is expected" in question
+        assert "Step 4 does not agree with step 1, leg X ZERO, cycle 1:" in question
+        assert "Which of these two is wrong?" in question
+        rows = [line.split() for line in question.splitlines()[2:4]]
+        assert rows[0][:4] == ["step", "1,", "cycle", "1"]
+        assert rows[1][:5] == ["step", "4,", "cycle", "2", "(now)"]
+        values = {r.reading: f"{r.value_mm:+.4f}" for r in screen.guided.session.all_readings}
+        assert [row[-2:] for row in rows] == [[values[1], values[2]], [values[7], values[8]]]
         assert len(screen.guided.session.all_readings) == 8, "on the disk before it is asked"
         assert "cycle 2 of 3" in on(screen, "#step"), "the step in question"
         await pilot.press(key)
         await until(pilot, "an answer", lambda: interface.screen is screen)
         session = screen.guided.session
-        kept = key == "4"
-        assert session.done() == ({1, 2, 3, 4} if kept else {1, 2, 3})
-        assert set(session.superseded) == (set() if kept else {7, 8})
-        assert ("LEG X   MAX" if kept else "LEG X   ZERO") in on(screen, "#step")
-        assert len(session.mountings) == (2 if key == "3" else 1)
+        kept = key == "5"
+        done = {"3": {2, 3, 4}, "4": {1}, "5": {1, 2, 3, 4}}.get(key, {1, 2, 3})
+        gone = {"3": {1, 2}, "4": {3, 4, 5, 6, 7, 8}, "5": set[int]()}.get(key, {7, 8})
+        assert session.done() == done
+        assert set(session.superseded) == gone
+        assert ("LEG X   MAX" if key in "45" else "LEG X   ZERO") in on(screen, "#step")
+        assert len(session.mountings) == (2 if key == "4" else 1)
         assert said in on(screen, "#said")
         if kept:
-            assert all(why.endswith("mm from expected: kept") for why in session.restored.values())
+            assert all(why.endswith("mm from step 1: kept") for why in session.restored.values())
         else:
-            assert any("mm from expected" in note for note in notes(screen))
+            assert any("mm from step 1" in note for note in notes(screen))
+        if key == "3":
+            return
         await take(pilot, screen)
-        assert max(screen.guided.session.done()) == 4 + kept
+        assert max(screen.guided.session.done()) == {"4": 2, "5": 5}.get(key, 4)
         assert ("Y  cycle 2* " in on(screen, "#table")) == kept
         assert ("*kept" in on(screen, "#table")) == kept
+
+
+async def test_the_third_repeat_settles_which_one_is_odd(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wrong MAX in cycle 1: the second is kept beside it, the third names the first alone."""
+    async with measuring(tmp_path) as (pilot, interface, screen):
+        await take(pilot, screen)
+        await take_something_else(pilot, screen, monkeypatch, 0.3)
+        for _ in range(3):
+            await take(pilot, screen)
+        await until(pilot, "a question", lambda: isinstance(interface.screen, ChoiceDialog))
+        assert "Step 5 does not agree with step 2" in text(interface, "Static")
+        await pilot.press("5")
+        await until(pilot, "an answer", lambda: interface.screen is screen)
+        for _ in range(3):
+            await take(pilot, screen)
+        await until(pilot, "a question", lambda: isinstance(interface.screen, ChoiceDialog))
+        question = text(interface, "Static")
+        assert "The odd one is step 2, leg X MAX, cycle 1:" in question
+        assert [line.split()[-1] == "odd" for line in question.splitlines()[2:5]] == [
+            True,
+            False,
+            False,
+        ]
+        assert "Taken and on the disk, step 8" in on(screen, "#said")
+        assert screen.guided.session.done() == {1, 3, 4, 5, 6, 7, 8}, "the good ones count"
+        await pilot.press("1")
+        await until(pilot, "an answer", lambda: interface.screen is screen)
+        assert "cycle 1 of 3" in on(screen, "#step")
+        assert "LEG X   MAX" in on(screen, "#step")
+        await take(pilot, screen)
+        assert screen.guided.session.done() == set(range(1, 9))
+        assert "LEG X   MIN   cycle 3" in on(screen, "#step")
 
 
 async def test_an_earlier_step_is_repeated_and_taken_back(tmp_path: Path) -> None:

@@ -12,9 +12,11 @@ from pathlib import Path
 import pytest
 from textual.widgets import OptionList
 
+from app.measuring.indicators import remember
 from app.measuring.plan import QUICK_INTERVAL_S, plan_to_continue
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
+from app.screens.interface import ChoiceDialog
 from app.screens.start import Glidecal
 from drivers.profile import Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
@@ -85,6 +87,120 @@ async def test_a_cable_plugged_in_later_is_found_by_another_try(tmp_path: Path) 
             assert screen.guided.session.done() == {1}
             await pilot.press("f10")
     assert interface.return_code == 0
+
+
+async def test_an_indicator_goes_on_at_another_port(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its cable is pulled, and its adapter comes back under another name, known by its number."""
+    from protocols.machine import Instrument
+
+    def twin() -> IndicatorTwin:
+        return IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001))
+
+    with TwinPort(twin(), "tcp") as first, TwinPort(twin(), "tcp") as second:
+        where = {first.url: "A1"}
+        for module in ("app.measuring.gauges", "app.screens.measure"):
+            monkeypatch.setattr(f"{module}.adapter_at", lambda port: where.get(port, ""))
+        for module in ("app.measuring.indicators", "app.screens.measure"):
+            monkeypatch.setattr(f"{module}.adapters", lambda: where)
+        monkeypatch.setattr(
+            "app.measuring.indicators.serial_ports", lambda: [(port, "USB") for port in where]
+        )
+        known = Instrument(profile="mitutoyo-01a", port=first.url)
+        plan = replace(quick_plan(tmp_path), instruments=(known,))
+        interface = Glidecal(CheckScreen(plan))
+        async with interface.run_test(size=SIZE) as pilot:
+            screen = await to_measuring(pilot, interface)
+            await take(pilot, screen)
+            await pilot.press("o")
+            await until(pilot, "no need", lambda: "Every indicator" in text(interface, "#said"))
+            where.clear()
+            first.close()
+            lost = "O chooses it."
+            await until(pilot, "a fault", lambda: lost in text(interface, "#said"))
+            await pilot.press("space")
+            await pilot.pause(0.2)
+            assert "stable" not in text(interface, "#said")
+            where[second.url] = "A1"
+            back = f"Its adapter is at {second.url} now: O goes on there."
+            await until(pilot, "its port", lambda: back in text(interface, "#said"))
+            await pilot.press("o")
+            await until(pilot, "a list", lambda: isinstance(interface.screen, ChoiceDialog))
+            assert "the same adapter, no. A1" in str(
+                interface.screen.query_one(OptionList).get_option_at_index(0).prompt
+            )
+            await pilot.press("1")
+            await until(pilot, "readings", lambda: not screen._lost)
+            await until(pilot, "its name", lambda: "FAULT" not in text(interface, "#said"))
+            assert not screen.held
+            assert second.url in str(screen.query_one("#gauge0").border_subtitle)
+            await pilot.press("f10")
+    notes = [e.text for e in read_record(plan.path).events if e.event == "noted"]
+    assert any(note.endswith(f"goes on at {second.url}, adapter A1") for note in notes)
+
+
+async def test_another_adapter_under_the_old_name_puts_the_session_on_hold(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two cables that were pulled may come back with their names exchanged."""
+    from protocols.machine import Instrument
+
+    def twin() -> IndicatorTwin:
+        return IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001))
+
+    numbers = ["A1"]
+    for module in ("app.measuring.gauges", "app.screens.measure"):
+        monkeypatch.setattr(f"{module}.adapter_at", lambda _: numbers[-1])
+    first = TwinPort(twin(), "tcp")
+    known = Instrument(profile="mitutoyo-01a", port=first.url)
+    plan = replace(quick_plan(tmp_path), instruments=(known,))
+    interface = Glidecal(CheckScreen(plan))
+    async with interface.run_test(size=SIZE) as pilot:
+        screen = await to_measuring(pilot, interface)
+        await take(pilot, screen)
+        first.close()
+        await until(pilot, "a fault", lambda: "FAULT" in text(interface, "#said"))
+        numbers.append("B2")
+        with TwinPort(twin(), "tcp", tcp_port=int(first.url.rpartition(":")[2])):
+            await until(pilot, "the hold", lambda: screen.held)
+            await until(pilot, "why", lambda: "adapter B2 is there now" in text(interface, "#said"))
+            await pilot.press("f10")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a device path that appears needs POSIX")
+async def test_at_continue_a_port_that_has_gone_is_chosen_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from protocols.machine import Instrument
+
+    gone, here = str(tmp_path / "ttyOLD"), str(tmp_path / "ttyNEW")
+    where = {gone: "A1"}
+    monkeypatch.setattr("app.measuring.indicators.adapters", lambda: where)
+    monkeypatch.setattr("app.screens.check.adapters", lambda: where)
+    monkeypatch.setattr(
+        "app.measuring.indicators.serial_ports", lambda: [(port, "USB") for port in where]
+    )
+    known = Instrument(profile="mitutoyo-01a", port=gone)
+    plan = replace(quick_plan(tmp_path), instruments=(known,))
+    remember(plan.machine.name, [known])
+    where.clear()
+    where[here] = "A1"
+    with TwinPort(IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), "pty") as port:
+        Path(here).symlink_to(port.url)
+        interface = Glidecal(CheckScreen(plan))
+        async with interface.run_test(size=SIZE) as pilot:
+            await until(pilot, "words", lambda: "no such port" in text(interface, "#words"))
+            words = " ".join(text(interface, "#words").split())
+            assert f"its adapter is at {here} now." in words
+            assert "O chooses another port, R tries again, Escape goes back." in words
+            await pilot.press("o")
+            await until(pilot, "a list", lambda: isinstance(interface.screen, ChoiceDialog))
+            await pilot.press("1")
+            screen = await to_measuring(pilot, interface)
+            await take(pilot, screen)
+            assert screen.guided.session.done() == {1}
+            await pilot.press("f10")
 
 
 async def test_indicator_fault_is_not_taken(

@@ -26,7 +26,6 @@ from app.evaluating.what_if import choices, trial_of
 from app.machines.registry import LOOKS
 from app.measuring.demo import WATCHED, demo_plan
 from app.measuring.recorded import recent_sessions
-from app.measuring.session import Doubt
 from app.report.text.session import question_choices
 from app.screens.align import AlignScreen
 from app.screens.check import CheckScreen, DryRunScreen
@@ -52,7 +51,7 @@ from protocols.procedure import load_procedure
 from protocols.record import read_record
 from protocols.session import Session, fold
 from tests.conftest import SAMPLES
-from tests.screens.driving import placed, quick_plan, said, take, to_measuring, until
+from tests.screens.driving import QUESTIONED, placed, quick_plan, said, take, to_measuring, until
 from tests.screens.test_moving import measuring as moving
 
 SIZES = [(80, 24), (100, 30), (120, 40)]
@@ -115,7 +114,7 @@ MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     HistoryScreen: lambda folder: HistoryScreen(read_history(folder)),
     LegReviewScreen: lambda _: LegReviewScreen(simulated(), simulated().steps()[-1]),
     SetUpScreen: set_up,
-    ChoiceDialog: lambda _: ChoiceDialog(QUESTION, question_choices(Doubt.BEYOND)),
+    ChoiceDialog: lambda _: ChoiceDialog(QUESTION, question_choices(QUESTIONED)),
     TextDialog: lambda _: TextDialog("Why? " * 30, "reason", without="step 12 stays the next."),
     HelpDialog: lambda _: HelpDialog("words"),
 }

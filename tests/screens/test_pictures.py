@@ -22,7 +22,6 @@ from textual.widgets import Input, OptionList, Static, TabbedContent
 from app.evaluating.solution import solve_files
 from app.machines.registry import LOOKS
 from app.measuring.demo import demo_plan
-from app.measuring.session import Doubt
 from app.report.text.session import question_choices
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, Interface, TextDialog
@@ -35,7 +34,7 @@ from app.screens.start import Glidecal
 from protocols.record import read_record
 from protocols.session import fold
 from tests.conftest import ROOT
-from tests.screens.driving import fill_in, text, until
+from tests.screens.driving import QUESTIONED, fill_in, text, until
 
 PICTURES = Path(__file__).parent / "pictures"
 NARROW, WIDE = (80, 24), (120, 40)
@@ -183,7 +182,7 @@ async def test_choice(samples: Path, tmp_path: Path) -> None:
     interface = still(result_screen(samples / "experiment_2_twelve.jsonl"))
     async with interface.run_test(size=NARROW) as pilot:
         question = "Step 4, leg X ZERO:\nalong [Y] +0.2 mm where +0.0 ± 0.05 mm is expected"
-        interface.push_screen(ChoiceDialog(question, question_choices(Doubt.BEYOND)))
+        interface.push_screen(ChoiceDialog(question, question_choices(QUESTIONED)))
         await until(pilot, "choices", lambda: bool(interface.screen.query(OptionList)))
         assert isinstance(interface.screen, ChoiceDialog)
         assert interface.screen.query_one(OptionList).highlighted == 0
@@ -198,7 +197,7 @@ async def test_replay(samples: Path, tmp_path: Path) -> None:
         await pilot.press("j", *"8", "enter")
         await until(pilot, "step 8", lambda: "step 8 of" in text(interface, "#progress"))
         displays = interface.screen.query(GaugeDisplay)
-        await until(pilot, "trends", lambda: all("⣿" in "".join(d.strip) for d in displays))
+        await until(pilot, "trends", lambda: all("m" in "".join(d.strip) for d in displays))
         assert "simulated_zero-max-min.jsonl" in text(interface, "#progress")
         assert "along Y" in str(interface.screen.query_one(ChartPlot).render())
         await compare(pilot, interface, "replay", tmp_path)

@@ -237,7 +237,7 @@ def test_without_the_extra_the_way_to_it_is_said(tmp_path: Path) -> None:
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
     )
     assert done.returncode == 2
-    assert 'pip install "glidecal[serve]"' in done.stderr
+    assert f'{sys.executable} -m pip install "textual-serve>=' in " ".join(done.stderr.split())
     assert "Traceback" not in done.stderr
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from textual.binding import Binding
 from textual.pilot import Pilot
 from textual.widgets import Input, Static
 
@@ -14,12 +15,15 @@ from app.evaluating.solution import SessionSolution, solve_files
 from app.measuring.gauges import Gauge
 from app.measuring.plan import QUICK_INTERVAL_S
 from app.report.text.result import solution_text
+from app.report.text.session import MEASURE_KEYS
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
+from app.screens.measure import MeasureScreen
 from app.screens.prepare import PrepareScreen
 from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
+from app.settings import Settings
 from drivers.profile import Fault, FaultKind, IndicatorReading, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twins import IndicatorTwin, TwinPort
@@ -249,6 +253,47 @@ async def test_moving_readings_are_taken_only_on_purpose(
         await pilot.press("space")
         await until(pilot, "taken", lambda: screen.guided.session.done() == {1})
         await pilot.press("f10")
+
+
+async def test_words_name_the_keys_that_are_in_force(tmp_path: Path) -> None:
+    """Step, messages, help and footer after a change of keys; nothing lies over the panels."""
+    keys = {"measure.take": "t,space", "measure.hold": "h", "measure.earlier": "ctrl+b"}
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)), settings=Settings(keys=keys))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await to_measuring(pilot, interface)
+        assert "When stable, press T." in text(interface, "#step")
+        await pilot.press("h")
+        await pilot.pause()
+        assert "On hold. Press H to continue." in text(interface, "#said")
+        await pilot.press("h")
+        await pilot.pause()
+        shown = {
+            binding.binding.description: key for key, binding in screen.active_bindings.items()
+        }
+        assert shown["Hold"] == "h"
+        await pilot.press("f1")
+        await until(pilot, "help", lambda: isinstance(interface.screen, HelpDialog))
+        await pilot.pause()
+        words = text(interface, "HelpDialog Static")
+        for line in (
+            "T, Enter     take: read",
+            "Ctrl+B       an earlier step",
+            "H            hold",
+        ):
+            assert line in words
+        await pilot.press("escape", "a")
+        await until(pilot, "automatic", lambda: screen.automatic)
+        assert "press" not in text(interface, "#step")
+        await pilot.press("a")
+        interface.notify("nothing lies over the panels", timeout=10)
+        assert text(interface, "#said") == "nothing lies over the panels"
+        assert not interface._notifications
+        await pilot.press("f10")
+
+
+def test_the_help_has_every_key_of_the_measuring_screen() -> None:
+    ids = {b.id for b in MeasureScreen.BINDINGS if isinstance(b, Binding)}
+    assert ids == {key_id for row, _ in MEASURE_KEYS for key_id in row}
 
 
 async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) -> None:

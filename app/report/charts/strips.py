@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from itertools import count
 
 from app.measuring.gauges import SLOTS, Trace
+from app.report.text.tables import signed
 
 BITS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 LEFT, RIGHT = (
@@ -17,13 +19,53 @@ BLANK = 0x2800  # of Unicode: braille without dots; a bit of the last byte for e
 BANDS = 3.0
 """The scale is at least so many times as high as the band of rest."""
 
-LEAST_MM = 1e-6
+LEAST_MM = 0.02
+"""The least height of a chart: a last digit that flickers must not look like a step."""
+
+SCALE_COLUMNS, LEAST_COLUMNS = 13, 30
+"""Room for the scale beside a chart, and from how many columns on there is any."""
+
 EVERY = 4
 """The edges of the band have one dot in so many."""
 
 
 def strip_rows(trace: Trace, columns: int, rows: int) -> tuple[str, ...]:
-    """The strip chart in a place of so many cells, the present at its right end.
+    """The strip chart in a place of so many cells, with its scale at the right where that fits."""
+    if columns < LEAST_COLUMNS or not trace.moments:
+        return chart_rows(trace, columns, rows)
+    chart = chart_rows(trace, columns - SCALE_COLUMNS, rows)
+    pairs = zip(chart, scale_rows(trace, rows), strict=True)
+    return tuple(f"{row}{words:>{SCALE_COLUMNS}}" for row, words in pairs)
+
+
+def scale_rows(trace: Trace, rows: int) -> tuple[str, ...]:
+    """Words beside each row: the height and the width of the chart, the values at its edges.
+
+    Of the rest limit, too, where there is room.
+    """
+    lower, upper = _scale(trace)
+    size = _length_words(upper - lower)
+    if trace.span_s:
+        size += f", {trace.span_s:g} s"
+    if rows < 3:
+        return (size, *[""] * (rows - 1))[:rows]
+    decimals = 3 if upper - lower < 1.0 else 2 if upper - lower < 10.0 else 1
+    words = [""] * rows
+    words[0], words[-1] = signed(upper, decimals), signed(lower, decimals)
+    words[1] = size
+    rest_mm = trace.band_mm[1] - trace.band_mm[0]
+    if rows > 3 and rest_mm > 0.0:
+        words[2] = f"rest {_length_words(rest_mm)}"
+    return tuple(words)
+
+
+def _length_words(length_mm: float) -> str:
+    """``20 µm`` or ``2 mm``."""
+    return f"{1e3 * length_mm:.3g} µm" if length_mm < 0.9995 else f"{length_mm:.4g} mm"
+
+
+def chart_rows(trace: Trace, columns: int, rows: int) -> tuple[str, ...]:
+    """The chart alone, the present at its right end.
 
     Each moment reaches from its least to its largest reading and to the moment before. Dotted
     lines are the edges of the band in which readings count as at rest.
@@ -60,13 +102,22 @@ def strip_rows(trace: Trace, columns: int, rows: int) -> tuple[str, ...]:
 
 
 def _scale(trace: Trace) -> tuple[float, float]:
-    """Lower and upper end in mm; they keep still while the readings stay near the band."""
+    """Lower and upper end in mm: a round height, which keeps still while the readings do.
+
+    At rest the band is in the middle; else the readings are.
+    """
     low_mm, high_mm = trace.band_mm
-    band_mm = max(high_mm - low_mm, LEAST_MM)
-    lower = min(low_mm if band_mm > LEAST_MM else math.inf, *(low for _, low, _ in trace.moments))
-    upper = max(high_mm if band_mm > LEAST_MM else -math.inf, *(top for _, _, top in trace.moments))
-    middle = band_mm * round((low_mm + high_mm) / 2.0 / band_mm)
-    half = BANDS * band_mm / 2.0
-    if middle - half <= lower and upper <= middle + half:
-        return middle - half, middle + half
-    return lower, upper if upper > lower else lower + LEAST_MM
+    ends = (low_mm, high_mm) if high_mm > low_mm else trace.moments[-1][1:]
+    lower = min(ends[0], *(low for _, low, _ in trace.moments))
+    upper = max(ends[1], *(top for _, _, top in trace.moments))
+    least = max(LEAST_MM, BANDS * (high_mm - low_mm))
+    heights = (digit * 10.0**power for power in count(-2) for digit in (1.0, 2.0, 5.0))
+    centre = sum(ends) / 2.0
+    for height in heights:
+        if height < least - 1e-9:
+            continue
+        middle = height / 5.0 * round(centre / (height / 5.0))
+        if middle - height / 2.0 <= lower and upper <= middle + height / 2.0:
+            return middle - height / 2.0, middle + height / 2.0
+        centre = (lower + upper) / 2.0
+    raise AssertionError("every height is tried")

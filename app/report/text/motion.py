@@ -100,8 +100,8 @@ def waiting_text(mover: Mover) -> str:
     if proposal is None:
         return f"{wrong}At rest."
     if wrong:
-        return f"{wrong}{_by_hand_text(proposal)}G proves it again, 5 mm at a time."
-    moves = "G moves" if proposal.proof else "G moves it"
+        return f"{wrong}{_by_hand_text(proposal)}{{measure.go}} proves it again, 5 mm at a time."
+    moves = "{measure.go} moves" if proposal.proof else "{measure.go} moves it"
     by_hand = _by_hand_text(proposal)
     return f"{by_hand}Nobody at the machine? {moves} {proposal_text(proposal)}."
 
@@ -122,7 +122,7 @@ def no_consent_text(mover: Mover) -> str:
     if mover.proposal is None and proof is not None and proof.wrong:
         return f"NOT PROVED. {proof.wrong}"
     still = ", and all indicators rest" if proof is not None else ""
-    return f"WAIT until all keys were released for a second{still}, then press G once."
+    return f"WAIT until all keys were released for a second{still}, then press {{measure.go}} once."
 
 
 SAW_CHOICES = (("no", "No, or I did not look"), ("yes", "Yes, I saw it"))
@@ -139,8 +139,8 @@ def moving_text(mover: Mover, step: Step) -> str:
         State.MOVING: f"MOVING {goal}. Any key stops it.",
         State.CONSENTED: f"{place}. It goes on by itself; any key stops it.",
         State.STOPPING: "STOPPING …",
-        State.HELD: f"HELD: {sentence(mover.why)} G asks what to do.",
-        State.FAULT: f"FAULT: {sentence(mover.why)} G asks what to do.",
+        State.HELD: f"HELD: {sentence(mover.why)} {{measure.go}} asks what to do.",
+        State.FAULT: f"FAULT: {sentence(mover.why)} {{measure.go}} asks what to do.",
     }
     stopped = f"STOPPED: {sentence(mover.why)} " if mover.state is State.STOPPED else ""
     return words.get(mover.state) or f"{stopped}{waiting_text(mover)}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from app.measuring.gauges import PushResult, SpindleCheck
 from app.measuring.indicators import indicator_words, profile_of
@@ -10,6 +10,7 @@ from app.measuring.plan import Plan
 from app.measuring.simulated import short_travels
 from app.report.text.session import mdi_line
 from app.report.text.tables import new_table, paragraphs
+from calib.errors import GlidecalError
 from calib.tripod.geometry import Geometry
 from drivers.profile import Evidence
 from protocols.machine import Instrument, Machine
@@ -115,6 +116,30 @@ def check_text(plan: Plan) -> str:
         [check],
         [f"{begin}: {plan.path}"],
     )
+
+
+NO_OTHER_PORT_HERE = "No other serial port is here. Plug the adapter in, then try again."
+
+
+def adapter_lines(instruments: Sequence[Instrument], elsewhere: Mapping[int, str]) -> list[str]:
+    """For each indicator whose adapter is at another port now, which."""
+    return [
+        f"{indicator_words(k, instruments[k]).capitalize()}: its adapter is at {port} now."
+        for k, port in elsewhere.items()
+    ]
+
+
+def refused_text(
+    problem: GlidecalError,
+    instruments: Sequence[Instrument],
+    gone: Sequence[int],
+    elsewhere: Mapping[int, str],
+) -> str:
+    """Why the indicators did not open; for those whose port has ``gone`` where they are now."""
+    lines = adapter_lines(instruments, elsewhere)
+    choose = "{check.port} chooses another port, " if gone else ""
+    again = f"{choose}{{check.retry}} tries again, {{check.back}} goes back."
+    return paragraphs([str(problem)], lines, [again])
 
 
 def trial_text(trial: SpindleCheck, step: Step) -> str:

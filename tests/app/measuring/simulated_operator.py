@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from app.measuring.gauges import Gauge, Motion
-from app.measuring.session import GuidedSession, Indicators, TakenStep
+from app.measuring.session import Doubt, GuidedSession, Indicators, TakenStep
 from drivers.profile import IndicatorReading, Outcome, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from protocols.clock import SessionClock
@@ -183,6 +183,13 @@ class Operator:
     def stable(self) -> bool:
         return all(gauge.live().motion is Motion.STABLE for gauge in self.guided.gauges)
 
+    def lift_spindles(self) -> None:
+        """As a stand is taken to another leg: both zeros may be as before, but not the way."""
+        for gauge in self.guided.gauges:
+            for far_mm in (5.0, -5.0):
+                far = IndicatorReading("", far_mm, self.bench.digit_mm, unit_assumed=True)
+                gauge.hear(far)
+
     def until_stable(self) -> None:
         for _ in range(100):
             self.wait(PACE_S)
@@ -214,6 +221,7 @@ class Operator:
             self.guided.go()
             if self.guided.session.is_new_place(step):
                 self.bench.set_up(step)
+                self.lift_spindles()
                 self.wait(2.0)
                 assert self.take().doubt is None
                 self.taken_s = self.bench.now_s
@@ -229,7 +237,7 @@ class Operator:
                 self.bench.knock()
             self.until_stable()
             seen = self.visible(step)
-            doubt = self.take().doubt
+            doubt = self.counted(self.take())
             self.tally.on_his_word += not seen and doubt is None
             self.tally.forgotten += seen
             self.tally.stored += seen and doubt is None
@@ -241,6 +249,13 @@ class Operator:
         self.wait(self.bench.move(step))
         self.wait(float(self.chance.uniform(1.2, 10.0)))
         self.honest_take()
+
+    def counted(self, taken: TakenStep) -> Doubt | None:
+        """What is doubted of these readings; where it is an earlier step he keeps all."""
+        if taken.doubt is not Doubt.ODD:
+            return taken.doubt
+        self.guided.keep(taken, "it is right")
+        return None
 
     def honest_take(self) -> bool:
         """Whether it was taken without a question; else it is kept."""
@@ -265,9 +280,9 @@ class Operator:
             if self.chance.random() < 0.01:
                 self.bench.knock()
             if self.looked(step):
-                taken = self.take()
-                self.tally.stored += seen and taken.doubt is None
-                if taken.doubt is None:
+                doubt = self.counted(self.take())
+                self.tally.stored += seen and doubt is None
+                if doubt is None:
                     return
         seen = self.visible(step)
         self.wait(self.bench.move(step))
@@ -282,12 +297,18 @@ class Operator:
 
 
 @contextmanager
-def session(folder: Path, seed: int, patch: pytest.MonkeyPatch, tally: Tally) -> Iterator[Operator]:
-    """One session on a machine of its own; every fifth was calibrated before."""
-    chance = np.random.default_rng(seed)
-    calibrated = seed % 5 == 4
+def opened_on(
+    folder: Path,
+    name: str,
+    chance: np.random.Generator,
+    patch: pytest.MonkeyPatch,
+    kind: type[Bench] = Bench,
+    *,
+    calibrated: bool = False,
+) -> Iterator[tuple[Bench, GuidedSession]]:
+    """A session that was begun on a machine of its own; it is finished in the end."""
     size_mm = (0.01, 0.005) if calibrated else (2.0, 0.1)
-    bench = Bench(
+    bench = kind(
         chance,
         table(hidden(chance, *size_mm)),
         float(chance.choice([0.001, 0.0001, 0.0005])),
@@ -301,13 +322,21 @@ def session(folder: Path, seed: int, patch: pytest.MonkeyPatch, tally: Tally) ->
     )
     patch.setattr("app.measuring.gauges.time", SimpleNamespace(monotonic=lambda: bench.now_s))
     begun = datetime(2026, 1, 1, tzinfo=UTC)
-    journal = Journal.create(folder / f"{seed}.jsonl", opened)
+    journal = Journal.create(folder / f"{name}.jsonl", opened)
     clock = SessionClock(
         journal.events, lambda: bench.now_s, lambda: begun + timedelta(seconds=bench.now_s)
     )
     gauges = tuple(BenchGauge(bench, number) for number in range(2))
     with GuidedSession(journal, Indicators(gauges), clock) as guided:
-        yield Operator(bench, guided, tally)
+        yield bench, guided
         guided.finish()
+
+
+@contextmanager
+def session(folder: Path, seed: int, patch: pytest.MonkeyPatch, tally: Tally) -> Iterator[Operator]:
+    """One session on a machine of its own; every fifth was calibrated before."""
+    chance = np.random.default_rng(seed)
+    with opened_on(folder, str(seed), chance, patch, calibrated=seed % 5 == 4) as (bench, guided):
+        yield Operator(bench, guided, tally)
     events = read_record(guided.path).events
     tally.noted += sum(e.event == "noted" and "operator's word" in e.text for e in events)

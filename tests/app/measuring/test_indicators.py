@@ -7,12 +7,23 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 from app.measuring.demo import rehearsed
-from app.measuring.indicators import check_indicators, indicator_of, parse_indicator
+from app.measuring.indicators import (
+    adapters,
+    check_indicators,
+    indicator_of,
+    moved_adapters,
+    parse_indicator,
+    port_of,
+    ports_to_choose,
+    remember,
+)
+from app.report.text.session import port_choices
 from calib.arrays import conditions
 from calib.errors import UsageError
 from calib.tripod.geometry import Geometry
@@ -43,6 +54,52 @@ def test_parse(text: str, profile: str, port: str, axes: str) -> None:
 def test_refused(text: str) -> None:
     with pytest.raises(UsageError, match="PROFILE:PORT"):
         parse_indicator(text)
+
+
+@dataclass
+class Port:
+    """What the system says of a serial port."""
+
+    device: str
+    serial_number: str | None
+    location: str | None = None
+    description: str = "USB serial"
+
+    def __lt__(self, other: Port) -> bool:
+        return self.device < other.device
+
+
+def plugged(monkeypatch: pytest.MonkeyPatch, *ports: Port) -> None:
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: list(ports))
+
+
+def test_an_adapter_is_known_under_another_name_by_its_serial_number(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    first = Instrument(profile="mitutoyo-01a", port="/dev/ttyGONE0")
+    plain = Instrument(profile="sylvac", port="/dev/ttyGONE1")
+    plugged(monkeypatch, Port("/dev/ttyGONE0", "A1"), Port("/dev/ttyGONE1", None))
+    remember("test machine", [first, plain])
+    assert moved_adapters([first, plain]) == {}
+    plugged(monkeypatch, Port("/dev/ttyGONE2", None), Port("/dev/ttyGONE7", "A1"))
+    assert moved_adapters([first, plain]) == {0: "/dev/ttyGONE7"}
+    assert [port for port, _ in ports_to_choose("A1", ["/dev/ttyGONE2"])] == ["/dev/ttyGONE7"]
+    assert [port for port, _ in ports_to_choose("A1", [])] == ["/dev/ttyGONE7", "/dev/ttyGONE2"]
+    assert [port for port, _ in ports_to_choose("", [])] == ["/dev/ttyGONE2", "/dev/ttyGONE7"]
+    choices = port_choices(ports_to_choose("A1", []), adapters(), "A1")
+    assert choices[0][1] == "/dev/ttyGONE7  USB serial, the same adapter, no. A1"
+    assert choices[1][1] == "/dev/ttyGONE2  USB serial"
+
+
+def test_two_ports_of_one_adapter_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both have its serial number."""
+    both = [Port("/dev/ttyUSB3", "F7", "1-2:1.0"), Port("/dev/ttyUSB4", "F7", "1-2:1.1")]
+    plugged(monkeypatch, *both)
+    assert adapters() == {"/dev/ttyUSB3": "F7 1.0", "/dev/ttyUSB4": "F7 1.1"}
+    assert port_of("F7 1.1", "/dev/ttyUSB0") == "/dev/ttyUSB4"
+    assert port_of("F7 1.1", "/dev/ttyUSB4") is None
+    assert port_of("", "/dev/ttyUSB0") is None
 
 
 def test_a_form_without_a_profile_says_what_is_missing() -> None:

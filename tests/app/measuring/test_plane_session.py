@@ -187,16 +187,21 @@ def test_what_the_operator_reads_over_a_plane(tmp_path: Path) -> None:
     geometry = MACHINE.geometry()
     with session(tmp_path / "s.jsonl") as (guided, _):
         first, second, third, *_ = guided.steps
+        keys = {"measure.where": "W", "measure.take": "Space"}
         lines = step_text(first, guided.session).splitlines()
+        for key_id, key in keys.items():
+            lines = [line.replace(f"{{{key_id}}}", key) for line in lines]
         assert lines[:3] == [
             "LEG X   ZERO   cycle 1 of 1",
             "First, at Zero: stand on the plane under leg X, indicator along Z (1). W shows it.",
             "Move the tool to X +0.00 mm. Slide the stand to 31 mm from its tool end (10%); Space.",
         ]
-        assert step_in_list(second, geometry) == "X ZERO 0.9"
+        assert step_in_list(second, geometry, "1") == "X ZERO 0.9"
         guided.go()
         guided.take()
-        slide = "The machine stays. Slide the stand to 279 mm from its tool end (90%); Space."
+        slide = (
+            "The machine stays. Slide the stand to 279 mm from its tool end (90%); {measure.take}."
+        )
         assert step_text(second, guided.session).splitlines()[1] == slide
         assert "The stand slides on the plane." in set_up_text(guided.session, second, [ALONG])
         picture = drawn_set_up(guided.session, third, [ALONG])
@@ -216,7 +221,9 @@ def test_what_the_operator_reads_over_a_plane(tmp_path: Path) -> None:
             [*expected, 0.0], abs=0.002
         )
         assert point_text(second, guided.session).startswith("step   2  leg X  ZERO 0.9")
-        assert review_text(review_leg(guided.session, first)).startswith("Leg X is done.")
+        assert review_text(review_leg(guided.session, first), guided.session).startswith(
+            "Leg X is done."
+        )
     told = dry_run_text(BOTH, MACHINE, (ACROSS, ALONG))
     last = next(line for line in told.split("\n") if line.split()[:1] == ["67"])
     assert " ".join(last.split()) == "67 y MIN 3 p 0.1 z 2 G53 G0 X0.000 Y-100.000"

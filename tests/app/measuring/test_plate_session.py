@@ -180,8 +180,8 @@ def test_what_the_operator_reads_of_a_plate(tmp_path: Path) -> None:
         assert lines[1] == "First, at Zero: indicator at the tool, plate under it; + is towards +Z."
         assert lines[2].startswith("Lift off by 5 mm")
         assert lines[3:5] == ["G53 G0 X0.000 Y60.000 Z5.000", "G53 G0 X0.000 Y60.000 Z0.000"]
-        assert step_in_list(first, geometry) == "ZERO"
-        assert step_in_list(guided.steps[2], geometry) == "-52 -30 0"
+        assert step_in_list(first, geometry, "1") == "ZERO"
+        assert step_in_list(guided.steps[2], geometry, "1") == "-52 -30 0"
         go(first)
         guided.take()
         unmoved = guided.take()
@@ -202,6 +202,6 @@ def test_what_the_operator_reads_of_a_plate(tmp_path: Path) -> None:
         assert shown == pytest.approx(differences, abs=5 * SCATTER_MM)
         assert table[4].startswith("back at Zero")
         assert point_text(second, guided.session).startswith("step   2  tool  (0, 60, 0) mm")
-        review = review_text(review_leg(guided.session, guided.steps[-1]))
+        review = review_text(review_leg(guided.session, guided.steps[-1]), guided.session)
         assert review.startswith("The plate is done.")
         assert "z(0, 60, 0)" in review

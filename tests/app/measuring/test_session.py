@@ -19,6 +19,7 @@ from app.measuring.opening import opened_event, start_session
 from app.measuring.plan import Plan
 from app.measuring.session import Doubt, GuidedSession, Indicators
 from app.measuring.unattended import measure_all
+from app.report.text.session import question_choices, question_text, step_in_list, visits_of
 from drivers.profile import FaultKind, IndicatorReading, Outcome, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from protocols.clock import SessionClock
@@ -286,11 +287,13 @@ def test_a_reading_that_disagrees_is_questioned_and_counts_when_it_is_kept(tmp_p
             assert taken.step.number == number
             if taken.doubt:
                 questioned.append(number)
-                assert taken.doubt is Doubt.BEYOND
-                assert guided.step() == taken.step
+                assert taken.doubt in (Doubt.BEYOND, Doubt.REPEATS, Doubt.ODD)
+                following = guided.step()
+                assert following is not None
+                assert following.number == taken.questioned[0].step
                 guided.keep(taken, "right")
         assert len(guided.session.readings) == 20
-        assert len(guided.session.restored) == 2 * len(questioned)
+        assert guided.session.restored
     assert questioned
     assert min(questioned) >= 4
 
@@ -369,6 +372,76 @@ def test_a_first_reading_beyond_the_tolerances_is_asked(tmp_path: Path) -> None:
         gauges[0].show(4.0)
         assert doubt(guided) is Doubt.BEYOND
         assert guided.session.done() == {1}
+
+
+def test_a_stand_that_was_not_taken_to_the_next_leg_is_asked_about(tmp_path: Path) -> None:
+    """Both indicators show at the first step of leg Y what they showed at the last of leg X."""
+    with by_hand(tmp_path, Machine()) as (guided, gauges, time):
+        for shown_mm in (0.0, 0.3, -0.4, 0.001):
+            time.now_s += 20.0
+            gauges[0].show(shown_mm)
+            assert doubt(guided) is None
+        time.now_s += 60.0
+        for _ in range(2):
+            taken = guided.take()
+            assert taken is not None
+            assert taken.doubt is Doubt.STAND
+            assert [r.step for r in taken.earlier] == [4, 4]
+            assert guided.session.done() == {1, 2, 3, 4}
+        assert taken is not None
+        assert (
+            "Unchanged since step 4, leg X ZERO, end: was the stand set up anew"
+            in question_text(taken, guided.session)
+        )
+        gauges[1].show(0.6)
+        assert doubt(guided) is None
+        assert guided.session.done() == {1, 2, 3, 4, 5}
+
+
+def test_a_stand_that_was_set_up_to_the_same_zero_is_not_asked_about(tmp_path: Path) -> None:
+    with by_hand(tmp_path, Machine()) as (guided, gauges, time):
+        for shown_mm in (0.0, 0.3, -0.4, 0.001):
+            time.now_s += 20.0
+            gauges[0].show(shown_mm)
+            assert doubt(guided) is None
+        for gauge in gauges:  # the spindles went far meanwhile, and both were set to zero
+            for heard_mm in (0.001, 4.0, 0.001):
+                gauge.show(heard_mm)
+                gauge.hear(gauge.shown)
+        gauges[1].show(0.0)
+        time.now_s += 60.0
+        assert doubt(guided) is None
+
+
+def test_where_nothing_changed_the_step_before_may_be_the_wrong_one(tmp_path: Path) -> None:
+    """MAX was taken at MIN: now that it is there MIN shows no change."""
+    with by_hand(tmp_path, Machine()) as (guided, gauges, time):
+        for shown_mm in (0.0, -0.4):
+            time.now_s += 20.0
+            gauges[0].show(shown_mm)
+            assert doubt(guided) is None
+        time.now_s += 20.0
+        taken = guided.take()
+        assert taken is not None
+        assert taken.doubt is Doubt.UNCHANGED
+        assert ("earlier", "Step 3 is right: measure step 2 again") in question_choices(taken)
+        guided.measure_earlier(taken, "measured again")
+        assert guided.session.done() == {1, 3}
+        following = guided.step()
+        assert following is not None
+        assert following.number == 2
+
+
+def test_no_two_steps_have_one_name(tmp_path: Path) -> None:
+    for procedure in ("zero-max-min", "two-station", "sweep"):
+        plan = demo_plan(tmp_path, procedure, 1)
+        geometry = plan.machine.geometry()
+        steps = plan.procedure.steps(geometry)
+        visits = visits_of(steps)
+        names = [(s.place, step_in_list(s, geometry, visits[s.number])) for s in steps]
+        assert len(set(names)) == len(names)
+        assert all(len(name) <= 10 for _, name in names), "the list is narrow"
+        assert names[-1][1] == "Z ZERO end"
 
 
 def test_other_decimals_in_mid_session_are_a_fault_with_a_name(tmp_path: Path) -> None:

@@ -361,7 +361,7 @@ def test_without_the_extra_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None
 
     monkeypatch.setattr(builtins, "__import__", none)
     with (
-        pytest.raises(UsageError, match=r"no package matplotlib.*glidecal\[report\]"),
+        pytest.raises(UsageError, match=r"no package matplotlib.*-m pip install .*matplotlib>="),
         extra("glidecal report", "report"),
     ):
         import matplotlib.figure  # noqa: F401  (asked for once more)

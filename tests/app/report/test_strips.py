@@ -8,7 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.measuring.gauges import SLOTS, Trace
-from app.report.charts.strips import BANDS, strip_rows
+from app.report.charts.strips import (
+    LEAST_COLUMNS,
+    LEAST_MM,
+    SCALE_COLUMNS,
+    chart_rows,
+    scale_rows,
+    strip_rows,
+)
 
 Dots = set[tuple[int, int]]
 
@@ -48,7 +55,7 @@ def test_every_reading_has_its_dot(
     moments = tuple((len(heard) - 1 - k, low, low + more) for k, (low, more) in enumerate(heard))
     last = heard[-1][0]
     trace = Trace(moments, (last - 0.002, last + 0.002))
-    chart = strip_rows(trace, columns, rows)
+    chart = chart_rows(trace, columns, rows)
     assert [len(row) for row in chart] == [columns] * rows
     dots = dots_of(chart)
     wide, high = 2 * columns, 4 * rows
@@ -58,30 +65,69 @@ def test_every_reading_has_its_dot(
         x = (SLOTS - 1 - ago) * wide // SLOTS
         column = sorted(y for across, y in dots if across == x)
         assert column, "each moment is drawn"
-        if highest - lowest > BANDS * 0.004 + 0.01:  # the scale is that of the readings
+        if rows >= 3:
+            words = scale_rows(trace, rows)
+            upper, lower = (float(words[k].replace("−", "-")) for k in (0, -1))
+            assert lower - 0.06 <= lowest
+            assert highest <= upper + 0.06
             for value in (low, top):
-                y = (highest - value) / (highest - lowest) * high
-                assert any(abs(y - 0.5 - dot) <= 1.0 for dot in column)
+                y = (upper - value) / (upper - lower) * high
+                # edges are written with one decimal where the chart is high
+                assert any(abs(y - 0.5 - dot) <= 1.0 + 0.06 * high for dot in column)
 
 
 def test_nothing_heard_is_nothing_drawn_and_no_room_is_none_taken() -> None:
     assert dots_of(strip_rows(Trace(), 10, 2)) == set()
+    assert strip_rows(Trace(), 40, 2) == ("", "")
     trace = Trace(((0, 1.0, 1.0),), (0.998, 1.002))
     assert strip_rows(trace, 0, 1) == ("",)
     assert strip_rows(trace, 10, 0) == ()
 
 
-def test_at_rest_the_band_is_a_third_of_the_height_and_the_scale_keeps_still() -> None:
+def test_at_rest_the_band_is_the_rest_limit_and_the_scale_keeps_still() -> None:
     shown = []
     for flicker in (0.0, 0.001, -0.001):
         value = 1.0003 + flicker
         moments = tuple((ago, value, value) for ago in range(SLOTS - 1, -1, -1))
         band = (value - 0.002, value + 0.002)
-        dots = dots_of(strip_rows(Trace(moments, band), 40, 6))
+        dots = dots_of(chart_rows(Trace(moments, band), 40, 6))
         line = {y for x, y in dots if x % 4}
         edges = {y for x, y in dots if not x % 4} - line
         assert len(line) == 1
-        assert math.isclose(max(edges) - min(edges), 24 / BANDS, abs_tol=1.0)
+        assert math.isclose(max(edges) - min(edges), 24 * 0.004 / LEAST_MM, abs_tol=1.0)
         assert min(edges) < min(line) < max(edges)
         shown.append(line.pop())
-    assert shown[2] - shown[0] == 2, "a digit down is so many dots on the same scale"
+    assert 1 <= shown[2] - shown[0] <= 2, "a digit down, on the same scale"
+
+
+def stepped(size_mm: float) -> Trace:
+    """At 1 mm, and half of the time ago a step of this size."""
+    values = [1.0 if ago > SLOTS // 2 else 1.0 + size_mm for ago in range(SLOTS - 1, -1, -1)]
+    moments = tuple((SLOTS - 1 - k, value, value) for k, value in enumerate(values))
+    return Trace(moments, (1.0 + size_mm - 0.002, 1.0 + size_mm + 0.002))
+
+
+def test_a_flicker_does_not_look_like_a_step() -> None:
+    """1 µm is a dot of twenty-four at most, 1 mm half of the height, and both are written."""
+    heights = []
+    for size_mm in (0.001, 1.0):
+        edges = {
+            max(0, round(24 * share)) for share in (0.0, 1.0)
+        }  # rows of dots at the ends of the chart
+        dots = dots_of(chart_rows(stepped(size_mm), 40, 6))
+        line = {y for x, y in dots if x % 4 and y not in edges}
+        heights.append(max(line) - min(line))
+    assert heights[0] <= 2
+    assert heights[1] >= 11
+    assert scale_rows(stepped(0.001), 1) == ("20 µm, 20 s",)
+    assert scale_rows(stepped(1.0), 1) == ("2 mm, 20 s",)
+
+
+def test_the_scale_stands_beside_the_chart() -> None:
+    rows = strip_rows(stepped(1.0), 40, 5)
+    assert all(len(row) == 40 for row in rows)
+    words = [row[-SCALE_COLUMNS:].strip() for row in rows]
+    assert words == ["+2.60", "2 mm, 20 s", "rest 4 µm", "", "+0.60"]
+    replayed = Trace(stepped(1.0).moments, span_s=0.0)
+    assert scale_rows(replayed, 2) == ("2 mm", "")
+    assert len(dots_of(strip_rows(stepped(1.0), LEAST_COLUMNS - 1, 2))) > 0

@@ -86,11 +86,14 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[ExpectedReadi
     correlated = _correlated(session, step, time_s, mounts)
     noise_mm = max(LEAST_NOISE_MM, min(procedure.tolerance_mm, limit_mm / (2.0 * REACH)))
     noises_mm = np.full(len(readings) + len(mounts), noise_mm)
+    kept_mm = noises_mm.copy()  # whether it moved: no contradiction widens that
+    kept_mm[: len(readings)][[r.reading in session.restored for r in readings]] = limit_mm
+    sure = correlated.predict(kept_mm, worn=False)
     for together in _contradicted(correlated, readings, limit_mm):
         kept = [g for g in together if any(r.reading in session.restored for r in g)]
         doubted = {r.reading for g in kept or together for r in g}
         noises_mm[: len(readings)][[r.reading in doubted for r in readings]] = ZERO_MM
-    worn, sure = correlated.predict(noises_mm)
+    worn = correlated.predict(noises_mm, worn=True)
     calibrated = session.opened.verifies is not None or any(machine.entered_offsets_mm)
     return tuple(
         ExpectedReading(
@@ -109,49 +112,83 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[ExpectedReadi
 class Contradiction:
     """Readings that do not agree: those of the step just taken, of an earlier step, or either.
 
-    ``latest`` says whether those just taken may be wrong; ``earlier`` are the readings of a repeat
-    of the step that may be, none where it is not known to be one of these.
+    ``latest`` says whether those just taken may be wrong; ``earlier`` are the readings of another
+    step where the stand is that may be, none where the latest alone are. With ``repeats`` both
+    are of one posture.
     """
 
     latest: bool
     earlier: tuple[Reading, ...]
+    repeats: bool
 
 
-def contradiction(session: Session, taken: Sequence[Reading]) -> Contradiction | None:
+def contradiction(
+    session: Session, taken: Sequence[Reading], *, beyond: bool
+) -> Contradiction | None:
     """Whether the readings just ``taken``, the last of the session, disagree with those before.
 
-    Of two repeats of a posture either may be wrong; with a third the odd one is known.
+    ``beyond`` is whether they are further off than was expected of them: only then may they be
+    wrong. Of two repeats of a posture either may be; with a third the odd one is known, where all
+    else agrees.
     """
     procedure = session.opened.procedure
     if procedure is None:
         return None
     readings = session.readings[-MOST:]
-    correlated = _correlated(session)
-    numbers = {r.reading for r in taken}
+    now = taken[0]
 
-    def repeats(group: Sequence[Reading]) -> bool:
-        """Whether this is the same step in another cycle, on the same mounting."""
-        return any(
-            (r.mount, r.posture_mm, r.station) == (t.mount, t.posture_mm, t.station)
-            for r in group
-            for t in taken
-        )
+    def again(group: Sequence[Reading]) -> bool:
+        return (group[0].posture_mm, group[0].station) == (now.posture_mm, now.station)
 
-    for together in _contradicted(correlated, readings, procedure.repeat_limit_mm):
-        latest = any(r.reading in numbers for group in together for r in group)
-        earlier = [g for g in together if repeats(g) and g[0].reading not in numbers]
-        if latest:
-            return Contradiction(True, tuple(earlier[0]) if earlier else ())
-        if earlier and len(together) == 1:
-            return Contradiction(False, tuple(earlier[0]))
-    return None
+    ties = _contradicted(_correlated(session), readings, procedure.repeat_limit_mm)
+    tie = next((together for together in ties if any(now in group for group in together)), None)
+    alone = ties[0] if len(ties) == 1 and len(ties[0]) == 1 else None
+    if tie is None and alone is not None and again(alone[0]) and _is_here(alone[0], now):
+        return Contradiction(False, tuple(alone[0]), True)
+    if not beyond:
+        return None
+    here = [g for g in tie or () if now not in g and _is_here(g, now)]
+    here.sort(key=again, reverse=True)  # a repeat before others, else in their order
+    return Contradiction(True, tuple(here[0]) if here else (), bool(here) and again(here[0]))
+
+
+def _is_here(step: Sequence[Reading], now: Reading) -> bool:
+    """Whether a step was read where the stand is."""
+    return any(r.set_up == now.set_up for r in step)
+
+
+def since_last_seen(session: Session) -> tuple[Reading, ...]:
+    """What was read where the stand is since it was last seen where it had been.
+
+    It is seen by a reading that repeats one from before; without any that is the first step. So
+    much may be wrong where the stand has moved, and nobody knows when.
+    """
+    procedure = session.opened.procedure
+    mounts = set(session.mountings[-1].mounts.values()) if session.mountings else set()
+    here = [r for r in session.readings if r.mount in mounts]
+    steps = [[r for r in here if r.step == n] for n in dict.fromkeys(r.step for r in here)]
+    limit_mm = procedure.repeat_limit_mm if procedure else 0.0
+    seen = 0
+    for k, latest in enumerate(steps):
+        if any(_repeats(latest, before, limit_mm) for before in steps[: min(seen + 1, k)]):
+            seen = k
+    return tuple(r for step in steps[seen + 1 :] for r in step)
+
+
+def _repeats(latest: Sequence[Reading], before: Sequence[Reading], limit_mm: float) -> bool:
+    """Whether two steps of one mounting show the same, but for a drift."""
+    if (latest[0].posture_mm, latest[0].station) != (before[0].posture_mm, before[0].station):
+        return False
+    drift_mm = DRIFT_MM_S * ((latest[0].time_s or 0.0) - (before[0].time_s or 0.0))
+    pairs = zip(latest, before, strict=False)
+    return all(abs(a.value_mm - b.value_mm) <= limit_mm + drift_mm for a, b in pairs)
 
 
 def _contradicted(
     correlated: CorrelatedReadings, readings: Sequence[Reading], limit_mm: float
 ) -> list[list[list[Reading]]]:
     """Steps, as their readings, that the others contradict: `CorrelatedReadings.contradicted`."""
-    keys = [(r.mount[:1], r.step, r.cycle) if r.step else (r.mount, 0, r.reading) for r in readings]
+    keys = [(r.step or 0, 0 if r.step else r.reading) for r in readings]
     number = {key: k for k, key in enumerate(dict.fromkeys(keys))}
     group = np.array([number[key] for key in keys], dtype=np.intp)
     noise_mm = max(LEAST_NOISE_MM, limit_mm / (math.sqrt(2.0) * REACH))  # of each of two repeats

@@ -131,7 +131,6 @@ async def test_an_indicator_goes_on_at_another_port(
                 interface.screen.query_one(OptionList).get_option_at_index(0).prompt
             )
             await pilot.press("1")
-            await until(pilot, "readings", lambda: not screen._lost)
             await until(pilot, "its name", lambda: "FAULT" not in text(interface, "#said"))
             assert not screen.held
             assert second.url in str(screen.query_one("#gauge0").border_subtitle)

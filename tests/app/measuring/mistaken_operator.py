@@ -66,7 +66,7 @@ class MistakenBench(Bench):
         self.move(wrong)
         if kind == "leg":
             zero = replace(step, displacement_mm=0.0)
-            self._arrive(zero)
+            self.arrive(zero)
             self.shown_mm[int(self.chance.integers(2))] += 0.5 * step.displacement_mm
         self.from_mm = list(self.shown_mm)
 

@@ -89,10 +89,10 @@ class Bench:
         self.zero_mm = [
             float(self.chance.normal(0, 0.5)) - rate * self.now_s for rate in self.rate_mm_s
         ]
-        self._arrive(step)
+        self.arrive(step)
         self.from_mm, self.moving_s = list(self.shown_mm), (self.now_s, self.now_s)
 
-    def _arrive(self, step: Step) -> None:
+    def arrive(self, step: Step) -> None:
         self.at = step
         self.shown_mm = [
             self.truth[step.leg, axis, step.displacement_mm] + self.chance.normal(0, SCATTER_MM)
@@ -104,7 +104,7 @@ class Bench:
         way_mm = abs(step.displacement_mm - (self.at.displacement_mm if self.at else 0.0))
         takes_s = way_mm / self.chance.uniform(20.0, 100.0)
         self.from_mm = list(self.shown_mm)
-        self._arrive(step)
+        self.arrive(step)
         self.moving_s = (self.now_s, self.now_s + takes_s)
         return float(takes_s)
 

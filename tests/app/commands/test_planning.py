@@ -25,6 +25,7 @@ from calib.tripod.pool import leg_pool, levels_mm
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
 from tests.app.cli import glidecal, refused
+from tests.hidden_sessions import write_session
 
 
 def orthoglide(procedure: str, noise_mm: float) -> TripodPlanning:
@@ -336,8 +337,8 @@ def test_plan_goes_to_the_legs_that_were_not_measured(tmp_path: Path) -> None:
     assert next_measurement(load_sessions([session])[0]).best.candidate.legs == ("z",)
 
 
-def test_plan_goes_by_the_frame_and_by_what_the_controller_holds(samples: Path) -> None:
-    session = samples / "simulated_zero-max-min.jsonl"
+def test_plan_goes_by_the_frame_and_by_what_the_controller_holds(tmp_path: Path) -> None:
+    session = write_session(tmp_path / "s.jsonl", "sweep", 3, "axis_squareness:xy", 2.0)
     bounds = {}
     for words in ((), ("--frame", "machine"), ("--holds", "kinematics")):
         plan = document("plan", session, *words)

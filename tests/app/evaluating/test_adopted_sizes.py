@@ -42,7 +42,8 @@ def test_the_size_that_is_entered_is_that_of_the_readings(session: Path, tmp_pat
     assert play_mm(diagnosed) == pytest.approx(TRUE_MM, abs=0.003)
     without = diagnose_files([session])
     bounds_mm = [one.tool.entered_mm["play"] for one in (diagnosed, without)]
-    assert bounds_mm[0] == pytest.approx(bounds_mm[1], rel=0.2)
+    # what is adopted is no cause any more: another one beside it is likelier than before
+    assert bounds_mm[1] < bounds_mm[0] < 2.0 * bounds_mm[1]
     solved = solve_files([session], model=model(tmp_path), holds="play")
     assert solved.correction.bound_mm == pytest.approx(bounds_mm[0], rel=0.2)
 

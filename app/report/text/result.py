@@ -48,6 +48,9 @@ if TYPE_CHECKING:  # asked for by option only, and heavy
     from calib.identify.monte_carlo import MonteCarlo
     from calib.tripod.workspace import PlaneMap
 
+BLIND_CONDITION = 1e12
+"""Condition number from which on only rounding tells one combination of parameters."""
+
 
 def solution_text(solved: SessionSolution) -> str:
     """What to enter and what the tool keeps then; below it a set of the papers as a view."""
@@ -220,7 +223,16 @@ def noise_words(solved: SessionSolution) -> str:
         f"{uncertain(noise.standard_deviation_mm, 4)} mm{mean}, "
         f"{_source_words(solved)}{_display_words(solved.display_found_mm)}.\n"
         f"Coverage factor {solution.coverage_factor:.3f}; condition number "
-        f"{solution.condition_number:.1f}; {correlation}"
+        f"{_condition_words(solution.condition_number)}; {correlation}"
+    )
+
+
+def _condition_words(condition_number: float) -> str:
+    """Of what is not seen at all only rounding is left: that has no digits."""
+    return (
+        f"beyond {BLIND_CONDITION:.0e}"
+        if condition_number > BLIND_CONDITION
+        else (f"{condition_number:.1f}")
     )
 
 

@@ -16,6 +16,9 @@ from tests.controller.machine import L, Machine, homing
 from tests.controller.running import need_linuxcnc
 
 Entry = Mapping[str, float | str]
+COMPLETE = ("--format", "linuxcnc")
+"""Offsets, play and tables, as far as they are worth it."""
+ALONE = (*COMPLETE, "--subset", "joint-offsets")
 HEADINGS = [
     "| hidden, then found and exported | tool before, mm r.m.s. | after | control: what | mm |",
     "|---|---|---|---|---|",
@@ -35,17 +38,14 @@ def controller() -> list[str]:
 
 def _loops(folder: Path) -> list[str]:
     plain = Loop(Machine(OFFSETS), folder / "offsets")
-    rows = [_row("offsets 0.8, −1.3, 0.45 mm", plain, ("--format", "linuxcnc"), plain.session)]
+    rows = [_row("offsets 0.8, −1.3, 0.45 mm", plain, COMPLETE, plain.session)]
     scaled = {"": (), ", scale 0.5 mm/m of one drive": (2,), ", the same of all three": (0, 1, 2)}
     for number, (name, drives) in enumerate(scaled.items()):
         one = {k: {"scale": 5e-4} for k in drives}
         machine = Machine(OFFSETS, joint={"play": 0.06, "cyclic": 0.01}, one=one)
         loop = Loop(machine, folder / f"scale{number}")
-        model = loop.session.with_name("found.json")
-        loop.do("diagnose", loop.session, "--adopt", model)
-        alone = loop.after_mm("offsets", loop.session, "--format", "linuxcnc")
-        how = ("--format", "linuxcnc")
-        row = _row(f"offsets, play 60 µm, cyclic 10 µm{name}", loop, how, model)
+        alone = loop.after_mm("offsets", loop.session, *ALONE)
+        row = _row(f"offsets, play 60 µm, cyclic 10 µm{name}", loop, COMPLETE, loop.session)
         rows.append(row.format(f"offsets alone | {alone:.4f}"))
     lean, shift = np.zeros((3, 3)), np.zeros((3, 3))
     lean[0, 1] = lean[1, 0] = 1e-3

@@ -8,7 +8,7 @@ symmetrical machine give equal numbers but for rounding, and rounding differs be
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Self, TypeVar
@@ -256,10 +256,6 @@ BLIND_IN_SQUARES = 1e-7
 """Root of a relative eigenvalue of scaled information: squares keep half the digits, and rounding
 feigns 1e-8."""
 
-BASE_SQUARES = 1e-11
-"""Relative eigenvalue of products of the base columns of a short addition. Travels of few levels
-show combinations less and less, without a gap; below this, products have few digits left."""
-
 ROUNDING = 1e-13
 """Relative singular value that is nothing but rounding: keeps logarithms and inverses finite."""
 
@@ -281,13 +277,6 @@ def squares_in(basis: FloatArray, rows: FloatArray) -> float:
     return float(((basis.T @ rows) ** 2).sum())
 
 
-def squares_in_each(bases: Sequence[FloatArray], rows: FloatArray) -> FloatArray:
-    """The same ``(J,)`` for each of several bases."""
-    owner = np.repeat(np.arange(len(bases)), [basis.shape[1] for basis in bases])
-    squares = ((np.hstack(bases).T @ rows.reshape(len(rows), -1)) ** 2).sum(axis=1)
-    return np.asarray(np.bincount(owner, squares, len(bases)), dtype=np.float64)
-
-
 def lengths(columns: FloatArray) -> FloatArray:
     """Lengths ``(k,)`` of columns, fit to divide by."""
     return np.asarray(np.maximum(np.sqrt((columns**2).sum(axis=0)), TINY))
@@ -301,25 +290,6 @@ def basis_of(columns: FloatArray, cut: float, scale: float | None = None) -> Flo
     """
     left, singular, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(left[:, _counted(singular, cut, scale)])
-
-
-def bases_of(stacked: FloatArray, cut: float, scale: float | None = None) -> FloatArray:
-    """`basis_of` of each of ``(m, n, k)``, as wide as that: what does not count is zero."""
-    if stacked.shape[2] == 1:  # much the most, and no more than a length
-        singular = np.sqrt((stacked**2).sum(axis=1))
-        left = stacked / np.maximum(singular, TINY)[:, None]
-    else:
-        left, singular, _ = np.linalg.svd(stacked, full_matrices=False)
-    bar = cut * (singular.max(axis=1, keepdims=True, initial=0.0) if scale is None else scale)
-    return np.asarray(left * (singular > bar)[:, None])
-
-
-def stacks(columns: Sequence[FloatArray]) -> Iterator[tuple[list[int], FloatArray]]:
-    """Those of equal width side by side ``(m, n, k)``, and which they are."""
-    widths = [one.shape[1] for one in columns]
-    for width in sorted(set(widths)):
-        alike = [k for k, each in enumerate(widths) if each == width]
-        yield alike, np.stack([columns[k] for k in alike])
 
 
 def basis_by_products(columns: FloatArray) -> FloatArray:
@@ -337,24 +307,6 @@ def rank_of(columns: FloatArray, cut: float, scale: float | None = None) -> int:
 
 def _counted(singular: FloatArray, cut: float, scale: float | None) -> NDArray[np.bool_]:
     return np.asarray(singular > cut * (singular.max(initial=0.0) if scale is None else scale))
-
-
-def new_directions(basis: FloatArray, blocks: Sequence[FloatArray]) -> list[FloatArray]:
-    """Basis of what each of several bases, or columns of unit length ``(n, k)``, adds to one."""
-    found = list(blocks)
-    for alike, stacked in stacks(blocks):
-        bases = bases_of(without(basis, stacked), NEW_DIRECTION, 1.0)
-        for k, each in zip(alike, bases, strict=True):
-            found[k] = each[:, each.any(axis=0)]
-    return found
-
-
-def union(blocks: Sequence[FloatArray]) -> FloatArray:
-    """Basis ``(n, r)`` of several bases together."""
-    basis = blocks[0]
-    for block in blocks[1:]:
-        basis = np.hstack([basis, *new_directions(basis, [block])])
-    return basis
 
 
 def null_space(rows: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ import numpy as np
 
 from calib.arrays import TOOL, descending
 from calib.diagnosis.results import Named, Verdict
+from calib.posterior.gaussian import About
 from calib.posterior.library import Component
 from calib.posterior.models import Posterior
 from calib.posterior.race import log_prior_odds
@@ -76,13 +77,11 @@ def _shown(posterior: Posterior) -> list[float]:
     every = [math.inf] * len(posterior.components)
     if any((cells.means.leg != TOOL).any() for cells in posterior.sessions):
         return every
-    rows, columns = posterior.linear.rows, posterior.linear.columns
-    base = rows.base * rows.spread
-    basis = np.linalg.qr(np.vstack([base, np.eye(base.shape[1])]))[0][: len(base)]
-    along = basis.T @ columns
+    rows = posterior.linear.rows
+    about = About.of(rows.base * rows.spread, rows.residual, np.zeros(rows.base.shape[1]))
+    left = about.left_by(posterior.linear.columns)
     for k, index in enumerate(posterior.linear.index):
-        own = columns[:, index].T @ columns[:, index] - along[:, index].T @ along[:, index]
-        every[k] = math.sqrt(max(float(np.linalg.eigvalsh(own).max(initial=0.0)), 0.0))
+        every[k] = float(np.linalg.norm(left[:, index], 2)) if len(index) else 0.0
     return every
 
 

@@ -32,7 +32,7 @@ from calib.arrays import (
 from calib.diagnosis.results import Cell, CellResiduals, Gap, GapPart
 from calib.identify.fit import prior_fit
 from calib.posterior.cells import Cells
-from calib.posterior.problem import About
+from calib.posterior.gaussian import About
 from calib.posterior.readings import (
     LENGTHS,
     Placed,

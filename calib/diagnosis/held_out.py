@@ -16,10 +16,11 @@ from calib.diagnosis.gap import LOOSE, Leftover, expected_base, spread_of
 from calib.diagnosis.results import HeldOutGap
 from calib.errors import CalibrationError
 from calib.posterior.cells import Cells
+from calib.posterior.columns import free_columns, linear_about
+from calib.posterior.gaussian import About
 from calib.posterior.library import Component
 from calib.posterior.models import Linear, Posterior
-from calib.posterior.problem import About, free_columns, linear_about
-from calib.posterior.race import LOG_CAUSES, LOG_SCALES, SCALES, Key, Products, Race
+from calib.posterior.race import SCALES, Key, Products, Race
 from calib.posterior.readings import LENGTHS
 from calib.tripod.effects.effect import Effect, EffectInstance
 
@@ -182,11 +183,9 @@ class _LeftOut:
 
     def _best(self, race: Race) -> Key:
         """What has most weight alone, or the set that has more."""
-        square, room = race.one_more()
-        log = race.log_evidence(square, room) + LOG_SCALES[:, None] + race.log_prior
         every = self.posterior.components[: len(race.columns)]
         allowed = [component.kind in self.kinds for component in every]
-        log = np.where(allowed, log + LOG_CAUSES[1], -math.inf)
+        log = np.where(allowed, race.log_weights(), -math.inf)
         row, number = np.unravel_index(int(np.argmax(log)), log.shape)
         best: Key = ((int(number), SCALES[int(row)]),)
         most = float(log[row, number])

@@ -20,7 +20,7 @@ from calib.diagnosis.gap import AGREEMENT, FREE, LOOSE, Leftover
 from calib.diagnosis.results import PatternPair, SharedPattern
 from calib.identify.fit import design_of
 from calib.posterior.cells import BASE, Cells
-from calib.posterior.problem import About
+from calib.posterior.gaussian import About
 from calib.stats import variance_ratio_p_value
 
 SEED = 20221

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -203,18 +203,6 @@ class Solution:
         """Expanded uncertainties (95 %) ``(k,)`` with what the model leaves as noise, mm."""
         inflated = np.sqrt(self.inflated_mm2(self.spread).diagonal())
         return np.maximum(self.expanded_mm, self.lack_of_fit_factor * inflated)
-
-    def without_common(self) -> Solution:
-        """The joint offsets less what they share: a plate does not show that."""
-        shared = np.array([name in PARAMETER_NAMES[:3] for name in self.names], dtype=np.float64)
-        take = np.eye(len(shared)) - np.outer(shared, shared) / max(1.0, shared.sum())
-        return replace(
-            self,
-            values_mm=take @ self.values_mm,
-            covariance_mm2=take @ self.covariance_mm2 @ take,
-            held_mm2=take @ self.held_mm2 @ take,
-            rounding_mm2=take @ self.rounding_mm2 @ take,
-        )
 
 
 def lack_of_fit(

@@ -29,10 +29,6 @@ LEAST_NOISE_MM = 1e-9
 POOLING_LEVEL = 0.01
 """Chance that indicators of equal scatter are kept apart."""
 
-BORROWED = 4.0
-"""Degrees of freedom that diagnosis lends to a mounting kept apart: a variance from few repeats
-can be far too small by chance."""
-
 
 @dataclass(frozen=True)
 class IndicatorNoise:

@@ -23,6 +23,7 @@ from calib.posterior.labels import (
     standing_apart,
 )
 from calib.posterior.library import Component
+from calib.posterior.models import Weighted
 from calib.posterior.race import SCALES
 from calib.posterior.readings import placed_columns
 from calib.posterior.screening import even_mm
@@ -144,3 +145,52 @@ def _apart(cells: Cells) -> Iterator[tuple[int, float]]:
         if len(repeats):
             off_mm = means.value_mm[row] - means.value_mm[repeats]
             yield row, float(off_mm[np.abs(off_mm).argmin()])
+
+
+def within_plays(sessions: Sequence[Cells]) -> list[WithinPlay]:
+    """First takes that stand apart, of each session that has such."""
+    every = map(WithinPlay.of, sessions)
+    return [within for within in every if within]
+
+
+def log_priors(
+    within: Sequence[WithinPlay], components: Sequence[Component]
+) -> tuple[float, FloatArray]:
+    """Log prior of first takes within adopted plays, and of components ``(scales, k)``."""
+    log_usual = 0.0
+    log_prior = np.tile([component.log_prior for component in components], (len(SCALES), 1))
+    for takes in within:
+        known, more = takes.log_more(components)
+        log_usual, log_prior = log_usual + known, log_prior + more
+    return log_usual, log_prior
+
+
+def reached(
+    models: Sequence[Weighted], within: Sequence[WithinPlay], components: Sequence[Component]
+) -> tuple[list[Weighted], float]:
+    """Models with a play that reaches first takes, and the log share that they have of all.
+
+    All of them and -inf where none does.
+    """
+    kept = []
+    for model in models:
+        play_mm = _plays_mm(model, components)
+        if any(takes.reached_by(play_mm) for takes in within):
+            kept.append(model)
+    share = math.fsum(model.weight for model in kept)
+    if not share:
+        return [*models], -math.inf
+    return [replace(model, weight=model.weight / share) for model in kept], math.log(share)
+
+
+def _plays_mm(model: Weighted, components: Sequence[Component]) -> dict[str, float]:
+    """How large a model's play of each carriage may be, `REACHES` above its mean."""
+    large = np.abs(model.mean) + REACHES * np.sqrt(model.variance)
+    at, play_mm = len(model.base), dict[str, float]()
+    for k in model.members:
+        for share in components[k].shares:
+            if share.effect.id == Backlash.id:
+                more = float(large[at + share.values[0]])
+                play_mm[share.place] = play_mm.get(share.place, 0.0) + more
+        at += len(components[k].unit)
+    return play_mm

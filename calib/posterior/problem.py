@@ -7,7 +7,7 @@ of every law everywhere, for no machine is free of any. To that a model adds its
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,15 +15,16 @@ import numpy as np
 
 from calib.arrays import FloatArray, IntArray, without
 from calib.errors import NotIdentifiable
-from calib.posterior.cells import Cells, SessionCase
-from calib.posterior.first_takes import REACHES, WithinPlay
+from calib.posterior.cells import Cells
+from calib.posterior.columns import free_columns, free_spread, linear_about, rows_and_blocks
+from calib.posterior.first_takes import log_priors, reached, within_plays
+from calib.posterior.gaussian import About, LittleOfAll
 from calib.posterior.labels import RivalModel, Solved
-from calib.posterior.library import ELSE, OTHER_BARS, Component, library, other_bars, something_else
+from calib.posterior.library import ELSE, Component, library
 from calib.posterior.models import Linear, Posterior, Weighted, effects_of_tool
-from calib.posterior.race import LOG_CAUSES, SCALES, Key, Products, Race, RaceEntry
-from calib.posterior.readings import LENGTHS, Placed, Rows, placed_columns, rows_of
+from calib.posterior.race import LOG_CAUSES, Key, Products, Race, RaceEntry
+from calib.posterior.readings import LENGTHS, Placed, Rows
 from calib.posterior.tool import laws_held, tool_field
-from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import Effect
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
@@ -111,7 +112,8 @@ class PosteriorProblem:
         """
         about = self._about_of(self.rows)
         columns, residual = about.left_by(self._laws.whitened(self.columns)), about.left
-        log_usual, log_prior = self._first_takes
+        within = within_plays(self.sessions)
+        log_usual, log_prior = log_priors(within, self.components)
         race = Race(
             Products(columns.T @ columns, columns.T @ residual, float(residual @ residual)),
             self.index,
@@ -123,7 +125,8 @@ class PosteriorProblem:
         entries = race.run()
         models, log_evidence = self._weighted(race, entries, about)
         if with_play:
-            models, log_evidence = self._with_play(models, log_evidence)
+            models, log_share = reached(models, within, self.components)
+            log_evidence += log_share
         acting = effects_of_tool(self.sessions[-1].case.model)
         known = [(one.effect, one.place) for one in acting]
         laws = dict.fromkeys([*self.placed, *laws_held(self.geometry), *known])
@@ -154,53 +157,6 @@ class PosteriorProblem:
     def _laws(self) -> LittleOfAll:
         """A little of every law, which is the same about all models."""
         return LittleOfAll(self.base[:, len(self.rows.spread) :])
-
-    def _with_play(
-        self, models: Sequence[Weighted], log_evidence: float
-    ) -> tuple[list[Weighted], float]:
-        """Models with a play that reaches first takes, and the log evidence that is theirs."""
-        some = []
-        for model in models:
-            play_mm = self._play_mm(model)
-            if any(within.reached_by(play_mm) for within in self._within):
-                some.append(model)
-        share = math.fsum(model.weight for model in some)
-        if not share:
-            return [*models], -math.inf
-        scaled = [replace(model, weight=model.weight / share) for model in some]
-        return scaled, log_evidence + math.log(share)
-
-    def _play_mm(self, model: Weighted) -> dict[str, float]:
-        """How large a model's play of each carriage may be, `REACHES` above its mean."""
-        large = np.abs(model.mean) + REACHES * np.sqrt(model.variance)
-        at, play_mm = len(model.base), dict[str, float]()
-        for k in model.members:
-            component = self.components[k]
-            for share in component.shares:
-                if share.effect.id == Backlash.id:
-                    more = float(large[at + share.values[0]])
-                    play_mm[share.place] = play_mm.get(share.place, 0.0) + more
-            at += len(component.unit)
-        return play_mm
-
-    @cached_property
-    def _within(self) -> list[WithinPlay]:
-        """First takes that stand apart, of each session that has such."""
-        every = map(WithinPlay.of, self.sessions)
-        return [within for within in every if within]
-
-    @property
-    def _first_takes(self) -> tuple[float, FloatArray]:
-        """Log prior of first takes within a play of the model, and that of components.
-
-        The latter for each scale ``(scales, k)``.
-        """
-        log_usual = 0.0
-        log_prior = np.tile([one.log_prior for one in self.components], (len(SCALES), 1))
-        for within in self._within:
-            known, more = within.log_more(self.components)
-            log_usual, log_prior = log_usual + known, log_prior + more
-        return log_usual, log_prior
 
     def _about_of(self, rows: Rows) -> About:
         """Lengths and offsets about rows, where they have derivatives of their own."""
@@ -425,7 +381,7 @@ class PosteriorProblem:
         laws that are linear; the others are few and small (sine of a tilt).
         """
         members = [self.components[k] for k in entry.members]
-        near, _, blocks = _linear(self.sessions, models, members, within=False)
+        near, _, blocks = rows_and_blocks(self.sessions, models, members, within=False)
         block = self.columns[:, self._index(entry)].copy()
         at = np.zeros(block.shape[1])
         residual = self.rows.residual.copy()
@@ -445,29 +401,6 @@ class PosteriorProblem:
         return self._refitted(entry, rows, block, at)
 
 
-def free_spread(component: Component, case: SessionCase) -> FloatArray | None:
-    """Standard deviations ``(r,)`` of an adopted effect at one place; None of other components."""
-    if component.candidate is None or component.candidate.arrangement != "one":
-        return None
-    (share,) = component.shares
-    return case.free_spread.get((share.effect, share.place))
-
-
-def free_columns(
-    components: Sequence[Component],
-    columns: FloatArray,
-    index: Sequence[IntArray],
-    case: SessionCase,
-) -> FloatArray:
-    """Columns ``(n, r)`` of adopted effects per standard deviation; others are per unit."""
-    blocks = [np.zeros((len(columns), 0))]
-    for component, mine in zip(components, index, strict=True):
-        spread = free_spread(component, case)
-        if spread is not None:
-            blocks.append(columns[:, mine] * (spread / component.unit))
-    return np.hstack(blocks)
-
-
 def _fewer(race: Race, entries: Sequence[RaceEntry], best: RaceEntry) -> list[RaceEntry]:
     """The best model without each of its components, at each scale that was not followed.
 
@@ -478,101 +411,6 @@ def _fewer(race: Race, entries: Sequence[RaceEntry], best: RaceEntry) -> list[Ra
     known = {entry.members for entry in entries}
     light = [entry for entry in entries[REFINED:] if entry.members in fewer]
     return [*light, *(entry for members, entry in fewer.items() if members not in known)]
-
-
-@dataclass(frozen=True, eq=False)
-class LittleOfAll:
-    """A little of every law as a part of the noise: I + L L' in place of I, L ``(n, l)``.
-
-    Its inverse root is symmetric, I - L g(L'L) L' or I - L L' g(L L'), whichever is smaller, with
-    g(x) = (1 - 1/sqrt(1 + x)) / x; I - L' L g(L'L) is a root of what is left of the laws.
-    """
-
-    columns: FloatArray
-
-    @cached_property
-    def _spectrum(self) -> tuple[FloatArray, FloatArray]:
-        few = self.columns.T if self.columns.shape[1] < len(self.columns) else self.columns
-        square, axes = np.linalg.eigh(few @ few.T)
-        return np.maximum(square, 0.0), axes
-
-    @cached_property
-    def _inner(self) -> FloatArray:
-        square, axes = self._spectrum
-        wide = np.sqrt(1.0 + square)
-        return np.asarray((axes / (wide * (1.0 + wide))) @ axes.T)
-
-    @cached_property
-    def _few(self) -> FloatArray | None:
-        """The inverse root itself ``(n, n)``; None where laws are fewer than rows."""
-        if self.columns.shape[1] < len(self.columns):
-            return None
-        square, axes = self._spectrum
-        return np.asarray((axes / np.sqrt(1.0 + square)) @ axes.T)
-
-    def whitened(self, rows: FloatArray) -> FloatArray:
-        """Rows ``(n, ...)`` with independent noise of unit variance, this little in it."""
-        if self._few is not None:
-            return np.asarray(self._few @ rows)
-        return np.asarray(rows - self.columns @ (self._inner @ (self.columns.T @ rows)))
-
-    @cached_property
-    def seen(self) -> FloatArray:
-        """`columns` whitened."""
-        return self.whitened(self.columns)
-
-    @cached_property
-    def root(self) -> FloatArray:
-        """Root ``(l, l)`` of the covariance of the laws, per unit, where all else is known."""
-        if self._few is not None:
-            return np.eye(self.columns.shape[1]) - self.columns.T @ (self._inner @ self.columns)
-        square, axes = self._spectrum
-        return np.asarray((axes / np.sqrt(1.0 + square)) @ axes.T)
-
-    @cached_property
-    def room(self) -> float:
-        """Half the log determinant of I + L L', less than 0."""
-        return -0.5 * float(np.log1p(self._spectrum[0]).sum())
-
-
-@dataclass(frozen=True, eq=False)
-class About:
-    """A base fitted to rows, tolerances being rows below: no product of derivatives loses digits.
-
-    ``basis`` ``(n + b, b)``, ``inverse`` ``(b, b)`` of its root, the target ``along`` it ``(b,)``
-    and what is ``left`` of that ``(n + b,)``.
-    """
-
-    basis: FloatArray
-    inverse: FloatArray
-    along: FloatArray
-    left: FloatArray
-    room: float
-
-    @classmethod
-    def of(
-        cls,
-        base: FloatArray,
-        residual: FloatArray,
-        expected: FloatArray,
-        whitening: FloatArray | None = None,
-    ) -> About:
-        """Of derivatives ``(n, b)`` per standard deviation; None: what is expected is independent.
-
-        Else ``whitening`` ``(b, b)`` makes it so.
-        """
-        whitening = np.eye(base.shape[1]) if whitening is None else whitening
-        basis, root = np.linalg.qr(np.vstack([base, whitening]))
-        target = np.concatenate([residual, whitening @ expected])
-        along = basis.T @ target
-        room = float(np.log(whitening.diagonal()).sum() - np.log(np.abs(root.diagonal())).sum())
-        return cls(basis, np.linalg.inv(root), along, without(basis, target), room)
-
-    def left_by(self, columns: FloatArray) -> FloatArray:
-        """What of columns ``(n, k)`` the base does not do ``(n + b, k)``."""
-        left = -(self.basis @ (self.basis[: len(columns)].T @ columns))
-        left[: len(columns)] += columns
-        return np.asarray(left)
 
 
 @dataclass(frozen=True, eq=False)
@@ -589,87 +427,9 @@ class ModelFit:
     room: float
 
 
-def linear_about(
-    sessions: Sequence[Cells], models: Sequence[Model], components: Sequence[Component]
-) -> tuple[Linear, tuple[Component, ...], tuple[Placed, ...]]:
-    """The sessions about a model of each; components with as many values as they have columns."""
-    rows, placed, blocks = _linear(sessions, models, components)
-    own, squares = _of_postures(sessions, len(rows.residual))
-    every = []
-    for component, block in zip(components, blocks, strict=True):
-        if component.id == ELSE:
-            component, block = component.with_values(squares), own
-        if component.id != OTHER_BARS:
-            every.append((component, block * component.unit))
-    every += _bars_of_sessions(sessions, rows)
-    widths = [block.shape[1] for _, block in every]
-    starts = np.cumsum([0, *widths[:-1]])
-    index = tuple(
-        np.arange(at, at + w, dtype=np.intp) for at, w in zip(starts, widths, strict=True)
-    )
-    columns = np.hstack([block for _, block in every])
-    known = tuple(component for component, _ in every)
-    return Linear(rows, columns, index), known, placed
-
-
-def _linear(
-    sessions: Sequence[Cells],
-    models: Sequence[Model],
-    components: Sequence[Component],
-    *,
-    within: bool = True,
-) -> tuple[Rows, tuple[Placed, ...], list[FloatArray]]:
-    """Rows about these models, laws at places, and the columns ``(n, r)`` of each component."""
-    laws = tuple(dict.fromkeys(s.effect for component in components for s in component.shares))
-    placed = [
-        placed_columns(model, cells.means, laws)
-        for model, cells in zip(models, sessions, strict=True)
-    ]
-    widths = {law: len(law[0].parameters) for each in placed for law in each}
-    rows = rows_of(sessions, models, placed, widths, within=within)
-    starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
-    blocks = []
-    for component in components:
-        block = np.zeros((len(rows.residual), len(component.unit)))
-        for share in component.shares:
-            first = starts[share.effect, share.place]
-            for at, value in enumerate(share.values):
-                block[:, value] += rows.columns[:, first + at]
-        blocks.append(block)
-    return rows, tuple(widths), blocks
-
-
 def _with_common_lengths(models: Sequence[Model]) -> tuple[Model, ...]:
     lengths = np.mean([model.parameters_mm[3:] for model in models], axis=0)
     return tuple(
         model.with_parameters(np.concatenate([model.parameters_mm[:3], lengths]))
         for model in models
     )
-
-
-def _bars_of_sessions(
-    sessions: Sequence[Cells], rows: Rows
-) -> Iterator[tuple[Component, FloatArray]]:
-    """Other bars in each session but the first, with their columns ``(n, 3)``."""
-    ends = np.cumsum([len(cells.means) for cells in sessions]).tolist()
-    for number in range(1, len(sessions)):
-        mine = slice(ends[number - 1], ends[number])
-        columns = np.zeros((len(rows.residual), LENGTHS))
-        columns[mine] = rows.base[mine, :LENGTHS] * rows.spread[:LENGTHS]
-        yield other_bars(number), columns
-
-
-def _of_postures(sessions: Sequence[Cells], total: int) -> tuple[FloatArray, FloatArray]:
-    """Columns ``(total, r)`` of errors of each posture's own, 1 mm r.m.s., for each session.
-
-    Beside them their mean squares ``(r,)`` over the cells of all sessions, mm².
-    """
-    errors = [something_else(cells.means) for cells in sessions]
-    blocks = [cells.whitened(own) for cells, own in zip(sessions, errors, strict=True)]
-    squares = np.concatenate([(own**2).mean(axis=0) for own in errors]) / len(sessions)
-    every = np.zeros((total, sum(block.shape[1] for block in blocks)))
-    row = column = 0
-    for block in blocks:
-        every[row : row + len(block), column : column + block.shape[1]] = block
-        row, column = row + block.shape[0], column + block.shape[1]
-    return every, squares

@@ -146,12 +146,12 @@ class Race:
         """
         best = np.full(len(square), -math.inf)
         for members, index, blocks in self._blocks:
-            sizes, axes = np.linalg.eigh(blocks)
             mine = np.isin(members, chosen)
             if not mine.any():
                 continue
-            turned = np.swapaxes(axes[mine], 1, 2) @ along[index[mine]]
-            size = np.maximum(sizes[mine], 0.0)
+            sizes, axes = np.linalg.eigh(blocks[mine])
+            turned = np.swapaxes(axes, 1, 2) @ along[index[mine]]
+            size = np.maximum(sizes, 0.0)
             for scale, log_prior in zip(SCALES, self._log_prior, strict=True):
                 wide = 1.0 + scale**2 * size
                 left = square - (scale**2 * turned**2 / wide[:, :, None]).sum(axis=1)
@@ -189,6 +189,13 @@ class Race:
             room[:, members] = -np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=2)
         return square, self.products.room + taken.room + room
 
+    def log_weights(self, key: Key = ()) -> FloatArray:
+        """Log weights ``(scales, components)`` of a model with one component more than these."""
+        log = self.log_evidence(*self.one_more(key)) + self._log_prior
+        log += LOG_CAUSES[len(key) + 1] + sum(self._cost(*member) for member in key)
+        log[:, [member for member, _ in key]] = -math.inf
+        return log
+
     def run(self) -> list[RaceEntry]:
         """Every model that counts, the heaviest first.
 
@@ -223,10 +230,7 @@ class Race:
         """Log weights of models of one component more than these; none far behind the ``best``."""
         every = []
         for members in starts:
-            square, room = self.one_more(members)
-            log = self.log_evidence(square, room) + self._log_prior
-            log += LOG_CAUSES[len(members) + 1] + sum(self._cost(*one) for one in members)
-            log[:, [member for member, _ in members]] = -math.inf
+            log = self.log_weights(members)
             best = max(best, float(log.max()))
             every.append(log)
         return {

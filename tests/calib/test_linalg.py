@@ -15,7 +15,6 @@ from calib.arrays import (
     incidence,
     lengths,
     named_inside,
-    new_directions,
     null_space,
     numbered,
     onto,
@@ -50,9 +49,6 @@ def test_ranks_are_cut_by_the_largest_or_by_what_the_columns_were() -> None:
     assert rank_of(faint, 1e-3) == 2
     assert rank_of(faint, 1e-3, 1.0) == 0
     assert rank_of(np.zeros((4, 0)), 1e-3) == rank_of(np.zeros((4, 2)), 1e-3) == 0
-    known = np.eye(3)[:, :1]
-    (found,) = new_directions(known, [np.array([[1.0, 0.6], [1e-4, 0.8], [0.0, 0.0]])])
-    assert found.shape == (3, 1)
 
 
 def test_a_basis_by_products_is_the_same() -> None:

@@ -13,17 +13,19 @@ from calib.noise.repeats import Repeats, disagreeing, outlying_readings
 from tests.builders import postures
 
 
-def session(scatter_mm: float, *, drift_mm: float = 0.0, seed: int = 0) -> Observations:
-    """Three cycles on six mountings, each cycle shifted by a drift of its own."""
+def session(
+    scatter_mm: float, *, drift_mm: float = 0.0, seed: int = 0, cycles: int = 3
+) -> Observations:
+    """Cycles on six mountings, each cycle shifted by a drift of its own."""
     generator = np.random.default_rng(seed)
-    taken = postures(repeats=3)
+    taken = postures(repeats=cycles)
     cycle = np.zeros(len(taken), dtype=np.intp)
     for mount in range(taken.mount_count):
         rows = np.flatnonzero(taken.mount == mount)
         for displacement in np.unique(taken.displacement_mm[rows]):
             here = rows[taken.displacement_mm[rows] == displacement]
             cycle[here] = np.arange(len(here))
-    shift = drift_mm * generator.normal(size=(6, 3))
+    shift = drift_mm * generator.normal(size=(6, cycles))
     value = taken.displacement_mm * 0.001 + shift[taken.mount, cycle]
     value = value + generator.normal(scale=scatter_mm, size=len(taken))
     return replace(observe(taken, value), cycle=cycle, indicator=(taken.axis - taken.leg) % 3 - 1)
@@ -36,6 +38,19 @@ def test_drift_from_cycle_to_cycle_is_not_noise() -> None:
     assert other is not None
     assert other.standard_deviation_mm == pytest.approx(one.standard_deviation_mm, rel=1e-9)
     assert other.degrees_of_freedom == pytest.approx(6 * (3 - 1) * (3 - 1))
+
+
+def test_many_cycles_have_a_steady_rate_in_place_of_a_mean_each() -> None:
+    """A basis of 300 cycles would be 300 columns for each mounting."""
+    data = session(0.002, cycles=300)
+    repeats = Repeats.of(data)
+    assert {basis.shape[1] for _, basis in repeats.cycles} == {1}
+    steady = replace(data, value_mm=data.value_mm + 0.02 * data.cycle / 300)
+    for each in (data, steady):
+        noise = reading_noise(each, IndicatorFigures())
+        assert noise is not None
+        assert noise.standard_deviation_mm == pytest.approx(0.002, rel=0.03)
+    assert {basis.shape[1] for _, basis in Repeats.of(session(0.002, cycles=9)).cycles} == {8}
 
 
 def test_wandering_is_told_by_its_size_and_quiet_sessions_have_none() -> None:

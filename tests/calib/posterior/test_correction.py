@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calib.arrays import FloatArray
 from calib.posterior.correction import HOLDS, Holds, correction, parts_of
-from calib.posterior.models import Posterior
+from calib.posterior.models import Posterior, Weighted
 from calib.posterior.posterior import posterior
 from calib.posterior.tool import FRAMES, Frame
 from tests.calib.posterior.hidden_machines import SHORT, SWEEP, hidden, session
@@ -95,3 +97,22 @@ def test_the_true_machine_is_within_the_bound_where_nothing_else_is_hidden() -> 
         off = result.field.rows @ (truth - entered.values)
         assert float(in_frame(result, off[:, None], frame)[0]) <= entered.bound_mm[frame] ** 2
         assert entered.bound_mm[frame] < 0.04
+
+
+@pytest.mark.parametrize(("weight", "entered"), [(0.35, False), (0.49, True), (0.60, True)])
+def test_play_that_is_likelier_not_there_is_entered_for_a_large_gain_alone(
+    unsure: Posterior, weight: float, entered: bool
+) -> None:
+    """Of no play and one play, of weight p, entering p of it lowers the mean square by p."""
+
+    def members(model: Weighted) -> list[tuple[str, str]]:
+        return [(unsure.components[k].id, unsure.components[k].where) for k in model.members]
+
+    play = next(model for model in unsure.models if members(model) == [("backlash", "x")])
+    base = len(play.base)
+    plain = replace(play, members=(), scales=(), mean=play.mean[:base], sizes=play.sizes[:base])
+    models = (replace(plain, weight=1.0 - weight), replace(play, weight=weight))
+    made = correction(replace(unsure, models=models), "play")
+    assert [part.part for part in made.left_out] == ([] if entered else ["play"])
+    if not entered:
+        assert "likelier to raise" in made.left_out[0].reason

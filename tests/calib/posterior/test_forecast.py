@@ -165,6 +165,19 @@ def test_weights_change_by_the_divergence_of_the_expected_readings(known: Known)
         assert divergence == pytest.approx(0.0, abs=1e-6) if true == other else divergence > 0.0
 
 
+def test_models_are_apart_by_what_each_leaves_of_the_others_readings(known: Known) -> None:
+    """Worked out for these models alone, in any order."""
+    (readings,) = known.forecast.readings([TAKEN])
+    dense = dict(reversed(known.dense.items()))
+    numbers = known.forecast.numbers.tolist()
+    apart = known.forecast.apart(readings, [numbers.index(number) for number in dense])
+    for (i, mine), (j, other) in product(enumerate(dense.values()), repeat=2):
+        off = mine.expected - other.expected
+        square = float(off @ np.linalg.solve(other.spread, off))
+        assert apart[i, j] == pytest.approx(square, rel=0.05, abs=0.02)
+    assert apart.max() > 1.0
+
+
 def test_nothing_read_changes_nothing(unsure: Posterior) -> None:
     forecast = Forecast.of(unsure, FRAME, OFFSETS)
     there = set_up(0, 0.5, (0.0,), 1, 20.0)  # one posture: its zero takes it

@@ -1,0 +1,115 @@
+"""Columns of every component in the rows of sessions, about a model of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from calib.arrays import FloatArray, IntArray
+from calib.posterior.cells import Cells, SessionCase
+from calib.posterior.library import ELSE, OTHER_BARS, Component, other_bars, something_else
+from calib.posterior.models import Linear
+from calib.posterior.readings import LENGTHS, Placed, Rows, placed_columns, rows_of
+from calib.tripod.pipeline import Model
+
+
+def linear_about(
+    sessions: Sequence[Cells], models: Sequence[Model], components: Sequence[Component]
+) -> tuple[Linear, tuple[Component, ...], tuple[Placed, ...]]:
+    """The sessions about a model of each; components with as many values as they have columns."""
+    rows, placed, blocks = rows_and_blocks(sessions, models, components)
+    own, squares = _of_postures(sessions, len(rows.residual))
+    every = []
+    for component, block in zip(components, blocks, strict=True):
+        if component.id == ELSE:
+            component, block = component.with_values(squares), own
+        if component.id != OTHER_BARS:
+            every.append((component, block * component.unit))
+    every += _bars_of_sessions(sessions, rows)
+    widths = [block.shape[1] for _, block in every]
+    starts = np.cumsum([0, *widths[:-1]])
+    index = tuple(
+        np.arange(at, at + w, dtype=np.intp) for at, w in zip(starts, widths, strict=True)
+    )
+    columns = np.hstack([block for _, block in every])
+    known = tuple(component for component, _ in every)
+    return Linear(rows, columns, index), known, placed
+
+
+def rows_and_blocks(
+    sessions: Sequence[Cells],
+    models: Sequence[Model],
+    components: Sequence[Component],
+    *,
+    within: bool = True,
+) -> tuple[Rows, tuple[Placed, ...], list[FloatArray]]:
+    """Rows about these models, laws at places, and the columns ``(n, r)`` of each component."""
+    laws = tuple(dict.fromkeys(s.effect for component in components for s in component.shares))
+    placed = [
+        placed_columns(model, cells.means, laws)
+        for model, cells in zip(models, sessions, strict=True)
+    ]
+    widths = {law: len(law[0].parameters) for each in placed for law in each}
+    rows = rows_of(sessions, models, placed, widths, within=within)
+    starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
+    blocks = []
+    for component in components:
+        block = np.zeros((len(rows.residual), len(component.unit)))
+        for share in component.shares:
+            first = starts[share.effect, share.place]
+            for at, value in enumerate(share.values):
+                block[:, value] += rows.columns[:, first + at]
+        blocks.append(block)
+    return rows, tuple(widths), blocks
+
+
+def free_spread(component: Component, case: SessionCase) -> FloatArray | None:
+    """Standard deviations ``(r,)`` of an adopted effect at one place; None of other components."""
+    if component.candidate is None or component.candidate.arrangement != "one":
+        return None
+    (share,) = component.shares
+    return case.free_spread.get((share.effect, share.place))
+
+
+def free_columns(
+    components: Sequence[Component],
+    columns: FloatArray,
+    index: Sequence[IntArray],
+    case: SessionCase,
+) -> FloatArray:
+    """Columns ``(n, r)`` of adopted effects per standard deviation; others are per unit."""
+    blocks = [np.zeros((len(columns), 0))]
+    for component, mine in zip(components, index, strict=True):
+        spread = free_spread(component, case)
+        if spread is not None:
+            blocks.append(columns[:, mine] * (spread / component.unit))
+    return np.hstack(blocks)
+
+
+def _bars_of_sessions(
+    sessions: Sequence[Cells], rows: Rows
+) -> Iterator[tuple[Component, FloatArray]]:
+    """Other bars in each session but the first, with their columns ``(n, 3)``."""
+    ends = np.cumsum([len(cells.means) for cells in sessions]).tolist()
+    for number in range(1, len(sessions)):
+        mine = slice(ends[number - 1], ends[number])
+        columns = np.zeros((len(rows.residual), LENGTHS))
+        columns[mine] = rows.base[mine, :LENGTHS] * rows.spread[:LENGTHS]
+        yield other_bars(number), columns
+
+
+def _of_postures(sessions: Sequence[Cells], total: int) -> tuple[FloatArray, FloatArray]:
+    """Columns ``(total, r)`` of errors of each posture's own, 1 mm r.m.s., for each session.
+
+    Beside them their mean squares ``(r,)`` over the cells of all sessions, mm².
+    """
+    errors = [something_else(cells.means) for cells in sessions]
+    blocks = [cells.whitened(own) for cells, own in zip(sessions, errors, strict=True)]
+    squares = np.concatenate([(own**2).mean(axis=0) for own in errors]) / len(sessions)
+    every = np.zeros((total, sum(block.shape[1] for block in blocks)))
+    row = column = 0
+    for block in blocks:
+        every[row : row + len(block), column : column + block.shape[1]] = block
+        row, column = row + block.shape[0], column + block.shape[1]
+    return every, squares

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from calib.errors import NotIdentifiable
 from calib.posterior.cells import Cells
 from calib.posterior.exchanges import LabelExchange, exchanges, place_of
 from calib.posterior.screening import Screen, even_mm
+from calib.tripod.movements import departures_mm
 
 PRIOR = {
     "first_take": 0.02,
@@ -141,17 +142,25 @@ class RivalModel:
 Solution = TypeVar("Solution")
 
 
+class Beside(Protocol):
+    """Models of a session that may be true beside a mistake in it."""
+
+    def __call__(self, number: int, *, alone: bool) -> Sequence[RivalModel]:
+        """The heaviest, the plain one first; or single names ``alone``."""
+
+
 @dataclass(frozen=True, eq=False)
 class Solved(Generic[Solution]):
     """Sessions with what may be true of them: the log evidence, and models of each session.
 
+    ``beside`` are the heaviest models of a session by its number, or single names ``alone``.
     ``with_one_name`` is the log weight ``(m,)`` of the best single name where the means of cells of
     a session by its number differ by so many mm ``(n_cells, m)``.
     """
 
     solution: Solution
     log_evidence: float
-    beside: Sequence[Sequence[RivalModel]]
+    beside: Beside
     with_one_name: Callable[[int, FloatArray], FloatArray]
     mistakes: tuple[Mistake, ...] = ()
     log_prior: float = 0.0
@@ -166,14 +175,17 @@ Scored = tuple[float, Mistake]
 """A log weight and the mistake that has it."""
 
 
-def suspects(solved: Solved[Solution], now: Sequence[Cells], number: int) -> list[Mistake]:
+def suspects(
+    solved: Solved[Solution], now: Sequence[Cells], number: int, *, depart: bool
+) -> list[Mistake]:
     """Mistakes of a session by its number that may be likelier than none, the likeliest first.
 
     ``solved`` are the sessions as they are ``now``: mistakes are looked for beside its models, and
-    exchanges beside single names, too.
+    exchanges beside single names, too; so are readings that stand apart where first takes
+    ``depart`` from their repeats, for something else explains these.
     """
     cells, others = now[number], [*now[:number], *now[number + 1 :]]
-    beside, log_evidence = solved.beside[number], solved.log_evidence
+    beside, log_evidence = solved.beside(number, alone=False), solved.log_evidence
     root = even_mm(cells)
     alone = [Screen.of(one, np.zeros((len(one.means), 0)), even_mm(one)) for one in others]
     elsewhere = sum(one.square for one in alone), sum(one.freedom for one in alone)
@@ -188,6 +200,10 @@ def suspects(solved: Solved[Solution], now: Sequence[Cells], number: int) -> lis
             moved = moved or _Moved.of(screen)
             scores += moved.scores(screen)
         for score, mistake in scores:
+            _keep(scored, one.log_weight + score, mistake)
+    for one in solved.beside(number, alone=True) if depart else ():
+        screen = replace(Screen.of(cells, one.columns, root), elsewhere=elsewhere)
+        for score, mistake in _apart(screen):
             _keep(scored, one.log_weight + score, mistake)
     if moved is not None:
         for whole, mistake in moved.beside_one_name(
@@ -515,12 +531,13 @@ def with_mistakes(
         replace(solve(way.sessions, way.with_play), log_prior=way.log_prior, mistakes=way.mistakes)
         for way in ways
     ]
+    depart = [bool(departures_mm(cells.visited)) for cells in ways[0].sessions]
     number = max(range(len(ways)), key=lambda k: every[k].log_weight)
     best, now, with_play = every[number], list(ways[number].sessions), ways[number].with_play
     for _ in range(MOST):
         tried = []
         for number, cells in enumerate(now):
-            for mistake in suspects(best, now, number):
+            for mistake in suspects(best, now, number, depart=depart[number]):
                 right = now.copy()
                 right[number] = Cells.of_visits(cells.case, mistake.visited)
                 try:

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import FloatArray, IntArray, without
+from calib.arrays import FloatArray, IntArray, descending, without
 from calib.errors import NotIdentifiable
 from calib.posterior.cells import Cells
 from calib.posterior.columns import free_columns, free_spread, linear_about, rows_and_blocks
@@ -22,15 +22,19 @@ from calib.posterior.gaussian import About, LittleOfAll
 from calib.posterior.labels import RivalModel, Solved
 from calib.posterior.library import ELSE, Component, library
 from calib.posterior.models import Linear, Posterior, Weighted, effects_of_tool
-from calib.posterior.race import LOG_CAUSES, Key, Products, Race, RaceEntry
+from calib.posterior.race import LOG_CAUSES, SCALES, Key, Products, Race, RaceEntry
 from calib.posterior.readings import LENGTHS, Placed, Rows
 from calib.posterior.tool import laws_held, tool_field
+from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import Effect
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
 
 MOST_BESIDE = 3
 """Models beside which mistakes are looked for."""
+
+MOST_NAMES = 8
+"""Single names beside which first takes that depart are looked for."""
 
 REFINED = 8
 """Models that are followed through the simulation; the others stay linear."""
@@ -140,10 +144,11 @@ class PosteriorProblem:
         # something else explains any mistake away
         named = [one for one in entries if one.members and not self._else(one)]
         heaviest = [plain, *named[:MOST_BESIDE]]
-        beside = [
-            [RivalModel(one.log_weight + constant, self._beside(number, one)) for one in heaviest]
-            for number in range(len(self.sessions))
-        ]
+
+        def beside(number: int, *, alone: bool) -> list[RivalModel]:
+            models = self._single_names(race) if alone else heaviest
+            return [RivalModel(m.log_weight + constant, self._beside(number, m)) for m in models]
+
         names = [k for k, one in enumerate(self.components) if one.kind in ("named", "beside")]
 
         def with_one_name(number: int, change_mm: FloatArray) -> FloatArray:
@@ -197,6 +202,20 @@ class PosteriorProblem:
         rows = np.zeros((len(self.rows.residual), change_mm.shape[1]))
         rows[begin : begin + len(change_mm)] = self.sessions[number].whitened(change_mm)
         return rows
+
+    def _single_names(self, race: Race) -> list[RaceEntry]:
+        """The likeliest names, each alone at its likeliest place; play at every place."""
+        log = race.log_weights()
+        best = {
+            k: (float(log[row, k]), row)
+            for k, row in enumerate(np.argmax(log, axis=0).tolist())
+            if self.components[k].kind in ("named", "beside")
+        }
+        every = descending([*best], lambda k: best[k][0])
+        names = {self.components[k].id: k for k in reversed(every)}
+        likeliest = [k for k in every if names[self.components[k].id] == k][:MOST_NAMES]
+        plays = [k for k in every if self.components[k].id == Backlash.id]
+        return [race.entry(((k, SCALES[best[k][1]]),)) for k in dict.fromkeys([*likeliest, *plays])]
 
     def _else(self, entry: RaceEntry) -> bool:
         return any(self.components[k].id == ELSE for k in entry.members)

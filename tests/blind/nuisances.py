@@ -14,6 +14,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -194,7 +195,14 @@ def within_play(procedure: str, rng: np.random.Generator) -> Session:
     return replace(plain(rows, values, hidden, "first_take"), shown=shown)
 
 
-def settled(size_mm: float) -> Callable[[str, np.random.Generator], Session]:
+def with_play(rng: np.random.Generator) -> Hidden:
+    """A machine with play of one carriage."""
+    return machine(rng).plus([(("lost", (int(rng.integers(3)),)), PLAY_MM)])
+
+
+def settled(
+    size_mm: float, machine: Callable[[np.random.Generator], Hidden] = machine
+) -> Callable[[str, np.random.Generator], Session]:
     def made(procedure: str, rng: np.random.Generator) -> Session:
         """The stand settles after the first take of one leg."""
         hidden, leg = machine(rng), int(rng.integers(3))
@@ -205,7 +213,11 @@ def settled(size_mm: float) -> Callable[[str, np.random.Generator], Session]:
     return made
 
 
-def wrong_first_posture(procedure: str, rng: np.random.Generator) -> Session:
+def wrong_first_posture(
+    procedure: str,
+    rng: np.random.Generator,
+    machine: Callable[[np.random.Generator], Hidden] = machine,
+) -> Session:
     """The first Zero of one leg was taken at Max."""
     hidden, leg = machine(rng), int(rng.integers(3))
     rows, values = taken(procedure, hidden, rng)
@@ -229,7 +241,9 @@ KINDS: dict[str, Callable[[str, np.random.Generator], Session]] = {
     "settled 20 µm": settled(0.02),
     "settled 60 µm": settled(0.06),
     "settled 100 µm": settled(0.1),
+    "settled 60 µm, play": settled(0.06, with_play),
     "first Zero at Max": wrong_first_posture,
+    "first Zero at Max, play": partial(wrong_first_posture, machine=with_play),
 }
 
 

@@ -72,6 +72,21 @@ def test_a_first_take_within_a_play_is_named_and_the_play_keeps_its_size(
     assert abs(size_mm - PLAY_MM) < 2.0 * math.sqrt(square)
 
 
+@pytest.mark.parametrize("taken", [SHORT, SWEEP], ids=["short", "sweep"])
+@pytest.mark.parametrize("settled_mm", [0.06, 0.2])
+def test_a_stand_that_settled_is_named_beside_the_play_of_another_carriage(
+    taken: Observations, settled_mm: float
+) -> None:
+    """Something else would explain both, and play of all carriages much of it."""
+    one = case(taken, PLAY, seed=26)
+    value = one.observed.value_mm.copy()
+    first = np.unique(taken.mount, return_index=True)[1]
+    value[first[taken.leg[first] == 2]] += settled_mm
+    answer = posterior([with_values(one, value)])
+    assert answer.mistakes["first_take", "z"] > 0.5
+    assert answer.places["backlash", "x"] > 0.5
+
+
 def test_without_a_play_a_little_departure_is_no_mistake() -> None:
     one = case(SWEEP, seed=22)
     value = one.observed.value_mm.copy()

@@ -466,7 +466,7 @@ class Session:
         """`table` for pandas. Raises UsageError where that is not installed."""
         return self.table().to_frame()
 
-    @property
+    @cached_property
     def step_mm(self) -> float | None:
         """The step in which the readings are written down: the finest decimal of any text."""
         matches = (DECIMALS.search(reading.text) for reading in self.readings)

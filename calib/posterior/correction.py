@@ -12,7 +12,7 @@ from calib.arrays import FloatArray
 from calib.posterior.cells import BASE
 from calib.posterior.library import POWERS
 from calib.posterior.models import Posterior
-from calib.posterior.tool import FRAMES, RIGID, Frame
+from calib.posterior.tool import FRAMES, Frame
 from calib.posterior.tool_errors import ToolErrors
 from calib.tripod.effects.bars import GravitySag
 from calib.tripod.effects.drives import (
@@ -170,7 +170,7 @@ def _doubt(errors: ToolErrors, with_it: FloatArray, without: FloatArray) -> str:
     weight = np.array([model.weight for model in errors.models])
     more = errors.expected(without) - errors.expected(with_it)
     gain = float(weight @ more)
-    whole = errors.without(range(-RIGID, 0)).expected_mm(without) ** 2
+    whole = errors.seen.expected_mm(without) ** 2
     worst = float(np.max(-more[weight >= DOUBTED], initial=0.0))
     if gain <= WORTH * whole:
         return f"it lowers the expected square of the tool's error by less than {WORTH:.0%}"

@@ -124,7 +124,6 @@ class Group:
 
     def updated(self, readings: ExpectedReadings, followed: Sequence[int]) -> Updated:
         """With the covariance after these readings: first the base, beside it the sizes."""
-        q = len(self.tool_base) // 2
         shown = readings.columns @ self.base
         noise = np.hstack([readings.loose, self.size_mm * readings.own])
         square = np.eye(len(shown)) + shown @ shown.T + noise @ noise.T
@@ -138,20 +137,17 @@ class Group:
                 sizes[:, mine] = columns @ self.sizes[:, mine]
                 expected[:, j] = means
         sizes = white @ sizes
-        gain = self.tool_base @ shown.T @ white.T
-        moved = self.tool_sizes - gain @ sizes
-        seen, tool = np.zeros_like(sizes), np.zeros_like(moved)
+        seen, roots = np.zeros_like(sizes), []
         room = np.full(len(self.rows), float(np.log(lower.diagonal()).sum()))
         for block in self.blocks:
             inside = np.moveaxis(sizes[:, block], 1, 0)
             inner = np.swapaxes(inside, 1, 2) @ inside + np.eye(block.shape[1])
             root = np.swapaxes(np.linalg.inv(np.linalg.cholesky(inner)), 1, 2)
+            roots.append(root)
             seen[:, block] = np.moveaxis(inside @ root, 0, 1)
-            tool[:, block] = np.moveaxis(np.moveaxis(moved[:, block], 1, 0) @ root, 0, 1)
             logs = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
             room[self.owner[block[:, 0]]] -= logs
-        base = self.tool_base[:q] @ self.tool_base[:q].T - gain[:q] @ gain[:q].T
-        return Updated(self, base, tool, seen, gain, white, lower, expected, sizes, room)
+        return Updated(self, white @ shown, tuple(roots), seen, white, lower, expected, sizes, room)
 
 
 def _blocks(widths: IntArray) -> tuple[IntArray, ...]:
@@ -166,23 +162,43 @@ def _blocks(widths: IntArray) -> tuple[IntArray, ...]:
 class Updated:
     """A group after readings.
 
-    Covariance at the tool is ``base`` ``(q, q)`` beside roots ``tool`` ``(2q, R)``. A departure of
-    the readings, made ``white`` ``(n, n)``, moves means by ``gain`` ``(2q, n)``, and by ``tool``
-    times ``seen`` ``(n, R)``. ``lower`` is the inverse of ``white``; ``expected`` ``(n, M)`` are
-    the readings if a model is true, ``sizes`` ``(n, R)`` what its sizes do to them, made white;
-    ``room`` ``(M,)`` the logs of the roots of determinants.
+    ``shown`` ``(n, b)`` is what the base does to the readings made ``white`` ``(n, n)``, ``sizes``
+    ``(n, R)`` what those of each model do; ``roots`` ``(m, r, r)`` of blocks are those of the
+    covariance of sizes, ``seen`` ``(n, R)`` these in the readings. ``lower`` is the inverse of
+    ``white``; ``expected`` ``(n, M)`` are the readings if a model is true, ``room`` ``(M,)`` the
+    logs of the roots of determinants.
     """
 
     group: Group
-    base: FloatArray
-    tool: FloatArray
+    shown: FloatArray
+    roots: tuple[FloatArray, ...]
     seen: FloatArray
-    gain: FloatArray
     white: FloatArray
     lower: FloatArray
     expected: FloatArray
     sizes: FloatArray
     room: FloatArray
+
+    @cached_property
+    def gain(self) -> FloatArray:
+        """By which a departure of the readings, made white, moves means at the tool ``(2q, n)``."""
+        return np.asarray(self.group.tool_base @ self.shown.T)
+
+    @cached_property
+    def tool(self) -> FloatArray:
+        """Roots of the covariance of sizes ``(2q, R)`` at the tool, beside that of the base."""
+        moved = self.group.tool_sizes - self.gain @ self.sizes
+        tool = np.zeros_like(moved)
+        for block, root in zip(self.group.blocks, self.roots, strict=True):
+            tool[:, block] = np.moveaxis(np.moveaxis(moved[:, block], 1, 0) @ root, 0, 1)
+        return tool
+
+    @cached_property
+    def base(self) -> FloatArray:
+        """Covariance of the base ``(q, q)`` at the tool."""
+        q = len(self.group.tool_base) // 2
+        before, gained = self.group.tool_base[:q], self.gain[:q]
+        return np.asarray(before @ before.T - gained @ gained.T)
 
     def _departure(self, readings: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Of these readings from each model ``(n, M)``, and along its sizes ``(R,)``."""

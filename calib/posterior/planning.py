@@ -21,7 +21,7 @@ from calib.posterior.library import ELSE
 from calib.posterior.measurements import FurtherMeasurement, MeasurementPreparation
 from calib.posterior.mixture import ExpectedReadings
 from calib.posterior.models import Posterior
-from calib.posterior.tool import RIGID, Frame
+from calib.posterior.tool import Frame
 from calib.tripod.effects.empirical import EMPIRICAL
 
 WORTH = 0.9
@@ -317,7 +317,8 @@ class Planner:
         def bound(shown: Sequence[int]) -> float:
             return errors.without(shown).bound_mm(self.correction.values)
 
-        whole, seen = bound(()), bound(range(-RIGID, 0))
+        whole = errors.bound_mm(self.correction.values)
+        seen = errors.seen.bound_mm(self.correction.values)
         share = 1.0 - (seen / whole) ** 2
         if share <= 0.5:
             return None

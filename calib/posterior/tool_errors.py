@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import gammainc
 
 from calib.arrays import FloatArray
+from calib.posterior.tool import RIGID
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,9 @@ no model has, and of effects that these readings hardly show."""
 EXACT = 1e-7
 """Relative: a quantile of mean squares is worked out to so much."""
 
+STILL = 1e-14
+"""Of the largest square: a direction that moves the tool less is one of rounding."""
+
 UNPLACED_FREEDOM = 12.0
 """Degrees of freedom of an error without a law over the workspace, smooth along the travel."""
 
@@ -62,6 +66,18 @@ class ToolErrors:
         return replace(self, metric=metric)
 
     @cached_property
+    def seen(self) -> ToolErrors:
+        """The same where shifts and turns of the whole machine are known: no leg shows these."""
+        return self.without(range(-RIGID, 0))
+
+    @cached_property
+    def _shown(self) -> FloatArray:
+        """A root ``(q, f)`` of the metric: of ``q`` directions that move the tool."""
+        square, axes = np.linalg.eigh(self.metric)
+        moves = square > STILL * square[-1]
+        return np.asarray(np.sqrt(square[moves])[:, None] * axes[:, moves].T)
+
+    @cached_property
     def _weight(self) -> FloatArray:
         return np.array([model.weight for model in self.models])
 
@@ -83,13 +99,12 @@ class ToolErrors:
         """Mean and half the variance ``(n_models, 2)`` of the square about each model's mean."""
         spread = np.empty((len(self.models), 2))
         for alike in self._alike:
-            base = self.models[alike[0]].base
-            moved = self.metric @ base
-            size, square = float(np.trace(moved)), float((moved * moved.T).sum())
+            base = self._shown @ self.models[alike[0]].base @ self._shown.T
+            size, square = float(np.trace(base)), float((base**2).sum())
             for k in alike:
                 model = self.models[k]
-                more, own = model.inflated**2, self.metric @ model.root
-                inner = model.root.T @ own
+                more, own = model.inflated**2, self._shown @ model.root
+                inner = own.T @ own
                 both = float((own * (base @ own)).sum())
                 spread[k] = (
                     more * size + float(np.trace(inner)) + model.unplaced_mm2,

@@ -235,6 +235,15 @@ class Machine(Document):
         zero_mm = float(self.geometry().zero_mm.mean())
         return self.rail_mm or (zero_mm + self.travel_min_mm, zero_mm + self.travel_max_mm)
 
+    def with_drives_of(self, geometry: Geometry) -> Machine:
+        """The same machine with the drives' lines of a geometry, to 0.1 µm and 0.1 µrad."""
+        lines = zip(geometry.origin_mm, geometry.direction, strict=True)
+        x, y, z = (
+            drive.model_copy(update={"origin_mm": _rounded(at, 4), "direction": _rounded(way, 7)})
+            for drive, (at, way) in zip(self.drive or ORTHOGLIDE_DRIVES, lines, strict=True)
+        )
+        return self.model_copy(update={"drive": (x, y, z)})
+
     @property
     def usual_procedure(self) -> str:
         """The procedure that is taken where none is named."""
@@ -284,6 +293,11 @@ def machine_text(machine: Machine, comments: Iterable[str]) -> str:
     for heading, table in tables:
         lines += ["", heading, *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
     return "\n".join(lines) + "\n"
+
+
+def _rounded(vector: Triple, digits: int) -> Triple:
+    x, y, z = (round(part, digits) + 0.0 for part in vector)
+    return x, y, z
 
 
 def _unit_vector(vector: Triple) -> Triple:

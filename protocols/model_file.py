@@ -203,7 +203,7 @@ def _effect_of(
 def _places(
     entry: EffectEntry, parameter: ParameterEntry, effect: Effect, geometry: Geometry, subject: str
 ) -> tuple[str, ...]:
-    legs = ([0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]) if geometry.orthogonal else ([], [])
+    legs = ([0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]) if geometry.reads_legs else ([], [])
     at = [*legs[0], TOOL, TOOL, TOOL], [*legs[1], 0, 1, 2]
     known_places = effect.places(conditions(*at, [0.0] * len(at[0])))
     default_places = known_places if entry.where == "all" else (entry.where,)

@@ -224,10 +224,10 @@ def _lifted_mm(reading: Reading) -> float:
 def _check_readings(session: Session) -> None:
     """Raises RecordError for readings of legs that no indicator can read."""
     on_leg = next((r for r in session.readings if r.leg != "tool"), None)
-    if on_leg is not None and not session.opened.machine.geometry().orthogonal:
+    if on_leg is not None and not session.opened.machine.geometry().reads_legs:
         raise RecordError(
             f"reading {on_leg.reading} of machine '{session.opened.machine.name}'",
-            f"leg {on_leg.leg}, on drives that are not square to each other",
+            f"leg {on_leg.leg}, whose bar does not lie along its drive at Zero",
             "readings of the tool",
         )
 

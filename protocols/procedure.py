@@ -266,13 +266,13 @@ class Procedure(Document):
     def check_limits(self, geometry: Geometry, path: Path | None = None) -> None:
         """Raises RecordError for the first level, or position, outside the joint limits.
 
-        UsageError for readings of legs on drives that are not square to each other. With the
+        UsageError for readings of legs whose bars do not lie along their drives at Zero. With the
         ``path`` of its file the error names the line.
         """
-        if self.plate is None and not geometry.orthogonal:
+        if self.plate is None and not geometry.reads_legs:
             raise UsageError(
                 f"procedure {self.name}",
-                "readings of legs, on a machine whose drives are not square to each other",
+                "readings of legs, on a machine whose bars do not lie along their drives at Zero",
                 "a procedure with [plate], readings of the tool",
                 "plate-rings is one.",
             )
@@ -303,7 +303,7 @@ class Procedure(Document):
         Records are not asked: what was measured stays readable. With the ``path`` of its file the
         error names the line.
         """
-        if self.plate is not None or not geometry.orthogonal:  # nor are legs read there
+        if self.plate is not None or not geometry.reads_legs:  # nor are legs read there
             return
         touched: list[tuple[Key, tuple[str, float, float]]] = []
         if self.levels:

@@ -332,10 +332,10 @@ def _reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry
 
 
 def _leg_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry) -> Reading:
-    if not geometry.orthogonal:
+    if not geometry.reads_legs:
         raise RecordError(
             f"table {row.path}, header",
-            "readings of legs, for a machine whose drives are not square to each other",
+            "readings of legs, for a machine whose bars do not lie along their drives at Zero",
             "readings of the tool: columns " + ", ".join(OF_TOOL),
         )
     leg, axis = row.letter("leg"), row.letter("axis")

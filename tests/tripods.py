@@ -17,6 +17,9 @@ def _round(vectors: Three) -> Three:
     return x, y, z
 
 
+STAR: Three = ((0.8, 0.0, -0.6), (-0.4, 0.4 * 3**0.5, -0.6), (-0.4, -0.4 * 3**0.5, -0.6))
+ENDS: Three = ((30.0, 0.0, 0.0), (-15.0, 26.0, 0.0), (-15.0, -26.0, 0.0))
+LEAN = (0.05, (1.0 - 0.05**2) ** 0.5)
 SKEW: Triple = (0.6, 0.0, 0.8)
 
 TRIPODS: dict[str, Geometry] = {
@@ -27,6 +30,13 @@ TRIPODS: dict[str, Geometry] = {
     ),
     "turned": replace(ORTHOGLIDE, direction=_round(ORTHOGLIDE.direction)),
     "skew": replace(ORTHOGLIDE, direction=(SKEW, (0.0, 1.0, 0.0), (-0.6, 0.0, 0.8))),
+    "tilted": replace(
+        ORTHOGLIDE,
+        direction=((1.0, 0.0, 0.0), (*LEAN, 0.0), (0.0, -LEAN[0], LEAN[1])),
+        origin_mm=((0.0, 0.0, 0.0), (0.0, 0.0, -0.4), (0.2, 0.3, 0.0)),
+    ),
+    "star": replace(ORTHOGLIDE, direction=STAR, origin_mm=ENDS, platform_mm=ENDS),
     "linear-delta": DELTA,
 }
-"""By name; the first four are of the Orthoglide's kind, with drives square to each other."""
+"""By name; the first four are of the Orthoglide's kind, with drives square to each other; legs are
+read on all but the delta."""

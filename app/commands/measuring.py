@@ -17,6 +17,7 @@ from app.exit_codes import Exit
 from app.machines.options import (
     Answer,
     AsJson,
+    Force,
     Machine,
     MacroName,
     PrintableRadius,
@@ -25,6 +26,7 @@ from app.machines.options import (
     argument,
     figure,
     file,
+    may_replace,
     number,
     say,
 )
@@ -33,6 +35,7 @@ from app.report.streams import need_terminal
 from calib.errors import GlidecalError, UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
+    from app.measuring.aligning import Aligned
     from app.measuring.moving import MoveProposal, Mover
     from app.measuring.plan import Plan
     from app.measuring.session import Indicators
@@ -193,12 +196,12 @@ def measured_until(plan: Plan, until: float | None, *, headless: bool, done: boo
     """
     if plan.prove and plan.motion is None:
         raise UsageError("--prove", "no --motion", "--motion, of a machine that moves itself")
-    of_legs = bool(plan.procedure.levels) and plan.machine.geometry().orthogonal
+    of_legs = bool(plan.procedure.levels) and plan.machine.geometry().reads_legs
     if until is not None and (plan.motion is None or not headless):
         raise UsageError("--until", "no --motion, or a screen", "--motion … --headless")
     if until is not None and not of_legs:
         found = f"procedure {plan.procedure.name} on machine {plan.machine.name}"
-        raise UsageError("--until", found, "readings of legs, on drives that are square")
+        raise UsageError("--until", found, "readings of legs")
     if not done:
         measure(plan, headless=headless)
     if plan.motion is None or not of_legs:
@@ -378,6 +381,11 @@ def align(
     output: SessionFile = None,
     seed: Seed = 1,
     resume: Resume = None,
+    machine_file_out: Annotated[
+        Path | None,
+        file("Machine file to write, with the drives as they lie.", "--machine-file-out"),
+    ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Shims that make the rails square and meet. Measured, moved live, measured again."""
@@ -385,7 +393,10 @@ def align(
     from app.measuring.demo import WATCHED
     from app.measuring.indicators import DEFAULT_PROFILE, check_indicators, choose_indicators
     from app.measuring.plan import Plan, aligning, plan_to_continue, session_name
-    from protocols.machine import load_machine
+    from app.report.schema.alignment import AlignmentReport
+    from app.report.text.alignment import aligned_text, lines_of_drives
+    from protocols.files import write_files
+    from protocols.machine import load_machine, machine_text
     from protocols.procedure import ALL_AXES, load_procedure
 
     rail = next((one for one in ALL_AXES if reference and one == reference.lower()), None)
@@ -394,11 +405,22 @@ def align(
     if session is None and as_json:
         raise UsageError("--json", "no session", "a session that was measured: align SESSION")
     if session is not None:
-        if typed(context, context.params.keys() - {"session", "reference", "as_json"}):
+        of_session = {"session", "reference", "as_json", "machine_file_out", "force"}
+        if typed(context, context.params.keys() - of_session):
             wrong = "options for measuring, beside a session that was measured"
-            raise UsageError(f"align {session}", wrong, "--reference and --json")
-        typer.echo(_aligned(session, rail, as_json=as_json))
+            raise UsageError(f"align {session}", wrong, "--reference, --machine-file-out, --json")
+        may = may_replace(force, machine_file_out)
+        aligned = _aligned(session, rail)
+        if machine_file_out is not None:
+            text = machine_text(aligned.as_it_lies, lines_of_drives(session.name))
+            write_files(machine_file_out, {"": text}, replace=may)
+            say(f"written: {machine_file_out}")
+        report = partial(AlignmentReport.of, name=session.name, found=aligned)
+        typer.echo(Answer(lambda: aligned_text(aligned), report).shown(as_json=as_json))
         return
+    if machine_file_out is not None:
+        needed = "a session that was measured: align SESSION"
+        raise UsageError("--machine-file-out", "no session", needed)
     refuse_beside_continue(context)
     known = load_machine(machine)
     chosen = choose_indicators(
@@ -419,14 +441,10 @@ def align(
     measure(aligning(plan, rail or plan.reference or "x"), headless=False, otherwise=otherwise)
 
 
-def _aligned(session: Path, reference: Leg | None, *, as_json: bool) -> str:
+def _aligned(session: Path, reference: Leg | None) -> Aligned:
     """What a session tells of the rails."""
     from app.measuring.aligning import align_session
-    from app.report.schema.alignment import AlignmentReport
-    from app.report.text.alignment import aligned_text
     from protocols.record import read_record
 
     recorded = read_record(session).session
-    found = align_session(recorded, reference or recorded.opened.aligned_to or "x")
-    report = partial(AlignmentReport.of, name=session.name, found=found)
-    return Answer(lambda: aligned_text(found), report).shown(as_json=as_json)
+    return align_session(recorded, reference or recorded.opened.aligned_to or "x")

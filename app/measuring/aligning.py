@@ -10,6 +10,7 @@ from calib.errors import UsageError
 from calib.tripod.alignment import (
     Alignment,
     Shim,
+    aligned_geometry,
     alignment,
     shims,
     slope_at_zero_mm,
@@ -37,9 +38,16 @@ class Aligned:
     found: Alignment
     shims: tuple[Shim, ...]
 
+    @property
+    def as_it_lies(self) -> Machine:
+        """The machine with its drives as they lie, for a controller that is told of them."""
+        drives = ALL_AXES.index(self.reference)
+        geometry = aligned_geometry(self.machine.geometry(), self.found, drives)
+        return self.machine.with_drives_of(geometry)
+
 
 def align_session(session: Session, reference: Leg) -> Aligned:
-    """Raises UsageError for a machine without square drives, NotIdentifiable and RecordError."""
+    """Raises UsageError where legs cannot be read, NotIdentifiable and RecordError."""
     machine = session.opened.machine
     found = alignment(
         machine.geometry(),

@@ -284,11 +284,11 @@ def _machine_and_model(
             )
         machine = own
     of_tool = any(r.position_mm is not None for one in sessions for r in one.readings)
-    if of_tool or not machine.geometry().orthogonal:
+    if of_tool or not machine.geometry().reads_legs:
         raise UsageError(
             "glidecal plan",
             f"readings of the tool, or the machine '{machine.name}'",
-            "readings of legs, on drives that are square to each other",
+            "readings of legs, on bars that lie along their drives at Zero",
             "glidecal identifiability tells what a procedure of your own would see.",
         )
     return machine, model or Model(machine.geometry())

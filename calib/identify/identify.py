@@ -121,7 +121,7 @@ class Told:
         """Raises NotIdentifiable where no mounting has two postures."""
         visited = visits(observed)
         if sizes or model.effects:  # play may be among them
-            visited = with_first_movements(visited)
+            visited = with_first_movements(model.geometry, visited)
         measured = differences(model.geometry, visited)
         return cls(model, visited, measured, reading_noise(visited, indicator), sizes)
 

@@ -191,7 +191,7 @@ class Posterior:
         rest turns or shifts the machine as a whole; it is taken to be as large, r.m.s.
         """
         deviation = np.zeros(self.field.rows.shape[1])
-        if not self.geometry.orthogonal:  # readings are of the tool, in the frame of its plate
+        if not self.geometry.reads_legs:  # readings are of the tool, in the frame of its plate
             return deviation
         shifts, turns = deviation[-RIGID:-3], deviation[-3:]
         for k, at in zip(model.members, self.starts(model), strict=True):

@@ -71,7 +71,7 @@ def _ways_of_first_takes(sessions: Sequence[Cells], log_prior: float) -> list[Wa
     """
     moved, apart, mistakes = [], [], []
     for number, cells in enumerate(sessions):
-        visited = with_first_movements(cells.visited)
+        visited = with_first_movements(cells.case.model.geometry, cells.visited)
         changed = not np.array_equal(visited.movement, cells.visited.movement)
         moved.append(Cells.of_visits(cells.case, visited) if changed else cells)
         mistake = first_takes_apart(cells, number)

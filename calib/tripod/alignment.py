@@ -1,4 +1,4 @@
-"""Mechanical alignment of three square drives: from readings of legs to shims under their rails.
+"""Mechanical alignment of three drives to be square: from readings of legs to shims under rails.
 
 Leg readings see, of six leans and six shifts of the rails, how far each pair is from square and how
 far each pair misses the other: six figures. The rest turns or moves the machine as a whole. One
@@ -9,7 +9,7 @@ meet it, the third does the same to both.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,8 +21,15 @@ from calib.noise.reading import IndicatorFigures, reading_noise, reading_weights
 from calib.stats import coverage_factor
 from calib.tripod.effects.candidates import place_columns
 from calib.tripod.effects.drives import AxisDistance, AxisSquareness
-from calib.tripod.effects.effect import AROUND, PAIRS, PER_THOUSAND, EffectInstance, moved_foot
-from calib.tripod.geometry import Geometry
+from calib.tripod.effects.effect import (
+    AROUND,
+    PAIRS,
+    PER_THOUSAND,
+    EffectInstance,
+    moved_foot,
+    numbers,
+)
+from calib.tripod.geometry import Geometry, Three
 from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Flow, Model, Stage, command, derivatives, posture
 
@@ -69,14 +76,16 @@ def alignment(
 ) -> Alignment:
     """Fit leans and distances beside the base parameters, these held by ``tolerance_mm`` ``(6,)``.
 
-    Raises UsageError for drives that are not square and NotIdentifiable without noise or readings
-    that tell all six.
+    Raises UsageError for a machine whose legs cannot be read and NotIdentifiable without noise or
+    readings that tell all six.
     """
-    if not geometry.orthogonal:
+    if not geometry.reads_legs:
         raise UsageError(
-            "alignment", "drives that are not square to each other", "an Orthoglide's readings"
+            "alignment",
+            "bars that do not lie along their drives at Zero",
+            "a machine whose legs are read, such as an Orthoglide",
         )
-    visited = with_first_movements(visits(observed))
+    visited = with_first_movements(geometry, visits(observed))
     noise = reading_noise(visited, indicator)
     if noise is None:
         raise NotIdentifiable(
@@ -109,7 +118,23 @@ def alignment(
     noise_mm = float(np.sqrt(np.mean(root**-2.0)))
     left_mm = float(np.sqrt(np.mean(left**2)))
     spread = np.asarray(covariance[6:, 6:], dtype=np.float64)
-    return Alignment(model, x[6:9], x[9:], spread, noise_mm, left_mm)
+    lean_mrad, distance_mm = figures_of(geometry)
+    figures = x[6:9] + lean_mrad, x[9:] + distance_mm
+    return Alignment(model, *figures, spread, noise_mm, left_mm)
+
+
+def figures_of(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
+    """Leans ``(3,)``, mrad, and distances ``(3,)``, mm, of nominal drives, as `Alignment` has them.
+
+    The distance is along what is across both drives.
+    """
+    drives, anchors = geometry.directions, geometry.anchors
+    leans = [math.asin(float(drives[i] @ drives[j])) / PER_THOUSAND for i, j in map(numbers, PAIRS)]
+    apart = []
+    for i, j in map(numbers, AROUND):
+        across = np.cross(drives[i], drives[j])
+        apart.append(float((anchors[i] - anchors[j]) @ across / np.linalg.norm(across)))
+    return np.array(leans), np.array(apart)
 
 
 def _model(geometry: Geometry, x: FloatArray) -> Model:
@@ -118,6 +143,44 @@ def _model(geometry: Geometry, x: FloatArray) -> Model:
     ]
     apart = [EffectInstance(DISTANCE, p, (v,)) for p, v in zip(AROUND, x[9:].tolist(), strict=True)]
     return Model(geometry, tuple(x[:6].tolist()), (*leans, *apart))
+
+
+def aligned_geometry(geometry: Geometry, found: Alignment, reference: int) -> Geometry:
+    """The machine with its drives as they lie, for a controller that is told of them.
+
+    The reference drive stays, the next one stays in the plane of both, as `shims` have it. Raises
+    CalibrationError for drives that no machine has.
+    """
+    order = [(reference + k) % 3 for k in range(3)]
+    lean = np.zeros((3, 3))
+    for (i, j), value in zip(map(numbers, PAIRS), found.lean_mrad.tolist(), strict=True):
+        lean[i, j] = lean[j, i] = math.sin(PER_THOUSAND * value)
+    cosines = (lean + np.eye(3))[np.ix_(order, order)]
+    axes = geometry.directions[reference], geometry.read_along[reference, order[1]]
+    frame = np.array([*axes, np.cross(*axes)])
+    directions = np.zeros((3, 3))
+    directions[order] = np.linalg.cholesky(cosines) @ frame  # rows of these products
+    anchors = np.zeros((3, 3))
+    anchors[reference] = geometry.anchors[reference]
+    distance = dict(zip(AROUND, found.distance_mm.tolist(), strict=True))
+    for k, drive in enumerate(order[1:], start=1):
+        rows, far = [directions[drive]], [0.0]
+        for other in order[:k]:
+            cyclic = (drive - other) % 3 == 1  # the pair is named from the other one
+            first, second = (other, drive) if cyclic else (drive, other)
+            across = np.cross(directions[first], directions[second])
+            across = across / np.linalg.norm(across)
+            name = LEG_NAMES[first] + LEG_NAMES[second]
+            rows.append(across)
+            far.append(float(anchors[other] @ across) + (-1.0 if cyclic else 1.0) * distance[name])
+        anchors[drive] = np.linalg.lstsq(np.array(rows), np.array(far))[0]
+    origins = anchors + geometry.platform
+    return replace(geometry, origin_mm=_triples(origins), direction=_triples(directions))
+
+
+def _triples(rows: FloatArray) -> Three:
+    first, second, third = ((x, y, z) for x, y, z in rows.tolist())
+    return first, second, third
 
 
 @dataclass(frozen=True)
@@ -186,7 +249,8 @@ def slope_at_zero_mm(model: Model, leg: int, towards: int) -> float:
     flow = posture(
         model.geometry, model.parameters_mm, taken, command(model.geometry, taken), model.effects
     )
-    return float((flow.foot_mm[0, leg] - flow.tool_mm[0] - model.geometry.platform[leg])[towards])
+    bar_mm = flow.foot_mm[0, leg] - flow.tool_mm[0] - model.geometry.platform[leg]
+    return float(bar_mm @ model.geometry.read_along[leg, towards])
 
 
 @dataclass(frozen=True)
@@ -203,7 +267,7 @@ class RailMoved:
     def change(self, stage_input: NDArray[Any], flow: Flow) -> NDArray[Any]:
         """The foot is sideways by a constant and in proportion to its coordinate."""
         way = self.shift_mm + self.lean * flow.carriage_mm[..., self.rail]
-        across = flow.geometry.directions[self.towards]
+        across = flow.geometry.read_along[self.rail, self.towards]
         return np.asarray(stage_input + moved_foot(self.rail, across, way))
 
     @classmethod
@@ -221,5 +285,5 @@ def misaligned(geometry: Geometry, seed: int) -> tuple[RailMoved, ...]:
         RailMoved(rail, towards, float(off[rail, towards, 0]), float(off[rail, towards, 1]))
         for rail in range(3)
         for towards in range(3)
-        if rail != towards and geometry.orthogonal
+        if rail != towards and geometry.reads_legs
     )

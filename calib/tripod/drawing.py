@@ -59,7 +59,7 @@ def set_up_lines(
     carriages = geometry.zero_mm[:, None] + travel
     fraction = geometry.touched(np.array([leg]), np.array([station]), np.array([displacement_mm]))
     touched = ends[leg] + fraction[0] * (feet[leg] - ends[leg])
-    measured = INDICATOR * geometry.lengths[leg] * along[list(axes)]
+    measured = INDICATOR * geometry.lengths[leg] * geometry.read_along[leg, list(axes)]
     spindles = np.stack([0.0 * measured, np.asarray(sides)[:, None] * measured], axis=1)
     return Lines(
         rails=origins[:, None] + carriages[..., None] * along[:, None],

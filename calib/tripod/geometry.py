@@ -27,6 +27,12 @@ LEAST_VOLUME = 1e-3
 LEAST_SLOPE = 0.02
 """Of a bar along its drive: below it the carriage cannot move the tool."""
 
+MOST_ASKEW = 0.05
+"""Of a bar to its drive at Zero: more, and it slides under an indicator further than that reads."""
+
+MOST_ALIKE = 0.9
+"""Cosine of two drives: nearer to parallel, neither leads across the other."""
+
 UNIT = 1e-6
 """By so much the square of a direction given to `Geometry` may differ from 1."""
 
@@ -206,9 +212,28 @@ class Geometry:
 
     @cached_property
     def orthogonal(self) -> bool:
-        """Whether the drives are square to each other, so that a leg is read along the others."""
+        """Whether the drives are square to each other."""
         product_of_two = self.directions @ self.directions.T
         return bool(np.abs(product_of_two - np.eye(3)).max() < UNIT)
+
+    @cached_property
+    def reads_legs(self) -> bool:
+        """Whether a leg can be read: at Zero each bar lies along its drive, the others lead across.
+
+        Moving along its drive the tool then takes the bar along without turning it.
+        """
+        askew = np.sqrt(np.maximum(self.lengths**2 - self.covered_mm**2, 0.0)) / self.lengths
+        alike = np.abs(self.directions @ self.directions.T - np.eye(3))
+        return bool(askew.max() < MOST_ASKEW and alike.max() < MOST_ALIKE)
+
+    @cached_property
+    def read_along(self) -> FloatArray:
+        """Unit vectors ``(3 legs, 3 axes, 3)`` along which an indicator at a leg reads.
+
+        Across the leg's drive, towards that of the axis; with its own axis along the drive.
+        """
+        every = [[self.towards(leg, axis) for axis in range(3)] for leg in range(3)]
+        return np.array(every)
 
     @cached_property
     def lengths(self) -> FloatArray:
@@ -252,13 +277,13 @@ class Geometry:
     def across(self) -> dict[str, FloatArray]:
         """Unit vectors across the drives by name, two for each.
 
-        Where the drives are orthogonal ``"xy"`` is across drive x along drive y. Else ``"xr"`` is
-        radial, away from the tool at Zero, and ``"xt"`` tangential, so that r, t and the drive's
-        direction are right-handed.
+        Where legs can be read ``"xy"`` is across drive x towards drive y. Else ``"xr"`` is radial,
+        away from the tool at Zero, and ``"xt"`` tangential, so that r, t and the drive's direction
+        are right-handed.
         """
-        if self.orthogonal:
+        if self.reads_legs:
             pairs = permutations(range(3), 2)
-            return {LEG_NAMES[i] + LEG_NAMES[j]: self.directions[j] for i, j in pairs}
+            return {LEG_NAMES[i] + LEG_NAMES[j]: self.read_along[i, j] for i, j in pairs}
         found = {}
         for i, name in enumerate(LEG_NAMES):
             radial = self._radial(i)
@@ -269,8 +294,11 @@ class Geometry:
     def towards(self, first: int, second: int) -> FloatArray:
         """Unit vector ``(3,)`` across one drive in which it leans towards another.
 
-        That is the direction of the other; for parallel drives the way from one line to the other.
+        That is the direction of the other, less what is along this one; for parallel drives the way
+        from one line to the other; for a drive itself its own direction.
         """
+        if first == second:
+            return np.asarray(self.directions[first])
         for way in (self.directions[second], self.origins[second] - self.origins[first]):
             across = self._across(first, way)
             size = float(np.linalg.norm(across))

@@ -9,10 +9,13 @@ import numpy as np
 
 from calib.arrays import TOOL, Conditions, FloatArray, Observations, numbered, rows_of
 from calib.noise.repeats import Repeats
-from calib.tripod.geometry import Geometry, inverse
+from calib.tripod.geometry import Geometry, dot, inverse
 
 STILL_MM = 1e-6
 """A carriage that is to move by less stands still: no controller resolves it."""
+
+STANDS = 1e-9
+"""A carriage that moves by less of the tool's way stands there, on its way up and down again."""
 
 DEPARTS = 4.0
 """Standard deviations beyond which a first reading was not reached as its repeats were."""
@@ -27,17 +30,22 @@ def carriage_movement(geometry: Geometry, from_mm: FloatArray, to_mm: FloatArray
     return np.asarray(np.where(np.abs(moved) < STILL_MM, 0.0, np.sign(moved)))
 
 
-def last_movement(taken: Conditions) -> FloatArray:
+def last_movement(geometry: Geometry, taken: Conditions) -> FloatArray:
     """Sign of the last movement of each carriage ``(n, 3)``; 0 where it is not known.
 
-    Readings of the tool tell it themselves. On an Orthoglide the touched leg's carriage follows the
-    displacement s. The others are commanded ``sqrt(L^2 - s^2)``: they went down where the tool went
-    away from Zero at last, up where it came nearer, and so up on arriving at Zero.
+    Readings of the tool tell it themselves. Along the drive of a touched leg its carriage follows
+    the displacement s. The others are commanded, on an Orthoglide, ``sqrt(L^2 - s^2)``: they went
+    down where the tool went away from Zero at last, up where it came nearer, and so up on arriving
+    at Zero. Across drives that are not square they also go along with the tool.
     """
-    from_zero = np.sign(taken.displacement_mm)
-    others = np.where(from_zero == 0, np.abs(taken.approach), -from_zero * taken.approach)
-    movement = np.repeat(others[:, None], 3, axis=1)
-    movement[np.arange(len(taken)), taken.leg] = taken.approach
+    way = geometry.directions[np.where(taken.leg == TOOL, 0, taken.leg)]
+    ray = (taken.displacement_mm[:, None] * way)[:, None] - geometry.anchors
+    along, slope = dot(ray, geometry.directions), way @ geometry.directions.T
+    covered = np.sqrt(geometry.lengths**2 - (dot(ray, ray) - along**2))
+    speed = slope - (dot(ray, way[:, None]) - along * slope) / covered
+    turning = np.abs(speed) < STANDS  # there a carriage is as far up as it goes
+    approach = taken.approach[:, None]
+    movement = np.where(turning, np.abs(approach), np.sign(speed) * approach)
     told = (taken.leg == TOOL) | taken.movement.any(axis=1)
     return np.where(told[:, None], taken.movement, movement)
 
@@ -65,14 +73,14 @@ def departures_mm(observed: Observations, least: float = DEPARTS) -> dict[int, f
     return departures
 
 
-def with_first_movements(observed: Observations) -> Observations:
+def with_first_movements(geometry: Geometry, observed: Observations) -> Observations:
     """The same visits; where nobody saw how a posture was reached, its repeats tell.
 
     The first reading of a mounting that departs from those that were reached from a known side was
     reached from the other one. One that agrees stays as it is: so far as it shows, nothing has
     play.
     """
-    movement, last = observed.movement.copy(), last_movement(observed)
+    movement, last = observed.movement.copy(), last_movement(geometry, observed)
     for row in departures_mm(observed):
         alike = observed.approach_known & (observed.posture == observed.posture[row])
         ways = last[alike]  # a carriage that came from both sides tells nothing

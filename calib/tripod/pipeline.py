@@ -221,10 +221,11 @@ def moved_along(flow: Flow, touched_mm: NDArray[Any], along: FloatArray) -> NDAr
 def measuring_directions(geometry: Geometry, taken: Conditions) -> FloatArray:
     """Unit vectors ``(n, 3)`` along which indicators read.
 
-    On a leg along the drive that the axis names; at the tool along that coordinate.
+    On a leg across its drive, towards the one that the axis names; at the tool along that
+    coordinate.
     """
-    on_leg = geometry.directions[taken.axis]
-    return np.where((taken.leg == TOOL)[:, None], np.eye(3)[taken.axis], on_leg)
+    ways = np.concatenate([geometry.read_along, np.eye(3)[None]])
+    return np.asarray(ways[taken.leg, taken.axis])
 
 
 def derivatives(

@@ -62,9 +62,9 @@ def test_a_shuffled_plate_keeps_its_places() -> None:
 
 
 def test_legs_of_a_machine_without_square_drives_are_not_read() -> None:
-    with pytest.raises(UsageError, match="not square to each other"):
+    with pytest.raises(UsageError, match="do not lie along their drives at Zero"):
         load_procedure("sweep", DELTA)  # before a screen opens
-    with pytest.raises(UsageError, match="not square to each other"):
+    with pytest.raises(UsageError, match="do not lie along their drives at Zero"):
         load_procedure("sweep", ORTHOGLIDE).steps(DELTA)
     assert load_procedure("sweep", ORTHOGLIDE).steps(ORTHOGLIDE)
 
@@ -75,7 +75,7 @@ def test_a_record_with_legs_of_such_a_machine_is_refused() -> None:
     reading = Reading(
         reading=1, leg="x", axis="y", displacement_mm=0.0, value_mm=0.0, text="0", mount="xy"
     )
-    with pytest.raises(RecordError, match="not square to each other"):
+    with pytest.raises(RecordError, match="do not lie along their drives at Zero"):
         to_observations([fold([opened, reading])])
 
 
@@ -138,7 +138,7 @@ def test_what_is_wrong_with_a_machine_as_a_whole_is_said_in_full(tmp_path: Path)
         (f"{HEADER}\n0,0,0,0\n400,0,0,0\n", "the bars reach"),
         ("x_mm,y_mm,value_mm\n0,0,0\n", "Missing: z_mm"),
         (f"{HEADER},lift_mm\n0,0,0,0,-1\n", "lifted off"),
-        ("leg,axis,displacement_mm,value_mm\nx,y,0,0\n", "not square to each other"),
+        ("leg,axis,displacement_mm,value_mm\nx,y,0,0\n", "do not lie along their drives at Zero"),
         (f"{HEADER},axis\n0,0,0,0,w\n", "x, y or z"),
     ],
 )

@@ -28,7 +28,7 @@ def drawn_set_up(
     Each indicator has its number at its body and the name of its axis where readings grow.
     """
     leg, geometry = leg_number(step.leg), session.opened.machine.geometry()
-    if leg not in range(3) or not geometry.orthogonal:
+    if leg not in range(3) or not geometry.reads_legs:
         return None
     axes = [leg_number(axis) for axis in step.axes]
     numbers = list(step.indicators)

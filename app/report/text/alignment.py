@@ -51,6 +51,15 @@ def aligned_text(aligned: Aligned) -> str:
     )
 
 
+def lines_of_drives(name: str) -> tuple[str, ...]:
+    """The comments above a machine file of drives as they lie."""
+    return (
+        f"The drives as glidecal align tells them from {name}. Lengths in mm.",
+        "For a controller that is told of them, as glidecal export --format linuxcnc-kins does.",
+        "One that reckons with square drives needs the machine file from before.",
+    )
+
+
 def _cells(shim: Shim) -> tuple[str, str, str, str]:
     towards = f"{'+' if shim.move_mm >= 0.0 else '−'}{LEG_NAMES[shim.towards].upper()}"
     rail = f"rail {LEG_NAMES[shim.rail].upper()}"

@@ -212,7 +212,7 @@ def _arrangements(
     if lateral or set(seen) == set(AROUND):
         yield from _by_leg(effect, seen)
     if len(seen) > 1:
-        if geometry.orthogonal or not lateral:
+        if geometry.reads_legs or not lateral:
             yield _grouped(effect, seen, "same", {"": tuple(seen)})
         if set(seen) == set(geometry.across):
             yield from _symmetric(effect, seen, geometry)
@@ -233,11 +233,11 @@ def _symmetric(
 ) -> Iterator[Candidate]:
     """Two values that all drives share, as the machine is symmetric.
 
-    Orthogonal drives: each the mirror image of itself when two axes are exchanged; going round with
-    the axes, towards the next one and the one before. Else radial and tangential.
+    Drives whose legs are read: each the mirror image of itself when two axes are exchanged; going
+    round with the axes, towards the next one and the one before. Else radial and tangential.
     """
     first, second = list(seen)[0::2], list(seen)[1::2]
-    if not geometry.orthogonal:
+    if not geometry.reads_legs:
         yield _grouped(effect, seen, "turning", {"_r": tuple(first), "_t": tuple(second)})
         return
     yield _grouped(effect, seen, "mirror", {"_first": tuple(first), "_second": tuple(second)})

@@ -111,7 +111,7 @@ class Backlash(OfCarriage):
 
     def off(self, at: Acting) -> NDArray[Any]:
         """By the play after a movement to smaller coordinates."""
-        return at.values[0] * (last_movement(at.flow.taken)[:, at.leg] < 0)
+        return at.values[0] * (last_movement(at.flow.geometry, at.flow.taken)[:, at.leg] < 0)
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,8 @@ class AxisDistance(Law):
     def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
         """Both feet of the pair apart along the third axis."""
         first, second = numbers(at.place)
-        third = at.flow.geometry.directions[3 - first - second]
+        third = np.cross(*at.flow.geometry.directions[[first, second]])
+        third = third / np.linalg.norm(third)
         return np.asarray(moved_foot(first, third, off_mm) - moved_foot(second, third, off_mm))
 
 
@@ -262,10 +263,10 @@ def cyclic_of(names: Iterable[str]) -> ActuatorCyclic | None:
 def effects_of(effects: Iterable[Effect], geometry: Geometry) -> tuple[Effect, ...]:
     """The laws as they are on this machine: its screws' lead, the directions across its drives.
 
-    Where the lead is known, cyclic errors have that lead only, and stand last. Axes that are square
-    to each other miss each other; others are shifted.
+    Where the lead is known, cyclic errors have that lead only, and stand last. Axes whose
+    bars lie along them miss each other; others are shifted.
     """
-    not_here = AxisOffset if geometry.orthogonal else AxisDistance
+    not_here = AxisOffset if geometry.reads_legs else AxisDistance
     here = [effect for effect in effects if not isinstance(effect, not_here)]
     others = [effect for effect in here if not isinstance(effect, ActuatorCyclic)]
     if geometry.screw_lead_mm is not None and len(others) < len(here):

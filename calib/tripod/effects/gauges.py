@@ -65,9 +65,9 @@ class GaugeTilt(OfTouch):
     def off(self, at: Acting) -> NDArray[Any]:
         """The touched point along a plunger that is turned by the value towards the third axis."""
         leg, axis = numbers(at.place)
-        drives = at.flow.geometry.directions
-        own = (at.stage_input * drives[axis]).sum(axis=-1)
-        third = (at.stage_input * drives[3 - leg - axis]).sum(axis=-1)
+        across = at.flow.geometry.read_along[leg]
+        own = (at.stage_input * across[axis]).sum(axis=-1)
+        third = (at.stage_input * across[3 - leg - axis]).sum(axis=-1)
         tilt_rad = PER_THOUSAND * at.values[0]
         return np.asarray(np.sin(tilt_rad) * third + (np.cos(tilt_rad) - 1.0) * own)
 
@@ -139,7 +139,7 @@ class TipOnRoundBar(OfTouch):
     def off(self, at: Acting) -> NDArray[Any]:
         """The touched point goes back by value z² / 2."""
         leg, axis = numbers(at.place)
-        third = at.flow.geometry.directions[3 - leg - axis]
+        third = at.flow.geometry.read_along[leg, 3 - leg - axis]
         z_mm = moved_along(at.flow, at.stage_input, np.broadcast_to(third, (len(at.flow.taken), 3)))
         return -PER_THOUSAND * at.values[0] * z_mm**2 / 2.0
 

@@ -22,7 +22,7 @@ from app.report.text.alignment import round_text, screw_text
 from app.report.text.result import comparison_report
 from calib.errors import UsageError
 from calib.tripod.alignment import RailMoved
-from protocols.machine import Machine
+from protocols.machine import Machine, load_machine
 from protocols.procedure import load_procedure
 from protocols.record import read_record
 from protocols.session import Changed, fold
@@ -162,6 +162,27 @@ def test_a_simulated_machine_stays_as_it_was_moved(tmp_path: Path) -> None:
     )
 
 
+def test_the_next_session_starts_from_the_drives_as_they_lie(tmp_path: Path) -> None:
+    """What a session tells of rails that are off, and one of that machine: nothing is left."""
+    session, file, again = tmp_path / "a.jsonl", tmp_path / "lies.toml", tmp_path / "b.jsonl"
+    off = ("--protocol", "align", "--effect", "axis_squareness:xy", "--size", "4.0")
+    assert glidecal("simulate", *off, "-o", session).status == 0
+    told = json.loads(
+        glidecal("align", session, "--machine-file-out", file, "--reference", "y", "--json").out
+    )
+    machine = load_machine(file)
+    x, y, _ = machine.geometry().direction
+    assert y == (0.0, 1.0, 0.0)
+    assert 1e3 * x[1] == pytest.approx(told["squareness_mrad"][0]["value"], abs=0.001)
+    assert x[1] == pytest.approx(4e-3, abs=2e-4)
+    assert "linuxcnc-kins" in file.read_text(encoding="utf-8")
+    assert "exists already" in refused(4, "align", session, "--machine-file-out", file)
+    assert "align SESSION" in refused(2, "align", "--simulated", "--machine-file-out", file)
+    assert glidecal("simulate", "--machine", file, "-o", again).status == 0
+    assert json.loads(glidecal("diagnose", again, "--json").out)["verdict"] == "agrees"
+    assert glidecal("plan", again).status == 0
+
+
 def test_bad_input(tmp_path: Path) -> None:
     machine = tmp_path / "m.toml"
     machine.write_text('schema = "glidecal.machine/1"\nrail_mm = [300.0, 200.0]\n')
@@ -171,7 +192,7 @@ def test_bad_input(tmp_path: Path) -> None:
     assert glidecal("align").status == 2
     done = glidecal("align", "--machine", "linear-delta", "--simulated")
     assert done.status == 2
-    assert "not square to each other" in done.err  # not a crash on the screen
+    assert "do not lie along their drives at Zero" in done.err  # not a crash on the screen
     done = glidecal("align", "--protocol", "plane", "--simulated")
     assert done.status == 5
     assert "do not tell squareness xy" in done.err  # before any of it is measured
@@ -191,4 +212,4 @@ def test_bad_input(tmp_path: Path) -> None:
     assert glidecal("simulate", "--machine", "linear-delta", "-o", delta).status == 0
     done = glidecal("align", delta)
     assert done.status == 2
-    assert "not square to each other" in done.err
+    assert "do not lie along their drives at Zero" in done.err

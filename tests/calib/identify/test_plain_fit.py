@@ -67,11 +67,11 @@ def test_a_fit_held_by_tolerances_is_the_same_through_the_stages(geometry: Geome
 
 @pytest.mark.parametrize("geometry", TRIPODS.values(), ids=TRIPODS)
 def test_the_form_for_any_tripod_is_the_pipeline(geometry: Geometry) -> None:
-    """On legs where drives are square to each other, at the tool on every machine."""
+    """On legs where these are read, at the tool on every machine."""
     generator = np.random.default_rng(1)
     low, high = geometry.workspace_mm or ((-60.0,) * 3, (40.0,) * 3)
     at_tool = [tool_conditions(generator.uniform(low, high, (20, 3)), axis) for axis in range(3)]
-    for taken in (*at_tool, *([random_conditions(generator, geometry)] * geometry.orthogonal)):
+    for taken in (*at_tool, *([random_conditions(generator, geometry)] * geometry.reads_legs)):
         assert_is_the_pipeline(geometry, taken, TripodDesign, 2)
 
 

@@ -28,7 +28,7 @@ MODEL = Model()
 
 def test_the_usual_view_is_joint_offsets_whatever_fits_better() -> None:
     """50 µm of play at every carriage: lengths of a millimetre fit it better than offsets do."""
-    taken = with_first_movements(conditions_of("two-station"))
+    taken = with_first_movements(MODEL.geometry, conditions_of("two-station"))
     lost = tuple(EffectInstance(Backlash(), leg, (0.05,)) for leg in "xyz")
     truth = Model(parameters_mm=(-0.66, 0.46, 0.05, 0.0, 0.0, 0.0), effects=lost)
     noise = np.random.default_rng(4).normal(scale=0.002, size=len(taken))

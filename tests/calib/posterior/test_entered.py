@@ -37,7 +37,7 @@ PLAY = EffectInstance(Backlash(), "y", (0.06,))
 
 def case(*hidden: EffectInstance, known: tuple[EffectInstance, ...] = ()) -> SessionCase:
     """A session of a machine with offsets and these effects, against a model with others."""
-    taken = with_first_movements(conditions_of("two-station"))
+    taken = with_first_movements(ORTHOGLIDE, conditions_of("two-station"))
     truth = Model(ORTHOGLIDE, (*OFFSETS_MM, 0.0, 0.0, 0.0), hidden)
     noise = np.random.default_rng(5).normal(scale=0.002, size=len(taken))
     data = observe(taken, truth.readings(taken) + noise)

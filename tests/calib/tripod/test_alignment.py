@@ -5,18 +5,24 @@ Machine and fitter are the tests' own: rails of `tests.blind.forward`, shims by 
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from calib.arrays import Conditions, FloatArray, Observations, observe
 from calib.errors import NotIdentifiable
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.alignment import (
+    Alignment,
     RailMoved,
     Shim,
+    aligned_geometry,
     alignment,
+    figures_of,
     misaligned,
     shims,
     slope_at_zero_mm,
@@ -196,3 +202,45 @@ def test_readings_that_do_not_tell_are_refused() -> None:
     only_x = session.take(session.leg == 0)
     with pytest.raises(NotIdentifiable, match="squareness yz"):
         alignment(Geometry(), only_x, TOLERANCE, FIGURES)
+
+
+@given(
+    st.lists(st.floats(-60.0, 60.0), min_size=3, max_size=3),
+    st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3),
+    st.integers(0, 2),
+)
+def test_drives_as_they_lie(lean_mrad: list[float], apart_mm: list[float], reference: int) -> None:
+    """Their angles and distances by cross products of the test's own; the reference stays."""
+    lean, apart = np.array(lean_mrad), np.array(apart_mm)
+    found = Alignment(Model(), lean, apart, np.eye(6), 0.0, 0.0)
+    lies = aligned_geometry(Geometry(), found, reference)
+    ways, places = np.array(lies.direction), np.array(lies.origin_mm)
+    for (i, j), mrad in zip(((0, 1), (1, 2), (0, 2)), lean_mrad, strict=True):
+        angle = math.atan2(float(np.linalg.norm(np.cross(ways[i], ways[j]))), ways[i] @ ways[j])
+        assert math.pi / 2 - angle == pytest.approx(1e-3 * mrad, abs=1e-12)
+    for (i, j), mm in zip(((0, 1), (1, 2), (2, 0)), apart_mm, strict=True):
+        normal = np.cross(ways[i], ways[j])
+        far = (places[i] - places[j]) @ normal / np.linalg.norm(normal)
+        assert far == pytest.approx(mm, abs=1e-11)
+    assert lies.direction[reference] == Geometry().direction[reference]
+    assert not any(lies.origin_mm[reference])
+    assert np.concatenate(figures_of(lies)) == pytest.approx([*lean_mrad, *apart_mm], abs=1e-9)
+
+
+def test_rails_are_judged_by_a_right_angle_whatever_the_machine_file_has() -> None:
+    """A file with drives that are known to lean: what is told is all of it, not what came since."""
+    chance = np.random.default_rng(5)
+    lies = aligned_geometry(
+        Geometry(),
+        Alignment(
+            Model(), np.array([4.0, -3.0, 2.0]), np.array([0.3, -0.2, 0.4]), np.eye(6), 0.0, 0.0
+        ),
+        0,
+    )
+    taken = measured(Hidden(), chance)
+    exact = replace(taken, value_mm=Model(lies, (0.4, -0.3, 0.2, 0.0, 0.0, 0.0)).readings(taken))
+    found = alignment(lies, exact, TOLERANCE, FIGURES)
+    assert found.lean_mrad == pytest.approx([4.0, -3.0, 2.0], abs=0.01)
+    assert found.distance_mm == pytest.approx([0.3, -0.2, 0.4], abs=0.002)
+    by_shims = [shim.move_mm for shim in shims(found, 0, RESTS_MM) if shim.rail == 1]
+    assert by_shims[:2] == pytest.approx([-4e-3 * at for at in RESTS_MM], abs=0.01)

@@ -30,7 +30,7 @@ from protocols.observations import to_observations
 from protocols.procedure import load_procedure
 from protocols.session import Event, fold
 from tests.builders import postures
-from tests.tripods import DELTA
+from tests.tripods import DELTA, TRIPODS
 
 L = 310.25
 OFF = (1.2, -0.7, 0.4, 0.05, -0.02, 0.03)
@@ -222,17 +222,27 @@ def test_scale_and_cyclic_are_errors_of_the_carriage(displacement: float) -> Non
         assert found == pytest.approx(reads(leg, axis, displacement, (error, 0.0, 0.0)), abs=1e-11)
 
 
-def test_last_movement_of_every_carriage_over_a_path() -> None:
-    """Against the commands themselves, walked in small steps from level to level."""
+@pytest.mark.parametrize("name", ["orthoglide", "unequal-bars", "platform", "tilted", "star"])
+def test_last_movement_of_every_carriage_over_a_path(name: str) -> None:
+    """Against the commands themselves, walked in small steps from level to level.
+
+    Each carriage is where a sphere about the end of its bar meets its line, further along.
+    """
+    geometry = TRIPODS[name]
     levels = [0.0, 60.0, 20.0, -30.0, -100.0, -40.0, 30.0, 0.0, -50.0, 0.0]
     for leg in range(3):
         for before, after in pairwise(levels):
-            fine = np.linspace(before, after, 2001)
-            command = np.repeat(np.sqrt(L**2 - fine**2)[:, None], 3, axis=1)
-            command[:, leg] = L + fine
+            tool = np.linspace(before, after, 2001)[:, None] * geometry.direction[leg]
+            command = []
+            for k in range(3):
+                end = tool + geometry.platform_mm[k] - np.array(geometry.origin_mm[k])
+                line = np.array(geometry.direction[k])
+                square = (end**2).sum(axis=1) - geometry.leg_length_mm[k] ** 2
+                command.append(end @ line + np.sqrt((end @ line) ** 2 - square))
             taken = at(leg, (leg + 1) % 3, after, approach=float(np.sign(after - before)))
-            assert last_movement(taken)[0] == pytest.approx(np.sign(np.diff(command, axis=0)[-1]))
-    assert not last_movement(at(0, 1, 30.0, approach=0.0)).any()
+            ways = np.sign(np.diff(np.array(command).T, axis=0)[-1])
+            assert last_movement(geometry, taken)[0] == pytest.approx(ways), (leg, before, after)
+    assert not last_movement(geometry, at(0, 1, 30.0, approach=0.0)).any()
 
 
 def test_backlash_leaves_the_foot_at_the_larger_coordinate() -> None:

@@ -14,6 +14,7 @@ import pytest
 from app.evaluating.diagnosis import diagnose_files
 from calib.arrays import Observations
 from calib.noise.reading import visits
+from calib.tripod.geometry import Geometry
 from calib.tripod.movements import last_movement, with_first_movements
 from protocols.observations import to_observations
 from protocols.record import read_record
@@ -52,7 +53,7 @@ def test_play_is_all_that_is_missing_however_the_machine_homed(
 
 def test_a_first_reading_that_agrees_with_its_repeats_stays_as_it_is(tmp_path: Path) -> None:
     plain = visited(session(tmp_path, Case("homed/none", "none", "sweep", "gaussian", homed=-1.0)))
-    assert not with_first_movements(plain).movement.any()
+    assert not with_first_movements(Geometry(), plain).movement.any()
 
 
 def test_the_first_reading_takes_the_other_side_of_its_repeats(tmp_path: Path) -> None:
@@ -60,10 +61,12 @@ def test_the_first_reading_takes_the_other_side_of_its_repeats(tmp_path: Path) -
     first = int(plain.mountings[3][0])
     value = plain.value_mm.copy()
     value[first] += 0.1
-    moved = with_first_movements(replace(plain, value_mm=value))
+    moved = with_first_movements(Geometry(), replace(plain, value_mm=value))
     assert np.flatnonzero(moved.movement.any(axis=1)).tolist() == [first]
-    of_repeats = last_movement(plain)[(plain.mount == 3) & plain.at_zero & plain.approach_known]
-    assert last_movement(moved)[first] == pytest.approx(-of_repeats[0])
+    of_repeats = last_movement(Geometry(), plain)[
+        (plain.mount == 3) & plain.at_zero & plain.approach_known
+    ]
+    assert last_movement(Geometry(), moved)[first] == pytest.approx(-of_repeats[0])
 
 
 def test_without_repeats_nothing_is_known(tmp_path: Path) -> None:
@@ -71,4 +74,4 @@ def test_without_repeats_nothing_is_known(tmp_path: Path) -> None:
     once = plain.take(plain.cycle == 1)
     value = once.value_mm.copy()
     value[0] += 0.1
-    assert not with_first_movements(replace(once, value_mm=value)).movement.any()
+    assert not with_first_movements(Geometry(), replace(once, value_mm=value)).movement.any()

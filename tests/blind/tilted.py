@@ -1,0 +1,244 @@
+"""Tripods whose drives are not square, read at their legs: written from geometry, sharing nothing.
+
+An Orthoglide after its alignment, one tilted by a twentieth, three drives as a star. Each machine
+is solved by Newton's method; the program reads the tables. As a script it counts sessions::
+
+    python -m tests.blind.tilted --count 200
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+BAR = 310.25
+SECONDS = 12.0
+LETTERS = "xyz"
+STATIONS = (0.3, 0.7)
+LEVELS = (0.0, 30.0, 45.0, 0.0, -50.0, -80.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Directions ``(3, 3)`` of drives, any length, and where their lines miss the tool at Zero."""
+
+    directions: tuple[tuple[float, float, float], ...]
+    misses_mm: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),) * 3
+
+    @property
+    def along(self) -> FloatArray:
+        """Unit vectors of the drives."""
+        way = np.array(self.directions)
+        return np.asarray(way / np.linalg.norm(way, axis=1)[:, None])
+
+    @property
+    def file(self) -> str:
+        """The machine file that its owner writes."""
+        lines = ['schema = "glidecal.machine/1"', 'name = "tilted"', "travel_min_mm = -90.0"]
+        for miss, way in zip(self.misses_mm, self.along.tolist(), strict=True):
+            lines += ["[[drive]]", f"origin_mm = {list(miss)}", f"direction = {way}"]
+        return "\n".join(lines) + "\n"
+
+
+SHAPES = {
+    "aligned": Shape(
+        ((1.0, 0.0, 0.0), (0.005, 1.0, 0.0), (-0.003, 0.004, 1.0)),
+        ((0.0, 0.0, 0.0), (0.0, 0.0, -0.4), (0.2, 0.3, 0.0)),
+    ),
+    "tilted": Shape(((1.0, 0.0, 0.0), (0.05, 1.0, 0.0), (-0.05, 0.03, 1.0))),
+    "star": Shape(((0.8, 0.0, -0.6), (-0.4, 0.69282, -0.6), (-0.4, -0.69282, -0.6))),
+}
+
+EFFECTS = {
+    "actuator_scale": 4e-4,
+    "backlash": 0.02,
+    "axis_squareness": 5e-4,
+    "axis_offset": 0.1,
+    "straightness": 0.02,
+    "gauge_gain": 1e-2,
+}
+"""By the name that the program gives them, and what nobody would remark; mm, rad or parts."""
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """What the controller does not know: a name and its place and size beside offsets, lengths."""
+
+    offset_mm: FloatArray
+    length_mm: FloatArray
+    effect: str = ""
+    place: tuple[int, int] = (0, 1)
+    size: float = 0.0
+
+    @property
+    def where(self) -> str:
+        """The place as the program names it."""
+        if self.effect in ("actuator_scale", "backlash"):
+            return LETTERS[self.place[0]]
+        return LETTERS[self.place[0]] + LETTERS[self.place[1]]
+
+
+def commanded(shape: Shape, place: FloatArray) -> FloatArray:
+    """Coordinates ``(3,)`` of the carriages that the controller reckons, for a tool at a place."""
+    away = place - np.array(shape.misses_mm)
+    along = (away * shape.along).sum(axis=1)
+    return np.asarray(along + np.sqrt(BAR**2 - (away**2).sum(axis=1) + along**2))
+
+
+def machine(
+    shape: Shape, hidden: Hidden, place: FloatArray, moved: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Feet ``(3, 3)`` and tool ``(3,)`` where the controller wants the tool at a place."""
+    along, wanted = shape.along, commanded(shape, place)
+    travel = wanted - commanded(shape, np.zeros(3))
+    carriage, sideways = wanted + hidden.offset_mm, np.zeros((3, 3))
+    i, j = hidden.place
+    third = np.cross(along[i], along[j]) / np.linalg.norm(np.cross(along[i], along[j]))
+    if hidden.effect == "actuator_scale":
+        carriage[i] += hidden.size * travel[i]
+    elif hidden.effect == "backlash":
+        carriage[i] += hidden.size * (moved[i] < 0.0)
+    elif hidden.effect == "axis_squareness":
+        sideways[i] = 0.7 * hidden.size * carriage[i] * across(shape, i, j)
+        sideways[j] = 0.3 * hidden.size * carriage[j] * across(shape, j, i)
+    elif hidden.effect == "axis_offset":
+        sideways[i] = hidden.size * third
+    elif hidden.effect == "straightness":
+        sideways[i] = hidden.size * (travel[i] / 100.0) ** 2 * across(shape, i, j)
+    feet = np.array(shape.misses_mm) + carriage[:, None] * along + sideways
+    tool = place.copy()
+    for _ in range(20):
+        bars = tool - feet
+        left = (bars**2).sum(axis=1) - (BAR + hidden.length_mm) ** 2
+        tool = tool - np.linalg.solve(2.0 * bars, left)
+    return feet, tool
+
+
+def across(shape: Shape, leg: int, axis: int) -> FloatArray:
+    """The unit vector across the drive of a leg, in the plane of both drives."""
+    along = shape.along
+    way = along[axis] - (along[axis] @ along[leg]) * along[leg]
+    return np.asarray(way / np.linalg.norm(way))
+
+
+def table(shape: Shape, hidden: Hidden, rng: np.random.Generator, scatter_mm: float) -> str:
+    """A table to import, as a display with steps of 1 µm shows it."""
+    lines = ["leg,axis,displacement_mm,station,value_mm,cycle,time_s"]
+    clock = 0
+    for leg, station in product(range(3), STATIONS):
+        stand: dict[int, tuple[float, float]] = {}
+        moved, before = np.zeros(3), np.zeros(3)
+        foot, tool = machine(shape, hidden, np.zeros(3), moved)
+        there = tool + station * (foot[leg] - tool)
+        for cycle, level in product((1, 2, 3), LEVELS):
+            place = level * shape.along[leg]
+            arriving = commanded(shape, place) - commanded(shape, place - 1e-3 * (place - before))
+            moved = np.where(np.abs(arriving) > 1e-12, np.sign(arriving), moved)
+            before, clock = place, clock + 1
+            foot, tool = machine(shape, hidden, place, moved)
+            bar = foot[leg] - tool
+            part = (there - tool) @ shape.along[leg] / (bar @ shape.along[leg])
+            for axis in {0, 1, 2} - {leg}:
+                value = (tool + part * bar - there) @ across(shape, leg, axis)
+                if hidden.effect == "gauge_gain" and hidden.place == (leg, axis):
+                    value *= 1.0 + hidden.size
+                zero, _ = stand.setdefault(axis, (float(rng.normal(scale=0.3)), 0.0))
+                value += zero + rng.normal(scale=scatter_mm)
+                lines.append(
+                    f"{LETTERS[leg]},{LETTERS[axis]},{level:.3f},{station},{value:.3f},{cycle},"
+                    f"{SECONDS * clock:.0f}"
+                )
+    return "\n".join(lines) + "\n"
+
+
+def drawn(effect: str, rng: np.random.Generator) -> Hidden:
+    """A machine with offsets and lengths as they are before any calibration, and one effect."""
+    offsets, lengths = rng.uniform(-1.0, 1.0, 3), 0.03 * rng.standard_normal(3)
+    i, j = rng.permutation(3)[:2].tolist()
+    if effect == "axis_squareness":
+        i, j = sorted((i, j))
+    elif effect == "axis_offset":
+        j = (i + 1) % 3
+    size = EFFECTS.get(effect, 0.0) * float(rng.uniform(2.0, 8.0))
+    sign = 1.0 if effect == "backlash" else float(rng.choice([-1.0, 1.0]))
+    return Hidden(offsets, lengths, effect, (i, j), sign * size)
+
+
+@dataclass(frozen=True)
+class Score:
+    """A session, what it hid and the verdict, and whether that is among the names or agreement."""
+
+    shape: str
+    effect: str
+    verdict: str
+    right: bool
+
+    @property
+    def names(self) -> bool:
+        """Whether the verdict names anything; the others say that they cannot, or see nothing."""
+        return self.verdict in ("explained", "ambiguous", "partly-explained")
+
+
+def scores(count: int, seed: int) -> Iterator[Score]:
+    """So many sessions, the shapes and effects in turn; nothing is hidden in each seventh."""
+    from app.commands.sessions import import_table
+    from app.evaluating.diagnosis import diagnose_files
+
+    kinds = list(product(SHAPES, ["", *EFFECTS]))
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for number in range(count):
+            shape, effect = kinds[number % len(kinds)]
+            rng = np.random.default_rng([seed, number])
+            hidden = drawn(effect, rng)
+            source, path = folder / f"{number}.csv", folder / f"{number}.jsonl"
+            file = folder / f"{shape}.toml"
+            file.write_text(SHAPES[shape].file, encoding="utf-8")
+            text = table(SHAPES[shape], hidden, rng, float(rng.uniform(0.001, 0.003)))
+            source.write_text(text, encoding="utf-8")
+            import_table([source], path, machine=str(file), resolution=0.001)
+            diagnosis = diagnose_files([path]).diagnosis
+            names = [(named.id, named.where) for named in diagnosis.effects]
+            for named in diagnosis.effects:
+                names += [(rival.id, rival.where) for rival in named.indistinguishable_from]
+            right = diagnosis.verdict == "agrees"
+            if effect:  # a place of one axis contains its pairs
+                alike = [set(where) for name, where in names if name == effect]
+                right = any(where <= set(hidden.where) for where in alike)
+            yield Score(shape, effect, diagnosis.verdict, right)
+
+
+def main() -> None:
+    """Count sessions and print the rates."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=210)
+    parser.add_argument("--seed", type=int, default=29)
+    given = parser.parse_args()
+    every = list(scores(given.count, given.seed))
+    for shape in SHAPES:
+        mine = [score for score in every if score.shape == shape]
+        hidden = [score for score in mine if score.effect]
+        nothing = [score for score in mine if not score.effect]
+        named = [score for score in hidden if score.names]
+        alone = [score for score in mine if score.verdict == "explained"]
+        print(
+            f"{shape}: truth among the names {sum(s.right for s in named)} of {len(named)} named, "
+            f"{len(hidden)} hidden; one wrong name alone {sum(not s.right for s in alone)} of "
+            f"{len(mine)}; nothing hidden agrees {sum(s.right for s in nothing)} of {len(nothing)}"
+        )
+    for score in every:
+        if not score.right:
+            print(score)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""Legs of drives that are not square, against bars and lines solved in the test."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, fsolve
+
+from calib.arrays import FloatArray, conditions
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import simulate
+from tests.tripods import TRIPODS
+
+PARAMETERS_MM = np.array([0.8, -0.5, 0.6, 0.09, -0.07, 0.05])
+
+
+def tool_at(geometry: Geometry, joints_mm: FloatArray, wanted_mm: FloatArray) -> FloatArray:
+    """Where bars of their true lengths meet, by the solver of scipy."""
+    lengths = np.array(geometry.leg_length_mm) + PARAMETERS_MM[3:]
+
+    def left(tool_mm: FloatArray) -> list[float]:
+        return [
+            float(np.linalg.norm(tool_mm + end - at - along * np.array(way)) - length)
+            for end, at, way, along, length in zip(
+                np.array(geometry.platform_mm),
+                np.array(geometry.origin_mm),
+                geometry.direction,
+                joints_mm,
+                lengths,
+                strict=True,
+            )
+        ]
+
+    return np.asarray(fsolve(left, wanted_mm, xtol=1e-13))
+
+
+def joints_at(geometry: Geometry, tool_mm: FloatArray) -> FloatArray:
+    """Where nominal carriages are, by bisection ahead of the platform."""
+    every = []
+    for end, at, way, length in zip(
+        np.array(geometry.platform_mm),
+        np.array(geometry.origin_mm),
+        np.array(geometry.direction),
+        geometry.leg_length_mm,
+        strict=True,
+    ):
+        nearest = float((tool_mm + end - at) @ way)
+
+        def off(
+            mm: float, end: FloatArray = end, at: FloatArray = at, way: FloatArray = way
+        ) -> float:
+            return float(np.linalg.norm(tool_mm + end - at - mm * way))
+
+        every.append(
+            brentq(lambda mm, length=length: off(mm) - length, nearest, nearest + 2.0 * length)
+        )
+    return np.array(every)
+
+
+@pytest.mark.parametrize("name", [name for name, one in TRIPODS.items() if one.reads_legs])
+def test_a_reading_is_where_the_bar_crosses_the_line_of_the_indicator(name: str) -> None:
+    """Set up at Zero, square to the drive, in the plane of both; the tool goes along the drive."""
+    geometry, station = TRIPODS[name], 0.3
+    for leg in range(3):
+        way = np.array(geometry.direction[leg])
+
+        def bar(level: float, leg: int = leg) -> tuple[FloatArray, FloatArray]:
+            wanted = level * np.array(geometry.direction[leg])
+            joints = joints_at(geometry, wanted) + PARAMETERS_MM[:3]
+            foot = np.array(geometry.origin_mm[leg]) + joints[leg] * np.array(
+                geometry.direction[leg]
+            )
+            return tool_at(geometry, joints, wanted) + geometry.platform_mm[leg], foot
+
+        tool_end, foot = bar(0.0)
+        stands = tool_end + station * (foot - tool_end)
+        for axis in {0, 1, 2} - {leg}:
+            other = np.array(geometry.direction[axis])
+            across = np.cross(np.cross(way, other), way)
+            across = across / np.linalg.norm(across)
+            for level in (-80.0, -20.0, 30.0, 60.0):
+                tool_end, foot = bar(level)
+                share = ((stands - tool_end) @ way) / ((foot - tool_end) @ way)
+                shown = float((tool_end + share * (foot - tool_end) - stands) @ across)
+                taken = conditions([leg], [axis], [level], station=station)
+                computed = simulate(geometry, PARAMETERS_MM, taken)[0]
+                assert computed == pytest.approx(shown, abs=1e-9), (leg, axis, level)

@@ -75,7 +75,7 @@ def test_a_record_with_legs_of_such_a_machine_is_refused() -> None:
     reading = Reading(
         reading=1, leg="x", axis="y", displacement_mm=0.0, value_mm=0.0, text="0", mount="xy"
     )
-    with pytest.raises(RecordError, match="do not lie along their drives at Zero"):
+    with pytest.raises(RecordError, match="whose bar does not lie along its drive"):
         to_observations([fold([opened, reading])])
 
 

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Self
 from calib.arrays import LEG_NAMES
 from calib.errors import ImpossibleRequest, NotIdentifiable
 from calib.posterior.cells import SessionCase
-from calib.posterior.correction import HOLDS, Holds, LeftOut, correction
+from calib.posterior.correction import HOLDS, Holds, LeftOut, ToolOff, correction
 from calib.posterior.entered import (
     OffsetSpread,
-    ToolOff,
     nothing_entered,
     offset_spread,
     tower_values,
@@ -206,7 +205,7 @@ class ControllerCorrections:
             holds=holds,
             model=projected.model,
             off_now=self.off_now,
-            off=ToolOff(self.posterior, projected.values, projected.bound_mm),
+            off=projected.off,
             left_out=projected.left_out,
             spread=self.spread() if alone else None,
         )

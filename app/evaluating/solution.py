@@ -33,8 +33,7 @@ if TYPE_CHECKING:  # asked for by option only
     from pandas import DataFrame
 
     from calib.identify.fit import Size
-    from calib.posterior.correction import Holds
-    from calib.posterior.entered import ToolOff
+    from calib.posterior.correction import Holds, ToolOff
     from calib.posterior.models import Posterior
     from calib.tripod.effects.effect import Effect
     from protocols.machine import Frame, Machine

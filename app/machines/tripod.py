@@ -291,9 +291,10 @@ def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: S
             frame=own.frame,
             holds=own.holds,
         )
+        text = plan_text(found)  # works out all that the document has, too
     for warning in warnings:
         say(f"glidecal: {warning}")
-    return Answer(lambda: plan_text(found), lambda: PlanReport.of(plan=found))
+    return Answer(lambda: text, lambda: PlanReport.of(plan=found))
 
 
 def _macro(

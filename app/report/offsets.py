@@ -23,8 +23,7 @@ from app.report.text.correction import (
 from app.version import program
 from calib.errors import RecordError
 from calib.identify.solution import Method, Subset
-from calib.posterior.correction import Holds
-from calib.posterior.entered import ToolOff
+from calib.posterior.correction import Holds, ToolOff
 from calib.printable import printable
 from calib.tripod.controller import ControllerJoints, tool_error_mm
 from calib.tripod.geometry import PARAMETER_NAMES

@@ -39,11 +39,10 @@ from calib.errors import CalibrationError
 from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.labels import Mistake
 from calib.posterior.models import Posterior
-from calib.posterior.posterior import posterior
 from calib.posterior.race import LOG_CAUSES, LOG_SCALES, SCALES
 from calib.posterior.readings import LENGTHS
 from calib.tripod.effects.drives import ActuatorCyclic
-from calib.tripod.effects.effect import Effect, EffectInstance, Kind
+from calib.tripod.effects.effect import EffectInstance, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
 
 BARS_DIFFER = "the bars are not those of the first session: diagnose the sessions one at a time"
@@ -73,21 +72,12 @@ AS_GOOD = 0.01
 """Weight beside the best from which another lead of a screw fits as well."""
 
 
-def diagnose(
-    cases: Sequence[SessionCase],
-    effects: Sequence[Effect] | None = None,
-    held_out: Sequence[SessionCase] = (),
-) -> Diagnosis:
-    """Diagnose sessions that share their effects; each has joint offsets and zeros of its own.
-
-    ``held_out`` sessions are used for nothing but the gap after adopting. Raises NotIdentifiable
-    where a session cannot be fitted at all.
-    """
-    return diagnosis_of(posterior(cases, effects), held_out)
-
-
 def diagnosis_of(posterior: Posterior, held_out: Sequence[SessionCase] = ()) -> Diagnosis:
-    """What a mechanic is to know of these sessions. Raises NotIdentifiable."""
+    """What a mechanic is to know of sessions that share their effects.
+
+    Each has zeros of its own. ``held_out`` sessions are used for nothing but the gap after
+    adopting. Raises NotIdentifiable where one of these cannot be fitted.
+    """
     return _Report(posterior, Cells.of_all(held_out) if held_out else []).make()
 
 

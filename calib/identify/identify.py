@@ -61,47 +61,21 @@ from calib.noise.reading import (
 )
 from calib.stats import coverage_factor
 from calib.tripod.differences import Differences, differences
-from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM
+from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model, derivatives
 from calib.tripod.planning import sensitivity_of_readings
 
-TOLERANCES_MM: FloatArray = np.full(len(PARAMETER_NAMES), TOLERANCE_MM)
-
 NOTICED = 50.0
 """Tolerances: so large an effect would be seen without measuring, as offsets of 5 mm would."""
-
-
-def identify(
-    model: Model,
-    observed: Observations,
-    subset: Subset = "both",
-    method: Method = "exact",
-    *,
-    weights: Weights = "equal",
-    indicator: IndicatorFigures | None = None,
-    tolerance_mm: FloatArray = TOLERANCES_MM,
-    sizes: tuple[Size, ...] = (),
-) -> Solution:
-    """Identify the parameters of a subset; the others keep the model's values.
-
-    ``sizes`` of the model's effects are fitted with them, by the exact method only.
-
-    ``weights`` matters for the linear method only. The indicator's figures serve as noise where
-    there are no repeats. Parts may be off by ``tolerance_mm`` ``(6,)``, each a standard deviation.
-    The subset ``with-tolerances`` takes the exact method and always determines everything; its
-    covariance holds the tolerances too. Raises NotIdentifiable where the readings do not determine
-    the subset.
-    """
-    told = Told.of(model, observed, indicator or IndicatorFigures(), sizes)
-    return identify_from(told, subset, method, weights=weights, tolerance_mm=tolerance_mm)
 
 
 @dataclass(frozen=True, eq=False)
 class Told:
     """What readings tell before any set of parameters is chosen; ``noise`` None: nothing of it.
 
-    ``sizes`` of the model's effects are free with every set.
+    ``sizes`` of the model's effects are free with every set. The indicator's figures serve as noise
+    where there are no repeats.
     """
 
     model: Model
@@ -126,15 +100,22 @@ class Told:
         return cls(model, visited, measured, reading_noise(visited, indicator), sizes)
 
 
-def identify_from(
+def identify(
     told: Told,
     subset: Subset,
-    method: Method,
+    method: Method = "exact",
+    weights: Weights = "equal",
     *,
-    weights: Weights,
     tolerance_mm: FloatArray,
 ) -> Solution:
-    """As `identify`, of what was worked out once for all sets."""
+    """Identify the parameters of a subset; the others keep the model's values.
+
+    Sizes of the model's effects are fitted with them, by the exact method only; ``weights`` matters
+    for the linear method only. Parts may be off by ``tolerance_mm`` ``(6,)``, each a standard
+    deviation. The subset ``with-tolerances`` takes the exact method and always determines
+    everything; its covariance holds the tolerances too. Raises NotIdentifiable where the readings
+    do not determine the subset.
+    """
     free = SUBSETS[subset]
     model, visited, measured, noise = told.model, told.visited, told.measured, told.noise
     weight = reading_weights(visited, noise)

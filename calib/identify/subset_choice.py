@@ -11,7 +11,7 @@ from calib.arrays import FloatArray, Observations
 from calib.errors import NotIdentifiable
 from calib.identify.accuracy import tool_map
 from calib.identify.fit import Size
-from calib.identify.identify import Told, identify_from
+from calib.identify.identify import Told, identify
 from calib.identify.solution import SUBSETS, Method, Solution, Subset, Weights
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.geometry import PARAMETER_NAMES
@@ -80,9 +80,7 @@ def choose_subset(
     refused: dict[Subset, NotIdentifiable] = {}
     for subset in SUBSETS:
         try:
-            solutions[subset] = identify_from(
-                told, subset, method, weights=weights, tolerance_mm=tolerance_mm
-            )
+            solutions[subset] = identify(told, subset, method, weights, tolerance_mm=tolerance_mm)
         except NotIdentifiable as problem:
             refused[subset] = problem
     if not solutions:

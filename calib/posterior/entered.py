@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +14,7 @@ from calib.errors import ImpossibleRequest
 from calib.posterior.cells import BASE
 from calib.posterior.correction import projector_of
 from calib.posterior.models import Posterior
-from calib.posterior.tool import FRAMES, Frame, mean_square
+from calib.posterior.tool import Frame
 from calib.stats import COVERAGE, coverage_factor
 from calib.tripod.effects.drives import AxisOffset
 from calib.tripod.effects.effect import EffectInstance
@@ -26,36 +25,6 @@ if TYPE_CHECKING:  # scipy.optimize comes with it
 
 OFFSETS = (0, 1, 2)
 """Columns of the joint offsets in the tool's field."""
-
-
-@dataclass(frozen=True, eq=False)
-class ToolOff:
-    """R.m.s. error of the tool over the workspace with values of the field ``(6 + k,)`` entered.
-
-    In each frame, mm; ``stated`` is `bound_mm` where it was worked out already.
-    """
-
-    posterior: Posterior
-    values: FloatArray
-    stated: dict[Frame, float] | None = None
-
-    @cached_property
-    def bound_mm(self) -> dict[Frame, float]:
-        """95 % of the posterior keep it."""
-        if self.stated is not None:
-            return self.stated
-        return {frame: self.posterior.tool_errors[frame].bound_mm(self.values) for frame in FRAMES}
-
-    @cached_property
-    def least_mm(self) -> dict[Frame, float]:
-        """What is expected less all that 95 % of the posterior differ from it; at least 0."""
-        expected = self.posterior.mean
-        off, least_mm = expected - self.values, {}
-        for frame in FRAMES:
-            shown_mm = math.sqrt(mean_square(self.posterior.field.metrics[frame], off))
-            guard_mm = self.posterior.tool_errors[frame].bound_mm(expected)
-            least_mm[frame] = max(0.0, shown_mm - guard_mm)
-        return least_mm
 
 
 def nothing_entered(posterior: Posterior) -> FloatArray:

@@ -64,8 +64,8 @@ def expected_of(planned: TripodPlanning, tolerance_mm: FloatArray) -> ExpectedRe
         )
         for name, kind, six, last in rows
     )
-    worst = _worst(known, offsets.values)
-    return ExpectedResult(parameters, offsets.bound_mm["touched-off"], worst)
+    worst = _worst(known, offsets.off.values)
+    return ExpectedResult(parameters, offsets.off.bound_mm["touched-off"], worst)
 
 
 def _nothing_new(planned: TripodPlanning, tolerance_mm: FloatArray) -> SessionCase:

@@ -14,7 +14,7 @@ from calib.identify.solution import Subset
 from calib.posterior.tool import FRAMES
 
 if TYPE_CHECKING:
-    from calib.posterior.entered import ToolOff
+    from calib.posterior.correction import ToolOff
     from protocols.machine import Frame
 
 SUBSET_WORDS: dict[Subset, str] = {

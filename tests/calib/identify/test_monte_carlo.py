@@ -11,7 +11,6 @@ import pytest
 from calib.arrays import FloatArray, observe
 from calib.clusters import on_part
 from calib.identify.accuracy import decide, tool_error, tool_map
-from calib.identify.identify import identify
 from calib.identify.monte_carlo import Campaign, simulate_and_identify
 from calib.identify.solution import SUBSETS, Subset
 from calib.identify.subset_choice import full_covariance
@@ -21,6 +20,7 @@ from calib.tripod.geometry import Geometry, direct, inverse
 from calib.tripod.pipeline import Model, measure
 from calib.tripod.workspace import workspace_points
 from tests.builders import conditions_of
+from tests.calib.identify.identified import identify
 
 SESSIONS = 20_000
 NAMED: tuple[Subset, ...] = ("joint-offsets", "leg-lengths", "both")

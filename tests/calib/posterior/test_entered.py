@@ -8,10 +8,9 @@ import pytest
 from calib.arrays import observe
 from calib.noise.reading import IndicatorFigures
 from calib.posterior.cells import SessionCase
-from calib.posterior.correction import HOLDS, Holds, correction, projector_of
+from calib.posterior.correction import HOLDS, Holds, ToolOff, correction, projector_of
 from calib.posterior.entered import (
     OFFSETS,
-    ToolOff,
     nothing_entered,
     offset_spread,
     tower_values,
@@ -51,13 +50,11 @@ def plain() -> Posterior:
 
 def test_values_of_a_correction_are_those_of_its_model(plain: Posterior) -> None:
     made = correction(plain, "tables")
-    assert values_of(plain, made.model) == pytest.approx(made.values)
+    assert values_of(plain, made.model) == pytest.approx(made.off.values)
 
 
-def test_the_bound_of_a_correction_is_that_of_its_values(plain: Posterior) -> None:
-    made = correction(plain, "play", "aligned")
-    off = ToolOff(plain, made.values)
-    assert off.bound_mm == pytest.approx(made.bound_mm)
+def test_a_correction_leaves_less_than_the_least_without_it(plain: Posterior) -> None:
+    off = correction(plain, "play", "aligned").off
     now = ToolOff(plain, nothing_entered(plain))
     for frame in FRAMES:
         assert off.least_mm[frame] < off.bound_mm[frame] < now.least_mm[frame]
@@ -75,13 +72,13 @@ def test_parts_that_a_controller_does_not_take_are_left_out_with_the_reason(
     """All of a kind, or one; what they did goes into the others as far as it can."""
     one = correction(plain, "play", absent={"play of y": "worn"})
     assert "worn" in [left.reason for left in one.left_out if left.part == "play of y"]
-    assert one.values[list(plain.field.columns_of((Backlash(), "y")))] == pytest.approx([0.0])
+    assert one.off.values[list(plain.field.columns_of((Backlash(), "y")))] == pytest.approx([0.0])
     made = correction(plain, "tables", absent={"table": "no tables here", "play": "no play"})
     reasons = {one.part: one.reason for one in made.left_out}
     assert {reasons[f"table of {leg}"] for leg in "xyz"} == {"no tables here"}
     assert made.model.effects == ()
     alone = correction(plain, "offsets")
-    assert made.values == pytest.approx(alone.values)
+    assert made.off.values == pytest.approx(alone.off.values)
 
 
 def test_what_gains_nothing_is_left_out() -> None:
@@ -98,9 +95,9 @@ def test_an_effect_that_the_model_has_is_entered_as_far_as_it_can_be(
     known = posterior([case(PLAY, known=(PLAY,))])
     assert known.start[list(known.field.columns_of((Backlash(), "y")))] == pytest.approx([0.06])
     same = correction(known, holds), correction(plain, holds)
-    assert same[0].values[:3] == pytest.approx(same[1].values[:3], abs=0.003)
+    assert same[0].off.values[:3] == pytest.approx(same[1].off.values[:3], abs=0.003)
     play = [
-        made.values[list(found.field.columns_of((Backlash(), "y")))]
+        made.off.values[list(found.field.columns_of((Backlash(), "y")))]
         for made, found in zip(same, (known, plain), strict=True)
     ]
     assert play[0] == pytest.approx(play[1], abs=0.003)
@@ -110,7 +107,7 @@ def test_a_lead_that_no_library_has_is_known_of_a_model() -> None:
     odd = EffectInstance(ActuatorCyclic(7.3), "x", (12.0, 0.0))
     known = posterior([case(odd, known=(odd,))])
     made = correction(known, "tables")
-    column = made.values[list(known.field.columns_of((ActuatorCyclic(7.3), "x")))]
+    column = made.off.values[list(known.field.columns_of((ActuatorCyclic(7.3), "x")))]
     assert column == pytest.approx([12.0, 0.0], abs=0.5)
 
 
@@ -118,7 +115,7 @@ def test_squareness_of_a_model_goes_into_the_axes() -> None:
     lean = EffectInstance(AxisSquareness(), "xy", (2.0,))
     known = posterior([case(lean, known=(lean,))])
     offsets, axes = (correction(known, holds, "aligned") for holds in ("offsets", "kinematics"))
-    assert axes.bound_mm["aligned"] < 0.2 * offsets.bound_mm["aligned"]
+    assert axes.off.bound_mm["aligned"] < 0.2 * offsets.off.bound_mm["aligned"]
 
 
 def test_how_well_offsets_are_known_is_that_of_drawn_machines(plain: Posterior) -> None:

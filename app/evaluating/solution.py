@@ -36,6 +36,7 @@ if TYPE_CHECKING:  # asked for by option only
     from calib.posterior.correction import Holds, ToolOff
     from calib.posterior.models import Posterior
     from calib.tripod.effects.effect import Effect
+    from calib.tripod.workspace import PlaneMap
     from protocols.machine import Frame, Machine
     from protocols.model_file import ModelFile
 
@@ -137,6 +138,11 @@ class SessionSolution:
         found = replace(self, subset=subset)
         refuse_leaning_planes(self.sessions, found.solution.model, self.observed)
         return found
+
+    @property
+    def tool_maps(self) -> tuple[PlaneMap, ...]:
+        """Expected error of the tool with the values of the view, on three planes through Zero."""
+        return self.corrections.off(self.solution.model).maps(self.frame)
 
     @property
     def reads_tool(self) -> bool:

@@ -28,6 +28,7 @@ from calib.tripod.effects.drives import (
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import Empirical
 from calib.tripod.pipeline import Model
+from calib.tripod.workspace import PLANES, PlaneMap, plane_map
 
 Holds = Literal["offsets", "play", "tables", "kinematics"]
 HOLDS: tuple[Holds, ...] = ("offsets", "play", "tables", "kinematics")
@@ -44,6 +45,9 @@ DOUBTED = 0.05
 
 EVEN = 0.5
 """Probability of a larger error from which on a gain that few models expect is no reason."""
+
+MAP_POINTS = 5
+"""Along each side of a map of the tool's error."""
 
 LARGE = 0.4
 """Of the expected mean square: what gains more is entered though it is likelier to harm. Two names
@@ -83,6 +87,19 @@ class ToolOff:
             guard_mm = self.posterior.tool_errors[frame].bound_mm(expected)
             least_mm[frame] = max(0.0, shown_mm - guard_mm)
         return least_mm
+
+    def maps(self, frame: Frame) -> tuple[PlaneMap, ...]:
+        """What is expected on the three planes through Zero, r.m.s. of both ways there."""
+        field, errors = self.posterior.field, self.posterior.tool_errors[frame]
+        moment = errors.moment(self.values)
+
+        def expected_mm(tool_mm: FloatArray) -> FloatArray:
+            rows = field.rows_at(tool_mm, frame)
+            square = np.einsum("wpif,wpif->p", rows @ moment, rows) / len(rows)
+            return np.asarray(np.sqrt(square + errors.unplaced_mm2))
+
+        geometry = field.geometry
+        return tuple(plane_map(geometry, plane, MAP_POINTS, expected_mm) for plane in PLANES)
 
 
 @dataclass(frozen=True, eq=False)

@@ -119,6 +119,22 @@ class ToolErrors:
         variance = 2.0 * self._spread[:, 1] + 4.0 * along
         return list(zip(self._weight.tolist(), size.tolist(), variance.tolist(), strict=True))
 
+    def moment(self, values: FloatArray) -> FloatArray:
+        """Expected products ``(f, f)`` of what is left in the field with these values entered."""
+        off = self._mean - values
+        moment = (off.T * self._weight) @ off
+        for alike in self._alike:
+            more = sum(self.models[k].weight * self.models[k].inflated ** 2 for k in alike)
+            moment += more * self.models[alike[0]].base
+        for model in self.models:
+            moment += model.weight * model.root @ model.root.T
+        return np.asarray(moment)
+
+    @property
+    def unplaced_mm2(self) -> float:
+        """Expected mean square of errors that have no law."""
+        return math.fsum(model.weight * model.unplaced_mm2 for model in self.models)
+
     def expected_mm(self, values: FloatArray) -> float:
         """Root of the expected mean square."""
         return math.sqrt(float(self._weight @ (self._spread[:, 0] + self.expected(values))))

@@ -261,8 +261,8 @@ def _view(solved: SessionSolution) -> Section:
     """One set of parameters as the papers identify it."""
     solution = solved.solution
     caption = (
-        "Expected error of the tool with the values of this view, µm r.m.s., on three planes "
-        "through Zero."
+        f"Expected error of the tool with the values of this view, {FRAME_WORDS[solved.frame]}, µm "
+        "r.m.s., on three planes through Zero."
     )
     return Section(
         "Parameters as the papers identify them",
@@ -272,7 +272,7 @@ def _view(solved: SessionSolution) -> Section:
             parameter_table(solution),
             *([size_table(solution)] if solution.sizes else []),
             subset_table(solved),
-            Picture(maps_svg(solved.choice.tool_maps(solved.subset)), caption),
+            Picture(maps_svg(solved.tool_maps), caption),
         ],
     )
 

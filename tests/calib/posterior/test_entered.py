@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
-from calib.arrays import observe
+from calib.arrays import FloatArray, observe
 from calib.noise.reading import IndicatorFigures
 from calib.posterior.cells import SessionCase
 from calib.posterior.correction import HOLDS, Holds, ToolOff, correction, projector_of
@@ -18,13 +20,15 @@ from calib.posterior.entered import (
 )
 from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior
-from calib.posterior.tool import FRAMES
+from calib.posterior.tool import FRAMES, Frame
 from calib.tripod.effects.drives import ActuatorCyclic, AxisOffset, AxisSquareness, Backlash
 from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.geometry import direct, inverse
 from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model
 from calib.tripod.towers import ON_ONE_CIRCLE, entered
-from tests.builders import conditions_of
+from calib.tripod.workspace import workspace_points
+from tests.builders import conditions_of, observed
 from tests.calib.tripod.test_linear_delta import rings
 from tests.tripods import DELTA, ORTHOGLIDE
 
@@ -149,3 +153,35 @@ def test_towers_of_firmware_stand_in_the_field_where_they_are() -> None:
     wanted = rows @ values_of(found, truth)
     assert np.abs(wanted).max() > 0.15
     assert np.abs(told - wanted).max() < 0.005
+
+
+def test_a_map_shows_what_the_machine_does_at_each_place() -> None:
+    """Against its exact kinematics, less what it does on average where the tool is touched off."""
+    parameters_mm = np.array([0.3, -0.2, 0.1, 0.03, 0.0, -0.02])
+
+    def moved_mm(places_mm: FloatArray) -> FloatArray:
+        joint_mm = inverse(ORTHOGLIDE, places_mm) + parameters_mm[:3]
+        return np.asarray(direct(ORTHOGLIDE, joint_mm, parameters_mm[3:]) - places_mm)
+
+    taken = observed(parameters_mm.tolist(), conditions_of("two-station"), scatter_mm=1e-4, seed=1)
+    figures = IndicatorFigures(repeatability_mm=1e-4)
+    known = posterior([SessionCase(Model(), taken, figures, np.array([2.0] * 3 + [0.1] * 3))])
+    off = ToolOff(known, nothing_entered(known))
+    on_average = moved_mm(workspace_points(ORTHOGLIDE)).mean(axis=0)
+    frames: dict[Frame, FloatArray] = {"machine": np.zeros(3), "touched-off": on_average}
+    for frame, free_mm in frames.items():
+        drawn = off.maps(frame)[0]
+        for i, j in product(range(5), repeat=2):
+            place = np.array([drawn.coordinate_mm[j], drawn.up_mm[i], 0.0])
+            stands = bool(ORTHOGLIDE.stands(place))
+            true_mm = float(np.linalg.norm(moved_mm(place) - free_mm)) if stands else np.nan
+            assert drawn.value[i, j] == pytest.approx(true_mm, abs=0.004, nan_ok=True)
+
+
+def test_the_mean_of_the_tool_over_the_workspace_is_that_of_its_places(plain: Posterior) -> None:
+    field, values = plain.field, correction(plain, "offsets").off.values
+    for frame in FRAMES:
+        rows = field.rows_at(field.points_mm, frame)
+        errors = plain.tool_errors[frame]
+        square = np.einsum("wpif,fg,wpig->wp", rows, errors.moment(values), rows).mean()
+        assert square + errors.unplaced_mm2 == pytest.approx(errors.expected_mm(values) ** 2)

@@ -160,9 +160,9 @@ class MeasurementPlan:
         return self.planner.proposals[0]
 
     @property
-    def runners_up(self) -> list[Proposal]:
+    def runners_up(self) -> tuple[Proposal, ...]:
         """The next best."""
-        return self.planner.proposals[1 : RUNNERS_UP + 1]
+        return tuple(self.planner.proposals[1 : RUNNERS_UP + 1])
 
     def table(self) -> DataTable:
         """Every measurement that was judged, the best first."""

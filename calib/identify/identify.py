@@ -59,7 +59,7 @@ from calib.noise.reading import (
     reading_weights,
     visits,
 )
-from calib.stats import coverage_factor
+from calib.stats import coverage_factors
 from calib.tripod.differences import Differences, differences
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.movements import with_first_movements
@@ -138,7 +138,7 @@ def identify(
         spread = spread.with_prior(visited, weight, fit.design, tolerance)
     before = measured.of(model.readings(visited))
     predicted = measured.of(fit.predicted_mm)
-    k, coverage = len(free), _coverage(spread)
+    k, coverage = len(free), coverage_factors(spread.degrees_of_freedom)
     system = measured.combine @ fit.design
     return Solution(
         model=fit.model,
@@ -259,11 +259,6 @@ def _refuse_unseen_sizes(told: Told, columns: FloatArray, noise: Noise | None) -
             "sizes that the readings tell",
             "Measure with a procedure that shows them, or take them out: glidecal model --remove.",
         )
-
-
-def _coverage(spread: Propagation) -> FloatArray:
-    """Factor for 95 % of each parameter; Student's t with its own degrees of freedom."""
-    return np.array([coverage_factor(float(nu)) for nu in spread.degrees_of_freedom])
 
 
 def _refuse_impossible(model: Model, fit: Fit) -> None:

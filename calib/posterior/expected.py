@@ -81,7 +81,7 @@ def _nothing_new(planned: TripodPlanning, tolerance_mm: FloatArray) -> SessionCa
 def _worst(known: Posterior, values: FloatArray) -> tuple[str, str] | None:
     """The name and place of the largest share of the expected square."""
     shares: dict[tuple[str, str] | None, float] = {}
-    distances = known.tool_errors["touched-off"].distances(values)
+    distances = known.tool_errors["touched-off"].distances(values).tolist()
     for model, (weight, square, _) in zip(known.models, distances, strict=True):
         names: list[tuple[str, str] | None] = [
             (known.components[k].id, known.components[k].where) for k in model.members

@@ -298,7 +298,7 @@ class Forecast:
         for up in updated:
             distances[up.group.rows, 1:] = up.distances(off[:, up.group.rows])
         kept = weight > LIGHT
-        return quantile_mm([(w, mean, variance) for w, mean, variance in distances[kept].tolist()])
+        return quantile_mm(distances[kept])
 
 
 def _cells(taken: Conditions) -> tuple[Conditions, FloatArray]:

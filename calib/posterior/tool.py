@@ -44,7 +44,6 @@ class ToolField:
     placed: tuple[Placed, ...]
     starts: tuple[int, ...]
     rows: FloatArray
-    points_mm: FloatArray
 
     def columns_of(self, one: Placed) -> range:
         """The columns of a law at a place."""
@@ -82,12 +81,9 @@ class ToolField:
 @lru_cache(maxsize=8)
 def tool_field(geometry: Geometry, placed: tuple[Placed, ...]) -> ToolField:
     """Of the nominal machine."""
-    points = workspace_points(geometry)
-    rows = _rows_at(geometry, placed, points)
+    rows = _rows_at(geometry, placed, workspace_points(geometry))
     starts = np.cumsum([BASE, *(len(effect.parameters) for effect, _ in placed)])
-    return ToolField(
-        geometry, placed, tuple(starts.tolist()), rows.reshape(-1, rows.shape[-1]), points
-    )
+    return ToolField(geometry, placed, tuple(starts.tolist()), rows.reshape(-1, rows.shape[-1]))
 
 
 def _rows_at(geometry: Geometry, placed: tuple[Placed, ...], points_mm: FloatArray) -> FloatArray:

@@ -41,9 +41,6 @@ EXACT = 1e-7
 UNPLACED_FREEDOM = 12.0
 """Degrees of freedom of an error without a law over the workspace, smooth along the travel."""
 
-Distance = tuple[float, float, float]
-"""Weight, mean and variance of the mean square of the tool's error, mm² and mm⁴."""
-
 
 @dataclass(frozen=True, eq=False)
 class ToolErrors:
@@ -105,8 +102,10 @@ class ToolErrors:
         off = self._mean - values
         return np.asarray((off @ self.metric * off).sum(axis=1))
 
-    def distances(self, values: FloatArray) -> list[Distance]:
-        """Of every model with these values entered; something else acts as each nameless law."""
+    def distances(self, values: FloatArray) -> FloatArray:
+        """Of every model ``(n_models, 3)`` with these values entered: its weight, then mean and
+        variance of the mean square of the tool's error, mm² and mm⁴.
+        """
         slope = (self._mean - values) @ self.metric
         along = np.empty(len(self.models))
         for alike in self._alike:
@@ -117,7 +116,7 @@ class ToolErrors:
             along[k] = model.inflated**2 * along[k] + float(of_root @ of_root)
         size = self._spread[:, 0] + self.expected(values)
         variance = 2.0 * self._spread[:, 1] + 4.0 * along
-        return list(zip(self._weight.tolist(), size.tolist(), variance.tolist(), strict=True))
+        return np.column_stack([self._weight, size, variance])
 
     def moment(self, values: FloatArray) -> FloatArray:
         """Expected products ``(f, f)`` of what is left in the field with these values entered."""
@@ -144,9 +143,12 @@ class ToolErrors:
         return quantile_mm(self.distances(values))
 
 
-def quantile_mm(distances: Sequence[Distance]) -> float:
-    """Root of the quantile `KEPT` of a mixture of gamma distributions of these moments."""
-    weight, size, variance = np.array(distances).T
+def quantile_mm(distances: FloatArray) -> float:
+    """Root of the quantile `KEPT` of a mixture of gamma distributions ``(n, 3)`` of these moments.
+
+    ``distances`` are those of `ToolErrors.distances`.
+    """
+    weight, size, variance = distances.T
     variance = np.maximum(variance, 1e-12 * size**2)
     shape, scale = size**2 / variance, variance / np.maximum(size, 1e-300)
     low, high = 0.0, float((size + 20.0 * np.sqrt(variance)).max())

@@ -84,7 +84,7 @@ def test_batched_intervals_are_those_of_identify() -> None:
     campaign = Campaign(truth, OBSERVED, SUBSETS["both"], 0.004, 0.01, np.zeros(6))
     many = simulate_and_identify(campaign, 4000, seed=5)
     mean_square = np.mean(np.square(ratios), axis=0)
-    np.testing.assert_allclose(mean_square, many.predicted_mm2, rtol=0.25)
+    np.testing.assert_allclose(mean_square, many.stated_mm**2, rtol=0.25)
 
 
 @pytest.mark.parametrize("subset", NAMED)

@@ -12,6 +12,7 @@ from calib.posterior.correction import HOLDS, Holds, correction, parts_of
 from calib.posterior.models import Posterior, Weighted
 from calib.posterior.posterior import posterior
 from calib.posterior.tool import FRAMES, Frame
+from calib.tripod.workspace import workspace_points
 from tests.calib.posterior.hidden_machines import SHORT, SWEEP, hidden, session
 
 DRAWS = 4_000
@@ -26,7 +27,7 @@ def unsure() -> Posterior:
 
 def in_frame(result: Posterior, error: FloatArray, frame: Frame) -> FloatArray:
     """Mean squares ``(k,)`` of errors ``(3 n, k)`` less the best shift, or shift and turn."""
-    places = np.tile(result.field.points_mm, (2, 1))
+    places = np.tile(workspace_points(result.geometry), (2, 1))
     if frame != "machine":
         columns = [np.tile(np.eye(3), (len(places), 1))]
         if frame == "aligned":

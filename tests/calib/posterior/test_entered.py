@@ -181,7 +181,7 @@ def test_a_map_shows_what_the_machine_does_at_each_place() -> None:
 def test_the_mean_of_the_tool_over_the_workspace_is_that_of_its_places(plain: Posterior) -> None:
     field, values = plain.field, correction(plain, "offsets").off.values
     for frame in FRAMES:
-        rows = field.rows_at(field.points_mm, frame)
+        rows = field.rows_at(workspace_points(field.geometry), frame)
         errors = plain.tool_errors[frame]
         square = np.einsum("wpif,fg,wpig->wp", rows, errors.moment(values), rows).mean()
         assert square + errors.unplaced_mm2 == pytest.approx(errors.expected_mm(values) ** 2)

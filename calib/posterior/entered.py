@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +13,7 @@ from calib.posterior.cells import BASE
 from calib.posterior.correction import projector_of
 from calib.posterior.models import Posterior
 from calib.posterior.tool import Frame
-from calib.stats import COVERAGE, coverage_factor
+from calib.stats import COVERAGE
 from calib.tripod.effects.drives import AxisOffset
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model
@@ -63,24 +61,10 @@ def tower_values(posterior: Posterior, entered: Entered) -> FloatArray:
     return values
 
 
-@dataclass(frozen=True, eq=False)
-class OffsetSpread:
-    """Joint offsets of a correction: 95 % half width ``(3,)``, mm, and a standard uncertainty.
-
-    That of a normal distribution of this half width: what few models say would widen the standard
-    deviation of all beyond it.
-    """
-
-    expanded_mm: FloatArray
-
-    @property
-    def standard_mm(self) -> FloatArray:
-        """Of ``(3,)``."""
-        return self.expanded_mm / coverage_factor(math.inf)
-
-
-def offset_spread(posterior: Posterior, frame: Frame, *, less_common: bool = False) -> OffsetSpread:
-    """How well joint offsets that are entered alone are known, over all models.
+def offset_half_widths_mm(
+    posterior: Posterior, frame: Frame, *, less_common: bool = False
+) -> FloatArray:
+    """95 % half widths ``(3,)`` of joint offsets that are entered alone, over all models, mm.
 
     With ``less_common`` less what all three share.
     """
@@ -102,4 +86,4 @@ def offset_spread(posterior: Posterior, frame: Frame, *, less_common: bool = Fal
         half = (low + high) / 2.0
         inside = weight @ (ndtr((half - off) / deviation) - ndtr((-half - off) / deviation))
         low, high = np.where(inside < COVERAGE, half, low), np.where(inside < COVERAGE, high, half)
-    return OffsetSpread(high)
+    return np.asarray(high)

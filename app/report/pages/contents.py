@@ -229,7 +229,7 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
     named = read_model_file(model).effects if model else ()
     table = new_table("joint", "entered when measured, mm", "add, mm", "± U (95 %)", "together, mm")
     held_mm, added_mm = machine.entered_offsets_mm, solved.joint_offsets_mm
-    wide_mm = solved.corrections.spread().expanded_mm.tolist()
+    wide_mm = solved.corrections.half_widths_mm().tolist()
     for name, held, added, wide in zip(LEG_NAMES, held_mm, added_mm, wide_mm, strict=True):
         row = shown_value(held), shown_value(added), uncertain(wide, 4), shown_value(held + added)
         table.add_row(name, *row)

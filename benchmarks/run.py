@@ -35,8 +35,10 @@ from benchmarks.page import (
 )
 from benchmarks.postures import postures
 from calib.arrays import FloatArray
-from calib.identify.identify import identify
-from calib.tripod.geometry import Geometry, direct, inverse
+from calib.identify.identify import Told, identify
+from calib.identify.solution import Method, Solution
+from calib.noise.reading import IndicatorFigures
+from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM, Geometry, direct, inverse
 from calib.tripod.pipeline import Model
 from drivers.line import IndicatorLine
 from drivers.port import open_port
@@ -83,8 +85,14 @@ def whole_identification() -> list[str]:
     """One standard session from readings to a result with uncertainties and checks."""
     observed = to_observations([fold(read_record(SAMPLE).events)])
     model = Model()
-    exact = seconds(lambda: identify(model, observed, "both", "exact"), 21)
-    linear = seconds(lambda: identify(model, observed, "both", "linear"), 21)
+    within_mm = np.full(len(PARAMETER_NAMES), TOLERANCE_MM)
+
+    def identified(method: Method) -> Solution:
+        told = Told.of(model, observed, IndicatorFigures())
+        return identify(told, "both", method, tolerance_mm=within_mm)
+
+    exact = seconds(lambda: identified("exact"), 21)
+    linear = seconds(lambda: identified("linear"), 21)
     return [
         "| 60 readings, with noise, uncertainties, what is not seen | ms | ratio |",
         "|---|---|---|",

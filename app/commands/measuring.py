@@ -230,7 +230,7 @@ def _go_on(plan: Plan, until: float | None) -> None:
 
     first, before_mm = plan.path, inf
     while True:
-        reach = next_measurement(load_sessions(all_sessions(first))[0]).reach
+        reach = next_measurement(load_sessions(all_sessions(first))[0]).planner.reach
         chosen = None if until is None else reach.towards(until, before_mm)
         say(further_text(reach, plan, until, chosen))
         if chosen is None:

@@ -178,10 +178,10 @@ def _remaining(
 
 def _offsets(solved: SessionSolution, *, common: bool) -> list[tuple[float, float]]:
     """Joint offsets that are entered, with their 95 % half widths, mm."""
-    spread = solved.corrections.spread(less_common=common)
+    half_widths_mm = solved.corrections.half_widths_mm(less_common=common)
     values_mm = solved.joint_offsets_mm
     shared_mm = sum(values_mm) / len(values_mm) if common else 0.0
     return [
         (value - shared_mm, half)
-        for value, half in zip(values_mm, spread.expanded_mm.tolist(), strict=True)
+        for value, half in zip(values_mm, half_widths_mm.tolist(), strict=True)
     ]

@@ -7,15 +7,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Self
 
-from calib.arrays import LEG_NAMES
+from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import ImpossibleRequest, NotIdentifiable
 from calib.posterior.cells import SessionCase
-from calib.posterior.correction import HOLDS, Holds, LeftOut, correction
+from calib.posterior.correction import HOLDS, Holds, LeftOut, ToolOff, correction
 from calib.posterior.entered import (
-    OffsetSpread,
-    ToolOff,
     nothing_entered,
-    offset_spread,
+    offset_half_widths_mm,
     tower_values,
     values_of,
 )
@@ -67,8 +65,8 @@ class SessionCorrection:
     """The best values that a controller can hold, and what the tool keeps with them.
 
     ``model`` is the machine as the controller then knows it; ``off_now`` and ``off`` are the tool
-    without and with the values. ``spread`` tells how well joint offsets are known where they are
-    entered alone.
+    without and with the values. ``half_widths_mm`` ``(3,)`` tell how well joint offsets are known
+    (95 %) where they are entered alone.
     """
 
     frame: Frame
@@ -77,7 +75,7 @@ class SessionCorrection:
     off_now: ToolOff
     off: ToolOff
     left_out: tuple[LeftOut, ...]
-    spread: OffsetSpread | None
+    half_widths_mm: FloatArray | None
 
     @property
     def values(self) -> dict[str, EnteredValue]:
@@ -206,14 +204,14 @@ class ControllerCorrections:
             holds=holds,
             model=projected.model,
             off_now=self.off_now,
-            off=ToolOff(self.posterior, projected.values, projected.bound_mm),
+            off=projected.off,
             left_out=projected.left_out,
-            spread=self.spread() if alone else None,
+            half_widths_mm=self.half_widths_mm() if alone else None,
         )
 
-    def spread(self, *, less_common: bool = False) -> OffsetSpread:
+    def half_widths_mm(self, *, less_common: bool = False) -> FloatArray:
         """How well joint offsets are known that are entered alone."""
-        return offset_spread(self.posterior, self.frame, less_common=less_common)
+        return offset_half_widths_mm(self.posterior, self.frame, less_common=less_common)
 
     def others(self, correction: SessionCorrection) -> tuple[Gain, ...]:
         """What the same controller would keep if it held something else, or all of the same."""

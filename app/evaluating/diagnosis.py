@@ -22,8 +22,7 @@ from calib.diagnosis.results import Contender, Diagnosis, Finding, Named
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.solution import Subset
 from calib.posterior.cells import Cells
-from calib.posterior.correction import HOLDS, Holds, correction
-from calib.posterior.entered import ToolOff
+from calib.posterior.correction import HOLDS, Holds, ToolOff, correction
 from calib.posterior.measurements import USUAL_PACE, FurtherMeasurement, Pace, candidates
 from calib.posterior.planning import Planner, Reach, Separation
 from calib.posterior.tool import Frame
@@ -128,7 +127,7 @@ class SessionDiagnosis:
         """The measurement that separates the names that stay open; None where none does."""
         if self.diagnosis.verdict in ("agrees", "explained"):
             return None
-        return self._planner(tuple(candidates(self.corrections.posterior))).separation()
+        return self._planner(tuple(candidates(self.corrections.posterior))).separation
 
     def reach(self) -> Reach | None:
         """The bound at the tool after further set-ups; None where no set-up of a leg is known."""
@@ -137,7 +136,7 @@ class SessionDiagnosis:
             step_s = seconds_per_step(opened.machine, opened.procedure)
             pace = Pace(seconds_per_step=step_s)
         ways = tuple(way for way in candidates(self.corrections.posterior, pace) if way.is_way)
-        return self._planner(ways).reach() if ways else None
+        return self._planner(ways).reach if ways else None
 
     def _planner(self, measurements: tuple[FurtherMeasurement, ...]) -> Planner:
         known = self.corrections.posterior

@@ -157,11 +157,11 @@ def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
     try:
         solved = solve_sessions([session])
         entered = solved.correction
-        spread = solved.corrections.spread()
+        half_widths_mm = solved.corrections.half_widths_mm()
         named = _named(session) if effects else None
     except GlidecalError as problem:
         return entry.model_copy(update={"problem": f"{path.name}: {problem}"})
-    x, y, z = spread.expanded_mm.tolist()
+    x, y, z = half_widths_mm.tolist()
     totals = zip(opened.machine.entered_offsets_mm, solved.joint_offsets_mm, strict=True)
     return Entry.model_validate(
         {

@@ -33,10 +33,10 @@ if TYPE_CHECKING:  # asked for by option only
     from pandas import DataFrame
 
     from calib.identify.fit import Size
-    from calib.posterior.correction import Holds
-    from calib.posterior.entered import ToolOff
+    from calib.posterior.correction import Holds, ToolOff
     from calib.posterior.models import Posterior
     from calib.tripod.effects.effect import Effect
+    from calib.tripod.workspace import PlaneMap
     from protocols.machine import Frame, Machine
     from protocols.model_file import ModelFile
 
@@ -138,6 +138,11 @@ class SessionSolution:
         found = replace(self, subset=subset)
         refuse_leaning_planes(self.sessions, found.solution.model, self.observed)
         return found
+
+    @property
+    def tool_maps(self) -> tuple[PlaneMap, ...]:
+        """Expected error of the tool with the values of the view, on three planes through Zero."""
+        return self.corrections.off(self.solution.model).maps(self.frame)
 
     @property
     def reads_tool(self) -> bool:

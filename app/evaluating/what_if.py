@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution, solve_sessions
 from calib.errors import NotIdentifiable, UsageError
-from calib.identify.identify import Told, identify_from
+from calib.identify.identify import Told, identify
 from calib.identify.solution import FittedSize, Solution, Subset
 from calib.tripod.controller import commanded_with, tool_error_mm
 from calib.tripod.effects.candidates import Candidate, candidates
@@ -149,7 +149,7 @@ class Trial:
             self._told, model=to_model(whole, "model", effects), sizes=sizes_of(whole, effects)
         )
         tolerance_mm = self.sessions[0].opened.machine.tolerances_mm()
-        return identify_from(told, self.subset, "exact", weights="equal", tolerance_mm=tolerance_mm)
+        return identify(told, self.subset, tolerance_mm=tolerance_mm)
 
     def solved(self, entry: EffectEntry) -> SessionSolution:
         """The same with all other sets. Raises NotIdentifiable."""

@@ -223,7 +223,7 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
 
         judged = judge(solved, own.tolerance)
     if own.show_map:
-        mapped = solved.choice.tool_maps(solved.subset)
+        mapped = solved.tool_maps
     if own.monte_carlo:
         from app.evaluating.solution import monte_carlo
 
@@ -235,7 +235,7 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
 
         parts = [solution_text(solved)]
         parts += [judged_text(judged)] if judged else []
-        parts += [maps_text(mapped)] if mapped else []
+        parts += [maps_text(mapped, solved.frame)] if mapped else []
         parts += [monte_carlo_text(simulated)] if simulated else []
         return "\n\n".join(parts)
 
@@ -291,9 +291,10 @@ def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: S
             frame=own.frame,
             holds=own.holds,
         )
+        text = plan_text(found)  # works out all that the document has, too
     for warning in warnings:
         say(f"glidecal: {warning}")
-    return Answer(lambda: plan_text(found), lambda: PlanReport.of(plan=found))
+    return Answer(lambda: text, lambda: PlanReport.of(plan=found))
 
 
 def _macro(

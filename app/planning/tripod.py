@@ -19,7 +19,7 @@ from calib.noise.reading import IndicatorFigures, Noise
 from calib.posterior.correction import Holds, correction
 from calib.posterior.expected import ExpectedResult, expected_of
 from calib.posterior.measurements import USUAL_PACE, Pace, candidates, nothing_measured
-from calib.posterior.planning import FurtherSetUp, Planner, Proposal, Prospect, Reach
+from calib.posterior.planning import FurtherSetUp, Planner, Proposal
 from calib.posterior.posterior import posterior
 from calib.tripod.effects.effect import Effect
 from calib.tripod.optimum import Orders
@@ -146,26 +146,23 @@ RUNNERS_UP = 5
 class MeasurementPlan:
     """What is worth measuring after these sessions.
 
-    ``reach`` are set-ups of legs in turn; ``noise_mm`` is that of a reading, and ``noise_words``
-    where it is from.
+    ``noise_words`` say where the noise of a reading is from.
     """
 
     sessions: tuple[str, ...]
     machine: str
-    noise_mm: float
     noise_words: str
-    proposed: Prospect
-    reach: Reach
+    planner: Planner
 
     @property
     def best(self) -> Proposal:
         """The measurement that is proposed."""
-        return self.proposed.proposals[0]
+        return self.planner.proposals[0]
 
     @property
     def runners_up(self) -> tuple[Proposal, ...]:
         """The next best."""
-        return self.proposed.proposals[1 : RUNNERS_UP + 1]
+        return tuple(self.planner.proposals[1 : RUNNERS_UP + 1])
 
     def table(self) -> DataTable:
         """Every measurement that was judged, the best first."""
@@ -180,7 +177,7 @@ class MeasurementPlan:
                 one.candidate.minutes,
                 one.bound_mm,
             )
-            for one in self.proposed.proposals
+            for one in self.planner.proposals
         ]
         return DataTable(names, tuple(rows))
 
@@ -248,11 +245,9 @@ def next_measurement(
     asked_mm = None if sessions and noise_mm is None else stated.standard_deviation_mm
     entered = correction(found, holds, frame or machine.frame)
     planner = Planner(found, entered, tuple(every), asked_mm)
-    plan, reach = planner.plan(), planner.reach()
-    reading_mm = planner.forecast.noise_mm
-    words = words if asked_mm else f"{reading_mm:.4g} mm, from the sessions"
+    words = words if asked_mm else f"{planner.forecast.noise_mm:.4g} mm, from the sessions"
     names = tuple(session.name for session in sessions)
-    return MeasurementPlan(names, machine.name, reading_mm, words, plan, reach)
+    return MeasurementPlan(names, machine.name, words, planner)
 
 
 def _pace_s(machine: Machine, sessions: Sequence[Session]) -> float:

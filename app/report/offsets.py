@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -23,9 +24,9 @@ from app.report.text.correction import (
 from app.version import program
 from calib.errors import RecordError
 from calib.identify.solution import Method, Subset
-from calib.posterior.correction import Holds
-from calib.posterior.entered import ToolOff
+from calib.posterior.correction import Holds, ToolOff
 from calib.printable import printable
+from calib.stats import coverage_factor
 from calib.tripod.controller import ControllerJoints, tool_error_mm
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model, StageEffect
@@ -176,14 +177,13 @@ def entered_parameters(correction: SessionCorrection) -> dict[str, Offset]:
     """d_rho and d_L of a correction; how well they are known, where offsets are entered alone."""
     names = [name for name in correction.values if name in PARAMETER_NAMES]
     values = {name: correction.values[name].value for name in names}
-    if correction.spread is None:
+    if correction.half_widths_mm is None:
         return {name: Offset(values[name]) for name in names}
-    known = zip(
-        names,
-        correction.spread.standard_mm.tolist(),
-        correction.spread.expanded_mm.tolist(),
-        strict=True,
-    )
+    # u is that of a normal distribution: few models would widen the deviation of all beyond it
+    known = [
+        (name, wide / coverage_factor(math.inf), wide)
+        for name, wide in zip(names, correction.half_widths_mm.tolist(), strict=True)
+    ]
     return {name: Offset(values[name], u, wide, wide / u) for name, u, wide in known}
 
 

@@ -161,20 +161,19 @@ class Claims:
     @cached_property
     def places(self) -> dict[Named, float]:
         """Probability of each name at each place; the likeliest first."""
-        shares: dict[Named, float] = {}
-        for claim, weight in self.weights.items():
-            for name in claim.names:
-                shares[name] = shares.get(name, 0.0) + weight
-        ordered = sorted(shares.items(), key=lambda item: _order(item[0]))
-        return dict(descending(ordered, lambda item: item[1]))
+        return self._shares(lambda claim: claim.names)
 
     @cached_property
     def ids(self) -> dict[str, float]:
         """Probability of each name, wherever it acts; the likeliest first."""
-        shares: dict[str, float] = {}
+        return self._shares(lambda claim: claim.ids)
+
+    def _shares(self, parts: Callable[[Claim], Collection[Key]]) -> dict[Key, float]:
+        """Probability of each part of claims; the likeliest first."""
+        shares: dict[Key, float] = {}
         for claim, weight in self.weights.items():
-            for name in claim.ids:
-                shares[name] = shares.get(name, 0.0) + weight
+            for part in parts(claim):
+                shares[part] = shares.get(part, 0.0) + weight
         return dict(descending(sorted(shares.items()), lambda item: item[1]))
 
     def one_in_other(self, first: Named, second: Named) -> bool:
@@ -218,9 +217,9 @@ class Claims:
         for claim, weight in self.weights.items():
             if claim.names and not claim.unnamed:
                 sets.setdefault(claim.ids, {})[claim.names] = weight
-        by_name = sorted(sets.values(), key=lambda places: min(map(_in_order, places)))
+        by_name = sorted(sets.values(), key=lambda places: min(map(sorted, places)))
         chosen = descending(by_name, lambda places: math.fsum(places.values()))[0]
-        names = descending(sorted(chosen, key=_in_order), chosen.__getitem__)[0]
+        names = descending(sorted(chosen, key=sorted), chosen.__getitem__)[0]
         return tuple(name for name in self.places if name in names)
 
     @cached_property
@@ -230,7 +229,7 @@ class Claims:
         What is added and not needed counts for that claim.
         """
         every = [claim for claim in self.weights if claim != NOTHING]
-        every.sort(key=lambda claim: (len(claim.names), claim.unnamed, _in_order(claim.names)))
+        every.sort(key=lambda claim: (len(claim.names), claim.unnamed, sorted(claim.names)))
         folded: dict[Claim, float] = {}
         for claim in every:
             within = [
@@ -261,7 +260,7 @@ class Claims:
             ]
             if claim.unnamed and not others:
                 others = [Named(EMPIRICAL, name.where)]
-            rivals |= dict.fromkeys(sorted(others, key=_order))
+            rivals |= dict.fromkeys(sorted(others))
         return tuple(rivals)
 
 
@@ -282,14 +281,6 @@ def conditional(posterior: Posterior, names: Collection[Named]) -> Posterior | N
     whole = math.fsum(model.weight for model in models)
     kept = tuple(replace(model, weight=model.weight / whole) for model in models)
     return replace(posterior, models=kept)
-
-
-def _order(name: Named) -> tuple[str, str]:
-    return name.id, name.where
-
-
-def _in_order(names: frozenset[Named]) -> list[tuple[str, str]]:
-    return sorted(map(_order, names))
 
 
 def name_of(component: Component) -> Named:

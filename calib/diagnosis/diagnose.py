@@ -39,11 +39,10 @@ from calib.errors import CalibrationError
 from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.labels import Mistake
 from calib.posterior.models import Posterior
-from calib.posterior.posterior import posterior
 from calib.posterior.race import LOG_CAUSES, LOG_SCALES, SCALES
 from calib.posterior.readings import LENGTHS
 from calib.tripod.effects.drives import ActuatorCyclic
-from calib.tripod.effects.effect import Effect, EffectInstance, Kind
+from calib.tripod.effects.effect import EffectInstance, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
 
 BARS_DIFFER = "the bars are not those of the first session: diagnose the sessions one at a time"
@@ -73,21 +72,12 @@ AS_GOOD = 0.01
 """Weight beside the best from which another lead of a screw fits as well."""
 
 
-def diagnose(
-    cases: Sequence[SessionCase],
-    effects: Sequence[Effect] | None = None,
-    held_out: Sequence[SessionCase] = (),
-) -> Diagnosis:
-    """Diagnose sessions that share their effects; each has joint offsets and zeros of its own.
-
-    ``held_out`` sessions are used for nothing but the gap after adopting. Raises NotIdentifiable
-    where a session cannot be fitted at all.
-    """
-    return diagnosis_of(posterior(cases, effects), held_out)
-
-
 def diagnosis_of(posterior: Posterior, held_out: Sequence[SessionCase] = ()) -> Diagnosis:
-    """What a mechanic is to know of these sessions. Raises NotIdentifiable."""
+    """What a mechanic is to know of sessions that share their effects.
+
+    Each has zeros of its own. ``held_out`` sessions are used for nothing but the gap after
+    adopting. Raises NotIdentifiable where one of these cannot be fitted.
+    """
     return _Report(posterior, Cells.of_all(held_out) if held_out else []).make()
 
 
@@ -140,7 +130,7 @@ class _Report:
             verdict=verdict,
             sentence=sentence(verdict, findings, where)
             + (repeats_words(pattern) if pattern and repeats else ""),
-            noise_mm=_noise_mm(cells),
+            noise_mm=math.sqrt(self.before.reading_mm2),
             noise_df=self.before.noise_freedom,
             noise_source=cells[0].noise.source if cells[0].noise else "residuals",
             missing=self.claims.missing,
@@ -169,16 +159,14 @@ class _Report:
         findings: list[Finding] = []
         adopted: tuple[EffectInstance, ...] = ()
         for name in sorted(self.answer.rivals, key=lambda name: name not in every):
+            likely, rivals = self.claims.places[name], self.answer.rivals[name]
             if name in every:
                 what = name.id, str(Kind.GROSS_ERROR), every[name].title, name.where
                 gaps_mm = self._gap_as_read_mm, before_mm
-                finding = Finding(*what, (), 0.0, *gaps_mm)
+                finding = Finding(*what, (), likely, *gaps_mm, rivals)
             else:
-                finding = self._finding(self._acting(name), adopted, before_mm)
-            probability, rivals = self.claims.places[name], self.answer.rivals[name]
-            findings.append(
-                replace(finding, probability=probability, indistinguishable_from=rivals)
-            )
+                finding = self._finding(self._acting(name), likely, adopted, before_mm, rivals)
+            findings.append(finding)
             adopted, before_mm = (*adopted, *finding.effects), finding.gap_rms_after_mm
         return findings
 
@@ -195,7 +183,12 @@ class _Report:
         return leftover.rms_mm(leftover.left)
 
     def _finding(
-        self, numbers: tuple[int, ...], adopted: tuple[EffectInstance, ...], before_mm: float
+        self,
+        numbers: tuple[int, ...],
+        probability: float,
+        adopted: tuple[EffectInstance, ...],
+        before_mm: float,
+        rivals: tuple[Named, ...] = (),
     ) -> Finding:
         """Components of one name beside what is adopted."""
         component = self.components[numbers[0]]
@@ -206,8 +199,7 @@ class _Report:
         if component.candidate:
             kind, title = str(component.candidate.kind), component.candidate.title
         what = component.id, kind, title, component.where
-        weight = self._weight(numbers)
-        return Finding(*what, parameters, weight, before_mm, after_mm, (), effects)
+        return Finding(*what, parameters, probability, before_mm, after_mm, rivals, effects)
 
     def _with(self, effects: tuple[EffectInstance, ...]) -> Leftover | None:
         """What is left with these adopted; None where they put the machine out of its own reach."""
@@ -215,10 +207,6 @@ class _Report:
             return Leftover.of(self.posterior.sessions, effects, self.timed)
         except CalibrationError:
             return None
-
-    def _weight(self, numbers: tuple[int, ...]) -> float:
-        """Probability that these components act together."""
-        return math.fsum(m.weight for m in self.posterior.models if {*numbers} <= {*m.members})
 
     def _acting(self, name: Named) -> tuple[int, ...]:
         """The components of a name at a place; of several, such as screws of two leads, the best.
@@ -273,18 +261,18 @@ class _Report:
         after: Leftover | None,
     ) -> ModelDiscrepancy | None:
         """The likeliest law without a name, where it is likely that one acts."""
+        models = self.posterior.models
         likely = {
-            k: self._weight((k,)) for k, one in enumerate(self.components) if one.kind == "nameless"
+            k: math.fsum(model.weight for model in models if k in model.members)
+            for k, one in enumerate(self.components)
+            if one.kind == "nameless"
         }
-        lawful = math.fsum(
-            model.weight for model in self.posterior.models if likely.keys() & set(model.members)
-        )
+        lawful = math.fsum(model.weight for model in models if likely.keys() & {*model.members})
         if self.answer.verdict not in WITH_RESIDUALS or lawful < EVEN * self.claims.missing:
             return None
         beside = after or self.before
-        finding = self._finding(
-            (descending([*likely], likely.__getitem__)[0],), adopted, beside.rms_mm(beside.left)
-        )
+        law = descending([*likely], likely.__getitem__)[0]
+        finding = self._finding((law,), likely[law], adopted, beside.rms_mm(beside.left))
         together = (*adopted, *finding.effects)
         if self.others:
             return ModelDiscrepancy(finding, self._elsewhere(together))
@@ -452,12 +440,6 @@ class _Report:
         case = self.posterior.sessions[number].case
         mistakes = [m for m in self.posterior.models[0].mistakes if m.session == number]
         return _put_right(case, mistakes)
-
-
-def _noise_mm(sessions: Sequence[Cells]) -> float:
-    """Standard deviation of a single reading, mean square over the visits, mm."""
-    visits = [cells.scatter_mm2 * cells.visited.averaged for cells in sessions]
-    return float(np.sqrt(np.mean(np.concatenate(visits))))
 
 
 def _needed(length: float, log_prior: float) -> float:

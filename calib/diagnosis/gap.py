@@ -169,17 +169,25 @@ class Leftover:
             float((cells.means.averaged * off_mm**2).sum())
             for cells, off_mm in zip(self.sessions, self.cells_mm(left), strict=True)
         )
-        visits = np.concatenate([c.scatter_mm2 * c.visited.averaged for c in self.sessions])
         in_time = left[self.rows.cells : len(self.rows.residual)]
-        square += float(in_time @ in_time) * float(visits.mean())
-        return math.sqrt(square / math.fsum(float(c.means.averaged.sum()) for c in self.sessions))
+        square += float(in_time @ in_time) * self.reading_mm2
+        return math.sqrt(square / self._readings)
 
     @property
     def noise_mm(self) -> float:
         """The gap that noise alone would leave, r.m.s. over the readings."""
-        visits = np.concatenate([c.scatter_mm2 * c.visited.averaged for c in self.sessions])
-        count = math.fsum(float(c.means.averaged.sum()) for c in self.sessions)
-        return math.sqrt(float(visits.mean()) * max(self.freedom, 1) / count)
+        return math.sqrt(self.reading_mm2 * max(self.freedom, 1) / self._readings)
+
+    @cached_property
+    def reading_mm2(self) -> float:
+        """Variance of a single reading, mean over the visits, mm²."""
+        visits = [cells.scatter_mm2 * cells.visited.averaged for cells in self.sessions]
+        return float(np.concatenate(visits).mean())
+
+    @cached_property
+    def _readings(self) -> float:
+        """How many there are."""
+        return math.fsum(float(cells.means.averaged.sum()) for cells in self.sessions)
 
     def cells_mm(self, left: FloatArray) -> list[FloatArray]:
         """Of the means of cells ``(n_cells,)`` of each session."""

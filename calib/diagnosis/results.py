@@ -38,7 +38,7 @@ class GapPart:
     p_value: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Named:
     """An effect's name and place."""
 

@@ -1,79 +1,17 @@
-"""How well the tool stands over the workspace, before and after, and how sure that is."""
+"""Whether a tool is within its tolerance, and for how long."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from calib.arrays import FloatArray
 from calib.tripod.geometry import Geometry
-from calib.tripod.workspace import PlaneMap, plane_map, tool_jacobian_at, workspace_jacobian
+from calib.tripod.workspace import workspace_jacobian
 
 Decision = Literal["pass", "fail", "undecided"]
-
-
-@dataclass(frozen=True)
-class ToolError:
-    """R.m.s. distance of the tool from where it should be, over the workspace, and its uncertainty.
-
-    ``standard_uncertainty_mm`` is that of ``rms_mm``; ``worst_mm`` is the largest r.m.s. distance
-    at any place.
-    """
-
-    rms_mm: float
-    standard_uncertainty_mm: float
-    worst_mm: float
-
-
-def tool_error(geometry: Geometry, error_mm: FloatArray, covariance_mm2: FloatArray) -> ToolError:
-    """Expected tool error for parameters off by ``error_mm`` ``(6,)`` with this covariance.
-
-    First order: the tool moves by ``J (error + noise)``; the mean square over places is
-    ``mean |J error|^2 + mean trace(J C J^T)``. Its own variance is that of a quadratic form of
-    normal errors, ``2 trace(M C M C) + 4 e^T M C M e`` with ``M = mean J^T J``.
-    """
-    jacobian = workspace_jacobian(geometry)
-    places = _mean_squares(jacobian, error_mm, covariance_mm2)
-    metric = np.einsum("pij,pik->jk", jacobian, jacobian) / len(jacobian)
-    mean = float(places.mean())
-    moved = metric @ covariance_mm2
-    variance = 2.0 * float(np.trace(moved @ moved))
-    variance += 4.0 * float(error_mm @ moved @ metric @ error_mm)
-    rms = math.sqrt(mean)
-    return ToolError(
-        rms_mm=rms,
-        standard_uncertainty_mm=math.sqrt(variance) / (2.0 * rms) if rms else 0.0,
-        worst_mm=math.sqrt(float(places.max())),
-    )
-
-
-def _mean_squares(
-    jacobian: FloatArray, error_mm: FloatArray, covariance_mm2: FloatArray
-) -> FloatArray:
-    """Expected square of the distance at each place ``(n_points,)``, mm²."""
-    moved = ((jacobian @ error_mm) ** 2).sum(axis=1)
-    spread = np.einsum("pij,jk,pik->p", jacobian, covariance_mm2, jacobian)
-    return np.asarray(moved + spread)
-
-
-def tool_map(
-    geometry: Geometry,
-    error_mm: FloatArray,
-    covariance_mm2: FloatArray,
-    plane: tuple[int, int] = (0, 1),
-    points: int = 17,
-) -> PlaneMap:
-    """Where in a plane the tool stands worse: r.m.s. distance at each place that it reaches."""
-
-    def off_mm(tool_mm: FloatArray) -> FloatArray:
-        jacobian = tool_jacobian_at(geometry, tool_mm)
-        return np.sqrt(_mean_squares(jacobian, error_mm, covariance_mm2))
-
-    return plane_map(geometry, plane, points, off_mm)
 
 
 def decide(least_mm: float, bound_mm: float, tolerance_mm: float) -> Decision:
@@ -95,6 +33,6 @@ def days_in_tolerance(
     the tool. Infinite without drift.
     """
     error_mm = np.concatenate([np.asarray(drift_mm, dtype=np.float64), np.zeros(3)])
-    growth_mm = tool_error(geometry, error_mm, np.zeros((6, 6))).rms_mm
+    growth_mm = math.sqrt(((workspace_jacobian(geometry) @ error_mm) ** 2).sum(axis=1).mean())
     left_mm = max(0.0, tolerance_mm - bound_mm)
     return left_mm / growth_mm if growth_mm else math.inf

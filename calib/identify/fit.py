@@ -160,20 +160,17 @@ def prior_fit(
     weight: FloatArray,
     tolerance_mm: FloatArray,
     sizes: tuple[Size, ...] = (),
-    near_mm: FloatArray | None = None,
 ) -> Fit:
     """All six parameters, each held to the model's value by its tolerance ``(6,)``, mm.
 
     The tolerance of a part is the standard deviation of a normal prior (Bayes; ridge regression
     with a weight for each parameter), so directions that the readings do not see stay where the
-    parts' tolerances put them. Sizes of effects are free. ``near_mm`` ``(6,)`` is where to begin,
-    if not at the model. Raises NotIdentifiable as `exact_fit`.
+    parts' tolerances put them. Sizes of effects are free. Raises NotIdentifiable as `exact_fit`.
     """
     free = tuple(range(len(PARAMETER_NAMES)))
     tolerance = np.concatenate([tolerance_mm, np.full(len(sizes), np.inf)])
     precision = np.diag(tolerance**-2.0)
-    base = _values_of(model, free, sizes)
-    values = base if near_mm is None else np.append(near_mm, base[len(free) :])
+    base = values = _values_of(model, free, sizes)
     least = np.append(tolerance_mm, [size.tolerance for size in sizes])
     with _within_reach():
         evaluate = _evaluator(model, observed, free, sizes)

@@ -59,49 +59,23 @@ from calib.noise.reading import (
     reading_weights,
     visits,
 )
-from calib.stats import coverage_factor
+from calib.stats import coverage_factors
 from calib.tripod.differences import Differences, differences
-from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM
+from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model, derivatives
 from calib.tripod.planning import sensitivity_of_readings
 
-TOLERANCES_MM: FloatArray = np.full(len(PARAMETER_NAMES), TOLERANCE_MM)
-
 NOTICED = 50.0
 """Tolerances: so large an effect would be seen without measuring, as offsets of 5 mm would."""
-
-
-def identify(
-    model: Model,
-    observed: Observations,
-    subset: Subset = "both",
-    method: Method = "exact",
-    *,
-    weights: Weights = "equal",
-    indicator: IndicatorFigures | None = None,
-    tolerance_mm: FloatArray = TOLERANCES_MM,
-    sizes: tuple[Size, ...] = (),
-) -> Solution:
-    """Identify the parameters of a subset; the others keep the model's values.
-
-    ``sizes`` of the model's effects are fitted with them, by the exact method only.
-
-    ``weights`` matters for the linear method only. The indicator's figures serve as noise where
-    there are no repeats. Parts may be off by ``tolerance_mm`` ``(6,)``, each a standard deviation.
-    The subset ``with-tolerances`` takes the exact method and always determines everything; its
-    covariance holds the tolerances too. Raises NotIdentifiable where the readings do not determine
-    the subset.
-    """
-    told = Told.of(model, observed, indicator or IndicatorFigures(), sizes)
-    return identify_from(told, subset, method, weights=weights, tolerance_mm=tolerance_mm)
 
 
 @dataclass(frozen=True, eq=False)
 class Told:
     """What readings tell before any set of parameters is chosen; ``noise`` None: nothing of it.
 
-    ``sizes`` of the model's effects are free with every set.
+    ``sizes`` of the model's effects are free with every set. The indicator's figures serve as noise
+    where there are no repeats.
     """
 
     model: Model
@@ -126,15 +100,22 @@ class Told:
         return cls(model, visited, measured, reading_noise(visited, indicator), sizes)
 
 
-def identify_from(
+def identify(
     told: Told,
     subset: Subset,
-    method: Method,
+    method: Method = "exact",
+    weights: Weights = "equal",
     *,
-    weights: Weights,
     tolerance_mm: FloatArray,
 ) -> Solution:
-    """As `identify`, of what was worked out once for all sets."""
+    """Identify the parameters of a subset; the others keep the model's values.
+
+    Sizes of the model's effects are fitted with them, by the exact method only; ``weights`` matters
+    for the linear method only. Parts may be off by ``tolerance_mm`` ``(6,)``, each a standard
+    deviation. The subset ``with-tolerances`` takes the exact method and always determines
+    everything; its covariance holds the tolerances too. Raises NotIdentifiable where the readings
+    do not determine the subset.
+    """
     free = SUBSETS[subset]
     model, visited, measured, noise = told.model, told.visited, told.measured, told.noise
     weight = reading_weights(visited, noise)
@@ -157,7 +138,7 @@ def identify_from(
         spread = spread.with_prior(visited, weight, fit.design, tolerance)
     before = measured.of(model.readings(visited))
     predicted = measured.of(fit.predicted_mm)
-    k, coverage = len(free), _coverage(spread)
+    k, coverage = len(free), coverage_factors(spread.degrees_of_freedom)
     system = measured.combine @ fit.design
     return Solution(
         model=fit.model,
@@ -278,11 +259,6 @@ def _refuse_unseen_sizes(told: Told, columns: FloatArray, noise: Noise | None) -
             "sizes that the readings tell",
             "Measure with a procedure that shows them, or take them out: glidecal model --remove.",
         )
-
-
-def _coverage(spread: Propagation) -> FloatArray:
-    """Factor for 95 % of each parameter; Student's t with its own degrees of freedom."""
-    return np.array([coverage_factor(float(nu)) for nu in spread.degrees_of_freedom])
 
 
 def _refuse_impossible(model: Model, fit: Fit) -> None:

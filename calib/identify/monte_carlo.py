@@ -79,8 +79,8 @@ class MonteCarlo:
     """Errors of identified parameters over all sessions that converged.
 
     ``covered`` ``(k,)`` is the share of 95 % intervals that hold the truth,
-    ``error_covariance_mm2`` ``(k, k)`` the mean product of errors, ``predicted_mm2`` ``(k,)`` the
-    mean stated variance.
+    ``error_covariance_mm2`` ``(k, k)`` the mean product of errors, ``stated_mm`` ``(k,)`` the
+    standard uncertainties as they were stated, r.m.s., mm.
     """
 
     names: tuple[str, ...]
@@ -88,17 +88,12 @@ class MonteCarlo:
     failed: int
     covered: FloatArray
     error_covariance_mm2: FloatArray
-    predicted_mm2: FloatArray
+    stated_mm: FloatArray
 
     @property
     def true_mm(self) -> FloatArray:
         """Standard uncertainties as they were ``(k,)``, mm."""
         return np.sqrt(self.error_covariance_mm2.diagonal())
-
-    @property
-    def stated_mm(self) -> FloatArray:
-        """Standard uncertainties as they were stated ``(k,)``, mm."""
-        return np.sqrt(self.predicted_mm2)
 
 
 def simulate_and_identify(campaign: Campaign, sessions: int, seed: int) -> MonteCarlo:
@@ -114,7 +109,7 @@ def simulate_and_identify(campaign: Campaign, sessions: int, seed: int) -> Monte
         failed=sessions - int(good),
         covered=covered / judged,
         error_covariance_mm2=product / judged,
-        predicted_mm2=stated / judged,
+        stated_mm=np.sqrt(stated / judged),
     )
 
 

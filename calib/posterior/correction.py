@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -12,7 +14,7 @@ from calib.arrays import FloatArray
 from calib.posterior.cells import BASE
 from calib.posterior.library import POWERS
 from calib.posterior.models import Posterior
-from calib.posterior.tool import FRAMES, Frame
+from calib.posterior.tool import FRAMES, Frame, mean_square
 from calib.posterior.tool_errors import ToolErrors
 from calib.tripod.effects.bars import GravitySag
 from calib.tripod.effects.drives import (
@@ -26,6 +28,7 @@ from calib.tripod.effects.drives import (
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import Empirical
 from calib.tripod.pipeline import Model
+from calib.tripod.workspace import PLANES, PlaneMap, plane_map
 
 Holds = Literal["offsets", "play", "tables", "kinematics"]
 HOLDS: tuple[Holds, ...] = ("offsets", "play", "tables", "kinematics")
@@ -43,6 +46,9 @@ DOUBTED = 0.05
 EVEN = 0.5
 """Probability of a larger error from which on a gain that few models expect is no reason."""
 
+MAP_POINTS = 5
+"""Along each side of a map of the tool's error."""
+
 LARGE = 0.4
 """Of the expected mean square: what gains more is entered though it is likelier to harm. Two names
 that explain the readings alike, of 0.6 and 0.4, are both put right in part."""
@@ -57,19 +63,56 @@ class LeftOut:
 
 
 @dataclass(frozen=True, eq=False)
-class Correction:
-    """Values in the tool's field ``(6 + k,)`` that a controller holds, and what the tool keeps.
+class ToolOff:
+    """R.m.s. error of the tool over the workspace with values of the field ``(6 + k,)`` entered.
 
-    ``bound_mm`` is the r.m.s. error over the workspace that 95 % of the posterior keeps, in each
-    frame; ``expected_mm`` its root of the expected mean square.
+    In each frame, mm.
+    """
+
+    posterior: Posterior
+    values: FloatArray
+
+    @cached_property
+    def bound_mm(self) -> dict[Frame, float]:
+        """95 % of the posterior keep it."""
+        return {frame: self.posterior.tool_errors[frame].bound_mm(self.values) for frame in FRAMES}
+
+    @cached_property
+    def least_mm(self) -> dict[Frame, float]:
+        """What is expected less all that 95 % of the posterior differ from it; at least 0."""
+        expected = self.posterior.mean
+        off, least_mm = expected - self.values, {}
+        for frame in FRAMES:
+            shown_mm = math.sqrt(mean_square(self.posterior.field.metrics[frame], off))
+            guard_mm = self.posterior.tool_errors[frame].bound_mm(expected)
+            least_mm[frame] = max(0.0, shown_mm - guard_mm)
+        return least_mm
+
+    def maps(self, frame: Frame) -> tuple[PlaneMap, ...]:
+        """What is expected on the three planes through Zero, r.m.s. of both ways there."""
+        field, errors = self.posterior.field, self.posterior.tool_errors[frame]
+        moment = errors.moment(self.values)
+
+        def expected_mm(tool_mm: FloatArray) -> FloatArray:
+            rows = field.rows_at(tool_mm, frame)
+            square = np.einsum("wpif,wpif->p", rows @ moment, rows) / len(rows)
+            return np.asarray(np.sqrt(square + errors.unplaced_mm2))
+
+        geometry = field.geometry
+        return tuple(plane_map(geometry, plane, MAP_POINTS, expected_mm) for plane in PLANES)
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """What a controller holds, the best in a frame: the tool with it, and the ``model`` it is told.
+
+    ``left_out`` are parts that are not entered.
     """
 
     frame: Frame
     holds: Holds
-    values: FloatArray
+    off: ToolOff
     model: Model
-    bound_mm: dict[Frame, float]
-    expected_mm: float
     left_out: tuple[LeftOut, ...]
 
 
@@ -133,10 +176,8 @@ def correction(
     return Correction(
         frame,
         holds,
-        values,
+        ToolOff(posterior, values),
         model_of(posterior, values),
-        {each: posterior.tool_errors[each].bound_mm(values) for each in FRAMES},
-        errors.expected_mm(values),
         tuple(left_out),
     )
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,8 +12,8 @@ from calib.errors import ImpossibleRequest
 from calib.posterior.cells import BASE
 from calib.posterior.correction import projector_of
 from calib.posterior.models import Posterior
-from calib.posterior.tool import FRAMES, Frame, mean_square
-from calib.stats import COVERAGE, coverage_factor
+from calib.posterior.tool import Frame
+from calib.stats import COVERAGE
 from calib.tripod.effects.drives import AxisOffset
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model
@@ -26,36 +23,6 @@ if TYPE_CHECKING:  # scipy.optimize comes with it
 
 OFFSETS = (0, 1, 2)
 """Columns of the joint offsets in the tool's field."""
-
-
-@dataclass(frozen=True, eq=False)
-class ToolOff:
-    """R.m.s. error of the tool over the workspace with values of the field ``(6 + k,)`` entered.
-
-    In each frame, mm; ``stated`` is `bound_mm` where it was worked out already.
-    """
-
-    posterior: Posterior
-    values: FloatArray
-    stated: dict[Frame, float] | None = None
-
-    @cached_property
-    def bound_mm(self) -> dict[Frame, float]:
-        """95 % of the posterior keep it."""
-        if self.stated is not None:
-            return self.stated
-        return {frame: self.posterior.tool_errors[frame].bound_mm(self.values) for frame in FRAMES}
-
-    @cached_property
-    def least_mm(self) -> dict[Frame, float]:
-        """What is expected less all that 95 % of the posterior differ from it; at least 0."""
-        expected = self.posterior.mean
-        off, least_mm = expected - self.values, {}
-        for frame in FRAMES:
-            shown_mm = math.sqrt(mean_square(self.posterior.field.metrics[frame], off))
-            guard_mm = self.posterior.tool_errors[frame].bound_mm(expected)
-            least_mm[frame] = max(0.0, shown_mm - guard_mm)
-        return least_mm
 
 
 def nothing_entered(posterior: Posterior) -> FloatArray:
@@ -94,24 +61,10 @@ def tower_values(posterior: Posterior, entered: Entered) -> FloatArray:
     return values
 
 
-@dataclass(frozen=True, eq=False)
-class OffsetSpread:
-    """Joint offsets of a correction: 95 % half width ``(3,)``, mm, and a standard uncertainty.
-
-    That of a normal distribution of this half width: what few models say would widen the standard
-    deviation of all beyond it.
-    """
-
-    expanded_mm: FloatArray
-
-    @property
-    def standard_mm(self) -> FloatArray:
-        """Of ``(3,)``."""
-        return self.expanded_mm / coverage_factor(math.inf)
-
-
-def offset_spread(posterior: Posterior, frame: Frame, *, less_common: bool = False) -> OffsetSpread:
-    """How well joint offsets that are entered alone are known, over all models.
+def offset_half_widths_mm(
+    posterior: Posterior, frame: Frame, *, less_common: bool = False
+) -> FloatArray:
+    """95 % half widths ``(3,)`` of joint offsets that are entered alone, over all models, mm.
 
     With ``less_common`` less what all three share.
     """
@@ -133,4 +86,4 @@ def offset_spread(posterior: Posterior, frame: Frame, *, less_common: bool = Fal
         half = (low + high) / 2.0
         inside = weight @ (ndtr((half - off) / deviation) - ndtr((-half - off) / deviation))
         low, high = np.where(inside < COVERAGE, half, low), np.where(inside < COVERAGE, high, half)
-    return OffsetSpread(high)
+    return np.asarray(high)

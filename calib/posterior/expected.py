@@ -64,8 +64,8 @@ def expected_of(planned: TripodPlanning, tolerance_mm: FloatArray) -> ExpectedRe
         )
         for name, kind, six, last in rows
     )
-    worst = _worst(known, offsets.values)
-    return ExpectedResult(parameters, offsets.bound_mm["touched-off"], worst)
+    worst = _worst(known, offsets.off.values)
+    return ExpectedResult(parameters, offsets.off.bound_mm["touched-off"], worst)
 
 
 def _nothing_new(planned: TripodPlanning, tolerance_mm: FloatArray) -> SessionCase:
@@ -81,7 +81,7 @@ def _nothing_new(planned: TripodPlanning, tolerance_mm: FloatArray) -> SessionCa
 def _worst(known: Posterior, values: FloatArray) -> tuple[str, str] | None:
     """The name and place of the largest share of the expected square."""
     shares: dict[tuple[str, str] | None, float] = {}
-    distances = known.tool_errors["touched-off"].distances(values)
+    distances = known.tool_errors["touched-off"].distances(values).tolist()
     for model, (weight, square, _) in zip(known.models, distances, strict=True):
         names: list[tuple[str, str] | None] = [
             (known.components[k].id, known.components[k].where) for k in model.members

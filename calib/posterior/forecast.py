@@ -76,13 +76,12 @@ class Forecast:
         frame: Frame,
         index: Sequence[int],
         stated_mm: float | None = None,
-        heaviest: int = HEAVIEST,
     ) -> Forecast:
         """The heaviest models, and of the others every so many, which stand for those between."""
         weight = np.array([model.weight for model in posterior.models])
         order = np.argsort(-weight, kind="stable")
-        first, light = order[:heaviest], order[heaviest:]
-        step = max(1, -(-len(light) // heaviest))
+        first, light = order[:HEAVIEST], order[HEAVIEST:]
+        step = max(1, -(-len(light) // HEAVIEST))
         groups = [light[k : k + step] for k in range(0, len(light), step)]
         numbers = [*first.tolist(), *(int(some[len(some) // 2]) for some in groups)]
         weights = [*weight[first], *(float(weight[some].sum()) for some in groups)]
@@ -203,23 +202,24 @@ class Forecast:
                 each.append((machine.readings(every) + own @ rest, own))
             except UnreachablePosture:  # as the others: by derivatives of the session
                 each.append((start + columns @ (self.fields[k].mean - self._about), columns))
+        spread_mm = np.minimum(self.cells.case.tolerance_mm[:3], HOMING_MM)
         shown, row = [], 0
         for taken, count in zip(means, counts, strict=True):
             rows = slice(row, row + len(taken))
             row += len(taken)
             whiten = self._whitening(taken, count)
             errors = something_else(taken) if any(g.size_mm for g in self.groups) else None
+            seen = whiten @ columns[rows]
             shown.append(
                 ExpectedReadings(
                     whiten @ start[rows],
-                    whiten @ columns[rows],
+                    seen,
                     np.zeros((len(whiten), 0)) if errors is None else whiten @ errors,
-                    np.zeros((len(whiten), 0)),
+                    seen[:, :3] * spread_mm,
                     tuple((whiten @ e[rows], whiten @ c[rows]) for e, c in each),
                 )
             )
-        spread_mm = np.minimum(self.cells.case.tolerance_mm[:3], HOMING_MM)
-        return [one.with_other_offsets(spread_mm) for one in shown]
+        return shown
 
     def _columns(
         self,
@@ -298,7 +298,7 @@ class Forecast:
         for up in updated:
             distances[up.group.rows, 1:] = up.distances(off[:, up.group.rows])
         kept = weight > LIGHT
-        return quantile_mm([(w, mean, variance) for w, mean, variance in distances[kept].tolist()])
+        return quantile_mm(distances[kept])
 
 
 def _cells(taken: Conditions) -> tuple[Conditions, FloatArray]:

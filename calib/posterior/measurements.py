@@ -41,14 +41,16 @@ LOAD = 2.0
 """The tool with a mass as heavy as itself."""
 MATTERS_OF_LOAD = "gravity_sag"
 
+MINUTES_OF_PREPARATION = 5.0
+"""Of a change before a measurement."""
+
 
 @dataclass(frozen=True)
 class Pace:
-    """What measuring takes: minutes of a set-up and of a change before it, seconds of a step."""
+    """What measuring takes: minutes of a set-up, seconds of a step."""
 
     minutes_per_mounting: float = 2.0
     seconds_per_step: float = 20.0
-    minutes_of_preparation: float = 5.0
 
 
 @dataclass(frozen=True)
@@ -192,7 +194,7 @@ def _of_legs(
 ) -> Iterator[FurtherMeasurement]:
     """Each leg alone and all together."""
     clear_mm = max(abs(change) for change in preparation.entered_mm)
-    extra = pace.minutes_of_preparation if preparation.words else 0.0
+    extra = MINUTES_OF_PREPARATION if preparation.words else 0.0
     for parts, cycles, station in ways:
         for legs in [(leg,) for leg in range(3)] + [(0, 1, 2)]:
             places = [(leg, station) for leg in legs]

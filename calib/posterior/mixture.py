@@ -32,10 +32,6 @@ class ExpectedReadings:
     loose: FloatArray
     followed: tuple[tuple[FloatArray, FloatArray], ...]
 
-    def with_other_offsets(self, spread_mm: FloatArray) -> ExpectedReadings:
-        """With joint offsets that differ from these by so much, standard deviations ``(3,)``."""
-        return replace(self, loose=self.columns[:, : len(spread_mm)] * spread_mm)
-
     @classmethod
     def together(cls, every: Sequence[ExpectedReadings]) -> ExpectedReadings:
         """Several set-ups one after the other."""

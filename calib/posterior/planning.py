@@ -15,13 +15,12 @@ from itertools import combinations, starmap
 import numpy as np
 
 from calib.arrays import TIE, Conditions, FloatArray, descending
-from calib.posterior.correction import Correction, Holds, parts_of
+from calib.posterior.correction import Correction, parts_of
 from calib.posterior.forecast import HEAVIEST, Forecast
 from calib.posterior.library import ELSE
 from calib.posterior.measurements import FurtherMeasurement, MeasurementPreparation
 from calib.posterior.mixture import ExpectedReadings
 from calib.posterior.models import Posterior
-from calib.posterior.tool import Frame
 from calib.tripod.effects.empirical import EMPIRICAL
 
 WORTH = 0.9
@@ -96,23 +95,6 @@ class Outside:
     bound_mm: float
 
 
-@dataclass(frozen=True, eq=False)
-class Prospect:
-    """What the posterior proposes for a frame and a controller; the best a minute first."""
-
-    frame: Frame
-    holds: Holds
-    bound_mm: float
-    proposals: tuple[Proposal, ...]
-    separation: Separation | None
-    outside: Outside | None
-
-    @property
-    def more_helps(self) -> bool:
-        """Whether any proposal lowers the bound to less than `WORTH`."""
-        return any(proposal.bound_mm < WORTH * self.bound_mm for proposal in self.proposals)
-
-
 @dataclass(frozen=True)
 class FurtherSetUp:
     """Set-ups read over the whole way, there and back, and the bound at the tool afterwards.
@@ -176,12 +158,12 @@ class Planner:
             if group not in left_out and name not in left_out
         ]
         frame = self.correction.frame
-        return Forecast.of(self.posterior, frame, index, self.stated_mm, HEAVIEST)
+        return Forecast.of(self.posterior, frame, index, self.stated_mm)
 
     @property
     def bound_mm(self) -> float:
         """Of the correction as it is, in its frame."""
-        return self.correction.bound_mm[self.correction.frame]
+        return self.correction.off.bound_mm[self.correction.frame]
 
     @cached_property
     def readings(self) -> list[ExpectedReadings]:
@@ -207,6 +189,7 @@ class Planner:
         """The bound over that of the models of the forecast, which are not all."""
         return self.bound_mm / self.forecast.now_mm
 
+    @cached_property
     def proposals(self) -> list[Proposal]:
         """The best a minute first."""
         proposals = []
@@ -216,6 +199,12 @@ class Planner:
             proposals.append(Proposal(candidate, bound_mm, gain))
         return descending(proposals, lambda proposal: proposal.gain_mm_per_minute)
 
+    @property
+    def more_helps(self) -> bool:
+        """Whether any proposal lowers the bound to less than `WORTH`."""
+        return any(proposal.bound_mm < WORTH * self.bound_mm for proposal in self.proposals)
+
+    @cached_property
     def reach(self) -> Reach:
         """Set-ups over the whole way, one after the other, each the best for its time.
 
@@ -283,6 +272,7 @@ class Planner:
         rows = np.minimum.reduceat(either, starts, axis=0)
         return np.asarray(np.minimum.reduceat(rows, starts, axis=1))
 
+    @cached_property
     def separation(self) -> Separation | None:
         """The shortest measurement that separates open names nearly best; None where none does.
 
@@ -310,32 +300,22 @@ class Planner:
         nearest = min(float(apart[best][a, b]) for a, b in combinations(kept, 2))
         return Separation(self.candidates[best], tuple(self._open[k][0] for k in kept), nearest)
 
+    @cached_property
     def outside(self) -> Outside | None:
         """What shows the part of the error that legs do not see, where it is the larger one."""
         errors = self.posterior.tool_errors[self.correction.frame]
 
         def bound(shown: Sequence[int]) -> float:
-            return errors.without(shown).bound_mm(self.correction.values)
+            return errors.without(shown).bound_mm(self.correction.off.values)
 
-        whole = errors.bound_mm(self.correction.values)
-        seen = errors.seen.bound_mm(self.correction.values)
+        whole = errors.bound_mm(self.correction.off.values)
+        seen = errors.seen.bound_mm(self.correction.off.values)
         share = 1.0 - (seen / whole) ** 2
         if share <= 0.5:
             return None
         after = {instrument: bound(columns) for instrument, (columns, _) in OUTSIDE.items()}
         best = min(after, key=lambda instrument: after[instrument])
         return Outside(best, OUTSIDE[best][1], share, after[best])
-
-    def plan(self) -> Prospect:
-        """All answers."""
-        return Prospect(
-            self.correction.frame,
-            self.correction.holds,
-            self.bound_mm,
-            tuple(self.proposals()),
-            self.separation(),
-            self.outside(),
-        )
 
 
 OUTSIDE: dict[str, tuple[tuple[int, ...], str]] = {

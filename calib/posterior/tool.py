@@ -27,6 +27,8 @@ RIGID = 6
 """Shifts and turns of the machine as a whole."""
 
 FRAMES: tuple[Frame, ...] = ("touched-off", "aligned", "machine")
+FREE_IN: dict[Frame, int] = {"touched-off": 3, "aligned": RIGID, "machine": 0}
+"""How many of these shifts and turns a frame takes up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +40,10 @@ class ToolField:
     whole. ``starts`` ``(n_placed + 1,)`` are the columns of each of ``placed``, mm per unit.
     """
 
+    geometry: Geometry
     placed: tuple[Placed, ...]
     starts: tuple[int, ...]
     rows: FloatArray
-    points_mm: FloatArray
 
     def columns_of(self, one: Placed) -> range:
         """The columns of a law at a place."""
@@ -59,38 +61,40 @@ class ToolField:
         return {
             frame: np.asarray(rows.T @ rows / count)
             for frame in FRAMES
-            for rows in (self.rows_in(frame),)
+            for rows in (without(np.linalg.qr(self._free(frame))[0], self.rows),)
         }
 
-    def rows_in(self, frame: Frame) -> FloatArray:
-        """`rows` with what the frame takes up projected out."""
-        return self._in_frame(self.rows, frame)
+    def _free(self, frame: Frame) -> FloatArray:
+        """Columns ``(n, 0, 3 or 6)`` of shifts and turns that a frame takes up."""
+        return self.rows[:, -RIGID:][:, : FREE_IN[frame]]
 
-    def _in_frame(self, rows: FloatArray, frame: Frame) -> FloatArray:
-        if frame == "machine":
-            return rows
-        basis = np.linalg.qr(self.rows[:, -RIGID:][:, : 3 if frame == "touched-off" else 6])[0]
-        return without(basis, rows)
+    def rows_at(self, points_mm: FloatArray, frame: Frame) -> FloatArray:
+        """Derivatives ``(2, n_points, 3, f)`` at other places, ways up and down.
+
+        Less what the frame takes up over the workspace.
+        """
+        rows, free = _rows_at(self.geometry, self.placed, points_mm), self._free(frame)
+        taken = np.linalg.pinv(free) @ self.rows
+        return np.asarray(rows - rows[..., -RIGID:][..., : FREE_IN[frame]] @ taken)
 
 
 @lru_cache(maxsize=8)
 def tool_field(geometry: Geometry, placed: tuple[Placed, ...]) -> ToolField:
     """Of the nominal machine."""
-    points = workspace_points(geometry)
-    base = tool_jacobian_at(geometry, points)
-    both = [
-        np.concatenate([base, tool_columns(geometry, points, placed, way)], axis=2)
-        for way in (1.0, -1.0)
-    ]
-    rows = np.concatenate(both).reshape(-1, both[0].shape[2])
-    places = np.tile(points, (2, 1))
-    rigid = np.zeros((len(places), 3, RIGID))
+    rows = _rows_at(geometry, placed, workspace_points(geometry))
+    starts = np.cumsum([BASE, *(len(effect.parameters) for effect, _ in placed)])
+    return ToolField(geometry, placed, tuple(starts.tolist()), rows.reshape(-1, rows.shape[-1]))
+
+
+def _rows_at(geometry: Geometry, placed: tuple[Placed, ...], points_mm: FloatArray) -> FloatArray:
+    """Derivatives ``(2, n_points, 3, f)`` at these places, ways up and down."""
+    base = tool_jacobian_at(geometry, points_mm)
+    rigid = np.zeros((len(points_mm), 3, RIGID))
     rigid[:, :, :3] = np.eye(3)
     for k in range(3):
-        rigid[:, :, 3 + k] = np.cross(np.eye(3)[k], places)
-    rows = np.hstack([rows, rigid.reshape(-1, RIGID)])
-    starts = np.cumsum([BASE, *(len(effect.parameters) for effect, _ in placed)])
-    return ToolField(placed, tuple(starts.tolist()), rows, points)
+        rigid[:, :, 3 + k] = np.cross(np.eye(3)[k], points_mm)
+    ways = (tool_columns(geometry, points_mm, placed, way) for way in (1.0, -1.0))
+    return np.stack([np.concatenate([base, laws, rigid], axis=2) for laws in ways])
 
 
 def laws_held(geometry: Geometry) -> list[Placed]:

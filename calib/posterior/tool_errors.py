@@ -45,9 +45,6 @@ STILL = 1e-14
 UNPLACED_FREEDOM = 12.0
 """Degrees of freedom of an error without a law over the workspace, smooth along the travel."""
 
-Distance = tuple[float, float, float]
-"""Weight, mean and variance of the mean square of the tool's error, mm² and mm⁴."""
-
 
 @dataclass(frozen=True, eq=False)
 class ToolErrors:
@@ -120,8 +117,10 @@ class ToolErrors:
         off = self._mean - values
         return np.asarray((off @ self.metric * off).sum(axis=1))
 
-    def distances(self, values: FloatArray) -> list[Distance]:
-        """Of every model with these values entered; something else acts as each nameless law."""
+    def distances(self, values: FloatArray) -> FloatArray:
+        """Of every model ``(n_models, 3)`` with these values entered: its weight, then mean and
+        variance of the mean square of the tool's error, mm² and mm⁴.
+        """
         slope = (self._mean - values) @ self.metric
         along = np.empty(len(self.models))
         for alike in self._alike:
@@ -132,7 +131,23 @@ class ToolErrors:
             along[k] = model.inflated**2 * along[k] + float(of_root @ of_root)
         size = self._spread[:, 0] + self.expected(values)
         variance = 2.0 * self._spread[:, 1] + 4.0 * along
-        return list(zip(self._weight.tolist(), size.tolist(), variance.tolist(), strict=True))
+        return np.column_stack([self._weight, size, variance])
+
+    def moment(self, values: FloatArray) -> FloatArray:
+        """Expected products ``(f, f)`` of what is left in the field with these values entered."""
+        off = self._mean - values
+        moment = (off.T * self._weight) @ off
+        for alike in self._alike:
+            more = sum(self.models[k].weight * self.models[k].inflated ** 2 for k in alike)
+            moment += more * self.models[alike[0]].base
+        for model in self.models:
+            moment += model.weight * model.root @ model.root.T
+        return np.asarray(moment)
+
+    @property
+    def unplaced_mm2(self) -> float:
+        """Expected mean square of errors that have no law."""
+        return math.fsum(model.weight * model.unplaced_mm2 for model in self.models)
 
     def expected_mm(self, values: FloatArray) -> float:
         """Root of the expected mean square."""
@@ -143,9 +158,12 @@ class ToolErrors:
         return quantile_mm(self.distances(values))
 
 
-def quantile_mm(distances: Sequence[Distance]) -> float:
-    """Root of the quantile `KEPT` of a mixture of gamma distributions of these moments."""
-    weight, size, variance = np.array(distances).T
+def quantile_mm(distances: FloatArray) -> float:
+    """Root of the quantile `KEPT` of a mixture of gamma distributions ``(n, 3)`` of these moments.
+
+    ``distances`` are those of `ToolErrors.distances`.
+    """
+    weight, size, variance = distances.T
     variance = np.maximum(variance, 1e-12 * size**2)
     shape, scale = size**2 / variance, variance / np.maximum(size, 1e-300)
     low, high = 0.0, float((size + 20.0 * np.sqrt(variance)).max())

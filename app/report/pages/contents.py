@@ -229,7 +229,7 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
     named = read_model_file(model).effects if model else ()
     table = new_table("joint", "entered when measured, mm", "add, mm", "± U (95 %)", "together, mm")
     held_mm, added_mm = machine.entered_offsets_mm, solved.joint_offsets_mm
-    wide_mm = solved.corrections.spread().expanded_mm.tolist()
+    wide_mm = solved.corrections.half_widths_mm().tolist()
     for name, held, added, wide in zip(LEG_NAMES, held_mm, added_mm, wide_mm, strict=True):
         row = shown_value(held), shown_value(added), uncertain(wide, 4), shown_value(held + added)
         table.add_row(name, *row)
@@ -261,8 +261,8 @@ def _view(solved: SessionSolution) -> Section:
     """One set of parameters as the papers identify it."""
     solution = solved.solution
     caption = (
-        "Expected error of the tool with the values of this view, µm r.m.s., on three planes "
-        "through Zero."
+        f"Expected error of the tool with the values of this view, {FRAME_WORDS[solved.frame]}, µm "
+        "r.m.s., on three planes through Zero."
     )
     return Section(
         "Parameters as the papers identify them",
@@ -272,7 +272,7 @@ def _view(solved: SessionSolution) -> Section:
             parameter_table(solution),
             *([size_table(solution)] if solution.sizes else []),
             subset_table(solved),
-            Picture(maps_svg(solved.choice.tool_maps(solved.subset)), caption),
+            Picture(maps_svg(solved.tool_maps), caption),
         ],
     )
 

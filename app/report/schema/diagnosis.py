@@ -195,23 +195,23 @@ class PlanReport(Report):
     schema_id: Literal["glidecal.plan/1"] = schema("glidecal.plan/1")
     sessions: tuple[str, ...] = at("plan.sessions")
     machine: str = at("plan.machine")
-    frame: Frame = at("plan.proposed.frame")
-    holds: Holds = at("plan.proposed.holds")
+    frame: Frame = at("plan.planner.correction.frame")
+    holds: Holds = at("plan.planner.correction.holds")
     noise: str = at("plan.noise_words")
-    noise_mm: float = at("plan.noise_mm", "standard deviation of a reading")
+    noise_mm: float = at("plan.planner.forecast.noise_mm", "standard deviation of a reading")
     bound_mm: float = at(
-        "plan.proposed.bound_mm",
+        "plan.planner.bound_mm",
         "what the tool is off by at most now (95 %) with the values that are known entered",
     )
     next: ProposalEntry = at("plan.best")
     runners_up: tuple[ProposalEntry, ...] = at("plan.runners_up")
-    more_helps: bool = at("plan.proposed.more_helps", "any lowers the bound by a tenth")
-    separation: SeparationEntry | None = at("plan.proposed.separation")
+    more_helps: bool = at("plan.planner.more_helps", "any lowers the bound by a tenth")
+    separation: SeparationEntry | None = at("plan.planner.separation")
     outside: Outside | None = at(
-        "plan.proposed.outside", "where legs do not show the larger part of the bound's square"
+        "plan.planner.outside", "where legs do not show the larger part of the bound's square"
     )
     further: tuple[FurtherSetUp, ...] = at(
-        "plan.reach.further",
+        "plan.planner.reach.further",
         "set-ups in turn, each with the bound after it; no more are worth it",
     )
     stations: tuple[float, ...] = STATIONS

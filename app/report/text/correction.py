@@ -14,7 +14,7 @@ from calib.identify.solution import Subset
 from calib.posterior.tool import FRAMES
 
 if TYPE_CHECKING:
-    from calib.posterior.entered import ToolOff
+    from calib.posterior.correction import ToolOff
     from protocols.machine import Frame
 
 SUBSET_WORDS: dict[Subset, str] = {
@@ -64,8 +64,8 @@ def correction_table(correction: SessionCorrection) -> Table:
     table = new_table("enter", "value", "", "± U (95 %)")
     wide = (
         {}
-        if correction.spread is None
-        else dict(zip("xyz", correction.spread.expanded_mm, strict=True))
+        if correction.half_widths_mm is None
+        else dict(zip("xyz", correction.half_widths_mm, strict=True))
     )
     for name, entry in correction.values.items():
         half = wide.get(name[-1]) if name.startswith("d_rho") else None

@@ -12,7 +12,7 @@ from calib.design.criteria import Criterion
 from calib.design.identifiability import SeenBy
 from calib.diagnosis.results import AliasMap
 from calib.posterior.expected import ExpectedResult
-from calib.posterior.planning import Prospect, Reach
+from calib.posterior.planning import Outside, Reach, Separation
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures
 from calib.tripod.workspace import PostureOfTool, Workspace
@@ -161,36 +161,36 @@ def plan_text(plan: MeasurementPlan) -> str:
     table = new_table("next best", "minutes", "tool at most, mm")
     for one in plan.runners_up:
         table.add_row(one.candidate.words, f"{one.candidate.minutes:.1f}", uncertain(one.bound_mm))
-    proposed, best = plan.proposed, plan.best
+    planner, best = plan.planner, plan.best
+    entered = planner.correction
     after = (
         f"In {best.candidate.minutes:.1f} min this lowers the bound (95 %) of the tool error from "
-        f"{uncertain(proposed.bound_mm)} to {uncertain(best.bound_mm)} mm r.m.s., "
-        f"{FRAME_WORDS[proposed.frame]}, {FORMATS_WORDS[proposed.holds]} entered (noise "
+        f"{uncertain(planner.bound_mm)} to {uncertain(best.bound_mm)} mm r.m.s., "
+        f"{FRAME_WORDS[entered.frame]}, {FORMATS_WORDS[entered.holds]} entered (noise "
         f"{plan.noise_words})."
     )
     return paragraphs(
         f"Next, {known}: {best.candidate.words}, both axes. {after}",
         table,
-        further_text(plan.reach),
-        separation_text(proposed),
-        outside_text(proposed),
+        further_text(planner.reach),
+        separation_text(planner.separation),
+        outside_text(planner.outside),
     )
 
 
-def separation_text(proposed: Prospect) -> str:
+def separation_text(separation: Separation | None) -> str:
     """Which measurement separates the names that stay open; empty where none do."""
-    return f"Open names: {proposed.separation.words}." if proposed.separation else ""
+    return f"Open names: {separation.words}." if separation else ""
 
 
-def outside_text(proposed: Prospect) -> str:
+def outside_text(outside: Outside | None) -> str:
     """Which instrument shows what readings of legs do not; empty where that is the smaller part."""
-    if proposed.outside is None:
+    if outside is None:
         return ""
     return (
-        f"{proposed.outside.share:.0%} of the square of this bound is a shift or turn of the whole "
-        f"machine, which readings of legs do not show. With a {proposed.outside.instrument}, "
-        f"{proposed.outside.words}. Without that part the bound is "
-        f"{uncertain(proposed.outside.bound_mm)} mm."
+        f"{outside.share:.0%} of the square of this bound is a shift or turn of the whole "
+        f"machine, which readings of legs do not show. With a {outside.instrument}, "
+        f"{outside.words}. Without that part the bound is {uncertain(outside.bound_mm)} mm."
     )
 
 

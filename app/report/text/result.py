@@ -47,6 +47,7 @@ if TYPE_CHECKING:  # asked for by option only, and heavy
     from app.evaluating.solution import Judgement
     from calib.identify.monte_carlo import MonteCarlo
     from calib.tripod.workspace import PlaneMap
+    from protocols.machine import Frame
 
 BLIND_CONDITION = 1e12
 """Condition number from which on only rounding tells one combination of parameters."""
@@ -269,9 +270,10 @@ def judged_text(judged: Judgement) -> str:
     )
 
 
-def maps_text(maps: tuple[PlaneMap, ...]) -> str:
+def maps_text(maps: tuple[PlaneMap, ...], frame: Frame) -> str:
     """Expected tool error in µm on planes through Zero."""
-    title = "Expected tool error with these values, µm (–: beyond the joint limits)"
+    with_these = f"with the values of this view, {FRAME_WORDS[frame]}"
+    title = f"Expected tool error {with_these}, µm (–: beyond the joint limits)"
     return paragraphs(title, *(map_table(one, lambda mm: f"{1000.0 * mm:.0f}") for one in maps))
 
 

@@ -54,7 +54,7 @@ def test_a_plan_is_made_of_the_same_posterior(session: Path, tmp_path: Path) -> 
     plan = next_measurement(sessions, model_file=path)
     diagnosed = diagnose_files([session], model=path)
     bound_mm = diagnosed.tool.entered_mm["offsets"]
-    assert plan.proposed.bound_mm == pytest.approx(bound_mm, rel=1e-6)
+    assert plan.planner.bound_mm == pytest.approx(bound_mm, rel=1e-6)
 
 
 def test_a_held_size_is_no_size_of_the_readings(session: Path, tmp_path: Path) -> None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from calib.arrays import FloatArray, Observations, observe
+from calib.diagnosis.diagnose import diagnosis_of
 from calib.diagnosis.results import Diagnosis, Finding
 from calib.noise.reading import IndicatorFigures
 from calib.posterior.cells import SessionCase
+from calib.posterior.posterior import posterior
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.effect import EffectInstance, Kind
+from calib.tripod.effects.effect import Effect, EffectInstance, Kind
 from calib.tripod.pipeline import Model, measure
 from tests.builders import conditions_of
 
@@ -20,6 +23,14 @@ LAWS = {effect.id: effect for effect in reversed(CATALOGUE)}
 
 
 SWEEP, TWO_STATION, SHORT = map(conditions_of, ("sweep", "two-station", "zero-max-min"))
+
+
+def diagnose(
+    cases: Sequence[SessionCase],
+    effects: Sequence[Effect] | None = None,
+    held_out: Sequence[SessionCase] = (),
+) -> Diagnosis:
+    return diagnosis_of(posterior(cases, effects), held_out)
 
 
 def case(

@@ -48,8 +48,8 @@ def test_a_wrong_size_of_the_model_is_found_again(taken: object) -> None:
     made = correction(free, "play")
     (column,) = free.field.columns_of((PLAY, "z"))
     middle_mm, u_mm = value_and_deviation(free, (PLAY, "z"))
-    assert made.values[column] == pytest.approx(middle_mm, abs=u_mm)
-    assert abs(made.values[column] - 0.05) < 4.0 * u_mm
+    assert made.off.values[column] == pytest.approx(middle_mm, abs=u_mm)
+    assert abs(made.off.values[column] - 0.05) < 4.0 * u_mm
     assert u_mm < 0.002
     # as well known as where it is found without a model
     without = posterior([session])
@@ -109,7 +109,7 @@ def test_a_size_that_fits_is_kept_and_its_uncertainty_is_in_the_bound() -> None:
     middle, u = value_and_deviation(free, (effect.effect, "y"))
     assert abs(middle - 0.5) < 4.0 * u
     assert value_and_deviation(held, (effect.effect, "y"))[1] < 0.5 * u
-    bounds_mm = [correction(one, "tables").bound_mm["touched-off"] for one in (free, held)]
+    bounds_mm = [correction(one, "tables").off.bound_mm["touched-off"] for one in (free, held)]
     assert bounds_mm[0] > bounds_mm[1]
 
 

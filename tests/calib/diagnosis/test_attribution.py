@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.diagnose import diagnose, sentence
+from calib.diagnosis.diagnose import sentence
 from calib.diagnosis.results import Named
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
-from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, names
+from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, diagnose, names
 
 
 @pytest.mark.parametrize("seed", range(4))

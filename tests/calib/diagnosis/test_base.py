@@ -11,7 +11,6 @@ import pytest
 
 from app.evaluating.diagnosis import diagnose_files
 from calib.arrays import Observations, observe
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.gap import Leftover
 from calib.noise.reading import IndicatorFigures
 from calib.posterior.cells import Cells, SessionCase
@@ -24,6 +23,7 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     SWEEP,
     TOLERANCE_MM,
     TWO_STATION,
+    diagnose,
     names,
     possible,
 )

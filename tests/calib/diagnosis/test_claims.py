@@ -145,7 +145,7 @@ def test_claims_of_a_posterior_are_its_models_read_one_by_one() -> None:
 def bounds_mm(posterior: Posterior) -> list[float]:
     """Of the tool touched off, with joint offsets and with all that a controller can hold."""
     some = correction(posterior, "offsets"), correction(posterior, "kinematics")
-    return [made.bound_mm["touched-off"] for made in some]
+    return [made.off.bound_mm["touched-off"] for made in some]
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -13,10 +13,16 @@ import numpy as np
 import pytest
 
 from calib.arrays import FloatArray, IntArray, Observations
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.results import CleanedReadings, Diagnosis
 from calib.posterior.cells import SessionCase
-from tests.calib.diagnosis.diagnosed_sessions import SHORT, SWEEP, case, mistakes, with_values
+from tests.calib.diagnosis.diagnosed_sessions import (
+    SHORT,
+    SWEEP,
+    case,
+    diagnose,
+    mistakes,
+    with_values,
+)
 
 Change = Callable[[Observations, FloatArray], FloatArray]
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from calib.arrays import Observations, observe
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.results import Diagnosis
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.effects import CATALOGUE
@@ -21,6 +20,7 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     SWEEP,
     TWO_STATION,
     case,
+    diagnose,
     names,
     with_readings,
 )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.arrays import Observations
-from calib.diagnosis.diagnose import NO_LAW, diagnose
+from calib.diagnosis.diagnose import NO_LAW
 from calib.diagnosis.results import Diagnosis, ModelDiscrepancy
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
@@ -17,6 +17,7 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     SWEEP,
     TWO_STATION,
     case,
+    diagnose,
     names,
     with_values,
 )

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from calib.arrays import FloatArray, Observations
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.gap import Leftover, locate
 from calib.posterior.cells import Cells
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, derivatives
-from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case
+from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, diagnose
 
 
 def left_by_the_true_effect_mm(cells: Cells, effect: EffectInstance) -> float:

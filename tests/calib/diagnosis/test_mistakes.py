@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from calib.arrays import IntArray, Observations
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.results import CleanedReadings, Diagnosis, Finding
 from calib.noise.reading import IndicatorFigures
 from calib.posterior.cells import SessionCase
@@ -20,6 +19,7 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     SWEEP,
     TWO_STATION,
     case,
+    diagnose,
     mistakes,
     names,
     possible,

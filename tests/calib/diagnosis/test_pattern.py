@@ -10,12 +10,11 @@ import pytest
 
 from app.evaluating.diagnosis import diagnose_files
 from calib.arrays import FloatArray, observe
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.pattern import shared_pattern
 from calib.diagnosis.results import SharedPattern
 from calib.posterior.cells import Cells, SessionCase
 from calib.tripod.effects import CATALOGUE
-from tests.calib.diagnosis.diagnosed_sessions import SWEEP, case, with_readings
+from tests.calib.diagnosis.diagnosed_sessions import SWEEP, case, diagnose, with_readings
 
 SAMPLES = Path("sample_sessions")
 TABLE_1 = {  # papers/000 table 1, Max - Min: x_y, y_x, y_z, z_y, x_z, z_x

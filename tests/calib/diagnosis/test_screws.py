@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from calib.arrays import Observations
-from calib.diagnosis.diagnose import diagnose
 from calib.posterior.cells import Cells
 from calib.posterior.screws import with_searched_leads
 from calib.tripod.effects import CATALOGUE
@@ -13,7 +12,14 @@ from calib.tripod.effects.drives import ActuatorCyclic
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
-from tests.calib.diagnosis.diagnosed_sessions import SHORT, SWEEP, TWO_STATION, case, names
+from tests.calib.diagnosis.diagnosed_sessions import (
+    SHORT,
+    SWEEP,
+    TWO_STATION,
+    case,
+    diagnose,
+    names,
+)
 
 
 @pytest.mark.parametrize("taken", [SWEEP, TWO_STATION])

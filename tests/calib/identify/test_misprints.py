@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from calib.arrays import FloatArray
-from calib.identify.identify import identify
 from calib.identify.solution import Subset
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.pipeline import Model
 from protocols.observations import to_observations
 from protocols.record import read_record
 from protocols.session import fold
+from tests.calib.identify.identified import identify
 
 L_MM, MAX_MM, MIN_MM = 310.25, 60.0, -100.0
 PAIRS = (("x", "y"), ("y", "z"), ("x", "z"))

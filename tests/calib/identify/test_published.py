@@ -12,7 +12,6 @@ import pytest
 
 from calib.arrays import Observations
 from calib.errors import NotIdentifiable
-from calib.identify.identify import identify
 from calib.identify.solution import Solution, Subset
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.differences import differences, reading_matrix
@@ -21,6 +20,7 @@ from calib.tripod.pipeline import Model
 from protocols.observations import to_observations
 from protocols.record import read_record
 from protocols.session import fold
+from tests.calib.identify.identified import identify
 
 MODEL = Model()
 STATED = IndicatorFigures(resolution_mm=0.01, repeatability_mm=0.02)

@@ -10,12 +10,12 @@ import pytest
 from calib.arrays import Conditions, Observations, conditions, observe
 from calib.errors import NotIdentifiable
 from calib.identify.fit import Size
-from calib.identify.identify import identify
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.effects.drives import ActuatorScale, AxisSquareness, Backlash
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, measure
+from tests.calib.identify.identified import identify
 
 LEAN_AND_PLAY = (
     Size("lean", "mrad", 0.5, ((0, 0),)),

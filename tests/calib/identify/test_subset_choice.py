@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.identify.identify import identify
 from calib.identify.solution import Subset
 from calib.identify.subset_choice import choose_subset
 from calib.noise.reading import IndicatorFigures
@@ -20,6 +19,7 @@ from protocols.observations import to_observations
 from protocols.record import read_record
 from protocols.session import fold
 from tests.builders import conditions_of, observed, postures
+from tests.calib.identify.identified import identify
 
 TOLERANCES = np.array([2.0] * 3 + [0.1] * 3)
 LONG = (18.0, -18.0, 18.0, 18.0, -18.0, 18.0)

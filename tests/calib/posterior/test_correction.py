@@ -12,6 +12,7 @@ from calib.posterior.correction import HOLDS, Holds, correction, parts_of
 from calib.posterior.models import Posterior, Weighted
 from calib.posterior.posterior import posterior
 from calib.posterior.tool import FRAMES, Frame
+from calib.tripod.workspace import workspace_points
 from tests.calib.posterior.hidden_machines import SHORT, SWEEP, hidden, session
 
 DRAWS = 4_000
@@ -26,7 +27,7 @@ def unsure() -> Posterior:
 
 def in_frame(result: Posterior, error: FloatArray, frame: Frame) -> FloatArray:
     """Mean squares ``(k,)`` of errors ``(3 n, k)`` less the best shift, or shift and turn."""
-    places = np.tile(result.field.points_mm, (2, 1))
+    places = np.tile(workspace_points(result.geometry), (2, 1))
     if frame != "machine":
         columns = [np.tile(np.eye(3), (len(places), 1))]
         if frame == "aligned":
@@ -58,9 +59,9 @@ def test_the_bound_is_what_975_of_1000_machines_drawn_from_the_posterior_keep(
 ) -> None:
     entered = correction(unsure, holds, frame)
     machines = drawn(unsure, np.random.default_rng(1), DRAWS)
-    error = unsure.field.rows @ (machines - entered.values[:, None])
+    error = unsure.field.rows @ (machines - entered.off.values[:, None])
     kept_mm = float(np.sqrt(np.quantile(in_frame(unsure, error, frame), 0.975)))
-    assert entered.bound_mm[frame] == pytest.approx(kept_mm, rel=0.08)
+    assert entered.off.bound_mm[frame] == pytest.approx(kept_mm, rel=0.08)
 
 
 @pytest.mark.parametrize("frame", FRAMES)
@@ -68,10 +69,10 @@ def test_no_other_values_leave_less(unsure: Posterior, frame: Frame) -> None:
     entered = correction(unsure, "kinematics", frame)
     generator = np.random.default_rng(2)
     held = [k for parts in parts_of(unsure, "kinematics").values() for _, i in parts for k in i]
-    off = unsure.field.rows @ (unsure.mean - entered.values)
+    off = unsure.field.rows @ (unsure.mean - entered.off.values)
     least = float(in_frame(unsure, off[:, None], frame)[0])
     for _ in range(40):
-        other = entered.values.copy()
+        other = entered.off.values.copy()
         other[held] += 1e-3 * generator.standard_normal(len(held))
         moved = unsure.field.rows @ (unsure.mean - other)
         assert float(in_frame(unsure, moved[:, None], frame)[0]) > least - 1e-9
@@ -81,9 +82,10 @@ def test_more_in_the_controller_and_more_freedom_of_the_frame_leave_no_more(
     unsure: Posterior,
 ) -> None:
     for frame in FRAMES:
-        expected = [correction(unsure, holds, frame).expected_mm for holds in HOLDS]
+        entered = [correction(unsure, holds, frame).off.values for holds in HOLDS]
+        expected = [unsure.tool_errors[frame].expected_mm(values) for values in entered]
         assert expected == sorted(expected, reverse=True)
-    bound = correction(unsure, "kinematics").bound_mm
+    bound = correction(unsure, "kinematics").off.bound_mm
     assert bound["aligned"] <= bound["touched-off"] <= bound["machine"]
 
 
@@ -94,9 +96,9 @@ def test_the_true_machine_is_within_the_bound_where_nothing_else_is_hidden() -> 
     truth[:6] = machine.parameters_mm
     for frame in FRAMES:
         entered = correction(result, "kinematics", frame)
-        off = result.field.rows @ (truth - entered.values)
-        assert float(in_frame(result, off[:, None], frame)[0]) <= entered.bound_mm[frame] ** 2
-        assert entered.bound_mm[frame] < 0.04
+        off = result.field.rows @ (truth - entered.off.values)
+        assert float(in_frame(result, off[:, None], frame)[0]) <= entered.off.bound_mm[frame] ** 2
+        assert entered.off.bound_mm[frame] < 0.04
 
 
 @pytest.mark.parametrize(("weight", "entered"), [(0.35, False), (0.49, True), (0.60, True)])

@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
-from calib.arrays import observe
+from calib.arrays import FloatArray, observe
 from calib.noise.reading import IndicatorFigures
 from calib.posterior.cells import SessionCase
-from calib.posterior.correction import HOLDS, Holds, correction, projector_of
+from calib.posterior.correction import HOLDS, Holds, ToolOff, correction, projector_of
 from calib.posterior.entered import (
     OFFSETS,
-    ToolOff,
     nothing_entered,
-    offset_spread,
+    offset_half_widths_mm,
     tower_values,
     values_of,
 )
 from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior
-from calib.posterior.tool import FRAMES
+from calib.posterior.tool import FRAMES, Frame
 from calib.tripod.effects.drives import ActuatorCyclic, AxisOffset, AxisSquareness, Backlash
 from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.geometry import direct, inverse
 from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model
 from calib.tripod.towers import ON_ONE_CIRCLE, entered
-from tests.builders import conditions_of
+from calib.tripod.workspace import workspace_points
+from tests.builders import conditions_of, observed
 from tests.calib.tripod.test_linear_delta import rings
 from tests.tripods import DELTA, ORTHOGLIDE
 
@@ -51,13 +54,11 @@ def plain() -> Posterior:
 
 def test_values_of_a_correction_are_those_of_its_model(plain: Posterior) -> None:
     made = correction(plain, "tables")
-    assert values_of(plain, made.model) == pytest.approx(made.values)
+    assert values_of(plain, made.model) == pytest.approx(made.off.values)
 
 
-def test_the_bound_of_a_correction_is_that_of_its_values(plain: Posterior) -> None:
-    made = correction(plain, "play", "aligned")
-    off = ToolOff(plain, made.values)
-    assert off.bound_mm == pytest.approx(made.bound_mm)
+def test_a_correction_leaves_less_than_the_least_without_it(plain: Posterior) -> None:
+    off = correction(plain, "play", "aligned").off
     now = ToolOff(plain, nothing_entered(plain))
     for frame in FRAMES:
         assert off.least_mm[frame] < off.bound_mm[frame] < now.least_mm[frame]
@@ -75,13 +76,13 @@ def test_parts_that_a_controller_does_not_take_are_left_out_with_the_reason(
     """All of a kind, or one; what they did goes into the others as far as it can."""
     one = correction(plain, "play", absent={"play of y": "worn"})
     assert "worn" in [left.reason for left in one.left_out if left.part == "play of y"]
-    assert one.values[list(plain.field.columns_of((Backlash(), "y")))] == pytest.approx([0.0])
+    assert one.off.values[list(plain.field.columns_of((Backlash(), "y")))] == pytest.approx([0.0])
     made = correction(plain, "tables", absent={"table": "no tables here", "play": "no play"})
     reasons = {one.part: one.reason for one in made.left_out}
     assert {reasons[f"table of {leg}"] for leg in "xyz"} == {"no tables here"}
     assert made.model.effects == ()
     alone = correction(plain, "offsets")
-    assert made.values == pytest.approx(alone.values)
+    assert made.off.values == pytest.approx(alone.off.values)
 
 
 def test_what_gains_nothing_is_left_out() -> None:
@@ -98,9 +99,9 @@ def test_an_effect_that_the_model_has_is_entered_as_far_as_it_can_be(
     known = posterior([case(PLAY, known=(PLAY,))])
     assert known.start[list(known.field.columns_of((Backlash(), "y")))] == pytest.approx([0.06])
     same = correction(known, holds), correction(plain, holds)
-    assert same[0].values[:3] == pytest.approx(same[1].values[:3], abs=0.003)
+    assert same[0].off.values[:3] == pytest.approx(same[1].off.values[:3], abs=0.003)
     play = [
-        made.values[list(found.field.columns_of((Backlash(), "y")))]
+        made.off.values[list(found.field.columns_of((Backlash(), "y")))]
         for made, found in zip(same, (known, plain), strict=True)
     ]
     assert play[0] == pytest.approx(play[1], abs=0.003)
@@ -110,7 +111,7 @@ def test_a_lead_that_no_library_has_is_known_of_a_model() -> None:
     odd = EffectInstance(ActuatorCyclic(7.3), "x", (12.0, 0.0))
     known = posterior([case(odd, known=(odd,))])
     made = correction(known, "tables")
-    column = made.values[list(known.field.columns_of((ActuatorCyclic(7.3), "x")))]
+    column = made.off.values[list(known.field.columns_of((ActuatorCyclic(7.3), "x")))]
     assert column == pytest.approx([12.0, 0.0], abs=0.5)
 
 
@@ -118,11 +119,11 @@ def test_squareness_of_a_model_goes_into_the_axes() -> None:
     lean = EffectInstance(AxisSquareness(), "xy", (2.0,))
     known = posterior([case(lean, known=(lean,))])
     offsets, axes = (correction(known, holds, "aligned") for holds in ("offsets", "kinematics"))
-    assert axes.bound_mm["aligned"] < 0.2 * offsets.bound_mm["aligned"]
+    assert axes.off.bound_mm["aligned"] < 0.2 * offsets.off.bound_mm["aligned"]
 
 
 def test_how_well_offsets_are_known_is_that_of_drawn_machines(plain: Posterior) -> None:
-    """Standard deviation and 95 % half width of the projected offsets against 200,000 draws."""
+    """95 % half widths of the projected offsets against 200,000 draws."""
     into = projector_of(plain, OFFSETS, "touched-off")
     generator, drawn = np.random.default_rng(1), []
     for model in plain.models_in_field:
@@ -131,9 +132,8 @@ def test_how_well_offsets_are_known_is_that_of_drawn_machines(plain: Posterior) 
         spread = np.linalg.cholesky(into @ covariance @ into.T)
         drawn.append(into @ model.mean + generator.normal(size=(count, 3)) @ spread.T)
     off = np.concatenate(drawn) - into @ plain.mean
-    found = offset_spread(plain, "touched-off")
-    assert found.standard_mm == pytest.approx(found.expanded_mm / 1.95996, rel=1e-5)
-    assert found.expanded_mm == pytest.approx(np.quantile(np.abs(off), 0.95, axis=0), rel=0.03)
+    found_mm = offset_half_widths_mm(plain, "touched-off")
+    assert found_mm == pytest.approx(np.quantile(np.abs(off), 0.95, axis=0), rel=0.03)
 
 
 def test_towers_of_firmware_stand_in_the_field_where_they_are() -> None:
@@ -152,3 +152,35 @@ def test_towers_of_firmware_stand_in_the_field_where_they_are() -> None:
     wanted = rows @ values_of(found, truth)
     assert np.abs(wanted).max() > 0.15
     assert np.abs(told - wanted).max() < 0.005
+
+
+def test_a_map_shows_what_the_machine_does_at_each_place() -> None:
+    """Against its exact kinematics, less what it does on average where the tool is touched off."""
+    parameters_mm = np.array([0.3, -0.2, 0.1, 0.03, 0.0, -0.02])
+
+    def moved_mm(places_mm: FloatArray) -> FloatArray:
+        joint_mm = inverse(ORTHOGLIDE, places_mm) + parameters_mm[:3]
+        return np.asarray(direct(ORTHOGLIDE, joint_mm, parameters_mm[3:]) - places_mm)
+
+    taken = observed(parameters_mm.tolist(), conditions_of("two-station"), scatter_mm=1e-4, seed=1)
+    figures = IndicatorFigures(repeatability_mm=1e-4)
+    known = posterior([SessionCase(Model(), taken, figures, np.array([2.0] * 3 + [0.1] * 3))])
+    off = ToolOff(known, nothing_entered(known))
+    on_average = moved_mm(workspace_points(ORTHOGLIDE)).mean(axis=0)
+    frames: dict[Frame, FloatArray] = {"machine": np.zeros(3), "touched-off": on_average}
+    for frame, free_mm in frames.items():
+        drawn = off.maps(frame)[0]
+        for i, j in product(range(5), repeat=2):
+            place = np.array([drawn.coordinate_mm[j], drawn.up_mm[i], 0.0])
+            stands = bool(ORTHOGLIDE.stands(place))
+            true_mm = float(np.linalg.norm(moved_mm(place) - free_mm)) if stands else np.nan
+            assert drawn.value[i, j] == pytest.approx(true_mm, abs=0.004, nan_ok=True)
+
+
+def test_the_mean_of_the_tool_over_the_workspace_is_that_of_its_places(plain: Posterior) -> None:
+    field, values = plain.field, correction(plain, "offsets").off.values
+    for frame in FRAMES:
+        rows = field.rows_at(workspace_points(field.geometry), frame)
+        errors = plain.tool_errors[frame]
+        square = np.einsum("wpif,fg,wpig->wp", rows, errors.moment(values), rows).mean()
+        assert square + errors.unplaced_mm2 == pytest.approx(errors.expected_mm(values) ** 2)

@@ -52,7 +52,7 @@ def test_the_bound_is_that_of_a_session_that_shows_nothing_new(procedure: str) -
         data = observe(taken, Model().readings(taken) + noise)
         figures = IndicatorFigures(repeatability_mm=0.002)
         result = posterior([SessionCase(Model(), data, figures, TOLERANCE_MM)])
-        bounds_mm.append(correction(result, "offsets").bound_mm["touched-off"])
+        bounds_mm.append(correction(result, "offsets").off.bound_mm["touched-off"])
     # readings without noise speak for nothing at all: one bound in five is lower than in a session
     assert 0.8 < expected(procedure).bound_mm / np.median(bounds_mm) < 1.05
 

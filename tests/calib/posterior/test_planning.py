@@ -108,7 +108,7 @@ class Trial:
     def bound_after_mm(self, candidate: FurtherMeasurement, machine: Model) -> float:
         """Of the new posterior, once a candidate is read of a machine."""
         case = with_reading_of(self.case, candidate, machine, self.generator)
-        return self.entered(posterior([case])).bound_mm["touched-off"]
+        return self.entered(posterior([case])).off.bound_mm["touched-off"]
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def followed() -> list[Followed]:
     every = []
     for number in range(20):
         trial = Trial.of(number, "offsets" if number % 10 < 5 else "kinematics")
-        proposals = trial.planner.proposals()
+        proposals = trial.planner.proposals
         best, worst = proposals[0], max(proposals, key=lambda one: one.bound_mm)
         now_mm = trial.planner.bound_mm
         for _ in range(MACHINES):
@@ -180,30 +180,29 @@ def play_or_screw() -> Planner:
 
 
 def test_the_best_a_minute_come_first(play_or_screw: Planner) -> None:
-    plan = play_or_screw.plan()
     bound_mm = play_or_screw.bound_mm
-    assert plan.bound_mm == bound_mm == play_or_screw.correction.bound_mm["touched-off"]
-    gains = [one.gain_mm_per_minute for one in plan.proposals]
+    assert bound_mm == play_or_screw.correction.off.bound_mm["touched-off"]
+    gains = [one.gain_mm_per_minute for one in play_or_screw.proposals]
     assert gains == sorted(gains, reverse=True)
-    for one in plan.proposals:
+    for one in play_or_screw.proposals:
         gain = (bound_mm - one.bound_mm) / one.candidate.minutes
         assert one.gain_mm_per_minute == pytest.approx(gain)
     assert gains[0] > 0.0
-    assert plan.more_helps
+    assert play_or_screw.more_helps
 
 
 def test_slow_mountings_make_long_set_ups_better() -> None:
     case, _ = session(SHORT, hidden("backlash", "x", 0.03), seed=2, scatter_mm=NOISE_MM)
     slow = planner_of(case, pace=Pace(minutes_per_mounting=60.0, seconds_per_step=1.0))
     quick = planner_of(case, pace=Pace(minutes_per_mounting=0.0, seconds_per_step=60.0))
-    steps = [len(one.proposals()[0].candidate.taken[0]) for one in (quick, slow)]
-    minutes = [one.proposals()[0].candidate.minutes for one in (quick, slow)]
+    steps = [len(one.proposals[0].candidate.taken[0]) for one in (quick, slow)]
+    minutes = [one.proposals[0].candidate.minutes for one in (quick, slow)]
     assert steps[0] < steps[1]
     assert minutes == [steps[0] / 2, 60.0 + steps[1] / 120]
 
 
 def test_the_measurement_that_separates_names_decides(play_or_screw: Planner) -> None:
-    separation = play_or_screw.separation()
+    separation = play_or_screw.separation
     assert separation is not None
     assert separation.names[0] == (("backlash", "x"),)
     assert (("actuator_cyclic", "x"),) in separation.names
@@ -225,26 +224,26 @@ def test_where_a_name_is_certain_nothing_is_to_be_separated() -> None:
     case, _ = session(SWEEP, hidden("backlash", "x", 0.05), seed=1)
     planner = planner_of(case)
     assert planner.posterior.places["backlash", "x"] > 0.95
-    assert planner.separation() is None
+    assert planner.separation is None
 
 
 def test_more_of_the_same_does_not_help_where_offsets_cannot_hold_what_is_known() -> None:
     case, _ = session(TWO_STATION, hidden("backlash", "x", 0.03), seed=2, scatter_mm=NOISE_MM)
-    plan = planner_of(case).plan()
+    plan = planner_of(case)
     assert not plan.more_helps
     assert plan.outside is None
 
 
 def test_set_ups_in_turn_lower_the_bound_as_long_as_each_is_worth_it() -> None:
     trial = Trial.of(0, "kinematics")
-    reach = trial.planner.reach()
+    reach = trial.planner.reach
     bounds = [trial.planner.bound_mm, *(one.bound_mm for one in reach.further)]
     assert 1 <= len(reach.further) < 6
     assert reach.is_last
     for before, after in pairwise(bounds):
         assert after < 0.9 * before
     first = reach.further[0]
-    proposals = trial.planner.proposals()
+    proposals = trial.planner.proposals
     alone = [one for one in proposals if one.candidate.levels_mm == first.displacements_mm]
     (proposal,) = [one for one in alone if one.candidate.legs == first.legs]
     assert first.bound_mm == pytest.approx(proposal.bound_mm, rel=1e-6)
@@ -273,13 +272,13 @@ def test_what_legs_do_not_see_is_shown_by_another_instrument(
 ) -> None:
     case, _ = session(TWO_STATION, hidden(effect, places, 2.0), seed=3, scatter_mm=NOISE_MM)
     planner = planner_of(case, "kinematics", frame)
-    outside = planner.outside()
+    outside = planner.outside
     assert outside is not None
     assert outside.instrument == instrument
     assert outside.share > 0.5
     assert outside.bound_mm < 0.5 * planner.bound_mm
     aligned = planner_of(case, "kinematics", "aligned")
-    assert aligned.outside() is None
+    assert aligned.outside is None
 
 
 def test_weight_on_the_bars_is_seen_by_a_load() -> None:
@@ -330,14 +329,14 @@ def test_a_procedure_of_the_program_is_judged_beside_set_ups(play_or_screw: Plan
     assert one.text == "sweep"
     steps = sum(len(taken) for taken in sweep) / 2
     assert one.minutes == pytest.approx(3 * 2.0 + steps / 3.0)
-    (proposal,) = Planner(result, play_or_screw.correction, (one,)).proposals()
-    best = min(play_or_screw.proposals(), key=lambda proposal: proposal.bound_mm)
+    (proposal,) = Planner(result, play_or_screw.correction, (one,)).proposals
+    best = min(play_or_screw.proposals, key=lambda proposal: proposal.bound_mm)
     assert proposal.bound_mm == pytest.approx(best.bound_mm, rel=0.05)
 
 
 def test_a_session_without_a_known_noise_has_a_plan() -> None:
     case, _ = session(SHORT, seed=3, scatter_mm=NOISE_MM)
     once = case.observed.take(np.flatnonzero(case.observed.cycle == 1))
-    plan = planner_of(replace(case, observed=once)).plan()
+    plan = planner_of(replace(case, observed=once))
     bounds = [one.bound_mm for one in plan.proposals]
     assert 0.1 * plan.bound_mm < min(bounds) < plan.bound_mm < np.inf

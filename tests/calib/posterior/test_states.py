@@ -63,7 +63,7 @@ def test_a_leg_read_again_leaves_the_machine_known(sessions: list[SessionCase]) 
     assert deviation[1] < 0.5 * HOMING_MM  # leg x read along y shows it
     alone = posterior([replace(case, state=None) for case in sessions])
     shared_mm, own_mm = (
-        correction(one, "offsets").bound_mm["touched-off"] for one in (together, alone)
+        correction(one, "offsets").off.bound_mm["touched-off"] for one in (together, alone)
     )
     assert shared_mm < 0.01
     assert own_mm > 0.5

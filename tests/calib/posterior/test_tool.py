@@ -81,7 +81,7 @@ def test_more_readings_lower_the_bound() -> None:
     few, more = (with_offsets(data) for data in (FEW, at_two_stations(MACHINE)))
     for result, _ in (few, more):
         assert max(result.places.values()) < 0.5
-    assert more[1].bound_mm["machine"] < 0.7 * few[1].bound_mm["machine"]
+    assert more[1].off.bound_mm["machine"] < 0.7 * few[1].off.bound_mm["machine"]
 
 
 def test_a_hidden_scale_is_in_the_bound() -> None:
@@ -92,6 +92,6 @@ def test_a_hidden_scale_is_in_the_bound() -> None:
     keeps = replace(WITH_SCALE, parameters_mm=tuple(left_mm.tolist()))
     moved = machine_at(keeps, inverse(ORTHOGLIDE, points), 1.0)
     true = float(np.sqrt(((moved.tool_mm - points) ** 2).sum(axis=1).mean()))
-    assert true < entered.bound_mm["machine"] < 3.0 * true
+    assert true < entered.off.bound_mm["machine"] < 3.0 * true
     scales = [p for (name, _), p in result.places.items() if name == "actuator_scale"]
     assert sum(scales) > 0.5

@@ -18,7 +18,6 @@ from calib.arrays import Conditions, FloatArray, Observations, observe, set_up_u
 from calib.diagnosis.gap import Leftover
 from calib.errors import NotIdentifiable
 from calib.identify.fit import PlainFit
-from calib.identify.identify import identify
 from calib.noise.reading import IndicatorFigures, visits
 from calib.posterior.cells import Cells, SessionCase
 from calib.tripod.effects.bars import LegBow
@@ -28,6 +27,7 @@ from calib.tripod.pipeline import Model, command, derivatives, simulate
 from calib.tripod.plain import TripodDesign, plain_design
 from protocols.machine import Machine
 from protocols.procedure import Plane, Procedure, load_procedure
+from tests.calib.identify.identified import identify
 
 NOMINAL = Geometry()
 L_MM = 310.25

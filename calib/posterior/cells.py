@@ -303,12 +303,14 @@ def _likeliest_mm2(case: SessionCase, visited: Observations) -> float:
     within = design_of(case.model, visited, range(BASE), ()) * case.spread_mm
     both = np.column_stack([visited.value_mm - case.model.readings(visited), within])
     shown = without_zeros(visited, visited.averaged, both)
-    square, axes = np.linalg.eigh(shown[:, 1:] @ shown[:, 1:].T)
+    axes, singular, _ = np.linalg.svd(shown[:, 1:], full_matrices=False)
     along = (axes.T @ shown[:, 0]) ** 2
-    variances = SCATTERS_MM[:, None] ** 2 + np.maximum(square, 0.0)
+    variances = SCATTERS_MM[:, None] ** 2 + singular**2
     likelihood = -0.5 * (np.log(variances) + along / variances).sum(axis=1)
-    # of each mounting one direction is its zero, which nothing scatters
-    likelihood += visited.mount_count * np.log(SCATTERS_MM)
+    # all other directions only scatter; of each mounting one is its zero, which nothing does
+    others = len(visited) - len(singular) - visited.mount_count
+    beside = max(float(shown[:, 0] @ shown[:, 0] - along.sum()), 0.0)
+    likelihood -= others * np.log(SCATTERS_MM) + 0.5 * beside / SCATTERS_MM**2
     return float(SCATTERS_MM[likelihood.argmax()] ** 2)
 
 

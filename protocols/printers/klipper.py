@@ -33,7 +33,7 @@ SAVED_HEADER = "#*# <---------------------- SAVE_CONFIG ---------------------->"
 STEPPERS = ("stepper_a", "stepper_b", "stepper_c")
 CALIBRATION = "delta_calibrate"
 MOST_HEIGHTS = 999
-MOST_INCLUDES = 100
+MOST_INCLUDES = 200
 FULL_STEPS = 200
 
 NUMBER = r"([+-]?\d+(?:\.\d+)?)"
@@ -68,6 +68,7 @@ class Config:
         )
     )
     odd: list[str] = field(default_factory=list)
+    included: int = 0
 
     @classmethod
     def read(cls, path: Path) -> Config:
@@ -91,7 +92,8 @@ class Config:
     def _add(self, path: Path, text: str, inside: list[Path]) -> None:
         """A text and, in their places, the files that it includes."""
         buffered: list[str] = []
-        for line in text.splitlines():
+        for whole in text.splitlines():
+            line = whole.partition("#")[0]  # here Klipper ends a line, spaces before or not
             include = re.match(r"\[include\s+([^\]]+)\]", line)
             if include is None:
                 buffered.append(line)
@@ -110,8 +112,10 @@ class Config:
             self.odd.append(f"[include {name}] of {path.name}: there is no such file")
         for each in found:
             other = each.resolve()
-            if other in inside or len(inside) > MOST_INCLUDES:
-                raise RecordError(f"{WHAT} {path}", f"[include {name}]", "no file inside itself")
+            self.included += 1
+            if other in inside or self.included > MOST_INCLUDES:
+                allowed = f"no file inside itself, {MOST_INCLUDES} files together"
+                raise RecordError(f"{WHAT} {path}", f"[include {name}]", allowed)
             self._add(each, read_text(each, WHAT, MOST_WRITTEN_BYTES), [*inside, other])
 
     def _parse(self, path: Path, text: str) -> None:
@@ -179,11 +183,12 @@ def held(texts: Texts) -> Held:
 
 def _held_in(path: Path, config: Config) -> Held:
     """What a ``printer.cfg`` holds. Raises RecordError for a machine without upright towers."""
-    if config.text("printer", "delta_radius") is None:
+    kinematics = config.text("printer", "kinematics") or "nothing"
+    if kinematics != "delta":
         raise RecordError(
             f"{WHAT} {path}, [printer] kinematics",
-            f"{config.text('printer', 'kinematics') or 'nothing'}, without delta_radius",
-            "kinematics of three upright towers, with delta_radius",
+            kinematics,
+            "delta: three upright towers",
             "Other printers are not calibrated here.",
         )
     printer, step_mm = _printer(path, config)

@@ -12,6 +12,7 @@ import numpy as np
 
 from calib.errors import RecordError, UsageError
 from calib.tripod.geometry import Geometry
+from protocols.distance_table import Measured
 from protocols.documents import read_text
 from protocols.machine import Instrument, Machine, machine_text
 from protocols.observations import SAME_PLACE_MM
@@ -42,6 +43,7 @@ class ImportedPrinter:
     contacts: tuple[Reading, ...]
     machine_file: str | None
     odd: tuple[str, ...]
+    distances: tuple[Measured, ...] = ()
 
 
 class Dialect(Protocol):
@@ -126,7 +128,7 @@ def imported_printer(
         instruments=(instrument,),
         remarks=(*remarks, *told),
     )
-    return ImportedPrinter(opened, _readings(held.contacts), text, held.odd)
+    return ImportedPrinter(opened, _readings(held.contacts), text, held.odd, held.distances)
 
 
 NOTE = (

@@ -128,20 +128,70 @@ def test_old_answers_are_the_place_of_the_tool(tmp_path: Path) -> None:
 
 def test_what_is_not_used_is_named(tmp_path: Path) -> None:
     more = (
-        "distance0 = 60.0",
-        "distance0_pos1 = 1,2,3",
-        "distance0_pos2 = 3,2,1",
+        "distance1 = 60.0",
+        "distance1_pos1 = 1,2,3",
+        "distance1_pos2 = 3,2,1",
         "height9 = 0.0",
         "height9_pos = 1,2,3",
         "delta_a_angle = 210.0",
     )
     found = read(tmp_path, printer_cfg(PERFECT, 7, more) + "")
     said = " | ".join(found.odd)
-    assert "distance0 … distance0: measured distances are not used" in said
+    assert "distance1: a number before it is missing" in said
+    assert "distance1_pos2: a number before it is missing" in said
+    assert not found.distances
     assert "height9: a number before it is missing" in said
     assert "height9_pos: a number before it is missing" in said
     assert "delta_a_angle: not known" in said
     assert len(found.contacts) == 7
+
+
+def distance_lines(hidden: true.Hidden, off_mm: float = 0.0) -> list[str]:
+    """Marks 60 mm from the middle across it, and what a caliper shows on the true machine."""
+    lines = []
+    for number, (x, y) in enumerate([(60.0, 0.0), (30.0, 52.0), (-30.0, 52.0)]):
+        ends = [true.BELIEVED(np.array([sign * x, sign * y, 0.0])) for sign in (1.0, -1.0)]
+        steps = [np.round(travel_mm / STEP_MM) for travel_mm in ends]
+        first, second = (hidden.tool(whole * STEP_MM) for whole in steps)
+        lines.append(f"distance{number} = {np.linalg.norm(first - second) + off_mm:.5f}")
+        for end, whole in enumerate(steps, start=1):
+            lines.append(f"distance{number}_pos{end} = {','.join(f'{s:.3f}' for s in whole)}")
+    return lines
+
+
+def test_distances_are_between_the_marks_as_they_were_commanded(tmp_path: Path) -> None:
+    """Steps count from the switches, so the places are those of the controller, whatever is off."""
+    found = read(tmp_path, printer_cfg(true.OFF_IN_ALL, 7, distance_lines(true.OFF_IN_ALL)))
+    assert not found.odd
+    want = [(60.0, 0.0), (30.0, 52.0), (-30.0, 52.0)]
+    assert [one.from_mm[:2] for one in found.distances] == [
+        pytest.approx(place, abs=2.0 * STEP_MM) for place in want
+    ]
+    for one in found.distances:
+        first, second = (true.BELIEVED(np.array(end)) for end in (one.from_mm, one.to_mm))
+        whole = [np.round(end / STEP_MM) * STEP_MM for end in (first, second)]
+        ends = [true.OFF_IN_ALL.tool(travel_mm) for travel_mm in whole]
+        assert one.value_mm == pytest.approx(np.linalg.norm(ends[0] - ends[1]), abs=1e-4)
+
+
+def test_distances_go_with_the_contacts_into_record_and_result(tmp_path: Path) -> None:
+    """A machine whose bars are longer alike: the tool is known better than by contacts alone."""
+    hidden = true.Hidden(switch_mm=(0.2, -0.1, 0.1), bar_mm=(0.5, 0.5, 0.5))
+    bound_mm = []
+    for name, more in (("a", ()), ("b", distance_lines(hidden))):
+        cfg, session = tmp_path / f"{name}.cfg", tmp_path / f"{name}.jsonl"
+        cfg.write_text(printer_cfg(hidden, 19, more), encoding="utf-8")
+        deviation = ("--distance-deviation", "0.02") if more else ()
+        run = glidecal("import", cfg, "-o", session, *deviation)
+        assert run.status == 0, run.err
+        stated = [one.deviation_mm for one in read_record(session).session.distances]
+        assert stated == [0.02] * (len(more) // 3)
+        assert glidecal("validate", session).status == 0
+        run = glidecal("solve", session)
+        assert ("3 distances between marks" in run.out) == (name == "b")
+        solved = json.loads(glidecal("solve", session, "--holds", "kinematics", "--json").out)
+        bound_mm.append(solved["correction"]["bound"]["touched_off_mm"])
+    assert bound_mm[1] < bound_mm[0]
 
 
 def test_includes_are_read_where_they_stand(tmp_path: Path) -> None:
@@ -252,6 +302,22 @@ ARM = steppers()
         (
             PRINTER + ARM.replace("_distance: 40", "_distance: 32") + saved(height_lines(PERFECT)),
             "These contacts are of another geometry",
+        ),
+        (
+            printer_cfg(PERFECT, 7, distance_lines(PERFECT)[:2]),
+            "distance0_pos2: found nothing. Allowed: three numbers of steps beside distance0",
+        ),
+        (
+            printer_cfg(PERFECT, 7, distance_lines(PERFECT, -60.0)),
+            "mm apart. Allowed: two marks, and a distance within 5 mm of that. Is it in mm",
+        ),
+        (
+            printer_cfg(PERFECT, 7, ["distance0 = nan", *distance_lines(PERFECT)[1:]]),
+            "distance0: found 'nan'. Allowed: a finite number above 0",
+        ),
+        (
+            printer_cfg(PERFECT, 7, ["distance0 = 9", "distance0_pos1 = a", "distance0_pos2 = 1"]),
+            "distance0_pos1: found 'a'. Allowed: three numbers of steps",
         ),
         (PRINTER + ARM + saved([]) + "height0 = 0\n", "below the SAVE_CONFIG line"),
         (PRINTER + "[include printer.cfg]\n" + ARM, "no file inside itself"),

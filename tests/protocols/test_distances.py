@@ -58,6 +58,21 @@ def test_from_a_table_beside_contacts_to_arrays(tmp_path: Path) -> None:
     assert arrays.deviation_mm.tolist() == [0.02, 0.07]
 
 
+def test_a_distance_that_cannot_be_is_named(tmp_path: Path) -> None:
+    """The sample's tool does what three tables of distances say; 0.8 mm longer is none of it."""
+    sample = ROOT / "sample_sessions" / "tables" / "distances.csv"
+    wrong = tmp_path / "wrong.csv"
+    wrong.write_text(sample.read_text("utf-8").replace("119.66", "120.46"), encoding="utf-8")
+    for path, warned in ((sample, False), (wrong, True)):
+        out = tmp_path / f"{path.stem}.jsonl"
+        which = ("--machine", "linear-delta", "--distances", path)
+        assert glidecal("import", CONTACTS, "-o", out, *which).status == 0
+        words = " ".join(glidecal("solve", out).out.split())
+        said = "WARNING: distance 2 of wrong.jsonl, 120.46 mm, is"
+        assert (said in words) == warned
+        assert ("WARNING: distance" in words) == warned
+
+
 def test_distances_stand_beside_readings_of_legs(tmp_path: Path) -> None:
     readings = ROOT / "sample_sessions" / "tables" / "experiment_1_six.csv"
     out = tmp_path / "s.jsonl"

@@ -222,6 +222,19 @@ def test_each_distance_counts_by_its_own_deviation() -> None:
     assert abs(results[1] - results[0]) < 0.2 * abs(results[2] - results[0])
 
 
+def test_what_a_wild_distance_leaves_is_its_own() -> None:
+    case = touched(OFF, np.random.default_rng(1), WITH_RADIUS)
+    sound = measured(OFF, np.random.default_rng(2))
+    left = posterior([replace(case, distances=sound)]).distances_left
+    assert np.abs(left).max() < 4.0
+    value_mm = sound.value_mm.copy()
+    value_mm[4] += 1.0
+    left = posterior([replace(case, distances=replace(sound, value_mm=value_mm))]).distances_left
+    assert np.abs(left).argmax() == 4
+    assert left[4] > 10.0
+    assert posterior([case]).distances_left.shape == (0,)
+
+
 def test_a_second_session_may_have_the_distances() -> None:
     """Bars are those of one machine: what one session says of them holds in the other."""
     true = true_machine(3)

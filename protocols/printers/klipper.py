@@ -33,6 +33,9 @@ SAVED = "#*#"
 SAVED_HEADER = "#*# <---------------------- SAVE_CONFIG ---------------------->"
 STEPPERS = ("stepper_a", "stepper_b", "stepper_c")
 CALIBRATION = "delta_calibrate"
+RADIUS = "delta_radius"
+KINEMATICS = RADIUS.partition("_")[0]
+"""Keys and sections of this kinematics begin with its name."""
 MOST_HEIGHTS = 999
 MOST_INCLUDES = 200
 FULL_STEPS = 200
@@ -185,11 +188,11 @@ def held(texts: Texts) -> Held:
 def _held_in(path: Path, config: Config) -> Held:
     """What a ``printer.cfg`` holds. Raises RecordError for a machine without upright towers."""
     kinematics = config.text("printer", "kinematics") or "nothing"
-    if kinematics != "delta":
+    if kinematics != KINEMATICS:
         raise RecordError(
             f"{WHAT} {path}, [printer] kinematics",
             kinematics,
-            "delta: three upright towers",
+            f"{KINEMATICS}: three upright towers",
             "Other printers are not calibrated here.",
         )
     printer, step_mm = _printer(path, config)
@@ -199,7 +202,7 @@ def _held_in(path: Path, config: Config) -> Held:
 
 
 def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Three]:
-    radius = config.number("printer", "delta_radius", above=0.0)
+    radius = config.number("printer", RADIUS, above=0.0)
     first_arm = config.number(STEPPERS[0], "arm_length", above=radius)
     first_stop = config.number(STEPPERS[0], "position_endstop")
     arms = [config.number(name, "arm_length", first_arm, above=radius) for name in STEPPERS]

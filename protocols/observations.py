@@ -33,6 +33,7 @@ from protocols.session import Reading, Session
 
 if TYPE_CHECKING:
     from calib.diagnosis.results import CleanedReadings
+    from calib.posterior.distances import Distances
 
 
 def to_observations(sessions: Sequence[Session]) -> Observations:
@@ -136,6 +137,19 @@ def _repeated(observed: Observations) -> Observations:
             value_mm[place] -= position_mm[place, axis] - mean_mm[axis]
             position_mm[place] = mean_mm
     return replace(observed, value_mm=value_mm, position_mm=position_mm)
+
+
+def measured_distances(session: Session) -> Distances:
+    """Distances between marks as arrays, mm."""
+    from calib.posterior.distances import Distances  # the effects come with it
+
+    every = session.distances
+    return Distances(
+        np.array([one.from_mm for one in every]).reshape(-1, 3),
+        np.array([one.to_mm for one in every]).reshape(-1, 3),
+        np.array([one.value_mm for one in every]),
+        np.array([one.deviation_mm for one in every]),
+    )
 
 
 def along_mm(reading: Reading | Step, machine: Machine) -> float:

@@ -29,6 +29,7 @@ from protocols.session import (
     SCHEMA,
     SCHEMA_NUMBER,
     Closed,
+    Distance,
     Event,
     Opened,
     Reading,
@@ -214,6 +215,7 @@ class _Meaning:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._readings = 0
+        self._distances = 0
         self._places: dict[str, tuple[str, str, float]] = {}
         self._superseded: set[int] = set()
         self._steps: dict[int, Step] = {}
@@ -224,17 +226,12 @@ class _Meaning:
         if isinstance(event, Opened):
             self._steps = {step.number: step for step in event.steps()}
         elif isinstance(event, Reading):
-            self._readings += 1
-            step = self._steps.get(event.step or 0)
-            if step and (event.leg != step.leg or event.axis not in step.axes):
-                fault = f"leg {event.leg}, axis {event.axis} in step {step.number}"
-                requirement = f"leg {step.leg}, axis {' or '.join(step.axes)}, as in the procedure"
-                raise RecordError(subject, fault, requirement)
-            if event.reading != self._readings:
-                raise RecordError(subject, f"reading {event.reading}", f"reading {self._readings}")
-            place = event.set_up
-            if self._places.setdefault(event.mount, place) != place:
-                raise RecordError(subject, f"mounting {event.mount} in a second place", "one place")
+            self._check_reading(subject, event)
+        elif isinstance(event, Distance):
+            self._distances += 1
+            if event.distance != self._distances:
+                fault = f"distance {event.distance}"
+                raise RecordError(subject, fault, f"distance {self._distances}")
         elif isinstance(event, Superseded):
             missing = [n for n in event.readings if not 1 <= n <= self._readings]
             if missing:
@@ -247,6 +244,19 @@ class _Meaning:
                 fault = f"reading {counting[0]} restored"
                 raise RecordError(subject, fault, "readings that were superseded")
             self._superseded.difference_update(event.readings)
+
+    def _check_reading(self, subject: str, event: Reading) -> None:
+        self._readings += 1
+        step = self._steps.get(event.step or 0)
+        if step and (event.leg != step.leg or event.axis not in step.axes):
+            fault = f"leg {event.leg}, axis {event.axis} in step {step.number}"
+            requirement = f"leg {step.leg}, axis {' or '.join(step.axes)}, as in the procedure"
+            raise RecordError(subject, fault, requirement)
+        if event.reading != self._readings:
+            raise RecordError(subject, f"reading {event.reading}", f"reading {self._readings}")
+        place = event.set_up
+        if self._places.setdefault(event.mount, place) != place:
+            raise RecordError(subject, f"mounting {event.mount} in a second place", "one place")
 
 
 def _check_chain(path: Path, number: int, lines: list[bytes], digest: str, event: Event) -> None:

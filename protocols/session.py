@@ -5,7 +5,7 @@ counts, what is done, what is next.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
@@ -34,7 +34,11 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 SchemaId = Literal[
-    "glidecal.session/1", "glidecal.session/2", "glidecal.session/3", "glidecal.session/4"
+    "glidecal.session/1",
+    "glidecal.session/2",
+    "glidecal.session/3",
+    "glidecal.session/4",
+    "glidecal.session/5",
 ]
 """Every schema of a record. A changed event needs a new one: docs/decisions/0003-record.md."""
 
@@ -64,6 +68,7 @@ def _beside(name: str) -> str:
     return name
 
 
+MeasuredMm = Annotated[LengthMm, Field(gt=0.0)]
 FileName = Annotated[Name, AfterValidator(_beside)]
 
 
@@ -207,6 +212,28 @@ class Reading(Line):
         return self
 
 
+class Distance(Line):
+    """How far two marks are apart, as a person measured it: on a printed object, or a gauge block.
+
+    The tool was sent to ``from_mm`` and ``to_mm`` from Zero; ``deviation_mm`` is the standard
+    deviation of marking and measuring together. The text is what the file or table says.
+    """
+
+    event: Literal["distance"] = "distance"
+    distance: Count
+    from_mm: Triple
+    to_mm: Triple
+    value_mm: MeasuredMm
+    deviation_mm: Annotated[FigureMm, Field(gt=0.0)]
+    text: str
+
+    @model_validator(mode="after")
+    def _of_two_marks(self) -> Distance:
+        if self.from_mm == self.to_mm:
+            raise ValueError("to_mm: the same mark as from_mm; a distance has two")
+        return self
+
+
 class Superseded(Line):
     """Earlier readings that no longer count, and why. They stay in the record."""
 
@@ -292,6 +319,7 @@ Event = Annotated[
     Opened
     | Mounted
     | Reading
+    | Distance
     | Superseded
     | Skipped
     | Restored
@@ -335,7 +363,8 @@ class Session:
 
     ``readings`` are those that count, in the order taken; ``superseded`` maps the numbers of the
     others to the reason, ``restored`` the numbers of those that count again, ``skipped`` the
-    numbers of the steps that are left out; ``notes`` are the remarks made on the way. ``name`` and
+    numbers of the steps that are left out; ``notes`` are the remarks made on the way,
+    ``distances`` those between marks since the last change of the machine. ``name`` and
     ``digest`` are those of its record, empty where it has none.
     """
 
@@ -349,6 +378,7 @@ class Session:
     stand_untouched: bool
     notes: tuple[str, ...] = ()
     changes: tuple[Changed, ...] = ()
+    distances: tuple[Distance, ...] = ()
     name: str = ""
     digest: str = ""
 
@@ -485,7 +515,8 @@ def fold(events: Iterable[Event]) -> Session:
     notes: list[str] = []
     changes: list[Changed] = []
     stand_untouched = True
-    for event in events:
+    every = tuple(events)
+    for event in every:
         if isinstance(event, Opened):
             opened = event
         elif isinstance(event, Reading):
@@ -522,7 +553,15 @@ def fold(events: Iterable[Event]) -> Session:
         stand_untouched,
         tuple(notes),
         tuple(changes),
+        _distances(every),
     )
+
+
+def _distances(events: Sequence[Event]) -> tuple[Distance, ...]:
+    """Those that were measured of the machine as it is now."""
+    changed = [number for number, event in enumerate(events) if isinstance(event, Changed)]
+    now = events[max(changed, default=0) :]
+    return tuple(event for event in now if isinstance(event, Distance))
 
 
 def _without(reasons: dict[int, str], numbers: tuple[int, ...]) -> dict[int, str]:

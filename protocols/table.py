@@ -49,6 +49,9 @@ OF_TOOL = (*POSITION, "value_mm")
 """Columns of a table of readings of the tool, as against a plate."""
 OF_CONTACT = (*POSITION, "height_mm")
 """Columns of a table of contacts: where the tool was sent to, and its height over a plate there."""
+FROM, TO = (tuple(f"{end}_{axis}_mm" for axis in "xyz") for end in ("from", "to"))
+OF_DISTANCE = (*FROM, *TO, "distance_mm")
+"""Columns of a table of distances: between two places that the tool was sent to."""
 OPTIONAL_OF_TOOL = (
     "axis",
     "lift_mm",
@@ -57,7 +60,8 @@ OPTIONAL_OF_TOOL = (
 
 NUMBERS = (
     *("displacement_mm", "value_mm", "time_s", "station", "temperature_c", "lift_mm"),
-    *("resolution_mm", "height_mm"),
+    *("resolution_mm", "height_mm", "deviation_mm"),
+    *OF_DISTANCE,
     *POSITION,
     *MOVED_MM,
     "feed_mm_min",
@@ -175,7 +179,14 @@ def opened_table(
     ``resolution_mm`` and ``repeatability_mm`` are stated of the indicators. Raises RecordError
     naming the line, the column and the value.
     """
-    rows, unknown = _rows(path)
+    rows, unknown = rows_of_table(path)
+    if "distance_mm" in rows[0].fields:
+        raise RecordError(
+            f"table {path}",
+            "distances between marks, and no reading",
+            "a table of readings or contacts",
+            "Take them beside these: glidecal import CONTACTS --distances THIS -o SESSION.",
+        )
     events = (*_readings(rows, unknown, machine.geometry()), *_counting(rows))
     instrument = Instrument(
         profile="probe" if "height_mm" in rows[0].fields else "table",
@@ -208,7 +219,8 @@ def off_bar_words(readings: Sequence[Reading], geometry: Geometry) -> str:
     return f"readings off the bars: {len(faults)}, the first at {faults[0][1]}" if faults else ""
 
 
-def _rows(path: Path) -> tuple[list[Row], tuple[str, ...]]:
+def rows_of_table(path: Path) -> tuple[list[Row], tuple[str, ...]]:
+    """Rows of a table, and its columns that nobody knows. Raises RecordError naming the place."""
     lines, semicolons = _lines(path)
     header = [unprotected(name.strip()) for name in lines[0][1]] if lines else []
     _check_header(path, header)
@@ -279,6 +291,8 @@ def _fields(path: Path, line: int, header: list[str], values: list[str]) -> dict
 
 def _columns(header: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Columns that a table with this header must have, and those that it may have."""
+    if "distance_mm" in header:
+        return OF_DISTANCE, ("deviation_mm",)
     if not _is_of_tool(header):
         return REQUIRED, OPTIONAL
     return OF_CONTACT if "height_mm" in header else OF_TOOL, OPTIONAL_OF_TOOL

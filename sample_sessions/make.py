@@ -15,6 +15,7 @@ from pathlib import Path
 from app.measuring.simulated import simulated_session
 from app.version import program
 from calib.tripod.pipeline import Model
+from protocols.distance_table import checked, distances_of_table
 from protocols.journal import Journal, write_whole
 from protocols.machine import load_machine
 from protocols.procedure import guided_procedure_names, load_procedure
@@ -136,11 +137,12 @@ def _whole(path: Path, session: Session, *, moved: bool = False) -> None:
 
 
 def _contacts(path: Path) -> None:
-    """Where a tool met a plate, as a table has it."""
+    """Where a tool met a plate, and how far marks are apart, as tables have it."""
     if not path.exists():
         machine = load_machine("linear-delta")
         opened, events, _ = opened_table(HERE / "tables" / "contacts.csv", machine, program())
-        write_whole(path, opened, list(events))
+        measured = distances_of_table(HERE / "tables" / "distances.csv")
+        write_whole(path, opened, [*events, *checked(measured, machine.geometry())])
 
 
 def _moved(reading: Reading, zero_mm: list[float]) -> Reading:

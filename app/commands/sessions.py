@@ -77,6 +77,14 @@ def import_table(
         float | None,
         figure("Repeatability of the indicators or the probe (standard deviation), mm."),
     ] = None,
+    distances: Annotated[
+        Path | None,
+        file("Table of distances between marks, measured beside all that.", "--distances"),
+    ] = None,
+    distance_deviation: Annotated[
+        float | None,
+        figure("Standard deviation of such a distance, marking included, mm; 0.05 if not stated."),
+    ] = None,
     remark: Annotated[
         list[str] | None, typer.Option(help="A remark for the record; may be repeated.")
     ] = None,
@@ -112,7 +120,15 @@ def import_table(
         raise UsageError("--output", found, "-o SESSION, or --template to write an empty table")
     may = may_replace(force, machine_file_out)
     stated = Stated(resolution, repeatability, tuple(remark or ()))
-    opened, events, machine_file, told = _taken_from(source, machine, stated)
+    opened, events, machine_file, told = _taken_from(
+        source, machine, stated, distances, distance_deviation
+    )
+    if distance_deviation is not None and not any(e.event == "distance" for e in events):
+        raise UsageError(
+            "--distance-deviation",
+            f"{distance_deviation:g} mm, and no distances",
+            "--distances TABLE",
+        )
     if machine_file_out is not None and machine_file is None:
         raise UsageError(
             "--machine-file-out", f"{source[0]}, without geometry", "a printer's configuration"
@@ -125,6 +141,8 @@ def import_table(
     word = "contacts" if session.of_contacts else "readings"
     for words in [*told, *_cautions(session, word)]:
         say(f"glidecal: {words}")
+    if session.distances:
+        word += f" and {len(session.distances)} distances between marks"
     say(f"{len(session.all_readings)} {word} written to {output}")
 
 
@@ -138,14 +156,20 @@ class Stated:
 
 
 def _taken_from(
-    source: list[Path], machine: str | None, stated: Stated
+    source: list[Path],
+    machine: str | None,
+    stated: Stated,
+    distances: Path | None,
+    deviation_mm: float | None,
 ) -> tuple[Opened, Sequence[Event], str | None, list[str]]:
     """First line and events of a session of these files, a machine file, and what is not used."""
     from app.version import program
+    from protocols.distance_table import checked, distances_of_table
     from protocols.machine import load_machine
     from protocols.printers.imported import are_of_printer, imported_printer
     from protocols.table import opened_table
 
+    beside = distances_of_table(distances) if distances else ()
     if are_of_printer(source):
         held = imported_printer(
             source,
@@ -156,7 +180,8 @@ def _taken_from(
             remarks=stated.remarks,
         )
         told = [f"not used: {odd}" for odd in held.odd]
-        return held.opened, held.contacts, held.machine_file, told
+        measured = checked((*held.distances, *beside), held.opened.machine.geometry(), deviation_mm)
+        return held.opened, (*held.contacts, *measured), held.machine_file, told
     opened, events, unknown = opened_table(
         source[0],
         load_machine(machine),
@@ -166,7 +191,8 @@ def _taken_from(
         remarks=stated.remarks,
     )
     told = [f"columns kept but not used: {', '.join(unknown)}"] if unknown else []
-    return opened, events, None, told
+    measured = checked(beside, opened.machine.geometry(), deviation_mm)
+    return opened, (*events, *measured), None, told
 
 
 def _cautions(session: Session, word: str) -> Iterator[str]:

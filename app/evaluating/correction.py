@@ -24,7 +24,7 @@ from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model, Stage
-from protocols.observations import indicator_figures, to_observations
+from protocols.observations import indicator_figures, measured_distances, to_observations
 
 if TYPE_CHECKING:
     from calib.tripod.effects.effect import Effect
@@ -245,6 +245,7 @@ def case_of(
         free=free,
         state=(machine.name, machine.adjusted),
         entered_mm=machine.entered_offsets_mm,
+        distances=measured_distances(session),
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,6 +31,7 @@ from calib.identify.fit import design_of, prior_fit
 from calib.noise.reading import IndicatorFigures, Noise, reading_noise, visit_numbers, visits
 from calib.noise.repeats import Repeats, disagreeing, set_apart, typical_mm2
 from calib.noise.serial import independent, serial_correlation
+from calib.posterior.distances import Distances
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
@@ -66,7 +67,8 @@ class SessionCase:
     readings tell no noise, that of ``others`` holds: of sessions with the same indicators. Effects
     of the model that are ``free``, laws at places, have other sizes than it states. Joint
     offsets of sessions of the same ``state`` of the machine differ by what was ``entered_mm`` and
-    by what homing changes, ``homing_mm``; None: they are no other session's.
+    by what homing changes, ``homing_mm``; None: they are no other session's. ``distances`` between
+    marks were measured beside the readings.
     """
 
     model: Model
@@ -78,6 +80,7 @@ class SessionCase:
     state: Hashable | None = None
     entered_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     homing_mm: float = HOMING_MM
+    distances: Distances = field(default_factory=Distances.none)
 
     @cached_property
     def free_spread(self) -> dict[tuple[Effect, str], FloatArray]:
@@ -303,12 +306,14 @@ def _likeliest_mm2(case: SessionCase, visited: Observations) -> float:
     within = design_of(case.model, visited, range(BASE), ()) * case.spread_mm
     both = np.column_stack([visited.value_mm - case.model.readings(visited), within])
     shown = without_zeros(visited, visited.averaged, both)
-    square, axes = np.linalg.eigh(shown[:, 1:] @ shown[:, 1:].T)
+    axes, singular, _ = np.linalg.svd(shown[:, 1:], full_matrices=False)
     along = (axes.T @ shown[:, 0]) ** 2
-    variances = SCATTERS_MM[:, None] ** 2 + np.maximum(square, 0.0)
+    variances = SCATTERS_MM[:, None] ** 2 + singular**2
     likelihood = -0.5 * (np.log(variances) + along / variances).sum(axis=1)
-    # of each mounting one direction is its zero, which nothing scatters
-    likelihood += visited.mount_count * np.log(SCATTERS_MM)
+    # all other directions only scatter; of each mounting one is its zero, which nothing does
+    others = len(visited) - len(singular) - visited.mount_count
+    beside = max(float(shown[:, 0] @ shown[:, 0] - along.sum()), 0.0)
+    likelihood -= others * np.log(SCATTERS_MM) + 0.5 * beside / SCATTERS_MM**2
     return float(SCATTERS_MM[likelihood.argmax()] ** 2)
 
 

@@ -91,9 +91,11 @@ def _bars_of_sessions(
     sessions: Sequence[Cells], rows: Rows
 ) -> Iterator[tuple[Component, FloatArray]]:
     """Other bars in each session but the first, with their columns ``(n, 3)``."""
-    ends = np.cumsum([len(cells.means) for cells in sessions]).tolist()
+    counts = [len(cells.means) for cells in sessions]
+    counts += [len(cells.case.distances) for cells in sessions]
+    owner = np.repeat(np.tile(np.arange(len(sessions)), 2), counts)
     for number in range(1, len(sessions)):
-        mine = slice(ends[number - 1], ends[number])
+        mine = np.flatnonzero(owner == number)
         columns = np.zeros((len(rows.residual), LENGTHS))
         columns[mine] = rows.base[mine, :LENGTHS] * rows.spread[:LENGTHS]
         yield other_bars(number), columns

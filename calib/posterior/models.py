@@ -211,6 +211,20 @@ class Posterior:
                     rigid[third] = math.hypot(rigid[third], unit * size)
         return deviation
 
+    @cached_property
+    def distances_left(self) -> FloatArray:
+        """What the likeliest model leaves of all distances ``(n,)``, in standard deviations."""
+        model, rows = self.models[0], self.linear.rows
+        mine, count = slice(rows.cells, rows.exact), self.parameter_count
+        left = rows.residual[mine] - rows.base[mine] @ (model.mean[:count] - rows.value)
+        widths = [len(self.components[k].unit) for k in model.everywhere]
+        starts = [*(np.cumsum([count, *widths[:-1]])), *self.starts(model)]
+        for k, at in zip((*model.everywhere, *model.members), starts, strict=True):
+            unit = self.components[k].unit
+            columns = self.linear.columns[mine][:, self.linear.index[k]]
+            left = left - columns @ (model.mean[at : at + len(unit)] / unit)
+        return np.asarray(left)
+
     @property
     def shows(self) -> bool:
         """Whether readings show anything of a machine; those of one posture do not."""

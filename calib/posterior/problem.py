@@ -166,7 +166,7 @@ class PosteriorProblem:
     def _about_of(self, rows: Rows) -> About:
         """Lengths and offsets about rows, where they have derivatives of their own."""
         own = self.base[:, : len(rows.spread)].copy()
-        own[: rows.cells] = (rows.base * rows.spread)[: rows.cells]
+        own[: rows.exact] = (rows.base * rows.spread)[: rows.exact]
         expected = (rows.prior - rows.value) / rows.spread
         own, residual = self._laws.whitened(own), self._laws.whitened(rows.residual)
         about = About.of(own, residual, expected, rows.whitening)
@@ -368,25 +368,30 @@ class PosteriorProblem:
         return tuple(found)
 
     def _linear_part(self, entry: RaceEntry, mean: FloatArray) -> FloatArray:
-        """What of the means of cells is in no `_models`: a little of all, something else."""
+        """What of these ``(exact,)`` is in no `_models`: a little of all, something else."""
         first = len(self.rows.spread)
         part = self.base[:, first:] @ (mean[first : self.base.shape[1]] / self.base_unit[first:])
         for k, values in zip(entry.members, self._values(entry, mean), strict=True):
             if not self.components[k].candidate:
                 part = part + self.columns[:, self.index[k]] @ (values / self.components[k].unit)
-        return np.asarray(part[: self.rows.cells])
+        return np.asarray(part[: self.rows.exact])
 
     def _residual(self, models: Sequence[Model], entry: RaceEntry, fit: ModelFit) -> FloatArray:
-        """What a model leaves of the means of cells ``(cells,)``, whitened."""
+        """What a model leaves of means of cells and of distances ``(exact,)``, whitened."""
         parts = [
             cells.whitened(cells.means.value_mm - model.readings(cells.means))
             for cells, model in zip(self.sessions, models, strict=True)
         ]
+        parts += [
+            cells.case.distances.residual(model)
+            for cells, model in zip(self.sessions, models, strict=True)
+            if len(cells.case.distances)
+        ]
         return np.concatenate(parts) - self._linear_part(entry, fit.mean)
 
     def _linear_residual(self, entry: RaceEntry, fit: ModelFit) -> FloatArray:
-        """The same by derivatives alone ``(cells,)``."""
-        count, value = self.rows.cells, np.zeros(len(self.base_unit))
+        """The same by derivatives alone ``(exact,)``."""
+        count, value = self.rows.exact, np.zeros(len(self.base_unit))
         value[: len(self.rows.value)] = self.rows.value
         base = (fit.mean[: len(value)] - value) / self.base_unit
         sizes = fit.mean[len(value) :] / self._unit(entry)[0]
@@ -404,17 +409,17 @@ class PosteriorProblem:
         block = self.columns[:, self._index(entry)].copy()
         at = np.zeros(block.shape[1])
         residual = self.rows.residual.copy()
-        residual[: near.cells] = near.residual
+        residual[: near.exact] = near.residual
         begin = 0
         for component, own, values in zip(
             members, blocks, self._values(entry, fit.mean), strict=True
         ):
             end = begin + len(component.unit)
             if component.candidate:
-                block[: near.cells, begin:end] = own * component.unit
+                block[: near.exact, begin:end] = own * component.unit
                 at[begin:end] = values / component.unit
             begin = end
-        within = self.rows.cells
+        within = self.rows.exact
         residual[within:] -= block[within:] @ at
         rows = replace(near, residual=residual, spread=self.rows.spread)
         return self._refitted(entry, rows, block, at)

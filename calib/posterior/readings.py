@@ -49,7 +49,8 @@ class Rows:
 
     ``residual`` ``(n,)`` is measured less predicted; ``base`` ``(n, b)`` are derivatives by the
     lengths that sessions share, then by the joint offsets of each; ``columns`` ``(n, k)`` those of
-    effects. The first ``cells`` rows are means of cells, the others what readings do within them.
+    effects. The first ``cells`` rows are means of cells; up to ``exact`` follow distances between
+    marks; the others are what readings do within cells.
     ``value`` ``(b,)`` is where the models have the base parameters, ``prior`` ``(b,)`` where they
     are expected, within ``spread`` ``(b,)``; ``whitening`` ``(b, b)`` makes what is expected of
     them, in these standard deviations, independent. ``free`` directions are left to readings beside
@@ -61,6 +62,7 @@ class Rows:
     base: FloatArray
     columns: FloatArray
     cells: int
+    exact: int
     value: FloatArray
     prior: FloatArray
     spread: FloatArray
@@ -110,12 +112,27 @@ def rows_of(
             index = [1 + width + starts[law] + k for law in timed for k in range(widths[law])]
             more[:, index] = shown[:, 1:]
             timed_parts.append(more)
-    rows = np.vstack([*parts, *timed_parts])
+    measured = []
+    for number, (cells, model) in enumerate(zip(sessions, models, strict=True)):
+        distances = cells.case.distances
+        rows = np.zeros((len(distances), 1 + width + total))
+        if len(distances):
+            by_base = distances.by_base(model)
+            rows[:, 0] = distances.residual(model)
+            rows[:, 1 : 1 + LENGTHS] = by_base[:, 3:]
+            first = 1 + LENGTHS + 3 * number
+            rows[:, first : first + 3] = by_base[:, :3]
+            for law, columns in distances.by_laws(model, widths).items():
+                at = 1 + width + starts[law]
+                rows[:, at : at + columns.shape[1]] = columns
+        measured.append(rows)
+    rows = np.vstack([*parts, *measured, *timed_parts])
 
     def base_of(values: Sequence[Sequence[float] | FloatArray]) -> FloatArray:
         return np.array([*values[0][3:], *(v for each in values for v in each[:3])])
 
     free = len(rows) + sum(len(cells.apart) for cells in sessions)
+    free += sum(map(len, measured))
     free -= sum(set_up_unknowns(cells.means) + 3 for cells in sessions)
     freedom = sum(cells.freedom for cells in sessions)
     return Rows(
@@ -123,6 +140,7 @@ def rows_of(
         rows[:, 1 : 1 + width],
         rows[:, 1 + width :],
         sum(map(len, parts)),
+        sum(map(len, [*parts, *measured])),
         base_of([model.parameters_mm for model in models]),
         base_of(_expected_mm(sessions)),
         base_of([cells.case.spread_mm for cells in sessions]),

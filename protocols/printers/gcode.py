@@ -14,8 +14,11 @@ Texts = list[tuple[Path, str]]
 """Files in the order in which they were named, each with its text."""
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)"
-COMMAND = re.compile(r"(?:^|[\s:])([GM]\d+)(?![\d.])((?:\s+[A-Z][^\s;]*)*)\s*(?:;.*)?$")
-WORD = re.compile(rf"([A-Z])({NUMBER}(?::{NUMBER})*)?")
+COMMAND = re.compile(r"([GM]\d+)(?![\d.:])\s*(.*)")
+WORD = re.compile(rf"([A-Z])\s*({NUMBER}(?:\s*:\s*{NUMBER})*)?\s*")
+WORDS = re.compile(rf"(?:{WORD.pattern})*")
+IN_BRACKETS = re.compile(r"\([^()]*\)")
+"""A comment within a line."""
 PREFIX = re.compile(r"^(?:[\d:. ]+ : )?(?:Recv: |<<< |< )?(?:echo:)?\s*")
 """What hosts and firmware write before a line: a time, who said it, ``echo:``."""
 
@@ -51,18 +54,28 @@ class CodeLine:
 
 
 def commands(texts: Texts, *wanted: str) -> Iterator[CodeLine]:
-    """The lines of these commands in the order of the files; comments and all else are left."""
+    """The lines of these commands in the order of the files; comments and all else are left.
+
+    Letters may be small, and stand with or without spaces, as firmware takes them. Raises
+    RecordError for such a command with anything but letters and numbers behind it.
+    """
     for path, text in texts:
         for number, raw in enumerate(text.splitlines(), start=1):
-            plain = PREFIX.sub("", raw.split(";", 1)[0]).strip()
-            match = COMMAND.search(plain)
-            if match is None or match[1] not in wanted or not plain.startswith(match[1]):
+            plain = PREFIX.sub("", IN_BRACKETS.sub("", raw.split(";", 1)[0])).strip()
+            match = COMMAND.fullmatch(plain.upper())
+            if match is None or match[1] not in wanted:
                 continue
-            words = {}
-            for word in match[2].split():
-                found = WORD.fullmatch(word)
-                numbers = found[2].split(":") if found and found[2] else []
-                words[word[0]] = tuple(float(part) for part in numbers)
+            if not WORDS.fullmatch(match[2]):
+                raise RecordError(
+                    f"file of a printer {path.name}, line {number}",
+                    repr(plain),
+                    f"{match[1]} with letters and numbers",
+                    "Write numbers in the place of expressions.",
+                )
+            words = {
+                letter: tuple(float(part) for part in numbers.split(":") if part)
+                for letter, numbers in WORD.findall(match[2])
+            }
             yield CodeLine(path, number, plain, match[1], words)
 
 

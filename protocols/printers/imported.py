@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Protocol
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from calib.errors import RecordError, UsageError
 from calib.tripod.geometry import Geometry
+from protocols.distance_table import Measured
 from protocols.documents import read_text
 from protocols.machine import Instrument, Machine, machine_text
 from protocols.observations import SAME_PLACE_MM
@@ -41,6 +43,7 @@ class ImportedPrinter:
     contacts: tuple[Reading, ...]
     machine_file: str | None
     odd: tuple[str, ...]
+    distances: tuple[Measured, ...] = ()
 
 
 class Dialect(Protocol):
@@ -125,7 +128,7 @@ def imported_printer(
         instruments=(instrument,),
         remarks=(*remarks, *told),
     )
-    return ImportedPrinter(opened, _readings(held.contacts), text, held.odd)
+    return ImportedPrinter(opened, _readings(held.contacts), text, held.odd, held.distances)
 
 
 NOTE = (
@@ -176,19 +179,37 @@ def _reached(geometry: Geometry, contact: Contact) -> bool:
     return bool((geometry.reach_mm2(np.array(contact.place_mm)) > 0.0).all())
 
 
+@dataclass
+class Place:
+    """Where the tool met the plate, as it did first, and how often."""
+
+    x_mm: float
+    y_mm: float
+    visits: int = 0
+
+
+def _place(
+    places: dict[tuple[int, int, float], list[Place]], x_mm: float, y_mm: float, height_mm: float
+) -> Place:
+    """The place that is the same as this one, or a new one; squares of its size keep them."""
+    column, row = round(x_mm / SAME_PLACE_MM), round(y_mm / SAME_PLACE_MM)
+    for near in product((column - 1, column, column + 1), (row - 1, row, row + 1), (height_mm,)):
+        for place in places.get(near, ()):
+            if max(abs(place.x_mm - x_mm), abs(place.y_mm - y_mm)) <= SAME_PLACE_MM:
+                return place
+    place = Place(x_mm, y_mm)
+    places.setdefault((column, row, height_mm), []).append(place)
+    return place
+
+
 def _readings(contacts: Sequence[Contact]) -> tuple[Reading, ...]:
     """Contacts in their order; the same place once more is the next cycle."""
-    visits: list[tuple[float, float, float, int]] = []
+    places: dict[tuple[int, int, float], list[Place]] = {}
     readings = []
     for number, contact in enumerate(contacts, start=1):
         x, y, z = contact.place_mm
-        before = [
-            cycle
-            for at_x, at_y, height, cycle in visits
-            if max(abs(at_x - x), abs(at_y - y)) <= SAME_PLACE_MM and height == contact.height_mm
-        ]
-        cycle = max(before, default=0) + 1
-        visits.append((x, y, contact.height_mm, cycle))
+        place = _place(places, x, y, contact.height_mm)
+        place.visits += 1
         readings.append(
             Reading(
                 reading=number,
@@ -198,7 +219,7 @@ def _readings(contacts: Sequence[Contact]) -> tuple[Reading, ...]:
                 position_mm=(x, y, z),
                 value_mm=contact.height_mm,
                 text=contact.text,
-                cycle=cycle,
+                cycle=place.visits,
                 mount=BY_HAND if contact.by == "hand" else default_mount("tool", "z", 0.0),
                 station=0.0,
                 resolution_mm=contact.resolution_mm,

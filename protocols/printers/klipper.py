@@ -10,13 +10,14 @@ from __future__ import annotations
 import configparser
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from calib.errors import RecordError, UnreachablePosture
+from protocols.distance_table import Measured
 from protocols.documents import MOST_WRITTEN_BYTES, read_text
 from protocols.printers.gcode import Texts
 from protocols.printers.tower_printer import (
@@ -32,8 +33,11 @@ SAVED = "#*#"
 SAVED_HEADER = "#*# <---------------------- SAVE_CONFIG ---------------------->"
 STEPPERS = ("stepper_a", "stepper_b", "stepper_c")
 CALIBRATION = "delta_calibrate"
+RADIUS = "delta_radius"
+KINEMATICS = RADIUS.partition("_")[0]
+"""Keys and sections of this kinematics begin with its name."""
 MOST_HEIGHTS = 999
-MOST_INCLUDES = 100
+MOST_INCLUDES = 200
 FULL_STEPS = 200
 
 NUMBER = r"([+-]?\d+(?:\.\d+)?)"
@@ -68,6 +72,7 @@ class Config:
         )
     )
     odd: list[str] = field(default_factory=list)
+    included: int = 0
 
     @classmethod
     def read(cls, path: Path) -> Config:
@@ -91,7 +96,8 @@ class Config:
     def _add(self, path: Path, text: str, inside: list[Path]) -> None:
         """A text and, in their places, the files that it includes."""
         buffered: list[str] = []
-        for line in text.splitlines():
+        for whole in text.splitlines():
+            line = whole.partition("#")[0]  # here Klipper ends a line, spaces before or not
             include = re.match(r"\[include\s+([^\]]+)\]", line)
             if include is None:
                 buffered.append(line)
@@ -110,8 +116,10 @@ class Config:
             self.odd.append(f"[include {name}] of {path.name}: there is no such file")
         for each in found:
             other = each.resolve()
-            if other in inside or len(inside) > MOST_INCLUDES:
-                raise RecordError(f"{WHAT} {path}", f"[include {name}]", "no file inside itself")
+            self.included += 1
+            if other in inside or self.included > MOST_INCLUDES:
+                allowed = f"no file inside itself, {MOST_INCLUDES} files together"
+                raise RecordError(f"{WHAT} {path}", f"[include {name}]", allowed)
             self._add(each, read_text(each, WHAT, MOST_WRITTEN_BYTES), [*inside, other])
 
     def _parse(self, path: Path, text: str) -> None:
@@ -174,26 +182,27 @@ def held(texts: Texts) -> Held:
             more, strange = _probed(text, config, path.name)
             contacts += more
             odd += strange
-    return Held(of_config.printer, tuple(contacts), tuple(odd))
+    return Held(of_config.printer, tuple(contacts), tuple(odd), of_config.distances)
 
 
 def _held_in(path: Path, config: Config) -> Held:
     """What a ``printer.cfg`` holds. Raises RecordError for a machine without upright towers."""
-    if config.text("printer", "delta_radius") is None:
+    kinematics = config.text("printer", "kinematics") or "nothing"
+    if kinematics != KINEMATICS:
         raise RecordError(
             f"{WHAT} {path}, [printer] kinematics",
-            f"{config.text('printer', 'kinematics') or 'nothing'}, without delta_radius",
-            "kinematics of three upright towers, with delta_radius",
+            kinematics,
+            f"{KINEMATICS}: three upright towers",
             "Other printers are not calibrated here.",
         )
     printer, step_mm = _printer(path, config)
     odd = [*config.odd]
-    contacts = tuple(_heights(config, printer, step_mm, odd))
-    return Held(printer, contacts, tuple(odd))
+    contacts, distances = _measured(config, printer, step_mm, odd)
+    return Held(printer, contacts, tuple(odd), distances)
 
 
 def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Three]:
-    radius = config.number("printer", "delta_radius", above=0.0)
+    radius = config.number("printer", RADIUS, above=0.0)
     first_arm = config.number(STEPPERS[0], "arm_length", above=radius)
     first_stop = config.number(STEPPERS[0], "position_endstop")
     arms = [config.number(name, "arm_length", first_arm, above=radius) for name in STEPPERS]
@@ -248,49 +257,82 @@ def _steps_a_turn(config: Config, stepper: str) -> float:
     return full * config.number(stepper, "microsteps", above=0.0)
 
 
-def _heights(
+def _measured(
     config: Config, printer: TowerPrinter, step_mm: Three, odd: list[str]
-) -> Iterator[Contact]:
-    """Contacts of the saved block; what is not used of it goes to ``odd``."""
+) -> tuple[tuple[Contact, ...], tuple[Measured, ...]]:
+    """Contacts and distances of the saved block; what is not used of it goes to ``odd``."""
     keys = config.keys(CALIBRATION)
     used: set[str] = set()
+    contacts, distances = [], []
     for name in ("height", "manual_height"):
-        for number in range(MOST_HEIGHTS):
-            key = f"{name}{number}"
-            if key not in keys:  # there Klipper stops, too
-                break
-            if f"{key}_pos" not in keys:
+        for key in _numbered(config, name, ("_pos",)):
+            used |= {key, f"{key}_pos"}
+            contacts.append(_contact(config, printer, step_mm, key))
+    for key in _numbered(config, "distance", ("_pos1", "_pos2")):
+        used |= {key, f"{key}_pos1", f"{key}_pos2"}
+        distances.append(_distance(config, printer, step_mm, key))
+    for key in keys:
+        if key not in used and key not in KNOWN:
+            known = OF_CALIBRATION.match(key)
+            why = "a number before it is missing" if known else "not known"
+            odd.append(f"[{CALIBRATION}] {key}: {why}")
+    return tuple(contacts), tuple(distances)
+
+
+def _numbered(config: Config, name: str, more: Sequence[str]) -> Iterator[str]:
+    """Keys of that name from 0 up to the first that is missing, where Klipper stops, too.
+
+    Raises RecordError where one has no steps ``more`` beside it.
+    """
+    keys = config.keys(CALIBRATION)
+    for number in range(MOST_HEIGHTS):
+        key = f"{name}{number}"
+        if key not in keys:
+            break
+        for end in more:
+            if key + end not in keys:
                 raise RecordError(
-                    f"{WHAT} {config.path}, [{CALIBRATION}] {key}_pos",
+                    f"{WHAT} {config.path}, [{CALIBRATION}] {key}{end}",
                     "nothing",
                     f"three numbers of steps beside {key}",
                 )
-            used |= {key, f"{key}_pos"}
-            yield _contact(config, printer, step_mm, key)
-    distances = sorted(key for key in keys if key.startswith("distance") and "_" not in key)
-    if distances:
-        odd.append(
-            f"[{CALIBRATION}] {distances[0]} … {distances[-1]}: measured distances are not used"
-        )
-    for key in keys:
-        if key in used or key in KNOWN or key.startswith("distance"):
-            continue
-        known = OF_CALIBRATION.match(key)
-        why = "a number before it is missing" if known else "not known"
-        odd.append(f"[{CALIBRATION}] {key}: {why}")
+        yield key
 
 
 def _contact(config: Config, printer: TowerPrinter, step_mm: Three, key: str) -> Contact:
-    where = f"{WHAT} {config.path}, [{CALIBRATION}] {key}_pos"
     height_mm = config.number(CALIBRATION, key)
-    text = config.text(CALIBRATION, f"{key}_pos") or ""
+    place_mm = _place(config, printer, step_mm, f"{key}_pos", height_mm)
+    return Contact(
+        place_mm,
+        f"{key}: {height_mm:g}, {key}_pos: {config.text(CALIBRATION, f'{key}_pos')}",
+        height_mm,
+        max(step_mm),
+        "hand" if key.startswith("manual") else "probe",
+    )
+
+
+def _distance(config: Config, printer: TowerPrinter, step_mm: Three, key: str) -> Measured:
+    """Between places on the plate; the steps count from the switches, as those of heights do."""
+    value_mm = config.number(CALIBRATION, key, above=0.0)
+    ends = [f"{key}_pos{end}" for end in (1, 2)]
+    first, second = (_place(config, printer, step_mm, end, 0.0) for end in ends)
+    steps = ", ".join(f"{end}: {config.text(CALIBRATION, end)}" for end in ends)
+    where = f"{WHAT} {config.path}, [{CALIBRATION}] {key}"
+    return Measured(first, second, value_mm, f"{key}: {value_mm:g}, {steps}", where)
+
+
+def _place(
+    config: Config, printer: TowerPrinter, step_mm: Three, key: str, height_mm: float
+) -> Three:
+    """Where these steps lead to. Raises RecordError further than so much from the height."""
+    where = f"{WHAT} {config.path}, [{CALIBRATION}] {key}"
+    text = config.text(CALIBRATION, key) or ""
     try:
         steps = np.array([float(part) for part in text.split(",")])
     except ValueError:
         steps = np.array([math.nan])
     if steps.shape != (3,) or not np.isfinite(steps).all():
         raise RecordError(where, repr(text), "three numbers of steps, of a, b and c")
-    by_hand = key.startswith("manual")
     carriages = printer.switches_mm - steps * np.array(step_mm)
     try:
         x, y, z = printer.tool_mm(carriages)
@@ -298,13 +340,7 @@ def _contact(config: Config, printer: TowerPrinter, step_mm: Three, key: str) ->
         raise _elsewhere(where, text, "the bars do not meet there") from problem
     if abs(z - height_mm) > OFF_PLATE_MM:
         raise _elsewhere(where, text, f"the tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm")
-    return Contact(
-        (x, y, z),
-        f"{key}: {height_mm:g}, {key}_pos: {text}",
-        height_mm,
-        max(step_mm),
-        "hand" if by_hand else "probe",
-    )
+    return x, y, z
 
 
 def _elsewhere(where: str, text: str, why: str) -> RecordError:

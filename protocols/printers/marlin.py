@@ -26,6 +26,13 @@ def is_mine(text: str) -> bool:
 
 def held(texts: Texts) -> Held:
     """Geometry and contacts of these files together. Raises RecordError."""
+    for line in commands(texts, "G20"):
+        raise RecordError(
+            f"file of a printer {line.where}",
+            f"{line.text!r}: lengths in inches",
+            "lengths in mm",
+            "Send G21, then M503 and the places again.",
+        )
     odd: list[str] = []
     printer = _printer(texts, odd)
     offset = dict.fromkeys(TOWERS, 0.0)

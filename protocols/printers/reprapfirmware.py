@@ -23,6 +23,10 @@ HELD = re.compile(
     r", X (-?[\d.]+)\W+Y (-?[\d.]+)\W+Z (-?[\d.]+)"
 )
 ADJUSTED = re.compile(r"Endstop adjustments X(-?[\d.]+) Y(-?[\d.]+) Z(-?[\d.]+)")
+MINE = re.compile(
+    r"^\s*(?:M665\s*(?=[A-Z][^;\n]*)(?=[^;\n]*L)(?![^;\n]*S\d)|G30\s*P\d)",
+    re.MULTILINE | re.IGNORECASE,
+)
 ENTRY = re.compile(r"not set|probing failed|-?\d+\.\d+")
 TOWERS = "XYZ"
 
@@ -31,7 +35,7 @@ def is_mine(text: str) -> bool:
     """Whether a text has a line that only this firmware has."""
     if ANSWER.search(text) or HELD.search(text):
         return True
-    return re.search(r"^\s*(?:M665 (?=.*L)(?!.*\bS\d)|G30 P\d)", text, re.MULTILINE) is not None
+    return MINE.search(text) is not None
 
 
 def held(texts: Texts) -> Held:
@@ -84,7 +88,15 @@ def _printer(texts: Texts, odd: list[str]) -> TowerPrinter | None:
             "L, R and H: lengths of the bars, radius, height as homed",
             "Name config.g, too, or the answer of M665.",
         )
-    lengths = words["L"] if len(words["L"]) >= len(TOWERS) else words["L"][:1] * 3
+    if len(words["L"]) > len(TOWERS):
+        raise RecordError(
+            f"file of a printer, {first}",
+            f"M665 with {len(words['L'])} lengths of bars",
+            "three towers, or one length for all",
+            "Other printers are not calibrated here.",
+        )
+    # of towers without a length of their own the firmware takes the first one's
+    lengths = (*words["L"], *words["L"][:1] * 3)
     (radius, *_), (height, *_) = words["R"], words["H"]
     turned = [words.get(tower, (0.0,))[0] for tower in TOWERS]
     a, b, c = (usual + more for usual, more in zip(USUAL_ANGLES_DEG, turned, strict=True))

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from calib.arrays import FloatArray
 from calib.errors import RecordError
 from calib.tripod.geometry import trilaterate
+from protocols.distance_table import Measured
 from protocols.documents import Triple, describe
 from protocols.machine import Drive, Machine
 
@@ -54,12 +55,14 @@ class Contact:
 class Held:
     """What the files of a printer hold: its geometry if they have it, contacts, and odd lines.
 
+    ``distances`` are those between marks of a printed object.
     ``odd`` names what looked like geometry or a contact and is not used, with the reason.
     """
 
     printer: TowerPrinter | None
     contacts: tuple[Contact, ...]
     odd: tuple[str, ...] = ()
+    distances: tuple[Measured, ...] = ()
 
 
 @dataclass(frozen=True)

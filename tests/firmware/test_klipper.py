@@ -9,24 +9,10 @@ import pytest
 
 from protocols.printers.imported import imported_printer
 from tests.app.cli import glidecal
-from tests.app.exports.test_towers import (
-    ANGLES,
-    ANYTHING,
-    BAR,
-    BELIEVED,
-    ENDSTOPS,
-    OFF_IN_ALL,
-    RADIUS,
-    Firmware,
-    FloatArray,
-    errors,
-    exported,
-    klipper,
-    read_over_the_plate,
-    rms,
-)
+from tests.app.exports import test_towers as true
 from tests.firmware.klipper import STEP_MM, kinematics_of, need_klipper
 from tests.protocols.printers.printers import (
+    NOW,
     OLD_ARM,
     PRINTER,
     arms_saved,
@@ -36,10 +22,6 @@ from tests.protocols.printers.printers import (
 )
 
 MIDDLE = np.zeros(3)
-NOW = f"[printer]\nkinematics: delta\ndelta_radius: {RADIUS}\n" + "".join(
-    f"[stepper_{name}]\nposition_endstop: {stop}\narm_length: {BAR}\nangle: {angle}\n"
-    for name, stop, angle in zip("abc", ENDSTOPS, ANGLES, strict=True)
-)
 
 
 @pytest.fixture(autouse=True)
@@ -47,11 +29,11 @@ def _present() -> None:
     need_klipper()
 
 
-def by_klipper(text: str) -> Firmware:
+def by_klipper(text: str) -> true.Firmware:
     """Travel below each switch as Klipper's own calibration counts the steps from it."""
     calibration = kinematics_of(text).get_calibration()
 
-    def travel_mm(place: FloatArray) -> FloatArray:
+    def travel_mm(place: true.FloatArray) -> true.FloatArray:
         return STEP_MM * np.array(calibration.calc_stable_position(place))
 
     return travel_mm
@@ -59,8 +41,8 @@ def by_klipper(text: str) -> Firmware:
 
 def test_klipper_reads_the_file_as_the_formulas_of_the_tests_do(tmp_path: Path) -> None:
     """Appended to what the printer holds: of each key the last one wins."""
-    text = exported(ANYTHING, "klipper", tmp_path).read_text()
-    ours, theirs = klipper(text), by_klipper(NOW + text)
+    text = true.exported(true.ANYTHING, "klipper", tmp_path).read_text()
+    ours, theirs = true.klipper(text), by_klipper(NOW + text)
     for place in (MIDDLE, np.array([40.0, -30.0, 10.0]), np.array([-50.0, 20.0, 150.0])):
         assert theirs(place) == pytest.approx(ours(place), abs=1e-9)
     home = kinematics_of(NOW + text).home_position
@@ -68,14 +50,16 @@ def test_klipper_reads_the_file_as_the_formulas_of_the_tests_do(tmp_path: Path) 
 
 
 def test_klipper_moves_the_true_machine_nearer_with_the_height_kept(tmp_path: Path) -> None:
-    session, out = read_over_the_plate(OFF_IN_ALL, tmp_path), tmp_path / "calib.cfg"
+    session, out = true.read_over_the_plate(true.OFF_IN_ALL, tmp_path), tmp_path / "calib.cfg"
     run = glidecal("export", session, "--format", "klipper", "-o", out)
     assert run.status == 0, run.err
     now, told = by_klipper(NOW), by_klipper(NOW + out.read_text())
-    assert now(MIDDLE) == pytest.approx(BELIEVED(MIDDLE), abs=1e-9)
-    raised = OFF_IN_ALL.tool(told(MIDDLE))[2] - OFF_IN_ALL.tool(now(MIDDLE))[2]
+    assert now(MIDDLE) == pytest.approx(true.BELIEVED(MIDDLE), abs=1e-9)
+    raised = true.OFF_IN_ALL.tool(told(MIDDLE))[2] - true.OFF_IN_ALL.tool(now(MIDDLE))[2]
     assert raised == pytest.approx(0.0, abs=0.05)
-    assert rms(errors(OFF_IN_ALL, told)) < rms(errors(OFF_IN_ALL, now))
+    assert true.rms(true.errors(true.OFF_IN_ALL, told)) < true.rms(
+        true.errors(true.OFF_IN_ALL, now)
+    )
 
 
 def test_stable_positions_are_imported_as_klipper_reads_them(tmp_path: Path) -> None:

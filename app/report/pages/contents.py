@@ -202,6 +202,11 @@ def _sessions(sessions: Sequence[Session]) -> list[Table]:
         "contacts that count" if contacts else "readings that count": [
             f"{len(one.readings)} of {len(one.all_readings)}" for one in sessions
         ],
+        **(
+            {"distances between marks": [f"{len(one.distances)}" for one in sessions]}
+            if any(one.distances for one in sessions)
+            else {}
+        ),
         "SHA-256 of the last line": [one.digest for one in sessions],
     }
     for heading, values in rows.items():

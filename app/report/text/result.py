@@ -110,7 +110,11 @@ def _measured_words(session: Session) -> str:
     words += [] if opened.temperature_c is None else [f"at {opened.temperature_c:g} °C"]
     indicators = dict.fromkeys(map(indicator_words, opened.instruments))
     unnamed = "contacts" if session.of_contacts else "indicators not named"
-    return f"{' '.join(words)}; {', '.join(indicators) or unnamed}."
+    taken = [", ".join(indicators) or unnamed]
+    if session.distances:
+        count = len(session.distances)
+        taken.append(f"{count} distance{'s' if count > 1 else ''} between marks")
+    return "; ".join([" ".join(words), *taken]) + "."
 
 
 def indicator_words(one: Instrument) -> str:

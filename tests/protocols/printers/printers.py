@@ -67,6 +67,10 @@ def steppers(arm_mm: float = BAR, motor: str = MOTOR) -> str:
     )
 
 
+PERFECT = Hidden()
+NOW = f"[printer]\nkinematics: delta\ndelta_radius: {RADIUS}\n" + steppers(motor="")
+"""What the controller holds, for whoever reads the formulas from a configuration."""
+
 SAVED_HEAD = """
 #*# <---------------------- SAVE_CONFIG ---------------------->
 #*# DO NOT EDIT THIS BLOCK OR BELOW. The contents are auto-generated.

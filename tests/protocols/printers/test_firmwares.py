@@ -18,24 +18,11 @@ from protocols.printers import marlin, repetier, reprapfirmware
 from protocols.printers.imported import ImportedPrinter, imported_printer
 from protocols.session import fold
 from tests.app.cli import glidecal
-from tests.app.exports.test_towers import (
-    ANGLES,
-    BAR,
-    BELIEVED,
-    ENDSTOPS,
-    OFF_IN_ALL,
-    RADIUS,
-    Hidden,
-    errors,
-    rms,
-)
-from tests.app.exports.test_towers import marlin as by_marlin
-from tests.app.exports.test_towers import reprapfirmware as by_reprapfirmware
-from tests.protocols.printers.printers import rings, touched_at
+from tests.app.exports import test_towers as true
+from tests.protocols.printers.printers import PERFECT, rings, touched_at
 
-PERFECT = Hidden()
 HEIGHT = 300.0
-STOPS = [stop - HEIGHT for stop in ENDSTOPS]
+STOPS = [stop - HEIGHT for stop in true.ENDSTOPS]
 
 
 def read(folder: Path, *texts: str) -> ImportedPrinter:
@@ -52,13 +39,13 @@ def words(values: Sequence[float], letters: str = "XYZ") -> str:
 CONFIG_G = f"""\
 ; general
 M550 P"mine"                    ; a name
-M665 L{BAR}:{BAR}:{BAR} R{RADIUS} H{HEIGHT} B100 X0 Y0 Z0 ; as measured
+M665 L{true.BAR}:{true.BAR}:{true.BAR} R{true.RADIUS} H{HEIGHT} B100 X0 Y0 Z0 ; as measured
 M666 {words(STOPS)} A0.00 B0.00
 G31 P500 X0 Y0 Z0.25            ; trigger
 """
 
 
-def g32(hidden: Hidden, cycles: int = 1, trigger_mm: float = 0.25) -> tuple[str, str]:
+def g32(hidden: true.Hidden, cycles: int = 1, trigger_mm: float = 0.25) -> tuple[str, str]:
     """A macro with its places, and the answers: where the tool was as the probe tripped."""
     macro = "".join(
         f"G30 P{k} X{x:.3f} Y{y:.3f} Z-99999{' S-1' if k == 18 else ''}\n"
@@ -70,13 +57,13 @@ def g32(hidden: Hidden, cycles: int = 1, trigger_mm: float = 0.25) -> tuple[str,
     return macro, lines * cycles
 
 
-def m503(hidden: Hidden, cycles: int = 1) -> str:
+def m503(hidden: true.Hidden, cycles: int = 1) -> str:
     """What Marlin shows and answers; its probe is 15 mm beside the tool and trips 2 mm early."""
     adjusted = [-stop for stop in STOPS]
     lines = [
         "echo:; Endstop adjustment:",
         f"echo:  M666 {words(adjusted)}",
-        f"echo:  M665 L{BAR:.2f} R{RADIUS:.2f} H{HEIGHT:.2f} S200.00 X0.00 Y0.00 Z0.00 "
+        f"echo:  M665 L{true.BAR:.2f} R{true.RADIUS:.2f} H{HEIGHT:.2f} S200.00 X0.00 Y0.00 Z0.00 "
         "A0.00 B0.00 C0.00",
         "echo:  M851 X15.00 Y-5.00 Z-2.00 ; (mm)",
     ]
@@ -89,20 +76,20 @@ def m503(hidden: Hidden, cycles: int = 1) -> str:
 
 EEPROM = {
     11: (80.0, "Steps per mm"),
-    153: (max(ENDSTOPS), "Z max length [mm]"),
-    881: (BAR, "Diagonal rod length [mm]"),
-    885: (RADIUS, "Horizontal rod radius at 0,0 [mm]"),
+    153: (max(true.ENDSTOPS), "Z max length [mm]"),
+    881: (true.BAR, "Diagonal rod length [mm]"),
+    885: (true.RADIUS, "Horizontal rod radius at 0,0 [mm]"),
     925: (100.0, "Max printable radius [mm]"),
-    893: (round((ENDSTOPS[0] - 299.0) * 80), "Tower X endstop offset [steps]"),
-    895: (round((ENDSTOPS[1] - 299.0) * 80), "Tower Y endstop offset [steps]"),
-    897: (round((ENDSTOPS[2] - 299.0) * 80), "Tower Z endstop offset [steps]"),
+    893: (round((true.ENDSTOPS[0] - 299.0) * 80), "Tower X endstop offset [steps]"),
+    895: (round((true.ENDSTOPS[1] - 299.0) * 80), "Tower Y endstop offset [steps]"),
+    897: (round((true.ENDSTOPS[2] - 299.0) * 80), "Tower Z endstop offset [steps]"),
     901: (210.0, "Alpha A(210):"),
     905: (330.0, "Alpha B(330):"),
     909: (90.0, "Alpha C(90):"),
 }
 
 
-def m205(hidden: Hidden, cycles: int = 1, more: str = "") -> str:
+def m205(hidden: true.Hidden, cycles: int = 1, more: str = "") -> str:
     lines = [f"11:26:45.077 : EPR:3 {k} {value:.3f} {name}" for k, (value, name) in EEPROM.items()]
     for _ in range(cycles):
         for x, y in rings():
@@ -112,9 +99,9 @@ def m205(hidden: Hidden, cycles: int = 1, more: str = "") -> str:
 
 
 @pytest.mark.parametrize("dialect", ["reprapfirmware", "marlin", "repetier"])
-@pytest.mark.parametrize("hidden", [PERFECT, OFF_IN_ALL], ids=["none", "all"])
+@pytest.mark.parametrize("hidden", [PERFECT, true.OFF_IN_ALL], ids=["none", "all"])
 def test_geometry_and_contacts_are_what_the_firmware_holds(
-    tmp_path: Path, dialect: str, hidden: Hidden
+    tmp_path: Path, dialect: str, hidden: true.Hidden
 ) -> None:
     texts = {
         "reprapfirmware": (CONFIG_G, *g32(hidden, 2)),
@@ -124,12 +111,12 @@ def test_geometry_and_contacts_are_what_the_firmware_holds(
     found = read(tmp_path, *texts)
     machine, far = found.opened.machine, 3.0 if dialect == "repetier" else 0.0
     assert not found.odd
-    assert machine.leg_length_mm == BAR
-    assert machine.position_endstop_mm == pytest.approx(ENDSTOPS, abs=1e-9)
+    assert machine.leg_length_mm == true.BAR
+    assert machine.position_endstop_mm == pytest.approx(true.ENDSTOPS, abs=1e-9)
     assert machine.drive is not None
     stand = np.array([drive.origin_mm[:2] for drive in machine.drive])
-    assert np.hypot(*stand.T) == pytest.approx([RADIUS] * 3, abs=1e-5)
-    assert np.degrees(np.arctan2(*stand.T[::-1])) % 360.0 == pytest.approx(ANGLES, abs=1e-4)
+    assert np.hypot(*stand.T) == pytest.approx([true.RADIUS] * 3, abs=1e-5)
+    assert np.degrees(np.arctan2(*stand.T[::-1])) % 360.0 == pytest.approx(true.ANGLES, abs=1e-4)
     height = {"reprapfirmware": 0.25, "marlin": 2.0, "repetier": 0.0}[dialect]
     assert {one.value_mm for one in found.contacts} == {height}
     assert [one.cycle for one in found.contacts] == [1] * 19 + [2] * 19
@@ -143,7 +130,7 @@ def test_geometry_and_contacts_are_what_the_firmware_holds(
 
 @pytest.mark.parametrize("dialect", ["reprapfirmware", "marlin"])
 def test_from_files_of_a_printer_to_better_lines(tmp_path: Path, dialect: str) -> None:
-    hidden = Hidden(switch_mm=(0.4, -0.3, 0.2), bar_mm=(0.2, -0.1, 0.0))
+    hidden = true.Hidden(switch_mm=(0.4, -0.3, 0.2), bar_mm=(0.2, -0.1, 0.0))
     texts = (CONFIG_G, *g32(hidden, 2)) if dialect == "reprapfirmware" else (m503(hidden, 2),)
     paths = [tmp_path / f"{number}.g" for number in range(len(texts))]
     for path, text in zip(paths, texts, strict=True):
@@ -152,13 +139,37 @@ def test_from_files_of_a_printer_to_better_lines(tmp_path: Path, dialect: str) -
     run = glidecal("import", *paths, "-o", session, "--machine-file-out", machine)
     assert run.status == 0, run.err
     assert "38 contacts written" in run.err
-    assert load_machine(machine).position_endstop_mm == pytest.approx(ENDSTOPS)
+    assert load_machine(machine).position_endstop_mm == pytest.approx(true.ENDSTOPS)
     run = glidecal("export", session, "--format", dialect, "-o", out)
     assert run.status == 0, run.err
-    firmware = {"reprapfirmware": by_reprapfirmware, "marlin": by_marlin}[dialect]
-    before = rms(errors(hidden, BELIEVED))
-    after = rms(errors(hidden, firmware(out.read_text())))
+    firmware = {"reprapfirmware": true.reprapfirmware, "marlin": true.marlin}[dialect]
+    before = true.rms(true.errors(hidden, true.BELIEVED))
+    after = true.rms(true.errors(hidden, firmware(out.read_text())))
     assert after < 0.3 * before
+
+
+@pytest.mark.parametrize(
+    ("line", "otherwise"),
+    [
+        (f"M665 L{true.BAR}:", f"m665 l{true.BAR}:"),
+        (f" R{true.RADIUS} H", f"R{true.RADIUS}H"),
+        (f" R{true.RADIUS}", f" R {true.RADIUS}"),
+        ("; as measured", "(as measured)"),
+        ("M665 L", "  M665  L"),
+    ],
+)
+def test_commands_as_firmware_takes_them(tmp_path: Path, line: str, otherwise: str) -> None:
+    assert line in CONFIG_G
+    found = read(tmp_path, CONFIG_G.replace(line, otherwise), *g32(PERFECT))
+    assert found.opened.machine == read(tmp_path, CONFIG_G, *g32(PERFECT)).opened.machine
+
+
+def test_a_tower_without_a_length_has_the_first_ones(tmp_path: Path) -> None:
+    two = CONFIG_G.replace(f"L{true.BAR}:{true.BAR}:{true.BAR}", f"L{true.BAR}:{true.BAR + 0.5}")
+    machine = read(tmp_path, two, *g32(PERFECT)).opened.machine
+    assert machine.drive is not None
+    lengths = [drive.leg_length_mm for drive in machine.drive]
+    assert lengths == [true.BAR, true.BAR + 0.5, true.BAR]
 
 
 TEN = (
@@ -198,8 +209,8 @@ def test_answers_of_a_printer_win_over_its_configuration(tmp_path: Path) -> None
     """M665 and M666 asked for on the printer show what is held now; config.g what it began with."""
     macro, log = g32(PERFECT)
     held = (
-        f"Diagonals {BAR:.3f}:{BAR:.3f}:{BAR:.3f}, delta radius {RADIUS:.3f}, homed height "
-        "300.500, bed radius 100.0, X 0.000°, Y 0.000°, Z 0.000°\n"
+        f"Diagonals {true.BAR:.3f}:{true.BAR:.3f}:{true.BAR:.3f}, delta radius {true.RADIUS:.3f}, "
+        "homed height 300.500, bed radius 100.0, X 0.000°, Y 0.000°, Z 0.000°\n"
         "Endstop adjustments X0.10 Y-0.20 Z0.10, tilt X0.00% Y0.00%\n"
     )
     found = read(tmp_path, CONFIG_G, macro, held + log)
@@ -251,10 +262,13 @@ MACRO, LOG = g32(PERFECT)
         ((CONFIG_G, LOG), "1 answers of G32 to 0 lists of places G30 P"),
         ((CONFIG_G, MACRO), "no contact with the plate"),
         ((CONFIG_G, ODD_G, LOG), "19 heights for 2 places"),
-        ((CONFIG_G.replace(f"R{RADIUS}", ""), MACRO, LOG), "M665 without R"),
-        ((CONFIG_G.replace(f"R{RADIUS}", "R900"), MACRO, LOG), "on a radius of 900 mm"),
+        ((CONFIG_G.replace(f"R{true.RADIUS}", ""), MACRO, LOG), "M665 without R"),
+        ((CONFIG_G.replace(f"R{true.RADIUS}", "R900"), MACRO, LOG), "on a radius of 900 mm"),
         ((CONFIG_G.replace("H300.0", "H1:2"), MACRO, LOG), "H and a number"),
         ((MACRO, LOG), "contacts, and no geometry"),
+        ((CONFIG_G.replace(f" R{true.RADIUS}", " R{var.r}"), MACRO, LOG), "letters and numbers"),
+        ((CONFIG_G.replace("L250", "L250:250"), MACRO, LOG), "M665 with 4 lengths of bars"),
+        (("G20\n" + m503(PERFECT),), "'G20': lengths in inches"),
         ((m503(PERFECT).replace(" H300.00", ""),), "M665 without H"),
         ((m205(PERFECT).replace("EPR:3 881", "EPR:3 1881"),), "without Diagonal rod length"),
         ((m205(PERFECT).replace("80.000 Steps", "0 Steps"),), "steps per mm above 0"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -18,22 +19,12 @@ from protocols.printers.imported import ImportedPrinter, imported_printer
 from protocols.record import read_record
 from protocols.session import Session, fold
 from tests.app.cli import glidecal, refused
-from tests.app.exports.test_towers import (
-    ANGLES,
-    ANYTHING,
-    BAR,
-    BELIEVED,
-    ENDSTOPS,
-    OFF_IN_ALL,
-    RADIUS,
-    Hidden,
-    errors,
-    rms,
-)
-from tests.app.exports.test_towers import klipper as by_formula
+from tests.app.exports import test_towers as true
 from tests.protocols.printers.printers import (
     MOTOR,
+    NOW,
     OLD_ARM,
+    PERFECT,
     PRINTER,
     STEP_MM,
     arms_saved,
@@ -46,9 +37,6 @@ from tests.protocols.printers.printers import (
     touched_at,
 )
 
-PERFECT = Hidden()
-NOW = f"[printer]\ndelta_radius: {RADIUS}\n" + steppers(motor="")
-
 
 def read(folder: Path, text: str, *logs: str) -> ImportedPrinter:
     paths = [folder / "printer.cfg", *(folder / f"{k}.log" for k in range(len(logs)))]
@@ -59,26 +47,28 @@ def read(folder: Path, text: str, *logs: str) -> ImportedPrinter:
 
 def test_the_machine_is_that_of_the_saved_block(tmp_path: Path) -> None:
     machine = read(tmp_path, printer_cfg(PERFECT)).opened.machine
-    assert machine.leg_length_mm == BAR != OLD_ARM
-    assert machine.position_endstop_mm == ENDSTOPS
+    assert machine.leg_length_mm == true.BAR != OLD_ARM
+    assert machine.position_endstop_mm == true.ENDSTOPS
     assert machine.screw_lead_mm == 40.0
     assert machine.drive is not None
     stand = np.array([drive.origin_mm[:2] for drive in machine.drive])
-    assert np.hypot(*stand.T) == pytest.approx([RADIUS] * 3, abs=1e-5)
+    assert np.hypot(*stand.T) == pytest.approx([true.RADIUS] * 3, abs=1e-5)
     turned = np.degrees(np.arctan2(stand[:, 1], stand[:, 0])) % 360.0
-    assert turned == pytest.approx(ANGLES, abs=1e-5)
+    assert turned == pytest.approx(true.ANGLES, abs=1e-5)
 
 
-@pytest.mark.parametrize("hidden", [PERFECT, OFF_IN_ALL, ANYTHING], ids=["none", "some", "all"])
+@pytest.mark.parametrize(
+    "hidden", [PERFECT, true.OFF_IN_ALL, true.ANYTHING], ids=["none", "some", "all"]
+)
 def test_stable_positions_are_the_places_that_were_commanded(
-    tmp_path: Path, hidden: Hidden
+    tmp_path: Path, hidden: true.Hidden
 ) -> None:
     """Carriages from steps, the tool from carriages; half a step of each is a step across."""
     found = to_observations([_session(read(tmp_path, printer_cfg(hidden)))])
     assert found.contact.all()
     want = np.array([touched_at(hidden, x, y) for x, y in rings()])
     assert np.abs(found.position_mm - want).max() < 2.0 * STEP_MM
-    steps = np.array([BELIEVED(place) for place in found.position_mm]) / STEP_MM
+    steps = np.array([true.BELIEVED(place) for place in found.position_mm]) / STEP_MM
     assert steps == pytest.approx(np.array([stable(hidden, x, y) for x, y in rings()]), abs=1e-6)
 
 
@@ -138,20 +128,70 @@ def test_old_answers_are_the_place_of_the_tool(tmp_path: Path) -> None:
 
 def test_what_is_not_used_is_named(tmp_path: Path) -> None:
     more = (
-        "distance0 = 60.0",
-        "distance0_pos1 = 1,2,3",
-        "distance0_pos2 = 3,2,1",
+        "distance1 = 60.0",
+        "distance1_pos1 = 1,2,3",
+        "distance1_pos2 = 3,2,1",
         "height9 = 0.0",
         "height9_pos = 1,2,3",
         "delta_a_angle = 210.0",
     )
     found = read(tmp_path, printer_cfg(PERFECT, 7, more) + "")
     said = " | ".join(found.odd)
-    assert "distance0 … distance0: measured distances are not used" in said
+    assert "distance1: a number before it is missing" in said
+    assert "distance1_pos2: a number before it is missing" in said
+    assert not found.distances
     assert "height9: a number before it is missing" in said
     assert "height9_pos: a number before it is missing" in said
     assert "delta_a_angle: not known" in said
     assert len(found.contacts) == 7
+
+
+def distance_lines(hidden: true.Hidden, off_mm: float = 0.0) -> list[str]:
+    """Marks 60 mm from the middle across it, and what a caliper shows on the true machine."""
+    lines = []
+    for number, (x, y) in enumerate([(60.0, 0.0), (30.0, 52.0), (-30.0, 52.0)]):
+        ends = [true.BELIEVED(np.array([sign * x, sign * y, 0.0])) for sign in (1.0, -1.0)]
+        steps = [np.round(travel_mm / STEP_MM) for travel_mm in ends]
+        first, second = (hidden.tool(whole * STEP_MM) for whole in steps)
+        lines.append(f"distance{number} = {np.linalg.norm(first - second) + off_mm:.5f}")
+        for end, whole in enumerate(steps, start=1):
+            lines.append(f"distance{number}_pos{end} = {','.join(f'{s:.3f}' for s in whole)}")
+    return lines
+
+
+def test_distances_are_between_the_marks_as_they_were_commanded(tmp_path: Path) -> None:
+    """Steps count from the switches, so the places are those of the controller, whatever is off."""
+    found = read(tmp_path, printer_cfg(true.OFF_IN_ALL, 7, distance_lines(true.OFF_IN_ALL)))
+    assert not found.odd
+    want = [(60.0, 0.0), (30.0, 52.0), (-30.0, 52.0)]
+    assert [one.from_mm[:2] for one in found.distances] == [
+        pytest.approx(place, abs=2.0 * STEP_MM) for place in want
+    ]
+    for one in found.distances:
+        first, second = (true.BELIEVED(np.array(end)) for end in (one.from_mm, one.to_mm))
+        whole = [np.round(end / STEP_MM) * STEP_MM for end in (first, second)]
+        ends = [true.OFF_IN_ALL.tool(travel_mm) for travel_mm in whole]
+        assert one.value_mm == pytest.approx(np.linalg.norm(ends[0] - ends[1]), abs=1e-4)
+
+
+def test_distances_go_with_the_contacts_into_record_and_result(tmp_path: Path) -> None:
+    """A machine whose bars are longer alike: the tool is known better than by contacts alone."""
+    hidden = true.Hidden(switch_mm=(0.2, -0.1, 0.1), bar_mm=(0.5, 0.5, 0.5))
+    bound_mm = []
+    for name, more in (("a", ()), ("b", distance_lines(hidden))):
+        cfg, session = tmp_path / f"{name}.cfg", tmp_path / f"{name}.jsonl"
+        cfg.write_text(printer_cfg(hidden, 19, more), encoding="utf-8")
+        deviation = ("--distance-deviation", "0.02") if more else ()
+        run = glidecal("import", cfg, "-o", session, *deviation)
+        assert run.status == 0, run.err
+        stated = [one.deviation_mm for one in read_record(session).session.distances]
+        assert stated == [0.02] * (len(more) // 3)
+        assert glidecal("validate", session).status == 0
+        run = glidecal("solve", session)
+        assert ("3 distances between marks" in run.out) == (name == "b")
+        solved = json.loads(glidecal("solve", session, "--holds", "kinematics", "--json").out)
+        bound_mm.append(solved["correction"]["bound"]["touched_off_mm"])
+    assert bound_mm[1] < bound_mm[0]
 
 
 def test_includes_are_read_where_they_stand(tmp_path: Path) -> None:
@@ -161,6 +201,36 @@ def test_includes_are_read_where_they_stand(tmp_path: Path) -> None:
     found = read(tmp_path, text)
     assert len(found.contacts) == 19
     assert found.odd == ("[include lost.cfg] of printer.cfg: there is no such file",)
+
+
+def test_files_that_include_twice_as_many_each_end(tmp_path: Path) -> None:
+    for number in range(30):
+        text = f"[include {number + 1}.cfg]\n" * 2
+        (tmp_path / f"{number}.cfg").write_text(text, encoding="utf-8")
+    (tmp_path / "30.cfg").write_text("", encoding="utf-8")
+    with pytest.raises(RecordError, match="200 files together"):
+        read(tmp_path, PRINTER + "[include 0.cfg]\n" + steppers())
+
+
+@pytest.mark.parametrize("end", ["\r\n", "\r"])
+def test_marks_breaks_and_comments_of_other_editors(tmp_path: Path, end: str) -> None:
+    """A byte order mark, breaks of other systems, and a comment without a space before it."""
+    text = printer_cfg(PERFECT, 7).replace(f"{true.RADIUS}  #", f"{true.RADIUS}#")
+    (tmp_path / "a.cfg").write_bytes(("\ufeff" + text.replace("\n", end)).encode())
+    found = imported_printer([tmp_path / "a.cfg"], "test")
+    usual = read(tmp_path, printer_cfg(PERFECT, 7))
+    assert [one.text for one in found.contacts] == [one.text for one in usual.contacts]
+    assert found.opened.machine.drive == usual.opened.machine.drive
+
+
+def test_a_long_log_takes_no_square_of_its_length(tmp_path: Path) -> None:
+    """20,000 contacts at 100 x 100 places, each twice: the second is cycle 2."""
+    every = [(x, y) for x in range(-50, 50) for y in range(-50, 50)]
+    log = "".join(f"probe: at {x},{y} bed will contact at z=0.1\n" for x, y in every * 2)
+    begin = time.process_time()
+    found = read(tmp_path, PRINTER + steppers(), log)
+    assert [one.cycle for one in found.contacts] == [1] * 10_000 + [2] * 10_000
+    assert time.process_time() - begin < 10.0  # comparing each with each takes minutes
 
 
 def test_gears_and_full_steps_make_a_step_shorter(tmp_path: Path) -> None:
@@ -191,8 +261,11 @@ ARM = steppers()
     [
         (
             PRINTER.replace("delta\n", "cartesian\n").replace("delta_radius", "size") + ARM,
-            "[printer] kinematics: found cartesian, without delta_radius. Allowed: kinematics of "
-            "three upright towers",
+            "[printer] kinematics: found cartesian. Allowed: delta: three upright towers",
+        ),
+        (
+            PRINTER.replace("delta\n", "corexy\n") + ARM,  # a radius that was left there
+            "[printer] kinematics: found corexy",
         ),
         (PRINTER + ARM.replace("arm_length", "arm"), "[stepper_a] arm_length: found nothing"),
         (
@@ -230,8 +303,25 @@ ARM = steppers()
             PRINTER + ARM.replace("_distance: 40", "_distance: 32") + saved(height_lines(PERFECT)),
             "These contacts are of another geometry",
         ),
+        (
+            printer_cfg(PERFECT, 7, distance_lines(PERFECT)[:2]),
+            "distance0_pos2: found nothing. Allowed: three numbers of steps beside distance0",
+        ),
+        (
+            printer_cfg(PERFECT, 7, distance_lines(PERFECT, -60.0)),
+            "mm apart. Allowed: two marks, and a distance within 5 mm of that. Is it in mm",
+        ),
+        (
+            printer_cfg(PERFECT, 7, ["distance0 = nan", *distance_lines(PERFECT)[1:]]),
+            "distance0: found 'nan'. Allowed: a finite number above 0",
+        ),
+        (
+            printer_cfg(PERFECT, 7, ["distance0 = 9", "distance0_pos1 = a", "distance0_pos2 = 1"]),
+            "distance0_pos1: found 'a'. Allowed: three numbers of steps",
+        ),
         (PRINTER + ARM + saved([]) + "height0 = 0\n", "below the SAVE_CONFIG line"),
         (PRINTER + "[include printer.cfg]\n" + ARM, "no file inside itself"),
+        (PRINTER + ARM + saved([]) + saved([]), "no section or key"),
     ],
 )
 def test_configurations_that_cannot_be_used(tmp_path: Path, text: str, said: str) -> None:
@@ -268,10 +358,12 @@ def test_what_the_command_line_cannot_mean(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("hidden", "share"),
-    [(Hidden(switch_mm=(0.4, -0.3, 0.2)), 0.15), (OFF_IN_ALL, 0.6)],
+    [(true.Hidden(switch_mm=(0.4, -0.3, 0.2)), 0.15), (true.OFF_IN_ALL, 0.6)],
     ids=["switches", "all"],
 )
-def test_from_a_printer_cfg_to_a_better_one(tmp_path: Path, hidden: Hidden, share: float) -> None:
+def test_from_a_printer_cfg_to_a_better_one(
+    tmp_path: Path, hidden: true.Hidden, share: float
+) -> None:
     """Import, solve, export, and the true machine follows its tool better with the new values.
 
     Each place once, on whole steps: nothing tells the noise. Radius and angles are not fitted yet,
@@ -288,8 +380,8 @@ def test_from_a_printer_cfg_to_a_better_one(tmp_path: Path, hidden: Hidden, shar
     assert solved["correction"]["holds"] == "offsets"
     run = glidecal("export", session, "--format", "klipper", "-o", out)
     assert run.status == 0, run.err
-    before = rms(errors(hidden, by_formula(NOW)))
-    after = rms(errors(hidden, by_formula(out.read_text())))
+    before = true.rms(true.errors(hidden, true.klipper(NOW)))
+    after = true.rms(true.errors(hidden, true.klipper(out.read_text())))
     assert after < share * before
 
 

@@ -1,0 +1,109 @@
+"""Tables of distances between marks: a row for each distance that a person measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import RecordError
+from calib.tripod.geometry import Geometry
+from protocols.documents import Triple
+from protocols.session import Distance
+from protocols.table import FROM, TO, Row, rows_of_table
+
+BY_HAND_MM = 0.05
+"""Standard deviation of marking and measuring with a caliper, if nobody states another."""
+
+OFF_MM = 5.0
+"""So far what was measured may be from what was commanded: a machine that is off by more was of no
+use, and the distance is of other marks, or in another unit."""
+
+LEAST_MM = 1e-4
+"""Nothing is marked and measured better."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A distance between two places of the tool, and where that stands, for messages."""
+
+    from_mm: Triple
+    to_mm: Triple
+    value_mm: float
+    text: str
+    where: str
+    deviation_mm: float | None = None
+
+
+def distances_of_table(path: Path) -> tuple[Measured, ...]:
+    """The distances of a table. Raises RecordError naming line, column and value."""
+    return tuple(_measured(row) for row in rows_of_table(path)[0])
+
+
+def _measured(row: Row) -> Measured:
+    if "distance_mm" not in row.fields:
+        raise RecordError(
+            f"table {row.path}, header",
+            ", ".join(row.fields),
+            "columns " + ", ".join((*FROM, *TO, "distance_mm")),
+            "Missing: distance_mm",
+        )
+    places: list[Triple] = []
+    for names in (FROM, TO):
+        x, y, z = (row.number(name) for name in names)
+        places.append((x, y, z))
+    return Measured(
+        places[0],
+        places[1],
+        row.number("distance_mm"),
+        row.with_point("distance_mm"),
+        f"table {row.path}, line {row.line}",
+        row.optional("deviation_mm", row.number, None),
+    )
+
+
+def checked(
+    measured: Sequence[Measured], geometry: Geometry, deviation_mm: float | None = None
+) -> tuple[Distance, ...]:
+    """Lines of the record, numbered from 1; ``deviation_mm`` of those that state none.
+
+    Raises RecordError for marks that the bars do not reach, two marks at one place, a distance that
+    is none, or far from what was commanded.
+    """
+    usual_mm = BY_HAND_MM if deviation_mm is None else deviation_mm
+    return tuple(
+        _checked(number, one, geometry, usual_mm) for number, one in enumerate(measured, start=1)
+    )
+
+
+def _checked(number: int, one: Measured, geometry: Geometry, usual_mm: float) -> Distance:
+    for place in (one.from_mm, one.to_mm):
+        if not (geometry.reach_mm2(np.array(place)) > 0.0).all():
+            at = ", ".join(f"{value:g}" for value in place)
+            raise RecordError(one.where, f"a mark at ({at}) mm", "places that the bars reach")
+    apart_mm = math.dist(one.from_mm, one.to_mm)
+    if not (apart_mm > 0.0 < one.value_mm and abs(one.value_mm - apart_mm) <= OFF_MM):
+        raise RecordError(
+            one.where,
+            f"{one.value_mm:g} mm between marks that were commanded {apart_mm:.6g} mm apart",
+            f"two marks, and a distance within {OFF_MM:g} mm of that",
+            "Is it in mm, and of these two marks? Measure it again, or take it out.",
+        )
+    deviation_mm = usual_mm if one.deviation_mm is None else one.deviation_mm
+    if not LEAST_MM <= deviation_mm <= OFF_MM:
+        raise RecordError(
+            one.where,
+            f"a standard deviation of {deviation_mm:g} mm",
+            f"{LEAST_MM:g} … {OFF_MM:g} mm, that of marking and measuring together",
+        )
+    return Distance(
+        distance=number,
+        from_mm=one.from_mm,
+        to_mm=one.to_mm,
+        value_mm=one.value_mm,
+        deviation_mm=deviation_mm,
+        text=one.text,
+    )

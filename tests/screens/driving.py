@@ -17,8 +17,8 @@ from textual.widget import Widget
 from textual.widgets import Input, Select, Static
 
 from app.measuring.demo import demo_plan
+from app.measuring.doubts import Doubt, TakenStep
 from app.measuring.plan import Plan
-from app.measuring.session import Doubt, TakenStep
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.history import HistoryScreen

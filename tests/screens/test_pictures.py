@@ -22,7 +22,7 @@ from textual.widgets import Input, OptionList, Static, TabbedContent
 from app.evaluating.solution import solve_files
 from app.machines.registry import LOOKS
 from app.measuring.demo import demo_plan
-from app.report.text.session import question_choices
+from app.report.text.questions import question_choices
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, Interface, TextDialog
 from app.screens.plot import ChartPlot

@@ -11,8 +11,9 @@ import pytest
 from textual.containers import VerticalScroll
 from textual.geometry import Size
 from textual.screen import Screen
-from textual.widgets import Static, TabbedContent
+from textual.widgets import Footer, Static, TabbedContent
 from textual.widgets._footer import FooterKey
+from textual.widgets._toast import Toast
 
 from app.evaluating.solution import SessionSolution, solve_files
 from app.measuring.demo import demo_plan
@@ -291,6 +292,25 @@ async def test_export_names_what_it_wrote(
     written = sorted(p.name for p in path.with_suffix("").iterdir())
     assert "offsets.csv" in written
     assert all(name in said[0] for name in written)
+
+
+async def test_what_was_written_lies_over_nothing(
+    published: tuple[SessionSolution, Path],
+) -> None:
+    """After E the first page with its caution still fits the smallest terminal, above the line."""
+    solved, path = published
+    interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        await pilot.press("e")
+        message, first = (interface.screen.query_one(f"#{name}") for name in ("message", "first"))
+        await until(pilot, "written", lambda: "calib_joint2.inc" in text(interface, "#message"))
+        words = "Next: enter the values in the controller; then V"
+        await until(pilot, "next", lambda: words in text(interface, "#glance"))
+        await pilot.pause()
+        assert message.region.y >= first.region.bottom
+        assert message.region.bottom <= interface.screen.query_one(Footer).region.y
+        assert first.max_scroll_y == 0
+        assert not interface.screen.query(Toast)
 
 
 async def test_export_asks_before_it_replaces(

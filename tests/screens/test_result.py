@@ -295,11 +295,13 @@ async def test_export_names_what_it_wrote(
 
 
 async def test_what_was_written_lies_over_nothing(
-    published: tuple[SessionSolution, Path],
+    published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """After E the first page with its caution still fits the smallest terminal, above the line."""
     solved, path = published
-    interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))
+    monkeypatch.chdir(path.parent)  # as one works, where the session is
+    screen = ResultScreen(solved, quick_plan(path.parent), Path(path.name))
+    interface = Glidecal(screen)
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.press("e")
         message, first = (interface.screen.query_one(f"#{name}") for name in ("message", "first"))

@@ -316,7 +316,7 @@ async def test_a_size_that_readings_do_not_show_can_be_moved_all_the_same(tmp_pa
         await pilot.pause()
         page = await tried(pilot, interface)
         assert page.fitted == ()
-        assert "not told" in body(interface)
+        assert "not seen" in body(interface)
         await pilot.press("f")
         await until(pilot, "why", lambda: "not shown by these readings" in said(interface))
         await pressed(pilot, page, "right")

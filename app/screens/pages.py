@@ -75,7 +75,7 @@ class Resting(Widget):
     """
 
     _rows: tuple[Region, list[Strip]] | None = None
-    _beside: Beside | None = None
+    _beside: RowFrame | None = None
 
     def render_lines(self, crop: Region) -> list[Strip]:
         """The rows of before where nothing changed."""
@@ -107,7 +107,7 @@ class Resting(Widget):
         ):
             self.refresh()
             return
-        (whole, kept), self._beside = self._rows, self._beside or Beside(self, self._rows[1])
+        (whole, kept), self._beside = self._rows, self._beside or RowFrame(self, self._rows[1])
         for y in range(first, first + rows):
             kept[self._beside.top + y] = self._beside.between(tuple(self.render_line(y)))
         x, y = self.region.offset - parent.content_region.offset
@@ -119,7 +119,7 @@ class Resting(Widget):
         super().notify_style_update()
 
 
-class Beside:
+class RowFrame:
     """What stands left and right of the content of a widget, and what its rows pass through."""
 
     def __init__(self, widget: Widget, drawn: Sequence[Strip]) -> None:

@@ -9,6 +9,7 @@ import math
 import platform
 import re
 import time
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -111,17 +112,18 @@ def adapters() -> dict[str, str]:
     """For each serial port here the serial number of its adapter, where it has one.
 
     An adapter with several ports has its number once: the interface behind it tells them apart.
-    Nothing is opened.
+    A number that two adapters have, as cheap ones do, names neither. Nothing is opened.
     """
     from serial.tools import list_ports
 
-    numbers = {}
+    numbers: dict[str, str] = {}
     for port in list_ports.comports():
         if port.serial_number:
             interface = (port.location or "").partition(":")[2]
             number = f"{port.serial_number} {interface}".strip()
             numbers[port.device] = "".join(filter(str.isprintable, number))[:100]
-    return numbers
+    times = Counter(numbers.values())
+    return {port: number for port, number in numbers.items() if times[number] == 1}
 
 
 def adapter_at(port: str) -> str:
@@ -143,7 +145,7 @@ def ports_to_choose(adapter: str, used: Collection[str]) -> list[tuple[str, str]
     """The serial ports that are not used, with what the system says: those of the adapter first."""
     numbers = adapters()
     free = [(port, words) for port, words in serial_ports() if port not in used]
-    return sorted(free, key=lambda one: not adapter or numbers.get(one[0]) != adapter)
+    return sorted(free, key=lambda port: not adapter or numbers.get(port[0]) != adapter)
 
 
 class RememberedIndicators(Document):
@@ -169,10 +171,12 @@ def last_used(machine: str) -> tuple[Instrument, ...]:
 def remember(machine: str, instruments: Sequence[Instrument]) -> None:
     """Keep what is used for `last_used`. Raises RecordError, UsageError for a link."""
     known = _last_used()
-    here = {one.port: adapter_at(one.port) for one in instruments}
+    ports, here = {instrument.port for instrument in instruments}, adapters()
+    present = ports & {port for port, _ in serial_ports()}  # what is there now has no other number
+    before = {port: n for port, n in known.adapters.items() if port not in present}
     updated = RememberedIndicators(
         machines=known.machines | {machine: tuple(instruments)},
-        adapters=known.adapters | {port: number for port, number in here.items() if number},
+        adapters=before | {port: number for port, number in here.items() if port in ports},
     )
     if updated != known:
         write_files(data_path(), {"": updated.model_dump_json(indent=1)}, replace=True)
@@ -189,8 +193,8 @@ def moved_adapters(instruments: Sequence[Instrument]) -> dict[int, str]:
     It is known by the serial number that it had when it was used last. Raises RecordError.
     """
     elsewhere = {}
-    for number, one in enumerate(instruments):
-        port = port_of(adapter_before(one.port), one.port)
+    for number, instrument in enumerate(instruments):
+        port = port_of(adapter_before(instrument.port), instrument.port)
         if port is not None:
             elsewhere[number] = port
     return elsewhere

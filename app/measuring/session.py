@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from pathlib import Path
 
+from app.measuring.doubts import Circumstances, Doubt, TakenStep, examined, plausible
 from app.measuring.gauges import Gauge, Motion
 from app.measuring.moving import Mover
 from calib.errors import MotionError, UsageError
 from calib.tripod.pipeline import StageEffect
-from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
+from drivers.profile import Fault, IndicatorReading, Outcome
 from protocols.clock import SessionClock
 from protocols.expectation import (
     ExpectedReading,
     Movement,
-    contradiction,
     expected,
     movement,
     since_last_seen,
@@ -40,49 +38,6 @@ from protocols.session import (
     Superseded,
     fold,
 )
-
-
-class Doubt(StrEnum):
-    """Why a reading is questioned."""
-
-    UNCHANGED = "unchanged"
-    TOO_SOON = "taken too soon"
-    BEYOND = "further off than expected"
-    REPEATS = "other than its repeat"
-    ODD = "the odd one of its repeats"
-    STAND = "as on the set-up before"
-
-
-@dataclass(frozen=True)
-class TakenStep:
-    """What came of one take: the readings on the disk, or the faults that prevented it.
-
-    With a ``doubt`` the ``questioned`` ones do not count until they are kept; ``due`` is what was
-    expected. ``earlier`` are readings of another step that may be wrong instead, or the odd ones of
-    three repeats.
-    """
-
-    step: Step
-    readings: tuple[Reading, ...]
-    faults: tuple[Fault, ...]
-    due: tuple[ExpectedReading, ...] = ()
-    doubt: Doubt | None = None
-    earlier: tuple[Reading, ...] = ()
-
-    @property
-    def questioned(self) -> tuple[Reading, ...]:
-        """The readings that wait for an answer, where there is a doubt."""
-        return self.earlier if self.doubt is Doubt.ODD else self.readings
-
-
-HANDLED_MM = 0.2
-"""A spindle that went further between two set-ups was set up; less is a table that is touched."""
-
-UNMOVED_MM = 0.01
-"""So much a stand that nobody touched may drift until the next leg is read."""
-
-LONGEST_MM = 1000.0
-"""No indicator moves so far: a reading beyond is a fault of the device."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +87,6 @@ class GuidedSession:
         self._lock = threading.RLock()
         self.clock = clock or SessionClock(journal.events)
         self._untold_jump_s = 0.0
-        self._vouched: set[int] = set()
         self._digits_mm: dict[int, float] = {}
         self._due: tuple[Session, tuple[ExpectedReading, ...]] | None = None
         if self.mover is not None:
@@ -194,9 +148,9 @@ class GuidedSession:
         states = [self.gauges[number].live() for number in step.indicators] if step else []
         if at_rest and any(live.motion is not Motion.STABLE for live in states):
             return None
-        shown = [live.outcome for live in states]
-        values = tuple(one.value_mm for one in shown if isinstance(one, IndicatorReading))
-        return values if shown and len(values) == len(shown) else None
+        outcomes = [live.outcome for live in states]
+        values = tuple(o.value_mm for o in outcomes if isinstance(o, IndicatorReading))
+        return values if outcomes and len(values) == len(outcomes) else None
 
     def _restart_windows(self) -> None:
         for gauge in self.gauges:
@@ -228,16 +182,16 @@ class GuidedSession:
         if jump_s:
             self._untold_jump_s += jump_s
             way = "forward" if jump_s > 0.0 else "back"
-            said = f"the computer's clock was set {way} by {abs(jump_s):.0f} s; time_s goes on"
-            self._append([Noted(text=said)])
+            text = f"the computer's clock was set {way} by {abs(jump_s):.0f} s; time_s goes on"
+            self._append([Noted(text=text)])
 
     def _take(self, step: Step) -> TakenStep:
         self._mark_jump()
         self._where(step)
-        asked = [self.gauges[number].ask() for number in step.indicators]
+        queries = [self.gauges[number].ask() for number in step.indicators]
         outcomes = [
-            self._plausible(number, axis, one.result())
-            for number, axis, one in zip(step.indicators, step.axes, asked, strict=True)
+            self._plausible(number, axis, query.result())
+            for number, axis, query in zip(step.indicators, step.axes, queries, strict=True)
         ]
         moved = self._where(step)  # as before the question
         faults, failed = [], []
@@ -258,7 +212,14 @@ class GuidedSession:
         # a step cut off between its two readings is measured again as a whole
         leftovers = self._superseded((step.number,), "step was interrupted")
         events: list[Event] = [*mounted, *leftovers, *readings]
-        taken, remarks = self._examine(TakenStep(step, readings, (), due), events, time_s)
+        around = Circumstances(
+            self.session,
+            self.gauges,
+            simulated=self._go is not None,
+            controlled=self.mover is not None,
+        )
+        record = [*self._journal.events, *events]
+        taken, remarks = examined(TakenStep(step, readings, (), due), record, around)
         self._append([*events, *remarks])
         for gauge in self.gauges:
             gauge.forget_travel()
@@ -275,94 +236,11 @@ class GuidedSession:
             self._append([Noted(text=f"step {step.number} not taken: {problem}")])
             raise
 
-    def _examine(
-        self, taken: TakenStep, events: Sequence[Event], time_s: float
-    ) -> tuple[TakenStep, list[Line]]:
-        """The readings with what is questionable about them, and what to note behind ``events``."""
-        step, readings, due = taken.step, taken.readings, taken.due
-        doubt, remarks = self._movement_doubt(step, readings, due, time_s)
-        if doubt:
-            taken = replace(taken, doubt=doubt)
-            if doubt is Doubt.UNCHANGED and due[0].before.step:  # or it was here too early
-                before = due[0].before.step
-                earlier = tuple(r for r in self.session.readings if r.step == before)
-                taken = replace(taken, earlier=earlier)
-        elif due:
-            taken = _compared(taken, fold([*self._journal.events, *events]), self._vouched)
-        elif self._go is None and (last := self._unmoved_stand(step, readings)):
-            taken = replace(taken, doubt=Doubt.STAND, earlier=last)
-        if not taken.doubt:
-            return taken, remarks
-        numbers = tuple(r.reading for r in taken.questioned)
-        question = Superseded(readings=numbers, reason=f"questioned: {taken.doubt}")
-        return taken, [*(remarks if taken.doubt is Doubt.ODD else []), question]
-
-    def _movement_doubt(
-        self, step: Step, readings: Sequence[Reading], due: Sequence[ExpectedReading], time_s: float
-    ) -> tuple[Doubt | None, list[Line]]:
-        """Whether it is doubtful that the machine moved, and what to note where nothing tells."""
-        if self._go is not None or not due:
-            return None, []
-        rests_mm = [self.gauges[number].rest_mm for number in step.indicators]
-        moved = movement(step, due, [r.value_mm for r in readings], rests_mm, time_s)
-        if moved is Movement.UNCHANGED:
-            return Doubt.UNCHANGED, []
-        if moved is not Movement.UNKNOWN or self.mover is not None:  # its controller told it
-            return None, []
-        if time_s < self._arrival_s(step, due[0].before):
-            return Doubt.TOO_SOON, []
-        word = f"step {step.number}: no reading can show a move here; the operator's word"
-        return None, [Noted(text=word)]
-
-    def _unmoved_stand(self, step: Step, readings: Sequence[Reading]) -> tuple[Reading, ...]:
-        """The last readings of the set-up before, where the first of a new one are the same.
-
-        None where a spindle went far since: then somebody set it up, to the same zero.
-        """
-        counting = self.session.readings
-        elsewhere = [r for r in counting if r.set_up != readings[0].set_up and r.step is not None]
-        elsewhere = [r for r in elsewhere if r.posture_mm == step.posture_mm]
-        if not elsewhere:
-            return ()
-        last = tuple(r for r in elsewhere if r.step == elsewhere[-1].step)
-        before = self.steps[(last[0].step or 1) - 1]
-        shown_mm = dict(zip(before.indicators, (r.value_mm for r in last), strict=False))
-        stayed = counting[-1].step == before.number
-        for number, reading in zip(step.indicators, readings, strict=True):
-            gauge = self.gauges[number]
-            apart_mm = abs(reading.value_mm - shown_mm.get(number, math.inf))
-            handled = stayed and gauge.travel_mm > HANDLED_MM
-            if handled or apart_mm > gauge.rest_mm + UNMOVED_MM:
-                return ()
-        return last
-
-    def _arrival_s(self, step: Step, before: Reading) -> float:
-        """When the machine can be there at the earliest, in time of the session."""
-        way_mm = abs(step.displacement_mm - before.displacement_mm)
-        if step.position_mm and before.position_mm:
-            way_mm = math.dist(step.position_mm, before.position_mm)
-        fastest_mm_s = self.session.opened.machine.fastest_feed_mm_min / 60.0
-        return (before.time_s or 0.0) + way_mm / fastest_mm_s
-
     def _plausible(self, number: int, axis: str, outcome: Outcome) -> Outcome:
-        """A fault for a reading too far off, or whose last digit means something else than before.
-
-        That may be another unit.
-        """
-        if not isinstance(outcome, IndicatorReading):
-            return outcome
-        if abs(outcome.value_mm) > LONGEST_MM:
-            words = f"{outcome.value_mm:+.0f} mm is further than any indicator moves"
-            return Fault(FaultKind.OVER_RANGE, outcome.text, words)
-        before_mm = self._digits_mm.setdefault(number, outcome.resolution_mm)
-        if outcome.resolution_mm == before_mm:
-            return outcome
-        now, before = (f"{mm:.7f}".rstrip("0") for mm in (outcome.resolution_mm, before_mm))
-        words = (
-            f"along {axis.upper()} it now shows steps of {now} mm, before {before}: inch for mm? "
-            "Set it back, or leave with F10 and continue the session with it as it is"
-        )
-        return Fault(FaultKind.WRONG_UNIT, outcome.text, words)
+        reading = plausible(outcome, axis, self._digits_mm.get(number))
+        if isinstance(reading, IndicatorReading):
+            self._digits_mm[number] = reading.resolution_mm
+        return reading
 
     def moved(self) -> Movement:
         """Whether the indicators tell, as they stand now, that the machine moved to this step."""
@@ -372,9 +250,9 @@ class GuidedSession:
         time_s = self.clock.time_s()
         if self._due is None or self._due[0] is not self.session:
             self._due = self.session, expected(self.session, step, time_s)
-        shown = [self.gauges[number].live().outcome for number in step.indicators]
-        values_mm = [one.value_mm for one in shown if isinstance(one, IndicatorReading)]
-        if len(values_mm) < len(shown):
+        outcomes = [self.gauges[number].live().outcome for number in step.indicators]
+        values_mm = [o.value_mm for o in outcomes if isinstance(o, IndicatorReading)]
+        if len(values_mm) < len(outcomes):
             return Movement.UNKNOWN
         rests_mm = [self.gauges[number].rest_mm for number in step.indicators]
         return movement(step, self._due[1], values_mm, rests_mm, time_s)
@@ -383,8 +261,6 @@ class GuidedSession:
         """Questioned readings count after all."""
         with self._lock:
             numbers = tuple(r.reading for r in taken.questioned)
-            if taken.doubt is Doubt.ODD:  # three settled it, and the operator decides otherwise
-                self._vouched.update(numbers)
             self._append([Restored(readings=numbers, reason=reason)])
 
     def measure_earlier(self, taken: TakenStep, reason: str) -> None:
@@ -628,22 +504,3 @@ class GuidedSession:
             for offset, (axis, outcome) in enumerate(zip(step.axes, outcomes, strict=True))
             if isinstance(outcome, IndicatorReading)
         )
-
-
-def _compared(taken: TakenStep, session: Session, vouched: set[int]) -> TakenStep:
-    """The readings with a doubt where they disagree with others of the session that has them.
-
-    Readings ``vouched`` for are not doubted again.
-    """
-    pairs = zip(taken.due, taken.readings, strict=True)
-    beyond = any(due.is_beyond(reading.value_mm) for due, reading in pairs)
-    disagree = contradiction(session, taken.readings, beyond=beyond)
-    if disagree is None:
-        return taken
-    if disagree.latest:
-        doubt = Doubt.REPEATS if disagree.repeats else Doubt.BEYOND
-    elif vouched & {r.reading for r in disagree.earlier}:
-        return taken
-    else:
-        doubt = Doubt.ODD
-    return replace(taken, doubt=doubt, earlier=disagree.earlier)

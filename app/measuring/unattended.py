@@ -5,10 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+from app.measuring.doubts import TakenStep
 from app.measuring.gauges import Motion
 from app.measuring.moving import REST_S, MoveProposal, Mover
 from app.measuring.proof import Proof
-from app.measuring.session import GuidedSession, TakenStep
+from app.measuring.session import GuidedSession
 from calib.errors import IndicatorError, MotionError, sentence
 from drivers.exchange import LATEST
 from drivers.motion.states import State

@@ -38,7 +38,7 @@ from app.report.text.preparing import (
     refused_text,
     trial_text,
 )
-from app.report.text.session import port_choices, port_question
+from app.report.text.questions import port_choices, port_question
 from app.screens.fast_keys import Title
 from app.screens.interface import ChoiceDialog, Interface
 from app.screens.pages import apart, is_left
@@ -186,7 +186,7 @@ class CheckScreen(Screen[None]):
         adapter = ""
         with suppress(GlidecalError):
             adapter = adapter_before(known[number].port)
-        ports = ports_to_choose(adapter, [one.port for one in known])
+        ports = ports_to_choose(adapter, [instrument.port for instrument in known])
         if not ports:
             self.say(NO_OTHER_PORT_HERE)
             return

@@ -14,6 +14,7 @@ from textual.screen import ModalScreen, Screen
 from app.evaluating.solution import solve_files
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
+from app.report.text import questions
 from app.report.text import session as texts
 from app.report.text.alignment import adjusted_words
 from app.screens.interface import ChoiceDialog, Interface, TextDialog
@@ -66,7 +67,7 @@ class Corrections(Screen[None]):
     ) -> None:
         """Ask no or yes, in this order of the choices."""
         (_, _), (yes, _) = choices
-        self.ask(ChoiceDialog(question, choices), lambda said: then() if said == yes else None)
+        self.ask(ChoiceDialog(question, choices), lambda answer: then() if answer == yes else None)
 
     def write(self, writing: Callable[[], object]) -> bool:
         """Write to the record; where the disk refuses, say so."""
@@ -141,8 +142,8 @@ class Corrections(Screen[None]):
             self._with_reason(question, partial(self.guided.repeat, step), said)
         else:
             why = session.superseded[max(r.reading for r in session.all_readings if r.step == step)]
-            question = texts.RESTORE_QUESTION.format(step, why)
-            self.ask_whether(question, texts.RESTORE_CHOICES, partial(self._restore, step))
+            question = questions.RESTORE_QUESTION.format(step, why)
+            self.ask_whether(question, questions.RESTORE_CHOICES, partial(self._restore, step))
 
     def _restore(self, step: int) -> None:
         if self.write(lambda: self.guided.restore(step, "restored by the operator")):
@@ -189,7 +190,7 @@ class Corrections(Screen[None]):
     def action_remount(self) -> None:
         """The stand was moved: later readings have a new zero. Asks first."""
         if not self.busy:
-            self.ask_whether(texts.MOVED_QUESTION, texts.MOVED_CHOICES, self._remount)
+            self.ask_whether(questions.MOVED_QUESTION, questions.MOVED_CHOICES, self._remount)
 
     def _remount(self) -> None:
         if self.write(self.guided.remount):
@@ -200,7 +201,7 @@ class Corrections(Screen[None]):
         """Back to the home screen, with the session paused. Asks first."""
         self.automatic = False
         if not self.busy:
-            self.ask_whether(texts.LEAVE_QUESTION, texts.LEAVE_CHOICES, self._leave)
+            self.ask_whether(questions.LEAVE_QUESTION, questions.LEAVE_CHOICES, self._leave)
 
     def _leave(self) -> None:
         self.app.run_worker(self.app.pause_session())

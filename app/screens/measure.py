@@ -14,13 +14,14 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.widgets import Footer
 
+from app.measuring.doubts import TakenStep
 from app.measuring.gauges import Live, Motion
 from app.measuring.indicators import adapter_at, adapters, port_of, ports_to_choose, remember
 from app.measuring.moving import Mover
 from app.measuring.plan import Plan
-from app.measuring.session import GuidedSession, TakenStep
+from app.measuring.session import GuidedSession
 from app.measuring.unattended import lost_words, release_lost
-from app.report.text import motion
+from app.report.text import motion, questions
 from app.report.text import session as texts
 from app.report.text.session import TakenBy
 from app.screens.corrections import Corrections
@@ -235,7 +236,7 @@ class MeasureScreen(Corrections, Resting):
     def _tell_lost(self, number: int, fault: Fault) -> None:
         gone = fault.kind is FaultKind.DISCONNECTED
         where = self._lost[number]
-        self.say(texts.lost_text(self.guided.name_of(number), fault.words, where, gone=gone))
+        self.say(questions.lost_text(self.guided.name_of(number), fault.words, where, gone=gone))
 
     @work
     async def _look_who_answers(self, number: int) -> None:
@@ -244,8 +245,8 @@ class MeasureScreen(Corrections, Resting):
         adapter = await apart(self, adapter_at, gauge.port)
         if gauge.adapter and adapter != gauge.adapter:
             name = self.guided.name_of(number)
-            self._set_hold(True, f"{name}: adapter {adapter}, before {gauge.adapter}")
-            self.say(texts.other_adapter_text(name, adapter, gauge.adapter))
+            self._set_hold(True, f"{name}: adapter {adapter or 'unknown'}, before {gauge.adapter}")
+            self.say(questions.other_adapter_text(name, adapter, gauge.adapter))
             gauge.adapter = adapter
 
     @work(exclusive=True, group="ports")
@@ -264,16 +265,16 @@ class MeasureScreen(Corrections, Resting):
         if self.busy or self.asking:
             return
         if not self._lost:
-            self.say(texts.NO_PORT_LOST)
+            self.say(questions.NO_PORT_LOST)
             return
         number = min(self._lost)
         gauge = self.guided.gauges[number]
-        ports = ports_to_choose(gauge.adapter, [one.port for one in self.guided.gauges])
+        ports = ports_to_choose(gauge.adapter, [gauge.port for gauge in self.guided.gauges])
         if not ports:
-            self.say(texts.NO_OTHER_PORT)
+            self.say(questions.NO_OTHER_PORT)
             return
-        choices = texts.port_choices(ports, adapters(), gauge.adapter)
-        question = texts.port_question(self.guided.name_of(number))
+        choices = questions.port_choices(ports, adapters(), gauge.adapter)
+        question = questions.port_question(self.guided.name_of(number))
 
         def chosen(port: str | None) -> None:
             if port is not None:
@@ -379,9 +380,9 @@ class MeasureScreen(Corrections, Resting):
         if taken is None:
             return
         if taken.faults:
-            first, *others = (sentence(one.words) for one in taken.faults)
-            said = [first, *(words[0].upper() + words[1:] for words in others)]
-            self.refused(f"Not taken: {' '.join(said)}")
+            first, *others = (sentence(fault.words) for fault in taken.faults)
+            faults = [first, *(words[0].upper() + words[1:] for words in others)]
+            self.refused(f"Not taken: {' '.join(faults)}")
             return
         self.app.bell()
         self.app.clear_notifications()
@@ -390,8 +391,8 @@ class MeasureScreen(Corrections, Resting):
             self._by_hand()
             self._show_step()
             dialog = ChoiceDialog(
-                texts.question_text(taken, self.guided.session),
-                texts.question_choices(taken),
+                questions.question_text(taken, self.guided.session),
+                questions.question_choices(taken),
                 leaving="Escape: not kept.",
             )
             self.ask(dialog, lambda answer: self._answered(answer or "", taken))
@@ -400,11 +401,11 @@ class MeasureScreen(Corrections, Resting):
 
     def _answered(self, answer: str, taken: TakenStep) -> None:
         """What the operator says to readings in question; only "keep" lets them count."""
-        reason = texts.answer_reason(answer, taken)
+        reason = questions.answer_reason(answer, taken)
         unsure: tuple[int, ...] = ()
         if answer == "keep":
             if self.write(lambda: self.guided.keep(taken, reason)):
-                self.say(texts.answered_text(answer, taken))
+                self.say(questions.answered_text(answer, taken))
                 self._go_on(taken.step)
             return
         self.write(lambda: self.guided.note(f"step {taken.step.number}: {reason}"))
@@ -412,7 +413,7 @@ class MeasureScreen(Corrections, Resting):
             unsure = self._set_up_anew(reason)
         elif answer == "earlier":
             self.write(lambda: self.guided.measure_earlier(taken, reason))
-        self.say(texts.answered_text(answer, taken, unsure))
+        self.say(questions.answered_text(answer, taken, unsure))
         if answer == "read":  # without moving: what is stable stays so
             self._show_step()
         else:

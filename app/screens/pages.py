@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, ParamSpec, Self, TypeVar
 
 from rich.segment import Segment
@@ -15,8 +15,9 @@ from textual.content import Content
 from textual.geometry import Region
 from textual.screen import Screen
 from textual.strip import Strip
+from textual.timer import Timer
 from textual.widget import Widget
-from textual.widgets import TabbedContent, Tabs
+from textual.widgets import Footer, Static, TabbedContent, Tabs
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
@@ -24,10 +25,10 @@ Found = TypeVar("Found")
 GOOD, CAUTION, FAULT = (f"bold $text-{name}" for name in ("success", "warning", "error"))
 SIGNALS = {
     "Next:": "bold $text-primary",
-    **dict.fromkeys(("AGREES.", "EXPLAINED.", "PASS:", "Taken"), GOOD),
+    **dict.fromkeys(("AGREES.", "EXPLAINED.", "PASS", "Taken"), GOOD),
     **dict.fromkeys(("WARNING:", "AMBIGUOUS.", "PARTLY-EXPLAINED.", "CANNOT-TELL."), CAUTION),
-    **dict.fromkeys(("LEFT OUT:", "WEAK:", "SUSPECT:", "LOST:", "UNDECIDED:", "WAIT:"), CAUTION),
-    **dict.fromkeys(("UNEXPLAINED.", "FAIL:", "Not taken:", "FAULT:"), FAULT),
+    **dict.fromkeys(("LEFT OUT:", "WEAK:", "SUSPECT:", "LOST:", "UNDECIDED", "WAIT:"), CAUTION),
+    **dict.fromkeys(("UNEXPLAINED.", "FAIL", "Not taken:", "FAULT:"), FAULT),
 }
 """Words at the beginning of a line that stand out; a colour never stands for a word."""
 
@@ -74,7 +75,7 @@ class Resting(Widget):
     """
 
     _rows: tuple[Region, list[Strip]] | None = None
-    _beside: Beside | None = None
+    _beside: RowFrame | None = None
 
     def render_lines(self, crop: Region) -> list[Strip]:
         """The rows of before where nothing changed."""
@@ -106,7 +107,7 @@ class Resting(Widget):
         ):
             self.refresh()
             return
-        (whole, kept), self._beside = self._rows, self._beside or Beside(self, self._rows[1])
+        (whole, kept), self._beside = self._rows, self._beside or RowFrame(self, self._rows[1])
         for y in range(first, first + rows):
             kept[self._beside.top + y] = self._beside.between(tuple(self.render_line(y)))
         x, y = self.region.offset - parent.content_region.offset
@@ -118,7 +119,7 @@ class Resting(Widget):
         super().notify_style_update()
 
 
-class Beside:
+class RowFrame:
     """What stands left and right of the content of a widget, and what its rows pass through."""
 
     def __init__(self, widget: Widget, drawn: Sequence[Strip]) -> None:
@@ -165,11 +166,33 @@ def legible(variables: Mapping[str, str]) -> dict[str, str]:
     return found
 
 
+SHOWN_S = 15.0
+"""So long a message stays below a page."""
+
+
 class PagedScreen(Screen[None]):
-    """One `TabbedContent` inside; bind keys to ``turn_to(1)`` and ``turn_to(-1)``."""
+    """One `TabbedContent` inside; bind keys to ``turn_to(1)`` and ``turn_to(-1)``.
+
+    What happened last is a line below the page, which lies over nothing.
+    """
+
+    _fading: Timer | None = None
 
     def on_mount(self) -> None:
         self.query_one(Tabs).can_focus = False  # the keys of this screen turn the pages
+        self.mount(Static("", id="message", markup=False), before=self.query_one(Footer))
+
+    def say(self, text: str) -> None:
+        """What happened last, for a while."""
+        if self._fading is not None:
+            self._fading.stop()
+        self._show_message(text)
+        self._fading = self.set_timer(SHOWN_S, partial(self._show_message, ""))
+
+    def _show_message(self, text: str) -> None:
+        for message in self.query("#message").results(Static):
+            message.update(text)
+            message.display = bool(text)
 
     def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
         """Up and down scroll the text of the page that is shown."""

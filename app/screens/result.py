@@ -23,6 +23,7 @@ from app.measuring.plan import Plan, verification_plan
 from app.report.charts.results import before_and_after, measured_and_predicted
 from app.report.text import result as texts
 from app.report.text import what_if as what_if_texts
+from app.report.text.glance import Done, glance_text
 from app.report.text.home import REPORTS_SERVED
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
@@ -33,7 +34,8 @@ from calib.errors import extra
 from calib.identify.solution import Subset
 from protocols.model_file import EffectEntry, ModelFile, read_model_file
 
-RESULT, PLOT, COMPARISON = "tab-result", "tab-plot", "tab-comparison"
+RESULT, DETAILS, PLOT = "tab-result", "tab-details", "tab-plot"
+COMPARISON = "tab-comparison"
 
 
 class ResultScreen(PagedScreen):
@@ -71,14 +73,16 @@ class ResultScreen(PagedScreen):
         self.plan = plan
         self.path = path
         self.before = plan.before if plan else None
-        self.caution = ""
+        self.done: set[Done] = set()
 
     def compose(self) -> ComposeResult:
         with TabbedContent(initial=COMPARISON if self.before else RESULT):
             with TabPane("Result", id=RESULT), Horizontal():
-                with VerticalScroll(id="result"):
-                    yield Static("", id="text", markup=False)
+                with VerticalScroll(id="first"):
+                    yield Static("", id="glance", markup=False)
                 yield ChartPlot(plot_id="beside")
+            with TabPane("Details", id=DETAILS), VerticalScroll(id="result"):
+                yield Static("", id="text", markup=False)
             with TabPane("Plot", id=PLOT):
                 yield ChartPlot(plot_id="plot")
             if self.before is not None:
@@ -99,7 +103,7 @@ class ResultScreen(PagedScreen):
     async def _begin(self) -> None:
         """What takes long is worked out apart, once for all that the keys show."""
         if not self.solved.is_worked_out:
-            self.query_one("#text", Static).update(texts.WORKING_OUT)
+            self.query_one("#glance", Static).update(texts.WORKING_OUT)
             with self.app.complaining():
                 await apart(self, self.solved.work_out)
         self._show()
@@ -107,17 +111,28 @@ class ResultScreen(PagedScreen):
     def _show(self) -> None:
         if not self.solved.is_worked_out:  # shown when it is
             return
-        text = texts.result_text(
-            self.solved,
-            self.before,
-            exports=not self.app.read_only,
-            measures=self.plan is not None,
-            caution=self.caution,
-        )
+        self._show_glance()
+        text = texts.solution_text(self.solved)
         self.query_one("#text", Static).update(signalled(text))
         chart = measured_and_predicted(self.solved.solution)
         for name in ("#beside", "#plot"):
             self.query_one(name, ChartPlot).show(chart)
+
+    def _show_glance(self) -> None:
+        text = glance_text(
+            self.solved,
+            self.before,
+            self.done,
+            min(self.size.width, 80) - 4,  # beside it the plot, where there is more room
+            exports=not self.app.read_only,
+            measures=self.plan is not None,
+        )
+        self.query_one("#glance", Static).update(signalled(self.app.keyed(text)))
+
+    def on_resize(self) -> None:
+        """The bars are as long as there is room."""
+        if self.solved.is_worked_out:
+            self._show_glance()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Nothing is offered that this program will not do; its key says why."""
@@ -130,8 +145,10 @@ class ResultScreen(PagedScreen):
         self.app.complain(f"{said} {REPORTS_SERVED}" if action == "report" else said)
 
     def action_choose(self, subset: Subset) -> None:
-        """Show another set of parameters."""
+        """Show another set of parameters, which is a view: what to enter stays."""
         with self.app.complaining():
+            if self.query_one(TabbedContent).active == RESULT:
+                self.action_page(DETAILS)
             self.solved = self.solved.with_subset(subset)
             self._show()
 
@@ -146,9 +163,9 @@ class ResultScreen(PagedScreen):
             solved = self.solved
             written = await asyncio.to_thread(export_offsets, solved, folder, replace=replace)
             self.app.notify(texts.exported_text(folder, written), timeout=10, markup=False)
-            self.caution = texts.export_caution(solved)
+            self.done.add(Done.EXPORTED)
             if not is_left(self):
-                self._show()
+                self._show_glance()
 
     def action_verify(self) -> None:
         """The same procedure again, after the offsets were entered in the controller."""
@@ -217,12 +234,14 @@ class ResultScreen(PagedScreen):
                 self._show()
 
     def action_diagnose(self) -> None:
+        self.done.add(Done.DIAGNOSED)
+        self._show()
         self.app.push_screen(self.app.diagnosis([self.path]))
 
     def action_copy(self) -> None:
-        compared = self.query_one(TabbedContent).active == COMPARISON
-        text = str(self.query_one("#compared" if compared else "#text", Static).content)
-        self.app.copy(text)
+        page = self.query_one(TabbedContent).active
+        name = {RESULT: "#glance", COMPARISON: "#compared"}.get(page, "#text")
+        self.app.copy(str(self.query_one(name, Static).content))
 
     def action_home(self) -> None:
         self.app.go_to(self.app.home())

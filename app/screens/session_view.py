@@ -24,6 +24,7 @@ from app.report.charts.results import readings_by_posture
 from app.report.charts.strips import strip_rows
 from app.report.charts.tripod import drawn_set_up
 from app.report.text import session as texts
+from app.report.text.leg_review import REVIEW_HELP, review_text
 from app.report.text.tables import signed
 from app.screens.fast_keys import Dialog
 from app.screens.interface import WIDE, Interface
@@ -288,7 +289,7 @@ class SessionView(Vertical, Resting):
     @property
     def instruments(self) -> tuple[Instrument, ...]:
         """The indicators with the ports where they are now."""
-        return tuple(one for one in self._instruments if one is not None)
+        return tuple(filter(None, self._instruments))
 
     def rename(self, number: int, port: str) -> None:
         """An indicator, counted from 0, is at another port now."""
@@ -346,7 +347,7 @@ class LegReviewScreen(Dialog[bool]):
     """Look, then go on to the next leg; dismissed with whether the session shall be on hold."""
 
     app: Interface
-    HELP = texts.REVIEW_HELP
+    HELP = REVIEW_HELP
     AUTO_FOCUS = "#review"
     BINDINGS: ClassVar[list[BindingType]] = [
         ("space,enter,escape", "dismiss(False)", "Continue"),
@@ -371,7 +372,7 @@ class LegReviewScreen(Dialog[bool]):
     def compose(self) -> ComposeResult:
         try:
             review = review_leg(self._session, self._step, self._rests_mm)
-            text = texts.review_text(review, self._session)
+            text = review_text(review, self._session)
         except GlidecalError as problem:
             text = str(problem)
         text = self.app.keyed(text)

@@ -92,7 +92,7 @@ class Person:
             self.do(lambda: self.screen.press("Space"), until_gone="Space continues")
         elif present := re.search(r">\s+(\d+) [XYZ] (ZERO|MAX|MIN)", shown):
             self.measure(int(present[1]), shown)
-        return "values to enter in the controller" in shown
+        return "With these values entered" in shown
 
     def measure(self, step: int, shown: str) -> None:
         """Move the machine there, wait until all stand still, take."""

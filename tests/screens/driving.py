@@ -17,8 +17,8 @@ from textual.widget import Widget
 from textual.widgets import Input, Select, Static
 
 from app.measuring.demo import demo_plan
+from app.measuring.doubts import Doubt, TakenStep
 from app.measuring.plan import Plan
-from app.measuring.session import Doubt, TakenStep
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.history import HistoryScreen
@@ -50,8 +50,9 @@ def text(interface: Interface, selector: str) -> str:
 
 
 def said(interface: Interface) -> str:
-    """What notifications say."""
-    return "\n".join(note.message for note in interface._notifications)
+    """What notifications say, and the line for it that a page has."""
+    lines = [str(line.content) for line in interface.screen.query("#message").results(Static)]
+    return "\n".join([*(note.message for note in interface._notifications), *filter(None, lines)])
 
 
 def strips(screen: Screen[Any]) -> list[Strip]:

@@ -207,7 +207,9 @@ async def test_the_result_with_an_adopted_model_is_exported(tmp_path: Path) -> N
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
         await until(pilot, "text", lambda: "backlash y: play" in text(interface, "#text"))
         await pilot.press("e")
-        await until(pilot, "caution", lambda: "WARNING: nobody stated" in text(interface, "#text"))
+        await until(
+            pilot, "caution", lambda: "WARNING: nobody stated" in text(interface, "#glance")
+        )
         await pilot.press("f10")
     written = sorted(path.name for path in (tmp_path / "play").iterdir())
     joints = [f"calib_joint{n}.inc" for n in range(3)]

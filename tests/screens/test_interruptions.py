@@ -13,7 +13,7 @@ import pytest
 from textual.widgets import OptionList
 
 from app.measuring.indicators import remember
-from app.measuring.plan import QUICK_INTERVAL_S, plan_to_continue
+from app.measuring.plan import QUICK_INTERVAL_S, Plan, plan_to_continue
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog
@@ -21,6 +21,7 @@ from app.screens.start import Glidecal
 from drivers.profile import Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twins import IndicatorTwin, TwinPort, default_transport
+from protocols.machine import Instrument
 from protocols.record import read_record
 from protocols.session import fold
 from tests.screens.driving import (
@@ -54,8 +55,6 @@ async def test_continue_at_the_first_unfinished_step(tmp_path: Path) -> None:
 
 
 async def test_a_port_that_is_not_there_is_said_in_words(tmp_path: Path) -> None:
-    from protocols.machine import Instrument
-
     missing = Instrument(profile="mitutoyo-01a", port="/dev/tty[none]")
     plan = replace(quick_plan(tmp_path), instruments=(missing,))
     interface = Glidecal(CheckScreen(plan))
@@ -69,13 +68,11 @@ async def test_a_port_that_is_not_there_is_said_in_words(tmp_path: Path) -> None
 
 @pytest.mark.skipif(os.name != "posix", reason="a device path that appears needs POSIX")
 async def test_a_cable_plugged_in_later_is_found_by_another_try(tmp_path: Path) -> None:
-    from protocols.machine import Instrument
-
     plugged = tmp_path / "tty"
     late = Instrument(profile="mitutoyo-01a", port=str(plugged))
     plan = replace(quick_plan(tmp_path), instruments=(late,))
     interface = Glidecal(CheckScreen(plan))
-    with TwinPort(IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), "pty") as port:
+    with TwinPort(still_twin(), "pty") as port:
         async with interface.run_test(size=SIZE) as pilot:
             await until(pilot, "words", lambda: "R tries again" in text(interface, "#words"))
             await pilot.press("enter")
@@ -89,16 +86,22 @@ async def test_a_cable_plugged_in_later_is_found_by_another_try(tmp_path: Path) 
     assert interface.return_code == 0
 
 
+def still_twin() -> IndicatorTwin:
+    """An indicator whose spindle rests."""
+    return IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001))
+
+
+def plan_at(port: str, folder: Path) -> Plan:
+    """A quick plan with one indicator at a port."""
+    indicator = Instrument(profile="mitutoyo-01a", port=port)
+    return replace(quick_plan(folder), instruments=(indicator,))
+
+
 async def test_an_indicator_goes_on_at_another_port(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its cable is pulled, and its adapter comes back under another name, known by its number."""
-    from protocols.machine import Instrument
-
-    def twin() -> IndicatorTwin:
-        return IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001))
-
-    with TwinPort(twin(), "tcp") as first, TwinPort(twin(), "tcp") as second:
+    with TwinPort(still_twin(), "tcp") as first, TwinPort(still_twin(), "tcp") as second:
         where = {first.url: "A1"}
         for module in ("app.measuring.gauges", "app.screens.measure"):
             monkeypatch.setattr(f"{module}.adapter_at", lambda port: where.get(port, ""))
@@ -107,8 +110,7 @@ async def test_an_indicator_goes_on_at_another_port(
         monkeypatch.setattr(
             "app.measuring.indicators.serial_ports", lambda: [(port, "USB") for port in where]
         )
-        known = Instrument(profile="mitutoyo-01a", port=first.url)
-        plan = replace(quick_plan(tmp_path), instruments=(known,))
+        plan = plan_at(first.url, tmp_path)
         interface = Glidecal(CheckScreen(plan))
         async with interface.run_test(size=SIZE) as pilot:
             screen = await to_measuring(pilot, interface)
@@ -143,25 +145,18 @@ async def test_another_adapter_under_the_old_name_puts_the_session_on_hold(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two cables that were pulled may come back with their names exchanged."""
-    from protocols.machine import Instrument
-
-    def twin() -> IndicatorTwin:
-        return IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001))
-
     numbers = ["A1"]
     for module in ("app.measuring.gauges", "app.screens.measure"):
         monkeypatch.setattr(f"{module}.adapter_at", lambda _: numbers[-1])
-    first = TwinPort(twin(), "tcp")
-    known = Instrument(profile="mitutoyo-01a", port=first.url)
-    plan = replace(quick_plan(tmp_path), instruments=(known,))
-    interface = Glidecal(CheckScreen(plan))
+    first = TwinPort(still_twin(), "tcp")
+    interface = Glidecal(CheckScreen(plan_at(first.url, tmp_path)))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await to_measuring(pilot, interface)
         await take(pilot, screen)
         first.close()
         await until(pilot, "a fault", lambda: "FAULT" in text(interface, "#said"))
         numbers.append("B2")
-        with TwinPort(twin(), "tcp", tcp_port=int(first.url.rpartition(":")[2])):
+        with TwinPort(still_twin(), "tcp", tcp_port=int(first.url.rpartition(":")[2])):
             await until(pilot, "the hold", lambda: screen.held)
             await until(pilot, "why", lambda: "adapter B2 is there now" in text(interface, "#said"))
             await pilot.press("f10")
@@ -171,8 +166,6 @@ async def test_another_adapter_under_the_old_name_puts_the_session_on_hold(
 async def test_at_continue_a_port_that_has_gone_is_chosen_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from protocols.machine import Instrument
-
     gone, here = str(tmp_path / "ttyOLD"), str(tmp_path / "ttyNEW")
     where = {gone: "A1"}
     monkeypatch.setattr("app.measuring.indicators.adapters", lambda: where)
@@ -185,7 +178,7 @@ async def test_at_continue_a_port_that_has_gone_is_chosen_anew(
     remember(plan.machine.name, [known])
     where.clear()
     where[here] = "A1"
-    with TwinPort(IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), "pty") as port:
+    with TwinPort(still_twin(), "pty") as port:
         Path(here).symlink_to(port.url)
         interface = Glidecal(CheckScreen(plan))
         async with interface.run_test(size=SIZE) as pilot:
@@ -292,10 +285,8 @@ async def test_home_offers_an_interrupted_session_first(
 
 async def test_pulled_cable_in_the_middle_of_a_session(tmp_path: Path) -> None:
     """One line tells that the indicator is gone, another that it is back; nothing is lost."""
-    from protocols.machine import Instrument
-
     gauge = tmp_path / "gauge"
-    first = TwinPort(IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), default_transport())
+    first = TwinPort(still_twin(), default_transport())
     point_to(gauge, first.url)
     known = Instrument(profile="mitutoyo-01a", port=str(gauge))
     plan = replace(quick_plan(tmp_path), instruments=(known,))

@@ -78,20 +78,21 @@ async def test_words_in_colour_are_legible_in_every_theme() -> None:
 
 @pytest.mark.parametrize("theme", ["textual-dark", "textual-light"])
 @pytest.mark.parametrize("size", SIZES)
-async def test_a_result_opens_on_the_next_step_and_the_numbers_to_enter(
+async def test_a_result_opens_on_the_numbers_to_enter_and_the_next_step(
     samples: Path, size: tuple[int, int], theme: str
 ) -> None:
     path = samples / "experiment_3_twelve.jsonl"
     interface = interface_on(ResultScreen(solve_files([path]), None, path), theme)
     async with interface.run_test(size=size) as pilot:
-        await until(pilot, "text", lambda: "Next: D" in text(interface, "#text"))
+        await until(pilot, "text", lambda: "Next: D" in text(interface, "#glance"))
         await pilot.pause()
         seen = rows(interface.screen)
         first = [
             next(k for k, row in enumerate(seen) if row.lstrip().startswith(words))
-            for words in ("Next: D", "enter", "d_rho_x", "d_rho_z", "tool error")
+            for words in ("enter ", "d_rho_x", "d_rho_z", "Tool error", "now ", "after ", "Next: D")
         ]
         assert first == sorted(first)
+        assert interface.screen.query_one("#first").max_scroll_y == 0, "all of it is seen"
         assert contrasts(interface, "Next:")
         assert min(contrasts(interface, "Next:")) >= LEGIBLE
 

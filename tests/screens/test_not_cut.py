@@ -26,7 +26,7 @@ from app.evaluating.what_if import choices, trial_of
 from app.machines.registry import LOOKS
 from app.measuring.demo import WATCHED, demo_plan
 from app.measuring.recorded import recent_sessions
-from app.report.text.session import question_choices
+from app.report.text.questions import question_choices
 from app.screens.align import AlignScreen
 from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.corrections import Corrections

@@ -22,7 +22,7 @@ from textual.widgets import Input, OptionList, Static, TabbedContent
 from app.evaluating.solution import solve_files
 from app.machines.registry import LOOKS
 from app.measuring.demo import demo_plan
-from app.report.text.session import question_choices
+from app.report.text.questions import question_choices
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, Interface, TextDialog
 from app.screens.plot import ChartPlot
@@ -105,11 +105,11 @@ def page_is(interface: Interface, name: str) -> Callable[[], bool]:
 async def test_result(samples: Path, tmp_path: Path, size: tuple[int, int]) -> None:
     interface = still(result_screen(samples / "experiment_2_twelve.jsonl"))
     async with interface.run_test(size=size) as pilot:
-        await until(pilot, "text", lambda: "Known is d_rho − d_L, to ±" in text(interface, "#text"))
+        await until(pilot, "text", lambda: "Next: D looks" in text(interface, "#glance"))
         assert isinstance(interface.screen, ResultScreen)
         assert interface.screen.query_one("#beside").display == (size == WIDE)
         await compare(pilot, interface, f"result_{size[0]}", tmp_path)
-        await pilot.press("right")
+        await pilot.press("left")
         await until(pilot, "plot", page_is(interface, "tab-plot"))
         await pilot.pause()
         assert "z_x-" in str(interface.screen.query_one("#plot", ChartPlot).render())
@@ -134,7 +134,7 @@ async def test_light_theme(samples: Path, tmp_path: Path) -> None:
         interface.theme = "textual-light"
         await pilot.pause()
         assert not interface.current_theme.dark
-        assert "WARNING" in text(interface, "#text")
+        assert "WARNING" in text(interface, "#glance")
         await compare(pilot, interface, "result_light", tmp_path)
 
 

@@ -11,8 +11,9 @@ import pytest
 from textual.containers import VerticalScroll
 from textual.geometry import Size
 from textual.screen import Screen
-from textual.widgets import Static, TabbedContent
+from textual.widgets import Footer, Static, TabbedContent
 from textual.widgets._footer import FooterKey
+from textual.widgets._toast import Toast
 
 from app.evaluating.solution import SessionSolution, solve_files
 from app.measuring.demo import demo_plan
@@ -119,11 +120,11 @@ async def test_keys_turn_the_pages(published: tuple[SessionSolution, Path]) -> N
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "text", lambda: text(interface, "#text").endswith(solution_text(solved)))
         pages = []
-        for key in ("right", "right", "left", "tab", "shift+tab"):
+        for key in ("right", "right", "right", "left", "tab", "shift+tab"):
             await pilot.press(key)
             await pilot.pause()
-            pages.append(page(interface))
-        assert pages == ["tab-plot", "tab-result", "tab-plot", "tab-result", "tab-plot"]
+            pages.append(page(interface).removeprefix("tab-"))
+        assert pages == ["details", "plot", "result", "plot", "result", "plot"]
         await pilot.press("left")
         await until(pilot, "focus", lambda: isinstance(interface.focused, VerticalScroll))
         await pilot.press("end")
@@ -139,7 +140,7 @@ async def test_names_points_and_zero_line_at_80_columns(
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE) as pilot:
-        await pilot.press("right")
+        await pilot.press("left")
         await until(pilot, "a plot", lambda: len(drawn(interface, "#plot")) > 15)
         lines = drawn(interface, "#plot")
         assert lines[0].strip() == "Differences, mm"
@@ -172,7 +173,7 @@ async def test_text_and_plot_side_by_side(published: tuple[SessionSolution, Path
     async with interface.run_test(size=WIDE) as pilot:
         beside = interface.screen.query_one("#beside")
         await until(pilot, "two panels", lambda: beside.region.width > 30)
-        left = interface.screen.query_one("#result").region
+        left = interface.screen.query_one("#first").region
         assert left.right == beside.region.x
         assert left.width >= 80
         lines = drawn(interface, "#beside")
@@ -188,7 +189,7 @@ async def test_nothing_is_drawn_twice(
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path), read_only=True)
     async with interface.run_test(size=SIZE) as pilot:
-        await pilot.press("right")
+        await pilot.press("left")
         await until(pilot, "a plot", lambda: len(drawn(interface, "#plot")) > 15)
         chart = interface.screen.query_one("#plot", ChartPlot)
         builds: list[Size] = []
@@ -250,7 +251,7 @@ async def test_what_takes_long_is_worked_out_apart(
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("2", "v")
         await pilot.pause()
-        assert text(interface, "#text") == WORKING_OUT
+        assert text(interface, "#glance") == WORKING_OUT
         assert said == [WORKING_OUT]
         assert not solved.is_worked_out
         come.set()
@@ -287,12 +288,31 @@ async def test_export_names_what_it_wrote(
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("e")
         await until(pilot, "written", lambda: bool(said))
-        await until(
-            pilot, "caution", lambda: text(interface, "#text").startswith("WARNING: nobody")
-        )
+        await until(pilot, "caution", lambda: "\nWARNING: nobody" in text(interface, "#glance"))
     written = sorted(p.name for p in path.with_suffix("").iterdir())
     assert "offsets.csv" in written
     assert all(name in said[0] for name in written)
+
+
+async def test_what_was_written_lies_over_nothing(
+    published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After E the first page with its caution still fits the smallest terminal, above the line."""
+    solved, path = published
+    monkeypatch.chdir(path.parent)  # as one works, where the session is
+    screen = ResultScreen(solved, quick_plan(path.parent), Path(path.name))
+    interface = Glidecal(screen)
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        await pilot.press("e")
+        message, first = (interface.screen.query_one(f"#{name}") for name in ("message", "first"))
+        await until(pilot, "written", lambda: "calib_joint2.inc" in text(interface, "#message"))
+        words = "Next: enter the values in the controller; then V"
+        await until(pilot, "next", lambda: words in text(interface, "#glance"))
+        await pilot.pause()
+        assert message.region.y >= first.region.bottom
+        assert message.region.bottom <= interface.screen.query_one(Footer).region.y
+        assert first.max_scroll_y == 0
+        assert not interface.screen.query(Toast)
 
 
 async def test_export_asks_before_it_replaces(
@@ -421,7 +441,7 @@ async def test_copy_says_how_much(
     interface = Glidecal(ResultScreen(solved, None, path))
     said = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
-        await pilot.press("y")
+        await pilot.press("right", "y")
         await until(pilot, "words", lambda: bool(said))
     assert interface.clipboard.endswith(solution_text(solved))
     assert said[0].startswith(f"{len(interface.clipboard.splitlines())} lines copied")
@@ -450,7 +470,7 @@ async def test_comparison_is_a_page_of_its_own(verified: tuple[SessionSolution, 
         assert page(interface) == "tab-comparison"
         compared = text(interface, "#compared")
         assert f"from {before:.4f} to {after:.4f} mm" in compared
-        assert text(interface, "#text").startswith(compared.splitlines()[0])
+        assert text(interface, "#glance").startswith(compared.splitlines()[0])
         lines = drawn(interface, "#before-after")
         assert lines[-1].strip() == "x before   o after"
         assert [line.split("┤")[0].strip() for line in lines if "┤" in line] == NAMES
@@ -469,7 +489,7 @@ async def test_a_result_without_verification_has_no_such_page(
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
         assert not interface.screen.query("#tab-comparison")
-        assert text(interface, "#text").startswith("Next: D looks for what is missing")
+        assert "\nNext: D looks for what is missing" in text(interface, "#glance")
         await pilot.press("v")
         await until(pilot, "check", lambda: isinstance(interface.screen, CheckScreen))
         await until(pilot, "open", lambda: interface.indicators is not None)

@@ -151,7 +151,7 @@ async def test_whole_session_verify_and_compare(tmp_path: Path) -> None:
         await until(
             pilot,
             "before and after",
-            lambda: "Leg deviations went from" in text(interface, "#text"),
+            lambda: "Leg deviations went from" in text(interface, "#glance"),
         )
         await pilot.press("f10")
     assert interface.return_code == 0
@@ -232,7 +232,7 @@ async def test_result_of_a_recorded_session(samples: Path) -> None:
     solved = solve_files([path])
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
-        await until(pilot, "text", lambda: "something is missing" in text(interface, "#text"))
+        await until(pilot, "text", lambda: "something is missing" in text(interface, "#glance"))
         await pilot.press("v")
         await pilot.pause()
         assert isinstance(interface.screen, ResultScreen)

@@ -167,7 +167,7 @@ async def test_a_size_that_was_moved_is_adopted_and_held(bowed: Path) -> None:
         assert parameter.held is None
         assert parameter.value == pytest.approx(best.value, abs=best.standard_uncertainty)
         assert interface.screen is result
-        assert "Held as a person" not in " ".join(text(interface, "#text").split())
+        await until(pilot, "freed", lambda: held not in " ".join(text(interface, "#text").split()))
         actions = [one.action for one in read_model_file(model).history]
         assert actions == ["added", "removed", "added"]
         # the diagnosis below looks again, for its model is another one now
@@ -316,7 +316,7 @@ async def test_a_size_that_readings_do_not_show_can_be_moved_all_the_same(tmp_pa
         await pilot.pause()
         page = await tried(pilot, interface)
         assert page.fitted == ()
-        assert "not told" in body(interface)
+        assert "not seen" in body(interface)
         await pilot.press("f")
         await until(pilot, "why", lambda: "not shown by these readings" in said(interface))
         await pressed(pilot, page, "right")

@@ -37,10 +37,11 @@ from app.report.text.diagnosis import (
 )
 from app.report.text.model import effect_words
 from app.report.text.result import (
-    DECIDED,
+    bound_sentence,
     decided,
     difference_table,
     indicator_words,
+    judged_sentence,
     left_out_words,
     noise_words,
     offsets_table,
@@ -136,7 +137,7 @@ def report_of(
     return CalibrationReport(
         machine=machine.name,
         decision=decided(verified) if verified else judged,
-        sentences=(_in_a_sentence(solved), f"{found.verdict.upper()}. {found.sentence}"),
+        sentences=(bound_sentence(solved.correction), f"{found.verdict.upper()}. {found.sentence}"),
         sections=sections,
         program=program(),
     )
@@ -148,20 +149,7 @@ def _judged(solved: SessionSolution, tolerance_mm: float | None) -> str:
             "NOT JUDGED: no tolerance was given (--tolerance), nor does the machine file state one "
             "(tool_tolerance_mm)."
         )
-    found = judge(solved, tolerance_mm)
-    return (
-        f"{DECIDED[found.after]} with these values entered, {DECIDED[found.before]} as it is now: "
-        f"tolerance {tolerance_mm:g} mm for the tool, r.m.s., against the bound."
-    )
-
-
-def _in_a_sentence(solved: SessionSolution) -> str:
-    correction = solved.correction
-    return (
-        f"With these values entered the tool is off by at most {uncertain(correction.bound_mm)} "
-        f"mm r.m.s. over the workspace (95 %), {FRAME_WORDS[correction.frame]}; as it is now by "
-        f"at most {uncertain(correction.now_mm)} mm."
-    )
+    return judged_sentence(judge(solved, tolerance_mm), verified=False)
 
 
 def _machine(machine: Machine, tolerance_mm: float | None) -> Table:

@@ -15,9 +15,8 @@ from protocols.procedure import position_words
 from protocols.session import Reading
 
 UNKNOWN_HOME_OFFSET = (
-    "nobody stated the present HOME_OFFSET, so the files hold no value to enter, only what to add "
-    "to the present one. glidecal export takes it by --ini or --home-offset; or state it in the "
-    "machine file."
+    "nobody stated the present HOME_OFFSET: the files hold only what to add to it. State it in the "
+    "machine file, or by glidecal export --ini or --home-offset."
 )
 
 MOST_NAMED = 8

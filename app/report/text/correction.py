@@ -177,6 +177,15 @@ def warning_lines(solved: SessionSolution, correction: SessionCorrection) -> Ite
         )
 
 
+def sole_mistake_words(solved: SessionSolution) -> Iterator[str]:
+    """The likeliest mistake of the readings in one line, if any."""
+    for mistake in solved.corrections.mistakes[:1]:
+        yield (
+            f"WARNING: likely a mistake in the readings: {mistake.title} ({mistake.where}). "
+            "Measure again."
+        )
+
+
 def view_words(solved: SessionSolution) -> str:
     """That a set of the papers is written in place of the correction."""
     return (

@@ -44,7 +44,9 @@ from protocols.session import Session
 
 if TYPE_CHECKING:  # asked for by option only, and heavy
     from app.evaluating.comparison import Verification
+    from app.evaluating.correction import SessionCorrection
     from app.evaluating.solution import Judgement
+    from calib.identify.accuracy import Decision
     from calib.identify.monte_carlo import MonteCarlo
     from calib.tripod.workspace import PlaneMap
     from protocols.machine import Frame
@@ -261,6 +263,32 @@ def _source_words(solved: SessionSolution) -> str:
     return f"from the {gauge_word(solved)}'s stated resolution and repeatability"
 
 
+DECIDED = {"pass": "PASS", "fail": "FAIL", "undecided": "UNDECIDED"}
+
+
+def bound_sentence(correction: SessionCorrection) -> str:
+    """What the tool keeps with the values to enter, and what it keeps now."""
+    return (
+        f"With these values entered the tool is off by at most {uncertain(correction.bound_mm)} "
+        f"mm r.m.s. over the workspace (95 %), {FRAME_WORDS[correction.frame]}; as it is now by "
+        f"at most {uncertain(correction.now_mm)} mm."
+    )
+
+
+def judged_sentence(judged: Judgement, *, verified: bool) -> str:
+    """The decision that heads a result: after a verification that of the machine as it is now."""
+    if verified:
+        return _against(judged.tolerance_mm, judged.before)
+    return (
+        f"{DECIDED[judged.after]} with these values entered, {DECIDED[judged.before]} as it is "
+        f"now: tolerance {judged.tolerance_mm:g} mm for the tool, r.m.s., against the bound."
+    )
+
+
+def _against(tolerance_mm: float, decision: Decision) -> str:
+    return f"{DECIDED[decision]}: tolerance {tolerance_mm:g} mm, against the bound."
+
+
 DECISION_WORDS = {"pass": "passes", "fail": "fails", "undecided": "cannot be decided"}
 
 
@@ -319,9 +347,9 @@ WRITING_REPORT = "Writing the report …"
 REPORT_WRITTEN = "Report written: {}. Open it in a browser to read, print and sign it."
 
 RESULT_HELP = """\
-1 2 3         view joint offsets, leg lengths, or both
-4             view both, constrained by the tolerances of the parts
-Tab, arrows   Result, Plot, and after a verification Before/after
+Tab, arrows   Result, Details, Plot, after a verification Before/after
+1 2 3         Details with joint offsets, leg lengths, or both
+4             Details with both, constrained by tolerances of the parts
 E             write the values to enter, in every format, into a
               folder beside the session
 V             measure again after the offsets were entered, and compare
@@ -343,46 +371,6 @@ NO_PLAN = (
     "This session cannot be measured again from here: it is a table, or its ports are those of "
     "another computer."
 )
-
-
-def next_text(solved: SessionSolution, *, exports: bool, measures: bool) -> str:
-    """What to do with this result; nothing where nothing can be done from here."""
-    if solved.solution.lacks_fit or solved.suspects:
-        return (
-            "Next: D looks for what is missing from the model. The values to enter and their bound "
-            "allow for it."
-        )
-    if not exports:
-        return ""
-    if not solved.correction.helps:
-        if solved.corrections.more_helps:
-            return (
-                "Next: joint offsets alone would not make the tool more accurate. Export for what "
-                "the controller can hold beside them: glidecal export --format."
-            )
-        return (
-            "Next: leave the controller as it is. These offsets would not make the tool more "
-            "accurate."
-        )
-    again = ", then V measures again and compares" if measures else ""
-    return f"Next: E exports the joint offsets. Enter them in the controller{again}."
-
-
-def result_text(
-    solved: SessionSolution,
-    before: SessionSolution | None,
-    *,
-    exports: bool,
-    measures: bool,
-    caution: str = "",
-) -> str:
-    """The result; what is to be known of an export, and what to do next, stand first."""
-    return paragraphs(
-        f"WARNING: {caution}" if caution else "",
-        comparison_sentence(before.solution, solved.solution) if before else "",
-        next_text(solved, exports=exports, measures=measures),
-        solution_text(solved),
-    )
 
 
 def exported_text(folder: Path, paths: Sequence[Path]) -> str:
@@ -446,14 +434,11 @@ def offsets_table(found: Verification) -> Table:
     return table
 
 
-DECIDED = {"pass": "PASS", "fail": "FAIL", "undecided": "UNDECIDED"}
-
-
 def decided(found: Verification) -> str:
     """The decision in a sentence."""
-    if found.decision is None:
+    if found.decision is None or found.tolerance_mm is None:
         return "NOT JUDGED: there is no --tolerance, and no tool_tolerance_mm in the machine file."
-    return f"{DECIDED[found.decision]}: tolerance {found.tolerance_mm:g} mm, against the bound."
+    return _against(found.tolerance_mm, found.decision)
 
 
 def what_to_do(found: Verification) -> list[str]:

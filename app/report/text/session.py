@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from functools import lru_cache
-from itertools import groupby
 from pathlib import Path
 from shlex import quote
 
-from app.measuring.leg_review import LegReview, LegRow, Usual, leg_rows, positions
-from app.measuring.session import Doubt, GuidedSession, TakenStep
+from app.measuring.doubts import TakenStep
+from app.measuring.leg_review import LegRow, leg_rows, positions
+from app.measuring.session import GuidedSession
 from app.report.schema.readings import ReplayReport
-from app.report.text.tables import new_table, paragraphs, signed, uncertain
+from app.report.text.tables import new_table, paragraphs, signed
 from calib.arrays import LEG_NAMES
-from calib.errors import sentence
 from calib.tripod.geometry import Geometry
 from protocols.expectation import Movement
 from protocols.machine import Instrument, Machine
@@ -26,7 +25,6 @@ from protocols.procedure import (
     leg_number,
     position_words,
     posture_name,
-    posture_words,
 )
 from protocols.session import Session
 
@@ -74,8 +72,8 @@ def mdi_line(step: Step, machine: Machine, lift_mm: float = 0.0) -> str:
         parts = zip(LEG_NAMES, step.position_mm, strict=True)
         x, y, z = (mm + lift_mm * (name in step.axes) for name, mm in parts)
         return mdi_line(replace(step, position_mm=(x, y, z)), machine)
-    told = zip("XYZ", told_mm(step, machine), strict=True)
-    return f"G53 G0 {' '.join(f'{name}{value:.3f}' for name, value in told)}"
+    coordinates = zip("XYZ", told_mm(step, machine), strict=True)
+    return f"G53 G0 {' '.join(f'{name}{value:.3f}' for name, value in coordinates)}"
 
 
 def progress_text(session: Session, steps: Sequence[Step], mode: str) -> str:
@@ -207,12 +205,12 @@ def set_up_text(session: Session, step: Step, instruments: Sequence[Instrument |
     if step.over_plane:
         lines = [f"Bar {step.leg.upper()}, {at}. The stand slides on the plane."]
     have = [*instruments, None, None]
-    known = [(axis, have[k]) for axis, k in zip(step.axes, step.indicators, strict=True)]
-    for number, (axis, one) in enumerate(known, start=step.first + 1):
-        side = "−" if one and one.pushed_in == "smaller" else "+"
-        name = f"{one.profile} {one.port}: " if one else ""
+    along = [(axis, have[k]) for axis, k in zip(step.axes, step.indicators, strict=True)]
+    for number, (axis, indicator) in enumerate(along, start=step.first + 1):
+        side = "−" if indicator and indicator.pushed_in == "smaller" else "+"
+        name = f"{indicator.profile} {indicator.port}: " if indicator else ""
         lines.append(f"{number}  {name}along {axis.upper()}, on the {side}{axis.upper()} side")
-    sure = all(one and one.pushed_in for _, one in known)
+    sure = all(indicator and indicator.pushed_in for _, indicator in along)
     usual = "" if sure else " On the side named it does, if it grows when the spindle is pushed in."
     return "\n".join([*lines, f"A reading must grow when the bar moves towards +.{usual}"])
 
@@ -252,8 +250,8 @@ def so_far_text(session: Session, steps: Sequence[Step], step: Step) -> str:
     """What was read where a step is, minus the Zero of its cycle, in mm."""
     rows, geometry = leg_rows(session, step), session.opened.machine.geometry()
     if step.position_mm is None:
-        here = [one for one in steps if one.leg == step.leg and one.over_plane == step.over_plane]
-        levels_mm = [one.displacement_mm for one in here]
+        here = [s for s in steps if (s.leg, s.over_plane) == (step.leg, step.over_plane)]
+        levels_mm = [s.displacement_mm for s in here]
         return leg_table_text(rows, levels_mm, geometry, over_plane=step.over_plane)
     places, shown = positions(session), rows[-PLATE_CYCLES:]
     first = min(places.index(step.position_mm) - 2, len(places) - PLATE_POSITIONS)
@@ -314,112 +312,6 @@ def step_in_list(step: Step, geometry: Geometry, visit: str) -> str:
     return "ZERO" if step.at_zero else " ".join(f"{mm:.0f}" for mm in step.position_mm)
 
 
-def question_text(taken: TakenStep, session: Session) -> str:
-    """Why readings are questioned: what was read, what was expected, what its repeats show."""
-    rows, odd = _repeat_rows(taken, session), taken.doubt is Doubt.ODD
-    if taken.earlier:
-        other = step_name(session.steps()[(taken.earlier[0].step or 1) - 1], session)
-    if odd:
-        agree = "The others agree with each other. Was the machine in another posture then?"
-        return "\n".join([f"The odd one is {other}:", *rows, agree])
-    if taken.doubt is Doubt.REPEATS:
-        same_zero = len({r.mount for r in (*taken.readings, *taken.earlier)}) <= len(taken.readings)
-        zeros = [] if same_zero else ["Each set-up has a zero of its own: compare from there."]
-        first = f"Step {taken.step.number} does not agree with {other}:"
-        asked = "Which of these two is wrong? Look at posture, unit and sign now."
-        return "\n".join([first, *rows, *zeros, asked])
-    name = step_name(taken.step, session)
-    lines = [f"{name[0].upper()}{name[1:]}:", *_off_lines(taken, session)]
-    if len(rows) > 2:  # a heading and more than the step itself
-        lines += ["Its repeats agree with each other:", *rows]
-    if _same_again(taken, session):
-        lines.append("It shows the same again. If all is right now, the stand has moved.")
-        return "\n".join(lines)
-    return "\n".join([*lines, _asked(taken, session)])
-
-
-def _off_lines(taken: TakenStep, session: Session) -> list[str]:
-    """For each axis what was read, and how it is off."""
-    before = _before(taken, session)
-    shown = [f"along {r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in taken.readings]
-    if not taken.due:
-        return shown
-    lines = []
-    for line, reading, due in zip(shown, taken.readings, taken.due, strict=True):
-        if taken.doubt is not Doubt.BEYOND:
-            line += f", {signed(reading.value_mm - due.before.value_mm, 4)} mm since {before}"
-        elif due.is_beyond(reading.value_mm):
-            line += f" where {signed(due.mean_mm)} ± {uncertain(due.limit_mm)} mm is expected"
-        lines.append(line)
-    return lines
-
-
-def _before(taken: TakenStep, session: Session) -> str:
-    """The posture before the step."""
-    if not taken.due:
-        return ""
-    before = taken.due[0].before
-    posture = posture_words(before.posture_mm, session.opened.machine.geometry())
-    return f"{posture} {before.station:g}" if taken.step.over_plane else posture
-
-
-def _asked(taken: TakenStep, session: Session) -> str:
-    """The question itself."""
-    before, mover = _before(taken, session), "the machine"
-    if taken.step.over_plane:
-        mover = "machine or stand"
-    if taken.doubt is Doubt.STAND:
-        last = step_name(session.steps()[(taken.earlier[0].step or 1) - 1], session)
-        return f"Unchanged since {last}: was the stand set up anew, at {taken.step.touched}?"
-    asked = {
-        Doubt.UNCHANGED: f"Unchanged since {before}: did {mover} move?",
-        Doubt.TOO_SOON: f"So soon after {before} the machine cannot be there: did it move?",
-    }
-    beyond = f"Other {'position' if taken.step.position_mm else 'leg'}, other unit, other direction"
-    return asked.get(taken.doubt or Doubt.BEYOND, f"{beyond}? Or did the stand move?")
-
-
-def _repeat_rows(taken: TakenStep, session: Session) -> list[str]:
-    """The readings of this posture on this leg, a row a step, under a heading of the axes."""
-    now, superseded = taken.readings[0], session.superseded
-    asked = {r.reading for r in (*taken.readings, *taken.earlier)}
-    shown = [
-        r
-        for r in session.all_readings
-        if (r.leg, r.station, r.posture_mm) == (now.leg, now.station, now.posture_mm)
-        and (r.reading in asked or r.reading not in superseded)
-    ]
-    axes = taken.step.axes
-    heading = f"{'':<24}" + "".join(f"{f'along {axis.upper()}, mm':>14}" for axis in axes)
-    rows = [heading]
-    for number, of_step in groupby(sorted(shown, key=lambda r: r.step or 0), lambda r: r.step):
-        values = {r.axis: r.value_mm for r in of_step}
-        step = session.steps()[(number or 1) - 1]
-        name = f"step {number}, {cycle_words(step, session.steps())}"
-        name += " (now)" if number == taken.step.number else ""
-        cells = "".join(f"{signed(values[a], 4) if a in values else '':>14}" for a in axes)
-        odd = "  odd" if taken.doubt is Doubt.ODD and number == taken.earlier[0].step else ""
-        rows.append(f"{name:<24}{cells}{odd}")
-    return rows
-
-
-def _same_again(taken: TakenStep, session: Session) -> bool:
-    """Whether the step shows what it showed when it was questioned before, and was not kept."""
-    if taken.doubt is not Doubt.BEYOND or taken.earlier:
-        return False
-    now = {r.axis: r for r in taken.readings}
-    before = {
-        r.axis: r
-        for r in session.all_readings
-        if r.step == taken.step.number and r.reading < taken.readings[0].reading
-        if r.mount == now[r.axis].mount
-    }
-    limit_mm = session.opened.procedure.repeat_limit_mm if session.opened.procedure else 0.0
-    return before.keys() == now.keys() and all(
-        abs(before[axis].value_mm - now[axis].value_mm) <= limit_mm for axis in now
-    )
-
-
 def paused_text(guided: GuidedSession, *, headless: bool = False) -> str:
     """How much of a session that was left is measured, and the command that continues it."""
     done, steps = len(guided.session.done()), len(guided.steps)
@@ -435,125 +327,6 @@ def continue_command(path: Path, motion: str | None, *, headless: bool) -> str:
     screen = " --headless" if headless else ""
     controller = f" --motion {quote(motion)}" if motion else ""
     return f"glidecal run{screen} --continue {quote(str(path))}{controller}"
-
-
-LEAVE_QUESTION = (
-    "Pause this session? Every reading taken is on the disk, and you can continue later."
-)
-LEAVE_CHOICES = (("stay", "No, stay here"), ("home", "Yes, to the home screen"))
-RESTORE_QUESTION = "The readings of step {} do not count ({}). Use them all the same?"
-RESTORE_CHOICES = (("no", "No, nothing changes"), ("use", "Yes, use them again"))
-MOVED_QUESTION = "Was the stand moved or touched? If so, readings get a new zero from here on."
-MOVED_CHOICES = (("no", "No, continue as before"), ("moved", "Yes, start a new zero"))
-
-
-def question_choices(taken: TakenStep) -> tuple[tuple[str, str], ...]:
-    """What can be done about questioned readings."""
-    doubt, number = taken.doubt, taken.step.number
-    earlier = taken.earlier[0].step if taken.earlier else 0
-    if doubt is Doubt.ODD:
-        return (
-            ("earlier", f"Measure step {earlier} again"),
-            ("keep", f"Step {earlier} is right: keep it as it is"),
-        )
-    if doubt is Doubt.STAND:
-        return (
-            ("read", "No. I set it up now and take again"),
-            ("keep", "Yes, it stands there: keep the reading"),
-        )
-    first, last = "Read again here, without moving", "Keep the reading as it is"
-    if doubt in (Doubt.UNCHANGED, Doubt.TOO_SOON):
-        first, last = "No. I move it now and take again", "Yes, it moved: keep the reading"
-    elif doubt is Doubt.REPEATS:
-        first, last = f"Read step {number} again here, without moving", "Keep both for now"
-    wrong = ("earlier", f"Step {number} is right: measure step {earlier} again")
-    return (
-        ("read", first),
-        ("approach", f"Measure step {number} again: leave the posture and come back"),
-        *([wrong] if earlier else []),
-        ("stand", "The stand moved: start a new set-up, with a new zero"),
-        ("keep", last),
-    )
-
-
-ANSWERED = {
-    "": "no answer, not kept",
-    "read": "read again in place",
-    "approach": "approached again",
-    "earlier": "the earlier one is measured again",
-    "stand": "the stand moved",
-    "keep": "kept",
-}
-
-
-def answer_reason(answer: str, taken: TakenStep) -> str:
-    """What goes into the record with the answer to a question."""
-    if taken.doubt is Doubt.STAND:
-        return f"{taken.doubt}: {ANSWERED[answer]}"
-    if taken.doubt in (Doubt.REPEATS, Doubt.ODD):
-        before_mm = {r.axis: r.value_mm for r in taken.earlier}
-        apart = (r.value_mm - before_mm.get(r.axis, r.value_mm) for r in taken.readings)
-        earlier = taken.earlier[0].step
-        return (
-            f"{taken.doubt}, {signed(max(apart, key=abs), 4)} mm from step {earlier}: "
-            f"{ANSWERED[answer]}"
-        )
-    pairs = zip(taken.readings, taken.due, strict=True)
-    worst_mm = max((r.value_mm - due.mean_mm for r, due in pairs), key=abs)
-    return f"{taken.doubt}, {signed(worst_mm, 4)} mm from expected: {ANSWERED[answer]}"
-
-
-def answered_text(answer: str, taken: TakenStep, unsure: Sequence[int] = ()) -> str:
-    """What comes next after the answer; ``unsure`` are steps that are measured again with it."""
-    number = taken.questioned[0].step
-    if answer == "keep":
-        return f"Step {number} is kept; the table marks it."
-    if answer == "earlier" or taken.doubt is Doubt.ODD:
-        return f"Next is step {taken.earlier[0].step}: move there, and take it again."
-    if taken.doubt is Doubt.STAND:
-        return f"Not kept. Set the stand up at {taken.step.touched}, then take step {number}."
-    if unsure:
-        names = ", ".join(map(str, unsure))
-        again = f"step{'s' * (len(unsure) > 1)} {names} {'are' if len(unsure) > 1 else 'is'}"
-        return f"Not kept. With the new zero {again} measured again, too: since when is not known."
-    then = {"approach": "leave the posture, come back, and ", "stand": "with the new zero, "}
-    return f"Not kept. Next is step {number}: {then.get(answer, '')}take it again."
-
-
-def lost_text(name: str, words: str, elsewhere: str | None, *, gone: bool) -> str:
-    """An indicator that gives no value: why, where its adapter is now, and what to do."""
-    lost = f"FAULT: {name}: {sentence(words)} The session waits."
-    if elsewhere:
-        return f"{lost} Its adapter is at {elsewhere} now: {{measure.port}} goes on there."
-    if gone:
-        return f"{lost} Does it come back under another name, {{measure.port}} chooses it."
-    return lost
-
-
-def other_adapter_text(name: str, adapter: str, before: str) -> str:
-    """An indicator that answers again is behind another adapter: perhaps another indicator."""
-    return (
-        f"WARNING: {name} answers again, but adapter {adapter or 'without a number'} is there now, "
-        f"before it was {before}. Plug it back, or make sure that it is the same indicator."
-    )
-
-
-NO_PORT_LOST = "Every indicator answers: no other port is needed."
-NO_OTHER_PORT = "No other serial port is here. Plug the adapter in; then {measure.port} again."
-
-
-def port_question(name: str) -> str:
-    """Where an indicator is now."""
-    return f"At which port is {name} now?"
-
-
-def port_choices(
-    ports: Sequence[tuple[str, str]], numbers: Mapping[str, str], adapter: str
-) -> list[tuple[str, str]]:
-    """Ports with what the system says of them; the one of the same ``adapter`` is named."""
-    same = {port: f", the same adapter, no. {adapter}" for port in numbers if adapter}
-    same = {port: words for port, words in same.items() if numbers[port] == adapter}
-    return [(port, f"{port}  {words}{same.get(port, '')}".rstrip()) for port, words in ports]
 
 
 def automatic_waits_text(moved: Movement, step: Step, session: Session) -> str:
@@ -580,77 +353,6 @@ def point_text(step: Step, session: Session) -> str:
     values = "  ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)}" for r in latest)
     reason = session.superseded.get(shown[-1].reading) if shown and not counting else None
     return f"{where}   {values}" + (f"   superseded: {reason}" if reason else "")
-
-
-REVIEW_HELP = """\
-Scatter       standard deviation of a reading in the repeats of a posture
-Usual         the scatter to hold against it: what the indicator states,
-              the other legs, or an indicator at rest
-Return        largest difference between two Zeros of one cycle: it shows
-              drift, and a stand that moved"""
-
-
-def review_text(review: LegReview, session: Session) -> str:
-    """A leg after its last step: repeatability beside the usual one, drift, differences.
-
-    Keys in it are ids of bindings in braces.
-    """
-    table = new_table("axis", "scatter, mm", "repeats", "usual, mm", "return, mm")
-    for one in review.axes:
-        table.add_row(
-            one.axis.upper(),
-            "no repeats" if one.standard_deviation_mm is None else _four(one.standard_deviation_mm),
-            str(one.degrees_of_freedom),
-            f"{_four(one.usual_mm)} {one.usual}",
-            "" if one.worst_return_mm is None else signed(one.worst_return_mm, 4),
-        )
-    read, wide = f"Leg {review.leg.upper()}", 8
-    verdict = review_verdict(review, session)
-    worst = verdict.startswith("WARNING:")  # on a line of its own: it stands out
-    if review.leg == "tool":
-        read, wide = "The plate", 22
-    cells = [f"{name:<{wide}}{signed(value):>8}" for name, value in review.differences_mm]
-    rows = ["      ".join(cells[k : k + ACROSS]) for k in range(0, len(cells), ACROSS)]
-    return paragraphs(
-        *([f"{read} is done.", verdict] if worst else [f"{read} is done. {verdict}"]),
-        table,
-        [f"{len(cells)} differences so far, mm", *rows],
-        ["Space continues, {measure.hold} holds the session, {measure.plot} shows the plot."],
-    )
-
-
-ACROSS = 2
-"""Differences on a line: all twelve of a session fit into the smallest terminal."""
-
-MORE_THAN_USUAL = 3.0
-"""Scatter of so many times the usual one is worth a word."""
-
-BESIDE = {
-    Usual.STATED: "its indicator states",
-    Usual.OTHERS: "the other legs do",
-    Usual.AT_REST: "an indicator at rest",
-}
-
-
-def review_verdict(review: LegReview, session: Session) -> str:
-    """Whether the scatter is as usual, in a sentence or two; which reading to look at."""
-    worst = max(review.axes, key=lambda one: one.excess)
-    if worst.excess > MORE_THAN_USUAL:
-        much = f"{worst.excess:.0f} times as much as {BESIDE[worst.usual]}"
-        said = f"WARNING: readings along {worst.axis.upper()} scatter {much}."
-        if worst.furthest is not None and worst.furthest.step:
-            name = step_name(session.steps()[worst.furthest.step - 1], session)
-            off = f"is {signed(worst.furthest_mm)} mm off its repeats"
-            again = "{measure.hold} holds the session, then {measure.earlier} measures it again."
-            said += f" {name[0].upper()}{name[1:]}, {off}: {again}"
-        return said
-    if all(one.standard_deviation_mm is None for one in review.axes):
-        return "Without repeats the scatter is not known."
-    return "No scatter is suspicious."
-
-
-def _four(length_mm: float) -> str:
-    return f"{length_mm:.4f}"
 
 
 def clock_set_text(jump_s: float) -> str:

@@ -55,7 +55,7 @@ STANDING = {
     "model": ", in the model",
     "named": ", named",
     "unnamed": ", the unnamed rest",
-    "candidate": ", candidate",
+    "candidate": ", not named",
     "undiagnosed": "",
 }
 
@@ -95,7 +95,7 @@ def sizes_text(
     for k, (name, entry) in enumerate(trial.entry.parameters.items()):
         step = trial.steps[k]
         places = decimals(step)
-        best = "not told"
+        best = "not seen"
         if fitted:
             u = fitted[k].standard_uncertainty
             best = f"{signed(fitted[k].value, decimals(u))} ± {u:.{decimals(u)}f}"

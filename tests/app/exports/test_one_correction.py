@@ -15,7 +15,8 @@ from app.evaluating.solution import SessionSolution, judge, solve_files
 from app.report.pages.contents import report_of
 from app.report.schema.document import to_json
 from app.report.schema.solution import SolutionReport
-from app.report.text.result import result_text, solution_text
+from app.report.text.glance import glance_text
+from app.report.text.result import solution_text
 from calib.posterior.correction import Holds
 from calib.posterior.tool import FRAMES
 from protocols.machine import Frame, load_machine
@@ -100,7 +101,7 @@ def test_every_number_that_is_shown_first_is_written(session: Path, tmp_path: Pa
     rounded = {name: round(value, 6) for name, value in values.items()}
     assert {row["parameter"]: float(row["value_mm"]) for row in rows} == rounded
     solved = solved_for(session)
-    on_screen = result_text(solved, None, exports=True, measures=True)
+    on_screen = glance_text(solved, None, (), 76, exports=True, measures=True)
     for text in (solution_text(solved), on_screen):
         assert shown_first(text) == {name: round(value, 4) for name, value in values.items()}
     report = report_of([session])

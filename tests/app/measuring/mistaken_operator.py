@@ -19,7 +19,8 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from app.measuring.session import Doubt, GuidedSession, TakenStep
+from app.measuring.doubts import Doubt, TakenStep
+from app.measuring.session import GuidedSession
 from drivers.profile import IndicatorReading
 from protocols.procedure import Step
 from tests.app.measuring.simulated_operator import (

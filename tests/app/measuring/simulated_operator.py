@@ -17,8 +17,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from app.measuring.doubts import Doubt, TakenStep
 from app.measuring.gauges import Gauge, Motion
-from app.measuring.session import Doubt, GuidedSession, Indicators, TakenStep
+from app.measuring.session import GuidedSession, Indicators
 from drivers.profile import IndicatorReading, Outcome, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from protocols.clock import SessionClock

@@ -23,7 +23,7 @@ from app.measuring.indicators import (
     ports_to_choose,
     remember,
 )
-from app.report.text.session import port_choices
+from app.report.text.questions import port_choices
 from calib.arrays import conditions
 from calib.errors import UsageError
 from calib.tripod.geometry import Geometry
@@ -263,3 +263,21 @@ def test_demo_with_other_indicators(profiles: tuple[str, ...], tmp_path: Path) -
     run = glidecal("demo", "--headless", *named, cwd=tmp_path)
     assert run.status == 0, run.err
     assert "Leg deviations went from" in run.out
+
+
+def test_a_number_that_two_adapters_have_names_neither(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Cheap adapters all have the number 0001: one that is pulled is not at the port of another."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    both = [Instrument(profile="sylvac", port=f"/dev/ttyGONE{k}") for k in (0, 1)]
+    twins = [Port(instrument.port, "0001", "1-2:1.0") for instrument in both]
+    plugged(monkeypatch, Port("/dev/ttyGONE0", "A1"))
+    remember("test machine", both)
+    plugged(monkeypatch, *twins)
+    assert adapters() == {}
+    remember("test machine", both)
+    plugged(monkeypatch, twins[1])
+    assert moved_adapters(both) == {}
+    plugged(monkeypatch, twins[1], Port("/dev/ttyGONE7", "A1"))
+    assert moved_adapters(both) == {}, "A1 was at the port of a twin before it"

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from app.measuring.leg_review import LegRow, Usual, leg_rows, review_leg
-from app.report.text.session import leg_table_text, review_text
+from app.report.text.leg_review import review_text
+from app.report.text.session import leg_table_text
 from calib.tripod.geometry import Geometry
 from protocols.record import read_record
 from protocols.session import Session

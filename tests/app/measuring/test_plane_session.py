@@ -15,25 +15,20 @@ import numpy as np
 import pytest
 
 from app.evaluating.solution import solve_files
+from app.measuring.doubts import Doubt
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import simulated_indicators
 from app.measuring.leg_review import review_leg
 from app.measuring.opening import opened_event
 from app.measuring.plan import Plan
-from app.measuring.session import Doubt, GuidedSession, Indicators
+from app.measuring.session import GuidedSession, Indicators
 from app.measuring.simulated import short_travels
 from app.measuring.unattended import measure_all
 from app.report.charts.tripod import drawn_set_up
+from app.report.text.leg_review import review_text
 from app.report.text.preparing import dry_run_text
-from app.report.text.session import (
-    point_text,
-    question_text,
-    review_text,
-    set_up_text,
-    so_far_text,
-    step_in_list,
-    step_text,
-)
+from app.report.text.questions import question_text
+from app.report.text.session import point_text, set_up_text, so_far_text, step_in_list, step_text
 from app.version import program
 from calib.arrays import LEG_NAMES
 from calib.errors import RecordError, UsageError

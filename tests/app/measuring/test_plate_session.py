@@ -13,21 +13,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.measuring.doubts import Doubt
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import simulated_indicators
 from app.measuring.leg_review import review_leg
 from app.measuring.opening import opened_event, start_session
 from app.measuring.plan import QUICK_INTERVAL_S, Plan
-from app.measuring.session import Doubt, GuidedSession, Indicators
+from app.measuring.session import GuidedSession, Indicators
 from app.measuring.unattended import measure_all
-from app.report.text.session import (
-    point_text,
-    question_text,
-    review_text,
-    so_far_text,
-    step_in_list,
-    step_text,
-)
+from app.report.text.leg_review import review_text
+from app.report.text.questions import question_text
+from app.report.text.session import point_text, so_far_text, step_in_list, step_text
 from app.version import program
 from calib.errors import UsageError
 from drivers.profile import Query

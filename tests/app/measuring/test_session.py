@@ -14,12 +14,14 @@ from pathlib import Path
 import pytest
 
 from app.measuring.demo import demo_plan
+from app.measuring.doubts import Doubt
 from app.measuring.gauges import Gauge
 from app.measuring.opening import opened_event, start_session
 from app.measuring.plan import Plan
-from app.measuring.session import Doubt, GuidedSession, Indicators
+from app.measuring.session import GuidedSession, Indicators
 from app.measuring.unattended import measure_all
-from app.report.text.session import question_choices, question_text, step_in_list, visits_of
+from app.report.text.questions import question_choices, question_text
+from app.report.text.session import step_in_list, visits_of
 from drivers.profile import FaultKind, IndicatorReading, Outcome, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from protocols.clock import SessionClock
@@ -296,6 +298,41 @@ def test_a_reading_that_disagrees_is_questioned_and_counts_when_it_is_kept(tmp_p
         assert guided.session.restored
     assert questioned
     assert min(questioned) >= 4
+
+
+def test_an_odd_one_that_was_kept_is_not_asked_about_after_a_break(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """MAX of cycle 1 was taken 0.4 mm off; two repeats settle it, and the operator keeps it."""
+    plan, doubts = quick(tmp_path, cycles=4), dict[int, Doubt]()
+
+    def measure(guided: GuidedSession, last: int) -> None:
+        while (step := guided.step()) is not None and step.number <= last:
+            guided.go()
+            taken = guided.take()
+            assert taken is not None
+            if taken.doubt:
+                doubts[step.number] = taken.doubt
+                guided.keep(taken, "it is right")
+
+    def off(gauge: Gauge) -> Future[Outcome]:
+        reading, answer = honest(gauge).result(), Future[Outcome]()
+        assert isinstance(reading, IndicatorReading)
+        answer.set_result(replace(reading, value_mm=reading.value_mm + 0.4))
+        return answer
+
+    honest = Gauge.ask
+    with start_session(plan) as guided:
+        measure(guided, 1)
+        with monkeypatch.context() as patched:
+            patched.setattr(Gauge, "ask", off)
+            measure(guided, 2)
+        measure(guided, 8)
+        assert Doubt.ODD in doubts.values()
+    doubts.clear()
+    with start_session(replace(plan, continued=True)) as guided:
+        measure(guided, 13)
+        assert Doubt.ODD not in doubts.values()
 
 
 class Still(Gauge):

@@ -1,0 +1,100 @@
+"""The first page of a result: the verdict, what to enter, what the tool keeps, the next key."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from enum import StrEnum
+
+from app.evaluating.solution import SessionSolution, judge
+from app.report.charts.bars import bar_rows
+from app.report.text.correction import FRAME_WORDS, correction_table, sole_mistake_words
+from app.report.text.result import (
+    bound_sentence,
+    comparison_sentence,
+    export_caution,
+    judged_sentence,
+)
+from app.report.text.tables import paragraphs, uncertain
+
+WIDTH_WITHOUT_BARS, SHORTEST, LONGEST = 22, 8, 54
+"""Columns of names and figures beside the bars, and how long the longest bar may be."""
+
+
+class Done(StrEnum):
+    """What was done on a result; what comes next depends on it."""
+
+    DIAGNOSED = "diagnosed"
+    EXPORTED = "exported"
+
+
+def glance_text(
+    solved: SessionSolution,
+    before: SessionSolution | None,
+    done: Collection[Done],
+    columns: int,
+    *,
+    exports: bool,
+    measures: bool,
+) -> str:
+    """All that an operator needs, for a page that is not scrolled; keys are ids in braces.
+
+    ``before`` is the session that this one verifies.
+    """
+    machine, correction = solved.sessions[0].opened.machine, solved.correction
+    tolerance_mm = machine.tool_tolerance_mm
+    lengths = [
+        (name, f"{uncertain(mm)} mm", mm)
+        for name, mm in (("now", correction.now_mm), ("after", correction.bound_mm))
+    ]
+    limit = (f"tolerance {tolerance_mm:g} mm", tolerance_mm) if tolerance_mm else None
+    bars = bar_rows(lengths, min(LONGEST, max(SHORTEST, columns - WIDTH_WITHOUT_BARS)), limit)
+    verdict = bound_sentence(correction)
+    if tolerance_mm:
+        verdict = judged_sentence(judge(solved, tolerance_mm), verified=before is not None)
+    elif before:
+        verdict = comparison_sentence(before.solution, solved.solution)
+    caution = export_caution(solved) if Done.EXPORTED in done else ""
+    return paragraphs(
+        [verdict, *_cautions(solved), *([f"WARNING: {caution}"] if caution else [])],
+        "Add to the offsets in the controller:" if any(machine.entered_offsets_mm) else "",
+        correction_table(correction),
+        [f"Tool error, at most (95 %), r.m.s., {FRAME_WORDS[correction.frame]}:", *bars],
+        next_text(solved, done, exports=exports, measures=measures),
+    )
+
+
+def _cautions(solved: SessionSolution) -> Iterator[str]:
+    """A short line each; the pages behind say more."""
+    yield from sole_mistake_words(solved)
+    if _lacks_something(solved):
+        yield "WARNING: something is missing from the model. The bound allows for it."
+    if not solved.correction.helps:
+        yield "WARNING: these values would not make the tool more accurate."
+
+
+def _lacks_something(solved: SessionSolution) -> bool:
+    return solved.solution.lacks_fit or bool(solved.suspects)
+
+
+def next_text(
+    solved: SessionSolution, done: Collection[Done], *, exports: bool, measures: bool
+) -> str:
+    """What to do next with this result; nothing where nothing can be done from here."""
+    if _lacks_something(solved) and not done:
+        return "Next: {result.diagnose} looks for what is missing from the model."
+    if not exports:
+        return ""
+    if Done.EXPORTED in done:
+        return f"Next: enter the values in the controller; {AGAIN if measures else REPORT}"
+    if solved.correction.helps:
+        return "Next: {result.export} writes these values as files for the controller."
+    return f"Next: {MORE_THAN_OFFSETS if solved.corrections.more_helps else LEAVE_AS_IT_IS}"
+
+
+AGAIN = "then {result.verify} measures again and compares."
+REPORT = "{result.report} writes the report to sign."
+LEAVE_AS_IT_IS = f"leave the controller as it is; {REPORT}"
+MORE_THAN_OFFSETS = (
+    "glidecal export --format writes what the controller can hold beside joint offsets. That "
+    "makes the tool more accurate."
+)

@@ -1,0 +1,114 @@
+"""What the first page of a result shows against what E writes and the report prints and judges.
+
+``python -m tests.app.exports.first_page 200`` simulates so many sessions and prints in how many
+they differ. Every number is read back from the text, the files and the report, as a person does.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from itertools import product
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from app.evaluating.solution import SessionSolution, solve_files
+from app.exports import export_offsets
+from app.report.pages.contents import report_of
+from app.report.text.glance import glance_text
+from protocols.machine import load_machine
+from tests.app.cli import glidecal
+
+HIDDEN = (
+    (),
+    ("--effect", "backlash:y"),
+    ("--effect", "axis_squareness:xy"),
+    ("--effect", "gravity_sag:x"),
+    ("--effect", "straightness:z"),
+)
+MEASURED = (
+    ("orthoglide", "zero-max-min"),
+    ("orthoglide", "two-station"),
+    ("linear-delta", "plate-rings"),
+)
+KINDS = tuple(product(MEASURED, HIDDEN))
+"""Machine with procedure, and what is wrong with it beside the offsets."""
+
+TOLERANCES_MM = (None, 0.02, 0.1, 0.5)
+
+
+def simulated(folder: Path, seed: int) -> Path:
+    """A session of a machine of a kind, with offsets and a tolerance by the seed."""
+    (machine, protocol), hidden = KINDS[seed % len(KINDS)]
+    chance = np.random.default_rng(seed)
+    tolerance_mm = TOLERANCES_MM[int(chance.integers(len(TOLERANCES_MM)))]
+    document = {
+        "schema": "glidecal.model/1",
+        "machine": load_machine(machine)
+        .model_copy(update={"tool_tolerance_mm": tolerance_mm})
+        .model_dump(mode="json", by_alias=True),
+        "parameters_mm": {f"d_rho_{leg}": float(chance.normal(0.0, 0.6)) for leg in "xyz"},
+    }
+    truth, path = folder / f"truth{seed}.json", folder / f"s{seed}.jsonl"
+    truth.write_text(json.dumps(document))
+    options: list[str | Path] = [*hidden, "--model", truth, "--seed", str(seed), "-o", path]
+    run = glidecal("simulate", "--protocol", protocol, *options)
+    assert run.status == 0, run.err
+    return path
+
+
+def shown_values(text: str) -> dict[str, float]:
+    """Names and values of the table of the first page."""
+    return {name: float(mm) for name, mm in re.findall(r"^ *(d_\w+) +([+-][\d.]+) ", text, re.M)}
+
+
+def written_values(solved: SessionSolution, folder: Path) -> dict[str, float]:
+    """What E writes, from its JSON."""
+    paths = {path.name: path for path in export_offsets(solved, folder)}
+    parameters = json.loads(paths["offsets.json"].read_text())["parameters"]
+    return {name: parameter["value"] for name, parameter in parameters.items()}
+
+
+def differences(path: Path, *, report: bool = True) -> list[str]:
+    """Words for what differs between the first page, the files that E writes, and the report."""
+    solved = solve_files([path]).work_out()
+    page = glance_text(solved, None, (), 76, exports=True, measures=True)
+    shown, found = shown_values(page), list[str]()
+    written = written_values(solved, path.with_suffix(""))
+    if shown != {name: round(mm, 4) for name, mm in written.items()}:
+        found.append(f"shown {shown}, written {written}")
+    bounds = re.findall(r"^(?:now|after) +([\d.]+) mm ", page, re.M)
+    caution = json.loads((path.with_suffix("") / "offsets.json").read_text())["cautions"][0]
+    stated = re.search(r"at most ([\d.]+) mm now, at most ([\d.]+) mm", caution)
+    if stated is None or bounds != [*stated.groups()]:
+        found.append(f"shown {bounds}, written {caution}")
+    if report:
+        printed = report_of([path])
+        (section,) = [s for s in printed.sections if s.heading == "What to enter in the controller"]
+        table = next(part for part in section.parts if not isinstance(part, str))
+        added = list(map(float, table.columns[2].cells))  # type: ignore[union-attr]
+        if added != list(shown.values()):
+            found.append(f"shown {shown}, printed {added}")
+        headline = printed.sentences[0] if "NOT JUDGED" in printed.decision else printed.decision
+        if page.partition("\n")[0] != headline:
+            found.append(f"headed {page.partition(chr(10))[0]!r}, printed {headline!r}")
+    return found
+
+
+def main(count: int) -> None:
+    """Print in how many sessions anything differs, and what."""
+    differing = 0
+    with TemporaryDirectory() as name:
+        for seed in range(count):
+            words = differences(simulated(Path(name), seed), report=False)
+            differing += bool(words)
+            for line in words:
+                print(f"seed {seed}: {line}")
+    print(f"{differing} of {count} simulated sessions differ")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 200)

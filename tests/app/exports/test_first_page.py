@@ -1,0 +1,71 @@
+"""The first page of a result: what it shows is written and printed; its next key, its bars."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from app.evaluating.solution import SessionSolution, solve_files
+from app.report.charts.bars import bar_rows
+from app.report.text.glance import Done, glance_text, next_text
+from protocols.record import read_record
+from tests.app.exports.first_page import differences, simulated
+
+
+@pytest.mark.parametrize("seed", [1, 7, 14])
+def test_what_is_shown_first_is_written_printed_and_judged(tmp_path: Path, seed: int) -> None:
+    path = simulated(tmp_path, seed)
+    assert read_record(path).end == "closed"
+    assert differences(path) == []
+
+
+@pytest.fixture
+def solved(samples: Path) -> Callable[[str], SessionSolution]:
+    return lambda name: solve_files([samples / f"{name}.jsonl"]).work_out()
+
+
+def test_next_is_always_the_next_thing(solved: Callable[[str], SessionSolution]) -> None:
+    sound, doubtful = solved("simulated_zero-max-min"), solved("experiment_2_twelve")
+
+    def key(of: SessionSolution, *done: Done, measures: bool = True) -> str:
+        words = next_text(of, done, exports=True, measures=measures)
+        return words.partition("{result.")[2].partition("}")[0]
+
+    assert key(sound) == "export"
+    assert key(sound, Done.EXPORTED) == "verify"
+    assert key(sound, Done.EXPORTED, measures=False) == "report"
+    assert key(doubtful) == "diagnose"
+    assert key(doubtful, Done.DIAGNOSED) == "export"
+    assert key(doubtful, Done.DIAGNOSED, Done.EXPORTED) == "verify"
+    assert next_text(sound, (), exports=False, measures=True) == ""
+
+
+@pytest.mark.parametrize("columns", [36, 76])
+def test_no_line_of_bars_is_longer_than_the_page(
+    solved: Callable[[str], SessionSolution], columns: int
+) -> None:
+    page = glance_text(
+        solved("simulated_zero-max-min"), None, (), columns, exports=True, measures=True
+    )
+    bars = [line for line in page.splitlines() if line.startswith(("now ", "after "))]
+    assert [len(bar) <= columns for bar in bars] == [True, True]
+
+
+def test_bars_are_as_long_as_their_lengths() -> None:
+    now, after, words = bar_rows(
+        [("now", "0.4 mm", 0.4), ("after", "0.1 mm", 0.1)], 41, ("tolerance 0.2 mm", 0.2)
+    )
+    start = len("after  0.4 mm  ")
+    assert now[start:] == "█" * 20 + "│" + "█" * 19
+    assert after[start:] == "█" * 10 + " " * 10 + "│"
+    assert words == " " * (start + 20) + "│ tolerance 0.2 mm"
+
+
+def test_a_mark_at_the_end_has_its_words_before_it() -> None:
+    bar, words = bar_rows([("now", "0.001 mm", 0.001)], 30, ("tolerance 5 mm", 5.0))
+    assert bar.endswith("│")
+    assert bar.count("▏") == 1, "what is not nothing is seen"
+    assert words.endswith("tolerance 5 mm │")
+    assert len(words) == len(bar)

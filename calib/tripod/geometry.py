@@ -27,7 +27,7 @@ LEAST_VOLUME = 1e-3
 LEAST_SLOPE = 0.02
 """Of a bar along its drive: below it the carriage cannot move the tool."""
 
-MOST_ASKEW = 0.05
+MOST_ASKEW = 0.1
 """Of a bar to its drive at Zero: more, and it slides under an indicator further than that reads."""
 
 MOST_ALIKE = 0.9

@@ -53,10 +53,10 @@ def test_planes_that_cannot_be_measured(tmp_path: Path, line: str, said: str) ->
         load_procedure(str(path), Geometry())
 
 
-def test_a_machine_without_square_drives_has_no_such_legs() -> None:
+def test_a_machine_whose_bars_lie_askew_has_no_such_legs() -> None:
     done = glidecal("identifiability", "linear-delta", "--procedure", "plane")
     assert done.status == 2
-    assert "not square" in done.err
+    assert "do not lie along their drives" in done.err
 
 
 def test_a_table_that_was_filled_in_is_the_procedure(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from app.measuring.session import GuidedSession
 from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, paragraphs, signed
 from calib.arrays import LEG_NAMES
-from calib.tripod.geometry import Geometry
+from calib.tripod.geometry import COORDINATES, Geometry
 from protocols.expectation import Movement
 from protocols.machine import Instrument, Machine
 from protocols.motion import joints_mm, told_mm
@@ -147,6 +147,14 @@ def step_name(step: Step, session: Session) -> str:
     return f"step {step.number}, {step.touched} {posture}, {cycle_words(step, session.steps())}"
 
 
+def _along_words(step: Step, geometry: Geometry) -> str:
+    """How far along the drive of the leg, which need not be along a coordinate."""
+    leg, number = step.leg.upper(), leg_number(step.leg)
+    if geometry.direction[number] == COORDINATES[number]:
+        return f"{leg} {step.displacement_mm:+.2f} mm"
+    return f"{step.displacement_mm:+.2f} mm along drive {leg}"
+
+
 def step_text(step: Step, session: Session, by: TakenBy = TakenBy.HAND) -> str:
     """Leg, posture and cycle; what to do, or who else does it; the position.
 
@@ -157,7 +165,7 @@ def step_text(step: Step, session: Session, by: TakenBy = TakenBy.HAND) -> str:
     cycles = session.opened.procedure.cycles if session.opened.procedure else 1
     leg, joints = step.leg.upper(), joints_mm(step, geometry)
     plate = session.opened.procedure.plate if session.opened.procedure else None
-    to = f"{leg} {step.displacement_mm:+.2f} mm" if plate is None else "the position"
+    to = "the position" if plate is not None else _along_words(step, geometry)
     lines = [
         f"{step.touched.upper()}   {step.posture(geometry)}   "
         + cycle_words(step, session.steps())

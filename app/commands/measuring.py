@@ -418,9 +418,9 @@ def align(
         report = partial(AlignmentReport.of, name=session.name, found=aligned)
         typer.echo(Answer(lambda: aligned_text(aligned), report).shown(as_json=as_json))
         return
-    if machine_file_out is not None:
-        needed = "a session that was measured: align SESSION"
-        raise UsageError("--machine-file-out", "no session", needed)
+    for name, given in (("--machine-file-out", machine_file_out is not None), ("--force", force)):
+        if given:
+            raise UsageError(name, "no session", "a session that was measured: align SESSION")
     refuse_beside_continue(context)
     known = load_machine(machine)
     chosen = choose_indicators(

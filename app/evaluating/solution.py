@@ -26,7 +26,7 @@ from calib.tripod.pipeline import Model
 from protocols.data_table import Cell, DataTable
 from protocols.observations import indicator_figures, to_observations
 from protocols.record import read_record
-from protocols.session import Reading, Session
+from protocols.session import Distance, Reading, Session
 from protocols.table import off_bar_words
 
 if TYPE_CHECKING:  # asked for by option only
@@ -39,6 +39,27 @@ if TYPE_CHECKING:  # asked for by option only
     from calib.tripod.workspace import PlaneMap
     from protocols.machine import Frame, Machine
     from protocols.model_file import ModelFile
+
+
+BEYOND_CHANCE = 4.0
+"""Standard deviations; by chance one of 16,000 distances between marks is further off."""
+
+
+@dataclass(frozen=True)
+class FurthestDistance:
+    """A ``distance`` of the record of ``session`` that is so many standard ``deviations`` longer.
+
+    Than the likeliest model makes it; shorter where they are negative.
+    """
+
+    session: str
+    distance: Distance
+    deviations: float
+
+    @property
+    def off_mm(self) -> float:
+        """By how much it is longer."""
+        return self.deviations * self.distance.deviation_mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +164,16 @@ class SessionSolution:
     def tool_maps(self) -> tuple[PlaneMap, ...]:
         """Expected error of the tool with the values of the view, on three planes through Zero."""
         return self.corrections.off(self.solution.model).maps(self.frame)
+
+    @property
+    def furthest_distance(self) -> FurthestDistance | None:
+        """The distance between marks that is furthest off; None where none is beyond chance."""
+        every = [(session.name, line) for session in self.sessions for line in session.distances]
+        off = self.posterior.distances_left.tolist()
+        if not every or max(map(abs, off)) <= BEYOND_CHANCE:
+            return None
+        furthest = max(range(len(off)), key=lambda k: abs(off[k]))
+        return FurthestDistance(*every[furthest], off[furthest])
 
     @property
     def reads_tool(self) -> bool:

@@ -235,7 +235,8 @@ class ResultScreen(PagedScreen):
 
     def action_diagnose(self) -> None:
         self.done.add(Done.DIAGNOSED)
-        self._show()
+        if self.solved.is_worked_out:
+            self._show_glance()
         self.app.push_screen(self.app.diagnosis([self.path]))
 
     def action_copy(self) -> None:

@@ -14,8 +14,8 @@ from calib.tripod.geometry import Geometry, dot, inverse
 STILL_MM = 1e-6
 """A carriage that is to move by less stands still: no controller resolves it."""
 
-STANDS = 1e-9
-"""A carriage that moves by less of the tool's way stands there, on its way up and down again."""
+TURNED_MM = 0.01
+"""A carriage that came back by less has not taken up its play: it stands as it came before."""
 
 DEPARTS = 4.0
 """Standard deviations beyond which a first reading was not reached as its repeats were."""
@@ -36,14 +36,17 @@ def last_movement(geometry: Geometry, taken: Conditions) -> FloatArray:
     Readings of the tool tell it themselves. Along the drive of a touched leg its carriage follows
     the displacement s. The others are commanded, on an Orthoglide, ``sqrt(L^2 - s^2)``: they went
     down where the tool went away from Zero at last, up where it came nearer, and so up on arriving
-    at Zero. Across drives that are not square they also go along with the tool.
+    at Zero. Across drives that are not square they also go along with the tool, and turn back a
+    little before Zero or behind it; by less than `TURNED_MM` that does not count.
     """
     way = geometry.directions[np.where(taken.leg == TOOL, 0, taken.leg)]
     ray = (taken.displacement_mm[:, None] * way)[:, None] - geometry.anchors
     along, slope = dot(ray, geometry.directions), way @ geometry.directions.T
     covered = np.sqrt(geometry.lengths**2 - (dot(ray, ray) - along**2))
-    speed = slope - (dot(ray, way[:, None]) - along * slope) / covered
-    turning = np.abs(speed) < STANDS  # there a carriage is as far up as it goes
+    inward = dot(ray, way[:, None]) - along * slope
+    speed = slope - inward / covered
+    bent = (1.0 - slope**2) / covered + inward**2 / covered**3  # minus the derivative of the speed
+    turning = speed**2 < 2.0 * TURNED_MM * bent  # there a carriage is as far up as it goes
     approach = taken.approach[:, None]
     movement = np.where(turning, np.abs(approach), np.sign(speed) * approach)
     told = (taken.leg == TOOL) | taken.movement.any(axis=1)

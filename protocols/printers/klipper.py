@@ -35,7 +35,7 @@ STEPPERS = ("stepper_a", "stepper_b", "stepper_c")
 CALIBRATION = "delta_calibrate"
 RADIUS = "delta_radius"
 KINEMATICS = RADIUS.partition("_")[0]
-"""Keys and sections of this kinematics begin with its name."""
+"""The firmware's word for it, with which its keys and sections begin."""
 MOST_HEIGHTS = 999
 MOST_INCLUDES = 200
 FULL_STEPS = 200

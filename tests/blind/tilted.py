@@ -22,6 +22,8 @@ FloatArray = NDArray[np.float64]
 
 BAR = 310.25
 SECONDS = 12.0
+WALKED = 200
+"""Points on the way from posture to posture."""
 LETTERS = "xyz"
 STATIONS = (0.3, 0.7)
 LEVELS = (0.0, 30.0, 45.0, 0.0, -50.0, -80.0, 0.0)
@@ -80,6 +82,12 @@ class Hidden:
     size: float = 0.0
 
     @property
+    def play_mm(self) -> FloatArray:
+        """Of each carriage ``(3,)``."""
+        only = np.arange(3) == self.place[0]
+        return np.asarray(self.size * only if self.effect == "backlash" else np.zeros(3))
+
+    @property
     def where(self) -> str:
         """The place as the program names it."""
         if self.effect in ("actuator_scale", "backlash"):
@@ -95,18 +103,19 @@ def commanded(shape: Shape, place: FloatArray) -> FloatArray:
 
 
 def machine(
-    shape: Shape, hidden: Hidden, place: FloatArray, moved: FloatArray
+    shape: Shape, hidden: Hidden, place: FloatArray, behind_mm: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Feet ``(3, 3)`` and tool ``(3,)`` where the controller wants the tool at a place."""
+    """Feet ``(3, 3)`` and tool ``(3,)`` where the controller wants the tool at a place.
+
+    Play leaves each foot ``behind_mm`` ``(3,)`` its carriage.
+    """
     along, wanted = shape.along, commanded(shape, place)
     travel = wanted - commanded(shape, np.zeros(3))
-    carriage, sideways = wanted + hidden.offset_mm, np.zeros((3, 3))
+    carriage, sideways = wanted + hidden.offset_mm + behind_mm, np.zeros((3, 3))
     i, j = hidden.place
     third = np.cross(along[i], along[j]) / np.linalg.norm(np.cross(along[i], along[j]))
     if hidden.effect == "actuator_scale":
         carriage[i] += hidden.size * travel[i]
-    elif hidden.effect == "backlash":
-        carriage[i] += hidden.size * (moved[i] < 0.0)
     elif hidden.effect == "axis_squareness":
         sideways[i] = 0.7 * hidden.size * carriage[i] * across(shape, i, j)
         sideways[j] = 0.3 * hidden.size * carriage[j] * across(shape, j, i)
@@ -123,6 +132,20 @@ def machine(
     return feet, tool
 
 
+def gone(
+    shape: Shape, play_mm: FloatArray, way: tuple[FloatArray, FloatArray], behind_mm: FloatArray
+) -> FloatArray:
+    """How far feet are behind ``(3,)`` after a straight way of the tool, gone in small steps.
+
+    A carriage that turns takes its foot along when it has gone through the play, not before.
+    """
+    places = (way[0] + part * (way[1] - way[0]) for part in np.linspace(0.0, 1.0, WALKED))
+    carriages = np.array([commanded(shape, place) for place in places])
+    for step in np.diff(carriages, axis=0):
+        behind_mm = np.clip(behind_mm - step, 0.0, play_mm)
+    return behind_mm
+
+
 def across(shape: Shape, leg: int, axis: int) -> FloatArray:
     """The unit vector across the drive of a leg, in the plane of both drives."""
     along = shape.along
@@ -136,15 +159,14 @@ def table(shape: Shape, hidden: Hidden, rng: np.random.Generator, scatter_mm: fl
     clock = 0
     for leg, station in product(range(3), STATIONS):
         stand: dict[int, tuple[float, float]] = {}
-        moved, before = np.zeros(3), np.zeros(3)
-        foot, tool = machine(shape, hidden, np.zeros(3), moved)
+        behind_mm, before = np.zeros(3), np.zeros(3)
+        foot, tool = machine(shape, hidden, np.zeros(3), behind_mm)
         there = tool + station * (foot[leg] - tool)
         for cycle, level in product((1, 2, 3), LEVELS):
             place = level * shape.along[leg]
-            arriving = commanded(shape, place) - commanded(shape, place - 1e-3 * (place - before))
-            moved = np.where(np.abs(arriving) > 1e-12, np.sign(arriving), moved)
+            behind_mm = gone(shape, hidden.play_mm, (before, place), behind_mm)
             before, clock = place, clock + 1
-            foot, tool = machine(shape, hidden, place, moved)
+            foot, tool = machine(shape, hidden, place, behind_mm)
             bar = foot[leg] - tool
             part = (there - tool) @ shape.along[leg] / (bar @ shape.along[leg])
             for axis in {0, 1, 2} - {leg}:

@@ -59,10 +59,6 @@ UNSEEN = (
 )
 
 
-FURTHEST_DISTANCE = 4.0
-"""Standard deviations; by chance one of 16,000 distances is further off."""
-
-
 def correction_table(correction: SessionCorrection) -> Table:
     """The values to enter."""
     table = new_table("enter", "value", "", "± U (95 %)")
@@ -158,17 +154,14 @@ def warning_lines(solved: SessionSolution, correction: SessionCorrection) -> Ite
             "count with it put right, as far as it is likely; the record is not changed. Look, and "
             "measure again."
         )
-    left = solved.posterior.distances_left.tolist()
-    worst = max(range(len(left)), key=lambda k: abs(left[k]), default=None)
-    if worst is not None and abs(left[worst]) > FURTHEST_DISTANCE:
-        every = [(session.name, one) for session in solved.sessions for one in session.distances]
-        name, distance = every[worst]
-        off_mm = left[worst] * distance.deviation_mm
-        way = "longer" if off_mm > 0.0 else "shorter"
+    if furthest := solved.furthest_distance:
+        distance = furthest.distance
+        way = "longer" if furthest.off_mm > 0.0 else "shorter"
         yield (
-            f"WARNING: distance {distance.distance} of {name}, {distance.value_mm:g} mm, is "
-            f"{abs(off_mm):.2f} mm {way} than the machine makes it: {abs(left[worst]):.0f} "
-            "standard deviations. Measure it again, or take it out."
+            f"WARNING: distance {distance.distance} of {furthest.session}, "
+            f"{distance.value_mm:g} mm, is {abs(furthest.off_mm):.2f} mm {way} than the machine "
+            f"makes it: {abs(furthest.deviations):.0f} standard deviations. Measure it again, or "
+            "take it out."
         )
     if not correction.helps:
         yield (

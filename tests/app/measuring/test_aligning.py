@@ -178,6 +178,7 @@ def test_the_next_session_starts_from_the_drives_as_they_lie(tmp_path: Path) -> 
     assert "linuxcnc-kins" in file.read_text(encoding="utf-8")
     assert "there already" in refused(2, "align", session, "--machine-file-out", file)
     assert "align SESSION" in refused(2, "align", "--simulated", "--machine-file-out", file)
+    assert "align SESSION" in refused(2, "align", "--simulated", "--force")
     assert glidecal("simulate", "--machine", file, "--seed", "2", "-o", again).status == 0
     assert json.loads(glidecal("diagnose", again, "--json").out)["verdict"] == "agrees"
     assert glidecal("plan", again).status == 0

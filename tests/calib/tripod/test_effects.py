@@ -23,7 +23,7 @@ from calib.tripod.effects.drives import (
 )
 from calib.tripod.effects.effect import Effect, EffectInstance, remedies
 from calib.tripod.geometry import Geometry, trilaterate
-from calib.tripod.movements import last_movement
+from calib.tripod.movements import TURNED_MM, last_movement
 from calib.tripod.pipeline import Model, Stage, derivatives, simulate
 from protocols.machine import Machine
 from protocols.observations import to_observations
@@ -240,7 +240,8 @@ def test_last_movement_of_every_carriage_over_a_path(name: str) -> None:
                 square = (end**2).sum(axis=1) - geometry.leg_length_mm[k] ** 2
                 command.append(end @ line + np.sqrt((end @ line) ** 2 - square))
             taken = at(leg, (leg + 1) % 3, after, approach=float(np.sign(after - before)))
-            ways = np.sign(np.diff(np.array(command).T, axis=0)[-1])
+            back_mm = np.max(command, axis=1) - np.array(command)[:, -1]  # none ever turns upwards
+            ways = np.where(back_mm < TURNED_MM, 1.0, -1.0)
             assert last_movement(geometry, taken)[0] == pytest.approx(ways), (leg, before, after)
     assert not last_movement(geometry, at(0, 1, 30.0, approach=0.0)).any()
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from app.evaluating.diagnosis import diagnose_files
-from calib.arrays import Observations
+from calib.arrays import Observations, conditions
 from calib.noise.reading import visits
 from calib.tripod.geometry import Geometry
 from calib.tripod.movements import last_movement, with_first_movements
@@ -75,3 +75,19 @@ def test_without_repeats_nothing_is_known(tmp_path: Path) -> None:
     value = once.value_mm.copy()
     value[0] += 0.1
     assert not with_first_movements(Geometry(), replace(once, value_mm=value)).movement.any()
+
+
+@pytest.mark.parametrize(
+    ("lean", "down"), [(6e-6, False), (4e-3, False), (0.05, True)], ids=["rounding", "5", "50"]
+)
+def test_a_carriage_that_turned_by_less_than_a_play_did_not_turn(lean: float, down: bool) -> None:
+    """Across a drive that leans by c a carriage turns c L before Zero, and comes back c² L / 2."""
+    length = 310.25
+    along = (lean, (1.0 - lean**2) ** 0.5, 0.0)
+    geometry = Geometry(direction=((1.0, 0.0, 0.0), along, (0.0, 0.0, 1.0)))
+    back_mm = lean**2 * length / 2.0
+    assert (back_mm > 0.01) == down
+    arriving = replace(conditions([1], [0], [0.0]), approach=np.array([-1.0]))
+    moved = last_movement(geometry, arriving)[0]
+    assert moved[0] == (-1.0 if down else 1.0)
+    assert moved[1:].tolist() == [-1.0, 1.0]

@@ -5,21 +5,16 @@
 
 from __future__ import annotations
 
-import pytest
-
-from tests.blind.tilted import SHAPES, Score, scores
+from tests.blind.tilted import SHAPES, scores
 
 
-@pytest.fixture(scope="module")
-def every() -> list[Score]:
-    """Three shapes, nothing and six effects, each once."""
-    return list(scores(21, seed=30))
+def test_what_is_hidden_is_among_the_names() -> None:
+    """Three shapes, nothing and six effects, each once; where anything is named.
 
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_what_is_hidden_is_among_the_names(every: list[Score], shape: str) -> None:
-    """Where anything is named; never another name alone, and nothing is called nothing."""
-    mine = [score for score in every if score.shape == shape]
-    assert sum(score.names for score in mine) >= 5
-    assert all(score.right for score in mine if score.names)
-    assert all(score.right for score in mine if not score.effect)
+    Never another name alone, and nothing is called nothing.
+    """
+    every = list(scores(21, seed=30))
+    for shape in SHAPES:
+        assert sum(score.names for score in every if score.shape == shape) >= 5
+    assert [score for score in every if score.names and not score.right] == []
+    assert [score for score in every if not score.effect and not score.right] == []

@@ -139,6 +139,8 @@ def gone(
 
     A carriage that turns takes its foot along when it has gone through the play, not before.
     """
+    if not play_mm.any():
+        return behind_mm
     places = (way[0] + part * (way[1] - way[0]) for part in np.linspace(0.0, 1.0, WALKED))
     carriages = np.array([commanded(shape, place) for place in places])
     for step in np.diff(carriages, axis=0):

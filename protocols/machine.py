@@ -14,6 +14,8 @@ from pydantic import AfterValidator, Field, model_validator
 
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError, RecordError, UsageError
+from calib.tripod.effects.drives import geometry_tolerances
+from calib.tripod.effects.effect import Effect
 from calib.tripod.geometry import USABLE_BAR, Geometry
 from protocols.documents import (
     ZERO,
@@ -55,6 +57,9 @@ Direction = Annotated[Triple, AfterValidator(_somewhere)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Part = tuple[Fraction, Fraction]
 """Of a bar: two fractions of it from the tool end."""
+
+LineTolerance = Annotated[float, Field(ge=0.0, le=100.0)]
+"""Of a parameter of a drive's line; 0: as the file states it, and what departs has a name."""
 
 Joint = Annotated[str, Field(pattern="^-?[xyz]$")]
 
@@ -155,6 +160,8 @@ class Machine(Document):
     ``entered_offsets_mm`` are joint offsets already entered when the session is measured;
     ``offset_tolerance_mm`` and ``length_tolerance_mm`` are standard deviations of how far joint
     offsets and leg lengths of such machines are off, before anything is measured;
+    ``across_tolerance_mm``, ``lean_tolerance_mrad`` and ``scale_tolerance_mm_m`` the same of where
+    the line of a drive lies in each direction across it, of its direction, and of its travel;
     ``adjusted`` is any name, such as a date, of the state since parts of the machine were last
     moved: sessions with other names are of another machine; ``rail_mm`` are the two places along
     every rail, from where the axes meet, at which it rests on shims or screws.
@@ -183,6 +190,9 @@ class Machine(Document):
     entered_offsets_mm: Triple = ZERO
     offset_tolerance_mm: Tolerance = 2.0
     length_tolerance_mm: Tolerance = 0.1
+    across_tolerance_mm: LineTolerance = 0.0
+    lean_tolerance_mrad: LineTolerance = 0.0
+    scale_tolerance_mm_m: LineTolerance = 0.0
     adjusted: Name | None = None
     rail_mm: tuple[Length, Length] | None = None
     plane_tilt_mrad: Annotated[float, Field(ge=0.01, le=100.0)] = 5.0
@@ -229,6 +239,11 @@ class Machine(Document):
     def tolerances_mm(self) -> FloatArray:
         """Tolerance of each base parameter ``(6,)``, in their order."""
         return np.repeat([self.offset_tolerance_mm, self.length_tolerance_mm], 3)
+
+    def geometry_tolerances(self) -> dict[tuple[Effect, str], float]:
+        """Parameters of the drives' lines, laws at places, with the tolerance of each."""
+        tolerances = self.across_tolerance_mm, self.lean_tolerance_mrad, self.scale_tolerance_mm_m
+        return geometry_tolerances(self.geometry(), *tolerances)
 
     def rails_rest_mm(self) -> tuple[float, float]:
         """Where rails rest; without ``rail_mm`` the ends of the carriages' travel."""

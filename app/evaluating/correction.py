@@ -243,6 +243,7 @@ def case_of(
         indicator_figures([session]),
         machine.tolerances_mm(),
         free=free,
+        geometry=machine.geometry_tolerances(),
         state=(machine.name, machine.adjusted),
         entered_mm=machine.entered_offsets_mm,
         distances=measured_distances(session),

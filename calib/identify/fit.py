@@ -149,7 +149,7 @@ def exact_fit(
         if not optimum.converged[0]:
             raise _no_optimum("no optimum within reach")
         fitted = _moved_to(model, free, (), optimum.values[:, 0])
-    with _within_reach():
+    with within_reach():
         predicted, design = _predicted(fitted, observed, free, sizes)
     return Fit(fitted, design, predicted, _estimator(observed, weight, design))
 
@@ -172,10 +172,10 @@ def prior_fit(
     precision = np.diag(tolerance**-2.0)
     base = values = _values_of(model, free, sizes)
     least = np.append(tolerance_mm, [size.tolerance for size in sizes])
-    with _within_reach():
+    with within_reach():
         evaluate = _evaluator(model, observed, free, sizes)
     for _ in range(MOST_STEPS):
-        with _within_reach():
+        with within_reach():
             predicted, design = evaluate(values)
         centred = without_zeros(observed, weight, design)
         pull = centred.T * weight
@@ -282,7 +282,7 @@ def _fit_with_effects(
     start[: len(free)] = weighted_fit(model, observed, free, weight).parameters_mm[list(free)]
     if not np.isfinite(residual(start)).all():
         start = base
-    with _within_reach((UnreachablePosture, ValueError)):  # the latter where even the start is NaN
+    with within_reach((UnreachablePosture, ValueError)):  # the latter where even the start is NaN
         found = least_squares(
             residual,
             start,
@@ -298,7 +298,7 @@ def _fit_with_effects(
 
 
 @contextmanager
-def _within_reach(
+def within_reach(
     failures: tuple[type[Exception], ...] = (UnreachablePosture,),
 ) -> Iterator[None]:
     """Where the legs cannot meet there is no optimum."""

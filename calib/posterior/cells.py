@@ -7,15 +7,17 @@ each other make a mean less certain than its repeats let expect.
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
 from calib.arrays import (
     DEPENDENT,
     NEW_DIRECTION,
+    Conditions,
     FloatArray,
     IntArray,
     Observations,
@@ -27,11 +29,15 @@ from calib.arrays import (
     without_means,
     without_zeros,
 )
-from calib.identify.fit import design_of, prior_fit
+from calib.identify.fit import design_of, prior_fit, within_reach
 from calib.noise.reading import IndicatorFigures, Noise, reading_noise, visit_numbers, visits
 from calib.noise.repeats import Repeats, disagreeing, set_apart, typical_mm2
 from calib.noise.serial import independent, serial_correlation
 from calib.posterior.distances import Distances
+from calib.posterior.gaussian import About, LittleOfAll
+from calib.tripod.effects.bars import LegLength
+from calib.tripod.effects.candidates import place_columns
+from calib.tripod.effects.drives import AxisOffset
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
@@ -55,6 +61,15 @@ HOMING_MM = 0.01
 """Standard deviation of what homing again changes a joint offset by: switches of machines repeat
 within a few micrometres to some hundredths."""
 
+STEPS = 6
+"""Of Gauss and Newton: from any machine within its tolerances three do."""
+
+ALIKE = 0.8
+"""Correlation of what towers are off by from the middle: owners find one radius wrong by some
+tenths, and single towers by half of that."""
+
+Stated = Literal["nothing", "directions", "lines"]
+
 ADOPTED = 4.0
 """Unremarkable sizes by which an adopted effect may differ from its size in the model; at least."""
 
@@ -65,7 +80,10 @@ class SessionCase:
 
     ``tolerance_mm`` ``(6,)`` are standard deviations of joint offsets and bar lengths. Where these
     readings tell no noise, that of ``others`` holds: of sessions with the same indicators. Effects
-    of the model that are ``free``, laws at places, have other sizes than it states. Joint
+    of the model that are ``free``, laws at places, have other sizes than it states. ``geometry``
+    are parameters of the drives' lines, laws at places, with their standard deviations. What is
+    ``as_stated`` is as the model has it, but for what has a name: directions and travel of the
+    drives, or where their lines lie, too. Joint
     offsets of sessions of the same ``state`` of the machine differ by what was ``entered_mm`` and
     by what homing changes, ``homing_mm``; None: they are no other session's. ``distances`` between
     marks were measured beside the readings.
@@ -77,6 +95,8 @@ class SessionCase:
     tolerance_mm: FloatArray
     others: Noise | None = None
     free: frozenset[tuple[Effect, str]] = frozenset()
+    geometry: Mapping[tuple[Effect, str], float] = field(default_factory=dict)
+    as_stated: Stated = "nothing"
     state: Hashable | None = None
     entered_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     homing_mm: float = HOMING_MM
@@ -84,11 +104,12 @@ class SessionCase:
 
     @cached_property
     def free_spread(self) -> dict[tuple[Effect, str], FloatArray]:
-        """Standard deviations of each free effect about its sizes in the model, in its units.
+        """Standard deviations of each free law about its sizes in the model, in its units.
 
-        `ADOPTED` unremarkable sizes, or the size itself where it is larger.
+        Of parameters of geometry their tolerance; of an adopted effect `ADOPTED` unremarkable
+        sizes, or the size itself where it is larger.
         """
-        spread: dict[tuple[Effect, str], FloatArray] = {}
+        spread = {law: np.array([size]) for law, size in self.lines.items()}
         for known in self.model.effects:
             if isinstance(known, EffectInstance) and (known.effect, known.place) in self.free:
                 least = [ADOPTED * one.tolerance for one in known.effect.parameters]
@@ -101,6 +122,34 @@ class SessionCase:
     def spread_mm(self) -> FloatArray:
         """Those standard deviations ``(6,)``; a tolerance of 0 is a value known as it stands."""
         return np.maximum(self.tolerance_mm, FINEST_MM)
+
+    @property
+    def lines(self) -> Mapping[tuple[Effect, str], float]:
+        """Parameters of geometry that every model has free."""
+        if self.as_stated == "nothing":
+            return self.geometry
+        across = {law: size for law, size in self.geometry.items() if law[0].id == AxisOffset.id}
+        return across if self.as_stated == "directions" else {}
+
+    @cached_property
+    def lines_root(self) -> FloatArray:
+        """Root ``(k, k)`` of the covariance of these parameters, in their units.
+
+        Towers stand on one frame: their distances from the middle are off alike.
+        """
+        correlation = np.eye(len(self.lines))
+        radial = [k for k, (law, place) in enumerate(self.lines) if is_radial(law, place)]
+        correlation[np.ix_(radial, radial)] += ALIKE * (1.0 - np.eye(len(radial)))
+        size = np.array([*self.lines.values()])
+        return np.asarray(size[:, None] * np.linalg.cholesky(correlation))
+
+    @property
+    def named_beyond(self) -> dict[Effect, float]:
+        """Laws of parameters with the tolerance beyond which each has a name, in its unit."""
+        if not self.geometry:
+            return {}
+        beyond = {law: size for (law, _), size in self.geometry.items()}
+        return beyond | {LegLength(): float(self.tolerance_mm[3:].max())}
 
     @cached_property
     def visit(self) -> IntArray:
@@ -230,7 +279,28 @@ class Cells:
     def model(self) -> Model:
         """Base parameters fitted within their tolerances. Raises NotIdentifiable."""
         case = self.case
-        return prior_fit(case.model, self.means, 1.0 / self.variance_mm2, case.spread_mm).model
+        if not case.lines:
+            return prior_fit(case.model, self.means, 1.0 / self.variance_mm2, case.spread_mm).model
+        with within_reach():
+            return self._fitted_beside_geometry()
+
+    def _fitted_beside_geometry(self) -> Model:
+        """The same, what geometry does within its tolerances being a part of the noise."""
+        model, spread_mm = self.case.model, self.case.spread_mm
+        for _ in range(STEPS):
+            beside = LittleOfAll(self.whitened(_by_geometry(self.case, model, self.means)))
+            rows = np.column_stack(
+                [
+                    self.means.value_mm - model.readings(self.means),
+                    design_of(model, self.means, range(BASE), ()) * spread_mm,
+                ]
+            )
+            rows = beside.whitened(self.whitened(rows))
+            expected = np.subtract(self.case.model.parameters_mm, model.parameters_mm) / spread_mm
+            about = About.of(rows[:, 1:], rows[:, 0], expected)
+            step_mm = spread_mm * (about.inverse @ about.along)
+            model = model.with_parameters(model.parameters_mm + step_mm)
+        return model
 
     def whitened(self, rows: FloatArray) -> FloatArray:
         """Rows ``(n_cells, ...)`` made independent, of unit variance, less the best zeros."""
@@ -304,7 +374,8 @@ SCATTERS_MM = np.geomspace(1e-3, 1.0, 61)
 def _likeliest_mm2(case: SessionCase, visited: Observations) -> float:
     """The variance of contacts with which a machine within its tolerances is likeliest, mm²."""
     within = design_of(case.model, visited, range(BASE), ()) * case.spread_mm
-    both = np.column_stack([visited.value_mm - case.model.readings(visited), within])
+    lines = _by_geometry(case, case.model, visited)
+    both = np.column_stack([visited.value_mm - case.model.readings(visited), within, lines])
     shown = without_zeros(visited, visited.averaged, both)
     axes, singular, _ = np.linalg.svd(shown[:, 1:], full_matrices=False)
     along = (axes.T @ shown[:, 0]) ** 2
@@ -315,6 +386,19 @@ def _likeliest_mm2(case: SessionCase, visited: Observations) -> float:
     beside = max(float(shown[:, 0] @ shown[:, 0] - along.sum()), 0.0)
     likelihood -= others * np.log(SCATTERS_MM) + 0.5 * beside / SCATTERS_MM**2
     return float(SCATTERS_MM[likelihood.argmax()] ** 2)
+
+
+def _by_geometry(case: SessionCase, model: Model, taken: Conditions) -> FloatArray:
+    """What each parameter of geometry does to readings ``(n, k)``, per standard deviation, mm."""
+    laws = tuple(dict.fromkeys(law for law, _ in case.lines))
+    by_law = dict(zip(laws, place_columns(model, taken, laws), strict=True))
+    columns = [by_law[law][place] for law, place in case.lines]
+    return np.hstack([np.zeros((len(taken), 0)), *columns]) @ case.lines_root
+
+
+def is_radial(law: Effect, place: str) -> bool:
+    """Whether a law shifts the line of a drive to and from the middle of several around it."""
+    return law.id == AxisOffset.id and place.endswith("r")
 
 
 def _by_mounting(

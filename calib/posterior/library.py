@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -109,9 +109,15 @@ def laws(geometry: Geometry, effects: Sequence[Effect] = CATALOGUE) -> tuple[Eff
 
 
 def library(
-    sessions: Sequence[tuple[Model, Conditions]], effects: Sequence[Effect] | None = None
+    sessions: Sequence[tuple[Model, Conditions]],
+    effects: Sequence[Effect] | None = None,
+    beyond: Mapping[Effect, float] | None = None,
 ) -> list[Component]:
-    """Components that these sessions can show; ``effects`` in place of the catalogue."""
+    """Components that these sessions can show; ``effects`` in place of the catalogue.
+
+    ``beyond`` are tolerances of parameters beyond which they have a name: they are its unit.
+    """
+    tolerances = beyond or {}
     effects = CATALOGUE if effects is None else effects
     known = {effect.id for effect in effects}
     found = []
@@ -122,6 +128,8 @@ def library(
             continue
         kind = "nameless" if nameless else "named" if candidate.id in known else "beside"
         unit = np.array([parameter.tolerance for parameter in candidate.parameters])
+        own = [tolerances[s.effect] for s in candidate.shares if s.effect in tolerances]
+        unit = np.maximum(unit, max(own, default=0.0))
         found.append(Component(candidate.id, candidate.where, kind, unit, candidate))
     found += _axes_together(found)
     found.append(Component(ELSE, "all", ELSE, np.full(1, ELSE_UNIT_MM), None))
@@ -154,7 +162,7 @@ def _axes_together(every: Sequence[Component]) -> list[Component]:
         np.hstack([first.columns, second.columns]),
         (*first.shares, *moved),
     )
-    unit = np.array([parameter.tolerance for parameter in parameters])
+    unit = np.concatenate([one.unit for one in every if one.candidate in each])
     return [Component(both.id, both.where, "named", unit, both)]
 
 

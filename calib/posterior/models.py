@@ -12,10 +12,10 @@ from calib.arrays import FloatArray, IntArray
 from calib.posterior.cells import Cells
 from calib.posterior.labels import Mistake
 from calib.posterior.library import Component
-from calib.posterior.readings import LENGTHS, Rows
+from calib.posterior.readings import LENGTHS, Placed, Rows
 from calib.posterior.tool import FRAMES, RIGID, Frame, ToolField
 from calib.posterior.tool_errors import InField, ToolErrors
-from calib.tripod.effects.effect import PER_THOUSAND, EffectInstance
+from calib.tripod.effects.effect import PER_THOUSAND, Effect, EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model
 
@@ -184,6 +184,15 @@ class Posterior:
         """What is expected over all models ``(f,)``, in the tool's field."""
         return np.asarray(np.sum([one.weight * one.mean for one in self.models_in_field], axis=0))
 
+    def value_of(self, law: Placed) -> tuple[float, float]:
+        """The first value of a law at a place over all models, and its standard deviation."""
+        at = self.field.columns_of(law)[0]
+        own = np.array([one.mean[at] for one in self.models_in_field])
+        variance = np.array([one.variance(at) for one in self.models_in_field])
+        weight = np.array([one.weight for one in self.models_in_field])
+        mean = float(weight @ own)
+        return mean, math.sqrt(float(weight @ (variance + own**2)) - mean**2)
+
     def _unseen(self, model: Weighted) -> FloatArray:
         """Standard deviations ``(f,)`` of shifts and turns of the machine that no leg shows.
 
@@ -193,22 +202,27 @@ class Posterior:
         deviation = np.zeros(self.field.rows.shape[1])
         if not self.geometry.reads_legs:  # readings are of the tool, in the frame of its plate
             return deviation
-        shifts, turns = deviation[-RIGID:-3], deviation[-3:]
+        rigid = {"axis_squareness": deviation[-3:], "axis_offset": deviation[-RIGID:-3]}
+        unit = {"axis_squareness": PER_THOUSAND, "axis_offset": 1.0}
+
+        def add(law: Effect, place: str, size: float) -> None:
+            if law.id in rigid:
+                (third,) = {0, 1, 2} - {"xyz".index(name) for name in place[:2]}
+                rigid[law.id][third] = math.hypot(rigid[law.id][third], unit[law.id] * size)
+
+        for (law, place), tolerance in self.sessions[-1].case.lines.items():
+            add(law, place, tolerance)
         for k, at in zip(model.members, self.starts(model), strict=True):
             component = self.components[k]
             values = slice(at, at + len(component.unit))
             square = model.mean[values] ** 2 + model.variance[values]
-            for ids, rigid, unit in (
-                ("axis_squareness", turns, PER_THOUSAND),
-                ("axis_offset", shifts, 1.0),
-            ):
+            for ids in rigid:
                 shares = [share for share in component.shares if share.effect.id == ids]
                 if not shares:
                     continue
                 size = math.sqrt(float(np.mean([square[list(s.values)] for s in shares])))
                 for share in shares:
-                    (third,) = {0, 1, 2} - {"xyz".index(name) for name in share.place[:2]}
-                    rigid[third] = math.hypot(rigid[third], unit * size)
+                    add(share.effect, share.place, size)
         return deviation
 
     @cached_property

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.posterior.cells import Cells, SessionCase
+from calib.posterior.cells import Cells, SessionCase, Stated
 from calib.posterior.first_takes import first_takes_apart
 from calib.posterior.labels import Solved, Way, with_mistakes
 from calib.posterior.library import Component
@@ -30,27 +30,49 @@ CHANGE_MM = 1.0
 leg would else pull those of the others towards what the file says."""
 
 
+AS_STATED: dict[Stated, float] = {
+    "nothing": 0.3,
+    "directions": 0.3,
+    "lines": 0.4,
+}
+"""How likely a machine with tolerances of its lines has so much as the file states it."""
+
+
 def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = None) -> Posterior:
     """Of these sessions together. Raises NotIdentifiable where one cannot be fitted."""
     every = Cells.of_all(cases)
     laws = with_searched_leads(CATALOGUE if effects is None else effects, every)
     laws = (*laws, *_adopted_variants(cases[-1], laws))
 
-    def solve(sessions: Sequence[Cells], with_play: bool) -> Solved[Posterior]:
-        return PosteriorProblem.of(tuple(sessions), laws).solved(with_play=with_play)
+    of_lines = any(case.geometry for case in cases)
 
-    return _mixed(with_mistakes(_ways(every), solve))
+    def solve(sessions: Sequence[Cells], with_play: bool) -> Solved[Posterior]:
+        problem = PosteriorProblem.of(tuple(sessions), laws)
+        solved = problem.solved(with_play=with_play)
+        room = problem.log_of_lines if of_lines else 0.0
+        return replace(solved, log_evidence=solved.log_evidence + room)
+
+    ways = _ways(every, 0.0)
+    if of_lines:
+        ways = []
+        for stated, share in AS_STATED.items():
+            sessions = Cells.of_all([replace(case, as_stated=stated) for case in cases])
+            ways += _ways(sessions, math.log(share))
+    return _mixed(with_mistakes(ways, solve))
 
 
 def _adopted_variants(case: SessionCase, effects: Sequence[Effect]) -> list[Effect]:
-    """Laws of adopted effects of which the library has other variants only, as screws' leads."""
+    """Laws of adopted effects of which the library has other variants only, as screws' leads.
+
+    And parameters of geometry that it has not.
+    """
     known = library_laws(case.model.geometry, effects)
-    ids = {law.id for law in known}
-    adopted = dict.fromkeys(law for law, _ in case.free_spread)
+    ids = {law.id for law in known} | {law.id for law, _ in case.geometry}
+    adopted = dict.fromkeys(law for law, _ in (*case.free_spread, *case.geometry))
     return [law for law in adopted if law.id in ids and law not in known]
 
 
-def _ways(sessions: Sequence[Cells]) -> list[Way]:
+def _ways(sessions: Sequence[Cells], log_prior: float) -> list[Way]:
     """How sessions may have come about.
 
     Joint offsets of sessions of one state of the machine are the same but for homing, or changed by
@@ -58,10 +80,10 @@ def _ways(sessions: Sequence[Cells]) -> list[Way]:
     """
     states = [cells.case.state for cells in sessions if cells.case.state is not None]
     if len(states) == len(set(states)):
-        return _ways_of_first_takes(sessions, 0.0)
-    ways = _ways_of_first_takes(sessions, math.log(1.0 - CHANGED))
+        return _ways_of_first_takes(sessions, log_prior)
+    ways = _ways_of_first_takes(sessions, log_prior + math.log(1.0 - CHANGED))
     changed = [replace(cells, case=replace(cells.case, homing_mm=CHANGE_MM)) for cells in sessions]
-    return [*ways, *_ways_of_first_takes(changed, math.log(CHANGED))]
+    return [*ways, *_ways_of_first_takes(changed, log_prior + math.log(CHANGED))]
 
 
 def _ways_of_first_takes(sessions: Sequence[Cells], log_prior: float) -> list[Way]:

@@ -71,7 +71,7 @@ class PosteriorProblem:
         """Of sessions of one machine: ``effects`` are those of the library, or all."""
         models = _with_common_lengths([cells.model for cells in sessions])
         taken = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
-        components = library(taken, effects)
+        components = library(taken, effects, sessions[-1].case.named_beyond)
         linear, known, placed = linear_about(sessions, models, components)
         return cls(sessions, known, linear.rows, linear.columns, linear.index, placed)
 
@@ -88,11 +88,8 @@ class PosteriorProblem:
     def base(self) -> FloatArray:
         """Derivatives ``(n, b)`` by the base, per standard deviation of what is expected."""
         none = np.zeros((len(self.columns), 0))  # one posture shows no law
-        laws = (
-            self.columns[:, self.index[k]] * (self.spread_of(k) / self.components[k].unit)
-            for k in self.everywhere
-        )
-        return np.hstack([self.rows.base * self.rows.spread, none, *laws])
+        laws = [self.columns[:, self.index[k]] / self.components[k].unit for k in self.everywhere]
+        return np.hstack([self.rows.base, none, *laws]) @ self.base_root
 
     def spread_of(self, k: int) -> FloatArray:
         """Standard deviations ``(r,)`` of the values of a component everywhere.
@@ -104,9 +101,21 @@ class PosteriorProblem:
         return EVERYWHERE * component.unit if free is None else free
 
     @cached_property
-    def base_unit(self) -> FloatArray:
-        """Those standard deviations ``(b,)``."""
-        return np.concatenate([self.rows.spread, *map(self.spread_of, self.everywhere)])
+    def base_root(self) -> FloatArray:
+        """Those standard deviations ``(b, b)``, of parameters that are off alike a root."""
+        root = np.diag(np.concatenate([self.rows.spread, *map(self.spread_of, self.everywhere)]))
+        case = self.sessions[-1].case
+        place, at = {}, len(self.rows.spread)
+        for k in self.everywhere:
+            (share,) = self.components[k].shares
+            place[share.effect, share.place] = at
+            at += len(self.components[k].unit)
+        known = [number for number, law in enumerate(case.lines) if law in place]
+        index = [place[law] for law in case.lines if law in place]
+        root[np.ix_(index, index)] = np.linalg.cholesky(
+            (case.lines_root @ case.lines_root.T)[np.ix_(known, known)]
+        )
+        return root
 
     def solved(self, *, with_play: bool = False) -> Solved[Posterior]:
         """Race, then each model with its normal; the heaviest followed through the simulation.
@@ -178,13 +187,25 @@ class PosteriorProblem:
         beside = -laws.seen.T @ (about.basis[:count])
         none = np.zeros((len(about.inverse), len(laws.root)))
         root = np.block([[about.inverse, none], [beside, laws.root]])
-        return np.asarray(self.base_unit[:, None] * root)
+        return np.asarray(self.base_root @ root)
 
     def _moved(self, about: About, along: FloatArray, left: FloatArray) -> FloatArray:
         """Values of the base ``(b, ...)`` for rows ``along`` the basis and those it has left."""
         laws = self._laws.seen.T @ left[: len(self.rows.residual)]
-        unit = self.base_unit.reshape(-1, *(1,) * (along.ndim - 1))
-        return np.asarray(unit * np.concatenate([about.inverse @ along, laws]))
+        return np.asarray(self.base_root @ np.concatenate([about.inverse @ along, laws]))
+
+    @property
+    def log_of_lines(self) -> float:
+        """What lengths and lines of drives that are free add to the log evidence.
+
+        Less what offsets cost: these are never the question.
+        """
+        rows = self.rows
+        offsets = (rows.base * rows.spread)[:, LENGTHS:]
+        white = rows.whitening[LENGTHS:, LENGTHS:]
+        none = np.zeros(offsets.shape[1])
+        alone = About.of(offsets, np.zeros(len(offsets)), none, white)
+        return self._about_of(rows).room - alone.room
 
     def _log_of_states(self, about: About) -> float:
         """What expecting the same joint offsets of several sessions adds to the log evidence.
@@ -370,7 +391,8 @@ class PosteriorProblem:
     def _linear_part(self, entry: RaceEntry, mean: FloatArray) -> FloatArray:
         """What of these ``(exact,)`` is in no `_models`: a little of all, something else."""
         first = len(self.rows.spread)
-        part = self.base[:, first:] @ (mean[first : self.base.shape[1]] / self.base_unit[first:])
+        everywhere = mean[first : self.base.shape[1]]
+        part = self.base[:, first:] @ np.linalg.solve(self.base_root[first:, first:], everywhere)
         for k, values in zip(entry.members, self._values(entry, mean), strict=True):
             if not self.components[k].candidate:
                 part = part + self.columns[:, self.index[k]] @ (values / self.components[k].unit)
@@ -391,9 +413,9 @@ class PosteriorProblem:
 
     def _linear_residual(self, entry: RaceEntry, fit: ModelFit) -> FloatArray:
         """The same by derivatives alone ``(exact,)``."""
-        count, value = self.rows.exact, np.zeros(len(self.base_unit))
+        count, value = self.rows.exact, np.zeros(len(self.base_root))
         value[: len(self.rows.value)] = self.rows.value
-        base = (fit.mean[: len(value)] - value) / self.base_unit
+        base = np.linalg.solve(self.base_root, fit.mean[: len(value)] - value)
         sizes = fit.mean[len(value) :] / self._unit(entry)[0]
         columns = self.columns[:count, self._index(entry)]
         return np.asarray(self.rows.residual[:count] - self.base[:count] @ base - columns @ sizes)

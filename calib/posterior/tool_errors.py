@@ -31,6 +31,10 @@ class InField:
     root: FloatArray
     unplaced_mm2: float = 0.0
 
+    def variance(self, at: int) -> float:
+        """Of one value of the field."""
+        return self.inflated**2 * float(self.base[at, at]) + float((self.root[at] ** 2).sum())
+
 
 KEPT = 0.975
 """Part of the posterior that keeps a bound of 95 %. The other half of the risk is that of laws that

@@ -8,15 +8,18 @@ alike: it is chosen so that the tool keeps its height in the middle of the plate
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from calib.arrays import FloatArray
+from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import ImpossibleRequest
 from calib.tripod.controller import tool_error_mm
+from calib.tripod.effects.drives import AxisOffset
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, StageEffect
 from calib.tripod.workspace import machine_at, workspace_points
@@ -32,6 +35,11 @@ LEAST_MM = 1e-4
 
 STEP = 1e-8
 """Relative size of the last step of the fit: its steps shrink quadratically."""
+
+
+RESTRAINT = 0.02
+"""What a millimetre in an entry costs at the tool that is no part of the model: entries may follow
+what firmware cannot hold, but bars ten millimetres shorter would do it here and nowhere else."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +154,8 @@ def tower_model(model: Model, change_mm: FloatArray, kept: Sequence[StageEffect]
 def entered(model: Model, entries: TowerEntries) -> Entered:
     """The values that leave least of the model's error at the tool, r.m.s. over the workspace.
 
-    Least squares in tool space, both ways round, through the same stages as identification. Where
+    Least squares in tool space, both ways round, through the same stages as identification; what
+    departs from the model's own bars and towers must gain more than a little (`RESTRAINT`). Where
     the tool's place at Zero is set by hand, what moves the tool alike everywhere is free: then its
     height there stays as it is, and its place too where towers may stand anywhere. Raises
     ImpossibleRequest as `Towers.of`.
@@ -172,13 +181,16 @@ def entered(model: Model, entries: TowerEntries) -> Entered:
     def at_zero_mm(values: FloatArray, way: float) -> FloatArray:
         return np.asarray(machine_at(model, believed_mm(values, zero), way).tool_mm[0])
 
-    start = np.zeros(ends[-1])
+    nothing, own = np.zeros(ends[-1]), _of_model(model, now, entries)
+    across = np.concatenate([np.ones(sum(counts[1:3])), np.full(counts[3], now.radius_mm.mean())])
+    across *= RESTRAINT * entries.lengths  # one length, or one radius, follows what it must
     kept = slice(0, 3) if entries.radii and entries.angles else slice(2, 3)
     ways = (1.0, -1.0) if model.effects else (1.0,)
-    standing = {way: at_zero_mm(start, way) for way in ways}
+    standing = {way: at_zero_mm(nothing, way) for way in ways}
 
     def off_mm(values: FloatArray) -> FloatArray:
-        rows = []
+        apart = across * (values - own)[3:]
+        rows = [math.sqrt(len(ways) * len(points)) * apart]
         for way in ways:
             off = machine_at(model, believed_mm(values, points), way).tool_mm - points
             if geometry.set_at_zero:
@@ -189,11 +201,35 @@ def entered(model: Model, entries: TowerEntries) -> Entered:
             rows.append(off.ravel())
         return np.concatenate(rows)
 
-    solution = least_squares(off_mm, start, xtol=STEP, ftol=None, gtol=None).x
+    solution = least_squares(off_mm, own, xtol=STEP, ftol=None, gtol=None).x
     towers, change = read(solution)
     moved_mm = at_zero_mm(solution, 1.0) - standing[1.0]
     after_mm = tool_error_mm(model, lambda tool_mm: believed_mm(solution, tool_mm))
     return Entered(entries, now, towers, change, tool_error_mm(model), after_mm, moved_mm)
+
+
+def _of_model(model: Model, now: Towers, entries: TowerEntries) -> FloatArray:
+    """Bars and towers of a model as entries, switches first, as far as there are entries."""
+    feet, across = now.feet_mm.copy(), model.geometry.across
+    for effect in model.effects:
+        if isinstance(effect, EffectInstance) and effect.id == AxisOffset.id:
+            way = across[effect.place][:2]
+            feet[LEG_NAMES.index(effect.place[0])] += np.real(effect.values[0]) * way
+    if not entries.radii:  # three towers stand on one circle wherever they are: about its middle
+        ways = 2.0 * (feet[1:] - feet[0])
+        feet -= np.linalg.solve(ways, (feet[1:] ** 2).sum(axis=1) - (feet[0] ** 2).sum())
+    radius = np.hypot(*feet.T) - now.radius_mm
+    angle = np.arctan2(feet[:, 1], feet[:, 0]) - np.radians(now.angle_deg)
+    turned = (angle + np.pi) % (2.0 * np.pi) - np.pi
+    switches, lengths = np.split(np.array(model.parameters_mm), 2)
+    return np.concatenate(
+        [
+            switches,
+            radius if entries.radii else [radius.mean()],
+            lengths if entries.lengths else [lengths.mean()],
+            turned if entries.angles else [],
+        ]
+    )
 
 
 def each_alone(model: Model, entries: TowerEntries) -> Iterator[tuple[str, float]]:

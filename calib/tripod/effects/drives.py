@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.arrays import LEG_NAMES
 from calib.tripod.effects.effect import (
     AROUND,
     PAIRS,
@@ -248,6 +250,29 @@ class AxisLean(OfFoot):
     def off(self, at: Acting) -> NDArray[Any]:
         """By value · coordinate."""
         return PER_THOUSAND * at.values[0] * at.flow.carriage_mm[..., at.leg]
+
+
+def geometry_tolerances(
+    geometry: Geometry, across_mm: float, lean_mrad: float, scale_mm_m: float
+) -> dict[tuple[Effect, str], float]:
+    """Parameters of the drives' lines, laws at places, with the standard deviation of each.
+
+    Of each drive where its line lies across itself, how it leans, and what its travel is off by; 0:
+    a part that is as stated. Where legs are read these see differences of two drives.
+    """
+    of_two = math.sqrt(2.0)
+    across = tuple(geometry.across)
+    every: tuple[tuple[Effect, tuple[str, ...], float], ...] = (
+        (AxisDistance(), AROUND, of_two * across_mm),
+        (AxisSquareness(), PAIRS, of_two * lean_mrad),
+    )
+    if not geometry.reads_legs:
+        every = (
+            (AxisOffset(across), across, across_mm),
+            (AxisLean(across), across, lean_mrad),
+        )
+    every = (*every, (ActuatorScale(), LEG_NAMES, scale_mm_m))
+    return {(law, place): size for law, places, size in every if size for place in places}
 
 
 def cyclic_of(names: Iterable[str]) -> ActuatorCyclic | None:

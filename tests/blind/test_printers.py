@@ -1,0 +1,28 @@
+"""Printers behind contacts, from the table to the firmware's own formulas, beside its own fits.
+
+What is hidden, how the plate is met and what the peers fit are of `tests.blind.printers`, which
+shares nothing with the program. `python -m tests.blind.printers` has all cases, and random ones.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.blind.printers import CASES, calibrated
+
+EASY = {"switches": 0.6, "arms ±0.25 each": 0.3, "plate 3 mrad askew": 1.0}
+"""Cases that contacts with a plate tell from others, and what may be left, over the best peer's."""
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_tool_is_better_than_before_and_keeps_its_bound(name: str, tmp_path: Path) -> None:
+    random = np.random.default_rng([2, len(name)])
+    result = calibrated(CASES[name](random), random, tmp_path)
+    assert result.height < 0.05, "the height at the plate stays"
+    assert result.ours < result.before
+    assert result.touched < result.bound
+    if name in EASY:
+        assert result.ours < EASY[name] * min(result.six, result.nine)

@@ -1,0 +1,115 @@
+"""Where lines of drives lie, as parameters with tolerances: of an Orthoglide and of towers.
+
+Machines are drawn as the machine file expects them, by `calib.tripod.pipeline`; what a printer's
+contacts show has a simulation of its own in `tests.blind.printers`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.arrays import FloatArray
+from calib.posterior.cells import Cells, SessionCase
+from calib.posterior.posterior import posterior
+from calib.posterior.problem import PosteriorProblem
+from calib.posterior.readings import LENGTHS
+from calib.tripod.effects.drives import (
+    ActuatorScale,
+    AxisDistance,
+    AxisLean,
+    AxisOffset,
+    AxisSquareness,
+    geometry_tolerances,
+)
+from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.geometry import Geometry
+from protocols.machine import load_machine
+from tests.calib.posterior.sessions import SWEEP, case
+
+LINES = geometry_tolerances(Geometry(), 0.05, 0.2, 0.05)
+
+
+def of_lines(seed: int) -> tuple[SessionCase, dict[str, float]]:
+    """A session of a machine whose lines are off as its file expects, and by how much."""
+    generator = np.random.default_rng([7, seed])
+    hidden = {law: float(generator.normal(0.0, size)) for law, size in LINES.items()}
+    effects = [EffectInstance(*law, (value,)) for law, value in hidden.items()]
+    one = replace(case(SWEEP, *effects, seed=seed), geometry=LINES)
+    return one, {f"{law.id} {place}": value for (law, place), value in hidden.items()}
+
+
+@pytest.mark.parametrize(
+    ("geometry", "laws"),
+    [
+        (Geometry(), (AxisDistance, AxisSquareness, ActuatorScale)),
+        (load_machine("linear-delta").geometry(), (AxisOffset, AxisLean, ActuatorScale)),
+    ],
+    ids=["legs", "towers"],
+)
+def test_parameters_of_lines_are_those_that_readings_can_see(
+    geometry: Geometry, laws: tuple[type, ...]
+) -> None:
+    every = geometry_tolerances(geometry, 0.3, 1.0, 2.0)
+    assert {type(law) for law, _ in every} == set(laws)
+    assert len(every) == (9 if geometry.reads_legs else 15)
+    assert geometry_tolerances(geometry, 0.0, 1.0, 0.0).keys() < every.keys()
+    assert not geometry_tolerances(geometry, 0.0, 0.0, 0.0)
+
+
+def test_lines_within_their_tolerance_are_measured_and_have_no_name() -> None:
+    """Of 8 machines with 9 parameters each: 95 % within 2 u, and u less than the tolerance.
+
+    Travel is not measured: readings are taken where the carriages believe to be.
+    """
+    distances, shares = [], []
+    for seed in range(8):
+        one, hidden = of_lines(seed)
+        result = posterior([one])
+        named = sum(m.weight for m in result.models if m.members)
+        shares.append(named)
+        for (law, place), tolerance in LINES.items():
+            mean, deviation = result.value_of((law, place))
+            assert deviation < (1.2 if law == ActuatorScale() else 0.75) * tolerance
+            distances.append((mean - hidden[f"{law.id} {place}"]) / deviation)
+    distance = np.abs(distances)
+    assert (distance < 2.0).sum() >= 63, "72 of them: 95 %, less three standard deviations"
+    assert math.sqrt(float((distance**2).mean())) < 1.3
+    assert np.median(shares) < 0.5
+
+
+def test_without_tolerances_the_same_machine_has_a_name() -> None:
+    one, _ = of_lines(0)
+    result = posterior([replace(one, geometry={})])
+    assert sum(m.weight for m in result.models if m.members) > 0.99
+
+
+def _log_determinant(columns: FloatArray) -> float:
+    return float(np.linalg.slogdet(np.eye(len(columns)) + columns @ columns.T)[1])
+
+
+def test_ways_are_weighed_with_what_their_freedom_costs() -> None:
+    """The matrix determinant lemma backwards: of rows as they are, no triangle, no basis."""
+    one, _ = of_lines(1)
+    for stated in ("nothing", "directions", "lines"):
+        cells = Cells.of(replace(one, as_stated=stated))
+        problem = PosteriorProblem.of((cells,), None)
+        own = problem.rows.base * problem.rows.spread
+        every = [own[:, LENGTHS:], own[:, :LENGTHS], problem.base[:, own.shape[1] :]]
+        cost = -0.5 * (_log_determinant(np.hstack(every)) - _log_determinant(every[0]))
+        assert problem.log_of_lines == pytest.approx(cost, abs=1e-6)
+
+
+def test_towers_are_off_alike() -> None:
+    delta = load_machine("linear-delta")
+    geometry = delta.geometry()
+    one = replace(case(SWEEP), geometry=geometry_tolerances(geometry, 0.4, 1.0, 2.0))
+    covariance = one.lines_root @ one.lines_root.T
+    assert np.sqrt(covariance.diagonal()) == pytest.approx([*one.geometry.values()])
+    names = [place if law.id == "axis_offset" else "" for law, place in one.geometry]
+    xr, yr, xt = (names.index(place) for place in ("xr", "yr", "xt"))
+    assert covariance[xr, yr] == pytest.approx(0.8 * 0.4**2)
+    assert covariance[xr, xt] == 0.0

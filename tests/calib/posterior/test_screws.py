@@ -15,7 +15,7 @@ from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.drives import ISO_LEADS_MM, ActuatorCyclic
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.geometry import Geometry
-from calib.tripod.pipeline import Model, derivatives
+from calib.tripod.pipeline import Model, derivatives, simulate
 from tests.calib.posterior.sessions import SHORT, SWEEP, TWO_STATION, case
 
 SMALL_UM = 1e-3
@@ -35,9 +35,13 @@ def searched(sessions: list[Cells]) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Sessions whose base is free: an orthonormal basis of it, and what it leaves of readings."""
+    """Sessions whose base is free: an orthonormal basis of it, and what it leaves of readings.
+
+    ``plain`` are the readings of each fitted model.
+    """
 
     sessions: list[Cells]
+    plain: dict[int, FloatArray]
     basis: FloatArray
     left: FloatArray
 
@@ -45,16 +49,17 @@ class Readings:
     def of(cls, sessions: list[Cells]) -> Readings:
         """A zero of each mounting, and the parameters about each fitted model."""
         blocks, targets = [], []
+        plain = {id(cells): cells.model.readings(cells.means) for cells in sessions}
         for cells in sessions:
             taken, root = cells.means, 1.0 / np.sqrt(cells.variance_mm2)
             base = derivatives(cells.model.geometry, np.array(cells.model.parameters_mm), taken)
             own = np.column_stack([np.eye(taken.mount_count)[taken.mount], base])
             blocks.append(root[:, None] * own)
-            targets.append(root * (taken.value_mm - cells.model.readings(taken)))
+            targets.append(root * (taken.value_mm - plain[id(cells)]))
         free, target = np.asarray(block_diag(*blocks)), np.concatenate(targets)
         axes, singular, _ = np.linalg.svd(free / np.linalg.norm(free, axis=0), full_matrices=False)
         basis = axes[:, singular > 1e-10 * singular[0]]
-        return cls(sessions, basis, target - basis @ (basis.T @ target))
+        return cls(sessions, plain, basis, target - basis @ (basis.T @ target))
 
     def explained(self, lead_mm: float, place: str) -> float:
         """Square that a wave of this lead takes from them.
@@ -68,12 +73,12 @@ class Readings:
         return float(self.left @ self.left - rest @ rest)
 
     def _waves(self, cells: Cells, lead_mm: float, place: str) -> FloatArray:
-        plain, waves = cells.model.readings(cells.means), []
-        for values in ((SMALL_UM, 0.0), (0.0, SMALL_UM)):
-            effect = EffectInstance(ActuatorCyclic(lead_mm), place, values)
-            acting = cells.model.with_effects((*cells.model.effects, effect))
-            waves.append((acting.readings(cells.means) - plain) / SMALL_UM)
-        return np.column_stack(waves) / np.sqrt(cells.variance_mm2)[:, None]
+        model, small = cells.model, (SMALL_UM, 1j * SMALL_UM)  # sine beside cosine
+        wave = EffectInstance(ActuatorCyclic(lead_mm), place, small)
+        parameters = np.array(model.parameters_mm)
+        read = simulate(model.geometry, parameters, cells.means, (*model.effects, wave))
+        waves = np.column_stack([read.real - self.plain[id(cells)], read.imag]) / SMALL_UM
+        return np.asarray(waves / np.sqrt(cells.variance_mm2)[:, None])
 
 
 @pytest.mark.parametrize("taken", [SWEEP, TWO_STATION], ids=["sweep", "two-station"])

@@ -27,12 +27,14 @@ from calib.tripod.plain import PlainDesign, plain_design
 if TYPE_CHECKING:  # the catalogue comes with it, which a fit without effects does not need
     from calib.tripod.effects.effect import EffectInstance
 
-TOLERANCE = 1e-14
 SMALL_STEP_MM = 1e-9
 MOST_STEPS = 50
 
 ROUNDING_STEP = 1e-4
 """In tolerances: no step of this size matters."""
+
+NO_TOLERANCE_MM = 0.01
+"""In place of the tolerance of a parameter that has none."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,8 @@ def exact_fit(
     the legs cannot meet or no optimum is found.
     """
     if model.effects:
-        fitted = _fit_with_effects(model, observed, free, weight, sizes)
+        nothing = np.full(len(free) + len(sizes), np.inf)
+        fitted = _at_rest(model, observed, free, weight, sizes, nothing).model
     else:
         optimum = PlainFit.of(model, observed, free, weight).solve(observed.value_mm[:, None])
         if not optimum.converged[0]:
@@ -169,9 +172,23 @@ def prior_fit(
     """
     free = tuple(range(len(PARAMETER_NAMES)))
     tolerance = np.concatenate([tolerance_mm, np.full(len(sizes), np.inf)])
+    return _at_rest(model, observed, free, weight, sizes, tolerance)
+
+
+def _at_rest(
+    model: Model,
+    observed: Observations,
+    free: tuple[int, ...],
+    weight: FloatArray,
+    sizes: tuple[Size, ...],
+    tolerance: FloatArray,
+) -> Fit:
+    """Gauss and Newton's steps until nothing moves; values have tolerances ``(k,)``, some none."""
     precision = np.diag(tolerance**-2.0)
     base = values = _values_of(model, free, sizes)
-    least = np.append(tolerance_mm, [size.tolerance for size in sizes])
+    within = tolerance[: len(free)]
+    least = np.where(np.isfinite(within), within, NO_TOLERANCE_MM)
+    least = np.append(least, [size.tolerance for size in sizes])
     with within_reach():
         evaluate = _evaluator(model, observed, free, sizes)
     for _ in range(MOST_STEPS):
@@ -179,7 +196,8 @@ def prior_fit(
             predicted, design = evaluate(values)
         centred = without_zeros(observed, weight, design)
         pull = centred.T * weight
-        inverse = np.linalg.inv(pull @ centred + precision)
+        with within_reach():
+            inverse = np.linalg.inv(pull @ centred + precision)
         estimator = np.asarray(inverse @ pull)
         step = estimator @ (observed.value_mm - predicted) + inverse @ precision @ (base - values)
         values = values + step
@@ -254,57 +272,12 @@ def _predicted(
     return predicted, np.hstack(columns)
 
 
-def _fit_with_effects(
-    model: Model,
-    observed: Observations,
-    free: tuple[int, ...],
-    weight: FloatArray,
-    sizes: tuple[Size, ...],
-) -> Model:
-    """The model at the optimum through the stages, by scipy's trust region."""
-    from scipy.optimize import least_squares  # 0.1 s to import: only where used
-
-    root_weight = np.sqrt(weight)
-
-    def residual(values: NDArray[np.float64]) -> FloatArray:
-        try:
-            predicted = _moved_to(model, free, sizes, values).readings(observed)
-        except UnreachablePosture:
-            return np.full(len(observed), np.nan)  # the trust region then takes a shorter step
-        return root_weight * without_zeros(observed, weight, observed.value_mm - predicted)
-
-    def jacobian(values: NDArray[np.float64]) -> FloatArray:
-        columns = design_of(_moved_to(model, free, sizes, values), observed, free, sizes)
-        return -root_weight[:, None] * without_zeros(observed, weight, columns)
-
-    base = _values_of(model, free, sizes)
-    start = base.copy()
-    start[: len(free)] = weighted_fit(model, observed, free, weight).parameters_mm[list(free)]
-    if not np.isfinite(residual(start)).all():
-        start = base
-    with within_reach((UnreachablePosture, ValueError)):  # the latter where even the start is NaN
-        found = least_squares(
-            residual,
-            start,
-            jac=jacobian,
-            x_scale="jac",
-            ftol=TOLERANCE,
-            xtol=TOLERANCE,
-            gtol=TOLERANCE,
-        )
-    if not found.success:
-        raise _no_optimum(str(found.message))
-    return _moved_to(model, free, sizes, found.x)
-
-
 @contextmanager
-def within_reach(
-    failures: tuple[type[Exception], ...] = (UnreachablePosture,),
-) -> Iterator[None]:
-    """Where the legs cannot meet there is no optimum."""
+def within_reach() -> Iterator[None]:
+    """Where the legs cannot meet, or nothing shows a value, there is no optimum."""
     try:
         yield
-    except failures as problem:
+    except (UnreachablePosture, np.linalg.LinAlgError) as problem:
         raise _no_optimum(str(problem)) from problem
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from calib.arrays import IntArray, Observations
+from calib.arrays import FloatArray, IntArray, Observations
 from calib.diagnosis.results import CleanedReadings, Diagnosis, Finding
 from calib.noise.reading import IndicatorFigures
 from calib.posterior.cells import SessionCase
@@ -426,11 +427,23 @@ def test_two_mistakes_are_not_reported_as_noise() -> None:
     assert diagnosis.noise_mm == pytest.approx(SCATTER_MM, rel=0.5)
 
 
+def wildest(noises: Sequence[FloatArray], count: int) -> list[tuple[int, FloatArray]]:
+    """Of sessions by their noise, with their numbers: a mistake is named where one reading is far
+    off, so those with the farthest are tried for all.
+    """
+    order = sorted(enumerate(noises), key=lambda each: -float(np.abs(each[1]).max()))
+    return order[:count]
+
+
 @pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
 def test_heavy_tails_hold_no_wrong_labels(taken: Observations) -> None:
-    for seed in range(40):
+    """Of forty sessions; were labels doubted from 6 standard deviations on, three would fail."""
+    noises = [
+        SCATTER_MM * np.random.default_rng([8, seed]).standard_t(3, len(taken))
+        for seed in range(40)
+    ]
+    for seed, noise in wildest(noises, 10):
         session = case(taken, seed=seed, scatter_mm=1e-9)
-        noise = SCATTER_MM * np.random.default_rng([8, seed]).standard_t(3, len(taken))
         diagnosis = diagnose([with_values(session, session.observed.value_mm + noise)])
         assert "label_error" not in {each.id for each in mistakes(diagnosis)}
 
@@ -457,10 +470,13 @@ def test_first_readings_off_by_a_large_play_are_not_wild(taken: Observations) ->
 
 @pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
 def test_indicators_that_scatter_unequally_are_no_mistakes(taken: Observations) -> None:
-    """One of six scatters three times as much as the others."""
+    """One of six scatters three times as much as the others, in forty sessions."""
+    noises = []
     for seed in range(40):
-        session = case(taken, seed=seed, scatter_mm=1e-9)
+        larger = np.where(taken.mount == seed % taken.mount_count, 3.0, 1.0)
         noise = SCATTER_MM * np.random.default_rng([8, seed]).normal(size=len(taken))
-        noise *= np.where(taken.mount == seed % taken.mount_count, 3.0, 1.0)
+        noises.append(noise * larger)
+    for seed, noise in wildest(noises, 14):
+        session = case(taken, seed=seed, scatter_mm=1e-9)
         diagnosis = diagnose([with_values(session, session.observed.value_mm + noise)])
         assert single(diagnosis) == []

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from calib.arrays import FloatArray, Observations
 from calib.posterior.cells import Cells
@@ -12,7 +15,7 @@ from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.drives import ISO_LEADS_MM, ActuatorCyclic
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.geometry import Geometry
-from calib.tripod.pipeline import Model, derivatives
+from calib.tripod.pipeline import Model, derivatives, simulate
 from tests.calib.posterior.sessions import SHORT, SWEEP, TWO_STATION, case
 
 SMALL_UM = 1e-3
@@ -30,35 +33,52 @@ def searched(sessions: list[Cells]) -> list[float]:
     ]
 
 
-def explained(sessions: list[Cells], lead_mm: float, place: str) -> float:
-    """Square that a wave of this lead takes from readings of which the base is free.
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Sessions whose base is free: an orthonormal basis of it, and what it leaves of readings.
 
-    Waves are differences of the pipeline's readings about each fitted model.
+    ``plain`` are the readings of each fitted model.
     """
-    blocks, targets = [], []
-    for number, cells in enumerate(sessions):
-        taken, root = cells.means, 1.0 / np.sqrt(cells.variance_mm2)
-        plain = cells.model.readings(taken)
-        waves = []
-        for values in ((SMALL_UM, 0.0), (0.0, SMALL_UM)):
-            effect = EffectInstance(ActuatorCyclic(lead_mm), place, values)
-            acting = cells.model.with_effects((*cells.model.effects, effect))
-            waves.append((acting.readings(taken) - plain) / SMALL_UM)
-        base = derivatives(cells.model.geometry, np.array(cells.model.parameters_mm), taken)
-        own = np.column_stack([np.eye(taken.mount_count)[taken.mount], base])
-        block = np.zeros((len(taken), 2 + len(sessions) * own.shape[1]))
-        block[:, :2] = np.column_stack(waves)
-        block[:, 2 + number * own.shape[1] : 2 + (number + 1) * own.shape[1]] = own
-        blocks.append(root[:, None] * block)
-        targets.append(root * (taken.value_mm - plain))
-    design, target = np.vstack(blocks), np.concatenate(targets)
 
-    def left(columns: FloatArray) -> float:
-        scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
-        rest = target - scaled @ np.linalg.lstsq(scaled, target, rcond=1e-10)[0]
-        return float(rest @ rest)
+    sessions: list[Cells]
+    plain: dict[int, FloatArray]
+    basis: FloatArray
+    left: FloatArray
 
-    return left(design[:, 2:]) - left(design)
+    @classmethod
+    def of(cls, sessions: list[Cells]) -> Readings:
+        """A zero of each mounting, and the parameters about each fitted model."""
+        blocks, targets = [], []
+        plain = {id(cells): cells.model.readings(cells.means) for cells in sessions}
+        for cells in sessions:
+            taken, root = cells.means, 1.0 / np.sqrt(cells.variance_mm2)
+            base = derivatives(cells.model.geometry, np.array(cells.model.parameters_mm), taken)
+            own = np.column_stack([np.eye(taken.mount_count)[taken.mount], base])
+            blocks.append(root[:, None] * own)
+            targets.append(root * (taken.value_mm - plain[id(cells)]))
+        free, target = np.asarray(block_diag(*blocks)), np.concatenate(targets)
+        axes, singular, _ = np.linalg.svd(free / np.linalg.norm(free, axis=0), full_matrices=False)
+        basis = axes[:, singular > 1e-10 * singular[0]]
+        return cls(sessions, plain, basis, target - basis @ (basis.T @ target))
+
+    def explained(self, lead_mm: float, place: str) -> float:
+        """Square that a wave of this lead takes from them.
+
+        Waves are differences of the pipeline's readings about each fitted model.
+        """
+        waves = np.vstack([self._waves(cells, lead_mm, place) for cells in self.sessions])
+        waves -= self.basis @ (self.basis.T @ waves)
+        size = np.linalg.lstsq(waves, self.left, rcond=1e-10)[0]
+        rest = self.left - waves @ size
+        return float(self.left @ self.left - rest @ rest)
+
+    def _waves(self, cells: Cells, lead_mm: float, place: str) -> FloatArray:
+        model, small = cells.model, (SMALL_UM, 1j * SMALL_UM)  # sine beside cosine
+        wave = EffectInstance(ActuatorCyclic(lead_mm), place, small)
+        parameters = np.array(model.parameters_mm)
+        read = simulate(model.geometry, parameters, cells.means, (*model.effects, wave))
+        waves = np.column_stack([read.real - self.plain[id(cells)], read.imag]) / SMALL_UM
+        return np.asarray(waves / np.sqrt(cells.variance_mm2)[:, None])
 
 
 @pytest.mark.parametrize("taken", [SWEEP, TWO_STATION], ids=["sweep", "two-station"])
@@ -73,16 +93,14 @@ def test_leads_that_are_added_explain_as_much_as_any(
     """
     screw = EffectInstance(ActuatorCyclic(lead_mm), "x", (15.0, 10.0))
     cells = [Cells.of(case(taken, screw, seed=3 + k)) for k in range(sessions)]
-    leads = searched(cells)
+    leads, explained = searched(cells), Readings.of(cells).explained
     turns = np.linspace(1.0 / ISO_LEADS_MM[-1], 1.0 / ISO_LEADS_MM[0], 250)
-    best = {
-        place: max(explained(cells, float(1.0 / turn), place) for turn in turns) for place in "xyz"
-    }
+    best = {place: max(explained(float(1.0 / turn), place) for turn in turns) for place in "xyz"}
     assert best["x"] > 40.0
     every = [*leads, *leads_of(CATALOGUE)]
-    assert max(explained(cells, lead, "x") for lead in every) > best["x"] - AS_GOOD
+    assert max(explained(lead, "x") for lead in every) > best["x"] - AS_GOOD
     for lead in leads:  # three digits of a lead are less than its doubt
-        short = {place: best[place] - explained(cells, lead, place) for place in "xyz"}
+        short = {place: best[place] - explained(lead, place) for place in "xyz"}
         assert min(short.values()) < 1.5 * AS_GOOD
     assert min(abs(lead / lead_mm - 1.0) for lead in leads) < 0.03
 

@@ -180,8 +180,8 @@ TEN = (
 """X, Y and the way down of ten contacts of that printer."""
 
 
-def test_a_real_eeprom_is_the_machine_of_its_owner(tmp_path: Path) -> None:
-    """Figures of a public printer: the tower with most steps trips at the homed height."""
+def real_eeprom() -> str:
+    """What that printer held, and its contacts: figures of its owner."""
     stored = {
         **{11: "100.0000 Steps per mm", 153: "275.380 Z max length [mm]"},
         **{881: "203.450 Diagonal rod length [mm]", 925: "85.000 Max printable radius [mm]"},
@@ -191,7 +191,12 @@ def test_a_real_eeprom_is_the_machine_of_its_owner(tmp_path: Path) -> None:
     }
     lines = [f'"11:26:45.015 : EPR:3 {place} {text}",' for place, text in stored.items()]
     lines += [f"09:23:25.257 : Z-probe:{down:.3f} X:{x:.2f} Y:{y:.2f}" for x, y, down in TEN]
-    found = read(tmp_path, "\n".join(lines))
+    return "\n".join(lines)
+
+
+def test_a_real_eeprom_is_the_machine_of_its_owner(tmp_path: Path) -> None:
+    """The tower with most steps trips at the homed height."""
+    found = read(tmp_path, real_eeprom())
     machine = found.opened.machine
     assert machine.position_endstop_mm == pytest.approx((273.67, 274.20, 275.38))
     assert machine.drive is not None

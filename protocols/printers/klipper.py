@@ -18,8 +18,8 @@ import numpy as np
 
 from calib.errors import RecordError, UnreachablePosture
 from protocols.distance_table import Measured
-from protocols.documents import MOST_WRITTEN_BYTES, read_text
-from protocols.printers.gcode import Texts
+from protocols.documents import MOST_WRITTEN_BYTES
+from protocols.printers.gcode import Texts, read_printed
 from protocols.printers.tower_printer import (
     OFF_PLATE_MM,
     USUAL_ANGLES_DEG,
@@ -78,7 +78,7 @@ class Config:
     def read(cls, path: Path) -> Config:
         """Raises RecordError naming the file and what cannot be read of it."""
         config = cls(path)
-        plain, _, saved = read_text(path, WHAT, MOST_WRITTEN_BYTES).partition(SAVED_HEADER)
+        plain, _, saved = read_printed(path, WHAT, MOST_WRITTEN_BYTES).partition(SAVED_HEADER)
         config._add(path, plain, [path.resolve()])
         lines = saved.splitlines()
         strange = [line for line in lines if line.strip() and not line.startswith(SAVED)]
@@ -120,7 +120,7 @@ class Config:
             if other in inside or self.included > MOST_INCLUDES:
                 allowed = f"no file inside itself, {MOST_INCLUDES} files together"
                 raise RecordError(f"{WHAT} {path}", f"[include {name}]", allowed)
-            self._add(each, read_text(each, WHAT, MOST_WRITTEN_BYTES), [*inside, other])
+            self._add(each, read_printed(each, WHAT, MOST_WRITTEN_BYTES), [*inside, other])
 
     def _parse(self, path: Path, text: str) -> None:
         try:

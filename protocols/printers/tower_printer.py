@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -27,6 +28,9 @@ not printing, and its contacts are of another geometry."""
 
 NEAR_REACH = 0.97
 """Of a bar's length across, beyond which it is too level to place a tool by."""
+
+LEAST_APART_DEG = 30.0
+"""Between two towers: nearer ones do not place a tool."""
 
 CLEAR_MM = 10.0
 """A carriage may go lower than any contact needs by so much."""
@@ -100,6 +104,14 @@ class TowerPrinter:
                     f"a radius above 0 and below {NEAR_REACH:g} of the bars' length",
                     "Are these bars and a radius, in mm?",
                 )
+        apart = [(a - b + 180.0) % 360.0 - 180.0 for a, b in combinations(self.angle_deg, 2)]
+        if min(map(abs, apart)) < LEAST_APART_DEG:
+            raise RecordError(
+                self.thing,
+                f"towers at {', '.join(f'{angle:g}' for angle in self.angle_deg)}°",
+                f"three towers around the plate, {LEAST_APART_DEG:g}° or more between two of them",
+                "Two towers at one place do not hold a tool. Look at the angles.",
+            )
 
     @cached_property
     def towers_mm(self) -> FloatArray:

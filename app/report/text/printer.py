@@ -1,0 +1,100 @@
+"""For the owner of a printer: what to change, does it repeat, how good can it get."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rich.table import Table
+
+from app.evaluating.printer import LEAST, PrinterChange
+from app.evaluating.solution import SessionSolution
+from app.report.text.tables import new_table, signed, uncertain
+
+WHERE = (
+    "The endstop is position_endstop of Klipper, H + M666 of RepRapFirmware, H − M666 of Marlin. "
+    "glidecal export --format klipper, reprapfirmware or marlin writes all of it as a file."
+)
+SCREWS = (
+    "In place of new values, the screws of the endstops can move the switches by the last column."
+)
+NO_REPEATS = (
+    "No place was probed twice, so nothing shows whether contacts repeat. Probe every place three "
+    "times (glidecal plan --macro)."
+)
+SIZE_IS_OPEN = (
+    "The bound on the tool is larger, because contacts with a plate do not show how large the "
+    "machine is: bars, radius and belts that are all off alike. Measure distances on a printed "
+    "object (glidecal import --distances)."
+)
+NOT_WORTH_IT = (
+    "WARNING: these values are not expected to make the tool more accurate. Look with glidecal "
+    "diagnose for the cause before you enter them."
+)
+
+BEYOND_NOISE = 2.0
+"""Times the scatter of a contact: heights that differ by more are not of the probe alone."""
+
+SIZE_SHOWS = 3.0
+"""Times the unevenness with the values: a bound beyond it is of what the plate does not show."""
+
+
+def change_parts(solved: SessionSolution, change: PrinterChange) -> list[str | Table]:
+    """What to change, then what the contacts say of probe, geometry and size."""
+    where = f"{WHERE} {SCREWS}" if change.endstops_alone else WHERE
+    return [change_table(change), where, "\n".join(_answers(solved, change))]
+
+
+def change_table(change: PrinterChange) -> Table:
+    """What the firmware holds now, tower by tower, and what it is to hold."""
+    if change.endstops_alone:
+        table = new_table("tower", "endstop now, mm", "enter", "or move the switch by, mm")
+        for one in change.towers:
+            stop = one.endstop
+            moved = signed(-stop.change)
+            table.add_row(one.tower, f"{stop.now:.3f}", f"{stop.then:.3f}", moved)
+        return table
+    table = new_table("mm", "endstop", "enter", "arm", "enter", "angle, °", "enter")
+    for one in change.towers:
+        pairs = (one.endstop, one.arm, one.angle)
+        row = [f"{value:.3f}" for entry in pairs for value in (entry.now, entry.then)]
+        table.add_row(f"tower {one.tower}", *row)
+    radius = change.radius
+    if abs(radius.change) >= LEAST:
+        table.add_row("radius", f"{radius.now:.3f}", f"{radius.then:.3f}", *[""] * 4)
+    return table
+
+
+def _answers(solved: SessionSolution, change: PrinterChange) -> Iterator[str]:
+    """Does it repeat; is it the probe or the geometry; how good can it get."""
+    if not change.helps:
+        yield NOT_WORTH_IT
+    noise, uneven = solved.solution.noise, change.uneven_mm
+    scatter_mm = noise.standard_deviation_mm if noise.source == "repeats" else None
+    if uneven is None:
+        return
+    if scatter_mm is None:
+        yield NO_REPEATS
+    else:
+        yield (
+            f"Contacts at one place repeat to {uncertain(scatter_mm)} mm (standard deviation, "
+            f"{noise.degrees_of_freedom:.0f} degrees of freedom)."
+        )
+    if scatter_mm is not None and uneven.now < BEYOND_NOISE * scatter_mm:
+        yield (
+            f"The heights of the plate differ by {uncertain(uneven.now)} mm r.m.s., hardly more "
+            "than that: the probe limits what can be seen, not the geometry."
+        )
+    else:
+        yield (
+            f"The heights of the plate differ by {uncertain(uneven.now)} mm r.m.s. With these "
+            f"values the same contacts would differ by {uncertain(uneven.then)} mm."
+        )
+        if scatter_mm is not None and uneven.then > BEYOND_NOISE * scatter_mm:
+            yield (
+                "That is more than contacts scatter: a belt, a bent tower, a plate that is not "
+                "flat, or anything else without an entry. glidecal diagnose looks for it."
+            )
+    if change.bound_mm > SIZE_SHOWS * uneven.then and not any(
+        one.distances for one in solved.sessions
+    ):
+        yield SIZE_IS_OPEN

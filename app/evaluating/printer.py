@@ -52,6 +52,17 @@ def drives_of_towers(
     return drives
 
 
+def tower_names(machine: Machine) -> dict[str, str]:
+    """Name of the firmware's tower by drive; empty where the machine is none of a printer."""
+    if machine.position_endstop_mm is None:
+        return {}
+    try:
+        drives = drives_of_towers(machine)
+    except GlidecalError:
+        return {}
+    return {LEG_NAMES[drive]: name for drive, name in zip(drives, FIRMWARE_TOWERS, strict=True)}
+
+
 @dataclass(frozen=True)
 class Entry:
     """A value of the firmware: what it holds now, what it is to hold."""

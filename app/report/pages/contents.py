@@ -10,7 +10,7 @@ from rich.table import Table
 
 from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
-from app.evaluating.printer import printer_change
+from app.evaluating.printer import printer_change, tower_names
 from app.evaluating.solution import SessionSolution, judge, solve_files
 from app.report.charts.results import (
     before_and_after,
@@ -333,7 +333,7 @@ def _missing(diagnosed: SessionDiagnosis) -> Section:
         "What is missing from the model",
         [
             gap_text(found),
-            effects_text(found.effects),
+            effects_text(found.effects, tower_names(diagnosed.sessions[0].opened.machine)),
             *_evidence(found),
             Picture(residuals, "Mean residual of each posture; grey: twice its noise."),
         ],

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 from rich.table import Table
 
 from app.evaluating.printer import LEAST, PrinterChange
 from app.evaluating.solution import SessionSolution
 from app.report.text.tables import new_table, signed, uncertain
+from calib.tripod.effects.bars import LegLength
+from calib.tripod.effects.drives import ActuatorScale, AxisOffset, AxisSquareness, Backlash
+from calib.tripod.effects.effect import EffectInstance, remedies
 
 WHERE = (
     "The endstop is position_endstop of Klipper, H + M666 of RepRapFirmware, H − M666 of Marlin. "
@@ -98,3 +101,43 @@ def _answers(solved: SessionSolution, change: PrinterChange) -> Iterator[str]:
         one.distances for one in solved.sessions
     ):
         yield SIZE_IS_OPEN
+
+
+def tower_remedies(effects: Sequence[EffectInstance], towers: Mapping[str, str]) -> tuple[str, ...]:
+    """What to do on a printer against effects of these drives; ``towers`` names them by drive.
+
+    Where a printer has no words of its own, or ``towers`` is empty, those of any machine.
+    """
+    words = [_remedy(one, towers) for one in effects] if towers else [None]
+    return tuple(filter(None, words)) if all(words) else remedies(effects)
+
+
+def _remedy(one: EffectInstance, towers: Mapping[str, str]) -> str | None:
+    value = float(one.values[0].real)
+    named = [towers.get(letter, "") for letter in one.place]
+    law, tower = one.effect, named[0]
+    if isinstance(law, ActuatorScale):
+        times = 1.0 + value / 1000.0
+        return (
+            f"belt of tower {tower}: multiply its rotation_distance (Klipper) by {times:.5f}, or "
+            f"its steps per mm (M92) by {1.0 / times:.5f}. A pulley or belt is not as stated, or "
+            "stretched. Then home, probe again, and import that"
+        )
+    if isinstance(law, Backlash):
+        return f"belt or joints of tower {tower} are slack by {value:.3f} mm: tighten them"
+    if isinstance(law, LegLength):
+        return f"arm of tower {tower}: {value:+.3f} mm, in the exported values"
+    if type(law) is AxisOffset and one.place[1:] in ("r", "t"):
+        out, back = ("out", "in") if one.place[1:] == "r" else ("anticlockwise", "clockwise")
+        way, against = (out, back) if value > 0.0 else (back, out)
+        return (
+            f"foot of tower {tower} stands {abs(value):.3f} mm too far {way}: the exported values "
+            f"allow for it; or move the tower {against}"
+        )
+    if isinstance(law, AxisSquareness):
+        way = "apart" if value > 0.0 else "together"
+        return (
+            f"towers {' and '.join(named)} lean, for which firmware has no value: with their feet "
+            f"where they are, move their tops {way}, {abs(value):.2f} mm for each metre of height"
+        )
+    return None

@@ -61,16 +61,19 @@ def is_mine(text: str) -> bool:
     return is_config(text) or ANSWER.search(text) is not None
 
 
+def _parser() -> configparser.RawConfigParser:
+    return configparser.RawConfigParser(strict=False, inline_comment_prefixes=(";", "#"))
+
+
 @dataclass
 class Config:
-    """Sections of a ``printer.cfg`` with its includes; of a key that is there twice the last."""
+    """Sections of a ``printer.cfg`` with its includes; of a key that is there twice the last.
+
+    The saved block has no say on keys that stand above it (klippy/configfile.py).
+    """
 
     path: Path
-    parser: configparser.RawConfigParser = field(
-        default_factory=lambda: configparser.RawConfigParser(
-            strict=False, inline_comment_prefixes=(";", "#")
-        )
-    )
+    parser: configparser.RawConfigParser = field(default_factory=_parser)
     odd: list[str] = field(default_factory=list)
     included: int = 0
 
@@ -90,7 +93,14 @@ class Config:
                 "Klipper does not read this block either: remove the line.",
             )
         kept = "\n".join(line.removeprefix(SAVED).removeprefix(" ") for line in lines)
-        config._parse(path, re.sub(r"^DO NOT EDIT.*$", "", kept, flags=re.MULTILINE))
+        below = _parser()
+        config._parse(path, re.sub(r"^DO NOT EDIT.*$", "", kept, flags=re.MULTILINE), below)
+        for section in below.sections():  # what stands above, or is included there, wins
+            if not config.parser.has_section(section):
+                config.parser.add_section(section)
+            for key, value in below.items(section):
+                if not config.parser.has_option(section, key):
+                    config.parser.set(section, key, value)
         return config
 
     def _add(self, path: Path, text: str, inside: list[Path]) -> None:
@@ -122,9 +132,11 @@ class Config:
                 raise RecordError(f"{WHAT} {path}", f"[include {name}]", allowed)
             self._add(each, read_printed(each, WHAT, MOST_WRITTEN_BYTES), [*inside, other])
 
-    def _parse(self, path: Path, text: str) -> None:
+    def _parse(
+        self, path: Path, text: str, parser: configparser.RawConfigParser | None = None
+    ) -> None:
         try:
-            self.parser.read_string(text, str(path))
+            (parser or self.parser).read_string(text, str(path))
         except configparser.Error as problem:
             line = (
                 getattr(problem, "lineno", None)

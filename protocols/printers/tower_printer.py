@@ -149,13 +149,20 @@ class TowerPrinter:
         return min(self.printable_mm or allowed, allowed)
 
     def machine(self, contacts: Sequence[Contact]) -> Machine:
-        """The machine file, with travel for these contacts. Raises RecordError."""
+        """The machine file, with travel for the printable plate and these contacts.
+
+        Raises RecordError.
+        """
         x, y = (self.towers_mm[:, k].tolist() for k in range(2))
         lengths = np.array(self.length_mm)
         half = float(round(0.5 * self.reach_mm))
         corners = np.array([[a * half, b * half, 0.0] for a in (-1, 1) for b in (-1, 1)])
         over_corners = self._over_mm(corners)
-        places = np.array([*corners, *(contact.place_mm for contact in contacts)])
+        edge = [
+            (self.reach_mm * math.cos(angle), self.reach_mm * math.sin(angle), 0.0)
+            for angle in np.radians(np.arange(0.0, 360.0, 30.0)).tolist()
+        ]
+        places = np.array([*corners, *edge, *(contact.place_mm for contact in contacts)])
         lowest = self._over_mm(places) + places[:, 2:] - self._raised_mm
         top = float(math.floor((self.switches_mm - over_corners).min() - 1.0))
         alike = len(set(self.length_mm)) == 1

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.app.cli import glidecal
+from app.report.text.session import step_text
+from protocols.procedure import Step
+from protocols.record import read_record
+from tests.app.cli import glidecal, refused
 from tests.app.exports import test_towers as true
 from tests.blind.linear_delta import places
 from tests.conftest import ROOT
@@ -116,4 +120,37 @@ def test_the_printer_is_a_better_one(walked: tuple[Path, str]) -> None:
     after = words(glidecal("solve", folder / "after.jsonl").out)
     (uneven_mm,) = re.findall(r"heights of the plate differ by (\S+) mm", after)
     assert float(uneven_mm) < 0.008
-    assert "the probe limits what can be seen, not the geometry" in after
+    assert "the probe limits what can be seen, not the geometry. Leave the firmware as" in after
+
+
+def test_before_and_after_are_compared_though_the_firmware_holds_other_values(
+    walked: tuple[Path, str],
+) -> None:
+    folder, _ = walked
+    before, after = folder / "printer.jsonl", folder / "after.jsonl"
+    run = glidecal("verify", before, after, "--tolerance", "1")
+    assert run.status == 0, run.err
+    assert len(re.findall(r"(?m) as expected$", run.out)) == 3
+    assert "the firmware got other lengths, radius or angles" in words(run.out)
+    deviations = re.findall(
+        r"went from (\S+) to (\S+) mm", words(glidecal("compare", before, after).out)
+    )
+    was, left = map(float, deviations[0])
+    assert left < 0.1 * was
+    assert "machine changed: leg_length_mm" in glidecal("history", folder).out
+
+
+def test_a_replay_of_contacts_speaks_of_a_plate(walked: tuple[Path, str]) -> None:
+    session = read_record(walked[0] / "printer.jsonl").session
+    met = session.readings[0]
+    step = Step(1, "tool", 0.0, 1, 0.0, ("z",), met.position_mm)
+    text = step_text(step, replace(session, readings=()))
+    assert "First, at Zero: the tool, or a probe beside it, comes down on the plate." in text
+    assert "TOOL   (0, 0, 2.3625) mm" in text
+    assert "leg TOOL" not in text
+
+
+def test_plan_sends_the_owner_of_a_printer_to_what_tells_more(walked: tuple[Path, str]) -> None:
+    told = words(refused(2, "plan", walked[0] / "printer.jsonl"))
+    assert "--macro writes places to probe" in told
+    assert "glidecal import --distances" in told

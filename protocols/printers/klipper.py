@@ -39,6 +39,8 @@ KINEMATICS = RADIUS.partition("_")[0]
 MOST_HEIGHTS = 999
 MOST_INCLUDES = 200
 FULL_STEPS = 200
+PLACES = 9
+"""Decimals of a place in mm, so that one that is at 0 is shown there."""
 
 NUMBER = r"([+-]?\d+(?:\.\d+)?)"
 PROBED = re.compile(rf"probe: at {NUMBER},{NUMBER} bed will contact at z={NUMBER}", re.ASCII)
@@ -352,7 +354,7 @@ def _place(
         raise _elsewhere(where, text, "the bars do not meet there") from problem
     if abs(z - height_mm) > OFF_PLATE_MM:
         raise _elsewhere(where, text, f"the tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm")
-    return x, y, z
+    return round(x, PLACES) + 0.0, round(y, PLACES) + 0.0, round(z, PLACES) + 0.0
 
 
 def _elsewhere(where: str, text: str, why: str) -> RecordError:

@@ -69,10 +69,11 @@ def change_table(change: PrinterChange) -> Table:
 
 def _answers(solved: SessionSolution, change: PrinterChange) -> Iterator[str]:
     """Does it repeat; is it the probe or the geometry; how good can it get."""
-    if not change.helps:
-        yield NOT_WORTH_IT
     noise, uneven = solved.solution.noise, change.uneven_mm
     scatter_mm = noise.standard_deviation_mm if noise.source == "repeats" else None
+    probe_limits = bool(uneven and scatter_mm and uneven.now < BEYOND_NOISE * scatter_mm)
+    if not change.helps and not probe_limits:
+        yield NOT_WORTH_IT
     if uneven is None:
         return
     if scatter_mm is None:
@@ -82,10 +83,11 @@ def _answers(solved: SessionSolution, change: PrinterChange) -> Iterator[str]:
             f"Contacts at one place repeat to {uncertain(scatter_mm)} mm (standard deviation, "
             f"{noise.degrees_of_freedom:.0f} degrees of freedom)."
         )
-    if scatter_mm is not None and uneven.now < BEYOND_NOISE * scatter_mm:
+    if probe_limits:
         yield (
             f"The heights of the plate differ by {uncertain(uneven.now)} mm r.m.s., hardly more "
             "than that: the probe limits what can be seen, not the geometry."
+            + ("" if change.helps else " Leave the firmware as it is.")
         )
     else:
         yield (

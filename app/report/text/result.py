@@ -426,10 +426,11 @@ WRONG = {
 def verification_text(found: Verification) -> str:
     """The decision first, then what was expected and found, then what to do."""
     before, after = found.compared.before, found.compared.after
+    expected = printer_change(before) or before.correction
     return paragraphs(
         [f"before: {before.names[0]}", f"after:  {after.names[0]}"],
         f"{decided(found)} Tool over the workspace, r.m.s. (95 %), {FRAME_WORDS[after.frame]}: at "
-        f"most {uncertain(before.correction.bound_mm)} mm was expected, at most "
+        f"most {uncertain(expected.bound_mm)} mm was expected, at most "
         f"{uncertain(after.correction.now_mm)} mm is left.",
         offsets_table(found),
         "\n".join(what_to_do(found)),

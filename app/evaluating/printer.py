@@ -64,8 +64,8 @@ def tower_names(machine: Machine) -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class Entry:
-    """A value of the firmware: what it holds now, what it is to hold."""
+class ValueChange:
+    """A value now, and with all that is entered."""
 
     now: float
     then: float
@@ -81,9 +81,9 @@ class TowerChange:
     """What changes of one tower of the firmware: mm, the angle in degrees."""
 
     tower: str
-    endstop: Entry
-    arm: Entry
-    angle: Entry
+    endstop: ValueChange
+    arm: ValueChange
+    angle: ValueChange
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,11 +95,11 @@ class PrinterChange:
     """
 
     towers: tuple[TowerChange, ...]
-    radius: Entry
+    radius: ValueChange
     off: ToolOff
     now_mm: float
     bound_mm: float
-    uneven_mm: Entry | None
+    uneven_mm: ValueChange | None
 
     @property
     def helps(self) -> bool:
@@ -142,13 +142,13 @@ def printer_change(solved: SessionSolution) -> PrinterChange | None:
         tuple(
             TowerChange(
                 name,
-                Entry(held_mm[drive], stops_mm[drive]),
-                Entry(float(now.length_mm[drive]), float(then.length_mm[drive])),
-                Entry(float(now.angle_deg[drive]), float(then.angle_deg[drive])),
+                ValueChange(held_mm[drive], stops_mm[drive]),
+                ValueChange(float(now.length_mm[drive]), float(then.length_mm[drive])),
+                ValueChange(float(now.angle_deg[drive]), float(then.angle_deg[drive])),
             )
             for name, drive in zip(FIRMWARE_TOWERS, drives, strict=True)
         ),
-        Entry(float(now.radius_mm[0]), float(then.radius_mm[0])),
+        ValueChange(float(now.radius_mm[0]), float(then.radius_mm[0])),
         best.off,
         solved.corrections.off_now.bound_mm[solved.frame],
         best.off.bound_mm[solved.frame],
@@ -156,7 +156,7 @@ def printer_change(solved: SessionSolution) -> PrinterChange | None:
     )
 
 
-def _uneven_mm(solved: SessionSolution, best: TowerCorrection) -> Entry | None:
+def _uneven_mm(solved: SessionSolution, best: TowerCorrection) -> ValueChange | None:
     """Of all contacts of one way of measuring: another one has a zero of its own."""
     if not solved.of_contacts:
         return None
@@ -166,4 +166,4 @@ def _uneven_mm(solved: SessionSolution, best: TowerCorrection) -> Entry | None:
         for one in contacts
         if one.mount == contacts[0].mount and one.position_mm is not None
     ]
-    return Entry(*best.values.uneven_mm(*zip(*alike, strict=True)))
+    return ValueChange(*best.values.uneven_mm(*zip(*alike, strict=True)))

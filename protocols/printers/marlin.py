@@ -68,7 +68,7 @@ def held(texts: Texts) -> Held:
 
 
 @dataclass
-class Table:
+class HeightTable:
     """What one run of G33 shows: where, after which command, at which radius, heights by name."""
 
     where: str
@@ -152,14 +152,14 @@ def _of_g30(every: Lines, beside_mm: Three, odd: list[str]) -> Iterator[tuple[in
             odd.append(f"{where}: {text!r}: no place of G30")
 
 
-def _tables(every: Lines) -> list[tuple[int, Table]]:
+def _tables(every: Lines) -> list[tuple[int, HeightTable]]:
     """Number of the line and table of each run of G33."""
     asked: str | None = None
-    tables: list[tuple[int, Table]] = []
+    tables: list[tuple[int, HeightTable]] = []
     for number, (where, text) in enumerate(every):
         if match := BEGINS.search(text):
             radius_mm = float(match[1]) if match[1] else None
-            tables.append((number, Table(where, asked, radius_mm, "DRY-RUN" not in match[2])))
+            tables.append((number, HeightTable(where, asked, radius_mm, "DRY-RUN" not in match[2])))
             asked = None
         elif match := SENT.search(text):
             asked = match[1]

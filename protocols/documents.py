@@ -113,7 +113,10 @@ def read_text(path: Path, what: str, most_bytes: int = MOST_BYTES) -> str:
     try:
         text = read_bytes(path, what, most_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as problem:
-        raise RecordError(f"{what} {path}", reason="not UTF-8 text") from problem
+        next_step = "Save it as UTF-8; editors and spreadsheets offer that where they save."
+        raise RecordError(
+            f"{what} {path}", next_step=next_step, reason="not UTF-8 text"
+        ) from problem
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

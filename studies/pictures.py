@@ -15,6 +15,7 @@ from unittest.mock import patch
 
 from textual.pilot import Pilot
 
+from app.evaluating.solution import solve_files
 from app.machines.options import Simulation
 from app.machines.tripod import SimulateOptions, simulate
 from app.measuring.demo import demo_plan
@@ -29,10 +30,14 @@ from app.screens.result import ResultScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen
 from app.screens.start import Glidecal
 from app.screens.what_if import WhatIfScreen
+from app.version import program
 from drivers.profile import IndicatorReading, Outcome
+from protocols.journal import write_whole
+from protocols.printers.imported import imported_printer
 from tests.screens.driving import answered, press_for, to_measuring, until
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
+PRINTER = Path(__file__).parents[1] / "sample_sessions" / "printer"
 NARROW, WIDE = (80, 24), (120, 40)
 MIDDLE_OF_LEG = 8
 QUESTIONED = 4
@@ -169,6 +174,20 @@ async def what_if(folder: Path) -> None:
         await save(pilot, "what_if")
 
 
+async def printer(folder: Path) -> None:
+    """The result of a printer, from its configuration and a log of its probe."""
+    session, files = folder / "printer.jsonl", ("printer.cfg", "probe.log")
+    held = imported_printer([PRINTER / name for name in files], program())
+    write_whole(session, held.opened, [*held.contacts])
+    screen = ResultScreen(solve_files([session]), None, session)
+    interface = Glidecal(screen)
+    interface.animation_level = "none"
+    async with interface.run_test(size=NARROW) as pilot:
+        await until(pilot, "the values", lambda: screen.solved.is_worked_out)
+        await save(pilot, "printer")
+        await pilot.press("f10")
+
+
 async def hexaslide() -> None:
     """What position alone sees of a Hexa Slide, and the machine drawn."""
     screen = HexaSlideScreen(Request("position"))
@@ -189,3 +208,4 @@ if __name__ == "__main__":
         asyncio.run(diagnosis(Path(temporary)))
         asyncio.run(what_if(Path(temporary)))
         asyncio.run(hexaslide())
+        asyncio.run(printer(Path(temporary)))

@@ -40,6 +40,12 @@ MOVED = (
 )
 
 
+IN_FIRMWARE = (
+    "Between these sessions the firmware got other lengths, radius or angles: each session counts "
+    "from what it held then."
+)
+
+
 def compare_files(before: Path, after: Path) -> Comparison:
     """Solve both sessions and lay them side by side.
 
@@ -52,8 +58,9 @@ def compare_files(before: Path, after: Path) -> Comparison:
             f"sessions {before} and {after}", "the same session", "two different ones"
         )
     one, two = earlier.opened.machine, later.opened.machine
-    # entered offsets may differ, that is what is compared; the geometry may not
-    if one.geometry() != two.geometry():
+    # entered offsets may differ, that is what is compared; the geometry may where firmware holds it
+    firmware = one.name == two.name and bool(one.position_endstop_mm and two.position_endstop_mm)
+    if one.geometry() != two.geometry() and not firmware:
         raise CalibrationError(
             f"sessions {before} and {after}",
             f"machines of different geometry, {one.name} and {two.name}",
@@ -71,6 +78,7 @@ def compare_files(before: Path, after: Path) -> Comparison:
         )
     changed = sessions[0].adjusted != sessions[1].adjusted
     remarks = [MOVED] if changed else []
+    remarks += [IN_FIRMWARE] if one.geometry() != two.geometry() else []
     remarks += [record.unfinished for record in (earlier, later) if record.unfinished]
     if not measured <= again:
         remarks.append(

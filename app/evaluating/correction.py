@@ -29,7 +29,7 @@ from protocols.observations import indicator_figures, measured_distances, to_obs
 if TYPE_CHECKING:
     from calib.tripod.effects.effect import Effect
     from calib.tripod.pipeline import StageEffect
-    from calib.tripod.towers import Entered
+    from calib.tripod.towers import Entered, TowerEntries
     from protocols.machine import Frame
     from protocols.session import Session
 
@@ -108,6 +108,14 @@ class SessionCorrection:
 
 
 @dataclass(frozen=True, eq=False)
+class TowerCorrection:
+    """The best values for firmware of printers, and the tool with them."""
+
+    values: Entered
+    off: ToolOff
+
+
+@dataclass(frozen=True, eq=False)
 class ControllerCorrections:
     """Sessions of one machine as they are corrected in a frame; each answer is worked out once.
 
@@ -122,6 +130,7 @@ class ControllerCorrections:
     _made: dict[tuple[Holds, tuple[tuple[str, str], ...]], SessionCorrection] = field(
         default_factory=dict
     )
+    _towers: dict[TowerEntries, TowerCorrection] = field(default_factory=dict)
 
     @classmethod
     def of_sessions(
@@ -154,7 +163,7 @@ class ControllerCorrections:
 
     def with_posterior(self, posterior: Posterior) -> Self:
         """The same sessions corrected by another posterior of them."""
-        return replace(self, stated=posterior, _made={})
+        return replace(self, stated=posterior, _made={}, _towers={})
 
     @cached_property
     def mistakes(self) -> tuple[LikelyMistake, ...]:
@@ -180,6 +189,19 @@ class ControllerCorrections:
         joints = Model(self.posterior.geometry).with_effects(tuple(along))
         values = tower_values(self.posterior, entered) + values_of(self.posterior, joints)
         return ToolOff(self.posterior, values)
+
+    def of_towers(self, entries: TowerEntries) -> TowerCorrection:
+        """The values for firmware of printers that has these entries; each is worked out once.
+
+        What it has no entry for, such as the scale of a drive, other entries follow over the
+        workspace. Raises ImpossibleRequest for a machine without upright towers.
+        """
+        if entries not in self._towers:
+            from calib.tripod.towers import entered  # of printers only
+
+            values = entered(self.of("kinematics").model, entries)
+            self._towers[entries] = TowerCorrection(values, self.off_with_towers(values))
+        return self._towers[entries]
 
     def of(self, holds: Holds, absent: Mapping[str, str] | None = None) -> SessionCorrection:
         """The correction for a controller that holds this; ``absent`` as `correction` has them.

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from app.evaluating.correction import ControllerCorrections, Gain, SessionCorrection
+from app.evaluating.printer import printer_change
 from calib.arrays import Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.accuracy import Decision, decide
@@ -118,7 +119,7 @@ class SessionSolution:
 
     def work_out(self) -> SessionSolution:
         """The same with every correction worked out: later they take no time."""
-        _ = self.correction, self.others
+        _ = self.correction, self.others, printer_change(self)
         return self
 
     @cached_property
@@ -461,11 +462,11 @@ def judge(solved: SessionSolution, tolerance_mm: float) -> Judgement:
     Raises UsageError for a tolerance that is no positive length.
     """
     check_tolerance(tolerance_mm)
-    found = solved.correction
+    entered = printer_change(solved) or solved.correction
     return Judgement(
         tolerance_mm,
-        decided_in(found.off_now, solved.frame, tolerance_mm),
-        decided_in(found.off, solved.frame, tolerance_mm),
+        decided_in(solved.corrections.off_now, solved.frame, tolerance_mm),
+        decided_in(entered.off, solved.frame, tolerance_mm),
     )
 
 

@@ -9,13 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from app.exports.towers import (
-    USUAL_ANGLES_DEG,
-    comments,
-    drives_of_towers,
-    endstops_now_mm,
-    fitted,
-)
+from app.evaluating.printer import USUAL_ANGLES_DEG, drives_of_towers
+from app.exports.towers import comments, endstops_now_mm, fitted
 from app.report.offsets import Export, Offsets
 from calib.arrays import LEG_NAMES
 from calib.tripod.towers import ALIKE_BARS, ON_ONE_CIRCLE, Entered
@@ -46,7 +41,7 @@ def config_g(offsets: Offsets) -> Export:
     H is the mean, so that the corrections of M666 add up to nothing, as automatic calibration
     leaves them.
     """
-    drives, now = drives_of_towers(offsets), endstops_now_mm(offsets)
+    drives, now = drives_of_towers(offsets.machine), endstops_now_mm(offsets)
     offsets, values = fitted(offsets, ON_ONE_CIRCLE)
     stops = _by_tower(values.endstops_mm(now), drives)
     height, towers = sum(stops) / len(stops), values.towers
@@ -66,7 +61,7 @@ def marlin(offsets: Offsets) -> Export:
     Trims of M666 must not be above 0: the carriage retraces from its switch by them. M665 takes two
     lines, because a line of it has 96 characters at most.
     """
-    drives, now = drives_of_towers(offsets), endstops_now_mm(offsets)
+    drives, now = drives_of_towers(offsets.machine), endstops_now_mm(offsets)
     offsets, values = fitted(offsets, ON_ONE_CIRCLE)
     stops, towers = _by_tower(values.endstops_mm(now), drives), values.towers
     height, length = min(stops) - LEAST_TRIM_MM, float(towers.length_mm.mean())
@@ -86,7 +81,7 @@ def smoothieware(offsets: Offsets) -> Export:
     It has one length, and a radius for each tower. Raises as `config_g`, and UsageError where it
     holds unequal lengths now.
     """
-    drives, now = drives_of_towers(offsets), endstops_now_mm(offsets)
+    drives, now = drives_of_towers(offsets.machine), endstops_now_mm(offsets)
     offsets, values = fitted(offsets, ALIKE_BARS)
     stops, towers = _by_tower(values.endstops_mm(now), drives), values.towers
     height, radius = min(stops), float(towers.radius_mm.mean())

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from app.evaluating.printer import FIRMWARE_TOWERS, drives_of_towers, printer_change
 from app.exports.linuxcnc import (
     for_joints,
     joint_files,
@@ -23,8 +24,11 @@ from app.report.offsets import (
     Offsets,
     bound_of_files,
     for_controller,
+    one_line,
     with_bound,
 )
+from app.report.text.correction import doubt_lines, left_out_lines
+from app.report.text.printer import NOT_WORTH_IT
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import UsageError
 from calib.tripod.pipeline import Stage, StageEffect
@@ -34,44 +38,11 @@ from calib.tripod.towers import (
     ON_ONE_CIRCLE,
     Entered,
     TowerEntries,
-    Towers,
     each_alone,
     entered,
     tower_model,
 )
 from protocols.data_table import csv_text
-
-USUAL_ANGLES_DEG = (210.0, 330.0, 90.0)
-"""Of the first, second and third tower of printers, from x, anticlockwise."""
-
-FURTHEST_DEG = 30.0
-"""A tower that stands further from the firmware's place for it is another one."""
-
-
-def drives_of_towers(
-    offsets: Offsets,
-    angles_deg: Sequence[float] = USUAL_ANGLES_DEG,
-    furthest_deg: float = FURTHEST_DEG,
-) -> list[int]:
-    """The drive of each tower of the firmware: as the machine file's ``joints`` say, or nearest.
-
-    Raises UsageError where one stands elsewhere or counts downwards, ImpossibleRequest for another
-    kind of machine.
-    """
-    stand = Towers.of(offsets.machine.geometry())
-    apart = stand.apart_deg(angles_deg)
-    named = offsets.machine.joints or tuple(LEG_NAMES[row.index(min(row))] for row in apart)
-    drives = [LEG_NAMES.index(name[-1]) for name in named]
-    far = max(row[drive] for row, drive in zip(apart, drives, strict=True))
-    if far > furthest_deg or len(set(drives)) < len(drives) or any("-" in name for name in named):
-        raise UsageError(
-            f"towers of machine '{offsets.machine.name}'",
-            f"joints {', '.join(named)}, drives x, y, z at {_three(stand.angle_deg, 2)}°",
-            f"joints that count upwards, at {', '.join(f'{at:g}' for at in angles_deg)}° in their "
-            f"order within {furthest_deg:g}°",
-            "State joints in the machine file, or use another format.",
-        )
-    return drives
 
 
 def endstops_now_mm(offsets: Offsets) -> list[float]:
@@ -99,8 +70,19 @@ def fitted(offsets: Offsets, entries: TowerEntries) -> tuple[Offsets, Entered]:
 
     Raises UsageError where it has one length and holds unequal ones now.
     """
-    whole = for_controller(offsets, "kinematics")
-    values = entered(whole.model, entries)
+    whole, solved = for_controller(offsets, "kinematics"), offsets.solved
+    if solved is None or offsets.view:
+        values = entered(whole.model, entries)
+    else:
+        values = solved.corrections.of_towers(entries).values
+        change = printer_change(solved)
+        said = [
+            whole.bound,
+            *left_out_lines(solved.corrections.of("kinematics")),
+            *doubt_lines(solved),
+            *([NOT_WORTH_IT] if change and not change.helps else []),
+        ]
+        whole = replace(whole, cautions=(*map(one_line, said), *offsets.cautions))
     _check_lengths(values)
     return _bounded(whole, values), values
 
@@ -175,21 +157,18 @@ def _three(values: FloatArray, decimals: int = 3) -> str:
     return ", ".join(f"{value:.{decimals}f}" for value in values.tolist())
 
 
-STEPPERS = "abc"
-
-
 def printer_cfg(offsets: Offsets) -> Export:
     """Klipper: a file to include at the end of ``printer.cfg``.
 
     Of a key that is there twice the last counts (klippy/kinematics). Raises as `drives_of_towers`,
     `endstops_now_mm` and `fitted`.
     """
-    drives, now = drives_of_towers(offsets), endstops_now_mm(offsets)
+    drives, now = drives_of_towers(offsets.machine), endstops_now_mm(offsets)
     offsets, values = fitted(offsets, ON_ONE_CIRCLE)
     stops, towers = values.endstops_mm(now), values.towers
     steppers = [
         f", stepper_{name} (tower {LEG_NAMES[drive]}) position_endstop {now[drive]:.6f} mm"
-        for name, drive in zip(STEPPERS, drives, strict=True)
+        for name, drive in zip(FIRMWARE_TOWERS, drives, strict=True)
     ]
     put = (
         "put '[include FILE]' with the name of this file at the end of printer.cfg, where it wins "
@@ -199,7 +178,7 @@ def printer_cfg(offsets: Offsets) -> Export:
     told = comments(offsets, values, put, "".join(steppers))
     lines = [f"# {line}" for line in told]
     lines += ["[printer]", f"delta_radius: {float(towers.radius_mm[0]):.6f}"]
-    for name, drive in zip(STEPPERS, drives, strict=True):
+    for name, drive in zip(FIRMWARE_TOWERS, drives, strict=True):
         lines += [
             f"[stepper_{name}]",
             f"position_endstop: {stops[drive]:.6f}",
@@ -266,7 +245,7 @@ def joints_and_pins(offsets: Offsets) -> Export:
     Raises UsageError for bars that are held unequal now or a HOME_OFFSET that nobody stated (a
     change of L or R without it would move the tool), and as `joint_files`.
     """
-    drives = drives_of_towers(offsets, ANGLES_DEG, EXACT_DEG)
+    drives = drives_of_towers(offsets.machine, ANGLES_DEG, EXACT_DEG)
     held = offsets.controller
     if held is None:
         raise UsageError(

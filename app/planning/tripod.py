@@ -279,12 +279,18 @@ def _machine_and_model(
             )
         machine = own
     of_tool = any(r.position_mm is not None for one in sessions for r in one.readings)
+    next_step = "glidecal identifiability tells what a procedure of your own would see."
+    if machine.position_endstop_mm is not None:
+        next_step = (
+            "--macro writes places to probe, for the firmware of a printer. Distances on a "
+            "printed object tell what a plate does not show: glidecal import --distances."
+        )
     if of_tool or not machine.geometry().reads_legs:
         raise UsageError(
             "glidecal plan",
             f"readings of the tool, or the machine '{machine.name}'",
             "readings of legs, on bars that lie along their drives at Zero",
-            "glidecal identifiability tells what a procedure of your own would see.",
+            next_step,
         )
     return machine, model or Model(machine.geometry())
 

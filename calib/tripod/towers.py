@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from calib.arrays import LEG_NAMES, FloatArray
@@ -20,7 +21,7 @@ from calib.errors import ImpossibleRequest
 from calib.tripod.controller import tool_error_mm
 from calib.tripod.effects.drives import AxisOffset
 from calib.tripod.effects.effect import EffectInstance
-from calib.tripod.geometry import Geometry
+from calib.tripod.geometry import Geometry, trilaterate
 from calib.tripod.pipeline import Model, StageEffect
 from calib.tripod.workspace import machine_at, workspace_points
 
@@ -135,6 +136,21 @@ class Entered:
     before_mm: float
     after_mm: float
     moved_mm: FloatArray
+
+    def uneven_mm(self, tool_mm: ArrayLike, over_mm: ArrayLike) -> tuple[float, float]:
+        """Deviation of heights over a plate from their mean, r.m.s.: as now, and with the values.
+
+        The firmware believed the tool at ``tool_mm`` ``(n, 3)`` as it was ``over_mm`` ``(n,)`` over
+        the plate. With the values it believes it elsewhere, the carriages being where they were.
+        """
+        tool, over = np.asarray(tool_mm, dtype=float), np.asarray(over_mm, dtype=float)
+        feet = np.zeros((len(tool), 3, 3))
+        feet[:, :, :2] = self.towers.feet_mm
+        feet[:, :, 2] = self.now.carriages_mm(tool) + self.change_mm
+        first, second = feet[0, 1] - feet[0, 0], feet[0, 2] - feet[0, 0]
+        below = -1.0 if np.cross(first, second)[2] > 0.0 else 1.0
+        then = trilaterate(feet, self.towers.length_mm, below)
+        return float((tool[:, 2] - over).std()), float((then[:, 2] - over).std())
 
     def endstops_mm(self, now_mm: Sequence[float]) -> list[float]:
         """Heights of the tool over the middle at which the switches of drives x, y, z trip.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import math
 import re
 from collections.abc import Iterator
@@ -9,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import RecordError
+from protocols.documents import MOST_BYTES, read_bytes
 
 Texts = list[tuple[Path, str]]
 """Files in the order in which they were named, each with its text."""
@@ -21,6 +23,21 @@ IN_BRACKETS = re.compile(r"\([^()]*\)")
 """A comment within a line."""
 PREFIX = re.compile(r"^(?:[\d:. ]+ : )?(?:Recv: |<<< |< )?(?:echo:)?\s*")
 """What hosts and firmware write before a line: a time, who said it, ``echo:``."""
+
+
+def read_printed(path: Path, what: str, most_bytes: int = MOST_BYTES) -> str:
+    """The text of a file from a host or an editor, line breaks as ``\\n``.
+
+    It is UTF-8, or UTF-16 with its mark, or else of a code page: what matters is ASCII in all of
+    them, and any byte has a letter in latin-1. Raises as `read_bytes`.
+    """
+    content = read_bytes(path, what, most_bytes)
+    wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    try:
+        text = content.decode("utf-16" if wide else "utf-8-sig")
+    except UnicodeDecodeError:
+        text = content.decode("latin-1")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,10 @@ import numpy as np
 from calib.errors import RecordError, UsageError
 from calib.tripod.geometry import Geometry
 from protocols.distance_table import Measured
-from protocols.documents import read_text
 from protocols.machine import Instrument, Machine, machine_text
 from protocols.observations import SAME_PLACE_MM
 from protocols.printers import klipper, marlin, repetier, reprapfirmware
-from protocols.printers.gcode import Texts
+from protocols.printers.gcode import Texts, read_printed
 from protocols.printers.tower_printer import LARGEST, OFF_PLATE_MM, Contact, Held
 from protocols.procedure import default_mount
 from protocols.session import Opened, Reading
@@ -61,13 +60,17 @@ DIALECTS: tuple[Dialect, ...] = (klipper, repetier, marlin, reprapfirmware)
 
 
 def are_of_printer(paths: Sequence[Path]) -> bool:
-    """Whether these are files of a firmware and no table. Raises RecordError for no such file."""
+    """Whether these are files of a firmware and no table, by ending or first line.
+
+    Raises RecordError for no such file.
+    """
     if len(paths) > 1:
         return True
     if is_table(paths[0]):
         return False
-    text = read_text(paths[0], WHAT)
-    return any(dialect.is_mine(text) for dialect in DIALECTS)
+    text = read_printed(paths[0], WHAT)
+    has_columns = "_mm" in text.partition("\n")[0]
+    return not has_columns or any(dialect.is_mine(text) for dialect in DIALECTS)
 
 
 def imported_printer(
@@ -95,7 +98,7 @@ def imported_printer(
     if not held.contacts:
         raise RecordError(
             f"{WHAT} {paths[0]}",
-            "no contact with the plate",
+            "no contact with the plate" + "".join(f". Not used: {odd}" for odd in held.odd[:1]),
             "heights that the firmware saved, or a log of its probe beside it",
             "Write the places with glidecal plan --macro, run it, and name its log here, too.",
         )
@@ -143,7 +146,7 @@ def _held(paths: Sequence[Path]) -> Held:
 
     Raises RecordError naming the file that the dialect of the first one does not know.
     """
-    texts = [(path, read_text(path, WHAT)) for path in paths]
+    texts = [(path, read_printed(path, WHAT)) for path in paths]
     knowing = [[dialect.is_mine(text) for _, text in texts] for dialect in DIALECTS]
     best = max(range(len(DIALECTS)), key=lambda k: sum(knowing[k]))
     strange = [path for path, mine in zip(paths, knowing[best], strict=True) if not mine]
@@ -152,6 +155,8 @@ def _held(paths: Sequence[Path]) -> Held:
             f"{WHAT} {strange[0]}",
             "no geometry and no answer of a probe",
             "files of one printer: its configuration, a log of its probe",
+            "Known are printer.cfg and the answers of PROBE (Klipper), config.g and those of G32 "
+            "(RepRapFirmware), M503 with G30 or G33 (Marlin), M205 with G29 (Repetier).",
         )
     return DIALECTS[best].held(texts)
 

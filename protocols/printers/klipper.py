@@ -18,8 +18,8 @@ import numpy as np
 
 from calib.errors import RecordError, UnreachablePosture
 from protocols.distance_table import Measured
-from protocols.documents import MOST_WRITTEN_BYTES, read_text
-from protocols.printers.gcode import Texts
+from protocols.documents import MOST_WRITTEN_BYTES
+from protocols.printers.gcode import Texts, read_printed
 from protocols.printers.tower_printer import (
     OFF_PLATE_MM,
     USUAL_ANGLES_DEG,
@@ -39,6 +39,8 @@ KINEMATICS = RADIUS.partition("_")[0]
 MOST_HEIGHTS = 999
 MOST_INCLUDES = 200
 FULL_STEPS = 200
+PLACES = 9
+"""Decimals of a place in mm, so that one that is at 0 is shown there."""
 
 NUMBER = r"([+-]?\d+(?:\.\d+)?)"
 PROBED = re.compile(rf"probe: at {NUMBER},{NUMBER} bed will contact at z={NUMBER}", re.ASCII)
@@ -61,16 +63,19 @@ def is_mine(text: str) -> bool:
     return is_config(text) or ANSWER.search(text) is not None
 
 
+def _parser() -> configparser.RawConfigParser:
+    return configparser.RawConfigParser(strict=False, inline_comment_prefixes=(";", "#"))
+
+
 @dataclass
 class Config:
-    """Sections of a ``printer.cfg`` with its includes; of a key that is there twice the last."""
+    """Sections of a ``printer.cfg`` with its includes; of a key that is there twice the last.
+
+    The saved block has no say on keys that stand above it (klippy/configfile.py).
+    """
 
     path: Path
-    parser: configparser.RawConfigParser = field(
-        default_factory=lambda: configparser.RawConfigParser(
-            strict=False, inline_comment_prefixes=(";", "#")
-        )
-    )
+    parser: configparser.RawConfigParser = field(default_factory=_parser)
     odd: list[str] = field(default_factory=list)
     included: int = 0
 
@@ -78,7 +83,7 @@ class Config:
     def read(cls, path: Path) -> Config:
         """Raises RecordError naming the file and what cannot be read of it."""
         config = cls(path)
-        plain, _, saved = read_text(path, WHAT, MOST_WRITTEN_BYTES).partition(SAVED_HEADER)
+        plain, _, saved = read_printed(path, WHAT, MOST_WRITTEN_BYTES).partition(SAVED_HEADER)
         config._add(path, plain, [path.resolve()])
         lines = saved.splitlines()
         strange = [line for line in lines if line.strip() and not line.startswith(SAVED)]
@@ -90,7 +95,14 @@ class Config:
                 "Klipper does not read this block either: remove the line.",
             )
         kept = "\n".join(line.removeprefix(SAVED).removeprefix(" ") for line in lines)
-        config._parse(path, re.sub(r"^DO NOT EDIT.*$", "", kept, flags=re.MULTILINE))
+        below = _parser()
+        config._parse(path, re.sub(r"^DO NOT EDIT.*$", "", kept, flags=re.MULTILINE), below)
+        for section in below.sections():  # what stands above, or is included there, wins
+            if not config.parser.has_section(section):
+                config.parser.add_section(section)
+            for key, value in below.items(section):
+                if not config.parser.has_option(section, key):
+                    config.parser.set(section, key, value)
         return config
 
     def _add(self, path: Path, text: str, inside: list[Path]) -> None:
@@ -120,11 +132,13 @@ class Config:
             if other in inside or self.included > MOST_INCLUDES:
                 allowed = f"no file inside itself, {MOST_INCLUDES} files together"
                 raise RecordError(f"{WHAT} {path}", f"[include {name}]", allowed)
-            self._add(each, read_text(each, WHAT, MOST_WRITTEN_BYTES), [*inside, other])
+            self._add(each, read_printed(each, WHAT, MOST_WRITTEN_BYTES), [*inside, other])
 
-    def _parse(self, path: Path, text: str) -> None:
+    def _parse(
+        self, path: Path, text: str, parser: configparser.RawConfigParser | None = None
+    ) -> None:
         try:
-            self.parser.read_string(text, str(path))
+            (parser or self.parser).read_string(text, str(path))
         except configparser.Error as problem:
             line = (
                 getattr(problem, "lineno", None)
@@ -340,7 +354,7 @@ def _place(
         raise _elsewhere(where, text, "the bars do not meet there") from problem
     if abs(z - height_mm) > OFF_PLATE_MM:
         raise _elsewhere(where, text, f"the tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm")
-    return x, y, z
+    return round(x, PLACES) + 0.0, round(y, PLACES) + 0.0, round(z, PLACES) + 0.0
 
 
 def _elsewhere(where: str, text: str, why: str) -> RecordError:

@@ -1,27 +1,52 @@
-"""Marlin: what M503 shows, and what ``G30 X Y`` answers.
+"""Marlin: what M503 shows, what ``G30 X Y`` answers, and the table of ``G33 V0``.
 
 A carriage is taken to be at H once it stands M666 from its switch, which trips at H - M666. The
 answer names the place of the probe; the tool stands at the height answered less the Z of M851,
 which is below 0 where the probe trips before the tool touches.
+
+G33 sends the tool, not the probe, to its places (gcode/calibrate/G33.cpp): at the radius that it
+shows, in the directions of the towers and opposite to them. With P1 and P2 each height is of one
+place. With P3 the middle alone is a mean, of three places at a tenth of the radius: it differs by a
+hundredth of what the plate is bowed at the radius. From P4 on every height is a mean of far places.
 """
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from operator import itemgetter
 
 from calib.errors import RecordError
-from protocols.printers.gcode import NUMBER, Texts, commands, lines
-from protocols.printers.tower_printer import USUAL_ANGLES_DEG, Contact, Held, TowerPrinter
+from protocols.printers.gcode import NUMBER, PREFIX, Texts, commands, lines
+from protocols.printers.tower_printer import USUAL_ANGLES_DEG, Contact, Held, Three, TowerPrinter
 
 NAME = "marlin"
 ANSWER = re.compile(rf"Bed X: ({NUMBER}) Y: ({NUMBER}) Z: ({NUMBER})")
-OF_G33 = re.compile(r"^\.?(?:Height:|c:[+-]| +x:[+-]| +yz:[+-])|G33 Auto Calibrate|std dev:")
 TOWERS, TRIMS = "XYZ", "ABC"
+
+SENT = re.compile(r"\bG33\b(?! Auto)([^;*]*)")
+"""The command G33, as hosts repeat it."""
+BEGINS = re.compile(rf"Checking\.\.\. AC(?: at radius: ?({NUMBER}))?(.*)")
+HEIGHTS = re.compile(r"\. +(?:c|x|yz): ?[+-]?\d")
+HEIGHT = re.compile(rf"\b(c|x|y|z|yz|zx|xy): ?({NUMBER})")
+MIDDLE = "c"
+AT_DEG = {"x": 210.0, "y": 330.0, "z": 90.0, "yz": 30.0, "zx": 150.0, "xy": 270.0}
+"""Where G33 measures the heights of its table, from x anticlockwise: towers as they should be."""
+ONE_PLACE_EACH = {
+    frozenset({MIDDLE}): "1",
+    frozenset({MIDDLE, "x", "y", "z"}): "2",
+    frozenset({MIDDLE, "yz", "zx", "xy"}): "2",
+    frozenset({MIDDLE, *AT_DEG}): "3",
+}
+"""The P for which a table with these heights has them of one place each."""
+AGAIN = "send G33 P3 V0 and save what was sent and answered"
 
 
 def is_mine(text: str) -> bool:
     """Whether a text has a line that only this firmware has."""
-    return re.search(r"Bed X: |M665 (?=.*L)(?=.*\bS\d)", text) is not None
+    return re.search(r"Bed X: |Checking\.\.\. AC|M665 (?=.*L)(?=.*\bS\d)", text) is not None
 
 
 def held(texts: Texts) -> Held:
@@ -38,18 +63,110 @@ def held(texts: Texts) -> Held:
     offset = dict.fromkeys(TOWERS, 0.0)
     for line in commands(texts, "M851"):
         offset |= {letter: line.value(letter, offset[letter]) for letter in TOWERS}
-    contacts = []
-    for where, text in lines(texts):
+    contacts = _contacts(texts, (offset["X"], offset["Y"], offset["Z"]), odd)
+    return Held(printer, tuple(contacts), tuple(odd))
+
+
+@dataclass
+class HeightTable:
+    """What one run of G33 shows: where, after which command, at which radius, heights by name."""
+
+    where: str
+    asked: str | None
+    radius_mm: float | None
+    calibrates: bool
+    heights_mm: dict[str, float] = field(default_factory=dict)
+
+    def why_not(self) -> str | None:
+        """Why these heights are no contacts, and what to do; None: they are."""
+        one_each = ONE_PLACE_EACH.get(frozenset(self.heights_mm))
+        places = re.search(r"P\s*(\d+)", self.asked or "")
+        if self.calibrates:
+            return f"it changes what is held while it measures; {AGAIN}"
+        if one_each is None:
+            return f"heights are missing; {AGAIN}"
+        if self.radius_mm is None:
+            return "this version does not show its radius; probe places: glidecal plan --macro"
+        if places is None and one_each == "3":
+            return f"sent with which P? From P4 on heights are means of far places; {AGAIN}"
+        if places is not None and places[1] != one_each:
+            return f"with P{places[1]} heights are means of far places; {AGAIN}"
+        return None
+
+    def contacts(self, beside_mm: Three) -> Iterator[Contact]:
+        """The heights as contacts, of a probe beside the tool; with O that goes to the places."""
+        x_beside, y_beside, z_beside = beside_mm
+        if "O" not in (self.asked or ""):
+            x_beside = y_beside = 0.0
+        for name, height_mm in self.heights_mm.items():
+            radius_mm = 0.0 if name == MIDDLE else self.radius_mm or 0.0
+            angle = math.radians(AT_DEG.get(name, 0.0))
+            place_mm = (
+                round(radius_mm * math.cos(angle), 4) - x_beside,
+                round(radius_mm * math.sin(angle), 4) - y_beside,
+                height_mm - z_beside,
+            )
+            yield Contact(
+                place_mm, f"{name}:{height_mm:+.2f} of {self.where}", 0.0 - z_beside, 0.01
+            )
+
+
+Lines = list[tuple[str, str]]
+"""Where each stands, and its text without what a host writes before it."""
+
+
+def _contacts(texts: Texts, beside_mm: Three, odd: list[str]) -> list[Contact]:
+    """Contacts with the values that are read: once G33 has calibrated, others are held.
+
+    ``beside_mm`` is where the probe trips from the tool. What is not used goes to ``odd``.
+    """
+    every = [(where, PREFIX.sub("", text, count=1)) for where, text in lines(texts)]
+    contacts = list(_of_g30(every, beside_mm, odd))
+    tables = _tables(every)
+    for number, table in tables:
+        if why := table.why_not():
+            odd.append(f"{table.where}: heights of G33: {why}")
+        else:
+            contacts += [(number, contact) for contact in table.contacts(beside_mm)]
+    contacts.sort(key=itemgetter(0))
+    read_at = max(
+        (n for n, (_, text) in enumerate(every) if re.match(r"M665\b.*L", text)), default=0
+    )
+    calibrated = [number for number, table in tables if table.calibrates]
+    since = [[n for n in calibrated if (n < at) != (n < read_at)] for at, _ in contacts]
+    if before := sum(map(bool, since)):
+        odd.append(f"{before} contacts: G33 calibrated between them and the M665 that is read")
+    return [contact for (_, contact), runs in zip(contacts, since, strict=True) if not runs]
+
+
+def _of_g30(every: Lines, beside_mm: Three, odd: list[str]) -> Iterator[tuple[int, Contact]]:
+    """Number of the line and contact of each answer."""
+    x_beside, y_beside, z_beside = beside_mm
+    for number, (where, text) in enumerate(every):
         if match := ANSWER.search(text):
             x, y, z = (float(part) for part in match.groups())
             decimals = len(match[3].partition(".")[2])
-            place = (x - offset["X"], y - offset["Y"], z - offset["Z"])
-            contacts.append(Contact(place, match[0], 0.0 - offset["Z"], 10.0**-decimals))
+            place_mm = (x - x_beside, y - y_beside, z - z_beside)
+            yield number, Contact(place_mm, match[0], 0.0 - z_beside, 10.0**-decimals)
         elif "Bed X" in text:
             odd.append(f"{where}: {text!r}: no place of G30")
-        elif OF_G33.search(text):
-            odd.append(f"{where}: {text!r}: G33 shows means over places that it does not name")
-    return Held(printer, tuple(contacts), tuple(odd))
+
+
+def _tables(every: Lines) -> list[tuple[int, HeightTable]]:
+    """Number of the line and table of each run of G33."""
+    asked: str | None = None
+    tables: list[tuple[int, HeightTable]] = []
+    for number, (where, text) in enumerate(every):
+        if match := BEGINS.search(text):
+            radius_mm = float(match[1]) if match[1] else None
+            tables.append((number, HeightTable(where, asked, radius_mm, "DRY-RUN" not in match[2])))
+            asked = None
+        elif match := SENT.search(text):
+            asked = match[1]
+        elif tables and HEIGHTS.match(text):
+            heights_mm = {name: float(height) for name, height in HEIGHT.findall(text)}
+            tables[-1][1].heights_mm.update(heights_mm)
+    return tables
 
 
 def _printer(texts: Texts, odd: list[str]) -> TowerPrinter | None:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -27,6 +28,9 @@ not printing, and its contacts are of another geometry."""
 
 NEAR_REACH = 0.97
 """Of a bar's length across, beyond which it is too level to place a tool by."""
+
+LEAST_APART_DEG = 30.0
+"""Between two towers: nearer ones do not place a tool."""
 
 CLEAR_MM = 10.0
 """A carriage may go lower than any contact needs by so much."""
@@ -100,6 +104,14 @@ class TowerPrinter:
                     f"a radius above 0 and below {NEAR_REACH:g} of the bars' length",
                     "Are these bars and a radius, in mm?",
                 )
+        apart = [(a - b + 180.0) % 360.0 - 180.0 for a, b in combinations(self.angle_deg, 2)]
+        if min(map(abs, apart)) < LEAST_APART_DEG:
+            raise RecordError(
+                self.thing,
+                f"towers at {', '.join(f'{angle:g}' for angle in self.angle_deg)}°",
+                f"three towers around the plate, {LEAST_APART_DEG:g}° or more between two of them",
+                "Two towers at one place do not hold a tool. Look at the angles.",
+            )
 
     @cached_property
     def towers_mm(self) -> FloatArray:
@@ -137,13 +149,20 @@ class TowerPrinter:
         return min(self.printable_mm or allowed, allowed)
 
     def machine(self, contacts: Sequence[Contact]) -> Machine:
-        """The machine file, with travel for these contacts. Raises RecordError."""
+        """The machine file, with travel for the printable plate and these contacts.
+
+        Raises RecordError.
+        """
         x, y = (self.towers_mm[:, k].tolist() for k in range(2))
         lengths = np.array(self.length_mm)
         half = float(round(0.5 * self.reach_mm))
         corners = np.array([[a * half, b * half, 0.0] for a in (-1, 1) for b in (-1, 1)])
         over_corners = self._over_mm(corners)
-        places = np.array([*corners, *(contact.place_mm for contact in contacts)])
+        edge = [
+            (self.reach_mm * math.cos(angle), self.reach_mm * math.sin(angle), 0.0)
+            for angle in np.radians(np.arange(0.0, 360.0, 30.0)).tolist()
+        ]
+        places = np.array([*corners, *edge, *(contact.place_mm for contact in contacts)])
         lowest = self._over_mm(places) + places[:, 2:] - self._raised_mm
         top = float(math.floor((self.switches_mm - over_corners).min() - 1.0))
         alike = len(set(self.length_mm)) == 1

@@ -11,6 +11,7 @@ import configparser
 import subprocess
 import sys
 from functools import cache
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock
@@ -86,6 +87,18 @@ def delta_module() -> ModuleType:
             exec(compile(_source(path), path, "exec"), module.__dict__)
         loaded[name] = module
     return loaded["delta"]
+
+
+def configuration_of(path: Path) -> configparser.RawConfigParser:
+    """All values of a ``printer.cfg`` with includes and saved block, as Klipper reads them."""
+    need_klipper()
+    module = ModuleType("configfile")
+    exec(compile(_source("configfile.py"), "configfile.py", "exec"), module.__dict__)
+    host = MagicMock()
+    host.get_start_args.return_value = {"config_file": str(path)}
+    every, _ = module.ConfigAutoSave(host).load_main_config()
+    assert isinstance(every, configparser.RawConfigParser)
+    return every
 
 
 def _source(path: str) -> bytes:

@@ -10,15 +10,15 @@ import pytest
 from protocols.printers.imported import imported_printer
 from tests.app.cli import glidecal
 from tests.app.exports import test_towers as true
-from tests.firmware.klipper import STEP_MM, kinematics_of, need_klipper
+from tests.firmware.klipper import STEP_MM, configuration_of, kinematics_of, need_klipper
 from tests.protocols.printers.printers import (
     NOW,
-    OLD_ARM,
     PRINTER,
     arms_saved,
+    printer_cfg,
     rings,
     saved,
-    steppers,
+    superseded,
 )
 
 MIDDLE = np.zeros(3)
@@ -65,7 +65,7 @@ def test_klipper_moves_the_true_machine_nearer_with_the_height_kept(tmp_path: Pa
 def test_stable_positions_are_imported_as_klipper_reads_them(tmp_path: Path) -> None:
     """Its own steps for places near the plate, written as it saves them, come back as the places.
 
-    A saved block of a wrong arm above it: what Klipper itself computes with decides.
+    A wrong arm that was made a comment stands above: what Klipper itself computes with decides.
     """
     calibration = kinematics_of(NOW).get_calibration()
     places = [(x, y, 0.1 * k - 0.3) for k, (x, y) in enumerate(rings(7))]
@@ -74,7 +74,7 @@ def test_stable_positions_are_imported_as_klipper_reads_them(tmp_path: Path) -> 
         steps = "%.3f,%.3f,%.3f" % tuple(calibration.calc_stable_position(place))  # noqa: UP031
         lines += [f"height{number} = 0.25", f"height{number}_pos = {steps}"]
     path = tmp_path / "printer.cfg"
-    path.write_text(PRINTER + steppers(OLD_ARM) + saved(lines), encoding="utf-8")
+    path.write_text(PRINTER + superseded() + saved(lines), encoding="utf-8")
     found = imported_printer([path], "test")
     for contact, place in zip(found.contacts, places, strict=True):
         (steps_text,) = [line.split("= ")[1] for line in lines if _of(contact.text, line)]
@@ -84,6 +84,38 @@ def test_stable_positions_are_imported_as_klipper_reads_them(tmp_path: Path) -> 
         assert contact.position_mm == pytest.approx(by_klipper_mm, abs=1e-9)
         assert contact.position_mm == pytest.approx(place, abs=1e-4)
         assert contact.value_mm == 0.25
+
+
+@pytest.mark.parametrize(
+    ("held", "instead"),
+    [
+        ("", ""),
+        ("#arm_length: 249.0", "arm_length: 251.0"),
+        ("\n#*# <", "\n[include calib.cfg]\n\n#*# <"),
+        (
+            "\n[delta_calibrate]",
+            "\n[include calib.cfg]\n[stepper_b]\nangle: 329\n[delta_calibrate]",
+        ),
+    ],
+    ids=["saved", "above", "included", "included before"],
+)
+def test_of_two_values_klipper_and_the_import_take_the_same(
+    tmp_path: Path, held: str, instead: str
+) -> None:
+    values = "[stepper_b]\narm_length: 250.5\nangle: 331\n[printer]\ndelta_radius: 124.5\n"
+    (tmp_path / "calib.cfg").write_text(values, encoding="utf-8")
+    path = tmp_path / "printer.cfg"
+    path.write_text(printer_cfg(true.Hidden(), 7).replace(held, instead, 1), encoding="utf-8")
+    theirs = configuration_of(path)
+    machine = imported_printer([path], "test").opened.machine
+    assert machine.drive is not None
+    for drive, name in zip(machine.drive, "abc", strict=True):
+        of = f"stepper_{name}"
+        radius, angle = theirs.getfloat("printer", "delta_radius"), theirs.getfloat(of, "angle")
+        foot = radius * true.outward(np.array([angle]))[0]
+        assert drive.origin_mm[:2] == pytest.approx(foot, abs=1e-5)
+        length = drive.leg_length_mm or machine.leg_length_mm
+        assert length == theirs.getfloat(of, "arm_length")
 
 
 def _of(text: str, line: str) -> bool:

@@ -95,7 +95,7 @@ def test_bad_rows(tmp_path: Path, row: str, said: str) -> None:
         (HEADER + "\n", r"no row of readings"),
         ("leg,axis,value_mm\nx,y,0\n", r"Missing: displacement_mm"),
         (HEADER + ",leg\nx,y,0,0,x\n", r"'leg' twice"),
-        (b"leg,axis\xff\n", r"not UTF-8 text"),
+        (b"leg,axis\xff\n", r"not UTF-8 text\. Save it as UTF-8"),
     ],
 )
 def test_bad_tables(tmp_path: Path, text: str | bytes, said: str) -> None:

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
+from app.evaluating.printer import printer_change, tower_names
 from app.evaluating.solution import SessionSolution, judge, solve_files
 from app.report.charts.results import (
     before_and_after,
@@ -24,6 +25,7 @@ from app.report.text.correction import (
     FRAME_WORDS,
     UNSEEN,
     bound_table,
+    doubt_lines,
     gains_table,
     left_out_lines,
     shown_value,
@@ -36,6 +38,7 @@ from app.report.text.diagnosis import (
     shown_candidates,
 )
 from app.report.text.model import effect_words
+from app.report.text.printer import change_parts
 from app.report.text.result import (
     bound_sentence,
     decided,
@@ -137,7 +140,10 @@ def report_of(
     return CalibrationReport(
         machine=machine.name,
         decision=decided(verified) if verified else judged,
-        sentences=(bound_sentence(solved.correction), f"{found.verdict.upper()}. {found.sentence}"),
+        sentences=(
+            bound_sentence(printer_change(solved) or solved.correction, solved.frame),
+            f"{found.verdict.upper()}. {found.sentence}",
+        ),
         sections=sections,
         program=program(),
     )
@@ -231,17 +237,32 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
         "export writes for a controller that holds joint offsets, on top of those entered when it "
         f"was measured. They leave least of the tool's error, {FRAME_WORDS[correction.frame]}."
     )
+    rule = (
+        "Decision rule (ISO 14253-1): passed where 95 of 100 such machines keep the tolerance, "
+        "failed where the expected error exceeds it by more than its expanded uncertainty "
+        "(95 %), undecided in between."
+    )
+    if change := printer_change(solved):
+        return Section(
+            "What to enter in the firmware",
+            [
+                judged,
+                rule,
+                *doubt_lines(solved),
+                *change_parts(solved, change),
+                bound_table(correction.frame, correction.off_now, change.off),
+                *(effect_words(one, machine) for one in named),
+            ],
+        )
     return Section(
         "What to enter in the controller",
         [
             judged,
-            "Decision rule (ISO 14253-1): passed where 95 of 100 such machines keep the tolerance, "
-            "failed where the expected error exceeds it by more than its expanded uncertainty "
-            "(95 %), undecided in between.",
+            rule,
             said,
             *warning_lines(solved, correction),
             table,
-            bound_table(correction),
+            bound_table(correction.frame, correction.off_now, correction.off),
             "" if solved.reads_tool else UNSEEN,
             gains_table(solved),
             *left_out_lines(correction),
@@ -312,7 +333,7 @@ def _missing(diagnosed: SessionDiagnosis) -> Section:
         "What is missing from the model",
         [
             gap_text(found),
-            effects_text(found.effects),
+            effects_text(found.effects, tower_names(diagnosed.sessions[0].opened.machine)),
             *_evidence(found),
             Picture(residuals, "Mean residual of each posture; grey: twice its noise."),
         ],

@@ -84,11 +84,11 @@ def frames_of(frame: Frame) -> list[Frame]:
     return [frame, *(other for other in FRAMES if other != frame)]
 
 
-def bound_table(correction: SessionCorrection) -> Table:
+def bound_table(first: Frame, off_now: ToolOff, off: ToolOff) -> Table:
     """What the tool is off by at most, now and with the values, in each frame."""
     table = new_table("tool error, r.m.s. (95 %)", "now, mm", "with these values, mm")
-    for frame in frames_of(correction.frame):
-        now, after = correction.off_now.bound_mm[frame], correction.off.bound_mm[frame]
+    for frame in frames_of(first):
+        now, after = off_now.bound_mm[frame], off.bound_mm[frame]
         table.add_row(FREE_WORDS[frame], uncertain(now), uncertain(after))
     return table
 
@@ -146,6 +146,16 @@ def correction_lines(solved: SessionSolution, correction: SessionCorrection) -> 
 
 def warning_lines(solved: SessionSolution, correction: SessionCorrection) -> Iterator[str]:
     """Mistakes of the readings that may be there, and that values are not worth entering."""
+    yield from doubt_lines(solved)
+    if not correction.helps:
+        yield (
+            "WARNING: these values are not expected to make the tool more accurate: the bound "
+            "with them is not clearly smaller than the bound now."
+        )
+
+
+def doubt_lines(solved: SessionSolution) -> Iterator[str]:
+    """Mistakes of the readings that may be there."""
     mistakes = solved.corrections.mistakes
     if mistakes:
         each = ", or ".join(f"{one.title} ({one.where}), {one.probability:.2f}" for one in mistakes)
@@ -162,11 +172,6 @@ def warning_lines(solved: SessionSolution, correction: SessionCorrection) -> Ite
             f"{distance.value_mm:g} mm, is {abs(furthest.off_mm):.2f} mm {way} than the machine "
             f"makes it: {abs(furthest.deviations):.0f} standard deviations. Measure it again, or "
             "take it out."
-        )
-    if not correction.helps:
-        yield (
-            "WARNING: these values are not expected to make the tool more accurate: the bound "
-            "with them is not clearly smaller than the bound now."
         )
 
 

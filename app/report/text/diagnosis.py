@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.table import Table
 
 from app.evaluating.diagnosis import AdoptedTool, DiagnosedTool, SessionDiagnosis, mistakes_of
+from app.evaluating.printer import tower_names
 from app.report.text.correction import FRAME_WORDS
+from app.report.text.printer import tower_remedies
 from app.report.text.tables import (
     decimals,
     figures,
@@ -34,7 +36,6 @@ from calib.diagnosis.results import (
     ModelDiscrepancy,
 )
 from calib.posterior.correction import HOLDS, Holds
-from calib.tripod.effects.effect import remedies
 from calib.tripod.effects.empirical import EMPIRICAL
 
 DIAGNOSE_HELP = """\
@@ -112,7 +113,7 @@ def diagnosis_text(diagnosed: SessionDiagnosis, adopted: AdoptedTool | None = No
         headline(found),
         open_text(found),
         gap_text(found),
-        effects_text(found.effects),
+        effects_text(found.effects, tower_names(diagnosed.sessions[0].opened.machine)),
         _pattern(diagnosed),
         *_support(diagnosed),
         tool_text(diagnosed.tool),
@@ -132,7 +133,7 @@ def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
         adopted,
         _next(diagnosed),
         open_text(found),
-        effects_text(found.effects),
+        effects_text(found.effects, tower_names(diagnosed.sessions[0].opened.machine)),
         tool_text(diagnosed.tool),
         gap_text(found),
         _pattern(diagnosed),
@@ -289,13 +290,16 @@ def p_words(p_value: float) -> str:
     return f"{p_value:.0e}" if p_value > 1e-99 else "< 1e-99"
 
 
-def effects_text(findings: tuple[Finding, ...]) -> str:
-    """Named effects with their values, and what looks the same."""
+def effects_text(findings: tuple[Finding, ...], towers: Mapping[str, str]) -> str:
+    """Named effects with their values, what to do, and what looks the same.
+
+    ``towers`` names those of a printer by drive.
+    """
     lines = []
     for one in findings:
         likely = probability_words(one.probability)
         lines.append(wrapped(f"{one.id} ({one.where}), {one.kind}, {likely}: {one.title}"))
-        below = [*_values_and_gap(one), *remedies(one.effects)]
+        below = [*_values_and_gap(one), *tower_remedies(one.effects, towers)]
         if rivals := _rivals(one):
             below.append(f"these readings cannot distinguish it from: {rivals}")
         lines += [hanging(INDENT + said, INDENT) for said in below]

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from enum import StrEnum
 
+from app.evaluating.correction import SessionCorrection
+from app.evaluating.printer import PrinterChange, printer_change
 from app.evaluating.solution import SessionSolution, judge
 from app.report.charts.bars import bar_rows
 from app.report.text.correction import FRAME_WORDS, correction_table, sole_mistake_words
+from app.report.text.printer import change_table
 from app.report.text.result import (
     bound_sentence,
     comparison_sentence,
@@ -40,7 +43,9 @@ def glance_text(
 
     ``before`` is the session that this one verifies.
     """
-    machine, correction = solved.sessions[0].opened.machine, solved.correction
+    machine, frame = solved.sessions[0].opened.machine, solved.frame
+    change = printer_change(solved)
+    correction = change or solved.correction
     tolerance_mm = machine.tool_tolerance_mm
     lengths = [
         (name, f"{uncertain(mm)} mm", mm)
@@ -48,27 +53,29 @@ def glance_text(
     ]
     limit = (f"tolerance {tolerance_mm:g} mm", tolerance_mm) if tolerance_mm else None
     bars = bar_rows(lengths, min(LONGEST, max(SHORTEST, columns - WIDTH_WITHOUT_BARS)), limit)
-    verdict = bound_sentence(correction)
+    verdict = bound_sentence(correction, frame)
     if tolerance_mm:
         verdict = judged_sentence(judge(solved, tolerance_mm), verified=before is not None)
     elif before:
         verdict = comparison_sentence(before.solution, solved.solution)
     caution = export_caution(solved) if Done.EXPORTED in done else ""
     return paragraphs(
-        [verdict, *_cautions(solved), *([f"WARNING: {caution}"] if caution else [])],
+        [verdict, *_cautions(solved, correction), *([f"WARNING: {caution}"] if caution else [])],
         "Add to the offsets in the controller:" if any(machine.entered_offsets_mm) else "",
-        correction_table(correction),
-        [f"Tool error, at most (95 %), r.m.s., {FRAME_WORDS[correction.frame]}:", *bars],
+        change_table(change) if change else correction_table(solved.correction),
+        [f"Tool error, at most (95 %), r.m.s., {FRAME_WORDS[frame]}:", *bars],
         next_text(solved, done, exports=exports, measures=measures),
     )
 
 
-def _cautions(solved: SessionSolution) -> Iterator[str]:
+def _cautions(
+    solved: SessionSolution, correction: SessionCorrection | PrinterChange
+) -> Iterator[str]:
     """A short line each; the pages behind say more."""
     yield from sole_mistake_words(solved)
     if _lacks_something(solved):
         yield "WARNING: something is missing from the model. The bound allows for it."
-    if not solved.correction.helps:
+    if not correction.helps:
         yield "WARNING: these values would not make the tool more accurate."
 
 

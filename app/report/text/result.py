@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from app.evaluating.comparison import Comparison
+from app.evaluating.printer import printer_change
 from app.evaluating.solution import SessionSolution
 from app.report.text.caveats import (
     UNKNOWN_HOME_OFFSET,
@@ -24,10 +25,12 @@ from app.report.text.correction import (
     UNSEEN,
     bound_table,
     correction_table,
+    doubt_lines,
     gains_table,
     left_out_lines,
     warning_lines,
 )
+from app.report.text.printer import change_parts
 from app.report.text.tables import (
     decimals_for,
     free_words,
@@ -45,6 +48,7 @@ from protocols.session import Session
 if TYPE_CHECKING:  # asked for by option only, and heavy
     from app.evaluating.comparison import Verification
     from app.evaluating.correction import SessionCorrection
+    from app.evaluating.printer import PrinterChange
     from app.evaluating.solution import Judgement
     from calib.identify.accuracy import Decision
     from calib.identify.monte_carlo import MonteCarlo
@@ -71,12 +75,21 @@ def solution_text(solved: SessionSolution) -> str:
 def entered_parts(solved: SessionSolution) -> list[str | Table]:
     """The correction: values, the bound with them, what other exports would keep, cautions."""
     correction = solved.correction
+    if change := printer_change(solved):
+        return [
+            f"{', '.join(solved.names)}: values to enter in the firmware, "
+            f"{FRAME_WORDS[correction.frame]}, {solved.reading_count} {taken_word(solved)}s",
+            "\n".join(doubt_lines(solved)),
+            *change_parts(solved, change),
+            bound_table(correction.frame, correction.off_now, change.off),
+            "\n".join(caveats(solved)),
+        ]
     return [
         f"{', '.join(solved.names)}: values to enter in the controller, "
         f"{FRAME_WORDS[correction.frame]}, {solved.reading_count} {taken_word(solved)}s",
         "\n".join(warning_lines(solved, correction)),
         correction_table(correction),
-        bound_table(correction),
+        bound_table(correction.frame, correction.off_now, correction.off),
         "" if solved.reads_tool else UNSEEN,
         gains_table(solved),
         "\n".join([*left_out_lines(correction), *caveats(solved)]),
@@ -266,11 +279,11 @@ def _source_words(solved: SessionSolution) -> str:
 DECIDED = {"pass": "PASS", "fail": "FAIL", "undecided": "UNDECIDED"}
 
 
-def bound_sentence(correction: SessionCorrection) -> str:
+def bound_sentence(correction: SessionCorrection | PrinterChange, frame: Frame) -> str:
     """What the tool keeps with the values to enter, and what it keeps now."""
     return (
         f"With these values entered the tool is off by at most {uncertain(correction.bound_mm)} "
-        f"mm r.m.s. over the workspace (95 %), {FRAME_WORDS[correction.frame]}; as it is now by "
+        f"mm r.m.s. over the workspace (95 %), {FRAME_WORDS[frame]}; as it is now by "
         f"at most {uncertain(correction.now_mm)} mm."
     )
 
@@ -413,10 +426,11 @@ WRONG = {
 def verification_text(found: Verification) -> str:
     """The decision first, then what was expected and found, then what to do."""
     before, after = found.compared.before, found.compared.after
+    expected = printer_change(before) or before.correction
     return paragraphs(
         [f"before: {before.names[0]}", f"after:  {after.names[0]}"],
         f"{decided(found)} Tool over the workspace, r.m.s. (95 %), {FRAME_WORDS[after.frame]}: at "
-        f"most {uncertain(before.correction.bound_mm)} mm was expected, at most "
+        f"most {uncertain(expected.bound_mm)} mm was expected, at most "
         f"{uncertain(after.correction.now_mm)} mm is left.",
         offsets_table(found),
         "\n".join(what_to_do(found)),

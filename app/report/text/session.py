@@ -165,7 +165,8 @@ def step_text(step: Step, session: Session, by: TakenBy = TakenBy.HAND) -> str:
     cycles = session.opened.procedure.cycles if session.opened.procedure else 1
     leg, joints = step.leg.upper(), joints_mm(step, geometry)
     plate = session.opened.procedure.plate if session.opened.procedure else None
-    to = "the position" if plate is not None else _along_words(step, geometry)
+    of_tool = step.leg == "tool"
+    to = "the position" if of_tool else _along_words(step, geometry)
     lines = [
         f"{step.touched.upper()}   {step.posture(geometry)}   "
         + cycle_words(step, session.steps())
@@ -193,8 +194,10 @@ def step_text(step: Step, session: Session, by: TakenBy = TakenBy.HAND) -> str:
             first = f"stand on the plane under leg {leg}, indicator along {axes}"
         if by is not TakenBy.NOBODY:
             first += ". {measure.where} shows it"
-        if plate is not None:
+        if of_tool:
             first = f"indicator at the tool, plate under it; + is towards +{step.axes[0].upper()}"
+        if of_tool and any(one.profile == "probe" for one in session.opened.instruments):
+            first = "the tool, or a probe beside it, comes down on the plate"
         lines.insert(1, f"First, at Zero: {first}.")
     elif session.needs_new_zero(step):
         lines.insert(1, "After the break the readings have a new zero.")

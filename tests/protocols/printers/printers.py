@@ -21,6 +21,7 @@ from tests.app.exports.test_towers import (
     Hidden,
 )
 from tests.blind.linear_delta import places
+from tests.conftest import ROOT
 
 STEP_MM = 0.0125
 MOTOR = "rotation_distance: 40\nmicrosteps: 16\n"
@@ -34,7 +35,7 @@ delta_radius: {RADIUS}  # measured
 print_radius: 100
 """
 OLD_ARM = 249.0
-"""What stands above the saved block, which wins."""
+"""What stood there before the firmware saved another one, and made a comment of it."""
 
 
 @cache
@@ -67,6 +68,11 @@ def steppers(arm_mm: float = BAR, motor: str = MOTOR) -> str:
     )
 
 
+def superseded() -> str:
+    """The steppers as SAVE_CONFIG leaves them above the block that holds their arms."""
+    return steppers(OLD_ARM).replace("arm_length", "#arm_length")
+
+
 PERFECT = Hidden()
 NOW = f"[printer]\nkinematics: delta\ndelta_radius: {RADIUS}\n" + steppers(motor="")
 """What the controller holds, for whoever reads the formulas from a configuration."""
@@ -82,11 +88,11 @@ def saved(lines: Sequence[str]) -> str:
     return SAVED_HEAD + "".join(f"#*# {line}".rstrip() + "\n" for line in lines)
 
 
-def height_lines(hidden: Hidden, count: int = 19) -> list[str]:
+def height_lines(hidden: Hidden, count: int = 19, height_mm: float = 0.0) -> list[str]:
     lines = ["[delta_calibrate]"]
     for number, (x, y) in enumerate(rings(count)):
-        steps = ",".join(f"{step:.3f}" for step in stable(hidden, x, y))
-        lines += [f"height{number} = 0.0", f"height{number}_pos = {steps}"]
+        steps = ",".join(f"{step:.3f}" for step in stable(hidden, x, y, height_mm))
+        lines += [f"height{number} = {height_mm}", f"height{number}_pos = {steps}"]
     return lines
 
 
@@ -97,4 +103,37 @@ def arms_saved(arm_mm: float = BAR) -> list[str]:
 def printer_cfg(hidden: Hidden, count: int = 19, more: Sequence[str] = ()) -> str:
     """A ``printer.cfg`` with arms that the saved block replaces, and its heights."""
     block = [*arms_saved(), *height_lines(hidden, count), *more]
-    return PRINTER + steppers(OLD_ARM) + "[delta_calibrate]\nradius: 80\n" + saved(block)
+    return PRINTER + superseded() + "[delta_calibrate]\nradius: 80\n" + saved(block)
+
+
+SAMPLE = ROOT / "sample_sessions" / "printer"
+SAMPLE_HIDDEN = Hidden(
+    switch_mm=(0.35, -0.25, 0.2), bar_mm=(0.3, -0.2, 0.1), out_mm=(0.0, 0.0, 0.6)
+)
+"""The printer of the five-minute page: switches, arms, and the foot of one tower are off."""
+
+TRIGGER_MM = 2.5
+PROBE = f"[probe]\npin: ^z:P1.24\nz_offset: {TRIGGER_MM}\nspeed: 5\n"
+
+
+def sample_cfg() -> str:
+    """As Klipper's own calibration left it: seven heights, each probed once."""
+    block = [*arms_saved(), *height_lines(SAMPLE_HIDDEN, 7, TRIGGER_MM)]
+    return PRINTER + PROBE + superseded() + "[delta_calibrate]\nradius: 50\n" + saved(block)
+
+
+def sample_log() -> str:
+    """What the printer answers to the macro of the page, with a scatter of 4 µm."""
+    generator = np.random.default_rng(11)
+    lines = ["> G28", "ok"]
+    for _, place in places(3):
+        x, y, z = touched_at(SAMPLE_HIDDEN, float(place[0]), float(place[1]), TRIGGER_MM)
+        height_mm = z - TRIGGER_MM + generator.normal(scale=0.004)
+        lines.append(f"// probe: at {x:.3f},{y:.3f} bed will contact at z={height_mm:.6f}")
+    return "\n".join([*lines, "ok", ""])
+
+
+if __name__ == "__main__":
+    SAMPLE.mkdir(exist_ok=True)
+    (SAMPLE / "printer.cfg").write_text(sample_cfg(), encoding="utf-8", newline="\n")
+    (SAMPLE / "probe.log").write_text(sample_log(), encoding="utf-8", newline="\n")

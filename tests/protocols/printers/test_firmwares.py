@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -74,6 +75,53 @@ def m503(hidden: true.Hidden, cycles: int = 1) -> str:
     return "\n".join(lines) + "\n"
 
 
+G33_AT_DEG = {"x": 210.0, "y": 330.0, "z": 90.0, "yz": 30.0, "zx": 150.0, "xy": 270.0}
+
+
+def g33(
+    hidden: true.Hidden,
+    places: int = 3,
+    sent: str = "G33 P3 V0",
+    mode: str = " (DRY-RUN)",
+    radius: str = " at radius:80.00",
+) -> str:
+    """Sent and answered as a host shows it: `probe_calibration_points` and what prints it.
+
+    The tool goes to the places; the probe of `m503` trips 2 mm early wherever it is beside.
+    """
+
+    def height(radius_mm: float, *angles_deg: float) -> float:
+        each = [
+            touched_at(hidden, radius_mm * math.cos(angle), radius_mm * math.sin(angle), 2.0)[2]
+            for angle in np.radians(angles_deg).tolist()
+        ]
+        return float(np.mean(each)) - 2.0
+
+    middle = height(8.0, 90.0, 330.0, 210.0) if places == 3 else height(0.0, 0.0)
+    found = {"c": middle} | {name: height(80.0, angle) for name, angle in G33_AT_DEG.items()}
+    first = [f"{'c'}:{found['c']:+.2f}", *(f" {name}:{found[name]:+.2f}" for name in "xyz")]
+    second = [f"{name}:{found[name]:+.2f}" for name in ("yz", "zx", "xy")]
+    table = {
+        1: f".      {first[0]}",
+        2: f".      {'  '.join(first)}",
+        3: f".      {'  '.join(first)}\nRecv: .               {'  '.join(second)}",
+    }[places]
+    said = (
+        "G33 Auto Calibrate",
+        f"Checking... AC{radius}{mode}",
+        f".Height:{HEIGHT:.2f}  Ex:-0.40  Ey:-0.60  Ez:-0.10  Radius:{true.RADIUS:.2f}",
+        ".               Tx:+0.05  Ty:-0.03  Tz:-0.02",
+        table,
+        "End DRY-RUN                                   std dev:0.123",
+    )
+    return f"Send: N7 {sent}*35\n" + "".join(f"Recv: {line}\n" for line in said)
+
+
+def held_by_marlin() -> str:
+    """M503 without an answer of G30."""
+    return "".join(line for line in m503(PERFECT).splitlines(True) if "Bed" not in line)
+
+
 EEPROM = {
     11: (80.0, "Steps per mm"),
     153: (max(true.ENDSTOPS), "Z max length [mm]"),
@@ -128,6 +176,74 @@ def test_geometry_and_contacts_are_what_the_firmware_holds(
     assert len(np.unique(observed.posture)) == 19
 
 
+@pytest.mark.parametrize(
+    ("places", "sent", "names"),
+    [
+        (3, "G33 P3 V0", ["c", *G33_AT_DEG]),
+        (2, "G33 P2 V0", ["c", *"xyz"]),
+        (2, "G33", ["c", *"xyz"]),
+        (1, "G33 P1 V0", ["c"]),
+    ],
+)
+def test_heights_of_g33_are_contacts_at_its_places(
+    tmp_path: Path, places: int, sent: str, names: list[str]
+) -> None:
+    """Its middle of three places at a tenth of the radius, shown in steps of 0.01 mm, too."""
+    hidden = true.OFF_IN_ALL
+    found = read(tmp_path, held_by_marlin() + 2 * g33(hidden, places, sent))
+    assert not found.odd
+    assert [contact.cycle for contact in found.contacts] == [1] * len(names) + [2] * len(names)
+    for contact, name in zip(found.contacts[: len(names)], names, strict=True):
+        angle, radius = np.radians(G33_AT_DEG.get(name, 0.0)), 0.0 if name == "c" else 80.0
+        want = touched_at(hidden, radius * np.cos(angle), radius * np.sin(angle), 2.0)
+        assert contact.position_mm == pytest.approx(want, abs=0.011)
+        assert (contact.value_mm, contact.resolution_mm) == (2.0, 0.01)
+
+
+def test_g33_with_o_sends_the_probe_to_its_places(tmp_path: Path) -> None:
+    """The probe is 15 mm to the right of the tool and 5 mm before it."""
+    found = read(tmp_path, held_by_marlin() + g33(PERFECT, sent="G33 P3 V0 O"))
+    assert found.contacts[0].position_mm == pytest.approx((-15.0, 5.0, 2.0))
+
+
+def test_from_g33_to_better_lines(tmp_path: Path) -> None:
+    hidden, session = true.Hidden(switch_mm=(0.4, -0.3, 0.2)), tmp_path / "s.jsonl"
+    log, out = tmp_path / "octoprint.log", tmp_path / "lines.g"
+    log.write_text(held_by_marlin() + 3 * g33(hidden), encoding="utf-8")
+    assert glidecal("import", log, "-o", session).status == 0
+    assert glidecal("export", session, "--format", "marlin", "-o", out).status == 0
+    after = true.rms(true.errors(hidden, true.marlin(out.read_text())))
+    assert after < 0.1 * true.rms(true.errors(hidden, true.BELIEVED))
+
+
+@pytest.mark.parametrize(
+    ("log", "why"),
+    [
+        (g33(PERFECT, sent="G33 V0"), "sent with which P? From P4 on heights are means"),
+        (g33(PERFECT, sent="G33 P4 V0"), "with P4 heights are means of far places; send G33 P3"),
+        (g33(PERFECT, radius=""), "this version does not show its radius; probe places"),
+        (g33(PERFECT, sent="G33 P3 V3", mode=""), "it changes what is held while it measures"),
+        (g33(PERFECT).replace("  z:", "  lost:"), "heights are missing; send G33 P3 V0"),
+    ],
+    ids=["no P", "means", "no radius", "calibrates", "cut"],
+)
+def test_heights_of_g33_that_are_no_contacts_say_why(tmp_path: Path, log: str, why: str) -> None:
+    with pytest.raises(RecordError) as problem:
+        read(tmp_path, held_by_marlin() + log)
+    assert why in " ".join(str(problem.value).split())
+    found = read(tmp_path, held_by_marlin() + log + m503(PERFECT))
+    assert why in " ".join(found.odd)
+    assert len(found.contacts) == 19
+
+
+def test_contacts_before_a_calibration_are_not_of_what_is_read_after_it(tmp_path: Path) -> None:
+    calibrating = g33(PERFECT, sent="G33", mode="")
+    text = held_by_marlin() + g33(true.OFF_IN_ALL) + calibrating + m503(PERFECT)
+    found = read(tmp_path, text)
+    assert "7 contacts: G33 calibrated between them and the M665 that is read" in found.odd
+    assert len(found.contacts) == 19
+
+
 @pytest.mark.parametrize("dialect", ["reprapfirmware", "marlin"])
 def test_from_files_of_a_printer_to_better_lines(tmp_path: Path, dialect: str) -> None:
     hidden = true.Hidden(switch_mm=(0.4, -0.3, 0.2), bar_mm=(0.2, -0.1, 0.0))
@@ -180,8 +296,8 @@ TEN = (
 """X, Y and the way down of ten contacts of that printer."""
 
 
-def test_a_real_eeprom_is_the_machine_of_its_owner(tmp_path: Path) -> None:
-    """Figures of a public printer: the tower with most steps trips at the homed height."""
+def real_eeprom() -> str:
+    """What that printer held, and its contacts: figures of its owner."""
     stored = {
         **{11: "100.0000 Steps per mm", 153: "275.380 Z max length [mm]"},
         **{881: "203.450 Diagonal rod length [mm]", 925: "85.000 Max printable radius [mm]"},
@@ -191,7 +307,12 @@ def test_a_real_eeprom_is_the_machine_of_its_owner(tmp_path: Path) -> None:
     }
     lines = [f'"11:26:45.015 : EPR:3 {place} {text}",' for place, text in stored.items()]
     lines += [f"09:23:25.257 : Z-probe:{down:.3f} X:{x:.2f} Y:{y:.2f}" for x, y, down in TEN]
-    found = read(tmp_path, "\n".join(lines))
+    return "\n".join(lines)
+
+
+def test_a_real_eeprom_is_the_machine_of_its_owner(tmp_path: Path) -> None:
+    """The tower with most steps trips at the homed height."""
+    found = read(tmp_path, real_eeprom())
     machine = found.opened.machine
     assert machine.position_endstop_mm == pytest.approx((273.67, 274.20, 275.38))
     assert machine.drive is not None
@@ -239,8 +360,8 @@ ODD_G = "G30 P0 X0 Y0 Z-99999\nG30 P1 X50 Y0 Z0.1\nG30 P2 X0 Y50 Z-99999 S-1\n"
             "the tilt A B of the bed | 2.g, line 2: measured after a calibration",
         ),
         (
-            (m503(PERFECT) + "Bed X: nothing\n.Height:300.00  Ex:+0.00\nM206 Z0.5\n",),
-            "'Bed X: nothing': no place of G30 | ",
+            (m503(PERFECT) + "Bed X: nothing\nM206 Z0.5\n",),
+            "an offset that M206 adds | 0.g, line 43: 'Bed X: nothing': no place of G30",
         ),
         (
             (m205(PERFECT, more="Z-probe: failed\nEPR:3 800 20.0 Z-probe offset x [mm]\n"),),
@@ -289,8 +410,12 @@ def test_files_that_cannot_be_used(tmp_path: Path, texts: tuple[str, ...], said:
     assert said in " ".join(str(problem.value).split())
 
 
-BEGUN = (CONFIG_G + MACRO, m503(PERFECT), m205(PERFECT))
-ALPHABET = "GM0356 XYZLRHPSB.:-+;echoBdprbiagnlsEPR\n"
+BEGUN = (
+    CONFIG_G + MACRO,
+    m503(PERFECT) + "G33 P3\nChecking... AC at radius:80.00 (DRY-RUN)\n. ",
+    m205(PERFECT),
+)
+ALPHABET = "GM0356 XYZLRHPSB.:-+;echoBdprbiagnlsEPRxyz\n"
 
 
 @given(st.text(alphabet=ALPHABET, max_size=300), st.sampled_from([0, 1, 2]))

@@ -233,6 +233,33 @@ def test_a_long_log_takes_no_square_of_its_length(tmp_path: Path) -> None:
     assert time.process_time() - begin < 10.0  # comparing each with each takes minutes
 
 
+def test_what_stands_above_the_saved_block_wins_or_is_included_there(tmp_path: Path) -> None:
+    """As in the firmware (see `tests.firmware.test_klipper`): of both the last above the block."""
+    config = printer_cfg(PERFECT, 7)
+    above = config.replace("#arm_length: 249.0", f"arm_length: {true.BAR + 1.0}", 1)
+    machine = read(tmp_path, above).opened.machine
+    assert machine.drive is not None
+    assert [drive.leg_length_mm for drive in machine.drive] == [251.0, 250.0, 250.0]
+    (tmp_path / "calib.cfg").write_text(f"[printer]\ndelta_radius: {true.RADIUS + 0.25}\n")
+    including = config.replace("\n#*# <", "\n[include calib.cfg]\n\n#*# <", 1)
+    assert including != config
+    drives = read(tmp_path, including).opened.machine.drive
+    assert drives is not None
+    assert np.hypot(*drives[0].origin_mm[:2]) == pytest.approx(true.RADIUS + 0.25, abs=1e-5)
+
+
+@pytest.mark.parametrize("coding", ["utf-8", "cp1252", "utf-16"])
+def test_a_configuration_of_an_editor_with_another_alphabet(tmp_path: Path, coding: str) -> None:
+    text = printer_cfg(PERFECT, 7).replace("# measured", "# gemessen, Größe 5 µm bei 60 °C")
+    assert "Größe" in text
+    (tmp_path / "a.cfg").write_bytes(text.encode(coding))
+    found = imported_printer([tmp_path / "a.cfg"], "test")
+    assert found.opened.machine == read(
+        tmp_path, printer_cfg(PERFECT, 7)
+    ).opened.machine.model_copy(update={"name": "a"})
+    assert len(found.contacts) == 7
+
+
 def test_gears_and_full_steps_make_a_step_shorter(tmp_path: Path) -> None:
     """80:16 and 400 full steps: a step is a tenth; steps of the file are ten times as many."""
     motor = "rotation_distance: 40\nmicrosteps: 16\ngear_ratio: 80:16\n"
@@ -280,6 +307,10 @@ ARM = steppers()
         (PRINTER + ARM.replace("250.0", "nan"), "[stepper_a] arm_length: found 'nan'"),
         (PRINTER + ARM.replace("250.0", "100"), "arm_length: found '100'. Allowed: a finite num"),
         (PRINTER + ARM.replace("250.0", "126"), "bars of 126 mm on a radius of 124 mm"),
+        (
+            PRINTER + ARM.replace("angle: 330", "angle: 569") + saved(height_lines(PERFECT)),
+            "towers at 210, 569, 90°. Allowed: three towers around the plate, 30° or more",
+        ),
         (PRINTER + ARM + "gear_ratio: 0:3\n", "[stepper_c] gear_ratio: found '0:3'"),
         (PRINTER + ARM, "no contact with the plate"),
         (PRINTER + "broken\n" + ARM, "no section or key"),

@@ -1,0 +1,169 @@
+"""What the owner of a printer with three upright towers changes, and what that brings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from app.evaluating.correction import CLEARLY_BETTER
+from calib.arrays import LEG_NAMES
+from calib.errors import GlidecalError, UsageError
+from calib.tripod.towers import ON_ONE_CIRCLE, Towers
+
+if TYPE_CHECKING:
+    from app.evaluating.correction import TowerCorrection
+    from app.evaluating.solution import SessionSolution
+    from calib.posterior.correction import ToolOff
+    from protocols.machine import Machine
+
+FIRMWARE_TOWERS = "abc"
+USUAL_ANGLES_DEG = (210.0, 330.0, 90.0)
+"""Of the first, second and third tower of printers, from x, anticlockwise."""
+
+FURTHEST_DEG = 30.0
+"""A tower that stands further from the firmware's place for it is another one."""
+
+
+def drives_of_towers(
+    machine: Machine,
+    angles_deg: Sequence[float] = USUAL_ANGLES_DEG,
+    furthest_deg: float = FURTHEST_DEG,
+) -> list[int]:
+    """The drive of each tower of the firmware: as the machine file's ``joints`` say, or nearest.
+
+    Raises UsageError where one stands elsewhere or counts downwards, ImpossibleRequest for another
+    kind of machine.
+    """
+    stand = Towers.of(machine.geometry())
+    apart = stand.apart_deg(angles_deg)
+    named = machine.joints or tuple(LEG_NAMES[row.index(min(row))] for row in apart)
+    drives = [LEG_NAMES.index(name[-1]) for name in named]
+    far = max(row[drive] for row, drive in zip(apart, drives, strict=True))
+    if far > furthest_deg or len(set(drives)) < len(drives) or any("-" in name for name in named):
+        places = ", ".join(f"{angle:.2f}" for angle in stand.angle_deg.tolist())
+        raise UsageError(
+            f"towers of machine '{machine.name}'",
+            f"joints {', '.join(named)}, drives x, y, z at {places}°",
+            f"joints that count upwards, at {', '.join(f'{at:g}' for at in angles_deg)}° in their "
+            f"order within {furthest_deg:g}°",
+            "State joints in the machine file, or use another format.",
+        )
+    return drives
+
+
+def tower_names(machine: Machine) -> dict[str, str]:
+    """Name of the firmware's tower by drive; empty where the machine is none of a printer."""
+    if machine.position_endstop_mm is None:
+        return {}
+    try:
+        drives = drives_of_towers(machine)
+    except GlidecalError:
+        return {}
+    return {LEG_NAMES[drive]: name for drive, name in zip(drives, FIRMWARE_TOWERS, strict=True)}
+
+
+@dataclass(frozen=True)
+class ValueChange:
+    """A value now, and with all that is entered."""
+
+    now: float
+    then: float
+
+    @property
+    def change(self) -> float:
+        """What is added."""
+        return self.then - self.now
+
+
+@dataclass(frozen=True)
+class TowerChange:
+    """What changes of one tower of the firmware: mm, the angle in degrees."""
+
+    tower: str
+    endstop: ValueChange
+    arm: ValueChange
+    angle: ValueChange
+
+
+@dataclass(frozen=True, eq=False)
+class PrinterChange:
+    """All that changes, with the bound of the tool, and how even the plate is in the contacts.
+
+    ``uneven_mm`` is the r.m.s. of heights about their mean, as they were probed and as the same
+    probing would show them; None for a session that is not of contacts.
+    """
+
+    towers: tuple[TowerChange, ...]
+    radius: ValueChange
+    off: ToolOff
+    now_mm: float
+    bound_mm: float
+    uneven_mm: ValueChange | None
+
+    @property
+    def helps(self) -> bool:
+        """Whether the values are worth entering.
+
+        The tool is bounded clearly more closely and the plate no less even; or the plate is clearly
+        more even and the bound no larger, as what a plate does not show can keep it where it is.
+        """
+        share = self.bound_mm / self.now_mm
+        if self.uneven_mm is None:
+            return share < CLEARLY_BETTER
+        even = self.uneven_mm.then / max(self.uneven_mm.now, LEAST)
+        return max(share, even) < 1.0 and min(share, even) < CLEARLY_BETTER
+
+    @property
+    def endstops_alone(self) -> bool:
+        """Whether lengths, radius and angles stay as they are."""
+        others = (self.radius, *(one for tower in self.towers for one in (tower.arm, tower.angle)))
+        return all(abs(one.change) < LEAST for one in others)
+
+
+LEAST = 5e-4
+"""A change of less is not shown, in mm and degrees."""
+
+
+def printer_change(solved: SessionSolution) -> PrinterChange | None:
+    """What a printer's owner changes; None where the machine is none whose switches are stated."""
+    machine = solved.sessions[0].opened.machine
+    if machine.position_endstop_mm is None:
+        return None
+    try:
+        drives = drives_of_towers(machine)
+        best = solved.corrections.of_towers(ON_ONE_CIRCLE)
+    except GlidecalError:
+        return None
+    values, held_mm = best.values, machine.position_endstop_mm
+    stops_mm = values.endstops_mm(held_mm)
+    now, then = values.now, values.towers
+    return PrinterChange(
+        tuple(
+            TowerChange(
+                name,
+                ValueChange(held_mm[drive], stops_mm[drive]),
+                ValueChange(float(now.length_mm[drive]), float(then.length_mm[drive])),
+                ValueChange(float(now.angle_deg[drive]), float(then.angle_deg[drive])),
+            )
+            for name, drive in zip(FIRMWARE_TOWERS, drives, strict=True)
+        ),
+        ValueChange(float(now.radius_mm[0]), float(then.radius_mm[0])),
+        best.off,
+        solved.corrections.off_now.bound_mm[solved.frame],
+        best.off.bound_mm[solved.frame],
+        _uneven_mm(solved, best),
+    )
+
+
+def _uneven_mm(solved: SessionSolution, best: TowerCorrection) -> ValueChange | None:
+    """Of all contacts of one way of measuring: another one has a zero of its own."""
+    if not solved.of_contacts:
+        return None
+    contacts = [reading for _, reading in solved.visits]
+    alike = [
+        (one.position_mm, one.value_mm)
+        for one in contacts
+        if one.mount == contacts[0].mount and one.position_mm is not None
+    ]
+    return ValueChange(*best.values.uneven_mm(*zip(*alike, strict=True)))

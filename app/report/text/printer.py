@@ -1,0 +1,145 @@
+"""For the owner of a printer: what to change, does it repeat, how good can it get."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from rich.table import Table
+
+from app.evaluating.printer import LEAST, PrinterChange
+from app.evaluating.solution import SessionSolution
+from app.report.text.tables import new_table, signed, uncertain
+from calib.tripod.effects.bars import LegLength
+from calib.tripod.effects.drives import ActuatorScale, AxisOffset, AxisSquareness, Backlash
+from calib.tripod.effects.effect import EffectInstance, remedies
+
+WHERE = (
+    "The endstop is position_endstop of Klipper, H + M666 of RepRapFirmware, H − M666 of Marlin. "
+    "glidecal export --format klipper, reprapfirmware or marlin writes all of it as a file."
+)
+SCREWS = (
+    "In place of new values, the screws of the endstops can move the switches by the last column."
+)
+NO_REPEATS = (
+    "No place was probed twice, so nothing shows whether contacts repeat. Probe every place three "
+    "times (glidecal plan --macro)."
+)
+SIZE_IS_OPEN = (
+    "The bound on the tool is larger, because contacts with a plate do not show how large the "
+    "machine is: bars, radius and belts that are all off alike. Measure distances on a printed "
+    "object (glidecal import --distances)."
+)
+NOT_WORTH_IT = (
+    "WARNING: these values are not expected to make the tool more accurate. Look with glidecal "
+    "diagnose for the cause before you enter them."
+)
+
+BEYOND_NOISE = 2.0
+"""Times the scatter of a contact: heights that differ by more are not of the probe alone."""
+
+SIZE_SHOWS = 3.0
+"""Times the unevenness with the values: a bound beyond it is of what the plate does not show."""
+
+
+def change_parts(solved: SessionSolution, change: PrinterChange) -> list[str | Table]:
+    """What to change, then what the contacts say of probe, geometry and size."""
+    where = f"{WHERE} {SCREWS}" if change.endstops_alone else WHERE
+    return [change_table(change), where, "\n".join(_answers(solved, change))]
+
+
+def change_table(change: PrinterChange) -> Table:
+    """What the firmware holds now, tower by tower, and what it is to hold."""
+    if change.endstops_alone:
+        table = new_table("tower", "endstop now, mm", "enter", "or move the switch by, mm")
+        for one in change.towers:
+            stop = one.endstop
+            moved = signed(-stop.change)
+            table.add_row(one.tower, f"{stop.now:.3f}", f"{stop.then:.3f}", moved)
+        return table
+    table = new_table("mm", "endstop", "enter", "arm", "enter", "angle, °", "enter")
+    for one in change.towers:
+        pairs = (one.endstop, one.arm, one.angle)
+        row = [f"{value:.3f}" for entry in pairs for value in (entry.now, entry.then)]
+        table.add_row(f"tower {one.tower}", *row)
+    radius = change.radius
+    if abs(radius.change) >= LEAST:
+        table.add_row("radius", f"{radius.now:.3f}", f"{radius.then:.3f}", *[""] * 4)
+    return table
+
+
+def _answers(solved: SessionSolution, change: PrinterChange) -> Iterator[str]:
+    """Does it repeat; is it the probe or the geometry; how good can it get."""
+    noise, uneven = solved.solution.noise, change.uneven_mm
+    scatter_mm = noise.standard_deviation_mm if noise.source == "repeats" else None
+    probe_limits = bool(uneven and scatter_mm and uneven.now < BEYOND_NOISE * scatter_mm)
+    if not change.helps and not probe_limits:
+        yield NOT_WORTH_IT
+    if uneven is None:
+        return
+    if scatter_mm is None:
+        yield NO_REPEATS
+    else:
+        yield (
+            f"Contacts at one place repeat to {uncertain(scatter_mm)} mm (standard deviation, "
+            f"{noise.degrees_of_freedom:.0f} degrees of freedom)."
+        )
+    if probe_limits:
+        yield (
+            f"The heights of the plate differ by {uncertain(uneven.now)} mm r.m.s., hardly more "
+            "than that: the probe limits what can be seen, not the geometry."
+            + ("" if change.helps else " Leave the firmware as it is.")
+        )
+    else:
+        yield (
+            f"The heights of the plate differ by {uncertain(uneven.now)} mm r.m.s. With these "
+            f"values the same contacts would differ by {uncertain(uneven.then)} mm."
+        )
+        if scatter_mm is not None and uneven.then > BEYOND_NOISE * scatter_mm:
+            yield (
+                "That is more than contacts scatter: a belt, a bent tower, a plate that is not "
+                "flat, or anything else without an entry. glidecal diagnose looks for it."
+            )
+    if change.bound_mm > SIZE_SHOWS * uneven.then and not any(
+        one.distances for one in solved.sessions
+    ):
+        yield SIZE_IS_OPEN
+
+
+def tower_remedies(effects: Sequence[EffectInstance], towers: Mapping[str, str]) -> tuple[str, ...]:
+    """What to do on a printer against effects of these drives; ``towers`` names them by drive.
+
+    Where a printer has no words of its own, or ``towers`` is empty, those of any machine.
+    """
+    words = [_remedy(one, towers) for one in effects] if towers else [None]
+    return tuple(filter(None, words)) if all(words) else remedies(effects)
+
+
+def _remedy(one: EffectInstance, towers: Mapping[str, str]) -> str | None:
+    value = float(one.values[0].real)
+    named = [towers.get(letter, "") for letter in one.place]
+    law, tower = one.effect, named[0]
+    if isinstance(law, ActuatorScale):
+        times = 1.0 + value / 1000.0
+        return (
+            f"belt of tower {tower}: multiply its rotation_distance (Klipper) by {times:.5f}, or "
+            f"its steps per mm (M92) by {1.0 / times:.5f}. A pulley or belt is not as stated, or "
+            "stretched. Then home, probe again, and import that"
+        )
+    if isinstance(law, Backlash):
+        return f"belt or joints of tower {tower} are slack by {value:.3f} mm: tighten them"
+    if isinstance(law, LegLength):
+        return f"arm of tower {tower}: {value:+.3f} mm, in the exported values"
+    if type(law) is AxisOffset and one.place[1:] in ("r", "t"):
+        out, back = ("out", "in") if one.place[1:] == "r" else ("anticlockwise", "clockwise")
+        way, against = (out, back) if value > 0.0 else (back, out)
+        return (
+            f"foot of tower {tower} stands {abs(value):.3f} mm too far {way}: the exported values "
+            f"allow for it; or move the tower {against}"
+        )
+    if isinstance(law, AxisSquareness):
+        way = "apart" if value > 0.0 else "together"
+        return (
+            f"towers {' and '.join(named)} lean, for which firmware has no value: with their feet "
+            f"where they are, move their tops {way}, {abs(value):.2f} mm for each metre of height"
+        )
+    return None

@@ -1,0 +1,150 @@
+"""What the result of a printer tells its owner, against machines and firmware of the tests."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.report.text.printer import tower_remedies
+from calib.tripod.effects.bars import GravitySag, LegLength
+from calib.tripod.effects.drives import ActuatorScale, AxisOffset, AxisSquareness, Backlash
+from calib.tripod.effects.effect import EffectInstance
+from tests.app.cli import glidecal
+from tests.app.exports import test_towers as true
+from tests.app.exports.test_imported_printers import (
+    REAL_NOW,
+    REAL_READ,
+    file_of,
+    heights,
+    session_of,
+)
+from tests.protocols.printers.printers import printer_cfg
+from tests.protocols.printers.test_firmwares import m503, real_eeprom
+
+TOWERS = {"x": "a", "y": "b", "z": "c"}
+SWITCHES = (0.4, -0.3, 0.2)
+
+
+def told(session: Path, verb: str = "solve") -> str:
+    run = glidecal(verb, session)
+    assert run.status == 0, run.err
+    return run.out.partition("\nView: ")[0]
+
+
+def rows(text: str) -> dict[str, list[float]]:
+    """The table of towers: what stands behind their letters."""
+    found = re.findall(r"(?m)^ (?:tower )?([abc]) +([-+\d. ]+)$", text)
+    return {name: [float(figure) for figure in figures.split()] for name, figures in found}
+
+
+def figure(text: str, before: str) -> float:
+    (found,) = re.findall(re.escape(before) + r" ([\d.]+) mm", " ".join(text.split()))
+    return float(found)
+
+
+def test_screws_of_the_endstops_mend_what_is_off_there(tmp_path: Path) -> None:
+    """The switches moved by the last column, and the values of the firmware left as they are."""
+    hidden = true.Hidden(switch_mm=SWITCHES)
+    table = rows(told(session_of(tmp_path, printer_cfg(hidden))))
+    assert [now for now, _, _ in table.values()] == list(true.ENDSTOPS)
+    assert all(then - now == pytest.approx(-by, abs=2e-3) for now, then, by in table.values())
+    x, y, z = (off + table[name][2] for off, name in zip(SWITCHES, "abc", strict=True))
+    moved = true.Hidden(switch_mm=(x, y, z))
+    before, after = (true.rms(true.errors(one, true.BELIEVED)) for one in (hidden, moved))
+    assert after < 0.15 * before
+
+
+def test_the_table_is_what_the_file_holds(tmp_path: Path) -> None:
+    session = session_of(tmp_path, m503(true.OFF_IN_ALL, 2))
+    table, text = rows(told(session)), file_of(session, "klipper", tmp_path)
+    for name, (_, stop, _, arm, _, angle) in table.items():
+        block = text.partition(f"[stepper_{name}]")[2]
+        for key, value in (("position_endstop", stop), ("arm_length", arm), ("angle", angle)):
+            written = float(re.findall(rf"{key}: (\S+)", block)[0])
+            assert written == pytest.approx(value, abs=5.1e-4)
+
+
+def test_how_even_the_plate_would_be_is_what_the_firmware_would_show(tmp_path: Path) -> None:
+    """Of ten contacts of a real printer, by the formulas of its firmware with the file."""
+    session = session_of(tmp_path, real_eeprom())
+    text, file = told(session), file_of(session, "klipper", tmp_path)
+    now, then = heights(REAL_NOW).std(), heights(REAL_READ["klipper"](file)).std()
+    assert figure(text, "The heights of the plate differ by") == pytest.approx(now, abs=5e-4)
+    assert figure(text, "the same contacts would differ by") == pytest.approx(then, abs=5e-4)
+    assert "No place was probed twice" in text
+
+
+def scattered(scatter_mm: float) -> str:
+    """What M503 and three cycles of G30 show of a sound machine with a bad probe."""
+    generator = np.random.default_rng(5)
+
+    def with_scatter(found: re.Match[str]) -> str:
+        return f"Z: {float(found[1]) + generator.normal(scale=scatter_mm):.3f}"
+
+    return re.sub(r"Z: (\S+)$", with_scatter, m503(true.Hidden(), 3), flags=re.MULTILINE)
+
+
+def test_a_probe_that_scatters_is_not_taken_for_geometry(tmp_path: Path) -> None:
+    text = told(session_of(tmp_path, scattered(0.05)))
+    assert figure(text, "Contacts at one place repeat to") == pytest.approx(0.05, rel=0.3)
+    assert "the probe limits what can be seen, not the geometry" in " ".join(text.split())
+
+
+@pytest.mark.parametrize(
+    ("law", "place", "value", "words"),
+    [
+        (ActuatorScale(), "y", 5.0, "belt of tower b: multiply its rotation_distance (Klipper) by"),
+        (Backlash(), "z", 0.08, "belt or joints of tower c are slack by 0.080 mm: tighten them"),
+        (LegLength(), "x", -0.4, "arm of tower a: -0.400 mm, in the exported values"),
+        (AxisOffset(), "zr", 0.8, "foot of tower c stands 0.800 mm too far out: "),
+        (AxisOffset(), "xt", -0.3, "foot of tower a stands 0.300 mm too far clockwise: "),
+        (AxisSquareness(), "xy", 4.0, "towers a and b lean, for which firmware has no value: "),
+    ],
+)
+def test_what_to_turn_is_told_in_words_of_a_printer(
+    law: ActuatorScale, place: str, value: float, words: str
+) -> None:
+    effect = EffectInstance(law, place, (value,))
+    (line,) = tower_remedies([effect], TOWERS)
+    assert line.startswith(words)
+    (elsewhere,) = tower_remedies([effect], {})
+    assert "tower" not in elsewhere
+
+
+def test_a_belt_that_is_put_right_makes_steps_as_long_as_they_are() -> None:
+    """40 mm a turn are held, 40.2 mm it travels: commanded less steps, so that it arrives."""
+    (line,) = tower_remedies([EffectInstance(ActuatorScale(), "y", (5.0,))], TOWERS)
+    times, steps = map(float, re.findall(r"by (\d+\.\d+)", line))
+    commanded_mm = 100.0
+    turns = commanded_mm / (40.0 * times)
+    assert turns * 40.2 == pytest.approx(commanded_mm, abs=1e-3)
+    assert times * steps == pytest.approx(1.0, abs=1e-5)
+
+
+def test_leaning_towers_that_are_moved_as_told_stand_upright_again() -> None:
+    lean_xy = 0.004
+    (line,) = tower_remedies([EffectInstance(AxisSquareness(), "xy", (1e3 * lean_xy,))], TOWERS)
+    (way, mm_a_metre) = re.findall(r"tops (\w+), (\S+) mm", line)[0]
+    assert way == "apart", "with their height they come nearer (see `Hidden`)"
+    assert float(mm_a_metre) == pytest.approx(1000.0 * lean_xy, abs=0.01)
+
+
+def test_laws_without_words_for_printers_have_those_of_any_machine() -> None:
+    effect = EffectInstance(GravitySag(), "x", (0.3,))
+    assert tower_remedies([effect], TOWERS) == tower_remedies([effect], {})
+
+
+def test_a_stretched_belt_is_named_with_what_to_turn(tmp_path: Path) -> None:
+    from tests.blind import linear_delta as blind
+
+    hidden = blind.Hidden(offset_mm=(0.1, -0.1, 0.1), scale=(0.0, 0.012, 0.0))
+    generator = np.random.default_rng(3)
+    lines = [m503(true.Hidden()).partition("ok\n")[0].replace("X15.00 Y-5.00 Z-2.00", "Z0.00")]
+    for _, place in blind.places(3):
+        z = blind.touched(hidden, place[:2])[2] + generator.normal(scale=0.003)
+        lines.append(f"Bed X: {place[0]:.3f} Y: {place[1]:.3f} Z: {z:.4f}\n")
+    text = " ".join(told(session_of(tmp_path, "".join(lines)), "diagnose").split())
+    assert "belt of tower b: multiply its rotation_distance (Klipper) by 1.01" in text

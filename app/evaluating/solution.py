@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from app.evaluating.correction import ControllerCorrections, Gain, SessionCorrection
 from calib.arrays import Observations
+from calib.diagnosis.curves import LegCurve, leg_curves
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.accuracy import Decision, decide
 from calib.identify.fit import plane_tilts_mrad
@@ -164,6 +165,16 @@ class SessionSolution:
     def tool_maps(self) -> tuple[PlaneMap, ...]:
         """Expected error of the tool with the values of the view, on three planes through Zero."""
         return self.corrections.off(self.solution.model).maps(self.frame)
+
+    @cached_property
+    def curves(self) -> list[LegCurve]:
+        """Readings of each leg and axis over its travel, about all offsets and lengths.
+
+        Both are held by their tolerances, so that what no value of them explains is left; where
+        that set is not determined, it is the fit of the view.
+        """
+        fit = self.choice.solutions.get("with-tolerances", self.solution)
+        return leg_curves(fit, self.observed)
 
     @property
     def furthest_distance(self) -> FurthestDistance | None:

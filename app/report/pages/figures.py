@@ -1,4 +1,4 @@
-"""Figures of the report, by matplotlib, as SVG: the same bytes for the same data."""
+"""Figures of the report and of notebooks, by matplotlib: the same bytes for the same data."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
 from app.report.charts.charts import NOISE, Chart, Drawing, Series, StrokeStyle
+from app.report.charts.legs import DOWN, FIRST, OTHER, UP, LegFigure
 from calib.diagnosis.results import SEEN
 from calib.tripod.workspace import PlaneMap
 
@@ -47,6 +48,9 @@ WIDTH_IN, HEIGHT_IN = 6.9, 2.5  # A4 less the margins of report.html is 7.0 wide
 BAR = 0.22
 
 Point = tuple[float, float]
+
+LEGS_IN = 3.6
+"""Height of a row of legs with what is left of their readings."""
 
 LEFT_IN, RIGHT_IN, BOTTOM_IN, TOP_IN = 0.76, 0.06, 0.44, 0.26
 BESIDE_IN, BELOW_IN = 0.62, 0.4
@@ -85,6 +89,45 @@ def svg_of(chart: Chart) -> str:
         _legend(axes)
         _merge_points(axes, points)
     return out.getvalue()
+
+
+def legs_svg(figures: Sequence[LegFigure]) -> str:
+    """One or two legs or axes beside each other, what is left of the readings below each."""
+    with _figure(WIDTH_IN, LEGS_IN, 2, rows=2, top_in=TOP_IN + ROW_IN) as (every, out):
+        for column, axes in enumerate(every[:2]):
+            below = every[2 + column]
+            if column < len(figures):
+                draw_leg(figures[column], axes, below)
+            else:
+                axes.set_axis_off()
+                below.set_axis_off()
+        every[0].figure.legend(
+            *every[0].get_legend_handles_labels(),
+            frameon=False,
+            ncols=IN_A_ROW,
+            loc="upper left",
+            borderaxespad=0.0,
+            handletextpad=0.1,
+            columnspacing=1.2,
+        )
+    return out.getvalue()
+
+
+def draw_leg(leg: LegFigure, above: Axes, below: Axes) -> None:
+    """Readings and what is left of them on any two axes of matplotlib, of one height.
+
+    Their scales are those of the other pictures of the session.
+    """
+    for axes, chart in zip((above, below), leg.charts, strict=True):
+        for stroke in chart.strokes:
+            axes.plot(*zip(*stroke.points, strict=True), **CURVES[stroke.style])
+        for series in chart.series:
+            axes.plot(series.x, series.y, **POINTS[series.mark], label=series.name or None)
+        axes.axhline(0.0, color="0.4", lw=0.6)
+        ticks = chart.y_ticks()
+        axes.set_ylim(ticks[0], ticks[-1])
+        axes.set_title(chart.title, loc="left", size=7.5)
+        axes.set(xlabel=chart.x_words, ylabel=chart.y_words)
 
 
 def _merge_points(axes: Axes, lines: Sequence[Line2D]) -> None:
@@ -230,6 +273,23 @@ def maps_svg(maps: Sequence[PlaneMap]) -> str:
             axes.set(xlabel=f"{one.across}, mm", ylabel=f"{one.up}, mm", aspect="equal")
     return out.getvalue()
 
+
+CURVES: dict[StrokeStyle, dict[str, Any]] = {
+    StrokeStyle.THIN: {"lw": 1.0, "color": "0.3"},
+    StrokeStyle.DOTTED: {"lw": 0.4, "color": "0.75"},
+}
+"""The fit, and the way through the readings in time."""
+
+POINTS: dict[str, dict[str, Any]] = {
+    mark: {"ls": "none", "marker": mark, "ms": 3.5, "color": colour, "mfc": fill}
+    for mark, colour, fill in (
+        (UP, COLOURS[0], COLOURS[0]),
+        (DOWN, COLOURS[1], "white"),
+        (FIRST, "0.1", "none"),
+        (OTHER, COLOURS[2], COLOURS[2]),
+    )
+}
+"""Told by shape, and by filled and hollow, where there are no colours."""
 
 STROKES: dict[StrokeStyle, dict[str, Any]] = {
     StrokeStyle.DOTTED: {"lw": 0.7, "ls": ":", "color": "0.4"},

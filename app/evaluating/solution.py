@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Literal
 
 from app.evaluating.correction import ControllerCorrections, Gain, SessionCorrection
 from calib.arrays import Observations
-from calib.diagnosis.curves import LegCurve, leg_curves
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.accuracy import Decision, decide
 from calib.identify.fit import plane_tilts_mrad
@@ -23,6 +22,7 @@ from calib.noise.reading import (
     single_posture_rows,
     visit_starts,
 )
+from calib.tripod.curves import LegCurve, leg_curves
 from calib.tripod.pipeline import Model
 from protocols.data_table import Cell, DataTable
 from protocols.observations import indicator_figures, to_observations
@@ -174,7 +174,7 @@ class SessionSolution:
         that set is not determined, it is the fit of the view.
         """
         fit = self.choice.solutions.get("with-tolerances", self.solution)
-        return leg_curves(fit, self.observed)
+        return leg_curves(fit.model, self.observed, fit.residual_mm)
 
     @property
     def furthest_distance(self) -> FurthestDistance | None:

@@ -20,6 +20,7 @@ from app.report.charts.charts import (
     turned,
     turned_limits,
 )
+from app.report.charts.legs import LegFigure
 from app.report.text.tables import WIDTH
 
 MARKERS = ("x", "o", "+", "*")
@@ -54,6 +55,9 @@ LABEL_CELLS = 7
 LABELLED_ROWS = 3
 """So many rows for one number beside the drawing."""
 
+LEG_ROWS = 12
+"""Of the readings of a leg, and as many of what is left: both fit a terminal."""
+
 Colour = tuple[int, int, int] | str
 
 
@@ -62,10 +66,16 @@ def chart_text(chart: Chart, rows: int, columns: int = WIDTH) -> str:
     import plotext  # only where text is drawn
 
     Canvas(plotext, columns, rows, lambda _: TERMINAL).draw(chart)
+    plotext.limit_size(False, False)  # as wide in a narrow terminal and in a file
     plotext.plot_size(columns, rows)
     plotext.theme("clear")
     text: str = plotext.uncolorize(plotext.build())
     return "\n".join(line.rstrip() for line in text.rstrip("\n").splitlines())
+
+
+def legs_text(legs: Sequence[LegFigure], rows: int = LEG_ROWS) -> str:
+    """Pictures of legs below each other, each part in so many rows."""
+    return "\n\n".join("\n".join(chart_text(chart, rows) for chart in leg.charts) for leg in legs)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from app.report.charts.charts import (
     series_of,
 )
 from calib.arrays import LEG_NAMES, TOOL
-from calib.diagnosis.curves import LegCurve
+from calib.tripod.curves import LegCurve
 
 UM_PER_MM = 1000.0
 

@@ -11,6 +11,7 @@ from rich.table import Table
 from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
 from app.evaluating.solution import SessionSolution, judge, solve_files
+from app.report.charts.legs import leg_figures
 from app.report.charts.results import (
     before_and_after,
     measured_and_predicted,
@@ -18,7 +19,15 @@ from app.report.charts.results import (
     residuals_over_time,
 )
 from app.report.charts.tripod import drawn_set_up
-from app.report.pages.figures import bars_svg, drawings_svg, evidence_svg, maps_svg, svg_of
+from app.report.pages.figures import (
+    bars_svg,
+    drawings_svg,
+    evidence_svg,
+    legs_svg,
+    maps_svg,
+    svg_of,
+)
+from app.report.pages.notebook import leg_rows
 from app.report.text.caveats import caveats, caveats_of_view
 from app.report.text.correction import (
     FRAME_WORDS,
@@ -131,6 +140,7 @@ def report_of(
         ),
         _missing(diagnosed),
         _fit(solved),
+        _legs(solved),
         _doubted(solved, sessions),
         *map(_readings, sessions),
     ]
@@ -347,6 +357,19 @@ def _fit(solved: SessionSolution) -> Section:
     if (over_time := residuals_over_time(solved)).series:
         parts.append(Picture(svg_of(over_time), "Residuals over time: drift shows here."))
     return Section("Differences", parts)
+
+
+def _legs(solved: SessionSolution) -> Section:
+    """Each leg and axis over its travel."""
+    said = (
+        "Readings over the displacement, the fit of offsets and lengths as a line, and below, "
+        "enlarged, what it leaves. A thin line joins the readings in time. All have the same "
+        "scales. Play is a split between the directions, a tilt a slope, a screw a wave, a bow a "
+        "parabola."
+    )
+    rows = leg_rows(leg_figures(solved))
+    pictures = [Picture(legs_svg(row), "; ".join(leg.title for leg in row)) for row in rows]
+    return Section("Each leg over its travel", [said, *pictures])
 
 
 def _doubted(solved: SessionSolution, sessions: Sequence[Session]) -> Section:

@@ -19,7 +19,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
-from app.report.charts.charts import NOISE, Chart, Drawing, Series, StrokeStyle
+from app.report.charts.charts import NOISE, Chart, Drawing, Series, StrokeStyle, thinned
 from app.report.charts.legs import DOWN, FIRST, OTHER, UP, LegFigure
 from calib.diagnosis.results import SEEN
 from calib.tripod.workspace import PlaneMap
@@ -93,7 +93,7 @@ def svg_of(chart: Chart) -> str:
 
 def legs_svg(figures: Sequence[LegFigure]) -> str:
     """One or two legs or axes beside each other, what is left of the readings below each."""
-    with _figure(WIDTH_IN, LEGS_IN, 2, rows=2, top_in=TOP_IN + ROW_IN) as (every, out):
+    with _figure(WIDTH_IN, LEGS_IN, 2, rows=2, top_in=TOP_IN + 1.2 * ROW_IN) as (every, out):
         for column, axes in enumerate(every[:2]):
             below = every[2 + column]
             if column < len(figures):
@@ -120,8 +120,10 @@ def draw_leg(leg: LegFigure, above: Axes, below: Axes) -> None:
     """
     for axes, chart in zip((above, below), leg.charts, strict=True):
         for stroke in chart.strokes:
-            axes.plot(*zip(*stroke.points, strict=True), **CURVES[stroke.style])
-        for series in chart.series:
+            if len(stroke.points) <= MOST_POINTS:
+                axes.plot(*zip(*stroke.points, strict=True), **CURVES[stroke.style])
+        for whole in chart.series:
+            series = whole if len(whole.x) <= MOST_POINTS else thinned(whole, MOST_POINTS // 2)
             axes.plot(series.x, series.y, **POINTS[series.mark], label=series.name or None)
         axes.axhline(0.0, color="0.4", lw=0.6)
         ticks = chart.y_ticks()
@@ -273,6 +275,9 @@ def maps_svg(maps: Sequence[PlaneMap]) -> str:
             axes.set(xlabel=f"{one.across}, mm", ylabel=f"{one.up}, mm", aspect="equal")
     return out.getvalue()
 
+
+MOST_POINTS = 400
+"""Of more in a series of a leg the lowest and the highest of each place are drawn, and no way."""
 
 CURVES: dict[StrokeStyle, dict[str, Any]] = {
     StrokeStyle.THIN: {"lw": 1.0, "color": "0.3"},

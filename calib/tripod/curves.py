@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.arrays import TOOL, FloatArray, IntArray, Observations, numbered, rows_of
-from calib.identify.solution import Solution
 from calib.noise.reading import visit_starts
 from calib.tripod.pipeline import Model
 
@@ -47,25 +46,22 @@ class LegCurve:
         return np.asarray(np.unique(self.mount, return_index=True)[1])
 
 
-def leg_curves(solution: Solution, observed: Observations) -> list[LegCurve]:
-    """A curve for each leg, axis and station that ``observed`` has, which were solved.
+def leg_curves(model: Model, observed: Observations, left_mm: FloatArray) -> list[LegCurve]:
+    """A curve for each leg, axis and station that ``observed`` has.
 
-    Several mountings and sessions share it, each about a zero of its own.
+    ``left_mm`` ``(n_visits,)`` is what the fitted model leaves of each visit. Several mountings and
+    sessions share a curve, each about a zero of its own.
     """
     visited = observed.take(visit_starts(observed))
-    exact = solution.model.readings(visited)
-    shown = exact + solution.residual_mm
-    if visited.over_plane.any():  # their mountings have a tilt, too, which the residual knows
-        fitted = visited.value_mm - solution.residual_mm
+    shown = model.readings(visited) + left_mm
+    plane = visited.over_plane
+    if plane.any():  # their mountings have a tilt, too, which is in what is left
+        fitted = visited.value_mm - left_mm
         mean = np.bincount(visited.mount, fitted) / np.bincount(visited.mount)
-        plane = visited.over_plane
         shown = np.where(plane, visited.value_mm - mean[visited.mount], shown)
-    station = np.where(visited.over_plane, 0.0, visited.station)
-    groups = rows_of(numbered(visited.leg, visited.axis, visited.over_plane, station))
-    return [
-        _curve(solution.model, visited.take(rows), shown[rows], solution.residual_mm[rows])
-        for rows in groups
-    ]
+    station = np.where(plane, 0.0, visited.station)
+    groups = rows_of(numbered(visited.leg, visited.axis, plane, station))
+    return [_curve(model, visited.take(rows), shown[rows], left_mm[rows]) for rows in groups]
 
 
 def _curve(

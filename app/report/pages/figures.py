@@ -98,6 +98,8 @@ def legs_svg(figures: Sequence[LegFigure]) -> str:
             below = every[2 + column]
             if column < len(figures):
                 draw_leg(figures[column], axes, below)
+                for part in (axes, below):
+                    _merge_points(part, [one for one in part.lines if one.get_marker() in POINTS])
             else:
                 axes.set_axis_off()
                 below.set_axis_off()
@@ -144,7 +146,14 @@ def _merge_points(axes: Axes, lines: Sequence[Line2D]) -> None:
             *(shape.transformed(Affine2D().translate(*at)) for at in places)
         )
         axes.add_patch(
-            PathPatch(path, color=line.get_color(), lw=1.0, joinstyle="round", transform=inches)
+            PathPatch(
+                path,
+                fc=line.get_markerfacecolor(),
+                ec=line.get_color(),
+                lw=line.get_markeredgewidth(),
+                joinstyle="round",
+                transform=inches,
+            )
         )
         line.set_data([], [])
 
@@ -286,7 +295,7 @@ CURVES: dict[StrokeStyle, dict[str, Any]] = {
 """The fit, and the way through the readings in time."""
 
 POINTS: dict[str, dict[str, Any]] = {
-    mark: {"ls": "none", "marker": mark, "ms": 3.5, "color": colour, "mfc": fill}
+    mark: {"ls": "none", "marker": mark, "ms": 3.5, "mew": 0.8, "color": colour, "mfc": fill}
     for mark, colour, fill in (
         (UP, COLOURS[0], COLOURS[0]),
         (DOWN, COLOURS[1], "white"),

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from textual.app import RenderResult
+from collections.abc import Sequence
+from dataclasses import replace
+
+from textual.app import ComposeResult, RenderResult
 from textual.color import Color
+from textual.containers import Horizontal, Vertical
 from textual.geometry import Size
 from textual_plotext import PlotextPlot
 
 from app.report.charts.characters import TERMINAL, Canvas, Colour
 from app.report.charts.charts import Chart
+from app.report.charts.legs import LegFigure
 
 
 class ChartPlot(PlotextPlot):
@@ -53,3 +58,37 @@ class ChartPlot(PlotextPlot):
         """Its own colour where the terminal chooses colours itself: then shape alone tells."""
         colour = Color.parse(self.app.theme_variables[variable])
         return colour.rgb if colour.ansi is None else TERMINAL
+
+
+class LegPlots(Horizontal):
+    """Pictures of legs, one after the other; where there is room, the next one stands beside."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._legs: tuple[LegFigure, ...] = ()
+        self._first = 0
+
+    def compose(self) -> ComposeResult:
+        for name in ("one", "beside"):
+            with Vertical(classes=name):
+                yield ChartPlot()
+                yield ChartPlot()
+
+    def show(self, legs: Sequence[LegFigure]) -> None:
+        """These, from the first on."""
+        self._legs, self._first = tuple(legs), 0
+        self.turn(0)
+
+    def turn(self, by: int) -> None:
+        """The next ones, or those before."""
+        if not self._legs:
+            return
+        count = len(self._legs)
+        self._first = (self._first + by) % count
+        for column, place in enumerate(self.query(Vertical)):
+            number = (self._first + column) % count
+            leg = self._legs[number]
+            title = f"{leg.title} ({number + 1} of {count})"
+            above, below = place.query(ChartPlot)
+            above.show(replace(leg.readings, title=title))
+            below.show(leg.left)

@@ -20,6 +20,7 @@ from app.evaluating.solution import SessionSolution, solve_sessions
 from app.evaluating.what_if import Choice, choices, trial_of
 from app.exports import export_offsets
 from app.measuring.plan import Plan, verification_plan
+from app.report.charts.legs import leg_figures
 from app.report.charts.results import before_and_after, measured_and_predicted
 from app.report.text import result as texts
 from app.report.text import what_if as what_if_texts
@@ -28,13 +29,13 @@ from app.report.text.home import REPORTS_SERVED
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from app.screens.pages import PagedScreen, apart, is_left, signalled
-from app.screens.plot import ChartPlot
+from app.screens.plot import ChartPlot, LegPlots
 from app.screens.what_if import WhatIfScreen, ask_effect
 from calib.errors import extra
 from calib.identify.solution import Subset
 from protocols.model_file import EffectEntry, ModelFile, read_model_file
 
-RESULT, DETAILS, PLOT = "tab-result", "tab-details", "tab-plot"
+RESULT, DETAILS, PLOT, LEGS = "tab-result", "tab-details", "tab-plot", "tab-legs"
 COMPARISON = "tab-comparison"
 
 
@@ -56,6 +57,8 @@ class ResultScreen(PagedScreen):
         Binding("4", "choose('with-tolerances')", "Tolerances", show=False, id="result.tolerances"),
         Binding("tab,right", "turn_to(1)", "Next", show=False, id="result.next"),
         Binding("shift+tab,left", "turn_to(-1)", "Previous", show=False, id="result.previous"),
+        Binding("plus", "leg(1)", "Next leg", show=False, id="result.next_leg"),
+        Binding("minus", "leg(-1)", "Leg before", show=False, id="result.leg_before"),
         Binding("d", "diagnose", "Diagnose", id="result.diagnose"),
         Binding("w", "what_if", "What if", id="result.what_if"),
         Binding("y", "copy", "Copy", show=False, id="result.copy"),
@@ -85,6 +88,8 @@ class ResultScreen(PagedScreen):
                 yield Static("", id="text", markup=False)
             with TabPane("Plot", id=PLOT):
                 yield ChartPlot(plot_id="plot")
+            with TabPane("Legs", id=LEGS):
+                yield LegPlots()
             if self.before is not None:
                 with TabPane("Before/after", id=COMPARISON), Horizontal():
                     yield from self._compose_comparison(self.before)
@@ -107,6 +112,16 @@ class ResultScreen(PagedScreen):
             with self.app.complaining():
                 await apart(self, self.solved.work_out)
         self._show()
+        self._show_legs()
+
+    @work(group="legs", exclusive=True)
+    async def _show_legs(self) -> None:
+        self.query_one(LegPlots).show(await apart(self, leg_figures, self.solved))
+
+    def action_leg(self, by: int) -> None:
+        """Another leg or axis on its page."""
+        self.action_page(LEGS)
+        self.query_one(LegPlots).turn(by)
 
     def _show(self) -> None:
         if not self.solved.is_worked_out:  # shown when it is
@@ -232,6 +247,7 @@ class ResultScreen(PagedScreen):
             if not is_left(self):
                 self.solved = solved
                 self._show()
+                self._show_legs()
 
     def action_diagnose(self) -> None:
         self.done.add(Done.DIAGNOSED)

@@ -16,6 +16,7 @@ from app.report.charts.results import (
     before_and_after,
     measured_and_predicted,
     residuals_before_and_after,
+    residuals_over_normal,
     residuals_over_time,
 )
 from app.report.charts.tripod import drawn_set_up
@@ -25,7 +26,9 @@ from app.report.pages.figures import (
     evidence_svg,
     legs_svg,
     maps_svg,
+    pareto_svg,
     svg_of,
+    vectors_svg,
 )
 from app.report.pages.notebook import leg_rows
 from app.report.text.caveats import caveats, caveats_of_view
@@ -64,6 +67,7 @@ from app.report.text.tables import LEAST_MM, new_table, signed, uncertain
 from app.version import program
 from calib.arrays import LEG_NAMES
 from calib.diagnosis.results import Diagnosis
+from calib.diagnosis.vectors import vector_maps
 from calib.printable import printable
 from protocols.machine import Machine
 from protocols.model_file import read_model_file
@@ -252,12 +256,25 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
             *warning_lines(solved, correction),
             table,
             bound_table(correction),
+            _vectors(solved),
             "" if solved.reads_tool else UNSEEN,
             gains_table(solved),
             *left_out_lines(correction),
             *(effect_words(one, machine) for one in named),
         ],
     )
+
+
+def _vectors(solved: SessionSolution) -> Picture:
+    """Which way the tool is off, now and with the values entered."""
+    correction = solved.correction
+    states = (("as it is now", correction.off_now), ("with these values entered", correction.off))
+    maps = [(words, vector_maps(off, correction.frame)) for words, off in states]
+    caption = (
+        f"Expected error of the tool, {FRAME_WORDS[correction.frame]}, on three planes through "
+        "Zero. All arrows have one scale; colour is the length in space."
+    )
+    return Picture(vectors_svg(maps), caption)
 
 
 def _view(solved: SessionSolution) -> Section:
@@ -294,7 +311,9 @@ def _budget(solved: SessionSolution) -> Section:
         "is for the case that what the parameters leave is noise. The bound at the tool is not "
         "made of these: it is over everything that may be true of the machine."
     )
-    return Section("Uncertainty budget of these parameters", [said, of_values])
+    caption = "The sources, the largest first; the line is the share of U² so far."
+    shares = Picture(pareto_svg(solved.budget), caption)
+    return Section("Uncertainty budget of these parameters", [said, of_values, shares])
 
 
 def _again(verified: Verification) -> Section:
@@ -352,10 +371,16 @@ def _evidence(found: Diagnosis) -> Sequence[Table | Picture]:
 def _fit(solved: SessionSolution) -> Section:
     """What the model makes of the readings."""
     caption = f"Differences as measured, and what the model leaves of them{WHISKER_WORDS}"
+    caption += "" if solved.reads_tool else LEG_NAMES_WORDS
     bars = Picture(bars_svg(measured_and_predicted(solved.solution)), caption)
     parts: list[Table | Picture] = [difference_table(solved.solution), bars]
     if (over_time := residuals_over_time(solved)).series:
         parts.append(Picture(svg_of(over_time), "Residuals over time: drift shows here."))
+    caption = (
+        "Residuals in the order of their size. On the line they are normal with the noise of the "
+        "readings; steeper is more than noise, a point far from the others is one by itself."
+    )
+    parts.append(Picture(svg_of(residuals_over_normal(solved)), caption))
     return Section("Differences", parts)
 
 
@@ -432,3 +457,4 @@ BESIDE = 3
 """So many sessions stand beside each other in a table."""
 
 WHISKER_WORDS = "; below, on a scale of its own. Whiskers: twice the standard uncertainty."
+LEG_NAMES_WORDS = " x_y+ is leg Y, read across along X, at Max less at Zero; x_y- the same at Min."

@@ -17,11 +17,14 @@ from matplotlib.lines import Line2D
 from matplotlib.markers import MarkerStyle
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
+from matplotlib.quiver import Quiver
 from matplotlib.transforms import Affine2D
 
+from app.evaluating.solution import BudgetShare
 from app.report.charts.charts import NOISE, Chart, Drawing, Series, StrokeStyle, thinned
 from app.report.charts.legs import DOWN, FIRST, OTHER, UP, LegFigure
 from calib.diagnosis.results import SEEN
+from calib.diagnosis.vectors import VectorMap
 from calib.tripod.workspace import PlaneMap
 
 STYLE: dict[Any, Any] = {
@@ -64,6 +67,15 @@ IN_A_ROW = 6
 MOST_LETTERS, LETTER_IN = 100, 0.055
 """Of names beside each other below a chart; more of them stand upright, each letter so high."""
 
+STEPS_OF_COLOUR = 12
+"""Of more, matplotlib makes a scale of pixels."""
+
+SCALE_IN = 0.7
+"""Room at the right for a scale of colours."""
+
+PALEST = 1.2
+"""Colours of arrows end so far above the longest: the palest would not be seen on paper."""
+
 DARKEST = 1.8
 """The colours end so far above the largest error: digits stay readable on all of them."""
 
@@ -79,6 +91,8 @@ def svg_of(chart: Chart) -> str:
         for series in chart.series:
             if series.name == NOISE:
                 _band(axes, series)
+        for stroke in chart.strokes:
+            axes.plot(*zip(*stroke.points, strict=True), **CURVES[stroke.style])
         points: list[Line2D] = []
         for number, series in enumerate(shown):
             marker, colour = MARKERS[number % len(MARKERS)], COLOURS[number % len(COLOURS)]
@@ -305,6 +319,69 @@ POINTS: dict[str, dict[str, Any]] = {
 }
 """Told by shape, and by filled and hollow, where there are no colours."""
 
+
+def pareto_svg(shares: Sequence[BudgetShare]) -> str:
+    """Sources of uncertainty, the largest first, in µm; a line is their share so far."""
+    height_in = BOTTOM_IN + TOP_IN + 2.0 * ROW_IN * (1 + len(shares))
+    with _figure(WIDTH_IN, height_in, left_in=1.9, top_in=TOP_IN + ROW_IN) as ((axes,), out):
+        rows = range(len(shares))
+        axes.barh(rows, [1000.0 * share.expanded_mm for share in shares], 0.6, color=COLOURS[0])
+        axes.set_yticks(rows, [share.source for share in shares])
+        axes.invert_yaxis()
+        axes.grid(visible=False, axis="y")
+        axes.set(xlabel="± (95 %), µm, r.m.s. of the parameters")
+        axes.set_xlim(0.0, 1150.0 * shares[0].expanded_mm)
+        whole = axes.twiny()
+        together = [100.0 * share.cumulative for share in shares]
+        whole.plot(together, rows, "o-", color=COLOURS[1], ms=3, lw=1.0)
+        for row, percent in zip(rows, together, strict=True):
+            words = f"{percent:.0f} %"
+            whole.annotate(words, (percent, row), (5, -3), textcoords="offset points")
+        whole.grid(visible=False)
+        whole.set(xlim=(0.0, 115.0), xlabel="share of the square of U together, %")
+    return out.getvalue()
+
+
+def vectors_svg(maps: Sequence[tuple[str, Sequence[VectorMap]]]) -> str:
+    """Planes of the workspace, a row of them for each state: errors of the tool as arrows.
+
+    Length and colour have one scale; the colour is the length of the whole error, also of the part
+    that points out of the plane.
+    """
+    told = [mm for _, row in maps for one in row for some in one.length.tolist() for mm in some]
+    most_um = 1000.0 * max(mm for mm in told if math.isfinite(mm))
+    columns = max(len(row) for _, row in maps)
+    height_in = 0.95 * WIDTH_IN / columns * len(maps)
+    with _figure(WIDTH_IN, height_in, columns, len(maps), right_in=SCALE_IN) as (every, out):
+        arrows: list[Quiver] = []
+        for number, axes in enumerate(every):
+            words, row = maps[number // columns]
+            one = row[number % columns]
+            across, up = one.along_across, one.along_up
+            quiver = axes.quiver(
+                across.coordinate_mm,
+                across.up_mm,
+                1000.0 * across.value,
+                1000.0 * up.value,
+                1000.0 * one.length,
+                cmap=mpl.colormaps["plasma"].resampled(STEPS_OF_COLOUR),
+                clim=(0.0, PALEST * most_um),
+                angles="xy",
+                pivot="mid",
+                width=0.012,
+                scale_units="width",
+                scale=4.0 * most_um,
+            )
+            arrows.append(quiver)
+            axes.set(xlabel=f"{across.across}, mm", ylabel=f"{across.up}, mm", aspect="equal")
+            axes.margins(0.15)
+            if number % columns == 0:
+                axes.set_title(words, loc="left", size=7.5)
+        beside = every[0].figure.add_axes((1.0 - 0.8 * SCALE_IN / WIDTH_IN, 0.2, 0.012, 0.6))
+        every[0].figure.colorbar(arrows[0], cax=beside, label="µm")
+    return out.getvalue()
+
+
 STROKES: dict[StrokeStyle, dict[str, Any]] = {
     StrokeStyle.DOTTED: {"lw": 0.7, "ls": ":", "color": "0.4"},
     StrokeStyle.THIN: {"lw": 0.7, "color": "0.3"},
@@ -342,6 +419,7 @@ def _figure(
     left_in: float = LEFT_IN,
     bottom_in: float = BOTTOM_IN,
     top_in: float = TOP_IN,
+    right_in: float = RIGHT_IN,
 ) -> Iterator[tuple[list[Axes], StringIO]]:
     """Axes to draw on, beside or below each other; the SVG is there once they are done."""
     out = StringIO()
@@ -350,10 +428,10 @@ def _figure(
         # a layout worked out by matplotlib would draw everything twice
         figure.subplots_adjust(
             left=left_in / width_in,
-            right=1.0 - RIGHT_IN / width_in,
+            right=1.0 - right_in / width_in,
             bottom=bottom_in / height_in,
             top=1.0 - top_in / height_in,
-            wspace=_room(BESIDE_IN, columns, width_in - left_in - RIGHT_IN),
+            wspace=_room(BESIDE_IN, columns, width_in - left_in - right_in),
             hspace=_room(BELOW_IN, rows, height_in - bottom_in - top_in),
         )
         yield [figure.add_subplot(rows, columns, 1 + k) for k in range(rows * columns)], out

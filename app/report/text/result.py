@@ -400,8 +400,8 @@ Each difference between two postures, before and after the joint offsets
 were entered in the controller. "Expected" is the residual of the first
 session: offsets cannot remove more than that.
 
-V  the plot instead of the text, and back
-Y  copies the text"""
+Tab, arrows   the plot, and back to the text
+Y             copy the page to the clipboard, a plot as characters"""
 
 
 WRONG = {

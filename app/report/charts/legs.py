@@ -64,11 +64,17 @@ def leg_figures(solved: SessionSolution) -> tuple[LegFigure, ...]:
     for curve, above, below in zip(curves, readings, left, strict=True):
         title = leg_words(curve, several=several)
         enlarged = UM_PER_MM * _height(above) / _height(below)
-        words = f"left by offsets and lengths, {enlarged:.3g} times enlarged"
+        words = f"{left_by(solved)}, {enlarged:.3g} times enlarged"
         figures.append(
             LegFigure(title, replace(above, title=title), replace(below, title=words), enlarged)
         )
     return tuple(figures)
+
+
+def left_by(solved: SessionSolution) -> str:
+    """What was fitted, in words."""
+    adopted = solved.solution.model.effects
+    return "left by the model with its effects" if adopted else "left by offsets and lengths"
 
 
 def leg_words(curve: LegCurve, *, several: bool) -> str:

@@ -17,6 +17,7 @@ from app.report.charts.charts import (
     StrokeStyle,
     series_of,
 )
+from app.report.charts.legs import left_by
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.diagnosis.results import SEEN, Cell
 from calib.identify.solution import Solution
@@ -189,7 +190,7 @@ def residuals_over_normal(solved: SessionSolution) -> Chart:
     left_um = tuple(1000.0 * mm for mm in left_mm)
     noise_um = 1000.0 * solved.solution.noise.standard_deviation_mm
     line = tuple((score, noise_um * score) for score in (min(scores), max(scores)))
-    residuals = Series("left by offsets and lengths", tuple(scores), left_um)
+    residuals = Series(left_by(solved), tuple(scores), left_um)
     return Chart(
         "Residuals against the normal distribution",
         "standard deviations of a normal distribution",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -12,6 +13,7 @@ from app.report.charts.legs import LegFigure
 from app.report.pages.notebook import SessionFigures
 from tests.app.cli import glidecal as command
 from tests.conftest import SAMPLES
+from tests.hidden_sessions import write_session
 
 SWEEP = SAMPLES / "simulated_sweep.jsonl"
 MARKS = {"towards +": ">", "towards −": "<", "first": "o"}
@@ -83,3 +85,21 @@ def test_a_notebook_shows_it_and_draws_it_on_axes(figures: SessionFigures) -> No
     shown = {line.get_label(): list(line.get_ydata()) for line in above.lines}
     for series in figures.legs[1].readings.series:
         assert shown[series.name] == list(series.y)
+
+
+def test_an_adopted_play_is_a_line_for_each_direction(tmp_path: Path) -> None:
+    """Across leg Y along X the play of carriage X shows; what is left is noise then."""
+    session = write_session(tmp_path / "play.jsonl", "sweep", 3, "backlash:x", 0.03)
+    model = tmp_path / "found.json"
+    assert command("diagnose", session, "--adopt", model).status == 0
+    without, adopted = glidecal.figures(session), glidecal.figures(session, model=model)
+    heights = []
+    for figures, count, words in (
+        (without, 1, "left by offsets and lengths"),
+        (adopted, 2, "left by the model with its effects"),
+    ):
+        leg = next(one for one in figures.legs if one.title == "Leg Y, across along X")
+        assert len(leg.readings.strokes) == count
+        assert leg.left.title.startswith(f"{words}, ")
+        heights.append(max(abs(y) for one in leg.left.series for y in one.y))
+    assert heights[1] < 0.6 * heights[0]

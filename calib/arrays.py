@@ -164,6 +164,11 @@ def joined(every: Sequence[Conditions]) -> Conditions:
     return Conditions(**arrays)
 
 
+def joined_values(every: Sequence[FloatArray]) -> FloatArray:
+    """All values ``(n,)`` one after the other."""
+    return np.concatenate(every) if every else np.empty(0)
+
+
 def numbered(*keys: NDArray[Any]) -> IntArray:
     """Number the groups ``(n,)`` of rows that agree in all keys ``(n,)``, in the keys' order."""
     order = np.lexsort(keys[::-1])

@@ -1,4 +1,4 @@
-"""The three tail areas that are needed, without the start-up cost of scipy.stats."""
+"""The tail areas and quantiles that are needed, without the start-up cost of scipy.stats."""
 
 from __future__ import annotations
 
@@ -35,3 +35,10 @@ def coverage_factors(degrees_of_freedom: FloatArray) -> FloatArray:
     known = np.isinf(degrees_of_freedom)
     student = stdtrit(np.where(known, 1.0, degrees_of_freedom), upper)
     return np.asarray(np.where(known, ndtri(upper), student))
+
+
+def normal_scores(values: FloatArray) -> FloatArray:
+    """Quantiles ``(n,)`` of the standard normal that the ranks of values have (Blom, 1958)."""
+    rank = np.empty(len(values))
+    rank[np.argsort(values, kind="stable")] = np.arange(1, len(values) + 1)
+    return np.asarray(ndtri((rank - 0.375) / (len(values) + 0.25)))

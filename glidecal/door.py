@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.evaluating.solution import SessionSolution
     from app.evaluating.what_if import WhatIf
     from app.planning.tripod import MeasurementPlan
+    from app.report.pages.notebook import SessionFigures
     from calib.identify.solution import Method, Subset
     from calib.posterior.correction import Holds
     from protocols.machine import Frame
@@ -30,6 +31,7 @@ __all__ = [
     "Machine",
     "Session",
     "diagnose",
+    "figures",
     "load",
     "plan",
     "report",
@@ -173,6 +175,17 @@ def plan(
         frame=frame,
         holds=holds,
     )
+
+
+def figures(*sessions: File | Session, model: File | None = None) -> SessionFigures:
+    """A picture for each leg and axis: readings, the fit, and enlarged what is left.
+
+    A notebook shows it (with matplotlib), ``print`` gives characters, and `SessionFigures.draw`
+    draws one on axes.
+    """
+    from app.report.pages.notebook import SessionFigures
+
+    return SessionFigures.of(solve(*sessions, model=model))
 
 
 def report(

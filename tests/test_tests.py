@@ -8,8 +8,8 @@ from functools import cache
 from pathlib import Path
 
 HERE = Path(__file__).parent
-FOREIGN = {"_compositor", "_notifications", "_exit"}
-"""Of Textual, which has no public door to rows and notices as they are shown; of os."""
+FOREIGN = {"_compositor", "_notifications", "_exit", "_repr_html_"}
+"""Of Textual, which has no public door to rows and notices as they are shown; of os; of Jupyter."""
 
 FAILS = {"raises", "warns", "fail"}  # of pytest
 Function = ast.FunctionDef | ast.AsyncFunctionDef

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 from app.evaluating.correction import ControllerCorrections, Gain, SessionCorrection
 from app.evaluating.printer import printer_change
-from calib.arrays import Observations
+from calib.arrays import FloatArray, Observations, descending, joined_values
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.accuracy import Decision, decide
 from calib.identify.fit import plane_tilts_mrad
@@ -23,6 +24,8 @@ from calib.noise.reading import (
     single_posture_rows,
     visit_starts,
 )
+from calib.stats import normal_scores
+from calib.tripod.curves import LegCurve, leg_curves
 from calib.tripod.pipeline import Model
 from protocols.data_table import Cell, DataTable
 from protocols.observations import indicator_figures, to_observations
@@ -166,6 +169,35 @@ class SessionSolution:
         """Expected error of the tool with the values of the view, on three planes through Zero."""
         return self.corrections.off(self.solution.model).maps(self.frame)
 
+    @cached_property
+    def curves(self) -> list[LegCurve]:
+        """Readings of each leg and axis over its travel, about all offsets and lengths.
+
+        Both are held by their tolerances, so that what no value of them explains is left; where
+        that set is not determined, it is the fit of the view.
+        """
+        fit = self.choice.solutions.get("with-tolerances", self.solution)
+        return leg_curves(fit.model, self.observed, fit.residual_mm)
+
+    @property
+    def left_over_normal(self) -> tuple[FloatArray, FloatArray]:
+        """What `curves` leave of all visits ``(n,)``, mm, and their normal scores ``(n,)``."""
+        left_mm = joined_values([curve.left_mm for curve in self.curves])
+        return left_mm, normal_scores(left_mm)
+
+    @property
+    def budget(self) -> tuple[BudgetShare, ...]:
+        """What each source gives to the uncertainties of the view, the largest first."""
+        sources = self.solution.budget_mm
+        squares = {name: sum(mm * mm for mm in each.tolist()) for name, each in sources.items()}
+        whole, count = math.fsum(squares.values()), len(self.solution.names)
+        shares, together = [], 0.0
+        for name in descending([*squares], squares.__getitem__):
+            together += squares[name]
+            root_mm = math.sqrt(squares[name] / count)
+            shares.append(BudgetShare(name, root_mm, together / whole if whole else 1.0))
+        return tuple(shares)
+
     @property
     def furthest_distance(self) -> FurthestDistance | None:
         """The distance between marks that is furthest off; None where none is beyond chance."""
@@ -220,6 +252,18 @@ class SessionSolution:
         """d_rho of joints x, y, z that are entered where the controller holds nothing else."""
         x, y, z = self.corrections.of("offsets").model.parameters_mm[:3]
         return x, y, z
+
+
+@dataclass(frozen=True)
+class BudgetShare:
+    """A source of uncertainty: r.m.s. over the parameters (95 %), and with those before it.
+
+    ``cumulative`` is the share of the squares of all.
+    """
+
+    source: str
+    expanded_mm: float
+    cumulative: float
 
 
 TableName = Literal["parameters", "differences", "residuals"]

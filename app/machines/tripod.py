@@ -195,6 +195,9 @@ class SolveOptions:
     show_map: Annotated[
         bool, typer.Option("--map", help="Expected tool error on three planes.")
     ] = False
+    show_figures: Annotated[
+        bool, typer.Option("--figures", help="Draw readings and what is left of them, by leg.")
+    ] = False
     monte_carlo: Annotated[
         int, typer.Option(help="Check on so many simulated sessions.", min=0)
     ] = 0
@@ -236,12 +239,19 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
         parts = [solution_text(solved)]
         parts += [judged_text(judged)] if judged else []
         parts += [maps_text(mapped, solved.frame)] if mapped else []
+        if own.show_figures:
+            from app.report.charts.characters import legs_text
+            from app.report.charts.legs import leg_figures
+
+            parts.append(legs_text(leg_figures(solved)))
         parts += [monte_carlo_text(simulated)] if simulated else []
         return "\n\n".join(parts)
 
     def document() -> Report:
         from app.report.schema.solution import SolutionReport
 
+        if own.show_figures:
+            raise UsageError("--json", "beside --figures, which are text", "one of them")
         sizes = solved.solution.sizes or None
         return SolutionReport.of(
             solved=solved, sizes=sizes, judged=judged, maps=mapped, simulated=simulated

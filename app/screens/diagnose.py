@@ -28,8 +28,9 @@ from app.measuring.plan import plan_to_repeat
 from app.report.charts.results import residuals_before_and_after
 from app.report.text import diagnosis as texts
 from app.report.text.result import ONLY_SHOWN
-from app.screens.interface import ChoiceDialog, Interface, TextDialog
-from app.screens.pages import PagedScreen, apart, signalled
+from app.screens.interface import ChoiceDialog, TextDialog
+from app.screens.paged import PagedScreen, page_keys
+from app.screens.pages import apart, signalled
 from app.screens.plot import ChartPlot
 from app.screens.what_if import WhatIfScreen, ask_effect
 from calib.errors import GlidecalError
@@ -43,7 +44,6 @@ CHANGE = "change"
 class DiagnoseScreen(PagedScreen):
     """One diagnosis; what was named can be adopted into a model and is then looked for no more."""
 
-    app: Interface
     HELP = texts.DIAGNOSE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("a", "adopt", "Adopt", id="diagnose.adopt"),
@@ -56,11 +56,7 @@ class DiagnoseScreen(PagedScreen):
         Binding("2", "page('where')", "Where", show=False, id="diagnose.where"),
         Binding("3", "page('candidates')", "Candidates", show=False, id="diagnose.candidates"),
         Binding("4", "page('change')", "Before/after", show=False, id="diagnose.change"),
-        Binding("tab,right", "turn_to(1)", "Page", show=False, id="diagnose.next_page"),
-        Binding("shift+tab,left", "turn_to(-1)", "Page", show=False, id="diagnose.previous"),
-        Binding("y", "copy", "Copy", id="diagnose.copy"),
-        Binding("escape", "app.pop_screen", "Back", id="diagnose.back"),
-        Binding("f10", "app.quit", "Quit", id="diagnose.quit"),
+        *page_keys("diagnose"),
     ]
 
     def __init__(self, paths: Sequence[Path]) -> None:
@@ -277,8 +273,7 @@ class DiagnoseScreen(PagedScreen):
 
     def action_copy(self) -> None:
         if self._ready():
-            shown = self._page_text(self.query_one(TabbedContent).active)
-            self.app.copy(str(shown.content))
+            super().action_copy()
 
 
 def _diagnosis(

@@ -17,8 +17,9 @@ from textual.widgets import Footer, Static, TabbedContent, TabPane
 from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from app.report.text import hexaslide as texts
-from app.screens.interface import Interface, TextDialog
-from app.screens.pages import PagedScreen, apart
+from app.screens.interface import TextDialog
+from app.screens.paged import PagedScreen, page_keys
+from app.screens.pages import apart
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
 from calib.hexaslide.planning import (
@@ -31,8 +32,8 @@ from calib.hexaslide.procedures import ProcedureKind
 from calib.hexaslide.search import BestPostures, Search, searches
 
 MOST_POSTURES = 200
-TEXTS = {"sees": "sees-text", "machine": "drawn-text", "places": "search-text", "list": "list-text"}
-"""What is copied from each page."""
+TEXTS = ("sees-text", "drawn-text", "search-text", "list-text")
+"""Of the pages that have one."""
 
 
 class _Left(Exception):
@@ -42,7 +43,6 @@ class _Left(Exception):
 class HexaSlideScreen(PagedScreen):
     """Four procedures on one machine; nothing is written."""
 
-    app: Interface
     HELP = texts.HEXASLIDE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         *(
@@ -53,13 +53,9 @@ class HexaSlideScreen(PagedScreen):
         Binding("c", "count", "Count", id="hexaslide.count"),
         Binding("m", "measured", "Measured", id="hexaslide.measured"),
         Binding("f", "machine", "File", id="hexaslide.machine"),
-        Binding("tab,right", "turn_to(1)", "Page", show=False, id="hexaslide.next_page"),
-        Binding("shift+tab,left", "turn_to(-1)", "Page", show=False, id="hexaslide.previous_page"),
         Binding("plus", "draw(1)", "Next posture", show=False, id="hexaslide.next_posture"),
         Binding("minus", "draw(-1)", "Posture before", show=False, id="hexaslide.posture_before"),
-        Binding("y", "copy", "Copy", show=False, id="hexaslide.copy"),
-        Binding("escape", "back", "Back", id="hexaslide.back"),
-        Binding("f10", "app.quit", "Quit", id="hexaslide.quit"),
+        *page_keys("hexaslide", "back"),
     ]
 
     def __init__(self, request: Request | None = None) -> None:
@@ -117,7 +113,7 @@ class HexaSlideScreen(PagedScreen):
         self._say("hexaslide", texts.heading_text(self.request.machine_file, self.view))
 
     def _say_everywhere(self, text: str) -> None:
-        for name in TEXTS.values():
+        for name in TEXTS:
             self._say(name, text)
         for plot in self.query(ChartPlot):
             plot.display = False
@@ -253,12 +249,6 @@ class HexaSlideScreen(PagedScreen):
         if self.view is not None and self.found is not None:
             self._drawn_at = (self._drawn_at + by) % (len(self.found.coordinates) + 1)
             self._draw_machine(self.view)
-
-    def action_copy(self) -> None:
-        """The text of this page to the clipboard of the terminal."""
-        page = TEXTS.get(self.query_one(TabbedContent).active, "list-text")
-        text = str(self.query_one(f"#{page}", Static).content)
-        self.app.copy(text)
 
     def action_back(self) -> None:
         """Stop the search, or go back to where this was opened from."""

@@ -6,29 +6,23 @@ from datetime import UTC, datetime
 from typing import ClassVar
 
 from textual.app import ComposeResult
-from textual.binding import Binding, BindingType
+from textual.binding import BindingType
 from textual.containers import VerticalScroll
 from textual.widgets import Footer, Static, TabbedContent, TabPane
 
 from app.evaluating.history import History
 from app.report.charts.results import offsets_over_time
 from app.report.text.history import HISTORY_HELP, history_text
-from app.screens.interface import Interface
-from app.screens.pages import PagedScreen, signalled
+from app.screens.paged import PagedScreen, page_keys
+from app.screens.pages import signalled
 from app.screens.plot import ChartPlot
 
 
 class HistoryScreen(PagedScreen):
     """A page of text, then a plot for each machine."""
 
-    app: Interface
     HELP = HISTORY_HELP
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("tab,right", "turn_to(1)", "Next page", id="history.next"),
-        Binding("shift+tab,left", "turn_to(-1)", "Previous", show=False, id="history.previous"),
-        Binding("escape", "app.go_back", "Back", id="history.back"),
-        Binding("f10", "app.quit", "Quit", id="history.quit"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = page_keys("history")
 
     def __init__(self, found: History) -> None:
         super().__init__()

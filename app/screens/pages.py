@@ -1,23 +1,20 @@
-"""What screens share: pages that keys turn, words that stand out, widgets that rest."""
+"""What screens share: work apart from them, words that stand out, widgets that rest."""
 
 from __future__ import annotations
 
 import asyncio
 import re
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, ParamSpec, Self, TypeVar
 
 from rich.segment import Segment
 from textual.color import Color
-from textual.containers import VerticalScroll
 from textual.content import Content
 from textual.geometry import Region
 from textual.screen import Screen
 from textual.strip import Strip
-from textual.timer import Timer
 from textual.widget import Widget
-from textual.widgets import Footer, Static, TabbedContent, Tabs
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
@@ -164,47 +161,3 @@ def legible(variables: Mapping[str, str]) -> dict[str, str]:
         if theirs.ansi is None:  # else the terminal chooses
             found[name] = next(clear, text).hex
     return found
-
-
-SHOWN_S = 15.0
-"""So long a message stays below a page."""
-
-
-class PagedScreen(Screen[None]):
-    """One `TabbedContent` inside; bind keys to ``turn_to(1)`` and ``turn_to(-1)``.
-
-    What happened last is a line below the page, which lies over nothing.
-    """
-
-    _fading: Timer | None = None
-
-    def on_mount(self) -> None:
-        self.query_one(Tabs).can_focus = False  # the keys of this screen turn the pages
-        self.mount(Static("", id="message", markup=False), before=self.query_one(Footer))
-
-    def say(self, text: str) -> None:
-        """What happened last, for a while."""
-        if self._fading is not None:
-            self._fading.stop()
-        self._show_message(text)
-        self._fading = self.set_timer(SHOWN_S, partial(self._show_message, ""))
-
-    def _show_message(self, text: str) -> None:
-        for message in self.query("#message").results(Static):
-            message.update(text)
-            message.display = bool(text)
-
-    def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
-        """Up and down scroll the text of the page that is shown."""
-        scrolls = event.pane.query(VerticalScroll)
-        self.set_focus(scrolls.first() if scrolls else None)
-
-    def action_page(self, name: str) -> None:
-        self.query_one(TabbedContent).active = name
-
-    def action_turn_to(self, direction: int) -> None:
-        tabs = self.query_one(Tabs)
-        if direction > 0:
-            tabs.action_next_tab()
-        else:
-            tabs.action_previous_tab()

@@ -11,7 +11,6 @@ from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
-from textual.screen import Screen
 from textual.widgets import Footer, Static, TabbedContent, TabPane
 
 from app.evaluating.comparison import Comparison, partner_of
@@ -20,28 +19,28 @@ from app.evaluating.solution import SessionSolution, solve_sessions
 from app.evaluating.what_if import Choice, choices, trial_of
 from app.exports import export_offsets
 from app.measuring.plan import Plan, verification_plan
+from app.report.charts.legs import leg_figures
 from app.report.charts.results import before_and_after, measured_and_predicted
 from app.report.text import result as texts
 from app.report.text import what_if as what_if_texts
 from app.report.text.glance import Done, glance_text
 from app.report.text.home import REPORTS_SERVED
 from app.screens.fast_keys import Title
-from app.screens.interface import Interface
-from app.screens.pages import PagedScreen, apart, is_left, signalled
-from app.screens.plot import ChartPlot
+from app.screens.paged import PagedScreen, page_keys
+from app.screens.pages import apart, is_left, signalled
+from app.screens.plot import ChartPlot, LegPlots
 from app.screens.what_if import WhatIfScreen, ask_effect
 from calib.errors import extra
 from calib.identify.solution import Subset
 from protocols.model_file import EffectEntry, ModelFile, read_model_file
 
-RESULT, DETAILS, PLOT = "tab-result", "tab-details", "tab-plot"
+RESULT, DETAILS, PLOT, LEGS = "tab-result", "tab-details", "tab-plot", "tab-legs"
 COMPARISON = "tab-comparison"
 
 
 class ResultScreen(PagedScreen):
     """One solution; with the plan of its session it can be verified."""
 
-    app: Interface
     HELP = texts.RESULT_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("e", "export", "Export", id="result.export"),
@@ -54,14 +53,12 @@ class ResultScreen(PagedScreen):
         Binding("2", "choose('leg-lengths')", "Legs", show=False, id="result.lengths"),
         Binding("3", "choose('both')", "Both", show=False, id="result.both"),
         Binding("4", "choose('with-tolerances')", "Tolerances", show=False, id="result.tolerances"),
-        Binding("tab,right", "turn_to(1)", "Next", show=False, id="result.next"),
-        Binding("shift+tab,left", "turn_to(-1)", "Previous", show=False, id="result.previous"),
+        Binding("plus", "leg(1)", "Next leg", show=False, id="result.next_leg"),
+        Binding("minus", "leg(-1)", "Leg before", show=False, id="result.leg_before"),
         Binding("d", "diagnose", "Diagnose", id="result.diagnose"),
         Binding("w", "what_if", "What if", id="result.what_if"),
-        Binding("y", "copy", "Copy", show=False, id="result.copy"),
         Binding("h", "home", "Home", show=False, id="result.home"),
-        Binding("escape", "app.go_back", "Back", id="result.back"),
-        Binding("f10", "app.quit", "Quit", id="result.quit"),
+        *page_keys("result"),
     ]
 
     def __init__(
@@ -85,6 +82,8 @@ class ResultScreen(PagedScreen):
                 yield Static("", id="text", markup=False)
             with TabPane("Plot", id=PLOT):
                 yield ChartPlot(plot_id="plot")
+            with TabPane("Legs", id=LEGS):
+                yield LegPlots()
             if self.before is not None:
                 with TabPane("Before/after", id=COMPARISON), Horizontal():
                     yield from self._compose_comparison(self.before)
@@ -107,6 +106,16 @@ class ResultScreen(PagedScreen):
             with self.app.complaining():
                 await apart(self, self.solved.work_out)
         self._show()
+        self._show_legs()
+
+    @work(group="legs", exclusive=True)
+    async def _show_legs(self) -> None:
+        self.query_one(LegPlots).show(await apart(self, leg_figures, self.solved))
+
+    def action_leg(self, by: int) -> None:
+        """Another leg or axis on its page."""
+        self.action_page(LEGS)
+        self.query_one(LegPlots).turn(by)
 
     def _show(self) -> None:
         if not self.solved.is_worked_out:  # shown when it is
@@ -232,6 +241,7 @@ class ResultScreen(PagedScreen):
             if not is_left(self):
                 self.solved = solved
                 self._show()
+                self._show_legs()
 
     def action_diagnose(self) -> None:
         self.done.add(Done.DIAGNOSED)
@@ -239,27 +249,15 @@ class ResultScreen(PagedScreen):
             self._show_glance()
         self.app.push_screen(self.app.diagnosis([self.path]))
 
-    def action_copy(self) -> None:
-        page = self.query_one(TabbedContent).active
-        name = {RESULT: "#glance", COMPARISON: "#compared"}.get(page, "#text")
-        self.app.copy(str(self.query_one(name, Static).content))
-
     def action_home(self) -> None:
         self.app.go_to(self.app.home())
 
 
-class CompareScreen(Screen[None]):
+class CompareScreen(PagedScreen):
     """Two sessions side by side."""
 
-    app: Interface
     HELP = texts.COMPARISON_HELP
-    AUTO_FOCUS = "#compare-words"
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("v", "plot", "View", id="compare.plot"),
-        Binding("y", "copy", "Copy", id="compare.copy"),
-        Binding("escape", "app.pop_screen", "Back", id="compare.back"),
-        Binding("f10", "app.quit", "Quit", id="compare.quit"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = page_keys("compare")
 
     def __init__(self, comparison: Comparison) -> None:
         super().__init__()
@@ -268,16 +266,12 @@ class CompareScreen(Screen[None]):
 
     def compose(self) -> ComposeResult:
         yield Title()
-        before, after = self._comparison.before.solution, self._comparison.after.solution
-        with Horizontal(id="compare"):
-            with VerticalScroll(id="compare-words"):
-                yield Static(self._text, id="compare-text", markup=False)
-            yield ChartPlot(before_and_after(before, after), plot_id="compare-chart")
+        chart = before_and_after(self._comparison.before.solution, self._comparison.after.solution)
+        with TabbedContent():
+            with TabPane("Comparison"), Horizontal():
+                with VerticalScroll(id="compare-words"):
+                    yield Static(self._text, id="compare-text", markup=False)
+                yield ChartPlot(chart, plot_id="compare-beside")
+            with TabPane("Plot"):
+                yield ChartPlot(chart, plot_id="compare-chart")
         yield Footer()
-
-    def action_plot(self) -> None:
-        """The plot instead of the text, where there is no room for both."""
-        self.toggle_class("plotted")
-
-    def action_copy(self) -> None:
-        self.app.copy(self._text)

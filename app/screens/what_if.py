@@ -18,7 +18,8 @@ from app.report.charts.results import predictions_with, residuals_with
 from app.report.text import what_if as texts
 from app.report.text.result import ONLY_SHOWN
 from app.screens.interface import ChoiceDialog, Interface
-from app.screens.pages import PagedScreen, apart, signalled
+from app.screens.paged import PagedScreen, page_keys
+from app.screens.pages import apart, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError, NotIdentifiable
 from calib.identify.solution import FittedSize
@@ -29,7 +30,6 @@ LEFT, DIFFERENCES, NUMBERS = "left-over", "predicted", "numbers"
 class WhatIfScreen(PagedScreen):
     """One effect beside the parameters; ``adopt`` is what Enter does once this screen is gone."""
 
-    app: Interface
     HELP = texts.WHAT_IF_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "move(-1)", "Smaller", id="what_if.smaller"),
@@ -41,16 +41,12 @@ class WhatIfScreen(PagedScreen):
         Binding("0", "nothing", "Nothing", id="what_if.nothing"),
         Binding("f", "best", "Fits best", id="what_if.best"),
         Binding("enter", "adopt", "Adopt", id="what_if.adopt"),
-        Binding("escape", "app.pop_screen", "Drop", id="what_if.drop"),
         Binding("1", f"page('{LEFT}')", "What is left", show=False, id="what_if.left"),
         Binding("2", f"page('{DIFFERENCES}')", "Differences", show=False, id="what_if.predicted"),
         Binding("3", f"page('{NUMBERS}')", "Numbers", show=False, id="what_if.numbers"),
-        Binding("tab", "turn_to(1)", "Page", show=False, id="what_if.next_page"),
-        Binding("shift+tab", "turn_to(-1)", "Page", show=False, id="what_if.previous"),
         Binding("pagedown", "scroll(1)", "Down", show=False, id="what_if.down"),
         Binding("pageup", "scroll(-1)", "Up", show=False, id="what_if.up"),
-        Binding("y", "copy", "Copy", show=False, id="what_if.copy"),
-        Binding("f10", "app.quit", "Quit", id="what_if.quit"),
+        *page_keys("what_if", words="Drop", arrows=False),
     ]
 
     def __init__(

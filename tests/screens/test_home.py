@@ -117,15 +117,17 @@ async def test_compare_by_keys(folder: Path) -> None:
         await shown(pilot, interface, CompareScreen)
         assert f"before: {BEFORE}\nafter:  {AFTER}" in text(interface, "#compare-text")
         assert "from 0.3230 to 0.1508 mm" in text(interface, "#compare-text")
-        assert not interface.screen.query_one("#compare-chart").display
+        assert not interface.screen.query_one("#compare-beside").display
         await pilot.press("y")
         assert interface.clipboard == text(interface, "#compare-text")
-        await pilot.press("v")
-        await pilot.pause()
-        assert interface.screen.query_one("#compare-chart").display
-        assert not interface.screen.query_one("#compare-words").display
+        await pilot.press("tab")
+        chart = interface.screen.query_one("#compare-chart")
+        await until(pilot, "the plot", lambda: chart.region.area > 0)
+        await pilot.press("y")
+        assert interface.clipboard.splitlines()[0].strip() == "Differences, mm"
+        await pilot.press("tab")
         await pilot.resize_terminal(120, 40)
-        assert interface.screen.query_one("#compare-words").display
+        assert interface.screen.query_one("#compare-beside").display
         await pilot.press("escape")
         await shown(pilot, interface, HomeScreen)
         await pilot.press("f10")

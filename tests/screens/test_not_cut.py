@@ -38,7 +38,7 @@ from app.screens.home import HomeScreen, PickScreen, ReplayChoiceScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.measure import MeasureScreen
 from app.screens.motion_dialog import MotionDialog
-from app.screens.pages import PagedScreen
+from app.screens.paged import PagedScreen
 from app.screens.prepare import IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import CompareScreen, ResultScreen

@@ -10,8 +10,9 @@ from textual.app import App, ComposeResult
 from textual.color import Color
 from textual.theme import BUILTIN_THEMES
 
+from app.report.charts.characters import MARKERS
 from app.report.charts.charts import Chart, Series
-from app.screens.plot import MARKERS, ChartPlot
+from app.screens.plot import ChartPlot
 
 LEAST_CONTRAST = 3.0
 """Of graphics on their ground, WCAG 2.1."""

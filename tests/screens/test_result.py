@@ -20,11 +20,12 @@ from app.measuring.demo import demo_plan
 from app.measuring.opening import start_session
 from app.measuring.plan import QUICK_INTERVAL_S, Plan, plan_to_repeat, verification_plan
 from app.measuring.unattended import measure_all
+from app.report.charts.legs import leg_figures
 from app.report.text.result import WORKING_OUT, solution_text
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface
-from app.screens.plot import ChartPlot
+from app.screens.plot import ChartPlot, LegPlots
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
@@ -120,12 +121,12 @@ async def test_keys_turn_the_pages(published: tuple[SessionSolution, Path]) -> N
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "text", lambda: text(interface, "#text").endswith(solution_text(solved)))
         pages = []
-        for key in ("right", "right", "right", "left", "tab", "shift+tab"):
+        for key in ("right", "right", "right", "right", "left", "tab", "shift+tab"):
             await pilot.press(key)
             await pilot.pause()
             pages.append(page(interface).removeprefix("tab-"))
-        assert pages == ["details", "plot", "result", "plot", "result", "plot"]
-        await pilot.press("left")
+        assert pages == ["details", "plot", "legs", "result", "legs", "result", "legs"]
+        await pilot.press("left", "left")
         await until(pilot, "focus", lambda: isinstance(interface.focused, VerticalScroll))
         await pilot.press("end")
         scroll = interface.screen.query_one("#result", VerticalScroll)
@@ -140,7 +141,7 @@ async def test_names_points_and_zero_line_at_80_columns(
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE) as pilot:
-        await pilot.press("left")
+        await pilot.press("left", "left")
         await until(pilot, "a plot", lambda: len(drawn(interface, "#plot")) > 15)
         lines = drawn(interface, "#plot")
         assert lines[0].strip() == "Differences, mm"
@@ -189,7 +190,7 @@ async def test_nothing_is_drawn_twice(
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path), read_only=True)
     async with interface.run_test(size=SIZE) as pilot:
-        await pilot.press("left")
+        await pilot.press("left", "left")
         await until(pilot, "a plot", lambda: len(drawn(interface, "#plot")) > 15)
         chart = interface.screen.query_one("#plot", ChartPlot)
         builds: list[Size] = []
@@ -494,3 +495,34 @@ async def test_a_result_without_verification_has_no_such_page(
         await until(pilot, "check", lambda: isinstance(interface.screen, CheckScreen))
         await until(pilot, "open", lambda: interface.indicators is not None)
         assert "exported offsets must now be in the controller" in text(interface, "#words")
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+async def test_legs_are_turned_by_plus_and_minus(
+    published: tuple[SessionSolution, Path], size: tuple[int, int]
+) -> None:
+    """Six pictures; where there is room, the next one stands beside."""
+    interface = Glidecal(ResultScreen(published[0], None, published[1]))
+    titles = [leg.title for leg in leg_figures(published[0])]
+
+    def shown() -> list[str]:
+        places = interface.screen.query(f"{LegPlots.__name__} Vertical")
+        parts = [place.query(ChartPlot).first() for place in places if place.display]
+        return [str(part.render()).splitlines()[0].strip() for part in parts]
+
+    def expected(first: int) -> list[str]:
+        return [
+            f"{titles[k % 6]} ({k % 6 + 1} of 6), mm"
+            for k in range(first, first + 1 + (size == WIDE))
+        ]
+
+    async with interface.run_test(size=size) as pilot:
+        await pilot.press("plus")
+        await until(pilot, "the pictures", lambda: bool(shown()[0]))
+        first = titles.index(shown()[0].split(" (")[0])
+        for by in (1, -1, -1, -1):
+            await pilot.press("plus" if by > 0 else "minus")
+            await pilot.pause()
+            first += by
+            assert page(interface) == "tab-legs"
+            assert shown() == expected(first)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from calib.arrays import FloatArray
@@ -26,22 +26,42 @@ MARGIN = 0.04
 """Room around what is drawn, as a share of it."""
 
 
+class StrokeStyle(StrEnum):
+    """How a stroke is drawn, told apart without colour."""
+
+    DOTTED = "dotted"
+    THIN = "thin"
+    THICK = "thick"
+    MARKED = "marked"
+    BEADED = "beaded"
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """A line through points."""
+
+    style: StrokeStyle
+    points: tuple[Point, ...]
+
+
 @dataclass(frozen=True)
 class Series:
     """Points of one kind; ``names`` of the chart label ``x`` where it is not a length.
 
-    ``u`` are standard uncertainties of ``y``, none where nobody shows them.
+    ``u`` are standard uncertainties of ``y``, none where nobody shows them. ``mark`` is the
+    character of a point, as matplotlib knows it, too; empty: the next one of those in use.
     """
 
     name: str
     x: tuple[float, ...]
     y: tuple[float, ...]
     u: tuple[float, ...] = ()
+    mark: str = field(default="", kw_only=True)
 
 
 @dataclass(frozen=True)
 class Chart:
-    """One plot: series over one horizontal axis with the words beside it.
+    """One plot: series over one horizontal axis with the words beside it, over ``strokes``.
 
     With ``x_names`` the places 1, 2, … of ``x`` carry names in the place of numbers. ``marks`` are
     places of ``x`` with a line from top to bottom. The scale covers ``room``, too.
@@ -54,6 +74,7 @@ class Chart:
     x_names: tuple[str, ...] = ()
     marks: tuple[float, ...] = ()
     room: tuple[float, ...] = ()
+    strokes: tuple[Stroke, ...] = ()
 
     @property
     def heading(self) -> str:
@@ -64,7 +85,14 @@ class Chart:
         """Round numbers, or the places of the names."""
         if self.x_names:
             return tuple(float(k) for k in range(1, len(self.x_names) + 1))
-        return round_ticks(x for series in self.series for x in series.x)
+        return round_ticks(x for x, _ in self.points())
+
+    def points(self) -> Iterator[Point]:
+        """Everything that is drawn, of series and strokes."""
+        for series in self.series:
+            yield from zip(series.x, series.y, strict=True)
+        for stroke in self.strokes:
+            yield from stroke.points
 
     def x_limits(self, columns: int) -> Limits:
         """Ends of the horizontal axis; named places have room on both sides."""
@@ -86,30 +114,12 @@ class Chart:
 
     def y_ticks(self) -> tuple[float, ...]:
         """Round numbers around all values and zero."""
-        return round_ticks((*(y for series in self.series for y in series.y), *self.room))
+        return round_ticks((*(y for _, y in self.points()), *self.room))
 
     def as_tall_as(self, before: Chart) -> Chart:
         """With a scale that reaches at least as far as that of another chart."""
         ticks = before.y_ticks()
         return replace(self, room=(*self.room, ticks[0], ticks[-1]))
-
-
-class StrokeStyle(StrEnum):
-    """How a stroke is drawn, told apart without colour."""
-
-    DOTTED = "dotted"
-    THIN = "thin"
-    THICK = "thick"
-    MARKED = "marked"
-    BEADED = "beaded"
-
-
-@dataclass(frozen=True)
-class Stroke:
-    """A line through points."""
-
-    style: StrokeStyle
-    points: tuple[Point, ...]
 
 
 @dataclass(frozen=True)
@@ -122,12 +132,11 @@ class Caption:
 
 @dataclass(frozen=True)
 class Drawing(Chart):
-    """Strokes under the points of a chart; ``even`` keeps lengths alike in both directions.
+    """What stands in space; ``even`` keeps lengths alike in both directions.
 
     Without being ``scaled`` it is a picture: no frame, no numbers.
     """
 
-    strokes: tuple[Stroke, ...] = ()
     labels: tuple[Caption, ...] = ()
     even: bool = False
     scaled: bool = True
@@ -135,8 +144,7 @@ class Drawing(Chart):
     def limits(self, columns: int, rows: int) -> tuple[Limits, Limits]:
         """Ends of both axes in a place of so many cells; none is taken for one."""
         columns, rows = max(1, columns), max(1, rows)
-        points = [point for stroke in self.strokes for point in stroke.points]
-        points += [p for one in self.series for p in zip(one.x, one.y, strict=True)]
+        points = list(self.points())
         horizontal = _ends([x for x, _ in points])
         vertical = _ends([y for _, y in points])
         if not self.even:
@@ -164,9 +172,9 @@ def points_of(places: FloatArray) -> tuple[Point, ...]:
     return tuple((x, y) for x, y in places.tolist())
 
 
-def series_of(name: str, points: Sequence[Point]) -> Series:
+def series_of(name: str, points: Sequence[Point], mark: str = "") -> Series:
     """Points as a series."""
-    return Series(name, tuple(x for x, _ in points), tuple(y for _, y in points))
+    return Series(name, tuple(x for x, _ in points), tuple(y for _, y in points), mark=mark)
 
 
 def thinned(series: Series, columns: int) -> Series:
@@ -184,7 +192,7 @@ def thinned(series: Series, columns: int) -> Series:
     for points in by_column.values():
         ends = (min(points, key=lambda p: p[1]), max(points, key=lambda p: p[1]))
         extremes += dict.fromkeys(ends)
-    return series_of(series.name, extremes)
+    return series_of(series.name, extremes, series.mark)
 
 
 def turned(chart: Chart, rows: int) -> Chart:

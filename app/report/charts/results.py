@@ -8,7 +8,16 @@ from dataclasses import replace
 from app.evaluating.history import MachineHistory
 from app.evaluating.solution import SessionSolution
 from app.measuring.leg_review import leg_rows
-from app.report.charts.charts import NOISE, Chart, Point, Series, series_of
+from app.report.charts.charts import (
+    NOISE,
+    Chart,
+    Point,
+    Series,
+    Stroke,
+    StrokeStyle,
+    series_of,
+)
+from app.report.charts.legs import left_by
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.diagnosis.results import SEEN, Cell
 from calib.identify.solution import Solution
@@ -163,12 +172,32 @@ def residuals_over_time(solved: SessionSolution) -> Chart:
     points: dict[str, list[Point]] = {}
     for session, reading, residual_mm in solved.residuals:
         if reading.time_s is not None:
-            name = f"{reading.leg} along {reading.axis}"
+            leg = reading.leg if reading.leg == "tool" else f"leg {reading.leg.upper()}"
+            name = f"{leg} along {reading.axis.upper()}"
             if several:
                 name = f"session {1 + solved.names.index(session)}"
             points.setdefault(name, []).append((reading.time_s / 60.0, 1000.0 * residual_mm))
     series = tuple(series_of(name, found) for name, found in points.items())
     return Chart("Residuals", "minutes", "residual, µm", series)
+
+
+def residuals_over_normal(solved: SessionSolution) -> Chart:
+    """Residuals in the order of their size against those of a normal distribution.
+
+    On the line, in µm, lie normal ones with the noise of the readings.
+    """
+    left_mm, scores = (values.tolist() for values in solved.left_over_normal)
+    left_um = tuple(1000.0 * mm for mm in left_mm)
+    noise_um = 1000.0 * solved.solution.noise.standard_deviation_mm
+    line = tuple((score, noise_um * score) for score in (min(scores), max(scores)))
+    residuals = Series(left_by(solved), tuple(scores), left_um)
+    return Chart(
+        "Residuals against the normal distribution",
+        "standard deviations of a normal distribution",
+        "residual, µm",
+        (residuals,),
+        strokes=(Stroke(StrokeStyle.THIN, line),),
+    )
 
 
 def offsets_over_time(found: MachineHistory) -> Chart:

@@ -12,14 +12,26 @@ from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
 from app.evaluating.printer import printer_change, tower_names
 from app.evaluating.solution import SessionSolution, judge, solve_files
+from app.report.charts.legs import leg_figures
 from app.report.charts.results import (
     before_and_after,
     measured_and_predicted,
     residuals_before_and_after,
+    residuals_over_normal,
     residuals_over_time,
 )
 from app.report.charts.tripod import drawn_set_up
-from app.report.pages.figures import bars_svg, drawings_svg, evidence_svg, maps_svg, svg_of
+from app.report.pages.figures import (
+    bars_svg,
+    drawings_svg,
+    evidence_svg,
+    legs_svg,
+    maps_svg,
+    pareto_svg,
+    svg_of,
+    vectors_svg,
+)
+from app.report.pages.notebook import leg_rows
 from app.report.text.caveats import caveats, caveats_of_view
 from app.report.text.correction import (
     FRAME_WORDS,
@@ -58,6 +70,7 @@ from app.report.text.tables import LEAST_MM, new_table, signed, uncertain
 from app.version import program
 from calib.arrays import LEG_NAMES
 from calib.diagnosis.results import Diagnosis
+from calib.diagnosis.vectors import vector_maps
 from calib.printable import printable
 from protocols.machine import Machine
 from protocols.model_file import read_model_file
@@ -134,6 +147,7 @@ def report_of(
         ),
         _missing(diagnosed),
         _fit(solved),
+        _legs(solved),
         _doubted(solved, sessions),
         *map(_readings, sessions),
     ]
@@ -263,12 +277,25 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
             *warning_lines(solved, correction),
             table,
             bound_table(correction.frame, correction.off_now, correction.off),
+            _vectors(solved),
             "" if solved.reads_tool else UNSEEN,
             gains_table(solved),
             *left_out_lines(correction),
             *(effect_words(one, machine) for one in named),
         ],
     )
+
+
+def _vectors(solved: SessionSolution) -> Picture:
+    """Which way the tool is off, now and with the values entered."""
+    correction = solved.correction
+    states = (("as it is now", correction.off_now), ("with these values entered", correction.off))
+    maps = [(words, vector_maps(off, correction.frame)) for words, off in states]
+    caption = (
+        f"Expected error of the tool, {FRAME_WORDS[correction.frame]}, on three planes through "
+        "Zero. All arrows have one scale; colour is the length in space."
+    )
+    return Picture(vectors_svg(maps), caption)
 
 
 def _view(solved: SessionSolution) -> Section:
@@ -305,7 +332,9 @@ def _budget(solved: SessionSolution) -> Section:
         "is for the case that what the parameters leave is noise. The bound at the tool is not "
         "made of these: it is over everything that may be true of the machine."
     )
-    return Section("Uncertainty budget of these parameters", [said, of_values])
+    caption = "The sources, the largest first; the line is the share of U² so far."
+    shares = Picture(pareto_svg(solved.budget), caption)
+    return Section("Uncertainty budget of these parameters", [said, of_values, shares])
 
 
 def _again(verified: Verification) -> Section:
@@ -363,11 +392,30 @@ def _evidence(found: Diagnosis) -> Sequence[Table | Picture]:
 def _fit(solved: SessionSolution) -> Section:
     """What the model makes of the readings."""
     caption = f"Differences as measured, and what the model leaves of them{WHISKER_WORDS}"
+    caption += "" if solved.reads_tool else LEG_NAMES_WORDS
     bars = Picture(bars_svg(measured_and_predicted(solved.solution)), caption)
     parts: list[Table | Picture] = [difference_table(solved.solution), bars]
     if (over_time := residuals_over_time(solved)).series:
         parts.append(Picture(svg_of(over_time), "Residuals over time: drift shows here."))
+    caption = (
+        "Residuals in the order of their size. On the line they are normal with the noise of the "
+        "readings; steeper is more than noise, a point far from the others is one by itself."
+    )
+    parts.append(Picture(svg_of(residuals_over_normal(solved)), caption))
     return Section("Differences", parts)
+
+
+def _legs(solved: SessionSolution) -> Section:
+    """Each leg and axis over its travel."""
+    said = (
+        "Readings over the displacement, the fit of offsets and lengths as a line, and below, "
+        "enlarged, what it leaves. A thin line joins the readings in time. All have the same "
+        "scales. Play is a split between the directions, a tilt a slope, a screw a wave, a bow a "
+        "parabola."
+    )
+    rows = leg_rows(leg_figures(solved))
+    pictures = [Picture(legs_svg(row), "; ".join(leg.title for leg in row)) for row in rows]
+    return Section("Each leg over its travel", [said, *pictures])
 
 
 def _doubted(solved: SessionSolution, sessions: Sequence[Session]) -> Section:
@@ -430,3 +478,4 @@ BESIDE = 3
 """So many sessions stand beside each other in a table."""
 
 WHISKER_WORDS = "; below, on a scale of its own. Whiskers: twice the standard uncertainty."
+LEG_NAMES_WORDS = " x_y+ is leg Y, read across along X, at Max less at Zero; x_y- the same at Min."

@@ -1,4 +1,4 @@
-"""Figures of the report, by matplotlib, as SVG: the same bytes for the same data."""
+"""Figures of the report and of notebooks, by matplotlib: the same bytes for the same data."""
 
 from __future__ import annotations
 
@@ -17,10 +17,14 @@ from matplotlib.lines import Line2D
 from matplotlib.markers import MarkerStyle
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
+from matplotlib.quiver import Quiver
 from matplotlib.transforms import Affine2D
 
-from app.report.charts.charts import NOISE, Chart, Drawing, Series, StrokeStyle
+from app.evaluating.solution import BudgetShare
+from app.report.charts.charts import NOISE, Chart, Drawing, Series, StrokeStyle, thinned
+from app.report.charts.legs import DOWN, FIRST, OTHER, UP, LegFigure
 from calib.diagnosis.results import SEEN
+from calib.diagnosis.vectors import VectorMap
 from calib.tripod.workspace import PlaneMap
 
 STYLE: dict[Any, Any] = {
@@ -48,6 +52,9 @@ BAR = 0.22
 
 Point = tuple[float, float]
 
+LEGS_IN = 3.6
+"""Height of a row of legs with what is left of their readings."""
+
 LEFT_IN, RIGHT_IN, BOTTOM_IN, TOP_IN = 0.76, 0.06, 0.44, 0.26
 BESIDE_IN, BELOW_IN = 0.62, 0.4
 """Room between axes, for the words at them."""
@@ -59,6 +66,15 @@ IN_A_ROW = 6
 
 MOST_LETTERS, LETTER_IN = 100, 0.055
 """Of names beside each other below a chart; more of them stand upright, each letter so high."""
+
+STEPS_OF_COLOUR = 12
+"""Of more, matplotlib makes a scale of pixels."""
+
+SCALE_IN = 0.7
+"""Room at the right for a scale of colours."""
+
+PALEST = 1.2
+"""Colours of arrows end so far above the longest: the palest would not be seen on paper."""
 
 DARKEST = 1.8
 """The colours end so far above the largest error: digits stay readable on all of them."""
@@ -75,6 +91,8 @@ def svg_of(chart: Chart) -> str:
         for series in chart.series:
             if series.name == NOISE:
                 _band(axes, series)
+        for stroke in chart.strokes:
+            axes.plot(*zip(*stroke.points, strict=True), **CURVES[stroke.style])
         points: list[Line2D] = []
         for number, series in enumerate(shown):
             marker, colour = MARKERS[number % len(MARKERS)], COLOURS[number % len(COLOURS)]
@@ -85,6 +103,49 @@ def svg_of(chart: Chart) -> str:
         _legend(axes)
         _merge_points(axes, points)
     return out.getvalue()
+
+
+def legs_svg(figures: Sequence[LegFigure]) -> str:
+    """One or two legs or axes beside each other, what is left of the readings below each."""
+    with _figure(WIDTH_IN, LEGS_IN, 2, rows=2, top_in=TOP_IN + 1.2 * ROW_IN) as (every, out):
+        for column, axes in enumerate(every[:2]):
+            below = every[2 + column]
+            if column < len(figures):
+                draw_leg(figures[column], axes, below)
+                for part in (axes, below):
+                    _merge_points(part, [one for one in part.lines if one.get_marker() in POINTS])
+            else:
+                axes.set_axis_off()
+                below.set_axis_off()
+        every[0].figure.legend(
+            *every[0].get_legend_handles_labels(),
+            frameon=False,
+            ncols=IN_A_ROW,
+            loc="upper left",
+            borderaxespad=0.0,
+            handletextpad=0.1,
+            columnspacing=1.2,
+        )
+    return out.getvalue()
+
+
+def draw_leg(leg: LegFigure, above: Axes, below: Axes) -> None:
+    """Readings and what is left of them on any two axes of matplotlib, of one height.
+
+    Their scales are those of the other pictures of the session.
+    """
+    for axes, chart in zip((above, below), leg.charts, strict=True):
+        for stroke in chart.strokes:
+            if len(stroke.points) <= MOST_POINTS:
+                axes.plot(*zip(*stroke.points, strict=True), **CURVES[stroke.style])
+        for whole in chart.series:
+            series = whole if len(whole.x) <= MOST_POINTS else thinned(whole, MOST_POINTS // 2)
+            axes.plot(series.x, series.y, **POINTS[series.mark], label=series.name or None)
+        axes.axhline(0.0, color="0.4", lw=0.6)
+        ticks = chart.y_ticks()
+        axes.set_ylim(ticks[0], ticks[-1])
+        axes.set_title(chart.title, loc="left", size=7.5)
+        axes.set(xlabel=chart.x_words, ylabel=chart.y_words)
 
 
 def _merge_points(axes: Axes, lines: Sequence[Line2D]) -> None:
@@ -99,7 +160,14 @@ def _merge_points(axes: Axes, lines: Sequence[Line2D]) -> None:
             *(shape.transformed(Affine2D().translate(*at)) for at in places)
         )
         axes.add_patch(
-            PathPatch(path, color=line.get_color(), lw=1.0, joinstyle="round", transform=inches)
+            PathPatch(
+                path,
+                fc=line.get_markerfacecolor(),
+                ec=line.get_color(),
+                lw=line.get_markeredgewidth(),
+                joinstyle="round",
+                transform=inches,
+            )
         )
         line.set_data([], [])
 
@@ -231,6 +299,89 @@ def maps_svg(maps: Sequence[PlaneMap]) -> str:
     return out.getvalue()
 
 
+MOST_POINTS = 400
+"""Of more in a series of a leg the lowest and the highest of each place are drawn, and no way."""
+
+CURVES: dict[StrokeStyle, dict[str, Any]] = {
+    StrokeStyle.THIN: {"lw": 1.0, "color": "0.3"},
+    StrokeStyle.DOTTED: {"lw": 0.4, "color": "0.75"},
+}
+"""The fit, and the way through the readings in time."""
+
+POINTS: dict[str, dict[str, Any]] = {
+    mark: {"ls": "none", "marker": mark, "ms": 3.5, "mew": 0.8, "color": colour, "mfc": fill}
+    for mark, colour, fill in (
+        (UP, COLOURS[0], COLOURS[0]),
+        (DOWN, COLOURS[1], "white"),
+        (FIRST, "0.1", "none"),
+        (OTHER, COLOURS[2], COLOURS[2]),
+    )
+}
+"""Told by shape, and by filled and hollow, where there are no colours."""
+
+
+def pareto_svg(shares: Sequence[BudgetShare]) -> str:
+    """Sources of uncertainty, the largest first, in µm; a line is their share so far."""
+    height_in = BOTTOM_IN + TOP_IN + 2.0 * ROW_IN * (1 + len(shares))
+    with _figure(WIDTH_IN, height_in, left_in=1.9, top_in=TOP_IN + ROW_IN) as ((axes,), out):
+        rows = range(len(shares))
+        axes.barh(rows, [1000.0 * share.expanded_mm for share in shares], 0.6, color=COLOURS[0])
+        axes.set_yticks(rows, [share.source for share in shares])
+        axes.invert_yaxis()
+        axes.grid(visible=False, axis="y")
+        axes.set(xlabel="± (95 %), µm, r.m.s. of the parameters")
+        axes.set_xlim(0.0, 1150.0 * shares[0].expanded_mm)
+        whole = axes.twiny()
+        together = [100.0 * share.cumulative for share in shares]
+        whole.plot(together, rows, "o-", color=COLOURS[1], ms=3, lw=1.0)
+        for row, percent in zip(rows, together, strict=True):
+            words = f"{percent:.0f} %"
+            whole.annotate(words, (percent, row), (5, -3), textcoords="offset points")
+        whole.grid(visible=False)
+        whole.set(xlim=(0.0, 115.0), xlabel="share of the square of U together, %")
+    return out.getvalue()
+
+
+def vectors_svg(maps: Sequence[tuple[str, Sequence[VectorMap]]]) -> str:
+    """Planes of the workspace, a row of them for each state: errors of the tool as arrows.
+
+    Length and colour have one scale; the colour is the length of the whole error, also of the part
+    that points out of the plane.
+    """
+    told = [mm for _, row in maps for one in row for some in one.length.tolist() for mm in some]
+    most_um = 1000.0 * max(mm for mm in told if math.isfinite(mm))
+    columns = max(len(row) for _, row in maps)
+    height_in = 0.95 * WIDTH_IN / columns * len(maps)
+    with _figure(WIDTH_IN, height_in, columns, len(maps), right_in=SCALE_IN) as (every, out):
+        arrows: list[Quiver] = []
+        for number, axes in enumerate(every):
+            words, row = maps[number // columns]
+            one = row[number % columns]
+            across, up = one.along_across, one.along_up
+            quiver = axes.quiver(
+                across.coordinate_mm,
+                across.up_mm,
+                1000.0 * across.value,
+                1000.0 * up.value,
+                1000.0 * one.length,
+                cmap=mpl.colormaps["plasma"].resampled(STEPS_OF_COLOUR),
+                clim=(0.0, PALEST * most_um),
+                angles="xy",
+                pivot="mid",
+                width=0.012,
+                scale_units="width",
+                scale=4.0 * most_um,
+            )
+            arrows.append(quiver)
+            axes.set(xlabel=f"{across.across}, mm", ylabel=f"{across.up}, mm", aspect="equal")
+            axes.margins(0.15)
+            if number % columns == 0:
+                axes.set_title(words, loc="left", size=7.5)
+        beside = every[0].figure.add_axes((1.0 - 0.8 * SCALE_IN / WIDTH_IN, 0.2, 0.012, 0.6))
+        every[0].figure.colorbar(arrows[0], cax=beside, label="µm")
+    return out.getvalue()
+
+
 STROKES: dict[StrokeStyle, dict[str, Any]] = {
     StrokeStyle.DOTTED: {"lw": 0.7, "ls": ":", "color": "0.4"},
     StrokeStyle.THIN: {"lw": 0.7, "color": "0.3"},
@@ -268,6 +419,7 @@ def _figure(
     left_in: float = LEFT_IN,
     bottom_in: float = BOTTOM_IN,
     top_in: float = TOP_IN,
+    right_in: float = RIGHT_IN,
 ) -> Iterator[tuple[list[Axes], StringIO]]:
     """Axes to draw on, beside or below each other; the SVG is there once they are done."""
     out = StringIO()
@@ -276,10 +428,10 @@ def _figure(
         # a layout worked out by matplotlib would draw everything twice
         figure.subplots_adjust(
             left=left_in / width_in,
-            right=1.0 - RIGHT_IN / width_in,
+            right=1.0 - right_in / width_in,
             bottom=bottom_in / height_in,
             top=1.0 - top_in / height_in,
-            wspace=_room(BESIDE_IN, columns, width_in - left_in - RIGHT_IN),
+            wspace=_room(BESIDE_IN, columns, width_in - left_in - right_in),
             hspace=_room(BELOW_IN, rows, height_in - bottom_in - top_in),
         )
         yield [figure.add_subplot(rows, columns, 1 + k) for k in range(rows * columns)], out

@@ -19,6 +19,7 @@ TOO_EARLY = (
 
 HISTORY_HELP = """\
 Tab, arrows   the plot of each machine, and back to the text
+Y             copy the page to the clipboard, a plot as characters
 Up, down      scroll the text; Page up, Page down, Home, End
 Escape, F10   back, quit
 

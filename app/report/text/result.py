@@ -360,7 +360,8 @@ WRITING_REPORT = "Writing the report …"
 REPORT_WRITTEN = "Report written: {}. Open it in a browser to read, print and sign it."
 
 RESULT_HELP = """\
-Tab, arrows   Result, Details, Plot, after a verification Before/after
+Tab, arrows   Result, Details, Plot, Legs; verified: Before/after
++ -           Legs: another leg or axis; below, enlarged, what is left
 1 2 3         Details with joint offsets, leg lengths, or both
 4             Details with both, constrained by tolerances of the parts
 E             write the values to enter, in every format, into a
@@ -412,8 +413,8 @@ Each difference between two postures, before and after the joint offsets
 were entered in the controller. "Expected" is the residual of the first
 session: offsets cannot remove more than that.
 
-V  the plot instead of the text, and back
-Y  copies the text"""
+Tab, arrows   the plot, and back to the text
+Y             copy the page to the clipboard, a plot as characters"""
 
 
 WRONG = {

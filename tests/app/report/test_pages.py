@@ -37,6 +37,8 @@ from tests.hidden_sessions import write_session
 EXPERIMENT = SAMPLES / "experiment_2_twelve.jsonl"
 SIMULATED = SAMPLES / "simulated_zero-max-min.jsonl"
 
+BUDGET = "Uncertainty budget of these parameters"
+
 HOSTILE = (
     "<script>alert(1)</script>",
     "</td></table><img src=x onerror=alert(1)>",
@@ -113,7 +115,7 @@ def _pictures(section: Section) -> list[Picture]:
 
 
 def test_the_budget_adds_up_to_what_is_stated(experiment: CalibrationReport) -> None:
-    (of_values,) = _tables(_section(experiment, "Uncertainty budget of these parameters"))
+    (of_values,) = _tables(_section(experiment, BUDGET))
     solved = solve_files([EXPERIMENT])
     stated = zip(solved.solution.names, solved.solution.expanded_with_tolerances_mm, strict=True)
     for row, (name, expanded_mm) in zip(_cells(of_values), stated, strict=True):
@@ -122,6 +124,25 @@ def test_the_budget_adds_up_to_what_is_stated(experiment: CalibrationReport) -> 
         assert math.hypot(scatter, steps, parts) == pytest.approx(expanded_mm, rel=0.01)
         assert together == pytest.approx(expanded_mm, rel=0.01)
         assert left > scatter, "eleven times the noise is left"
+
+
+def test_the_shares_of_the_budget_add_up(experiment: CalibrationReport) -> None:
+    """Each beside the table: r.m.s. over the parameters, their squares up to the whole."""
+    (picture,) = _pictures(_section(experiment, BUDGET))
+    words = {"".join(one.itertext()) for one in ElementTree.fromstring(picture.svg).iter()}
+    solved = solve_files([EXPERIMENT])
+    shares, sources = solved.budget, solved.solution.budget_mm
+    together_mm2 = (solved.solution.expanded_with_tolerances_mm**2).mean()
+    total_mm2 = 0.0
+    for share in shares:
+        assert share.source in words
+        square_mm2 = (sources[share.source] ** 2).mean()
+        assert share.expanded_mm == pytest.approx(math.sqrt(square_mm2))
+        total_mm2 += square_mm2
+        assert share.cumulative == pytest.approx(total_mm2 / together_mm2, rel=1e-6)
+    assert [s.source for s in shares] == sorted(
+        sources, key=lambda name: -float((sources[name] ** 2).sum())
+    )
 
 
 def test_what_to_enter_comes_on_top(tmp_path: Path) -> None:
@@ -227,7 +248,7 @@ def test_nothing_comes_from_elsewhere(experiment: CalibrationReport) -> None:
     names = {name for _, attributes in page.elements for name in attributes}
     assert "script" not in {tag for tag, _ in page.elements}
     assert not names & {"href", "onload", "onclick"}
-    assert len(page.sources) == 4
+    assert len(page.sources) == 7 + 3, "one row for each leg"
     for source in page.sources:
         kind, _, data = source.partition(",")
         assert kind == "data:image/svg+xml;base64"

@@ -1,0 +1,133 @@
+"""A picture of each leg and axis: readings over the displacement, and below what a fit leaves.
+
+Whoever measured a circle with a ballbar reads its picture before any number. This is that of a leg:
+play is a split, a tilt a slope, a screw a wave, a bow a parabola. All pictures of a session have
+the same two scales.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from app.evaluating.solution import SessionSolution
+from app.report.charts.charts import (
+    Chart,
+    Point,
+    Series,
+    Stroke,
+    StrokeStyle,
+    points_of,
+    series_of,
+)
+from calib.arrays import LEG_NAMES, TOOL
+from calib.tripod.curves import LegCurve
+
+UM_PER_MM = 1000.0
+
+NOISE_ROOM = 4.0
+"""Standard deviations of a reading for which there is room: noise does not fill a picture."""
+
+UP, DOWN, FIRST, OTHER = ">", "<", "o", "x"
+NAMES = {UP: "towards +", DOWN: "towards −", FIRST: "first", OTHER: "reading"}
+
+
+@dataclass(frozen=True)
+class LegFigure:
+    """``readings`` in mm with the fit, and below them what is ``left`` in µm.
+
+    ``left`` is drawn so many times larger, ``enlarged``.
+    """
+
+    title: str
+    readings: Chart
+    left: Chart
+    enlarged: float
+
+    @property
+    def charts(self) -> tuple[Chart, Chart]:
+        """From top to bottom."""
+        return self.readings, self.left
+
+
+def leg_figures(solved: SessionSolution) -> tuple[LegFigure, ...]:
+    """One for each leg, axis and station; the fit is that of `SessionSolution.curves`."""
+    curves = solved.curves
+    several = len({curve.station for curve in curves if not curve.over_plane}) > 1
+    readings = [_readings(curve) for curve in curves]
+    left = [_left(curve) for curve in curves]
+    noise = solved.solution.noise  # of residuals it is what the pictures show
+    known = noise.source != "residuals"
+    noise_um = NOISE_ROOM * UM_PER_MM * noise.standard_deviation_mm if known else 0.0
+    readings, left = _on_one_scale(readings), _on_one_scale(left, noise_um)
+    figures = []
+    for curve, above, below in zip(curves, readings, left, strict=True):
+        title = leg_words(curve, several=several)
+        enlarged = UM_PER_MM * _height(above) / _height(below)
+        words = f"{left_by(solved)}, {enlarged:.3g} times enlarged"
+        figures.append(
+            LegFigure(title, replace(above, title=title), replace(below, title=words), enlarged)
+        )
+    return tuple(figures)
+
+
+def left_by(solved: SessionSolution) -> str:
+    """What was fitted, in words."""
+    adopted = solved.solution.model.effects
+    return "left by the model with its effects" if adopted else "left by offsets and lengths"
+
+
+def leg_words(curve: LegCurve, *, several: bool) -> str:
+    """Which bar was read, in which direction; where on it, if ``several`` stations were."""
+    axis = LEG_NAMES[curve.axis].upper()
+    if curve.leg == TOOL:
+        return f"Tool against the plate, along {axis}"
+    leg = f"Leg {LEG_NAMES[curve.leg].upper()}"
+    if curve.over_plane:
+        return f"{leg} over the plane, along {axis}"
+    station = f", at {curve.station:g} of the bar" if several else ""
+    return f"{leg}, across along {axis}{station}"
+
+
+def _readings(curve: LegCurve) -> Chart:
+    lines = tuple(Stroke(StrokeStyle.THIN, points_of(line)) for line in curve.model_mm)
+    return Chart("", "", "mm", _series(curve, curve.value_mm.tolist()), strokes=lines)
+
+
+def _left(curve: LegCurve) -> Chart:
+    """The way through the readings in time is a thin line, which shows what comes and goes."""
+    left_um = (UM_PER_MM * curve.left_mm).tolist()
+    at_mm, mounts = curve.at_mm.tolist(), curve.mount.tolist()
+    ways: dict[int, list[Point]] = {}
+    for mount, *point in zip(mounts, at_mm, left_um, strict=True):
+        ways.setdefault(mount, []).append((point[0], point[1]))
+    lines = tuple(Stroke(StrokeStyle.DOTTED, tuple(points)) for points in ways.values())
+    series = tuple(replace(one, name="") for one in _series(curve, left_um))  # named above
+    words = "displacement, mm"
+    if curve.leg == TOOL:
+        words = "number of the position"
+    elif curve.over_plane:
+        words = "place along the leg, mm"
+    return Chart("", words, "µm", series, strokes=lines)
+
+
+def _series(curve: LegCurve, values: Sequence[float]) -> tuple[Series, ...]:
+    """Points by the direction from which they were reached; the first of each mounting apart."""
+    first = set(curve.first.tolist())
+    points: dict[str, list[Point]] = {UP: [], DOWN: [], OTHER: [], FIRST: []}
+    rows = zip(curve.at_mm.tolist(), values, curve.approach.tolist(), strict=True)
+    for row, (at, value, approach) in enumerate(rows):
+        mark = FIRST if row in first else UP if approach > 0 else DOWN if approach < 0 else OTHER
+        points[mark].append((at, value))
+    return tuple(series_of(NAMES[mark], some, mark) for mark, some in points.items() if some)
+
+
+def _on_one_scale(charts: Sequence[Chart], least: float = 0.0) -> list[Chart]:
+    """Scales that hold what all of them show, and at least so much on both sides."""
+    values = [-least, least, *(y for chart in charts for _, y in chart.points())]
+    return [replace(chart, room=(min(values), max(values))) for chart in charts]
+
+
+def _height(chart: Chart) -> float:
+    ticks = chart.y_ticks()
+    return ticks[-1] - ticks[0]

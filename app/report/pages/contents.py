@@ -293,7 +293,8 @@ def _vectors(solved: SessionSolution) -> Picture:
     maps = [(words, vector_maps(off, correction.frame)) for words, off in states]
     caption = (
         f"Expected error of the tool, {FRAME_WORDS[correction.frame]}, on three planes through "
-        "Zero. All arrows have one scale; colour is the length in space."
+        "Zero. All arrows have one scale; colour is the length in space. What may be off in any "
+        "direction has no arrow: it is in the bound above."
     )
     return Picture(vectors_svg(maps), caption)
 

@@ -336,7 +336,9 @@ def pareto_svg(shares: Sequence[BudgetShare]) -> str:
         whole.plot(together, rows, "o-", color=COLOURS[1], ms=3, lw=1.0)
         for row, percent in zip(rows, together, strict=True):
             words = f"{percent:.0f} %"
-            whole.annotate(words, (percent, row), (5, -3), textcoords="offset points")
+            ground = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
+            place = (percent, row), (6, -3)
+            whole.annotate(words, *place, textcoords="offset points", bbox=ground)
         whole.grid(visible=False)
         whole.set(xlim=(0.0, 115.0), xlabel="share of the square of U together, %")
     return out.getvalue()

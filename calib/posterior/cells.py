@@ -68,7 +68,10 @@ ALIKE = 0.8
 """Correlation of what towers are off by from the middle: owners find one radius wrong by some
 tenths, and single towers by half of that."""
 
-Stated = Literal["nothing", "directions", "lines"]
+Stated = Literal["nothing", "directions", "lines", "lines and bars"]
+
+STATED_MM = 0.01
+"""Of lengths that are as stated: bars that are measured, not made to tolerance."""
 
 ADOPTED = 4.0
 """Unremarkable sizes by which an adopted effect may differ from its size in the model; at least."""
@@ -83,7 +86,7 @@ class SessionCase:
     of the model that are ``free``, laws at places, have other sizes than it states. ``geometry``
     are parameters of the drives' lines, laws at places, with their standard deviations. What is
     ``as_stated`` is as the model has it, but for what has a name: directions and travel of the
-    drives, or where their lines lie, too. Joint
+    drives, where their lines lie, too, or bars, too. Joint
     offsets of sessions of the same ``state`` of the machine differ by what was ``entered_mm`` and
     by what homing changes, ``homing_mm``; None: they are no other session's. ``distances`` between
     marks were measured beside the readings.
@@ -121,7 +124,10 @@ class SessionCase:
     @property
     def spread_mm(self) -> FloatArray:
         """Those standard deviations ``(6,)``; a tolerance of 0 is a value known as it stands."""
-        return np.maximum(self.tolerance_mm, FINEST_MM)
+        spread = np.maximum(self.tolerance_mm, FINEST_MM)
+        if self.as_stated == "lines and bars":
+            spread[3:] = np.minimum(spread[3:], STATED_MM)
+        return spread
 
     @property
     def lines(self) -> Mapping[tuple[Effect, str], float]:
@@ -145,11 +151,15 @@ class SessionCase:
 
     @property
     def named_beyond(self) -> dict[Effect, float]:
-        """Laws of parameters with the tolerance beyond which each has a name, in its unit."""
+        """Laws of parameters with the tolerance beyond which each has a name, in its unit.
+
+        Bars that are as stated have none, inf: those within their tolerance are another way's.
+        """
         if not self.geometry:
             return {}
         beyond = {law: size for (law, _), size in self.geometry.items()}
-        return beyond | {LegLength(): float(self.tolerance_mm[3:].max())}
+        stated = self.as_stated == "lines and bars"
+        return beyond | {LegLength(): math.inf if stated else float(self.tolerance_mm[3:].max())}
 
     @cached_property
     def visit(self) -> IntArray:

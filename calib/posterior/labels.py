@@ -525,7 +525,8 @@ def with_mistakes(
     """The sessions as they are, and put right in each way that may be true; the likeliest first.
 
     The sessions may have come about in several ``ways``. One mistake after the other: each is
-    looked for in the readings that the likeliest ones before leave.
+    looked for in the readings that the likeliest ones before leave, of the likeliest way; what was put
+    right is so in the others, too.
     """
     every = [
         replace(solve(way.sessions, way.with_play), log_prior=way.log_prior, mistakes=way.mistakes)
@@ -533,7 +534,8 @@ def with_mistakes(
     ]
     depart = [bool(departures_mm(cells.visited)) for cells in ways[0].sessions]
     number = max(range(len(ways)), key=lambda k: every[k].log_weight)
-    best, now, with_play = every[number], list(ways[number].sessions), ways[number].with_play
+    start = ways[number]
+    best, now, with_play = every[number], list(start.sessions), start.with_play
     for _ in range(MOST):
         tried = []
         for number, cells in enumerate(now):
@@ -553,4 +555,22 @@ def with_mistakes(
         if better is None or better[0].log_weight < best.log_weight:
             break
         best, now = better
+    put_right = best.mistakes[len(start.mistakes) :]
+    for way in ways:
+        if put_right and way is not start and _of_same_visits(way, start):
+            right = [
+                Cells.of_visits(cells.case, changed.visited)
+                for cells, changed in zip(way.sessions, now, strict=True)
+            ]
+            mistakes = (*way.mistakes, *put_right)
+            solved = solve(right, way.with_play)
+            every.append(replace(solved, log_prior=way.log_prior, mistakes=mistakes))
     return sorted(every, key=lambda each: -each.log_weight)
+
+
+def _of_same_visits(one: Way, other: Way) -> bool:
+    """Whether sessions came about by the same movements; machines may differ."""
+    return one.mistakes == other.mistakes and all(
+        np.array_equal(a.visited.movement, b.visited.movement)
+        for a, b in zip(one.sessions, other.sessions, strict=True)
+    )

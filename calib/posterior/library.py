@@ -129,6 +129,8 @@ def library(
         kind = "nameless" if nameless else "named" if candidate.id in known else "beside"
         unit = np.array([parameter.tolerance for parameter in candidate.parameters])
         own = [tolerances[s.effect] for s in candidate.shares if s.effect in tolerances]
+        if math.inf in own:
+            continue
         unit = np.maximum(unit, max(own, default=0.0))
         found.append(Component(candidate.id, candidate.where, kind, unit, candidate))
     found += _axes_together(found)

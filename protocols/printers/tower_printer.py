@@ -180,7 +180,7 @@ class TowerPrinter:
                 length_tolerance_mm=0.3,
                 across_tolerance_mm=0.4,
                 lean_tolerance_mrad=1.0,
-                scale_tolerance_mm_m=2.0,
+                scale_tolerance_mm_m=1.0,
                 position_endstop_mm=self.endstop_mm,
                 screw_lead_mm=self.turn_mm,
                 drive=(

@@ -94,7 +94,7 @@ def _log_determinant(columns: FloatArray) -> float:
 def test_ways_are_weighed_with_what_their_freedom_costs() -> None:
     """The matrix determinant lemma backwards: of rows as they are, no triangle, no basis."""
     one, _ = of_lines(1)
-    for stated in ("nothing", "directions", "lines"):
+    for stated in ("nothing", "directions", "lines", "lines and bars"):
         cells = Cells.of(replace(one, as_stated=stated))
         problem = PosteriorProblem.of((cells,), None)
         own = problem.rows.base * problem.rows.spread

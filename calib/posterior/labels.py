@@ -525,8 +525,8 @@ def with_mistakes(
     """The sessions as they are, and put right in each way that may be true; the likeliest first.
 
     The sessions may have come about in several ``ways``. One mistake after the other: each is
-    looked for in the readings that the likeliest ones before leave, of the likeliest way; what was put
-    right is so in the others, too.
+    looked for in the readings that the likeliest ones before leave, of the likeliest way; what was
+    put right is so in the others, too.
     """
     every = [
         replace(solve(way.sessions, way.with_play), log_prior=way.log_prior, mistakes=way.mistakes)

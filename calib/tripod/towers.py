@@ -38,7 +38,7 @@ STEP = 1e-8
 """Relative size of the last step of the fit: its steps shrink quadratically."""
 
 
-RESTRAINT = 0.06
+RESTRAINT = 0.02
 """What a millimetre in an entry costs at the tool that is no part of the model: entries may follow
 what firmware cannot hold, but bars ten millimetres shorter would do it here and nowhere else."""
 

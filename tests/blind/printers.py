@@ -40,10 +40,11 @@ RINGS = [(0.0, 0.0)] + [
 ]
 GRID = [
     np.array([x, y, z])
-    for x in np.linspace(-50.0, 50.0, 5)
-    for y in np.linspace(-50.0, 50.0, 5)
-    for z in np.linspace(0.0, 120.0, 4)
+    for x in np.linspace(-40.0, 40.0, 5)
+    for y in np.linspace(-40.0, 40.0, 5)
+    for z in np.linspace(15.0, 105.0, 4)
 ]
+"""Middles of 5 × 5 × 4 cells of 100 × 100 × 120 mm."""
 
 
 @dataclass(frozen=True, eq=False)

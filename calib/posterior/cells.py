@@ -37,7 +37,7 @@ from calib.posterior.distances import Distances
 from calib.posterior.gaussian import About, LittleOfAll
 from calib.tripod.effects.bars import LegLength
 from calib.tripod.effects.candidates import place_columns
-from calib.tripod.effects.drives import AxisOffset
+from calib.tripod.effects.drives import ActuatorScale, AxisLean, AxisOffset, AxisSquareness
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
@@ -86,10 +86,10 @@ class SessionCase:
     of the model that are ``free``, laws at places, have other sizes than it states. ``geometry``
     are parameters of the drives' lines, laws at places, with their standard deviations. What is
     ``as_stated`` is as the model has it, but for what has a name: directions and travel of the
-    drives, where their lines lie, too, or bars, too. Joint
-    offsets of sessions of the same ``state`` of the machine differ by what was ``entered_mm`` and
-    by what homing changes, ``homing_mm``; None: they are no other session's. ``distances`` between
-    marks were measured beside the readings.
+    drives, where their lines lie, too, or bars, too. Joint offsets of sessions of the same
+    ``state`` of the machine differ by what was ``entered_mm`` and by what homing changes,
+    ``homing_mm``; None: they are no other session's. ``distances`` between marks were measured
+    beside the readings.
     """
 
     model: Model
@@ -131,11 +131,14 @@ class SessionCase:
 
     @property
     def lines(self) -> Mapping[tuple[Effect, str], float]:
-        """Parameters of geometry that every model has free."""
-        if self.as_stated == "nothing":
-            return self.geometry
-        across = {law: size for law, size in self.geometry.items() if law[0].id == AxisOffset.id}
-        return across if self.as_stated == "directions" else {}
+        """Parameters of geometry that every model has free about 0; adopted ones have a size."""
+        stated: dict[Stated, tuple[str, ...]] = {
+            "nothing": (AxisOffset.id, AxisLean.id, AxisSquareness.id, ActuatorScale.id),
+            "directions": (AxisOffset.id,),
+        }
+        ids = stated.get(self.as_stated, ())
+        every = self.geometry.items()
+        return {law: size for law, size in every if law[0].id in ids and law not in self.free}
 
     @cached_property
     def lines_root(self) -> FloatArray:

@@ -122,7 +122,7 @@ class SessionSolution:
 
     def work_out(self) -> SessionSolution:
         """The same with every correction worked out: later they take no time."""
-        _ = self.correction, self.others, printer_change(self)
+        _ = self.correction, self.others, printer_change(self), self.lacks_something
         return self
 
     @cached_property
@@ -130,6 +130,13 @@ class SessionSolution:
         """The readings, of those without a movement between them the first, with their sessions."""
         known = _counting(self.sessions)
         return tuple(known[row] for row in visit_starts(self.observed).tolist())
+
+    @cached_property
+    def lacks_something(self) -> bool:
+        """Whether the posterior says that anything is missing from the model, as the diagnosis."""
+        from calib.diagnosis.diagnose import verdict_of  # all of it comes with it
+
+        return verdict_of(self.corrections.posterior) not in ("agrees", "cannot-tell")
 
     @property
     def suspects(self) -> tuple[Suspect, ...]:

@@ -81,6 +81,11 @@ def diagnosis_of(posterior: Posterior, held_out: Sequence[SessionCase] = ()) -> 
     return _Report(posterior, Cells.of_all(held_out) if held_out else []).make()
 
 
+def verdict_of(posterior: Posterior) -> Verdict:
+    """The verdict of `diagnosis_of` alone, before names are adopted."""
+    return _Report(posterior, ()).answer.verdict
+
+
 class _Report:
     """From the weights of models to the answer."""
 

@@ -49,8 +49,9 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
     if fit and solution.lacks_fit:
         larger = float(solution.inflated_expanded_mm.max())
         yield (
-            f"WARNING: the residual is {math.sqrt(fit.statistic):.1f} times the noise: something "
-            "is missing from the model (glidecal diagnose). With the residual counted as noise the "
+            f"WARNING: the residual is {math.sqrt(fit.statistic):.1f} times the noise: these "
+            "parameters alone do not explain the readings (glidecal diagnose). With the residual "
+            "counted as noise the "
             f"uncertainty is ±{uncertain(larger)} mm (k = {solution.lack_of_fit_factor:.3f}, "
             f"{free_words(fit.degrees_of_freedom)})."
         )

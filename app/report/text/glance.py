@@ -73,21 +73,17 @@ def _cautions(
 ) -> Iterator[str]:
     """A short line each; the pages behind say more."""
     yield from sole_mistake_words(solved)
-    if _lacks_something(solved):
+    if solved.lacks_something or solved.suspects:
         yield "WARNING: something is missing from the model. The bound allows for it."
     if not correction.helps:
         yield "WARNING: these values would not make the tool more accurate."
-
-
-def _lacks_something(solved: SessionSolution) -> bool:
-    return solved.solution.lacks_fit or bool(solved.suspects)
 
 
 def next_text(
     solved: SessionSolution, done: Collection[Done], *, exports: bool, measures: bool
 ) -> str:
     """What to do next with this result; nothing where nothing can be done from here."""
-    if _lacks_something(solved) and not done:
+    if (solved.lacks_something or solved.suspects) and not done:
         return "Next: {result.diagnose} looks for what is missing from the model."
     if not exports:
         return ""

@@ -461,7 +461,7 @@ def what_to_do(found: Verification) -> list[str]:
     after = found.compared.after
     wrong = {kind: [one.name for one in found.offsets if one.entered == kind] for kind in WRONG}
     said = [f"{', '.join(names)}: {WRONG[kind]}" for kind, names in wrong.items() if names]
-    if after.solution.lacks_fit:
+    if after.lacks_something:
         said.append(f"Something is missing from the model: glidecal diagnose {after.names[0]}")
     if not said and found.decision in ("fail", "undecided"):
         said.append(

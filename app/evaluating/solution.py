@@ -122,7 +122,7 @@ class SessionSolution:
 
     def work_out(self) -> SessionSolution:
         """The same with every correction worked out: later they take no time."""
-        _ = self.correction, self.others, printer_change(self), self.lacks_something
+        _ = self.correction, self.others, printer_change(self)
         return self
 
     @cached_property

@@ -427,7 +427,7 @@ from protocols.journal import Journal
 from protocols.record import read_record
 from tests.protocols.test_journal import opened, reading
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (1600, 1600))
+resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
 path = Path({str(path)!r})
 journal = Journal.create(path, opened())
 taken = 0

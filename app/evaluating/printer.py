@@ -12,10 +12,10 @@ from calib.errors import GlidecalError, UsageError
 from calib.tripod.towers import ON_ONE_CIRCLE, Towers
 
 if TYPE_CHECKING:
-    from app.evaluating.correction import TowerCorrection
-    from app.evaluating.solution import SessionSolution
+    from app.evaluating.correction import ControllerCorrections, TowerCorrection
     from calib.posterior.correction import ToolOff
     from protocols.machine import Machine
+    from protocols.session import Reading
 
 FIRMWARE_TOWERS = "abc"
 USUAL_ANGLES_DEG = (210.0, 330.0, 90.0)
@@ -125,14 +125,18 @@ LEAST = 5e-4
 """A change of less is not shown, in mm and degrees."""
 
 
-def printer_change(solved: SessionSolution) -> PrinterChange | None:
-    """What a printer's owner changes; None where the machine is none whose switches are stated."""
-    machine = solved.sessions[0].opened.machine
+def printer_change(
+    machine: Machine, corrections: ControllerCorrections, contacts: Sequence[Reading]
+) -> PrinterChange | None:
+    """What a printer's owner changes; None where the machine is none whose switches are stated.
+
+    ``contacts`` are those that were taken; none of a session of readings.
+    """
     if machine.position_endstop_mm is None:
         return None
     try:
         drives = drives_of_towers(machine)
-        best = solved.corrections.of_towers(ON_ONE_CIRCLE)
+        best = corrections.of_towers(ON_ONE_CIRCLE)
     except GlidecalError:
         return None
     values, held_mm = best.values, machine.position_endstop_mm
@@ -150,17 +154,16 @@ def printer_change(solved: SessionSolution) -> PrinterChange | None:
         ),
         ValueChange(float(now.radius_mm[0]), float(then.radius_mm[0])),
         best.off,
-        solved.corrections.off_now.bound_mm[solved.frame],
-        best.off.bound_mm[solved.frame],
-        _uneven_mm(solved, best),
+        corrections.off_now.bound_mm[corrections.frame],
+        best.off.bound_mm[corrections.frame],
+        _uneven_mm(contacts, best),
     )
 
 
-def _uneven_mm(solved: SessionSolution, best: TowerCorrection) -> ValueChange | None:
+def _uneven_mm(contacts: Sequence[Reading], best: TowerCorrection) -> ValueChange | None:
     """Of all contacts of one way of measuring: another one has a zero of its own."""
-    if not solved.of_contacts:
+    if not contacts:
         return None
-    contacts = [reading for _, reading in solved.visits]
     alike = [
         (one.position_mm, one.value_mm)
         for one in contacts

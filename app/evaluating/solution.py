@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from app.evaluating.correction import ControllerCorrections, Gain, SessionCorrection
-from app.evaluating.printer import printer_change
+from app.evaluating.printer import PrinterChange, printer_change
 from calib.arrays import FloatArray, Observations, descending, joined_values
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.accuracy import Decision, decide
@@ -115,6 +115,18 @@ class SessionSolution:
         """What the tool keeps where the same controller holds something else."""
         return self.corrections.others(self.correction)
 
+    @cached_property
+    def printer_change(self) -> PrinterChange | None:
+        """What the owner of a printer changes in its firmware; None for another machine."""
+        machine = self.sessions[0].opened.machine
+        contacts = [reading for _, reading in self.visits] if self.of_contacts else []
+        return printer_change(machine, self.corrections, contacts)
+
+    @property
+    def entered(self) -> PrinterChange | SessionCorrection:
+        """What is shown first and entered: all values of a printer, else those that are held."""
+        return self.printer_change or self.correction
+
     @property
     def is_worked_out(self) -> bool:
         """Whether `work_out` was done, for whichever set."""
@@ -122,7 +134,7 @@ class SessionSolution:
 
     def work_out(self) -> SessionSolution:
         """The same with every correction worked out: later they take no time."""
-        _ = self.correction, self.others, printer_change(self)
+        _ = self.correction, self.others, self.printer_change
         return self
 
     @cached_property
@@ -513,11 +525,10 @@ def judge(solved: SessionSolution, tolerance_mm: float) -> Judgement:
     Raises UsageError for a tolerance that is no positive length.
     """
     check_tolerance(tolerance_mm)
-    entered = printer_change(solved) or solved.correction
     return Judgement(
         tolerance_mm,
         decided_in(solved.corrections.off_now, solved.frame, tolerance_mm),
-        decided_in(entered.off, solved.frame, tolerance_mm),
+        decided_in(solved.entered.off, solved.frame, tolerance_mm),
     )
 
 

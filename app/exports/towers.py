@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from app.evaluating.printer import FIRMWARE_TOWERS, drives_of_towers, printer_change
+from app.evaluating.printer import FIRMWARE_TOWERS, drives_of_towers
 from app.exports.linuxcnc import (
     for_joints,
     joint_files,
@@ -75,7 +75,7 @@ def fitted(offsets: Offsets, entries: TowerEntries) -> tuple[Offsets, Entered]:
         values = entered(whole.model, entries)
     else:
         values = solved.corrections.of_towers(entries).values
-        change = printer_change(solved)
+        change = solved.printer_change
         said = [
             whole.bound,
             *left_out_lines(solved.corrections.of("kinematics")),

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
-from app.evaluating.printer import printer_change, tower_names
+from app.evaluating.printer import tower_names
 from app.evaluating.solution import SessionSolution, judge, solve_files
 from app.report.charts.legs import leg_figures
 from app.report.charts.results import (
@@ -155,7 +155,7 @@ def report_of(
         machine=machine.name,
         decision=decided(verified) if verified else judged,
         sentences=(
-            bound_sentence(printer_change(solved) or solved.correction, solved.frame),
+            bound_sentence(solved.entered, solved.frame),
             f"{found.verdict.upper()}. {found.sentence}",
         ),
         sections=sections,
@@ -256,7 +256,7 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
         "failed where the expected error exceeds it by more than its expanded uncertainty "
         "(95 %), undecided in between."
     )
-    if change := printer_change(solved):
+    if change := solved.printer_change:
         return Section(
             "What to enter in the firmware",
             [

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator
 from enum import StrEnum
 
 from app.evaluating.correction import SessionCorrection
-from app.evaluating.printer import PrinterChange, printer_change
+from app.evaluating.printer import PrinterChange
 from app.evaluating.solution import SessionSolution, judge
 from app.report.charts.bars import bar_rows
 from app.report.text.correction import FRAME_WORDS, correction_table, sole_mistake_words
@@ -44,8 +44,7 @@ def glance_text(
     ``before`` is the session that this one verifies.
     """
     machine, frame = solved.sessions[0].opened.machine, solved.frame
-    change = printer_change(solved)
-    correction = change or solved.correction
+    change, correction = solved.printer_change, solved.entered
     tolerance_mm = machine.tool_tolerance_mm
     lengths = [
         (name, f"{uncertain(mm)} mm", mm)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from app.evaluating.comparison import Comparison
-from app.evaluating.printer import printer_change
 from app.evaluating.solution import SessionSolution
 from app.report.text.caveats import (
     UNKNOWN_HOME_OFFSET,
@@ -75,7 +74,7 @@ def solution_text(solved: SessionSolution) -> str:
 def entered_parts(solved: SessionSolution) -> list[str | Table]:
     """The correction: values, the bound with them, what other exports would keep, cautions."""
     correction = solved.correction
-    if change := printer_change(solved):
+    if change := solved.printer_change:
         return [
             f"{', '.join(solved.names)}: values to enter in the firmware, "
             f"{FRAME_WORDS[correction.frame]}, {solved.reading_count} {taken_word(solved)}s",
@@ -427,7 +426,7 @@ WRONG = {
 def verification_text(found: Verification) -> str:
     """The decision first, then what was expected and found, then what to do."""
     before, after = found.compared.before, found.compared.after
-    expected = printer_change(before) or before.correction
+    expected = before.entered
     return paragraphs(
         [f"before: {before.names[0]}", f"after:  {after.names[0]}"],
         f"{decided(found)} Tool over the workspace, r.m.s. (95 %), {FRAME_WORDS[after.frame]}: at "

@@ -10,6 +10,7 @@ from app.evaluating.correction import CLEARLY_BETTER
 from calib.arrays import LEG_NAMES
 from calib.errors import GlidecalError, UsageError
 from calib.tripod.towers import ON_ONE_CIRCLE, Towers
+from protocols.printers.tower_printer import USUAL_ANGLES_DEG
 
 if TYPE_CHECKING:
     from app.evaluating.correction import ControllerCorrections, TowerCorrection
@@ -18,9 +19,6 @@ if TYPE_CHECKING:
     from protocols.session import Reading
 
 FIRMWARE_TOWERS = "abc"
-USUAL_ANGLES_DEG = (210.0, 330.0, 90.0)
-"""Of the first, second and third tower of printers, from x, anticlockwise."""
-
 FURTHEST_DEG = 30.0
 """A tower that stands further from the firmware's place for it is another one."""
 

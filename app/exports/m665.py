@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from app.evaluating.printer import USUAL_ANGLES_DEG, drives_of_towers
+from app.evaluating.printer import drives_of_towers
 from app.exports.towers import comments, endstops_now_mm, fitted
 from app.report.offsets import Export, Offsets
 from calib.arrays import LEG_NAMES
 from calib.tripod.towers import ALIKE_BARS, ON_ONE_CIRCLE, Entered
+from protocols.printers.tower_printer import USUAL_ANGLES_DEG
 
 TOWERS = "XYZ"
 

@@ -147,7 +147,8 @@ class SessionCase:
         Towers stand on one frame: their distances from the middle are off alike.
         """
         correlation = np.eye(len(self.lines))
-        radial = [k for k, (law, place) in enumerate(self.lines) if is_radial(law, place)]
+        every = enumerate(self.lines)
+        radial = [k for k, (law, place) in every if law.id == AxisOffset.id and place[-1] == "r"]
         correlation[np.ix_(radial, radial)] += ALIKE * (1.0 - np.eye(len(radial)))
         size = np.array([*self.lines.values()])
         return np.asarray(size[:, None] * np.linalg.cholesky(correlation))
@@ -407,11 +408,6 @@ def _by_geometry(case: SessionCase, model: Model, taken: Conditions) -> FloatArr
     by_law = dict(zip(laws, place_columns(model, taken, laws), strict=True))
     columns = [by_law[law][place] for law, place in case.lines]
     return np.hstack([np.zeros((len(taken), 0)), *columns]) @ case.lines_root
-
-
-def is_radial(law: Effect, place: str) -> bool:
-    """Whether a law shifts the line of a drive to and from the middle of several around it."""
-    return law.id == AxisOffset.id and place.endswith("r")
 
 
 def _by_mounting(

@@ -41,24 +41,17 @@ AS_STATED: dict[Stated, float] = {
 
 def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = None) -> Posterior:
     """Of these sessions together. Raises NotIdentifiable where one cannot be fitted."""
-    every = Cells.of_all(cases)
+    of_lines = any(case.geometry for case in cases)
+    shares: dict[Stated, float] = AS_STATED if of_lines else {"nothing": 1.0}
+    taken = {s: Cells.of_all([replace(case, as_stated=s) for case in cases]) for s in shares}
+    every = taken["nothing"]
     laws = with_searched_leads(CATALOGUE if effects is None else effects, every)
     laws = (*laws, *_adopted_variants(cases[-1], laws))
 
-    of_lines = any(case.geometry for case in cases)
-
     def solve(sessions: Sequence[Cells], with_play: bool) -> Solved[Posterior]:
-        problem = PosteriorProblem.of(tuple(sessions), laws)
-        solved = problem.solved(with_play=with_play)
-        room = problem.log_of_lines if of_lines else 0.0
-        return replace(solved, log_evidence=solved.log_evidence + room)
+        return PosteriorProblem.of(tuple(sessions), laws).solved(with_play=with_play)
 
-    ways = _ways(every, 0.0)
-    if of_lines:
-        ways = []
-        for stated, share in AS_STATED.items():
-            sessions = Cells.of_all([replace(case, as_stated=stated) for case in cases])
-            ways += _ways(sessions, math.log(share))
+    ways = [way for s, share in shares.items() for way in _ways(taken[s], math.log(share))]
     return _mixed(with_mistakes(ways, solve))
 
 

@@ -123,7 +123,7 @@ class PosteriorProblem:
         ``with_play``: of models in which a play reaches first takes that stand apart; without any
         the log evidence is -inf.
         """
-        about = self._about_of(self.rows)
+        about = self._plain
         columns, residual = about.left_by(self._laws.whitened(self.columns)), about.left
         within = within_plays(self.sessions)
         log_usual, log_prior = log_priors(within, self.components)
@@ -146,7 +146,7 @@ class PosteriorProblem:
         field = tool_field(self.geometry, tuple(laws))
         linear = Linear(self.rows, self.columns, self.index)
         result = Posterior(self.sessions, self.components, tuple(models), field, linear)
-        constant = self.rows.log_constant + self._log_of_states(about) + log_usual
+        constant = self.rows.log_constant + self._log_of_states() + self.log_of_lines + log_usual
         nothing = race.products
         log_plain = race.log_evidence(np.array(nothing.square), np.array(nothing.room))
         plain = RaceEntry((), (), float(LOG_CAUSES[0] + log_plain))
@@ -171,6 +171,11 @@ class PosteriorProblem:
     def _laws(self) -> LittleOfAll:
         """A little of every law, which is the same about all models."""
         return LittleOfAll(self.base[:, len(self.rows.spread) :])
+
+    @cached_property
+    def _plain(self) -> About:
+        """The base about the rows, without any component."""
+        return self._about_of(self.rows)
 
     def _about_of(self, rows: Rows) -> About:
         """Lengths and offsets about rows, where they have derivatives of their own."""
@@ -198,16 +203,18 @@ class PosteriorProblem:
     def log_of_lines(self) -> float:
         """What lengths and lines of drives that are free add to the log evidence.
 
-        Less what offsets cost: these are never the question.
+        Less what offsets cost: these are never the question. 0 where lines have no tolerance.
         """
         rows = self.rows
+        if not any(cells.case.geometry for cells in self.sessions):
+            return 0.0
         offsets = (rows.base * rows.spread)[:, LENGTHS:]
         white = rows.whitening[LENGTHS:, LENGTHS:]
         none = np.zeros(offsets.shape[1])
         alone = About.of(offsets, np.zeros(len(offsets)), none, white)
-        return self._about_of(rows).room - alone.room
+        return self._plain.room - alone.room
 
-    def _log_of_states(self, about: About) -> float:
+    def _log_of_states(self) -> float:
         """What expecting the same joint offsets of several sessions adds to the log evidence.
 
         Mistakes are compared without what offsets cost: these are never the question.
@@ -215,7 +222,7 @@ class PosteriorProblem:
         alone = np.eye(len(self.rows.whitening))
         if np.array_equal(self.rows.whitening, alone):
             return 0.0
-        return about.room - self._about_of(replace(self.rows, whitening=alone)).room
+        return self._plain.room - self._about_of(replace(self.rows, whitening=alone)).room
 
     def _changed(self, number: int, change_mm: FloatArray) -> FloatArray:
         """Rows ``(n, m)`` by which other means of cells ``(n_cells, m)`` of a session differ."""

@@ -122,6 +122,17 @@ class SessionSolution:
         contacts = [reading for _, reading in self.visits] if self.of_contacts else []
         return printer_change(machine, self.corrections, contacts)
 
+    @cached_property
+    def lines(self) -> tuple[LineParameter, ...]:
+        """Parameters of the drives' lines of which the machine file has tolerances."""
+        known = self.sessions[-1].opened.machine.geometry_tolerances()
+        every = []
+        for (law, place), tolerance in known.items():
+            value, deviation = self.posterior.value_of((law, place))
+            unit = law.parameters[0].unit
+            every.append(LineParameter(law.id, place, unit, value, 2.0 * deviation, tolerance))
+        return tuple(every)
+
     @property
     def entered(self) -> PrinterChange | SessionCorrection:
         """What is shown first and entered: all values of a printer, else those that are held."""
@@ -271,6 +282,21 @@ class SessionSolution:
         """d_rho of joints x, y, z that are entered where the controller holds nothing else."""
         x, y, z = self.corrections.of("offsets").model.parameters_mm[:3]
         return x, y, z
+
+
+@dataclass(frozen=True)
+class LineParameter:
+    """Where a drive's line lies, how it points, or its travel: a law at a place, in its unit.
+
+    ``expanded`` is the uncertainty (k = 2), ``tolerance`` the standard deviation before measuring.
+    """
+
+    id: str
+    place: str
+    unit: str
+    value: float
+    expanded: float
+    tolerance: float
 
 
 @dataclass(frozen=True)

@@ -194,12 +194,19 @@ class Posterior:
         return mean, math.sqrt(float(weight @ (variance + own**2)) - mean**2)
 
     def _unseen(self, model: Weighted) -> FloatArray:
-        """Standard deviations ``(f,)`` of shifts and turns of the machine that no leg shows.
+        """Standard deviations ``(f,)`` of what these readings do not show.
 
+        Parameters of lines that change none of them have their tolerance; so have shifts and turns
+        of the whole machine.
         Of two axes that lean readings show the sum, of two that miss each other the distance. The
         rest turns or shifts the machine as a whole; it is taken to be as large, r.m.s.
         """
         deviation = np.zeros(self.field.rows.shape[1])
+        tolerances = self.sessions[-1].case.geometry
+        every = (self.components[k] for k in model.everywhere)
+        shown = {(share.effect, share.place) for one in every for share in one.shares}
+        for unseen in tolerances.keys() - shown:
+            deviation[self.field.columns_of(unseen)[0]] = tolerances[unseen]
         if not self.geometry.reads_legs:  # readings are of the tool, in the frame of its plate
             return deviation
         rigid = {"axis_squareness": deviation[-3:], "axis_offset": deviation[-RIGID:-3]}
@@ -210,7 +217,7 @@ class Posterior:
                 (third,) = {0, 1, 2} - {"xyz".index(name) for name in place[:2]}
                 rigid[law.id][third] = math.hypot(rigid[law.id][third], unit[law.id] * size)
 
-        for (law, place), tolerance in self.sessions[-1].case.lines.items():
+        for (law, place), tolerance in tolerances.items():
             add(law, place, tolerance)
         for k, at in zip(model.members, self.starts(model), strict=True):
             component = self.components[k]

@@ -142,7 +142,8 @@ class PosteriorProblem:
             log_evidence += log_share
         acting = effects_of_tool(self.sessions[-1].case.model)
         known = [(one.effect, one.place) for one in acting]
-        laws = dict.fromkeys([*self.placed, *laws_held(self.geometry), *known])
+        lines = self.sessions[-1].case.geometry
+        laws = dict.fromkeys([*self.placed, *laws_held(self.geometry), *known, *lines])
         field = tool_field(self.geometry, tuple(laws))
         linear = Linear(self.rows, self.columns, self.index)
         result = Posterior(self.sessions, self.components, tuple(models), field, linear)

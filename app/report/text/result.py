@@ -27,6 +27,7 @@ from app.report.text.correction import (
     doubt_lines,
     gains_table,
     left_out_lines,
+    shown_value,
     warning_lines,
 )
 from app.report.text.printer import change_parts
@@ -81,6 +82,7 @@ def entered_parts(solved: SessionSolution) -> list[str | Table]:
             "\n".join(doubt_lines(solved)),
             *change_parts(solved, change),
             bound_table(correction.frame, correction.off_now, change.off),
+            *line_parts(solved),
             "\n".join(caveats(solved)),
         ]
     return [
@@ -91,8 +93,20 @@ def entered_parts(solved: SessionSolution) -> list[str | Table]:
         bound_table(correction.frame, correction.off_now, correction.off),
         "" if solved.reads_tool else UNSEEN,
         gains_table(solved),
+        *line_parts(solved),
         "\n".join([*left_out_lines(correction), *caveats(solved)]),
     ]
+
+
+def line_parts(solved: SessionSolution) -> list[str | Table]:
+    """Lines of the drives within their tolerances; nothing where the machine file has none."""
+    if not solved.lines:
+        return []
+    table = new_table("line of a drive", "at", "value", "", "± U (k = 2)", "tolerance", left=2)
+    for one in solved.lines:
+        figures = shown_value(one.value), one.unit, uncertain(one.expanded)
+        table.add_row(one.id, one.place, *figures, f"{one.tolerance:g}")
+    return [table]
 
 
 def view_parts(solved: SessionSolution) -> list[str | Table]:

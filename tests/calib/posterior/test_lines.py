@@ -12,8 +12,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.arrays import FloatArray
+from calib.arrays import FloatArray, observe, tool_conditions
 from calib.posterior.cells import Cells, SessionCase
+from calib.posterior.entered import nothing_entered
 from calib.posterior.posterior import posterior
 from calib.posterior.problem import PosteriorProblem
 from calib.posterior.readings import LENGTHS
@@ -79,6 +80,25 @@ def test_lines_within_their_tolerance_are_measured_and_have_no_name() -> None:
     assert (distance < 2.0).sum() >= 63, "72 of them: 95 %, less three standard deviations"
     assert math.sqrt(float((distance**2).mean())) < 1.3
     assert np.median(shares) < 0.5
+
+
+def test_what_no_reading_shows_stays_at_its_tolerance_and_is_in_the_bound() -> None:
+    """The tool on a sphere about a carriage that rests: nothing is seen of that one's travel."""
+    x, y = np.meshgrid(np.linspace(-40.0, 40.0, 5), np.linspace(-40.0, 40.0, 5))
+    length = Geometry().leg_length_mm[2]
+    z = length - np.sqrt(length**2 - x**2 - y**2)
+    places = np.tile(np.stack([x, y, z], axis=-1).reshape(-1, 3), (2, 1))
+    taken = observe(tool_conditions(places), np.zeros(len(places)))
+    resting = replace(case(taken, seed=4), geometry=LINES)
+    result, known = posterior([resting]), posterior([replace(resting, geometry={})])
+    names = {(one.id, one.where) for one in result.components}
+    assert ("actuator_scale", "x") in names
+    assert ("actuator_scale", "z") not in names, "else the test shows nothing"
+    assert result.value_of((ActuatorScale(), "z")) == pytest.approx((0.0, 0.05))
+    less, more = (
+        one.tool_errors["touched-off"].bound_mm(nothing_entered(one)) for one in (known, result)
+    )
+    assert less < more
 
 
 def test_without_tolerances_the_same_machine_has_a_name() -> None:

@@ -113,12 +113,15 @@ class SessionCase:
         sizes, or the size itself where it is larger.
         """
         spread = {law: np.array([size]) for law, size in self.lines.items()}
-        for known in self.model.effects:
-            if isinstance(known, EffectInstance) and (known.effect, known.place) in self.free:
-                least = [ADOPTED * one.tolerance for one in known.effect.parameters]
-                own = np.maximum(least, np.abs(known.values))
-                law = known.effect, known.place
-                spread[law] = np.maximum(own, spread.get(law, own))
+        for instance in self.model.effects:
+            if (
+                isinstance(instance, EffectInstance)
+                and (instance.effect, instance.place) in self.free
+            ):
+                least = [ADOPTED * parameter.tolerance for parameter in instance.effect.parameters]
+                spread_of_values = np.maximum(least, np.abs(instance.values))
+                law = instance.effect, instance.place
+                spread[law] = np.maximum(spread_of_values, spread.get(law, spread_of_values))
         return spread
 
     @property
@@ -137,8 +140,8 @@ class SessionCase:
             "directions": (AxisOffset.id,),
         }
         ids = stated.get(self.as_stated, ())
-        every = self.geometry.items()
-        return {law: size for law, size in every if law[0].id in ids and law not in self.free}
+        sizes = self.geometry.items()
+        return {law: size for law, size in sizes if law[0].id in ids and law not in self.free}
 
     @cached_property
     def lines_root(self) -> FloatArray:
@@ -147,8 +150,10 @@ class SessionCase:
         Towers stand on one frame: their distances from the middle are off alike.
         """
         correlation = np.eye(len(self.lines))
-        every = enumerate(self.lines)
-        radial = [k for k, (law, place) in every if law.id == AxisOffset.id and place[-1] == "r"]
+        numbered_laws = enumerate(self.lines)
+        radial = [
+            k for k, (law, place) in numbered_laws if law.id == AxisOffset.id and place[-1] == "r"
+        ]
         correlation[np.ix_(radial, radial)] += ALIKE * (1.0 - np.eye(len(radial)))
         size = np.array([*self.lines.values()])
         return np.asarray(size[:, None] * np.linalg.cholesky(correlation))
@@ -258,11 +263,11 @@ class Cells:
     @classmethod
     def of_all(cls, cases: Sequence[SessionCase]) -> list[Cells]:
         """Several sessions: one without repeats has the noise of those with most."""
-        every = [cls.of(case) for case in cases]
-        best = max(every, key=lambda cells: cells.freedom)
+        sessions = [cls.of(case) for case in cases]
+        best = max(sessions, key=lambda cells: cells.freedom)
         return [
             cells if cells.noise else cls.of(replace(cells.case, others=best.noise))
-            for cells in every
+            for cells in sessions
         ]
 
     @property
@@ -334,8 +339,8 @@ class Cells:
     def zeros(self) -> FloatArray:
         """Basis ``(n_cells, r)`` of zeros of mountings and tilts of planes, whitened."""
         columns = np.hstack([incidence(self.means.mount), tilts(self.means)])
-        shown = self._independent(columns)
-        return basis_of(shown / lengths(shown), DEPENDENT)
+        independent_columns = self._independent(columns)
+        return basis_of(independent_columns / lengths(independent_columns), DEPENDENT)
 
     def _independent(self, columns: FloatArray) -> FloatArray:
         if not self.serial:
@@ -366,19 +371,19 @@ class Cells:
         root = np.sqrt(self._counted_mm2)[:, None]
         if self.serial:
             mountings = _by_mounting(self.visited, self.cell, self._counted_mm2, self.serial)
-            left = np.vstack(
+            remainder = np.vstack(
                 [
                     without(basis, independent(self.serial, rows[there] / root[there]))
                     for there, _, basis, _ in mountings
                 ]
             )
         else:
-            left = without_means(self.cell, 1.0 / self._counted_mm2, rows) / root
+            remainder = without_means(self.cell, 1.0 / self._counted_mm2, rows) / root
         # of columns that depend on each other a triangle would keep rounding as a reading
-        own = left[:, :-1] / lengths(left[:, :-1])
-        basis, upper = np.linalg.qr(own)
-        shown = basis_of(upper, DEPENDENT).T @ (basis.T @ left)
-        return np.column_stack([shown[:, -1], shown[:, :-1]])
+        timed = remainder[:, :-1] / lengths(remainder[:, :-1])
+        basis, upper = np.linalg.qr(timed)
+        common = basis_of(upper, DEPENDENT).T @ (basis.T @ remainder)
+        return np.column_stack([common[:, -1], common[:, :-1]])
 
 
 SCATTERS_MM = np.geomspace(1e-3, 1.0, 61)
@@ -389,25 +394,25 @@ def _likeliest_mm2(case: SessionCase, visited: Observations) -> float:
     """The variance of contacts with which a machine within its tolerances is likeliest, mm²."""
     within = design_of(case.model, visited, range(BASE), ()) * case.spread_mm
     lines = _by_geometry(case, case.model, visited)
-    both = np.column_stack([visited.value_mm - case.model.readings(visited), within, lines])
-    shown = without_zeros(visited, visited.averaged, both)
-    axes, singular, _ = np.linalg.svd(shown[:, 1:], full_matrices=False)
-    along = (axes.T @ shown[:, 0]) ** 2
+    rows = np.column_stack([visited.value_mm - case.model.readings(visited), within, lines])
+    centred = without_zeros(visited, visited.averaged, rows)
+    axes, singular, _ = np.linalg.svd(centred[:, 1:], full_matrices=False)
+    along = (axes.T @ centred[:, 0]) ** 2
     variances = SCATTERS_MM[:, None] ** 2 + singular**2
     likelihood = -0.5 * (np.log(variances) + along / variances).sum(axis=1)
     # all other directions only scatter; of each mounting one is its zero, which nothing does
-    others = len(visited) - len(singular) - visited.mount_count
-    beside = max(float(shown[:, 0] @ shown[:, 0] - along.sum()), 0.0)
-    likelihood -= others * np.log(SCATTERS_MM) + 0.5 * beside / SCATTERS_MM**2
+    degrees = len(visited) - len(singular) - visited.mount_count
+    beside = max(float(centred[:, 0] @ centred[:, 0] - along.sum()), 0.0)
+    likelihood -= degrees * np.log(SCATTERS_MM) + 0.5 * beside / SCATTERS_MM**2
     return float(SCATTERS_MM[likelihood.argmax()] ** 2)
 
 
-def _by_geometry(case: SessionCase, model: Model, taken: Conditions) -> FloatArray:
+def _by_geometry(case: SessionCase, model: Model, conditions: Conditions) -> FloatArray:
     """What each parameter of geometry does to readings ``(n, k)``, per standard deviation, mm."""
     laws = tuple(dict.fromkeys(law for law, _ in case.lines))
-    by_law = dict(zip(laws, place_columns(model, taken, laws), strict=True))
+    by_law = dict(zip(laws, place_columns(model, conditions, laws), strict=True))
     columns = [by_law[law][place] for law, place in case.lines]
-    return np.hstack([np.zeros((len(taken), 0)), *columns]) @ case.lines_root
+    return np.hstack([np.zeros((len(conditions), 0)), *columns]) @ case.lines_root
 
 
 def _by_mounting(
@@ -430,16 +435,18 @@ def _means(
 ) -> tuple[Observations, FloatArray]:
     """Means of cells by least squares, and their variances ``(n_cells,)``, mm²."""
     rows = np.unique(cell, return_index=True)[1]
-    both = np.column_stack([visited.value_mm, visited.time_s])
+    values = np.column_stack([visited.value_mm, visited.time_s])
     if not serial:
         total = np.bincount(cell, 1.0 / scatter_mm2)
-        value_mm, time_s = (np.bincount(cell, column / scatter_mm2) / total for column in both.T)
+        value_mm, time_s = (np.bincount(cell, column / scatter_mm2) / total for column in values.T)
         variance = 1.0 / total
     else:
         value_mm, time_s, variance = (np.empty(len(rows)) for _ in range(3))
         for there, cells, basis, inverse in _by_mounting(visited, cell, scatter_mm2, serial):
-            known = both[there] / np.sqrt(scatter_mm2[there])[:, None]
-            value_mm[cells], time_s[cells] = (inverse @ (basis.T @ independent(serial, known))).T
+            whitened_values = values[there] / np.sqrt(scatter_mm2[there])[:, None]
+            value_mm[cells], time_s[cells] = (
+                inverse @ (basis.T @ independent(serial, whitened_values))
+            ).T
             variance[cells] = (inverse**2).sum(axis=1)
     together = np.bincount(cell, visited.averaged).astype(np.float64)
     means = replace(visited.take(rows), value_mm=value_mm, averaged=together, time_s=time_s)
@@ -461,12 +468,14 @@ def _underrated(
     square, free = 0.0, 0
     for rows, _, basis, _ in _by_mounting(visited, cell, scatter_mm2, serial):
         order = np.linspace(-1.0, 1.0, len(rows))
-        both = (
+        columns = (
             np.column_stack([order, visited.value_mm[rows]]) / np.sqrt(scatter_mm2[rows])[:, None]
         )
-        drift, left = without(basis, independent(serial, both)).T
+        drift, residual = without(basis, independent(serial, columns)).T
         along = float(drift @ drift)
-        square += float(left @ left) - (float(drift @ left) ** 2 / along if along > 1e-9 else 0.0)
+        square += float(residual @ residual) - (
+            float(drift @ residual) ** 2 / along if along > 1e-9 else 0.0
+        )
         free += max(len(rows) - basis.shape[1] - 1, 0)
     return square / free if free and square > 0.0 else 1.0
 
@@ -478,8 +487,8 @@ def _robust_weights(repeats: Repeats, scatter_mm2: FloatArray) -> FloatArray:
     readings of a cycle share is no distance. A cell of few readings, of which one lies far, is
     known less well.
     """
-    left = repeats.scatter(repeats.observed.value_mm[:, None])[:, 0]
+    residual_mm = repeats.scatter(repeats.observed.value_mm[:, None])[:, 0]
     share = np.maximum(1.0 - repeats.leverage, NEW_DIRECTION)
     averaged = repeats.observed.averaged
-    distance = np.abs(left) / np.sqrt(averaged * scatter_mm2 * share)
+    distance = np.abs(residual_mm) / np.sqrt(averaged * scatter_mm2 * share)
     return np.asarray(USUAL / np.maximum(distance, USUAL))

@@ -19,22 +19,22 @@ def linear_about(
 ) -> tuple[Linear, tuple[Component, ...], tuple[Placed, ...]]:
     """The sessions about a model of each; components with as many values as they have columns."""
     rows, placed, blocks = rows_and_blocks(sessions, models, components)
-    own, squares = _of_postures(sessions, len(rows.residual))
-    every = []
+    of_postures, squares = _of_postures(sessions, len(rows.residual))
+    pairs = []
     for component, block in zip(components, blocks, strict=True):
         if component.id == ELSE:
-            component, block = component.with_values(squares), own
+            component, block = component.with_values(squares), of_postures
         if component.id != OTHER_BARS:
-            every.append((component, block * component.unit))
-    every += _bars_of_sessions(sessions, rows)
-    widths = [block.shape[1] for _, block in every]
+            pairs.append((component, block * component.unit))
+    pairs += _bars_of_sessions(sessions, rows)
+    widths = [block.shape[1] for _, block in pairs]
     starts = np.cumsum([0, *widths[:-1]])
     index = tuple(
         np.arange(at, at + w, dtype=np.intp) for at, w in zip(starts, widths, strict=True)
     )
-    columns = np.hstack([block for _, block in every])
-    known = tuple(component for component, _ in every)
-    return Linear(rows, columns, index), known, placed
+    columns = np.hstack([block for _, block in pairs])
+    sized = tuple(component for component, _ in pairs)
+    return Linear(rows, columns, index), sized, placed
 
 
 def rows_and_blocks(
@@ -50,7 +50,7 @@ def rows_and_blocks(
         placed_columns(model, cells.means, laws)
         for model, cells in zip(models, sessions, strict=True)
     ]
-    widths = {law: len(law[0].parameters) for each in placed for law in each}
+    widths = {law: len(law[0].parameters) for by_law in placed for law in by_law}
     rows = rows_of(sessions, models, placed, widths, within=within)
     starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
     blocks = []
@@ -107,11 +107,16 @@ def _of_postures(sessions: Sequence[Cells], total: int) -> tuple[FloatArray, Flo
     Beside them their mean squares ``(r,)`` over the cells of all sessions, mm².
     """
     errors = [something_else(cells.means) for cells in sessions]
-    blocks = [cells.whitened(own) for cells, own in zip(sessions, errors, strict=True)]
-    squares = np.concatenate([(own**2).mean(axis=0) for own in errors]) / len(sessions)
-    every = np.zeros((total, sum(block.shape[1] for block in blocks)))
+    blocks = [
+        cells.whitened(errors_of_session)
+        for cells, errors_of_session in zip(sessions, errors, strict=True)
+    ]
+    squares = np.concatenate(
+        [(errors_of_session**2).mean(axis=0) for errors_of_session in errors]
+    ) / len(sessions)
+    columns = np.zeros((total, sum(block.shape[1] for block in blocks)))
     row = column = 0
     for block in blocks:
-        every[row : row + len(block), column : column + block.shape[1]] = block
+        columns[row : row + len(block), column : column + block.shape[1]] = block
         row, column = row + block.shape[0], column + block.shape[1]
-    return every, squares
+    return columns, squares

@@ -159,7 +159,7 @@ def correction(
     (``play of x``), or all that begin with a word (``play``).
     """
     absent, errors = absent or {}, posterior.tool_errors[frame]
-    kept: list[Part] = []
+    corrected: list[Part] = []
     values = np.zeros(len(posterior.mean))
     left_out: list[LeftOut] = []
     for group, parts in parts_of(posterior, holds).items():
@@ -168,11 +168,11 @@ def correction(
             reason = absent.get(part[0]) or absent.get(part[0].split()[0], "")
             left_out += [LeftOut(part[0], reason)] if reason else []
             fitting += [] if reason else [part]
-        more = _projected(posterior, [*kept, *fitting], frame)
-        if kept and fitting and (reason := _doubt(errors, more, values)):
+        projected = _projected(posterior, [*corrected, *fitting], frame)
+        if corrected and fitting and (reason := _doubt(errors, projected, values)):
             left_out.append(LeftOut(group, reason))
             continue
-        kept, values = [*kept, *fitting], more
+        corrected, values = [*corrected, *fitting], projected
     return Correction(
         frame,
         holds,
@@ -185,9 +185,9 @@ def correction(
 def projector_of(posterior: Posterior, index: Sequence[int], frame: Frame) -> FloatArray:
     """Values of these columns ``(n,)`` as a map ``(n, f)`` of what is expected in the field."""
     field = posterior.field
-    metric, whole = field.metrics[frame], field.metrics["machine"]
+    metric, machine_metric = field.metrics[frame], field.metrics["machine"]
     chosen = list(index)
-    inner = metric + TIED * whole
+    inner = metric + TIED * machine_metric
     scale = 1.0 / np.sqrt(np.maximum(inner[chosen, chosen], 1e-30))
     block = inner[np.ix_(chosen, chosen)] * scale[:, None] * scale
     target = scale[:, None] * inner[chosen]
@@ -209,15 +209,15 @@ def _doubt(errors: ToolErrors, with_it: FloatArray, without: FloatArray) -> str:
     What no reading of a leg shows of the frame is no reason against what they do show.
     """
     weight = np.array([model.weight for model in errors.models])
-    more = errors.expected(without) - errors.expected(with_it)
-    gain = float(weight @ more)
-    whole = errors.seen.expected_mm(without) ** 2
-    worst = float(np.max(-more[weight >= DOUBTED], initial=0.0))
-    if gain <= WORTH * whole:
+    loss_mm2 = errors.expected(without) - errors.expected(with_it)
+    gain = float(weight @ loss_mm2)
+    without_mm2 = errors.seen.expected_mm(without) ** 2
+    worst = float(np.max(-loss_mm2[weight >= DOUBTED], initial=0.0))
+    if gain <= WORTH * without_mm2:
         return f"it lowers the expected square of the tool's error by less than {WORTH:.0%}"
     if worst > gain:
         return "it would raise the error under a model that the readings leave open"
-    if float(weight[more < 0.0].sum()) > EVEN and gain < LARGE * whole:
+    if float(weight[loss_mm2 < 0.0].sum()) > EVEN and gain < LARGE * without_mm2:
         return "it is likelier to raise the tool's error than to lower it"
     return ""
 
@@ -226,8 +226,8 @@ def model_of(posterior: Posterior, values: FloatArray) -> Model:
     """The machine with these values: what a controller is told."""
     field = posterior.field
     effects = []
-    for one in field.placed:
-        mine = values[list(field.columns_of(one))]
+    for law in field.placed:
+        mine = values[list(field.columns_of(law))]
         if mine.any():
-            effects.append(EffectInstance(*one, tuple(float(v) for v in mine)))
+            effects.append(EffectInstance(*law, tuple(float(v) for v in mine)))
     return Model(posterior.geometry, tuple(float(v) for v in values[:BASE]), tuple(effects))

@@ -71,20 +71,20 @@ class Distances:
         self, model: Model, laws: Iterable[tuple[Effect, str]]
     ) -> dict[tuple[Effect, str], FloatArray]:
         """Derivatives ``(n, k)`` by the values of laws at places that move the tool."""
-        wanted = {law for law in laws if law[0].stage in MOVES_THE_TOOL}
-        effects = list(dict.fromkeys(effect for effect, _ in wanted))
+        moving = {law for law in laws if law[0].stage in MOVES_THE_TOOL}
+        effects = list(dict.fromkeys(effect for effect, _ in moving))
         apart = self._apart(model, np.array(model.parameters_mm))
         weight = apart / _length(apart)[:, None] / self.deviation_mm[:, None]
         n = len(self)
         columns: dict[tuple[Effect, str], FloatArray] = {}
-        for axis, taken in enumerate(self._marks):
+        for axis, marks in enumerate(self._marks):
             for effect, at in zip(
-                effects, place_columns(_moving(model), taken, effects), strict=True
+                effects, place_columns(_moving(model), marks, effects), strict=True
             ):
                 for place, tool in at.items():
                     part = weight[:, axis, None] * (tool[n:] - tool[:n])
                     columns[effect, place] = columns.get((effect, place), 0.0) + part
-        return {law: columns[law] for law in columns.keys() & wanted}
+        return {law: columns[law] for law in columns.keys() & moving}
 
     def _apart(self, model: Model, parameters_mm: NDArray[Any]) -> NDArray[Any]:
         """From the first to the second mark ``(..., n, 3)`` for parameters ``(..., 6)``."""
@@ -96,7 +96,9 @@ class Distances:
 
 def _moving(model: Model) -> Model:
     """The model with those effects alone that move the tool: nothing is read."""
-    return model.with_effects(tuple(one for one in model.effects if one.stage in MOVES_THE_TOOL))
+    return model.with_effects(
+        tuple(effect for effect in model.effects if effect.stage in MOVES_THE_TOOL)
+    )
 
 
 def _length(ways: NDArray[Any]) -> NDArray[Any]:

@@ -57,8 +57,8 @@ class LabelExchange:
         """The title, of postures with their displacements."""
         if self.id != "postures_exchanged":
             return self.title
-        both = (visited.posture_words(int(rows[0])) for rows in (self.here, self.there))
-        return f"{' and '.join(both)} exchanged in {self.title}"
+        postures = (visited.posture_words(int(rows[0])) for rows in (self.here, self.there))
+        return f"{' and '.join(postures)} exchanged in {self.title}"
 
 
 def exchanges(visited: Observations) -> Iterator[LabelExchange]:
@@ -82,29 +82,29 @@ def _groups(visited: Observations) -> list[tuple[str, IntArray]]:
     groups = [(f"indicator {number}", rows) for number, rows in indicators]
     places = [*rows_of(numbered(visited.leg, visited.axis)), *visited.mountings]
     groups += [(place_of(visited, int(rows[0])), rows) for rows in places]
-    every = {tuple(rows.tolist()): (where, rows) for where, rows in groups}
+    by_rows = {tuple(rows.tolist()): (where, rows) for where, rows in groups}
     # all signs reversed are all parameters reversed: no leg reading tells them apart
-    return [group for key, group in every.items() if len(key) < len(visited)]
+    return [group for key, group in by_rows.items() if len(key) < len(visited)]
 
 
 def _tables(visited: Observations) -> Iterator[LabelExchange]:
     """Tables of a leg and axis exchanged: two of a leg, of two legs, or all of two legs."""
     stations = np.unique(visited.station[visited.leg >= 0]).tolist()
     sets = [[station] for station in stations] + ([stations] if len(stations) > 1 else [])
-    for some in sets:
-        there = np.isin(visited.station, some) & ~visited.over_plane
-        at = "" if len(some) == len(stations) else f" at station {some[0]:g}"
+    for alike in sets:
+        there = np.isin(visited.station, alike) & ~visited.over_plane
+        at = "" if len(alike) == len(stations) else f" at station {alike[0]:g}"
         tables = {
             (leg, axis): np.flatnonzero(there & (visited.leg == leg) & (visited.axis == axis))
             for leg, axis in product(LEGS, LEGS)
             if leg != axis
         }
-        for one, other in combinations(tables, 2):
-            pair = _matched(visited, tables[one], tables[other])
-            names = [LEG_NAMES[leg] + LEG_NAMES[axis] for leg, axis in (one, other)]
-            if pair and one[0] == other[0]:
+        for place, rival in combinations(tables, 2):
+            pair = _matched(visited, tables[place], tables[rival])
+            names = [LEG_NAMES[leg] + LEG_NAMES[axis] for leg, axis in (place, rival)]
+            if pair and place[0] == rival[0]:
                 title = f"indicators exchanged{at}"
-                yield LabelExchange("gauge_swap", LEG_NAMES[one[0]], title, *pair)
+                yield LabelExchange("gauge_swap", LEG_NAMES[place[0]], title, *pair)
             elif pair:
                 title = f"the two tables exchanged{at}"
                 yield LabelExchange("tables_exchanged", ",".join(names), title, *pair)
@@ -122,16 +122,17 @@ def _tables(visited: Observations) -> Iterator[LabelExchange]:
 
 
 def _matched(
-    visited: Observations, one: IntArray, other: IntArray
+    visited: Observations, first_rows: IntArray, second_rows: IntArray
 ) -> tuple[IntArray, IntArray] | None:
     """Rows of two tables with the same postures in the same cycles; None where these differ."""
-    if not len(one) or len(one) != len(other):
+    if not len(first_rows) or len(first_rows) != len(second_rows):
         return None
     first, second = (
-        rows[np.lexsort((visited.level[rows], visited.cycle[rows]))] for rows in (one, other)
+        rows[np.lexsort((visited.level[rows], visited.cycle[rows]))]
+        for rows in (first_rows, second_rows)
     )
-    same = all(np.array_equal(key[first], key[second]) for key in (visited.cycle, visited.level))
-    return (first, second) if same else None
+    matched = all(np.array_equal(key[first], key[second]) for key in (visited.cycle, visited.level))
+    return (first, second) if matched else None
 
 
 def _postures(visited: Observations) -> Iterator[LabelExchange]:
@@ -147,11 +148,11 @@ def _postures(visited: Observations) -> Iterator[LabelExchange]:
             count = len(members[0])
             for (here, there), when in pairs.items():
                 if max(*here, *there) < count:
-                    one, other = (
+                    first, second = (
                         np.concatenate([rows[list(places)] for rows in members])
                         for places in (here, there)
                     )
-                    yield LabelExchange("postures_exchanged", where, when, one, other)
+                    yield LabelExchange("postures_exchanged", where, when, first, second)
 
 
 Places = tuple[int, ...]
@@ -169,21 +170,25 @@ def _pairs(cycle: IntArray, level: IntArray) -> dict[tuple[Places, Places], str]
             if j - i <= near and level[mine[i]] != level[mine[j]]:
                 pairs[(int(mine[i]),), (int(mine[j]),)] = when
     levels = np.unique(level).tolist()
-    some = combinations(levels if len(levels) <= MANY else [], 2)
-    for (one, other), last in product(some, (False, True)):
-        each = {when: _paired(mine, level[mine], one, other, last) for when, mine in cycles.items()}
-        here, there = (tuple(i for pair in each.values() for i in pair[side]) for side in range(2))
-        for when, pair in {**each, "all cycles": (here, there)}.items():
+    level_pairs = combinations(levels if len(levels) <= MANY else [], 2)
+    for (first, second), last in product(level_pairs, (False, True)):
+        places_by_time = {
+            when: _paired(mine, level[mine], first, second, last) for when, mine in cycles.items()
+        }
+        here, there = (
+            tuple(i for pair in places_by_time.values() for i in pair[side]) for side in range(2)
+        )
+        for when, pair in {**places_by_time, "all cycles": (here, there)}.items():
             if pair[0]:
                 pairs.setdefault((min(pair), max(pair)), when)
     return pairs
 
 
 def _paired(
-    places: IntArray, level: IntArray, one: int, other: int, last: bool
+    places: IntArray, level: IntArray, first: int, second: int, last: bool
 ) -> tuple[Places, Places]:
     """Visits of two postures in a cycle, as many of each; of more the first or the last."""
-    here, there = places[level == one], places[level == other]
+    here, there = places[level == first], places[level == second]
     count = min(len(here), len(there))
     if last:
         here, there = here[len(here) - count :], there[len(there) - count :]

@@ -50,11 +50,11 @@ def expected_of(planned: TripodPlanning, tolerance_mm: FloatArray) -> ExpectedRe
     """Uncertainties and the bound at the tool for the noise of the indicator at hand."""
     jacobian = planned.examine().sensitivity.jacobian
     alone = np.concatenate([_half_widths(jacobian[:, :3]), _half_widths(jacobian[:, 3:])])
-    every = _half_widths(jacobian)
+    half_widths = _half_widths(jacobian)
     within = _half_widths(np.vstack([jacobian, np.diag(1.0 / tolerance_mm)]))
-    rows = zip(PARAMETER_NAMES, alone.tolist(), every.tolist(), within.tolist(), strict=True)
-    known = posterior([_nothing_new(planned, tolerance_mm)])
-    offsets = correction(known, "offsets")
+    rows = zip(PARAMETER_NAMES, alone.tolist(), half_widths.tolist(), within.tolist(), strict=True)
+    before = posterior([_nothing_new(planned, tolerance_mm)])
+    offsets = correction(before, "offsets")
     parameters = tuple(
         ExpectedParameter(
             name,
@@ -64,7 +64,7 @@ def expected_of(planned: TripodPlanning, tolerance_mm: FloatArray) -> ExpectedRe
         )
         for name, kind, six, last in rows
     )
-    worst = _worst(known, offsets.off.values)
+    worst = _worst(before, offsets.off.values)
     return ExpectedResult(parameters, offsets.off.bound_mm["touched-off"], worst)
 
 
@@ -72,19 +72,19 @@ def _nothing_new(planned: TripodPlanning, tolerance_mm: FloatArray) -> SessionCa
     """Readings of the nominal machine: one of each cell, as sure as all of them are."""
     model, visited = Model(planned.geometry), visits(planned.planned)
     _, first, number = np.unique(visited.cell, return_index=True, return_inverse=True)
-    shown = replace(visited, value_mm=model.readings(visited)).take(first)
+    expected = replace(visited, value_mm=model.readings(visited)).take(first)
     together = np.bincount(number, visited.averaged).astype(np.float64)
     figures = IndicatorFigures(repeatability_mm=planned.noise.standard_deviation_mm)
-    return SessionCase(model, replace(shown, averaged=together), figures, tolerance_mm)
+    return SessionCase(model, replace(expected, averaged=together), figures, tolerance_mm)
 
 
-def _worst(known: Posterior, values: FloatArray) -> tuple[str, str] | None:
+def _worst(before: Posterior, values: FloatArray) -> tuple[str, str] | None:
     """The name and place of the largest share of the expected square."""
     shares: dict[tuple[str, str] | None, float] = {}
-    distances = known.tool_errors["touched-off"].distances(values).tolist()
-    for model, (weight, square, _) in zip(known.models, distances, strict=True):
+    distances = before.tool_errors["touched-off"].distances(values).tolist()
+    for model, (weight, square, _) in zip(before.models, distances, strict=True):
         names: list[tuple[str, str] | None] = [
-            (known.components[k].id, known.components[k].where) for k in model.members
+            (before.components[k].id, before.components[k].where) for k in model.members
         ]
         for name in names or [None]:
             shares[name] = shares.get(name, 0.0) + weight * square

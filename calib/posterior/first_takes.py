@@ -82,22 +82,24 @@ class WithinPlay:
         apart = dict(_apart(cells))
         if not apart:
             return None
-        taken = cells.means.take([*apart])
+        conditions = cells.means.take([*apart])
         down, up = (
             placed_columns(
-                cells.model, replace(taken, movement=np.full((len(taken), 3), way)), [Backlash()]
+                cells.model,
+                replace(conditions, movement=np.full((len(conditions), 3), way)),
+                [Backlash()],
             )
             for way in (-1.0, 1.0)
         )
         derivatives = {law[1]: (down[law] - up[law])[:, 0] for law in down}
-        each = [
+        plays = [
             effect.values[0].real * derivatives[effect.place]
             for effect in cells.case.model.effects
             if isinstance(effect, EffectInstance) and effect.id == Backlash.id
         ]
         off_mm = np.maximum(np.abs([*apart.values()]), FINEST_MM)
         beyond = off_mm > LEAST["first_take"] * np.median(even_mm(cells))
-        adopted = np.sqrt(np.sum(np.square(each), axis=0) + 0.0 * off_mm)
+        adopted = np.sqrt(np.sum(np.square(plays), axis=0) + 0.0 * off_mm)
         return cls(off_mm, beyond, derivatives, adopted)
 
     def log_more(self, components: Sequence[Component]) -> tuple[float, FloatArray]:
@@ -107,31 +109,31 @@ class WithinPlay:
         by a mistake it is off by any size.
         """
         adopted = self._log_usual(self.adopted_mm**2)
-        more = np.zeros((len(SCALES), len(components)))
+        gain = np.zeros((len(SCALES), len(components)))
         for k, component in enumerate(components):
-            each = [
+            changes = [
                 component.unit[share.values[0]] * self.derivatives[share.place]
                 for share in component.shares
                 if share.effect.id == Backlash.id
             ]
-            if each:
-                square = np.square(each).sum(axis=0)
+            if changes:
+                square = np.square(changes).sum(axis=0)
                 of_scale = [self.adopted_mm**2 + scale**2 * square for scale in SCALES]
-                more[:, k] = [self._log_usual(play_mm2) - adopted for play_mm2 in of_scale]
-        return adopted, more
+                gain[:, k] = [self._log_usual(play_mm2) - adopted for play_mm2 in of_scale]
+        return adopted, gain
 
     def reached_by(self, play_mm: Mapping[str, float]) -> bool:
         """Whether adopted plays and these, by their places, reach one of them and all far ones."""
-        each = (abs(size * self.derivatives[place]) for place, size in play_mm.items())
-        reached = sum(each, self.adopted_mm) >= self.off_mm
+        reaches_mm = (abs(size * self.derivatives[place]) for place, size in play_mm.items())
+        reached = sum(reaches_mm, self.adopted_mm) >= self.off_mm
         return bool(reached.any() and reached[self.beyond].all())
 
     def _log_usual(self, square_mm2: FloatArray) -> float:
         """Log density within plays of these mean squares ``(n,)``, over that of a mistake."""
         square_mm2 = np.maximum(square_mm2, FINEST_MM**2)
         within = -0.5 * (self.off_mm**2 / square_mm2 + np.log(2.0 * math.pi * square_mm2))
-        more = within + np.log(2.0 * LOG_RANGE * self.off_mm)
-        return float(np.maximum(more, 0.0).sum())
+        log_density = within + np.log(2.0 * LOG_RANGE * self.off_mm)
+        return float(np.maximum(log_density, 0.0).sum())
 
 
 def _apart(cells: Cells) -> Iterator[tuple[int, float]]:
@@ -149,8 +151,8 @@ def _apart(cells: Cells) -> Iterator[tuple[int, float]]:
 
 def within_plays(sessions: Sequence[Cells]) -> list[WithinPlay]:
     """First takes that stand apart, of each session that has such."""
-    every = map(WithinPlay.of, sessions)
-    return [within for within in every if within]
+    plays = map(WithinPlay.of, sessions)
+    return [within for within in plays if within]
 
 
 def log_priors(
@@ -160,8 +162,8 @@ def log_priors(
     log_usual = 0.0
     log_prior = np.tile([component.log_prior for component in components], (len(SCALES), 1))
     for takes in within:
-        known, more = takes.log_more(components)
-        log_usual, log_prior = log_usual + known, log_prior + more
+        priors, gain = takes.log_more(components)
+        log_usual, log_prior = log_usual + priors, log_prior + gain
     return log_usual, log_prior
 
 
@@ -172,15 +174,17 @@ def reached(
 
     All of them and -inf where none does.
     """
-    kept = []
+    components_within = []
     for model in models:
         play_mm = _plays_mm(model, components)
         if any(takes.reached_by(play_mm) for takes in within):
-            kept.append(model)
-    share = math.fsum(model.weight for model in kept)
+            components_within.append(model)
+    share = math.fsum(model.weight for model in components_within)
     if not share:
         return [*models], -math.inf
-    return [replace(model, weight=model.weight / share) for model in kept], math.log(share)
+    return [replace(model, weight=model.weight / share) for model in components_within], math.log(
+        share
+    )
 
 
 def _plays_mm(model: Weighted, components: Sequence[Component]) -> dict[str, float]:
@@ -190,7 +194,7 @@ def _plays_mm(model: Weighted, components: Sequence[Component]) -> dict[str, flo
     for k in model.members:
         for share in components[k].shares:
             if share.effect.id == Backlash.id:
-                more = float(large[at + share.values[0]])
-                play_mm[share.place] = play_mm.get(share.place, 0.0) + more
+                size = float(large[at + share.values[0]])
+                play_mm[share.place] = play_mm.get(share.place, 0.0) + size
         at += len(components[k].unit)
     return play_mm

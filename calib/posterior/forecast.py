@@ -83,14 +83,14 @@ class Forecast:
         first, light = order[:HEAVIEST], order[HEAVIEST:]
         step = max(1, -(-len(light) // HEAVIEST))
         groups = [light[k : k + step] for k in range(0, len(light), step)]
-        numbers = [*first.tolist(), *(int(some[len(some) // 2]) for some in groups)]
-        weights = [*weight[first], *(float(weight[some].sum()) for some in groups)]
+        numbers = [*first.tolist(), *(int(group[len(group) // 2]) for group in groups)]
+        weights = [*weight[first], *(float(weight[group].sum()) for group in groups)]
         square, axes = np.linalg.eigh(posterior.field.metrics[frame])
-        kept = square > SHOWN**2 * square[-1]
-        shown = np.sqrt(square[kept])[:, None] * axes[:, kept].T
-        entered = shown[:, list(index)] @ projector_of(posterior, index, frame)
+        visible = square > SHOWN**2 * square[-1]
+        root = np.sqrt(square[visible])[:, None] * axes[:, visible].T
+        entered = root[:, list(index)] @ projector_of(posterior, index, frame)
         share = np.array(weights) / sum(weights)
-        return cls(posterior, np.array(numbers), share, shown, entered, stated_mm)
+        return cls(posterior, np.array(numbers), share, root, entered, stated_mm)
 
     @cached_property
     def cells(self) -> Cells:
@@ -115,8 +115,8 @@ class Forecast:
     @cached_property
     def fields(self) -> list[InField]:
         """The models in the tool's field."""
-        every = self.posterior.models_in_field
-        return [every[k] for k in self.numbers.tolist()]
+        models = self.posterior.models_in_field
+        return [models[k] for k in self.numbers.tolist()]
 
     @cached_property
     def truths(self) -> list[tuple[int, float]]:
@@ -142,9 +142,9 @@ class Forecast:
                 if self.posterior.components[member].id == ELSE:
                     size_mm = scale * float(self.posterior.components[member].unit[0])
             of_key.setdefault((id(self.fields[k].base_root), size_mm), []).append(k)
-        both = np.vstack([self.shown, self.entered])
+        rows_of_field = np.vstack([self.shown, self.entered])
         return [
-            Group.of(rows, [self.fields[k] for k in rows], size_mm, self._about, both)
+            Group.of(rows, [self.fields[k] for k in rows], size_mm, self._about, rows_of_field)
             for (_, size_mm), rows in of_key.items()
         ]
 
@@ -158,22 +158,25 @@ class Forecast:
     @cached_property
     def machines(self) -> list[tuple[Model, FloatArray]]:
         """Each of the models `followed`, and what its machine has not ``(f,)``: a little of all."""
-        known, first = self.cells.case.model, self.posterior.parameter_count - 3
-        every = []
+        nominal, first = self.cells.case.model, self.posterior.parameter_count - 3
+        machines = []
         for k in self.followed:
-            model, rest = self.posterior.models[int(self.numbers[k])], self.fields[k].mean.copy()
-            rest -= self.posterior.start
-            rest[:BASE] = 0.0
+            model, remainder = (
+                self.posterior.models[int(self.numbers[k])],
+                self.fields[k].mean.copy(),
+            )
+            remainder -= self.posterior.start
+            remainder[:BASE] = 0.0
             effects = []
             for member, at in zip(model.members, self.posterior.starts(model), strict=True):
                 component = self.posterior.components[member]
                 values = model.mean[at : at + len(component.unit)]
-                rest -= self.posterior.into_field[member] @ values
+                remainder -= self.posterior.into_field[member] @ values
                 effects += list(component.effects(values))
             parameters = np.concatenate([model.mean[first : first + 3], model.mean[:LENGTHS]])
-            machine = known.with_effects((*known.effects, *effects)).with_parameters(parameters)
-            every.append((machine, rest))
-        return every
+            machine = nominal.with_effects((*nominal.effects, *effects)).with_parameters(parameters)
+            machines.append((machine, remainder))
+        return machines
 
     def readings(
         self,
@@ -184,12 +187,12 @@ class Forecast:
 
         Beside that its joint offsets differ from those of the last session by homing.
         """
-        means, counts = zip(*(_cells(taken) for taken in set_ups), strict=True)
-        every = joined(means)
+        means, counts = zip(*(_cells(set_up) for set_up in set_ups), strict=True)
+        conditions = joined(means)
         model = change(self.cells.model)
-        start, columns = model.readings(every), self._columns(model, every)
-        each = []
-        for k, (machine, rest) in zip(self.followed, self.machines, strict=True):
+        start, columns = model.readings(conditions), self._columns(model, conditions)
+        expectations = []
+        for k, (machine, remainder) in zip(self.followed, self.machines, strict=True):
             members = self.posterior.models[int(self.numbers[k])].members
             acting = {
                 (share.effect, share.place)
@@ -198,75 +201,81 @@ class Forecast:
             }
             machine = change(machine)
             try:
-                own = self._columns(machine, every, acting, columns)
-                each.append((machine.readings(every) + own @ rest, own))
+                derivatives = self._columns(machine, conditions, acting, columns)
+                expectations.append(
+                    (machine.readings(conditions) + derivatives @ remainder, derivatives)
+                )
             except UnreachablePosture:  # as the others: by derivatives of the session
-                each.append((start + columns @ (self.fields[k].mean - self._about), columns))
+                expectations.append(
+                    (start + columns @ (self.fields[k].mean - self._about), columns)
+                )
         spread_mm = np.minimum(self.cells.case.tolerance_mm[:3], HOMING_MM)
-        shown, row = [], 0
-        for taken, count in zip(means, counts, strict=True):
-            rows = slice(row, row + len(taken))
-            row += len(taken)
-            whiten = self._whitening(taken, count)
-            errors = something_else(taken) if any(g.size_mm for g in self.groups) else None
-            seen = whiten @ columns[rows]
-            shown.append(
+        expected_readings, row = [], 0
+        for set_up, count in zip(means, counts, strict=True):
+            rows = slice(row, row + len(set_up))
+            row += len(set_up)
+            whiten = self._whitening(set_up, count)
+            errors = something_else(set_up) if any(g.size_mm for g in self.groups) else None
+            visible = whiten @ columns[rows]
+            expected_readings.append(
                 ExpectedReadings(
                     whiten @ start[rows],
-                    seen,
+                    visible,
                     np.zeros((len(whiten), 0)) if errors is None else whiten @ errors,
-                    seen[:, :3] * spread_mm,
-                    tuple((whiten @ e[rows], whiten @ c[rows]) for e, c in each),
+                    visible[:, :3] * spread_mm,
+                    tuple((whiten @ e[rows], whiten @ c[rows]) for e, c in expectations),
                 )
             )
-        return shown
+        return expected_readings
 
     def _columns(
         self,
         model: Model,
-        taken: Conditions,
+        conditions: Conditions,
         laws: Collection[Placed] | None = None,
         start: FloatArray | None = None,
     ) -> FloatArray:
         """Derivatives ``(n, f)`` by the field at a model; of other than these laws as ``start``."""
         if start is None:
-            columns = np.zeros((len(taken), self.shown.shape[1]))
-            columns[:, :BASE] = design_of(model, taken, range(BASE), ())
+            columns = np.zeros((len(conditions), self.shown.shape[1]))
+            columns[:, :BASE] = design_of(model, conditions, range(BASE), ())
         else:
             columns = start.copy()
-        wanted = self.posterior.field.placed if laws is None else laws
-        effects = list(dict.fromkeys(effect for effect, _ in wanted))
-        for law, own in placed_columns(model, taken, effects).items():
-            if law in wanted:
-                columns[:, list(self.posterior.field.columns_of(law))] = own
+        laws_of_field = self.posterior.field.placed if laws is None else laws
+        effects = list(dict.fromkeys(effect for effect, _ in laws_of_field))
+        for law, derivatives in placed_columns(model, conditions, effects).items():
+            if law in laws_of_field:
+                columns[:, list(self.posterior.field.columns_of(law))] = derivatives
         return columns
 
-    def _whitening(self, taken: Conditions, count: FloatArray) -> FloatArray:
+    def _whitening(self, conditions: Conditions, count: FloatArray) -> FloatArray:
         """Makes means of cells independent, of unit variance, and free of zeros ``(m, n)``."""
         scatter, shared = self.noise_mm2
         root = np.sqrt(np.maximum(scatter / count + shared, 1e-10))
-        zeros = np.hstack([incidence(taken.mount), tilts(taken)]) / root[:, None]
+        zeros = np.hstack([incidence(conditions.mount), tilts(conditions)]) / root[:, None]
         basis = basis_of(zeros / lengths(zeros), DEPENDENT)
-        whole = np.linalg.qr(basis, mode="complete")[0]
-        return np.asarray(whole[:, basis.shape[1] :].T / root)
+        complete = np.linalg.qr(basis, mode="complete")[0]
+        return np.asarray(complete[:, basis.shape[1] :].T / root)
 
     @cached_property
     def now_mm(self) -> float:
         """The bound without more readings."""
         nothing, field = np.zeros((0, 0)), np.zeros((0, self.shown.shape[1]))
-        each = tuple((np.zeros(0), field) for _ in self.followed)
-        return self.after_mm(ExpectedReadings(np.zeros(0), field, nothing, nothing, each))
+        unchanged = tuple((np.zeros(0), field) for _ in self.followed)
+        return self.after_mm(ExpectedReadings(np.zeros(0), field, nothing, nothing, unchanged))
 
     def after_mm(self, readings: ExpectedReadings) -> float:
         """The bound after these readings, the mean over the models that may be true."""
         updated = [group.updated(readings, self.followed) for group in self.groups]
-        place = {k: (one, j) for one in updated for j, k in enumerate(one.group.rows.tolist())}
+        place = {
+            k: (update, j) for update in updated for j, k in enumerate(update.group.rows.tolist())
+        }
         total = 0.0
         for truth, share in self.truths:
             true, j = place[truth]
             log = np.log(self.weight)
-            for other in updated:
-                log[other.group.rows] -= other.log_factor(true, j)
+            for update_of_group in updated:
+                log[update_of_group.group.rows] -= update_of_group.log_factor(true, j)
             weight = np.exp(log - log.max())
             total += share * self._bound_mm(updated, weight / weight.sum(), true.expected[:, j])
         return total
@@ -276,12 +285,12 @@ class Forecast:
         groups = [group.only(models) for group in self.groups]
         updated = [group.updated(readings, self.followed) for group in groups if len(group.rows)]
         number = {model: k for k, model in enumerate(models)}
-        columns = [np.array([number[k] for k in each.group.rows.tolist()]) for each in updated]
+        columns = [np.array([number[k] for k in update.group.rows.tolist()]) for update in updated]
         apart = np.zeros((len(models), len(models)))
         for true, rows in zip(updated, columns, strict=True):
             for expected, i in zip(true.expected.T, rows.tolist(), strict=True):
-                for other, mine in zip(updated, columns, strict=True):
-                    apart[i, mine] = other.square(expected)
+                for update_of_others, mine in zip(updated, columns, strict=True):
+                    apart[i, mine] = update_of_others.square(expected)
         return apart
 
     def _bound_mm(
@@ -297,11 +306,11 @@ class Forecast:
         distances[:, 0] = weight
         for up in updated:
             distances[up.group.rows, 1:] = up.distances(off[:, up.group.rows])
-        kept = weight > LIGHT
-        return quantile_mm(distances[kept])
+        heavy = weight > LIGHT
+        return quantile_mm(distances[heavy])
 
 
-def _cells(taken: Conditions) -> tuple[Conditions, FloatArray]:
+def _cells(conditions: Conditions) -> tuple[Conditions, FloatArray]:
     """One reading of each cell, and how many it has ``(n,)``."""
-    first = np.unique(taken.cell, return_index=True)[1]
-    return taken.take(first), np.bincount(taken.cell).astype(np.float64)
+    first = np.unique(conditions.cell, return_index=True)[1]
+    return conditions.take(first), np.bincount(conditions.cell).astype(np.float64)

@@ -104,6 +104,6 @@ class About:
 
     def left_by(self, columns: FloatArray) -> FloatArray:
         """What of columns ``(n, k)`` the base does not do ``(n + b, k)``."""
-        left = -(self.basis @ (self.basis[: len(columns)].T @ columns))
-        left[: len(columns)] += columns
-        return np.asarray(left)
+        remainder = -(self.basis @ (self.basis[: len(columns)].T @ columns))
+        remainder[: len(columns)] += columns
+        return np.asarray(remainder)

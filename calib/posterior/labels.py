@@ -168,7 +168,9 @@ class Solved(Generic[Solution]):
     @property
     def log_weight(self) -> float:
         """With its prior and those of its mistakes."""
-        return self.log_evidence + self.log_prior + sum(one.log_prior for one in self.mistakes)
+        return (
+            self.log_evidence + self.log_prior + sum(mistake.log_prior for mistake in self.mistakes)
+        )
 
 
 Scored = tuple[float, Mistake]
@@ -184,15 +186,19 @@ def suspects(
     exchanges beside single names, too; so are readings that stand apart where first takes
     ``depart`` from their repeats, for something else explains these.
     """
-    cells, others = now[number], [*now[:number], *now[number + 1 :]]
+    cells, others_of_now = now[number], [*now[:number], *now[number + 1 :]]
     beside, log_evidence = solved.beside(number, alone=False), solved.log_evidence
     root = even_mm(cells)
-    alone = [Screen.of(one, np.zeros((len(one.means), 0)), even_mm(one)) for one in others]
-    elsewhere = sum(one.square for one in alone), sum(one.freedom for one in alone)
-    screens = [replace(Screen.of(cells, one.columns, root), elsewhere=elsewhere) for one in beside]
+    alone = [
+        Screen.of(model, np.zeros((len(model.means), 0)), even_mm(model)) for model in others_of_now
+    ]
+    elsewhere = sum(model.square for model in alone), sum(model.freedom for model in alone)
+    screens = [
+        replace(Screen.of(cells, model.columns, root), elsewhere=elsewhere) for model in beside
+    ]
     scored: dict[tuple[str, str, str], Scored] = {}
     moved: _Moved | None = None
-    for one, screen in zip(beside, screens, strict=True):
+    for model, screen in zip(beside, screens, strict=True):
         scores = [*_apart(screen)]
         fits = screen.freedom + FITS * math.sqrt(2.0 * max(screen.freedom, 0.0))
         # a contact is a place: it has no indicator, sign or unit, and no label beside it
@@ -200,29 +206,29 @@ def suspects(
             moved = moved or _Moved.of(screen)
             scores += moved.scores(screen)
         for score, mistake in scores:
-            _keep(scored, one.log_weight + score, mistake)
-    for one in solved.beside(number, alone=True) if depart else ():
-        screen = replace(Screen.of(cells, one.columns, root), elsewhere=elsewhere)
+            _keep(scored, model.log_weight + score, mistake)
+    for model in solved.beside(number, alone=True) if depart else ():
+        screen = replace(Screen.of(cells, model.columns, root), elsewhere=elsewhere)
         for score, mistake in _apart(screen):
-            _keep(scored, one.log_weight + score, mistake)
+            _keep(scored, model.log_weight + score, mistake)
     if moved is not None:
-        for whole, mistake in moved.beside_one_name(
+        for log_weight, mistake in moved.beside_one_name(
             screens[0], partial(solved.with_one_name, number)
         ):
-            _keep(scored, whole, mistake)
-    ordered = sorted(scored.values(), key=lambda each: -each[0])
-    likely = [each for each in ordered if each[0] > log_evidence - DOUBTED][:TRIED]
+            _keep(scored, log_weight, mistake)
+    ordered = sorted(scored.values(), key=lambda entry: -entry[0])
+    likely = [entry for entry in ordered if entry[0] > log_evidence - DOUBTED][:TRIED]
     if screens[0].square > BENT * screens[0].freedom:
         likely = _fitted(screens[0], ordered, likely, beside[0].log_weight, log_evidence)
     best = likely[0][0] if likely else 0.0
     return [mistake for score, mistake in likely if score > best - DOUBTED][:RACED]
 
 
-def _keep(scored: dict[tuple[str, str, str], Scored], whole: float, mistake: Mistake) -> None:
+def _keep(scored: dict[tuple[str, str, str], Scored], log_weight: float, mistake: Mistake) -> None:
     """Keep the larger log weight of a mistake."""
     key = mistake.id, mistake.where, mistake.title
-    if key not in scored or scored[key][0] < whole:
-        scored[key] = (whole, mistake)
+    if key not in scored or scored[key][0] < log_weight:
+        scored[key] = (log_weight, mistake)
 
 
 def _fitted(
@@ -236,30 +242,32 @@ def _fitted(
 
     Where the plain model leaves much, its derivatives are far from where the labels are right.
     """
-    postures = [one for one in ordered if one[1].id == "postures_exchanged"]
-    tables = [one for one in ordered if one[1].id not in (*LEAST, "postures_exchanged")]
+    postures = [entry for entry in ordered if entry[1].id == "postures_exchanged"]
+    tables = [entry for entry in ordered if entry[1].id not in (*LEAST, "postures_exchanged")]
     fitted: list[tuple[float, float, Mistake]] = []
     for score, mistake in dict.fromkeys([*likely, *tables[:FITTED], *postures[:FITTED]]):
-        own = -math.inf if mistake.id in LEAST else log_plain + _gain(plain, mistake)
+        score_of_fit = -math.inf if mistake.id in LEAST else log_plain + _gain(plain, mistake)
         allowed = ROUGH if (score, mistake) in tables else DOUBTED
-        if max(score, own) > log_evidence - allowed:
-            fitted.append((max(score, own), own, mistake))
+        if max(score, score_of_fit) > log_evidence - allowed:
+            fitted.append((max(score, score_of_fit), score_of_fit, mistake))
     # what fits as well by itself is the same exchange by another name, whatever stood beside it
     alike = {
-        id(mistake): max(score for score, other, _ in fitted if abs(own - other) < ALIKE)
-        for _, own, mistake in fitted
-        if own > -math.inf
+        id(mistake): max(
+            score for score, other_score, _ in fitted if abs(score_of_fit - other_score) < ALIKE
+        )
+        for _, score_of_fit, mistake in fitted
+        if score_of_fit > -math.inf
     }
     best = [(alike.get(id(mistake), score), mistake) for score, _, mistake in fitted]
-    return sorted(best, key=lambda each: -each[0])
+    return sorted(best, key=lambda entry_of_best: -entry_of_best[0])
 
 
 def _gain(plain: Screen, mistake: Mistake) -> float:
     """Log likelihood that an exchange adds by its own plain fit, its prior included."""
     right = Cells.of_visits(plain.cells.case, mistake.visited)
-    other = Screen.of(right, np.zeros((len(right.means), 0)), plain.root)
-    more = plain.log_likelihood(other.square) - plain.log_likelihood(plain.square)
-    return float(more) + mistake.log_prior
+    refit = Screen.of(right, np.zeros((len(right.means), 0)), plain.root)
+    gain = plain.log_likelihood(refit.square) - plain.log_likelihood(plain.square)
+    return float(gain) + mistake.log_prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,21 +283,28 @@ class _Moved:
     def of(cls, screen: Screen) -> _Moved:
         """As many as can be held at once."""
         visited = screen.cells.visited
-        some = list(islice(exchanges(visited), MOST_VALUES // max(len(visited), 1)))
-        values = np.column_stack([one.put_right(visited.value_mm) for one in some])
+        candidates = list(islice(exchanges(visited), MOST_VALUES // max(len(visited), 1)))
+        values = np.column_stack([exchange.put_right(visited.value_mm) for exchange in candidates])
         change = values - visited.value_mm[:, None]
         change = np.abs(without_means(visited.mount, visited.averaged, change)).max(axis=0)
         large = change > LEAST_CHANGED * np.median(screen.root)
-        every = [one for one, counts in zip(some, large.tolist(), strict=True) if counts]
-        return cls(visited, every, values[:, large], Counter(one.id for one in some))
+        exchanges_that_move = [
+            exchange for exchange, counts in zip(candidates, large.tolist(), strict=True) if counts
+        ]
+        return cls(
+            visited,
+            exchanges_that_move,
+            values[:, large],
+            Counter(exchange.id for exchange in candidates),
+        )
 
     def scores(self, screen: Screen) -> Iterator[Scored]:
         """Exchanges that leave least, and the log likelihood that each adds, with its prior."""
         squares = (screen.left_of(self.values_mm) ** 2).sum(axis=0)
-        more = screen.log_likelihood(squares) - screen.log_likelihood(screen.square)
-        for k in np.argsort(-more, kind="stable")[: 4 * TRIED].tolist():
+        gains = screen.log_likelihood(squares) - screen.log_likelihood(screen.square)
+        for k in np.argsort(-gains, kind="stable")[: 4 * TRIED].tolist():
             mistake = self._mistake(k)
-            yield float(more[k]) + mistake.log_prior, mistake
+            yield float(gains[k]) + mistake.log_prior, mistake
 
     def beside_one_name(
         self, plain: Screen, with_one_name: Callable[[FloatArray], FloatArray]
@@ -299,7 +314,10 @@ class _Moved:
         chosen = np.argsort(squares, kind="stable")[: 2 * TRIED]
         cells = plain.cells
         weight, change = cells.weight / cells.scatter_mm2, self.values_mm[:, chosen].T
-        sums = [np.bincount(cells.cell, weight * (own - self.visited.value_mm)) for own in change]
+        sums = [
+            np.bincount(cells.cell, weight * (changed - self.visited.value_mm))
+            for changed in change
+        ]
         change_mm = np.array(sums).T / np.bincount(cells.cell, weight)[:, None]
         log_weights = with_one_name(change_mm)
         for k, log_weight in zip(chosen.tolist(), log_weights.tolist(), strict=True):
@@ -332,9 +350,9 @@ def _with_values(visited: Observations, source: IntArray) -> IntArray:
     place = numbered(visited.leg, visited.axis, visited.station, visited.over_plane)
     usual = mount.copy()
     for row in np.flatnonzero(alone).tolist():
-        others = mount[(place == place[row]) & ~alone]
-        if len(others):
-            usual[row] = np.bincount(others).argmax()
+        mountings = mount[(place == place[row]) & ~alone]
+        if len(mountings):
+            usual[row] = np.bincount(mountings).argmax()
     apart = visited.mount_count + np.arange(len(mount))
     return numbered(np.where(alone[source], apart, usual))
 
@@ -356,26 +374,26 @@ def _apart(screen: Screen) -> Iterator[Scored]:
     contacts = bool(visited.contact.any())
     slips = () if contacts else _slips(screen)  # there is no stand
     apart = *_single(screen), *_first_takes(visited), *_postures_off(screen), *slips
-    for one in apart:
+    for suspect in apart:
         # a shift of few rows: its products need no more than these
-        within = np.array([(1.0 / root[rows]) @ screen.basis[rows] for rows in one.groups])
-        square = np.array([float((1.0 / root[rows] ** 2).sum()) for rows in one.groups])
-        along = np.array([float((screen.left[rows] / root[rows]).sum()) for rows in one.groups])
+        within = np.array([(1.0 / root[rows]) @ screen.basis[rows] for rows in suspect.groups])
+        square = np.array([float((1.0 / root[rows] ** 2).sum()) for rows in suspect.groups])
+        along = np.array([float((screen.left[rows] / root[rows]).sum()) for rows in suspect.groups])
         inner = np.diag(square) - within @ within.T
         sizes = np.linalg.eigvalsh(inner)
         if sizes[0] < 1e-6 / float(root.max()) ** 2:
             continue
         off_mm = np.linalg.solve(inner, along)
-        if np.abs(off_mm).max() < LEAST[one.id] * np.median(root):
+        if np.abs(off_mm).max() < LEAST[suspect.id] * np.median(root):
             continue
-        more = screen.log_likelihood(
-            screen.square - float(off_mm @ inner @ off_mm), len(one.groups)
+        gain = screen.log_likelihood(
+            screen.square - float(off_mm @ inner @ off_mm), len(suspect.groups)
         ) - screen.log_likelihood(screen.square)
         room = 0.5 * float(np.log(2.0 * math.pi / sizes).sum())
         density = 1.0 / (2.0 * LOG_RANGE * np.maximum(np.abs(off_mm), root.min()))
-        name, title = one.id, one.title
+        name, title = suspect.id, suspect.title
         if name == "wild_reading" and not contacts:
-            row = int(one.groups[0][0])
+            row = int(suspect.groups[0][0])
             chance, words = _other_label(visited, row, float(root[row]))
             if chance > density[0]:
                 name, title, density = (
@@ -383,10 +401,10 @@ def _apart(screen: Screen) -> Iterator[Scored]:
                     f"{title}; it fits {words}",
                     np.array([chance]),
                 )
-        log_prior = math.log(PRIOR[name] / one.places) + float(np.log(density).sum())
+        log_prior = math.log(PRIOR[name] / suspect.places) + float(np.log(density).sum())
         yield (
-            float(more) + room + log_prior,
-            standing_apart(visited, name, one.where, title, one.groups, log_prior),
+            float(gain) + room + log_prior,
+            standing_apart(visited, name, suspect.where, title, suspect.groups, log_prior),
         )
 
 
@@ -402,8 +420,11 @@ def standing_apart(
     mount = visited.mount.copy()
     for k, rows in enumerate(groups):
         mount[rows] = visited.mount_count + k
-    right, own = replace(visited, mount=numbered(mount)), np.arange(len(visited), dtype=np.intp)
-    return Mistake(id, where, title, np.concatenate(groups), right, log_prior, own)
+    right, rows_themselves = (
+        replace(visited, mount=numbered(mount)),
+        np.arange(len(visited), dtype=np.intp),
+    )
+    return Mistake(id, where, title, np.concatenate(groups), right, log_prior, rows_themselves)
 
 
 def _single(screen: Screen) -> Iterator[_Apart]:
@@ -428,9 +449,9 @@ def _postures_off(screen: Screen) -> Iterator[_Apart]:
     if not candidates.any():
         return
     count = len(visited)
-    known = np.zeros((len(rows), screen.basis.shape[1]))
-    np.add.at(known, posture, screen.basis[:count] / root[:, None])
-    size = np.bincount(posture, 1.0 / root**2) - (known**2).sum(axis=1)
+    whitened_basis = np.zeros((len(rows), screen.basis.shape[1]))
+    np.add.at(whitened_basis, posture, screen.basis[:count] / root[:, None])
+    size = np.bincount(posture, 1.0 / root**2) - (whitened_basis**2).sum(axis=1)
     along = np.bincount(posture, screen.left[:count] / root)
     candidates &= size > LEAST_SEEN * np.bincount(posture, 1.0 / root**2)
     gains = np.where(candidates, along**2 / np.where(candidates, size, 1.0), 0.0)
@@ -457,12 +478,12 @@ def _other_label(visited: Observations, row: int, deviation_mm: float) -> tuple[
     postures = (mount == mount[row]) & (level != level[row])
     legs = (visited.axis == visited.axis[row]) & (visited.station == visited.station[row])
     legs &= (visited.leg != visited.leg[row]) & (level == level[row])
-    others = np.flatnonzero(postures | legs)
-    if not len(others):
+    same_label = np.flatnonzero(postures | legs)
+    if not len(same_label):
         return 0.0, ""
-    off = np.abs(visited.value_mm[others] - visited.value_mm[row]) / deviation_mm
-    nearest = int(others[off.argmin()])
-    labels = len(np.unique(np.column_stack([mount, level])[others], axis=0))
+    off = np.abs(visited.value_mm[same_label] - visited.value_mm[row]) / deviation_mm
+    nearest = int(same_label[off.argmin()])
+    labels = len(np.unique(np.column_stack([mount, level])[same_label], axis=0))
     chance = math.exp(-(float(off.min()) ** 2) / 4.0) / (math.sqrt(4.0 * math.pi) * deviation_mm)
     words = visited.posture_words(nearest)
     if mount[nearest] != mount[row]:
@@ -496,8 +517,8 @@ def _slips(screen: Screen) -> Iterator[_Apart]:
         if len(rows) < 4:
             continue
         along = np.cumsum((screen.left[rows] / root[rows])[::-1])[::-1]
-        known = np.cumsum((screen.basis[rows] / root[rows, None])[::-1], axis=0)[::-1]
-        size = np.cumsum((1.0 / root[rows] ** 2)[::-1])[::-1] - (known**2).sum(axis=1)
+        accumulated = np.cumsum((screen.basis[rows] / root[rows, None])[::-1], axis=0)[::-1]
+        size = np.cumsum((1.0 / root[rows] ** 2)[::-1])[::-1] - (accumulated**2).sum(axis=1)
         gains = np.where(size > LEAST_SEEN * size.max(), along**2 / np.maximum(size, 1e-12), 0.0)
         for k in (2 + np.argsort(-gains[2:-1], kind="stable"))[:2].tolist():
             row = int(rows[k])
@@ -528,14 +549,14 @@ def with_mistakes(
     looked for in the readings that the likeliest ones before leave, of the likeliest way; what was
     put right is so in the others, too.
     """
-    every = [
+    explanations = [
         replace(solve(way.sessions, way.with_play), log_prior=way.log_prior, mistakes=way.mistakes)
         for way in ways
     ]
     depart = [bool(departures_mm(cells.visited)) for cells in ways[0].sessions]
-    number = max(range(len(ways)), key=lambda k: every[k].log_weight)
+    number = max(range(len(ways)), key=lambda k: explanations[k].log_weight)
     start = ways[number]
-    best, now, with_play = every[number], list(start.sessions), start.with_play
+    best, now, with_play = explanations[number], list(start.sessions), start.with_play
     for _ in range(MOST):
         tried = []
         for number, cells in enumerate(now):
@@ -550,8 +571,8 @@ def with_mistakes(
                 mistakes, log_prior = (*best.mistakes, mistake), best.log_prior
                 solved = replace(solved, mistakes=mistakes, log_prior=log_prior)
                 tried.append((solved, right))
-        every += [solved for solved, _ in tried]
-        better = max(tried, key=lambda each: each[0].log_weight, default=None)
+        explanations += [solved for solved, _ in tried]
+        better = max(tried, key=lambda explanation: explanation[0].log_weight, default=None)
         if better is None or better[0].log_weight < best.log_weight:
             break
         best, now = better
@@ -564,13 +585,13 @@ def with_mistakes(
             ]
             mistakes = (*way.mistakes, *put_right)
             solved = solve(right, way.with_play)
-            every.append(replace(solved, log_prior=way.log_prior, mistakes=mistakes))
-    return sorted(every, key=lambda each: -each.log_weight)
+            explanations.append(replace(solved, log_prior=way.log_prior, mistakes=mistakes))
+    return sorted(explanations, key=lambda explanation: -explanation.log_weight)
 
 
-def _of_same_visits(one: Way, other: Way) -> bool:
+def _of_same_visits(first: Way, second: Way) -> bool:
     """Whether sessions came about by the same movements; machines may differ."""
-    return one.mistakes == other.mistakes and all(
+    return first.mistakes == second.mistakes and all(
         np.array_equal(a.visited.movement, b.visited.movement)
-        for a, b in zip(one.sessions, other.sessions, strict=True)
+        for a, b in zip(first.sessions, second.sessions, strict=True)
     )

@@ -119,42 +119,44 @@ def library(
     """
     tolerances = beyond or {}
     effects = CATALOGUE if effects is None else effects
-    known = {effect.id for effect in effects}
-    found = []
-    every = candidates_together(sessions, laws(sessions[0][0].geometry, effects))
-    for candidate in (*every, *_one_way(every)):
+    ids = {effect.id for effect in effects}
+    components = []
+    candidates = candidates_together(sessions, laws(sessions[0][0].geometry, effects))
+    for candidate in (*candidates, *_one_way(candidates)):
         nameless = candidate.kind == Kind.EMPIRICAL or candidate.id == "straightness_fourth"
         if nameless and candidate.arrangement != "one":
             continue
-        kind = "nameless" if nameless else "named" if candidate.id in known else "beside"
+        kind = "nameless" if nameless else "named" if candidate.id in ids else "beside"
         unit = np.array([parameter.tolerance for parameter in candidate.parameters])
-        own = [tolerances[s.effect] for s in candidate.shares if s.effect in tolerances]
-        if math.inf in own:
+        tolerances_of_shares = [
+            tolerances[s.effect] for s in candidate.shares if s.effect in tolerances
+        ]
+        if math.inf in tolerances_of_shares:
             continue
-        unit = np.maximum(unit, max(own, default=0.0))
-        found.append(Component(candidate.id, candidate.where, kind, unit, candidate))
-    found += _axes_together(found)
-    found.append(Component(ELSE, "all", ELSE, np.full(1, ELSE_UNIT_MM), None))
-    return _with_priors(found)
+        unit = np.maximum(unit, max(tolerances_of_shares, default=0.0))
+        components.append(Component(candidate.id, candidate.where, kind, unit, candidate))
+    components += _axes_together(components)
+    components.append(Component(ELSE, "all", ELSE, np.full(1, ELSE_UNIT_MM), None))
+    return _with_priors(components)
 
 
-def _axes_together(every: Sequence[Component]) -> list[Component]:
+def _axes_together(components: Sequence[Component]) -> list[Component]:
     """All axes out of square and shifted at once, each as it likes: as a frame is assembled."""
-    each = [
+    pairs = [
         candidate
-        for one in every
-        if (candidate := one.candidate)
-        and one.id in ("axis_squareness", "axis_offset")
+        for component in components
+        if (candidate := component.candidate)
+        and component.id in ("axis_squareness", "axis_offset")
         and candidate.arrangement == "each"
         and len(candidate.parameters) == 3
     ]
-    if len(each) != 2:
+    if len(pairs) != 2:
         return []
-    first, second = each
+    first, second = pairs
     width = len(first.parameters)
     moved = (replace(s, values=tuple(width + k for k in s.values)) for s in second.shares)
     parameters = (*first.parameters, *second.parameters)
-    both = Candidate(
+    union = Candidate(
         "axis_squareness",
         "the axes are not square and miss each other",
         first.kind,
@@ -164,28 +166,35 @@ def _axes_together(every: Sequence[Component]) -> list[Component]:
         np.hstack([first.columns, second.columns]),
         (*first.shares, *moved),
     )
-    unit = np.concatenate([one.unit for one in every if one.candidate in each])
-    return [Component(both.id, both.where, "named", unit, both)]
+    unit = np.concatenate(
+        [component.unit for component in components if component.candidate in pairs]
+    )
+    return [Component(union.id, union.where, "named", unit, union)]
 
 
-def _one_way(every: Sequence[Candidate]) -> Iterator[Candidate]:
+def _one_way(candidates: Sequence[Candidate]) -> Iterator[Candidate]:
     """Candidates across one direction of a drive where they have a value in each of both.
 
     A guide that is bent one way only would pay for the size of the other.
     """
-    known = {(s.effect, s.place) for one in every if one.arrangement == "one" for s in one.shares}
-    for one in every:
-        if one.arrangement != "each" or "," in one.where:
+    free_laws = {
+        (s.effect, s.place)
+        for candidate in candidates
+        if candidate.arrangement == "one"
+        for s in candidate.shares
+    }
+    for candidate in candidates:
+        if candidate.arrangement != "each" or "," in candidate.where:
             continue
-        for share in one.shares:
-            if (share.effect, share.place) not in known:
+        for share in candidate.shares:
+            if (share.effect, share.place) not in free_laws:
                 values = list(share.values)
                 yield replace(
-                    one,
+                    candidate,
                     where=share.place,
                     arrangement="one",
                     parameters=share.effect.parameters,
-                    columns=one.columns[:, values],
+                    columns=candidate.columns[:, values],
                     shares=(replace(share, values=tuple(range(len(values)))),),
                 )
 
@@ -194,57 +203,68 @@ SORTS = {"one": 0.60, "same": 0.32, "each": 0.08}
 """Of the prior of an effect: at one place, alike everywhere, at several places with their own."""
 
 
-def _sort(one: Component) -> str:
-    if "," in one.where or one.where == AXES:
+def _sort(component: Component) -> str:
+    if "," in component.where or component.where == AXES:
         return "each"
-    return "same" if one.where == ALL else "one"
+    return "same" if component.where == ALL else "one"
 
 
-def _with_priors(every: Sequence[Component]) -> list[Component]:
+def _with_priors(components: Sequence[Component]) -> list[Component]:
     """Each kind has its share, spread over ids, then over sorts of places, then over these.
 
     Laws without a name are terms of one series and count as one id.
     """
-    keys = [(one.kind, "" if one.kind == "nameless" else one.id) for one in every]
+    keys = [
+        (component.kind, "" if component.kind == "nameless" else component.id)
+        for component in components
+    ]
     ids = Counter(kind for kind, _ in set(keys))
-    places = Counter((*key, _sort(one)) for key, one in zip(keys, every, strict=True))
-    found = []
-    for key, one in zip(keys, every, strict=True):
-        sort, sorts = _sort(one), math.fsum(p for s, p in SORTS.items() if places[*key, s])
-        prior = SHARES[one.kind] / ids[one.kind] * SORTS[sort] / sorts / places[*key, sort]
-        found.append(replace(one, log_prior=math.log(prior)))
-    return found
+    places = Counter(
+        (*key, _sort(component)) for key, component in zip(keys, components, strict=True)
+    )
+    weighted = []
+    for key, component in zip(keys, components, strict=True):
+        sort, sorts = _sort(component), math.fsum(p for s, p in SORTS.items() if places[*key, s])
+        prior = (
+            SHARES[component.kind] / ids[component.kind] * SORTS[sort] / sorts / places[*key, sort]
+        )
+        weighted.append(replace(component, log_prior=math.log(prior)))
+    return weighted
 
 
-def something_else(taken: Conditions) -> FloatArray:
+def something_else(conditions: Conditions) -> FloatArray:
     """Columns ``(n, r)`` of an error of each posture's own, 1 mm r.m.s.; smooth along the travel.
 
     A share of its square, `SIDED`, is another from each side of approach; what a first take has of
     its own is a mistake.
     """
-    side = numbered(taken.approach, *taken.movement.T)
-    cell = numbered(taken.leg, taken.axis, taken.level, *taken.position_mm.T, side)
+    side = numbered(conditions.approach, *conditions.movement.T)
+    cell = numbered(
+        conditions.leg, conditions.axis, conditions.level, *conditions.position_mm.T, side
+    )
     first = np.unique(cell, return_index=True)[1]
     blocks = []
-    for rows in rows_of(numbered(taken.leg[first], taken.axis[first])):
-        square, axes = np.linalg.eigh(_alike(taken.take(first[rows]), side[first[rows]]))
-        kept = square > LEAST_SQUARE
-        blocks.append(np.zeros((len(first), int(kept.sum()))))
-        blocks[-1][rows] = axes[:, kept] * np.sqrt(square[kept])
+    for rows in rows_of(numbered(conditions.leg[first], conditions.axis[first])):
+        square, axes = np.linalg.eigh(_alike(conditions.take(first[rows]), side[first[rows]]))
+        visible = square > LEAST_SQUARE
+        blocks.append(np.zeros((len(first), int(visible.sum()))))
+        blocks[-1][rows] = axes[:, visible] * np.sqrt(square[visible])
     columns = np.hstack(blocks)
     # one that nobody saw reached lies between its sides: else every first take would be explained
-    place = numbered(taken.leg, taken.axis, taken.level, *taken.position_mm.T)[first]
-    known = taken.approach_known[first]
-    for row in np.flatnonzero(~known):
-        sides = known & (place == place[row])
+    place = numbered(conditions.leg, conditions.axis, conditions.level, *conditions.position_mm.T)[
+        first
+    ]
+    with_approach = conditions.approach_known[first]
+    for row in np.flatnonzero(~with_approach):
+        sides = with_approach & (place == place[row])
         if sides.any():
             columns[row] = columns[sides].mean(axis=0)
     return np.asarray(columns[cell])
 
 
-def _alike(taken: Conditions, side: IntArray) -> FloatArray:
+def _alike(conditions: Conditions, side: IntArray) -> FloatArray:
     """How alike errors of postures of one mounting are ``(n, n)``."""
-    apart = taken.displacement_mm[:, None] - taken.displacement_mm
-    far = ((taken.position_mm[:, None] - taken.position_mm) ** 2).sum(axis=-1)
+    apart = conditions.displacement_mm[:, None] - conditions.displacement_mm
+    far = ((conditions.position_mm[:, None] - conditions.position_mm) ** 2).sum(axis=-1)
     alike = np.exp(-(apart**2 + far) / (2.0 * SMOOTH_MM**2))
     return np.asarray(alike * np.where(side[:, None] == side, 1.0, 1.0 - SIDED))

@@ -160,12 +160,12 @@ def candidates(
 
     A machine of which the tool is read has ``procedures`` only.
     """
-    every = [
-        FurtherMeasurement(tuple(taken), _minutes(pace, taken), procedure=name)
-        for name, taken in (procedures or {}).items()
+    measurements = [
+        FurtherMeasurement(tuple(conditions), _minutes(pace, conditions), procedure=name)
+        for name, conditions in (procedures or {}).items()
     ]
     load_tells = any(name == MATTERS_OF_LOAD for name, _ in posterior.places)
-    return [*every, *set_ups_of(posterior.sessions[-1].model, pace, load_tells=load_tells)]
+    return [*measurements, *set_ups_of(posterior.sessions[-1].model, pace, load_tells=load_tells)]
 
 
 def set_ups_of(
@@ -201,12 +201,12 @@ def _of_legs(
             levels = levels_within(geometry, places, parts, clear_mm)
             if not levels:
                 continue
-            taken = tuple(
+            set_ups = tuple(
                 set_up(leg, station, levels, cycles, pace.seconds_per_step) for leg in legs
             )
             yield FurtherMeasurement(
-                taken,
-                extra + _minutes(pace, taken),
+                set_ups,
+                extra + _minutes(pace, set_ups),
                 tuple(LEG_NAMES[leg] for leg in legs),
                 station,
                 levels,
@@ -215,10 +215,10 @@ def _of_legs(
             )
 
 
-def _minutes(pace: Pace, taken: Sequence[Conditions]) -> float:
+def _minutes(pace: Pace, set_ups: Sequence[Conditions]) -> float:
     """Of set-ups; both axes of a leg are read in one step."""
-    steps = sum(int((one.axis == one.axis[0]).sum()) for one in taken)
-    return len(taken) * pace.minutes_per_mounting + steps * pace.seconds_per_step / 60.0
+    steps = sum(int((set_up.axis == set_up.axis[0]).sum()) for set_up in set_ups)
+    return len(set_ups) * pace.minutes_per_mounting + steps * pace.seconds_per_step / 60.0
 
 
 def levels_within(
@@ -246,13 +246,13 @@ def set_up(
     """Both axes of a leg at these displacements; of several cycles Zero before each and last."""
     path = [0.0, *levels_mm] * cycles + [0.0] if cycles > 1 else list(levels_mm)
     count, axes = len(path), [axis for axis in range(3) if axis != leg]
-    taken = conditions(
+    planned = conditions(
         [leg] * 2 * count, [a for a in axes for _ in path], path * 2, station=station
     )
     approach = np.sign(np.diff(path, prepend=path[0]))  # nobody saw how the first was reached
     cycle = 1 + np.arange(count) // (len(levels_mm) + 1) if cycles > 1 else np.ones(count)
     return replace(
-        taken,
+        planned,
         approach=np.tile(approach, 2),
         time_s=np.tile(seconds * np.arange(count), 2),
         cycle=np.tile(cycle.astype(np.intp), 2),
@@ -263,6 +263,6 @@ def nothing_measured(model: Model, noise_mm: float, tolerance_mm: FloatArray) ->
     """A session of one posture, which tells nothing but zeros, with the noise of its indicators."""
     places = [(leg, axis) for leg in range(3) for axis in range(3) if axis != leg]
     legs, axes = zip(*places, strict=True)
-    taken = conditions(legs, axes, [0.0] * len(places))
+    planned = conditions(legs, axes, [0.0] * len(places))
     figures = IndicatorFigures(repeatability_mm=noise_mm)
-    return SessionCase(model, observe(taken, np.zeros(len(places))), figures, tolerance_mm)
+    return SessionCase(model, observe(planned, np.zeros(len(places))), figures, tolerance_mm)

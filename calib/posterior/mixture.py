@@ -33,16 +33,19 @@ class ExpectedReadings:
     followed: tuple[tuple[FloatArray, FloatArray], ...]
 
     @classmethod
-    def together(cls, every: Sequence[ExpectedReadings]) -> ExpectedReadings:
+    def together(cls, parts: Sequence[ExpectedReadings]) -> ExpectedReadings:
         """Several set-ups one after the other."""
         return cls(
-            np.concatenate([one.expected for one in every]),
-            np.vstack([one.columns for one in every]),
-            np.asarray(block_diag(*(one.own for one in every))),
-            np.vstack([one.loose for one in every]),
+            np.concatenate([part.expected for part in parts]),
+            np.vstack([part.columns for part in parts]),
+            np.asarray(block_diag(*(part.own for part in parts))),
+            np.vstack([part.loose for part in parts]),
             tuple(
-                (np.concatenate([e for e, _ in each]), np.vstack([c for _, c in each]))
-                for each in zip(*(one.followed for one in every), strict=True)
+                (
+                    np.concatenate([e for e, _ in followed_models]),
+                    np.vstack([c for _, c in followed_models]),
+                )
+                for followed_models in zip(*(part.followed for part in parts), strict=True)
             ),
         )
 
@@ -99,19 +102,19 @@ class Group:
 
     def only(self, models: Collection[int]) -> Group:
         """The group without other models than these."""
-        kept = np.isin(self.rows, list(models))
-        mine = kept[self.owner]
-        widths = np.bincount(self.owner, minlength=len(self.rows))[kept]
+        chosen = np.isin(self.rows, list(models))
+        mine = chosen[self.owner]
+        widths = np.bincount(self.owner, minlength=len(self.rows))[chosen]
         return replace(
             self,
-            rows=self.rows[kept],
+            rows=self.rows[chosen],
             owner=np.repeat(np.arange(len(widths)), widths),
             blocks=_blocks(widths),
             sizes=self.sizes[:, mine],
-            away=self.away[:, kept],
-            inflated=self.inflated[kept],
+            away=self.away[:, chosen],
+            inflated=self.inflated[chosen],
             tool_sizes=self.tool_sizes[:, mine],
-            tool_mean=self.tool_mean[:, kept],
+            tool_mean=self.tool_mean[:, chosen],
         )
 
     def sums(self, values: FloatArray) -> FloatArray:
@@ -120,9 +123,9 @@ class Group:
 
     def updated(self, readings: ExpectedReadings, followed: Sequence[int]) -> Updated:
         """With the covariance after these readings: first the base, beside it the sizes."""
-        shown = readings.columns @ self.base
+        of_base = readings.columns @ self.base
         noise = np.hstack([readings.loose, self.size_mm * readings.own])
-        square = np.eye(len(shown)) + shown @ shown.T + noise @ noise.T
+        square = np.eye(len(of_base)) + of_base @ of_base.T + noise @ noise.T
         lower = np.linalg.cholesky(square)
         white = np.linalg.inv(lower)
         sizes = readings.columns @ self.sizes
@@ -133,17 +136,19 @@ class Group:
                 sizes[:, mine] = columns @ self.sizes[:, mine]
                 expected[:, j] = means
         sizes = white @ sizes
-        seen, roots = np.zeros_like(sizes), []
+        explained, roots = np.zeros_like(sizes), []
         room = np.full(len(self.rows), float(np.log(lower.diagonal()).sum()))
         for block in self.blocks:
             inside = np.moveaxis(sizes[:, block], 1, 0)
             inner = np.swapaxes(inside, 1, 2) @ inside + np.eye(block.shape[1])
             root = np.swapaxes(np.linalg.inv(np.linalg.cholesky(inner)), 1, 2)
             roots.append(root)
-            seen[:, block] = np.moveaxis(inside @ root, 0, 1)
+            explained[:, block] = np.moveaxis(inside @ root, 0, 1)
             logs = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
             room[self.owner[block[:, 0]]] -= logs
-        return Updated(self, white @ shown, tuple(roots), seen, white, lower, expected, sizes, room)
+        return Updated(
+            self, white @ of_base, tuple(roots), explained, white, lower, expected, sizes, room
+        )
 
 
 def _blocks(widths: IntArray) -> tuple[IntArray, ...]:
@@ -211,8 +216,8 @@ class Updated:
     def square(self, readings: FloatArray) -> FloatArray:
         """What each model leaves of these readings ``(M,)``, in noise variances."""
         departure, along = self._departure(readings)
-        left = (departure**2).sum(axis=0) - self.group.sums(along**2)
-        return np.asarray(left / self.group.inflated**2)
+        remainder = (departure**2).sum(axis=0) - self.group.sums(along**2)
+        return np.asarray(remainder / self.group.inflated**2)
 
     def log_factor(self, true: Updated, j: int) -> FloatArray:
         """Expected log Bayes factor ``(M,)`` of model j, which is ``true``, over each."""
@@ -226,23 +231,25 @@ class Updated:
         covered = self.group.sums(
             (inside**2).sum(axis=0) + ((sizes.T @ self.seen) ** 2).sum(axis=0)
         )
-        more = wide + float((sizes**2).sum()) - covered
+        gain = wide + float((sizes**2).sum()) - covered
         square = self.square(true.expected[:, j])
-        return np.asarray(0.5 * (more + square) + self.room - true.room[j])
+        return np.asarray(0.5 * (gain + square) + self.room - true.room[j])
 
     @cached_property
     def _spread(self) -> tuple[FloatArray, FloatArray]:
         """Mean and half the variance ``(M,)`` of the mean square at the tool about the means."""
-        group, more = self.group, self.group.inflated**2
+        group, inflation = self.group, self.group.inflated**2
         root = self.tool[: len(self.base)]
         inner = np.zeros(len(group.rows))
         for block in group.blocks:
-            some = np.moveaxis(root[:, block], 1, 0)
-            products = np.swapaxes(some, 1, 2) @ some
+            roots = np.moveaxis(root[:, block], 1, 0)
+            products = np.swapaxes(roots, 1, 2) @ roots
             inner[group.owner[block[:, 0]]] = (products**2).sum(axis=(1, 2))
         size = float(np.trace(self.base)) + group.sums((root**2).sum(axis=0))
         through = group.sums((root * (self.base @ root)).sum(axis=0))
-        return more * size, more**2 * (float((self.base**2).sum()) + 2.0 * through + inner)
+        return inflation * size, inflation**2 * (
+            float((self.base**2).sum()) + 2.0 * through + inner
+        )
 
     def distances(self, off: FloatArray) -> FloatArray:
         """Mean and variance ``(M, 2)`` of the mean square at the tool, means ``off`` ``(q, M)``."""

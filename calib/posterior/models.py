@@ -117,7 +117,7 @@ class Posterior:
         parameters[:3, -3:] = np.eye(3)
         into_base: dict[tuple[int, ...], FloatArray] = {}
         shared: dict[int, tuple[FloatArray, FloatArray]] = {}
-        every = []
+        models = []
         for model in self.models:
             if model.everywhere not in into_base:
                 laws = (self.into_field[k] for k in model.everywhere)
@@ -131,14 +131,14 @@ class Posterior:
             mean = self.start + base @ model.mean[:count]
             root = base @ model.sizes[:count]
             for k, at in zip(model.members, self.starts(model), strict=True):
-                own = slice(at, at + len(self.components[k].unit))
-                mean = mean + self.into_field[k] @ model.mean[own]
-                root = root + self.into_field[k] @ model.sizes[own]
+                block = slice(at, at + len(self.components[k].unit))
+                mean = mean + self.into_field[k] @ model.mean[block]
+                root = root + self.into_field[k] @ model.sizes[block]
             unseen = np.diag(self._unseen(model))
             roots = [model.inflated * root, unseen[:, unseen.any(axis=0)]]
             in_field = InField(model.weight, mean, *shared[key], model.inflated, np.hstack(roots))
-            every.append(replace(in_field, unplaced_mm2=self._unplaced_mm2(model)))
-        return every
+            models.append(replace(in_field, unplaced_mm2=self._unplaced_mm2(model)))
+        return models
 
     def _unplaced_mm2(self, model: Weighted) -> float:
         """Expected mean square of errors in the readings that have no law at the tool, mm²."""
@@ -160,15 +160,17 @@ class Posterior:
     def start(self) -> FloatArray:
         """Effects ``(f,)`` that the model of the sessions has, in the tool's field."""
         start = np.zeros(self.field.rows.shape[1])
-        for known in effects_of_tool(self.sessions[-1].case.model):
-            start[list(self.field.columns_of((known.effect, known.place)))] += np.real(known.values)
+        for instance in effects_of_tool(self.sessions[-1].case.model):
+            start[list(self.field.columns_of((instance.effect, instance.place)))] += np.real(
+                instance.values
+            )
         return start
 
     @cached_property
     def into_field(self) -> list[FloatArray]:
         """For each component what its values ``(r,)`` are in the tool's field ``(f, r)``."""
         width = self.field.rows.shape[1]
-        every = []
+        blocks = []
         for component in self.components:
             into = np.zeros((width, len(component.unit)))
             for share in component.shares:
@@ -176,22 +178,24 @@ class Posterior:
                     self.field.columns_of((share.effect, share.place)), share.values, strict=True
                 ):
                     into[column, value] += 1.0
-            every.append(into)
-        return every
+            blocks.append(into)
+        return blocks
 
     @cached_property
     def mean(self) -> FloatArray:
         """What is expected over all models ``(f,)``, in the tool's field."""
-        return np.asarray(np.sum([one.weight * one.mean for one in self.models_in_field], axis=0))
+        return np.asarray(
+            np.sum([model.weight * model.mean for model in self.models_in_field], axis=0)
+        )
 
     def value_of(self, law: Placed) -> tuple[float, float]:
         """The first value of a law at a place over all models, and its standard deviation."""
         at = self.field.columns_of(law)[0]
-        own = np.array([one.mean[at] for one in self.models_in_field])
-        variance = np.array([one.variance(at) for one in self.models_in_field])
-        weight = np.array([one.weight for one in self.models_in_field])
-        mean = float(weight @ own)
-        return mean, math.sqrt(float(weight @ (variance + own**2)) - mean**2)
+        means = np.array([model.mean[at] for model in self.models_in_field])
+        variance = np.array([model.variance(at) for model in self.models_in_field])
+        weight = np.array([model.weight for model in self.models_in_field])
+        mean = float(weight @ means)
+        return mean, math.sqrt(float(weight @ (variance + means**2)) - mean**2)
 
     def _unseen(self, model: Weighted) -> FloatArray:
         """Standard deviations ``(f,)`` of what these readings do not show.
@@ -203,9 +207,11 @@ class Posterior:
         """
         deviation = np.zeros(self.field.rows.shape[1])
         tolerances = self.sessions[-1].case.geometry
-        every = (self.components[k] for k in model.everywhere)
-        shown = {(share.effect, share.place) for one in every for share in one.shares}
-        for unseen in tolerances.keys() - shown:
+        components = (self.components[k] for k in model.everywhere)
+        visible = {
+            (share.effect, share.place) for component in components for share in component.shares
+        }
+        for unseen in tolerances.keys() - visible:
             deviation[self.field.columns_of(unseen)[0]] = tolerances[unseen]
         if not self.geometry.reads_legs:  # readings are of the tool, in the frame of its plate
             return deviation
@@ -237,14 +243,14 @@ class Posterior:
         """What the likeliest model leaves of all distances ``(n,)``, in standard deviations."""
         model, rows = self.models[0], self.linear.rows
         mine, count = slice(rows.cells, rows.exact), self.parameter_count
-        left = rows.residual[mine] - rows.base[mine] @ (model.mean[:count] - rows.value)
+        remainder = rows.residual[mine] - rows.base[mine] @ (model.mean[:count] - rows.value)
         widths = [len(self.components[k].unit) for k in model.everywhere]
         starts = [*(np.cumsum([count, *widths[:-1]])), *self.starts(model)]
         for k, at in zip((*model.everywhere, *model.members), starts, strict=True):
             unit = self.components[k].unit
             columns = self.linear.columns[mine][:, self.linear.index[k]]
-            left = left - columns @ (model.mean[at : at + len(unit)] / unit)
-        return np.asarray(left)
+            remainder = remainder - columns @ (model.mean[at : at + len(unit)] / unit)
+        return np.asarray(remainder)
 
     @property
     def shows(self) -> bool:
@@ -254,7 +260,11 @@ class Posterior:
     @property
     def likely_mistakes(self) -> tuple[LikelyMistake, ...]:
         """Each mistake with its words and probability, the likeliest first."""
-        title = {(one.id, one.where): one.title for model in self.models for one in model.mistakes}
+        title = {
+            (mistake.id, mistake.where): mistake.title
+            for model in self.models
+            for mistake in model.mistakes
+        }
         return tuple(
             LikelyMistake(*name, title[name], share) for name, share in self.mistakes.items()
         )
@@ -264,7 +274,7 @@ class Posterior:
         """Probability of each mistake of labels or readings, and its place."""
         shares: dict[tuple[str, str], float] = {}
         for model in self.models:
-            for name in {(one.id, one.where) for one in model.mistakes}:
+            for name in {(mistake.id, mistake.where) for mistake in model.mistakes}:
                 shares[name] = shares.get(name, 0.0) + model.weight
         return dict(sorted(shares.items(), key=lambda item: -item[1]))
 

@@ -168,18 +168,18 @@ class Planner:
     @cached_property
     def readings(self) -> list[ExpectedReadings]:
         """What each candidate is expected to show."""
-        wanted: dict[MeasurementPreparation, dict[int, Conditions]] = {}
+        set_ups_by_preparation: dict[MeasurementPreparation, dict[int, Conditions]] = {}
         for candidate in self.candidates:
             set_ups = {id(set_up): set_up for set_up in candidate.taken}
-            wanted.setdefault(candidate.preparation, {}).update(set_ups)
-        shown: dict[tuple[MeasurementPreparation, int], ExpectedReadings] = {}
-        for preparation, set_ups in wanted.items():
+            set_ups_by_preparation.setdefault(candidate.preparation, {}).update(set_ups)
+        expectations: dict[tuple[MeasurementPreparation, int], ExpectedReadings] = {}
+        for preparation, set_ups in set_ups_by_preparation.items():
             expected = self.forecast.readings(list(set_ups.values()), preparation.model)
             keys = [(preparation, key) for key in set_ups]
-            shown |= dict(zip(keys, expected, strict=True))
+            expectations |= dict(zip(keys, expected, strict=True))
         return [
             ExpectedReadings.together(
-                [shown[candidate.preparation, id(s)] for s in candidate.taken]
+                [expectations[candidate.preparation, id(s)] for s in candidate.taken]
             )
             for candidate in self.candidates
         ]
@@ -220,8 +220,8 @@ class Planner:
             for k in descending(gains, gains.__getitem__):
                 if best and gains[k] <= (1.0 + TIE) * gains[best[0]]:
                     break
-                both = ExpectedReadings.together([*chosen, self.readings[k]])
-                after_mm = self._scale * self.forecast.after_mm(both)
+                together = ExpectedReadings.together([*chosen, self.readings[k]])
+                after_mm = self._scale * self.forecast.after_mm(together)
                 gains[k] = math.log(bound_mm / after_mm) / self.candidates[k].minutes
                 better = best is None or gains[k] > (1.0 + TIE) * gains[best[0]]
                 if better and after_mm < WORTH * bound_mm:
@@ -251,13 +251,15 @@ class Planner:
         likeliest = descending(shares, shares.__getitem__)[:MOST_COMPARED]
         if shares[likeliest[0]] >= DECIDED:
             return []
-        every = []
+        names_open = []
         for name in likeliest:
-            some, weight = models.get(name, []), self.forecast.weight
-            some = [k for k in some if weight[k] >= NEAR * weight[some[0]]][:MOST_OF_NAME]
-            if some and shares[name] >= OPEN * shares[likeliest[0]]:
-                every.append((name, shares[name], some))
-        return every
+            heaviest, weight = models.get(name, []), self.forecast.weight
+            heaviest = [k for k in heaviest if weight[k] >= NEAR * weight[heaviest[0]]][
+                :MOST_OF_NAME
+            ]
+            if heaviest and shares[name] >= OPEN * shares[likeliest[0]]:
+                names_open.append((name, shares[name], heaviest))
+        return names_open
 
     def _name(self, members: Sequence[int]) -> Name:
         components = [self.posterior.components[k] for k in members]
@@ -265,10 +267,10 @@ class Planner:
 
     def _apart(self, readings: ExpectedReadings) -> FloatArray:
         """Noise variances between open names, of their nearest models, either being true."""
-        models = [k for _, _, some in self._open for k in some]
+        models = [k for _, _, numbers in self._open for k in numbers]
         apart = self.forecast.apart(readings, models)
         either = np.minimum(apart, apart.T)
-        starts = np.cumsum([0, *(len(some) for _, _, some in self._open[:-1])])
+        starts = np.cumsum([0, *(len(numbers) for _, _, numbers in self._open[:-1])])
         rows = np.minimum.reduceat(either, starts, axis=0)
         return np.asarray(np.minimum.reduceat(rows, starts, axis=1))
 
@@ -283,34 +285,37 @@ class Planner:
         weight = np.array([share for _, share, _ in self._open])
         apart = [self._apart(readings) for readings in self.readings]
         score = np.array(
-            [float((np.minimum(each, GOAL) * np.outer(weight, weight)).sum()) for each in apart]
+            [
+                float((np.minimum(distances, GOAL) * np.outer(weight, weight)).sum())
+                for distances in apart
+            ]
         )
         best = min(
             np.flatnonzero(score >= NEARLY * score.max()).tolist(),
             key=lambda k: (bool(self.candidates[k].preparation.words), self.candidates[k].minutes),
         )
-        most = float(apart[best][0, 1:].max())
-        least = DECISIVE if most >= DECISIVE else APART
-        kept = [0]
+        largest = float(apart[best][0, 1:].max())
+        least = DECISIVE if largest >= DECISIVE else APART
+        chosen = [0]
         for k in range(1, len(self._open)):
-            if all(apart[best][k, other] >= least for other in kept):
-                kept.append(k)
-        if len(kept) < 2:
+            if all(apart[best][k, earlier] >= least for earlier in chosen):
+                chosen.append(k)
+        if len(chosen) < 2:
             return None
-        nearest = min(float(apart[best][a, b]) for a, b in combinations(kept, 2))
-        return Separation(self.candidates[best], tuple(self._open[k][0] for k in kept), nearest)
+        nearest = min(float(apart[best][a, b]) for a, b in combinations(chosen, 2))
+        return Separation(self.candidates[best], tuple(self._open[k][0] for k in chosen), nearest)
 
     @cached_property
     def outside(self) -> Outside | None:
         """What shows the part of the error that legs do not see, where it is the larger one."""
         errors = self.posterior.tool_errors[self.correction.frame]
 
-        def bound(shown: Sequence[int]) -> float:
-            return errors.without(shown).bound_mm(self.correction.off.values)
+        def bound(columns: Sequence[int]) -> float:
+            return errors.without(columns).bound_mm(self.correction.off.values)
 
-        whole = errors.bound_mm(self.correction.off.values)
-        seen = errors.seen.bound_mm(self.correction.off.values)
-        share = 1.0 - (seen / whole) ** 2
+        bound_mm = errors.bound_mm(self.correction.off.values)
+        seen_mm = errors.seen.bound_mm(self.correction.off.values)
+        share = 1.0 - (seen_mm / bound_mm) ** 2
         if share <= 0.5:
             return None
         after = {instrument: bound(columns) for instrument, (columns, _) in OUTSIDE.items()}

@@ -43,15 +43,19 @@ def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = N
     """Of these sessions together. Raises NotIdentifiable where one cannot be fitted."""
     of_lines = any(case.geometry for case in cases)
     shares: dict[Stated, float] = AS_STATED if of_lines else {"nothing": 1.0}
-    taken = {s: Cells.of_all([replace(case, as_stated=s) for case in cases]) for s in shares}
-    every = taken["nothing"]
-    laws = with_searched_leads(CATALOGUE if effects is None else effects, every)
+    cells_by_statement = {
+        s: Cells.of_all([replace(case, as_stated=s) for case in cases]) for s in shares
+    }
+    sessions = cells_by_statement["nothing"]
+    laws = with_searched_leads(CATALOGUE if effects is None else effects, sessions)
     laws = (*laws, *_adopted_variants(cases[-1], laws))
 
     def solve(sessions: Sequence[Cells], with_play: bool) -> Solved[Posterior]:
         return PosteriorProblem.of(tuple(sessions), laws).solved(with_play=with_play)
 
-    ways = [way for s, share in shares.items() for way in _ways(taken[s], math.log(share))]
+    ways = [
+        way for s, share in shares.items() for way in _ways(cells_by_statement[s], math.log(share))
+    ]
     return _mixed(with_mistakes(ways, solve))
 
 
@@ -60,10 +64,10 @@ def _adopted_variants(case: SessionCase, effects: Sequence[Effect]) -> list[Effe
 
     And parameters of geometry that it has not.
     """
-    known = library_laws(case.model.geometry, effects)
-    ids = {law.id for law in known} | {law.id for law, _ in case.geometry}
+    laws = library_laws(case.model.geometry, effects)
+    ids = {law.id for law in laws} | {law.id for law, _ in case.geometry}
     adopted = dict.fromkeys(law for law, _ in (*case.free_spread, *case.geometry))
-    return [law for law in adopted if law.id in ids and law not in known]
+    return [law for law in adopted if law.id in ids and law not in laws]
 
 
 def _ways(sessions: Sequence[Cells], log_prior: float) -> list[Way]:
@@ -101,18 +105,18 @@ def _ways_of_first_takes(sessions: Sequence[Cells], log_prior: float) -> list[Wa
     return ways
 
 
-def _mixed(every: Sequence[Solved[Posterior]]) -> Posterior:
+def _mixed(solutions: Sequence[Solved[Posterior]]) -> Posterior:
     """The sessions as they are, and put right in each way, weighed by their evidence.
 
     The first knows the sessions; each has components of its own, since its rows differ.
     """
-    log = np.array([one.log_weight for one in every])
+    log = np.array([solved.log_weight for solved in solutions])
     share = np.exp(log - log.max())
     share /= share.sum()
     share = np.where(share > LIGHTEST, share, 0.0) / share[share > LIGHTEST].sum()
     components: list[Component] = []
     models: list[Weighted] = []
-    for one, weight in zip(every, share.tolist(), strict=True):
+    for solved, weight in zip(solutions, share.tolist(), strict=True):
         if not weight:
             continue
         first = len(components)
@@ -122,12 +126,12 @@ def _mixed(every: Sequence[Solved[Posterior]]) -> Posterior:
                 members=tuple(first + k for k in model.members),
                 everywhere=tuple(first + k for k in model.everywhere),
                 weight=weight * model.weight,
-                mistakes=one.mistakes,
+                mistakes=solved.mistakes,
             )
-            for model in one.solution.models
+            for model in solved.solution.models
         ]
-        components += one.solution.components
-    likeliest = every[0].solution
-    laws = (law for one in every for law in one.solution.field.placed)
+        components += solved.solution.components
+    likeliest = solutions[0].solution
+    laws = (law for solved in solutions for law in solved.solution.field.placed)
     field = tool_field(likeliest.geometry, tuple(dict.fromkeys(laws)))
     return Posterior(likeliest.sessions, tuple(components), tuple(models), field, likeliest.linear)

@@ -70,10 +70,10 @@ class PosteriorProblem:
     def of(cls, sessions: tuple[Cells, ...], effects: Sequence[Effect] | None) -> PosteriorProblem:
         """Of sessions of one machine: ``effects`` are those of the library, or all."""
         models = _with_common_lengths([cells.model for cells in sessions])
-        taken = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
-        components = library(taken, effects, sessions[-1].case.named_beyond)
-        linear, known, placed = linear_about(sessions, models, components)
-        return cls(sessions, known, linear.rows, linear.columns, linear.index, placed)
+        measured = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
+        components = library(measured, effects, sessions[-1].case.named_beyond)
+        linear, sized, placed = linear_about(sessions, models, components)
+        return cls(sessions, sized, linear.rows, linear.columns, linear.index, placed)
 
     @cached_property
     def everywhere(self) -> tuple[int, ...]:
@@ -110,10 +110,10 @@ class PosteriorProblem:
             (share,) = self.components[k].shares
             place[share.effect, share.place] = at
             at += len(self.components[k].unit)
-        known = [number for number, law in enumerate(case.lines) if law in place]
+        numbers = [number for number, law in enumerate(case.lines) if law in place]
         index = [place[law] for law in case.lines if law in place]
         root[np.ix_(index, index)] = np.linalg.cholesky(
-            (case.lines_root @ case.lines_root.T)[np.ix_(known, known)]
+            (case.lines_root @ case.lines_root.T)[np.ix_(numbers, numbers)]
         )
         return root
 
@@ -141,9 +141,9 @@ class PosteriorProblem:
             models, log_share = reached(models, within, self.components)
             log_evidence += log_share
         acting = effects_of_tool(self.sessions[-1].case.model)
-        known = [(one.effect, one.place) for one in acting]
+        placed = [(one.effect, one.place) for one in acting]
         lines = self.sessions[-1].case.geometry
-        laws = dict.fromkeys([*self.placed, *laws_held(self.geometry), *known, *lines])
+        laws = dict.fromkeys([*self.placed, *laws_held(self.geometry), *placed, *lines])
         field = tool_field(self.geometry, tuple(laws))
         linear = Linear(self.rows, self.columns, self.index)
         result = Posterior(self.sessions, self.components, tuple(models), field, linear)
@@ -163,8 +163,10 @@ class PosteriorProblem:
 
         def with_one_name(number: int, change_mm: FloatArray) -> FloatArray:
             changed = self._laws.whitened(self._changed(number, change_mm))
-            other = about.left[:, None] + about.left_by(changed)
-            return constant + race.best_singles(columns.T @ other, (other**2).sum(axis=0), names)
+            changed_rows = about.left[:, None] + about.left_by(changed)
+            return constant + race.best_singles(
+                columns.T @ changed_rows, (changed_rows**2).sum(axis=0), names
+            )
 
         return Solved(result, log_evidence + constant, beside, with_one_name)
 
@@ -180,11 +182,11 @@ class PosteriorProblem:
 
     def _about_of(self, rows: Rows) -> About:
         """Lengths and offsets about rows, where they have derivatives of their own."""
-        own = self.base[:, : len(rows.spread)].copy()
-        own[: rows.exact] = (rows.base * rows.spread)[: rows.exact]
+        base_rows = self.base[:, : len(rows.spread)].copy()
+        base_rows[: rows.exact] = (rows.base * rows.spread)[: rows.exact]
         expected = (rows.prior - rows.value) / rows.spread
-        own, residual = self._laws.whitened(own), self._laws.whitened(rows.residual)
-        about = About.of(own, residual, expected, rows.whitening)
+        base_rows, residual = self._laws.whitened(base_rows), self._laws.whitened(rows.residual)
+        about = About.of(base_rows, residual, expected, rows.whitening)
         return replace(about, room=about.room + self._laws.room)
 
     def _root(self, about: About) -> FloatArray:
@@ -195,9 +197,9 @@ class PosteriorProblem:
         root = np.block([[about.inverse, none], [beside, laws.root]])
         return np.asarray(self.base_root @ root)
 
-    def _moved(self, about: About, along: FloatArray, left: FloatArray) -> FloatArray:
+    def _moved(self, about: About, along: FloatArray, remainder: FloatArray) -> FloatArray:
         """Values of the base ``(b, ...)`` for rows ``along`` the basis and those it has left."""
-        laws = self._laws.seen.T @ left[: len(self.rows.residual)]
+        laws = self._laws.seen.T @ remainder[: len(self.rows.residual)]
         return np.asarray(self.base_root @ np.concatenate([about.inverse @ along, laws]))
 
     @property
@@ -240,10 +242,10 @@ class PosteriorProblem:
             for k, row in enumerate(np.argmax(log, axis=0).tolist())
             if self.components[k].kind in ("named", "beside")
         }
-        every = descending([*best], lambda k: best[k][0])
-        names = {self.components[k].id: k for k in reversed(every)}
-        likeliest = [k for k in every if names[self.components[k].id] == k][:MOST_NAMES]
-        plays = [k for k in every if self.components[k].id == Backlash.id]
+        ordered = descending([*best], lambda k: best[k][0])
+        names = {self.components[k].id: k for k in reversed(ordered)}
+        likeliest = [k for k in ordered if names[self.components[k].id] == k][:MOST_NAMES]
+        plays = [k for k in ordered if self.components[k].id == Backlash.id]
         return [race.entry(((k, SCALES[best[k][1]]),)) for k in dict.fromkeys([*likeliest, *plays])]
 
     def _else(self, entry: RaceEntry) -> bool:
@@ -256,9 +258,9 @@ class PosteriorProblem:
         """
         begin = sum(len(cells.means) for cells in self.sessions[:number])
         cells = self.sessions[number]
-        own = self.columns[:, self._index(entry)] * self._unit(entry)[1]
+        expected_columns = self.columns[:, self._index(entry)] * self._unit(entry)[1]
         free = free_columns(self.components, self.columns, self.index, cells.case)
-        return cells.coloured(np.hstack([own, free])[begin : begin + len(cells.means)])
+        return cells.coloured(np.hstack([expected_columns, free])[begin : begin + len(cells.means)])
 
     @property
     def geometry(self) -> Geometry:
@@ -268,7 +270,7 @@ class PosteriorProblem:
     def _weighted(
         self, race: Race, entries: Sequence[RaceEntry], about: About
     ) -> tuple[list[Weighted], float]:
-        every: dict[Key, tuple[float, Weighted]] = {}
+        models_by_key: dict[Key, tuple[float, Weighted]] = {}
         white = self._laws.whitened(self.columns)
         along = about.basis[: len(white)].T @ white
         moved = self._moved(about, along, about.left_by(white))
@@ -280,21 +282,21 @@ class PosteriorProblem:
             fit, gained = self._fitted(entry, race.products, plain), 0.0
             if follow and entry.members:
                 fit, gained = self._followed(race, entry, fit, about.room)
-            every[entry.key] = entry.log_weight + gained, self._model(race, entry, fit)
+            models_by_key[entry.key] = entry.log_weight + gained, self._model(race, entry, fit)
 
         for number, entry in enumerate(entries):
             add(entry, follow=number < REFINED)
-        best = max(entries, key=lambda entry: every[entry.key][0])
-        if every[best.key][0] != best.log_weight:
+        best = max(entries, key=lambda entry: models_by_key[entry.key][0])
+        if models_by_key[best.key][0] != best.log_weight:
             for entry in _fewer(race, entries, best):
                 add(entry, follow=True)
-        log = np.array([log_weight for log_weight, _ in every.values()])
+        log = np.array([log_weight for log_weight, _ in models_by_key.values()])
         share = np.exp(log - log.max())
         log_evidence = float(log.max() + math.log(share.sum()))
         share /= share.sum()
         models = [
             replace(model, weight=float(w))
-            for (_, model), w in zip(every.values(), share, strict=True)
+            for (_, model), w in zip(models_by_key.values(), share, strict=True)
         ]
         return sorted(models, key=lambda model: -model.weight), log_evidence
 
@@ -302,8 +304,8 @@ class PosteriorProblem:
         """With what its noise adds to its deviations; not weighed yet."""
         inflated = 1.0
         if not math.isinf(race.freedom):
-            more = (race.freedom + fit.square) / max(race.freedom + race.free - 2.0, 1.0)
-            inflated = math.sqrt(max(more, 1.0))
+            inflation = (race.freedom + fit.square) / max(race.freedom + race.free - 2.0, 1.0)
+            inflated = math.sqrt(max(inflation, 1.0))
         members = entry.members, entry.scales, 0.0
         return Weighted(*members, fit.mean, fit.base, fit.sizes, inflated, self.everywhere)
 
@@ -331,8 +333,8 @@ class PosteriorProblem:
         mean = np.concatenate([plain.mean - moved @ sizes, unit * scale * sizes])
         square = products.square - float(scale * products.along[index] @ sizes)
         room = plain.room + float(np.log(root.diagonal()).sum())
-        own = np.vstack([-moved @ root, (unit * scale)[:, None] * root])
-        return ModelFit(mean, plain.base, own, square, room)
+        root_of_model = np.vstack([-moved @ root, (unit * scale)[:, None] * root])
+        return ModelFit(mean, plain.base, root_of_model, square, room)
 
     def _refitted(
         self, entry: RaceEntry, rows: Rows, block: FloatArray, at: FloatArray
@@ -345,14 +347,16 @@ class PosteriorProblem:
         inverse = np.linalg.inv(root)
         target = np.concatenate([about.left, -at / scale])
         sizes = inverse @ (basis.T @ target)
-        left = without(basis, target)
+        remainder = without(basis, target)
         mean = self._moved(about, about.along - along @ sizes, about.left - columns @ sizes)
         mean[: len(rows.value)] += rows.value
         moved = self._moved(about, along, columns)
-        own = np.vstack([-moved @ inverse, (unit * scale)[:, None] * inverse])
+        root_of_model = np.vstack([-moved @ inverse, (unit * scale)[:, None] * inverse])
         room = about.room - float(np.log(np.abs(root.diagonal())).sum())
         values = np.concatenate([mean, unit * (at + scale * sizes)])
-        return ModelFit(values, self._root(about), own, float(left @ left), room)
+        return ModelFit(
+            values, self._root(about), root_of_model, float(remainder @ remainder), room
+        )
 
     def _followed(
         self, race: Race, entry: RaceEntry, fit: ModelFit, plain_room: float
@@ -385,16 +389,16 @@ class PosteriorProblem:
             if (candidate := self.components[k].candidate)
             for effect in candidate.effects(values)
         ]
-        found = []
+        models = []
         for number, cells in enumerate(self.sessions):
-            known = cells.case.model
+            nominal = cells.case.model
             offsets = mean[LENGTHS + 3 * number : LENGTHS + 3 * number + 3]
-            found.append(
-                known.with_effects((*known.effects, *effects)).with_parameters(
+            models.append(
+                nominal.with_effects((*nominal.effects, *effects)).with_parameters(
                     np.concatenate([offsets, mean[:LENGTHS]])
                 )
             )
-        return tuple(found)
+        return tuple(models)
 
     def _linear_part(self, entry: RaceEntry, mean: FloatArray) -> FloatArray:
         """What of these ``(exact,)`` is in no `_models`: a little of all, something else."""
@@ -441,12 +445,12 @@ class PosteriorProblem:
         residual = self.rows.residual.copy()
         residual[: near.exact] = near.residual
         begin = 0
-        for component, own, values in zip(
+        for component, columns, values in zip(
             members, blocks, self._values(entry, fit.mean), strict=True
         ):
             end = begin + len(component.unit)
             if component.candidate:
-                block[: near.exact, begin:end] = own * component.unit
+                block[: near.exact, begin:end] = columns * component.unit
                 at[begin:end] = values / component.unit
             begin = end
         within = self.rows.exact
@@ -462,9 +466,12 @@ def _fewer(race: Race, entries: Sequence[RaceEntry], best: RaceEntry) -> list[Ra
     """
     parts = [(*best.key[:k], *best.key[k + 1 :]) for k in range(len(best.key))]
     fewer = {tuple(member for member, _ in part): race.entry(part) for part in parts}
-    known = {entry.members for entry in entries}
+    members_of_entries = {entry.members for entry in entries}
     light = [entry for entry in entries[REFINED:] if entry.members in fewer]
-    return [*light, *(entry for members, entry in fewer.items() if members not in known)]
+    return [
+        *light,
+        *(entry for members, entry in fewer.items() if members not in members_of_entries),
+    ]
 
 
 @dataclass(frozen=True, eq=False)

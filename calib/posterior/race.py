@@ -78,9 +78,9 @@ class Products:
         """What columns ``(r,)`` of these scales ``(r,)`` take over of those ``beside``."""
         block = np.eye(len(index)) + scale[:, None] * self.inner[np.ix_(index, index)] * scale
         root = np.linalg.cholesky(block)
-        both = np.column_stack([self.inner[index][:, beside], self.along[index]])
-        shown = np.linalg.solve(root, scale[:, None] * both)
-        return Taken(shown[:, :-1], shown[:, -1], -float(np.log(root.diagonal()).sum()))
+        products = np.column_stack([self.inner[index][:, beside], self.along[index]])
+        explained = np.linalg.solve(root, scale[:, None] * products)
+        return Taken(explained[:, :-1], explained[:, -1], -float(np.log(root.diagonal()).sum()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,22 +120,24 @@ class Race:
         """Of what is left and the room of models, ``(...)``."""
         if math.isinf(self.freedom):
             return np.asarray(room - 0.5 * (self.excess + square))
-        left = np.maximum(self.freedom + self.excess + square, 1e-9)
-        return np.asarray(room - 0.5 * (self.freedom + self.free) * np.log(left))
+        remainder = np.maximum(self.freedom + self.excess + square, 1e-9)
+        return np.asarray(room - 0.5 * (self.freedom + self.free) * np.log(remainder))
 
     def entry(self, key: Key) -> RaceEntry:
         """One model, weighed alone."""
-        taken = self._taken(key, slice(0))
-        square = np.array(self.products.square - float(taken.along @ taken.along))
-        room = np.array(self.products.room + taken.room)
+        explained = self._taken(key, slice(0))
+        square = np.array(self.products.square - float(explained.along @ explained.along))
+        room = np.array(self.products.room + explained.room)
         cost = float(LOG_CAUSES[len(key)]) + sum(self._cost(*member) for member in key)
         log_weight = float(self.log_evidence(square, room)) + cost
         return RaceEntry(tuple(k for k, _ in key), tuple(s for _, s in key), log_weight)
 
     def _taken(self, key: Key, beside: slice) -> Taken:
         index = np.concatenate([np.zeros(0, np.intp), *(self.columns[k] for k, _ in key)])
-        each = [np.full(len(self.columns[k]), scale) for k, scale in key]
-        return self.products.taken_by(index, np.concatenate([np.zeros(0), *each]), beside)
+        scale_of_columns = [np.full(len(self.columns[k]), scale) for k, scale in key]
+        return self.products.taken_by(
+            index, np.concatenate([np.zeros(0), *scale_of_columns]), beside
+        )
 
     def best_singles(
         self, along: FloatArray, square: FloatArray, chosen: Sequence[int]
@@ -154,9 +156,9 @@ class Race:
             size = np.maximum(sizes, 0.0)
             for scale, log_prior in zip(SCALES, self._log_prior, strict=True):
                 wide = 1.0 + scale**2 * size
-                left = square - (scale**2 * turned**2 / wide[:, :, None]).sum(axis=1)
+                remainder = square - (scale**2 * turned**2 / wide[:, :, None]).sum(axis=1)
                 room = self.products.room - 0.5 * np.log(wide).sum(axis=1)
-                log = self.log_evidence(left, room[:, None])
+                log = self.log_evidence(remainder, room[:, None])
                 log = log + log_prior[members[mine]][:, None]
                 best = np.maximum(best, log.max(axis=0))
         return np.asarray(best + LOG_CAUSES[1])
@@ -165,29 +167,29 @@ class Race:
     def _blocks(self) -> list[tuple[IntArray, IntArray, FloatArray]]:
         """Components ``(m,)`` of each width, their columns ``(m, w)``, and C'C ``(m, w, w)``."""
         widths = np.array([len(columns) for columns in self.columns])
-        every = []
+        blocks = []
         for width in np.unique(widths):
             members = np.flatnonzero(widths == width)
             index = np.array([self.columns[int(k)] for k in members])
-            every.append((members, index, self.products.inner[index[:, :, None], index[:, None]]))
-        return every
+            blocks.append((members, index, self.products.inner[index[:, :, None], index[:, None]]))
+        return blocks
 
     def one_more(self, key: Key = ()) -> tuple[FloatArray, FloatArray]:
         """What is left and the room ``(scales, components)`` of each beside a model."""
-        taken = self._taken(key, slice(None))
-        beside = self.products.along - taken.along @ taken.shown
-        left = self.products.square - float(taken.along @ taken.along)
+        explained = self._taken(key, slice(None))
+        beside = self.products.along - explained.along @ explained.shown
+        remainder = self.products.square - float(explained.along @ explained.along)
         square = np.empty((len(SCALES), len(self.columns)))
         room = np.empty_like(square)
         scales = np.array(SCALES)[:, None, None, None]
-        for members, index, whole in self._blocks:
-            shown = taken.shown[:, index]
-            blocks = whole - np.einsum("rmi,rmj->mij", shown, shown)
+        for members, index, inner in self._blocks:
+            overlap = explained.shown[:, index]
+            blocks = inner - np.einsum("rmi,rmj->mij", overlap, overlap)
             root = np.linalg.cholesky(np.eye(index.shape[1]) + scales**2 * blocks)
-            own = np.linalg.solve(root, scales * beside[index][:, :, None])
-            square[:, members] = left - (own**2).sum(axis=(2, 3))
+            own_along = np.linalg.solve(root, scales * beside[index][:, :, None])
+            square[:, members] = remainder - (own_along**2).sum(axis=(2, 3))
             room[:, members] = -np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=2)
-        return square, self.products.room + taken.room + room
+        return square, self.products.room + explained.room + room
 
     def log_weights(self, key: Key = ()) -> FloatArray:
         """Log weights ``(scales, components)`` of a model with one component more than these."""
@@ -228,14 +230,14 @@ class Race:
 
     def _beside(self, starts: Sequence[Key], best: float) -> dict[Key, float]:
         """Log weights of models of one component more than these; none far behind the ``best``."""
-        every = []
+        log_of_starts = []
         for members in starts:
             log = self.log_weights(members)
             best = max(best, float(log.max()))
-            every.append(log)
+            log_of_starts.append(log)
         return {
             tuple(sorted((*members, (k, SCALES[row])))): float(log[row, k])
-            for members, log in zip(starts, every, strict=True)
+            for members, log in zip(starts, log_of_starts, strict=True)
             for row, k in np.argwhere(log > best - FAR_BEHIND).tolist()
         }
 
@@ -245,48 +247,59 @@ class Race:
         Every pair is weighed at the scales that its own sizes suggest, the best at all scales.
         """
         first, second, log = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)], []
-        for one, other in self._pairs_by_width():
-            index, widths = self._columns_of(one, other)
-            wide = np.full((len(one), 2), len(SCALES) - 1)
+        for first_members, second_members in self._pairs_by_width():
+            index, widths = self._columns_of(first_members, second_members)
+            wide = np.full((len(first_members), 2), len(SCALES) - 1)
             sizes = np.log(self._sizes(index, widths, wide)) / math.log(SCALES[1])
             scale = np.clip(np.rint(sizes), 0, len(SCALES) - 1).astype(np.intp)
-            first.append(one)
-            second.append(other)
-            log.append(self._log_weights(one, other, index, widths, scale))
+            first.append(first_members)
+            second.append(second_members)
+            log.append(self._log_weights(first_members, second_members, index, widths, scale))
         if not log:
             return {}
         firsts, seconds, logs = np.concatenate(first), np.concatenate(second), np.concatenate(log)
         chosen = np.argsort(-logs, kind="stable")[:PAIRS]
         chosen = chosen[logs[chosen] > logs.max() - FAR_BEHIND]
-        found: dict[Key, float] = {}
-        every = np.array([(i, j) for i in range(len(SCALES)) for j in range(len(SCALES))])
+        weights: dict[Key, float] = {}
+        scale_pairs = np.array([(i, j) for i in range(len(SCALES)) for j in range(len(SCALES))])
         widths_of = np.array([len(columns) for columns in self.columns])
         shapes = np.stack([widths_of[firsts[chosen]], widths_of[seconds[chosen]]], axis=1)
         for shape in np.unique(shapes, axis=0):
-            some = chosen[(shapes == shape).all(axis=1)]
-            one, other = (np.repeat(side[some], len(every)) for side in (firsts, seconds))
-            scale = np.tile(every, (len(some), 1))
-            index, widths = self._columns_of(one, other)
-            values = self._log_weights(one, other, index, widths, scale)
-            each = zip(*(x.tolist() for x in (one, other, scale, values)), strict=True)
-            for k, j, (a, b), value in each:
-                found[tuple(sorted(((k, SCALES[a]), (j, SCALES[b]))))] = value
-        return found
+            of_shape = chosen[(shapes == shape).all(axis=1)]
+            first_members, second_members = (
+                np.repeat(side[of_shape], len(scale_pairs)) for side in (firsts, seconds)
+            )
+            scale = np.tile(scale_pairs, (len(of_shape), 1))
+            index, widths = self._columns_of(first_members, second_members)
+            values = self._log_weights(first_members, second_members, index, widths, scale)
+            weighed = zip(
+                *(x.tolist() for x in (first_members, second_members, scale, values)), strict=True
+            )
+            for k, j, (a, b), value in weighed:
+                weights[tuple(sorted(((k, SCALES[a]), (j, SCALES[b]))))] = value
+        return weights
 
     def _pairs_by_width(self) -> Iterator[tuple[IntArray, IntArray]]:
         """All pairs of narrow components, those of equal numbers of columns together."""
         widths = np.array([len(columns) for columns in self.columns])
         narrow = [np.flatnonzero(widths == w) for w in np.unique(widths) if w <= NARROW]
-        for n, one in enumerate(narrow):
-            for other in narrow[n:]:
-                left, right = (grid.ravel() for grid in np.meshgrid(one, other, indexing="ij"))
-                apart = left < right if other is one else np.ones(len(left), dtype=bool)
+        for n, first_members in enumerate(narrow):
+            for second_members in narrow[n:]:
+                first, second = (
+                    grid.ravel()
+                    for grid in np.meshgrid(first_members, second_members, indexing="ij")
+                )
+                apart = (
+                    first < second
+                    if second_members is first_members
+                    else np.ones(len(first), dtype=bool)
+                )
                 if apart.any():
-                    yield left[apart], right[apart]
+                    yield first[apart], second[apart]
 
-    def _columns_of(self, one: IntArray, other: IntArray) -> tuple[IntArray, tuple[int, int]]:
+    def _columns_of(self, first: IntArray, second: IntArray) -> tuple[IntArray, tuple[int, int]]:
         """Columns ``(n, d)`` of each pair, and how many belong to its first and second."""
-        sides = [np.array([self.columns[k] for k in side]) for side in (one, other)]
+        sides = [np.array([self.columns[k] for k in side]) for side in (first, second)]
         return np.hstack(sides), (sides[0].shape[1], sides[1].shape[1])
 
     def _scaled(
@@ -308,8 +321,8 @@ class Race:
 
     def _log_weights(
         self,
-        one: IntArray,
-        other: IntArray,
+        first: IntArray,
+        second: IntArray,
         index: IntArray,
         widths: tuple[int, int],
         scale: IntArray,
@@ -317,10 +330,10 @@ class Race:
         """Log weights ``(n,)`` of pairs at these scales ``(n, 2)``."""
         _, inner, along = self._scaled(index, widths, scale)
         root = np.linalg.cholesky(inner)
-        shown = np.linalg.solve(root, along[:, :, None])[:, :, 0]
+        explained = np.linalg.solve(root, along[:, :, None])[:, :, 0]
         room = self.products.room - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-        square = self.products.square - (shown**2).sum(axis=1)
-        prior = self._log_prior[scale[:, 0], one] + self._log_prior[scale[:, 1], other]
+        square = self.products.square - (explained**2).sum(axis=1)
+        prior = self._log_prior[scale[:, 0], first] + self._log_prior[scale[:, 1], second]
         return np.asarray(self.log_evidence(square, room) + prior + LOG_CAUSES[2])
 
     def _cost(self, member: int, scale: float) -> float:
@@ -331,6 +344,8 @@ def log_prior_odds(
     members: Sequence[int], scales: Sequence[float], components: Sequence[Component]
 ) -> float:
     """Log prior of a model with these components at these scales, less that of one without any."""
-    each = zip(members, scales, strict=True)
-    own = sum(components[k].log_prior + LOG_SCALES[SCALES.index(scale)] for k, scale in each)
-    return float(LOG_CAUSES[len(members)] - LOG_CAUSES[0] + own)
+    scaled = zip(members, scales, strict=True)
+    log_prior = sum(
+        components[k].log_prior + LOG_SCALES[SCALES.index(scale)] for k, scale in scaled
+    )
+    return float(LOG_CAUSES[len(members)] - LOG_CAUSES[0] + log_prior)

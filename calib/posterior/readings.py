@@ -27,10 +27,10 @@ Placed = tuple[Effect, str]
 
 
 def placed_columns(
-    model: Model, taken: Conditions, effects: Sequence[Effect]
+    model: Model, conditions: Conditions, effects: Sequence[Effect]
 ) -> dict[Placed, FloatArray]:
     """Derivatives ``(n, k)`` of readings by the values of each law at each place."""
-    of_each = place_columns(model, taken, effects)
+    of_each = place_columns(model, conditions, effects)
     return {
         (effect, place): columns
         for effect, places in zip(effects, of_each, strict=True)
@@ -106,12 +106,12 @@ def rows_of(
         if within and timed and len(cells.visited) > len(means):
             by_law = placed_columns(model, cells.visited, [law[0] for law in timed])
             left_mm = cells.visited.value_mm - model.readings(cells.visited)
-            shown = cells.in_time(np.hstack([by_law[law] for law in timed]), left_mm)
-            more = np.zeros((len(shown), rows.shape[1]))
-            more[:, 0] = shown[:, 0]
+            timed_columns = cells.in_time(np.hstack([by_law[law] for law in timed]), left_mm)
+            padded = np.zeros((len(timed_columns), rows.shape[1]))
+            padded[:, 0] = timed_columns[:, 0]
             index = [1 + width + starts[law] + k for law in timed for k in range(widths[law])]
-            more[:, index] = shown[:, 1:]
-            timed_parts.append(more)
+            padded[:, index] = timed_columns[:, 1:]
+            timed_parts.append(padded)
     measured = []
     for number, (cells, model) in enumerate(zip(sessions, models, strict=True)):
         distances = cells.case.distances
@@ -129,7 +129,9 @@ def rows_of(
     rows = np.vstack([*parts, *measured, *timed_parts])
 
     def base_of(values: Sequence[Sequence[float] | FloatArray]) -> FloatArray:
-        return np.array([*values[0][3:], *(v for each in values for v in each[:3])])
+        return np.array(
+            [*values[0][3:], *(v for values_of_session in values for v in values_of_session[:3])]
+        )
 
     free = len(rows) + sum(len(cells.apart) for cells in sessions)
     free += sum(map(len, measured))
@@ -160,7 +162,7 @@ def _expected_mm(sessions: Sequence[Cells]) -> list[FloatArray]:
     expected = []
     for cells in sessions:
         parameters = np.array(cells.case.model.parameters_mm)
-        first = next(one.case for one in sessions if one.case.state == cells.case.state)
+        first = next(session.case for session in sessions if session.case.state == cells.case.state)
         if cells.case.state is not None:
             parameters[:3] += np.subtract(first.entered_mm, cells.case.entered_mm)
         expected.append(parameters)
@@ -173,12 +175,12 @@ def _whitening(sessions: Sequence[Cells]) -> FloatArray:
     The inverse of a Cholesky root of how lengths and offsets of all sessions correlate.
     """
     correlation = np.eye(LENGTHS + 3 * len(sessions))
-    for one, other in combinations(range(len(sessions)), 2):
-        state, spread = sessions[one].case.state, sessions[one].case.spread_mm[:3]
-        if state is None or state != sessions[other].case.state:
+    for earlier, later in combinations(range(len(sessions)), 2):
+        state, spread = sessions[earlier].case.state, sessions[earlier].case.spread_mm[:3]
+        if state is None or state != sessions[later].case.state:
             continue
-        alike = 1.0 - 0.5 * np.minimum(sessions[other].case.homing_mm / spread, 1.0) ** 2
-        first, second = (LENGTHS + 3 * k + np.arange(3) for k in (one, other))
+        alike = 1.0 - 0.5 * np.minimum(sessions[later].case.homing_mm / spread, 1.0) ** 2
+        first, second = (LENGTHS + 3 * k + np.arange(3) for k in (earlier, later))
         correlation[first, second] = correlation[second, first] = alike
     return np.asarray(np.linalg.inv(np.linalg.cholesky(correlation)))
 
@@ -187,6 +189,6 @@ def _log_of_student(freedom: float, free: int) -> float:
     """What Student's t for so many readings has before the power of their square sum."""
     if not freedom or math.isinf(freedom):
         return 0.0
-    whole = (freedom + free) / 2.0
-    log_gammas = math.lgamma(whole) - math.lgamma(freedom / 2.0)
-    return whole * math.log(freedom) + log_gammas - free / 2.0 * math.log(freedom / 2.0)
+    half = (freedom + free) / 2.0
+    log_gammas = math.lgamma(half) - math.lgamma(freedom / 2.0)
+    return half * math.log(freedom) + log_gammas - free / 2.0 * math.log(freedom / 2.0)

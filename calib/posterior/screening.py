@@ -45,17 +45,17 @@ class Screen:
         spread, count = cells.case.spread_mm, BASE + columns.shape[1]
         derivatives = design_of(model, cells.means, range(BASE), ()) * spread
         zeros = np.hstack([incidence(visited.mount), tilts(visited)])
-        shown = np.hstack([zeros, derivatives[cell], columns[cell]]) / root[:, None]
+        columns_of_visits = np.hstack([zeros, derivatives[cell], columns[cell]]) / root[:, None]
         below = np.hstack([np.zeros((count, zeros.shape[1])), np.eye(count)])
-        basis = np.linalg.qr(np.vstack([shown, below]))[0]
+        basis = np.linalg.qr(np.vstack([columns_of_visits, below]))[0]
         expected = np.zeros(count)
-        known = np.array(cells.case.model.parameters_mm) - model.parameters_mm
-        expected[:BASE] = known / spread
+        departure = np.array(cells.case.model.parameters_mm) - model.parameters_mm
+        expected[:BASE] = departure / spread
         freedom = len(visited) - zeros.shape[1] - 3.0
         predicted = model.readings(cells.means)[cell]
         blank = cls(cells, predicted, root, basis, expected, freedom, np.zeros(0), 0.0)
-        left = blank.left_of(visited.value_mm[:, None])[:, 0]
-        return replace(blank, left=left, square=float(left @ left))
+        remainder = blank.left_of(visited.value_mm[:, None])[:, 0]
+        return replace(blank, left=remainder, square=float(remainder @ remainder))
 
     def left_of(self, value_mm: FloatArray) -> FloatArray:
         """What is left ``(n + p, k)`` of values ``(n, k)``."""
@@ -67,10 +67,10 @@ class Screen:
         """Of what is left, with so many directions fewer, but for what does not depend on it."""
         if math.isinf(self.cells.freedom):
             return np.asarray(-0.5 * np.asarray(square))
-        more, free = self.elsewhere
+        elsewhere_square, free = self.elsewhere
         half = max(self.freedom + free - fewer, 1.0) / 2.0  # of fewer readings than unknowns
-        whole = np.maximum(square, 1e-9) + more
-        return np.asarray(math.lgamma(half) - half * np.log(whole / 2.0))
+        total = np.maximum(square, 1e-9) + elsewhere_square
+        return np.asarray(math.lgamma(half) - half * np.log(total / 2.0))
 
 
 def _plain(cells: Cells) -> Model:
@@ -88,7 +88,7 @@ def even_mm(cells: Cells) -> FloatArray:
     """
     if cells.noise is None:
         return np.sqrt(cells.scatter_mm2)
-    middle = float(np.median([one.variance_mm2 for one in cells.noise.indicators]))
+    middle = float(np.median([indicator.variance_mm2 for indicator in cells.noise.indicators]))
     typical = typical_mm2(Repeats.of(cells.visited, steady=True))
     if typical is not None:
         least = max(float(typical.min()), cells.case.indicator.display_mm**2 / 12.0)

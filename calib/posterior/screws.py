@@ -47,15 +47,15 @@ def with_searched_leads(effects: Sequence[Effect], sessions: Sequence[Cells]) ->
 
     None where the machine file names the lead or cyclic errors are not among the laws.
     """
-    known = {effect.lead_mm for effect in effects if isinstance(effect, ActuatorCyclic)}
-    if sessions[0].case.model.geometry.screw_lead_mm is not None or not known:
+    leads_known = {effect.lead_mm for effect in effects if isinstance(effect, ActuatorCyclic)}
+    if sessions[0].case.model.geometry.screw_lead_mm is not None or not leads_known:
         return tuple(effects)
     try:
         leads = dict.fromkeys(lead for screw in _screws(sessions) for lead in screw.leads_mm())
     except NotIdentifiable:  # of labels that are wrong nothing fits
         return tuple(effects)
-    more = [ActuatorCyclic(lead) for lead in leads if lead not in known]
-    return (*effects, *more)
+    searched = [ActuatorCyclic(lead) for lead in leads if lead not in leads_known]
+    return (*effects, *searched)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +115,11 @@ class SearchedScrew:
         sine = self._free([np.sin(turn) for turn in turns])
         cosine = self._free([np.cos(turn) - 1.0 for turn in turns])  # at Zero nothing moves
         square = np.maximum((sine * sine).sum(axis=0), 1e-12)
-        rest = cosine - sine * ((sine * cosine).sum(axis=0) / square)
-        other = np.maximum((rest * rest).sum(axis=0), 1e-12)
-        return np.asarray((self.left @ sine) ** 2 / square + (self.left @ rest) ** 2 / other)
+        beside_sine = cosine - sine * ((sine * cosine).sum(axis=0) / square)
+        rest_square = np.maximum((beside_sine * beside_sine).sum(axis=0), 1e-12)
+        return np.asarray(
+            (self.left @ sine) ** 2 / square + (self.left @ beside_sine) ** 2 / rest_square
+        )
 
     def _free(self, waves: Sequence[FloatArray]) -> FloatArray:
         """What waves ``(n_cells, k)`` of the travel in each session do beside the base."""
@@ -133,12 +135,12 @@ class SearchedScrew:
 def _screws(sessions: Sequence[Cells]) -> Iterator[SearchedScrew]:
     """The carriages that were read in enough postures. Raises NotIdentifiable."""
     models = [cells.model for cells in sessions]
-    left, bases = [], []
+    remainders, bases = [], []
     for cells, model in zip(sessions, models, strict=True):
-        left.append(cells.whitened(cells.means.value_mm - model.readings(cells.means)))
+        remainders.append(cells.whitened(cells.means.value_mm - model.readings(cells.means)))
         base = design_of(model, cells.means, range(BASE), ()) * cells.case.spread_mm
         bases.append(np.linalg.qr(cells.whitened(base))[0])
-    basis, rows = np.asarray(block_diag(*bases)), np.concatenate(left)
+    basis, rows = np.asarray(block_diag(*bases)), np.concatenate(remainders)
     scales = [
         placed_columns(model, cells.means, [ActuatorScale()])
         for cells, model in zip(sessions, models, strict=True)
@@ -147,9 +149,9 @@ def _screws(sessions: Sequence[Cells]) -> Iterator[SearchedScrew]:
         travels, levels, changes = [], set(), []
         for cells, model, columns in zip(sessions, models, scales, strict=True):
             travel = (command(model.geometry, cells.means) - model.geometry.zero_mm)[:, number]
-            moved, own = travel != 0.0, columns.get((ActuatorScale(), place))
+            moved, scale_columns = travel != 0.0, columns.get((ActuatorScale(), place))
             levels |= set(travel[moved & (cells.means.leg == number)].round(3).tolist())
-            change = np.zeros(len(travel)) if own is None else own[:, 0]
+            change = np.zeros(len(travel)) if scale_columns is None else scale_columns[:, 0]
             changes.append(
                 np.where(moved, change / np.where(moved, PER_THOUSAND * travel, 1.0), 0.0)
             )

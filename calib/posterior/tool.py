@@ -45,14 +45,14 @@ class ToolField:
     starts: tuple[int, ...]
     rows: FloatArray
 
-    def columns_of(self, one: Placed) -> range:
+    def columns_of(self, law: Placed) -> range:
         """The columns of a law at a place."""
-        k = self._number[one]
+        k = self._number[law]
         return range(self.starts[k], self.starts[k + 1])
 
     @cached_property
     def _number(self) -> dict[Placed, int]:
-        return {one: k for k, one in enumerate(self.placed)}
+        return {law: k for k, law in enumerate(self.placed)}
 
     @cached_property
     def metrics(self) -> dict[Frame, FloatArray]:
@@ -74,8 +74,8 @@ class ToolField:
         Less what the frame takes up over the workspace.
         """
         rows, free = _rows_at(self.geometry, self.placed, points_mm), self._free(frame)
-        taken = np.linalg.pinv(free) @ self.rows
-        return np.asarray(rows - rows[..., -RIGID:][..., : FREE_IN[frame]] @ taken)
+        free_parts = np.linalg.pinv(free) @ self.rows
+        return np.asarray(rows - rows[..., -RIGID:][..., : FREE_IN[frame]] @ free_parts)
 
 
 @lru_cache(maxsize=8)

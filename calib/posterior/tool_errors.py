@@ -104,13 +104,13 @@ class ToolErrors:
             size, square = float(np.trace(base)), float((base**2).sum())
             for k in alike:
                 model = self.models[k]
-                more, own = model.inflated**2, self._shown @ model.root
-                inner = own.T @ own
-                both = float((own * (base @ own)).sum())
+                inflation, own_root = model.inflated**2, self._shown @ model.root
+                inner = own_root.T @ own_root
+                mixed = float((own_root * (base @ own_root)).sum())
                 spread[k] = (
-                    more * size + float(np.trace(inner)) + model.unplaced_mm2,
-                    more**2 * square
-                    + 2.0 * more * both
+                    inflation * size + float(np.trace(inner)) + model.unplaced_mm2,
+                    inflation**2 * square
+                    + 2.0 * inflation * mixed
                     + float((inner**2).sum())
                     + model.unplaced_mm2**2 / UNPLACED_FREEDOM,
                 )
@@ -128,8 +128,8 @@ class ToolErrors:
         slope = (self._mean - values) @ self.metric
         along = np.empty(len(self.models))
         for alike in self._alike:
-            own = slope[alike]
-            along[alike] = (own @ self.models[alike[0]].base * own).sum(axis=1)
+            slopes = slope[alike]
+            along[alike] = (slopes @ self.models[alike[0]].base * slopes).sum(axis=1)
         for k, model in enumerate(self.models):
             of_root = slope[k] @ model.root
             along[k] = model.inflated**2 * along[k] + float(of_root @ of_root)
@@ -142,8 +142,8 @@ class ToolErrors:
         off = self._mean - values
         moment = (off.T * self._weight) @ off
         for alike in self._alike:
-            more = sum(self.models[k].weight * self.models[k].inflated ** 2 for k in alike)
-            moment += more * self.models[alike[0]].base
+            inflation = sum(self.models[k].weight * self.models[k].inflated ** 2 for k in alike)
+            moment += inflation * self.models[alike[0]].base
         for model in self.models:
             moment += model.weight * model.root @ model.root.T
         return np.asarray(moment)

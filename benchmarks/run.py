@@ -35,7 +35,7 @@ from benchmarks.page import (
 )
 from benchmarks.postures import postures
 from calib.arrays import FloatArray
-from calib.identify.identify import Told, identify
+from calib.identify.identify import IdentificationCase, identify
 from calib.identify.solution import Method, Solution
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM, Geometry, direct, inverse
@@ -88,7 +88,7 @@ def whole_identification() -> list[str]:
     within_mm = np.full(len(PARAMETER_NAMES), TOLERANCE_MM)
 
     def identified(method: Method) -> Solution:
-        told = Told.of(model, observed, IndicatorFigures())
+        told = IdentificationCase.of(model, observed, IndicatorFigures())
         return identify(told, "both", method, tolerance_mm=within_mm)
 
     exact = seconds(lambda: identified("exact"), 21)

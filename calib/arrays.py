@@ -151,22 +151,23 @@ class Observations(Conditions):
     averaged: FloatArray
 
 
-def joined(every: Sequence[Conditions]) -> Conditions:
+def joined(several: Sequence[Conditions]) -> Conditions:
     """All readings one after the other, each with set-ups and indicators of its own."""
     arrays = {
-        f.name: np.concatenate([getattr(one, f.name) for one in every]) for f in fields(Conditions)
+        f.name: np.concatenate([getattr(conditions, f.name) for conditions in several])
+        for f in fields(Conditions)
     }
     for name in ("mount", "indicator"):
-        parts = [getattr(one, name) for one in every]
+        parts = [getattr(conditions, name) for conditions in several]
         arrays[name] = numbered(
             np.repeat(np.arange(len(parts)), [len(part) for part in parts]), arrays[name]
         )
     return Conditions(**arrays)
 
 
-def joined_values(every: Sequence[FloatArray]) -> FloatArray:
+def joined_values(values: Sequence[FloatArray]) -> FloatArray:
     """All values ``(n,)`` one after the other."""
-    return np.concatenate(every) if every else np.empty(0)
+    return np.concatenate(values) if values else np.empty(0)
 
 
 def numbered(*keys: NDArray[Any]) -> IntArray:
@@ -235,11 +236,13 @@ def tool_conditions(position_mm: ArrayLike, axis: int = 2) -> Conditions:
 
 
 def observe(
-    taken: Conditions, value_mm: FloatArray, averaged: FloatArray | None = None
+    conditions: Conditions, value_mm: FloatArray, averaged: FloatArray | None = None
 ) -> Observations:
     """Observations from conditions and values, both with ``n_readings`` entries."""
-    arrays = {f.name: getattr(taken, f.name) for f in fields(Conditions)}
-    weight = np.ones(len(taken)) if averaged is None else np.asarray(averaged, dtype=np.float64)
+    arrays = {f.name: getattr(conditions, f.name) for f in fields(Conditions)}
+    weight = (
+        np.ones(len(conditions)) if averaged is None else np.asarray(averaged, dtype=np.float64)
+    )
     return Observations(**arrays, value_mm=np.asarray(value_mm, dtype=np.float64), averaged=weight)
 
 
@@ -293,15 +296,15 @@ def basis_of(columns: FloatArray, cut: float, scale: float | None = None) -> Flo
     Singular values up to ``cut`` times ``scale`` do not count; the scale is the largest of them
     unless it is given: what the columns were before something was projected out.
     """
-    left, singular, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(left[:, _counted(singular, cut, scale)])
+    vectors, singular, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(vectors[:, _counted(singular, cut, scale)])
 
 
 def basis_by_products(columns: FloatArray) -> FloatArray:
     """Basis of few columns of many rows, quicker; they have a size of 1 or more, or are nothing."""
     square, axes = np.linalg.eigh(columns.T @ columns)
-    seen = square > DEPENDENT * max(float(square[-1]), DEPENDENT)
-    return np.asarray(columns @ (axes[:, seen] / np.sqrt(square[seen])))
+    visible = square > DEPENDENT * max(float(square[-1]), DEPENDENT)
+    return np.asarray(columns @ (axes[:, visible] / np.sqrt(square[visible])))
 
 
 def rank_of(columns: FloatArray, cut: float, scale: float | None = None) -> int:
@@ -323,8 +326,8 @@ def svd_of_all(rows: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Left ``(n, k)``, values ``(k,)`` and right ``(k, k)`` of ``(n, k)``, however few rows."""
     count = rows.shape[1]
     padded = np.vstack([rows, np.zeros((max(count - len(rows), 0), count))])
-    left, singular, right = np.linalg.svd(padded, full_matrices=False)
-    return left[: len(rows)], singular, right
+    left_vectors, singular, right = np.linalg.svd(padded, full_matrices=False)
+    return left_vectors[: len(rows)], singular, right
 
 
 def condition(rows: FloatArray, rank: int) -> float:
@@ -340,16 +343,16 @@ def named_inside(
 
     ``space`` ``(k, r)`` is a basis.
     """
-    found, rest = [], space
+    directions, remainder = [], space
     for name, vector in named:
         unit = vector / np.linalg.norm(vector)
-        inside = onto(rest, unit)
+        inside = onto(remainder, unit)
         if np.linalg.norm(without(space, unit)) < BLIND < np.linalg.norm(inside):
-            found.append((unit, name))
+            directions.append((unit, name))
             inside = inside / np.linalg.norm(inside)
             # the singular values that are left are one and, once, zero
-            rest = basis_of(without(inside[:, None], rest), 0.5, 1.0)
-    return found, rest
+            remainder = basis_of(without(inside[:, None], remainder), 0.5, 1.0)
+    return directions, remainder
 
 
 def names_outside(space: FloatArray, names: Sequence[str]) -> tuple[str, ...]:
@@ -371,38 +374,38 @@ def without_means(group: IntArray, weight: FloatArray, rows: FloatArray) -> Floa
     return np.asarray((flat - means[group]).reshape(rows.shape))
 
 
-def tilts(taken: Conditions) -> FloatArray:
+def tilts(conditions: Conditions) -> FloatArray:
     """Columns ``(n_readings, k)`` of the tilt of the plane under each mounting over one, per mm."""
-    over = np.flatnonzero(taken.over_plane)
-    mount = numbered(taken.mount[over])
-    columns = np.zeros((len(taken), int(mount.max(initial=-1)) + 1))
-    columns[over, mount] = taken.along_mm[over]
+    over = np.flatnonzero(conditions.over_plane)
+    mount = numbered(conditions.mount[over])
+    columns = np.zeros((len(conditions), int(mount.max(initial=-1)) + 1))
+    columns[over, mount] = conditions.along_mm[over]
     return columns
 
 
-def without_zeros(taken: Conditions, weight: FloatArray, rows: FloatArray) -> FloatArray:
+def without_zeros(conditions: Conditions, weight: FloatArray, rows: FloatArray) -> FloatArray:
     """Rows ``(n_readings, ...)`` less the best zero of each mounting and tilt of each plane.
 
     The best zero of a mounting is the mean of what the model leaves, weighted by ``(n_readings,)``,
     so this done to residuals and design fits them all at once.
     """
-    left = without_means(taken.mount, weight, rows)
-    columns = tilts(taken)
+    centred = without_means(conditions.mount, weight, rows)
+    columns = tilts(conditions)
     if not columns.shape[1]:
-        return left
+        return centred
     root = np.sqrt(weight)[:, None]
-    basis = basis_of(root * without_means(taken.mount, weight, columns), DEPENDENT)
-    flat = without(basis, root * left.reshape(len(root), -1)) / root
+    basis = basis_of(root * without_means(conditions.mount, weight, columns), DEPENDENT)
+    flat = without(basis, root * centred.reshape(len(root), -1)) / root
     return np.asarray(flat.reshape(rows.shape))
 
 
-def set_up_unknowns(taken: Conditions) -> int:
+def set_up_unknowns(conditions: Conditions) -> int:
     """How many zeros and tilts that takes."""
-    columns = tilts(taken)
+    columns = tilts(conditions)
     if not columns.size:
-        return taken.mount_count
-    beside = without_means(taken.mount, np.ones(len(taken)), columns)
-    return taken.mount_count + int(basis_of(beside, DEPENDENT).shape[1])
+        return conditions.mount_count
+    beside = without_means(conditions.mount, np.ones(len(conditions)), columns)
+    return conditions.mount_count + int(basis_of(beside, DEPENDENT).shape[1])
 
 
 One = TypeVar("One")
@@ -424,20 +427,20 @@ def ranks(values: FloatArray, unit: float = 0.0) -> IntArray:
     size = np.maximum(np.maximum(np.abs(above), np.abs(below)), unit)
     with np.errstate(invalid="ignore"):
         apart = np.where(np.isfinite(size), above - below > TIE * size, above != below)
-    found = np.empty(len(values), dtype=np.intp)
-    found[order] = np.concatenate([[0], np.cumsum(apart)])[: len(values)]
-    return found
+    rank = np.empty(len(values), dtype=np.intp)
+    rank[order] = np.concatenate([[0], np.cumsum(apart)])[: len(values)]
+    return rank
 
 
 def largest(values: FloatArray, unit: float = 0.0) -> int:
     """Index of the largest of any shape, flattened; the first of those alike."""
-    most = float(values.max())
-    least = most - TIE * max(abs(most), unit) if np.isfinite(most) else most
+    maximum = float(values.max())
+    least = maximum - TIE * max(abs(maximum), unit) if np.isfinite(maximum) else maximum
     return int((values >= least).argmax())
 
 
 def descending(things: Iterable[One], size: Callable[[One], float], unit: float = 0.0) -> list[One]:
     """The things by size, the largest first; those alike stay in the order in which they came."""
-    found = list(things)
-    order = np.argsort(ranks(np.array([size(one) for one in found]), unit), kind="stable")
-    return [found[k] for k in order]
+    items = list(things)
+    order = np.argsort(ranks(np.array([size(item) for item in items]), unit), kind="stable")
+    return [items[k] for k in order]

@@ -24,9 +24,9 @@ def in_parallel(work: Callable[[T], R], parts: Sequence[T]) -> Iterator[R]:
     joblib.parallel_config(n_jobs=4):`` it runs in four processes, with ``backend="dask"`` on a
     cluster of dask.
     """
-    for done, found in enumerate(_results(work, parts), start=1):
+    for done, result in enumerate(_results(work, parts), start=1):
         on_part.get()(done, len(parts))
-        yield found
+        yield result
 
 
 def _results(work: Callable[[T], R], parts: Sequence[T]) -> Iterator[R]:

@@ -52,30 +52,38 @@ def control_chart(
     """
     changed = np.zeros(len(values), dtype=np.bool_)
     phase = np.zeros(len(values), dtype=np.intp)
-    known = np.cumsum(begins)
+    phase_number = np.cumsum(begins)
     first = 0
     for k in range(1, len(values)):
         before = slice(first, k)
         mean = float(values[before].mean())
         mean_u = float(np.sqrt((expanded[before] ** 2).sum()) / (k - first))
-        shown = _scatter(values[known == known[k]], k - int(np.argmax(known == known[k])))
-        shown *= np.sqrt(1.0 + 1.0 / (k - first))  # the mean so far scatters, too
-        allowed = max(shown, TO_THREE_SIGMA * float(np.hypot(expanded[k], mean_u)))
+        scatter = _scatter(
+            values[phase_number == phase_number[k]],
+            k - int(np.argmax(phase_number == phase_number[k])),
+        )
+        scatter *= np.sqrt(1.0 + 1.0 / (k - first))  # the mean so far scatters, too
+        allowed = max(scatter, TO_THREE_SIGMA * float(np.hypot(expanded[k], mean_u)))
         changed[k] = not begins[k] and abs(values[k] - mean) > allowed
         if begins[k] or changed[k]:
             first = k
         phase[k] = first
-    every = [values[phase == first] for first in phase]
-    centre = np.array([one.mean() for one in every])
-    ranges = [np.abs(np.diff(one)) for one in every]
-    limit = np.array([TO_LIMITS * float(one.mean()) if len(one) else np.nan for one in ranges])
+    phases = [values[phase == first] for first in phase]
+    centre = np.array([values_of_phase.mean() for values_of_phase in phases])
+    ranges = [np.abs(np.diff(values_of_phase)) for values_of_phase in phases]
+    limit = np.array(
+        [
+            TO_LIMITS * float(values_of_phase.mean()) if len(values_of_phase) else np.nan
+            for values_of_phase in ranges
+        ]
+    )
     return ControlChart(changed, centre, limit)
 
 
 def _scatter(values: FloatArray, k: int) -> float:
     """Three standard deviations by the moving ranges that value ``k`` is no part of."""
     ranges = np.delete(
-        np.abs(np.diff(values)), [one for one in (k - 1, k) if 0 <= one < len(values) - 1]
+        np.abs(np.diff(values)), [change for change in (k - 1, k) if 0 <= change < len(values) - 1]
     )
     return TO_LIMITS_BY_MEDIAN * float(np.median(ranges)) if len(ranges) else 0.0
 
@@ -106,9 +114,9 @@ def drift(days: FloatArray, values: FloatArray, expanded: FloatArray) -> Drift |
     moment = float((weight * away**2).sum())
     mean = np.average(values, weights=weight)
     slope = float((weight * away * (values - mean)).sum()) / moment
-    left = values - mean - slope * away
+    residual = values - mean - slope * away
     freedom = len(values) - 2
-    spread = max(1.0, float((weight * left**2).sum()) / freedom)
+    spread = max(1.0, float((weight * residual**2).sum()) / freedom)
     return Drift(slope, coverage_factor(freedom) * float(np.sqrt(spread / moment)))
 
 
@@ -132,7 +140,7 @@ def watch(
     begins: Sequence[bool],
 ) -> Watched:
     """What values ``(n,)`` of these days, with expanded uncertainties (95 %), tell together."""
-    t, x, u = (np.array(one, dtype=np.float64) for one in (days, values, expanded))
+    t, x, u = (np.array(column, dtype=np.float64) for column in (days, values, expanded))
     new = np.array(begins, dtype=np.bool_)
     chart = control_chart(x, u, new)
     jumps = np.flatnonzero(chart.changed[: max(0, len(x) - FEWEST + 1)])

@@ -74,7 +74,7 @@ def minimise(evaluate: Evaluate, start: FloatArray, curvature: FloatArray) -> Op
     residual, jacobian = evaluate(start, numbers)
     far = np.full(count, np.inf)
     state = _State(numbers, start, residual, jacobian, _squares(residual), np.zeros(count), far)
-    found = Optimum(
+    optimum = Optimum(
         start.copy(),
         state.square_sum.copy(),
         np.zeros(count, dtype=np.bool_),
@@ -86,13 +86,13 @@ def minimise(evaluate: Evaluate, start: FloatArray, curvature: FloatArray) -> Op
         small = _nothing_left(state, np.abs(step).max(axis=0))
         if small.any():
             state.values[:, small] += step[:, small]
-            _store(found, state, small)
+            _store(optimum, state, small)
             state.keep(~small)
             step = step[:, ~small]
         if not len(state.problem):
             break
         _advance(evaluate, state, step)
-    return found
+    return optimum
 
 
 def _nothing_left(state: _State, size: FloatArray) -> NDArray[np.bool_]:
@@ -121,13 +121,13 @@ def _advance(evaluate: Evaluate, state: _State, step: FloatArray) -> None:
         state.damping = np.where(better, eased, raised)
 
 
-def _store(found: Optimum, state: _State, done: NDArray[np.bool_]) -> None:
+def _store(optimum: Optimum, state: _State, done: NDArray[np.bool_]) -> None:
     rows = state.problem[done]
-    found.values[:, rows] = state.values[:, done]
-    found.square_sum[rows] = state.square_sum[done]
-    found.residual[:, rows] = state.residual[:, done]
-    found.jacobian[:, :, rows] = state.jacobian[:, :, done]
-    found.converged[rows] = True
+    optimum.values[:, rows] = state.values[:, done]
+    optimum.square_sum[rows] = state.square_sum[done]
+    optimum.residual[:, rows] = state.residual[:, done]
+    optimum.jacobian[:, :, rows] = state.jacobian[:, :, done]
+    optimum.converged[rows] = True
 
 
 def _step(state: _State, curvature: FloatArray) -> FloatArray:

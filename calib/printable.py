@@ -16,7 +16,7 @@ def printable(text: str, keep: str = "") -> str:
 
     That is the notation of JSON: within a string of a JSON document the value stays the same.
     """
-    return HIDDEN.sub(lambda found: found[0] if found[0] in keep else _escaped(found[0]), text)
+    return HIDDEN.sub(lambda match: match[0] if match[0] in keep else _escaped(match[0]), text)
 
 
 def _escaped(character: str) -> str:

@@ -32,9 +32,9 @@ def two_sided_p_values(t: FloatArray, degrees_of_freedom: FloatArray) -> FloatAr
 def coverage_factors(degrees_of_freedom: FloatArray) -> FloatArray:
     """`coverage_factor` of many degrees of freedom at once, same shape."""
     upper = (1.0 + COVERAGE) / 2.0
-    known = np.isinf(degrees_of_freedom)
-    student = stdtrit(np.where(known, 1.0, degrees_of_freedom), upper)
-    return np.asarray(np.where(known, ndtri(upper), student))
+    normal = np.isinf(degrees_of_freedom)
+    student = stdtrit(np.where(normal, 1.0, degrees_of_freedom), upper)
+    return np.asarray(np.where(normal, ndtri(upper), student))
 
 
 def normal_scores(values: FloatArray) -> FloatArray:

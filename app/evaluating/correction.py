@@ -151,15 +151,14 @@ class ControllerCorrections:
         """What the sessions tell of the machine. Raises NotIdentifiable."""
         if self.stated is not None:
             return self.stated
-        found = posterior(self.cases, self.effects)
-        if not found.shows:
+        if not any(case.shows for case in self.cases):
             raise NotIdentifiable(
                 "readings",
                 "no two postures of one mounting",
                 "readings of one indicator, or contacts, in two postures or more",
                 "Move the machine and measure again.",
             )
-        return found
+        return posterior(self.cases, self.effects)
 
     def with_posterior(self, posterior: Posterior) -> Self:
         """The same sessions corrected by another posterior of them."""

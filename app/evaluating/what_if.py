@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution, solve_sessions
 from calib.errors import NotIdentifiable, UsageError
-from calib.identify.identify import Told, identify
+from calib.identify.identify import IdentificationCase, identify
 from calib.identify.solution import FittedSize, Solution, Subset
 from calib.tripod.controller import commanded_with, tool_error_mm
 from calib.tripod.effects.candidates import Candidate, candidates
@@ -131,11 +131,11 @@ class Trial:
         return (*values[:number], float(f"{wanted:.10g}"), *values[number + 1 :])
 
     @cached_property
-    def _told(self) -> Told:
+    def _case(self) -> IdentificationCase:
         """What readings tell, whatever the sizes are."""
         observed = to_observations(self.sessions)
         model = to_model(self._with(self.entry), "model", self.effects)
-        return Told.of(model, observed, indicator_figures(self.sessions))
+        return IdentificationCase.of(model, observed, indicator_figures(self.sessions))
 
     def _with(self, entry: EffectEntry) -> ModelFile:
         return self.beside.model_copy(update={"effects": (*self.beside.effects, entry)})
@@ -146,7 +146,7 @@ class Trial:
             return self.solved(entry).solution
         whole, effects = self._with(entry), self.effects
         told = replace(
-            self._told, model=to_model(whole, "model", effects), sizes=sizes_of(whole, effects)
+            self._case, model=to_model(whole, "model", effects), sizes=sizes_of(whole, effects)
         )
         tolerance_mm = self.sessions[0].opened.machine.tolerances_mm()
         return identify(told, self.subset, tolerance_mm=tolerance_mm)

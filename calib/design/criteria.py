@@ -131,12 +131,12 @@ def wanted_information(information: FloatArray, aim: Aim) -> FloatArray:
     """
     count = information.shape[-1]
     keep, drop = aim.columns(count), aim.nuisance(count)
-    wanted = information[..., keep, :][..., keep]
+    kept_part = information[..., keep, :][..., keep]
     if not drop:
-        return np.asarray(wanted)
+        return np.asarray(kept_part)
     mixed = information[..., drop, :][..., keep]
     solved = np.linalg.pinv(information[..., drop, :][..., drop], rcond=BLIND**2, hermitian=True)
-    return np.asarray(wanted - np.swapaxes(mixed, -1, -2) @ solved @ mixed)
+    return np.asarray(kept_part - np.swapaxes(mixed, -1, -2) @ solved @ mixed)
 
 
 def value_of(information: FloatArray, aim: Aim) -> float:
@@ -150,11 +150,11 @@ def value_of(information: FloatArray, aim: Aim) -> float:
     size = np.sqrt(np.clip(remaining.diagonal(), 0.0, None))
     scale = np.where(size > 0.0, size, 1.0)
     singular = np.sqrt(np.clip(np.linalg.eigvalsh(remaining / scale / scale[:, None]), 0.0, None))
-    seen = int((singular > BLIND_IN_SQUARES * max(float(singular[-1]), 1.0)).sum())
-    if seen < count:
+    visible = int((singular > BLIND_IN_SQUARES * max(float(singular[-1]), 1.0)).sum())
+    if visible < count:
         raise NotIdentifiable(
             "a set of measurements",
-            f"{seen} of {count} combinations of the parameters identifiable",
+            f"{visible} of {count} combinations of the parameters identifiable",
             "all of them",
             "Measure more postures, or others.",
         )
@@ -209,6 +209,6 @@ def covariances_after(
     """
     moved = rows @ covariance
     inner = moved @ np.swapaxes(rows, 1, 2) + np.diag(signs)
-    seen = moved[:, :, keep]
-    shift = np.swapaxes(seen, 1, 2) @ np.linalg.solve(inner, seen)
+    visible = moved[:, :, keep]
+    shift = np.swapaxes(visible, 1, 2) @ np.linalg.solve(inner, visible)
     return np.asarray(covariance[np.ix_(keep, keep)] - shift)

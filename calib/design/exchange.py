@@ -54,8 +54,8 @@ class Candidates:
 
     def information(self, chosen: IntArray) -> FloatArray:
         """Information ``(k, k)`` of these candidates."""
-        taken = self.rows[chosen].reshape(-1, self.rows.shape[2])
-        return np.asarray(taken.T @ taken)
+        rows = self.rows[chosen].reshape(-1, self.rows.shape[2])
+        return np.asarray(rows.T @ rows)
 
     def ridge(self) -> FloatArray:
         """Information ``(k,)`` too small to matter, that keeps matrices regular."""
@@ -155,17 +155,17 @@ def swap_ratios(rows: FloatArray, chosen: IntArray, covariance: FloatArray) -> F
     moved = rows @ covariance
     if r == 1:
         flat, moved = rows[:, 0], moved[:, 0]
-        own = np.einsum("nk,nk->n", moved, flat)
+        moved_row = np.einsum("nk,nk->n", moved, flat)
         cross = moved @ flat[chosen].T
         cross *= cross
-        cross += np.multiply.outer(1.0 + own, 1.0 - own[chosen])
+        cross += np.multiply.outer(1.0 + moved_row, 1.0 - moved_row[chosen])
         return np.asarray(cross)
-    own = moved @ np.swapaxes(rows, 1, 2)
-    grown = np.eye(r) + own
+    moved_row = moved @ np.swapaxes(rows, 1, 2)
+    grown = np.eye(r) + moved_row
     mixed = (moved.reshape(n * r, k) @ rows[chosen].reshape(-1, k).T).reshape(n, r, -1)
     solved = np.linalg.solve(grown, mixed).reshape(n, r, -1, r)
     inner = np.einsum("nams,namt->nmst", mixed.reshape(n, r, -1, r), solved)
-    inner += np.eye(r) - own[chosen]
+    inner += np.eye(r) - moved_row[chosen]
     return np.asarray(np.linalg.det(grown)[:, None] * np.linalg.det(inner))
 
 
@@ -209,13 +209,13 @@ class _Exchanges:
     def _determinant_gains(self, chosen: IntArray) -> FloatArray:
         """Factor ``(n, m)`` on the determinant of the Schur complement."""
         information = self._information(chosen)
-        whole = swap_ratios(self.candidates.rows, chosen, inverse(information))
+        ratios = swap_ratios(self.candidates.rows, chosen, inverse(information))
         if not self.drop:
-            return whole
+            return ratios
         corner = inverse(information[np.ix_(self.drop, self.drop)])
         part = swap_ratios(self.nuisance_rows, chosen, corner)
         # rounding can turn a vanishing determinant negative; such a swap is never wanted
-        return np.where(part > RIDGE**2, whole / np.where(part > RIDGE**2, part, 1.0), -math.inf)
+        return np.where(part > RIDGE**2, ratios / np.where(part > RIDGE**2, part, 1.0), -math.inf)
 
     def _one_after_the_other(self, chosen: IntArray) -> tuple[IntArray, int]:
         exchanges = unhelpful = place = 0
@@ -225,9 +225,9 @@ class _Exchanges:
             incoming = largest(after, 1.0)
             changed = chosen.copy()
             changed[place] = incoming
-            found = self.score(changed) if after[incoming] > score + LEAST_GAIN else score
-            if found > score + LEAST_GAIN:
-                chosen, score = changed, found
+            new_score = self.score(changed) if after[incoming] > score + LEAST_GAIN else score
+            if new_score > score + LEAST_GAIN:
+                chosen, score = changed, new_score
                 exchanges, unhelpful = exchanges + 1, 0
             else:
                 unhelpful += 1
@@ -241,8 +241,8 @@ class _Exchanges:
         out = np.broadcast_to(rows[chosen[place]], rows.shape)
         signs = np.repeat([1.0, -1.0], rows.shape[1])
         after = covariances_after(covariance, np.hstack([rows, out]), signs, self.keep)
-        found = scores(values_of(after, self.aim), self.aim.criterion)
+        scored = scores(values_of(after, self.aim), self.aim.criterion)
         if not self.repeats:
-            found[chosen] = -math.inf
-        found[chosen[place]] = -math.inf
-        return found
+            scored[chosen] = -math.inf
+        scored[chosen[place]] = -math.inf
+        return scored

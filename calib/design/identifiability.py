@@ -104,16 +104,18 @@ def analyse(sensitivity: Sensitivity) -> Identifiability:
     unseen = (uncertainty > sensitivity.unseen) | np.isinf(uncertainty)
     best = float(uncertainty.min())
     weak = ~unseen & ((uncertainty > WEAK_RATIO * best) | (uncertainty > WEAK))
-    known = turned[~unseen] * uncertainty[~unseen, None] * sensitivity.tolerance
-    covariance = np.asarray(known.T @ known)
+    parts = turned[~unseen] * uncertainty[~unseen, None] * sensitivity.tolerance
+    covariance = np.asarray(parts.T @ parts)
     unidentifiable = turned[unseen] * sensitivity.tolerance
-    seen = singular[~unseen]
+    singular_visible = singular[~unseen]
     return Identifiability(
         names=sensitivity.names,
         rank=int((~unseen).sum()),
         row_count=len(scaled),
         singular_values=singular,
-        condition_number=float(seen[0] / seen[-1]) if len(seen) else np.inf,
+        condition_number=float(singular_visible[0] / singular_visible[-1])
+        if len(singular_visible)
+        else np.inf,
         weak=_named(turned[weak] * sensitivity.tolerance, sensitivity, covariance),
         unseen=_named(unidentifiable, sensitivity, None),
         individually_known=names_outside(turned[unseen].T, sensitivity.names),
@@ -137,7 +139,7 @@ def _named(
     vectors: FloatArray, sensitivity: Sensitivity, covariance: FloatArray | None
 ) -> tuple[Direction, ...]:
     """Short combinations that span ``vectors`` ``(r, k)``, with uncertainty and cost."""
-    found = []
+    parts = []
     for combination, name in combinations(vectors, sensitivity):
         uncertainty = math.inf
         if covariance is not None:
@@ -145,8 +147,8 @@ def _named(
         unit = combination / float(combination @ combination)
         cost = _cost(sensitivity, unit) * uncertainty
         against = _against(combination, sensitivity.names, covariance)
-        found.append(Direction(name, combination, uncertainty, cost, against))
-    return tuple(found)
+        parts.append(Direction(name, combination, uncertainty, cost, against))
+    return tuple(parts)
 
 
 def _against(
@@ -177,8 +179,8 @@ def combinations(vectors: FloatArray, sensitivity: Sensitivity) -> list[tuple[Fl
     """
     if not len(vectors):
         return []
-    found, basis = named_inside(np.linalg.qr(vectors.T)[0], sensitivity.motions)
-    return found + [_short(row, sensitivity) for row in _echelon(basis.T)]
+    named, basis = named_inside(np.linalg.qr(vectors.T)[0], sensitivity.motions)
+    return named + [_short(row, sensitivity) for row in _echelon(basis.T)]
 
 
 def _short(row: FloatArray, sensitivity: Sensitivity) -> tuple[FloatArray, str]:
@@ -187,9 +189,9 @@ def _short(row: FloatArray, sensitivity: Sensitivity) -> tuple[FloatArray, str]:
     name = _sum_of(short, sensitivity.names)
     if not sensitivity.whole_shares:
         return short, name
-    whole = np.where(np.abs(row) > sensitivity.blind, row, 0.0) * np.sign(row @ short)
-    smaller = int(np.count_nonzero(whole) - np.count_nonzero(short))
-    return whole, f"{name}, and smaller shares of {smaller} others" if smaller else name
+    row_visible = np.where(np.abs(row) > sensitivity.blind, row, 0.0) * np.sign(row @ short)
+    smaller = int(np.count_nonzero(row_visible) - np.count_nonzero(short))
+    return row_visible, f"{name}, and smaller shares of {smaller} others" if smaller else name
 
 
 def _echelon(rows: FloatArray) -> FloatArray:
@@ -202,8 +204,8 @@ def _echelon(rows: FloatArray) -> FloatArray:
         matrix[[k, k + row]] = matrix[[k + row, k]]
         used[pivot] = True
         matrix[k] /= matrix[k, pivot]
-        others = np.arange(len(matrix)) != k
-        matrix[others] -= np.outer(matrix[others, pivot], matrix[k])
+        other_rows = np.arange(len(matrix)) != k
+        matrix[other_rows] -= np.outer(matrix[other_rows, pivot], matrix[k])
     return np.asarray(sorted(matrix, key=lambda row: int(np.flatnonzero(_clean(row))[0])))
 
 
@@ -224,13 +226,13 @@ def _sum_of(row: FloatArray, names: Sequence[str]) -> str:
     return " ".join(parts).removeprefix("+ ")
 
 
-def refuse_unseen(found: Identifiability, what: str) -> None:
+def refuse_unseen(result: Identifiability, what: str) -> None:
     """Raise NotIdentifiable where some combination of the parameters is not seen."""
-    if found.unseen:
-        blind = "; ".join(direction.combination for direction in found.unseen)
+    if result.unseen:
+        blind = "; ".join(direction.combination for direction in result.unseen)
         raise NotIdentifiable(
             f"the set '{what}' cannot be identified from these readings",
-            f"{len(found.unseen)} of {len(found.names)} combinations not identifiable: {blind}",
+            f"{len(result.unseen)} of {len(result.names)} combinations not identifiable: {blind}",
             "every combination known better than its tolerance",
             "Choose a smaller set with --subset, or measure Zero, Max and Min on all three legs.",
         )
@@ -254,8 +256,8 @@ def classical_qr(jacobian: FloatArray, names: Sequence[str]) -> ClassicalQr:
     Parameters without a row of R of their own (fewer values than parameters) are flagged too.
     """
     diagonal = np.zeros(len(names))
-    found = np.abs(np.linalg.qr(jacobian)[1].diagonal())
-    diagonal[: len(found)] = found
+    size = np.abs(np.linalg.qr(jacobian)[1].diagonal())
+    diagonal[: len(size)] = size
     tolerance = len(names) * float(np.finfo(np.float64).eps) * float(diagonal.max(initial=0.0))
     flagged = tuple(name for name, r in zip(names, diagonal, strict=True) if r <= tolerance)
     return ClassicalQr(tolerance, flagged)
@@ -347,25 +349,27 @@ def seen_by(machine: PlannedMachine) -> SeenBy:
     """Rank, unidentifiable and weak combinations with what would help, and the classical test."""
     examined = machine.examine()
     names = examined.sensitivity.names
-    found = analyse(examined.sensitivity)
-    additions = machine.added([one.vector for one in (*found.unseen, *found.weak)])
-    every = tuple(
+    analysis = analyse(examined.sensitivity)
+    additions = machine.added(
+        [direction.vector for direction in (*analysis.unseen, *analysis.weak)]
+    )
+    directions = tuple(
         Combination(
-            name=one.combination,
-            shares={n: float(v) for n, v in zip(names, one.vector, strict=True) if v != 0.0},
-            standard_uncertainty=_finite(one.standard_uncertainty_mm),
-            tool_mm=_finite(one.tool_mm),
+            name=direction.combination,
+            shares={n: float(v) for n, v in zip(names, direction.vector, strict=True) if v != 0.0},
+            standard_uncertainty=_finite(direction.standard_uncertainty_mm),
+            tool_mm=_finite(direction.tool_mm),
             added=added,
         )
-        for one, added in zip((*found.unseen, *found.weak), additions, strict=True)
+        for direction, added in zip((*analysis.unseen, *analysis.weak), additions, strict=True)
     )
-    first_weak = len(found.unseen)
+    first_weak = len(analysis.unseen)
     return SeenBy(
         machine=machine.name,
         examined=examined,
-        found=found,
-        unidentifiable=every[:first_weak],
-        weak=every[first_weak:],
+        found=analysis,
+        unidentifiable=directions[:first_weak],
+        weak=directions[first_weak:],
         qr=classical_qr(examined.bare, names),
     )
 

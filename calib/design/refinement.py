@@ -63,7 +63,7 @@ def refine(
     *,
     sharpness: Sequence[float] = (),
     beside: Callable[[FloatArray], tuple[float, FloatArray]] | None = None,
-    told: Callable[[int, int], object] = lambda _done, _parts: None,
+    progress: Callable[[int, int], object] = lambda _done, _parts: None,
 ) -> RefinedPostures:
     """Improve postures ``(p, d)`` inside the box ``(d,)`` to ``(d,)`` by L-BFGS-B.
 
@@ -71,9 +71,9 @@ def refine(
     ``sharpness`` are powers, rising, with which criteria of single singular values are made smooth
     in stages: where it depends on the largest singular value alone, a search without them gets
     stuck. ``beside`` is added to the logarithm of the criterion, with its derivatives by the
-    coordinates. Where ``rows_at`` refuses coordinates on the way, the search turns back. ``told``
-    hears of stages. Raises CalibrationError for a start outside the box, NotIdentifiable where the
-    start does not see all wanted parameters.
+    coordinates. Where ``rows_at`` refuses coordinates on the way, the search turns back. Stages are
+    reported to ``progress``. Raises CalibrationError for a start outside the box,
+    NotIdentifiable where the start does not see all wanted parameters.
     """
     aim, width = aim or Aim(), upper - lower
     if not (width > 0.0).all() or not ((lower <= start) & (start <= upper)).all():
@@ -89,17 +89,17 @@ def refine(
         coordinates = unfolded(unit)
         try:
             rows, pull = rows_at(coordinates)
-            more, slopes = (0.0, 0.0) if beside is None else beside(coordinates)
+            extra_cost, slopes = (0.0, 0.0) if beside is None else beside(coordinates)
         except CalibrationError:
             return WALL, np.zeros(unit.size)
         value, by_rows = cost_by_rows(rows, aim, power)
-        return value + more, ((pull(by_rows) + slopes) * width).ravel()
+        return value + extra_cost, ((pull(by_rows) + slopes) * width).ravel()
 
     unit = ((start - lower) / width).ravel()
     powers = sharpness if sharpness and aim.criterion in OF_ENDS else [math.inf]
     for stage, power in enumerate(powers, start=1):
         unit = _descended(cost, unit, power)
-        told(stage, len(powers))
+        progress(stage, len(powers))
     moved = unfolded(unit)
     after = judged(rows_at(moved)[0], aim)
     if (after <= before) if aim.criterion.larger_is_better else (after >= before):
@@ -112,7 +112,7 @@ def _descended(
 ) -> FloatArray:
     from scipy.optimize import minimize  # 0.1 s to import: only where used
 
-    found = minimize(
+    optimum = minimize(
         cost,
         unit,
         args=(power,),
@@ -121,7 +121,7 @@ def _descended(
         bounds=[(0.0, 1.0)] * len(unit),
         options={"maxiter": MOST_STEPS, "ftol": 1e-13, "gtol": 1e-9},
     )
-    return np.asarray(found.x)
+    return np.asarray(optimum.x)
 
 
 def count_on_bound(coordinates: FloatArray, lower: FloatArray, upper: FloatArray) -> int:
@@ -146,9 +146,9 @@ def _variances(rows: FloatArray, information: FloatArray) -> tuple[FloatArray, F
 
     From the information where its eigenvalues have digits, else from the rows themselves.
     """
-    found, turned = np.linalg.eigh(information)
-    if found[0] > FAINT * found[-1]:
-        return 1.0 / found[::-1], np.asarray(turned[:, ::-1])
+    eigenvalues, turned = np.linalg.eigh(information)
+    if eigenvalues[0] > FAINT * eigenvalues[-1]:
+        return 1.0 / eigenvalues[::-1], np.asarray(turned[:, ::-1])
     flat = rows.reshape(-1, rows.shape[-1])
     _, singular, vectors = svd_of_all(flat)
     least = ROUNDING * max(float(singular[0]), 1e-150)  # its inverse square is still a number
@@ -193,8 +193,8 @@ def cost_and_slope(
     largest = max(float(information.diagonal().max()), 1e-300)
     regular = information + ROUNDING * largest * np.eye(count)
     lift = _lift(regular, keep, drop)
-    wanted = lift.T @ regular @ lift
-    variance, turned = np.linalg.eigh(np.linalg.inv(wanted))
+    wanted_part = lift.T @ regular @ lift
+    variance, turned = np.linalg.eigh(np.linalg.inv(wanted_part))
     value, by_log = _log_cost(variance, turned, aim, power)
     # d log(eigenvalue of the inverse) = -eigenvalue · vᵀ d(information) v
     slope = -(turned * (by_log * variance)) @ turned.T

@@ -27,19 +27,19 @@ ALIKE = 0.98
 """Share of directions from which two effects are one: 8° between two directions."""
 
 
-def alias_map(model: Model, taken: Observations, effects: Sequence[Effect]) -> AliasMap:
+def alias_map(model: Model, planned: Observations, effects: Sequence[Effect]) -> AliasMap:
     """Compare every effect in its smallest places with every other; base parameters are free.
 
-    ``taken`` holds the readings of a procedure; their values do not matter.
+    ``planned`` holds the readings of a procedure; their values do not matter.
     """
     figures = IndicatorFigures(repeatability_mm=NOISE_MM)
-    cells = Cells.of(SessionCase(model, taken, figures, np.array(TOLERANCE_MM)))
-    problem, known = PosteriorProblem.of((cells,), effects), {effect.id for effect in effects}
+    cells = Cells.of(SessionCase(model, planned, figures, np.array(TOLERANCE_MM)))
+    problem, ids = PosteriorProblem.of((cells,), effects), {effect.id for effect in effects}
     leftover = Leftover.about_rows((cells,), problem.rows)
     compared = [
         (component, problem.columns[:, index])
         for component, index in zip(problem.components, problem.index, strict=True)
-        if component.kind in NAMES and component.id in known and component.candidate
+        if component.kind in NAMES and component.id in ids and component.candidate
         if component.candidate.arrangement != "each" and "axes" not in component.where
     ]
     blocks = [leftover.explained_by(columns) for _, columns in compared]
@@ -51,9 +51,9 @@ def alias_map(model: Model, taken: Observations, effects: Sequence[Effect]) -> A
             share = squares_in(outer, inner) / int(inner.shape[1])
             if share > ALIKE:
                 column = leftover.about.left_by(columns.sum(axis=1)[:, None])
-                rest = float((without(outer, column) ** 2).sum())
+                remainder = float((without(outer, column) ** 2).sum())
                 pair = (first.id, first.where), (second.id, second.where)
-                imitations.append(Imitation(*pair, share, rest))
+                imitations.append(Imitation(*pair, share, remainder))
     return AliasMap(
         tuple(dict.fromkeys((component.id, component.where) for component, _ in compared)),
         tuple(imitations),

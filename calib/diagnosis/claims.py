@@ -74,15 +74,15 @@ def _shown(posterior: Posterior) -> list[float]:
     Beside the base with its tolerances. Readings of legs show what they show, infinitely; so do
     those put right in another way, of which the rows are not known.
     """
-    every = [math.inf] * len(posterior.components)
+    sizes = [math.inf] * len(posterior.components)
     if any((cells.means.leg != TOOL).any() for cells in posterior.sessions):
-        return every
+        return sizes
     rows = posterior.linear.rows
     about = About.of(rows.base * rows.spread, rows.residual, np.zeros(rows.base.shape[1]))
-    left = about.left_by(posterior.linear.columns)
+    remainder = about.left_by(posterior.linear.columns)
     for k, index in enumerate(posterior.linear.index):
-        every[k] = float(np.linalg.norm(left[:, index], 2)) if len(index) else 0.0
-    return every
+        sizes[k] = float(np.linalg.norm(remainder[:, index], 2)) if len(index) else 0.0
+    return sizes
 
 
 @dataclass(frozen=True)
@@ -130,8 +130,8 @@ class Claims:
         reach: dict[Named, tuple[frozenset[str], bool]] = {}
         for component in components:
             candidate = component.candidate
-            own = candidate is not None and candidate.arrangement in ("one", "each")
-            reach[name_of(component)] = frozenset(s.place for s in component.shares), own
+            has_values = candidate is not None and candidate.arrangement in ("one", "each")
+            reach[name_of(component)] = frozenset(s.place for s in component.shares), has_values
         return cls(weights, reach)
 
     def probability(self, holds: Callable[[Claim], bool]) -> float:
@@ -182,12 +182,12 @@ class Claims:
             return True
         if first.id != second.id or not {first, second} <= self.reach.keys():
             return False
-        (places, free), (others, others_free) = self.reach[first], self.reach[second]
-        return (others_free and places <= others) or (free and others <= places)
+        (places, free), (places_of_second, second_free) = self.reach[first], self.reach[second]
+        return (second_free and places <= places_of_second) or (free and places_of_second <= places)
 
     def holds(self, claim: Claim, name: Named) -> bool:
         """Whether a claim has this name, at this place or at one that contains it."""
-        return any(self.one_in_other(name, other) for other in claim.names)
+        return any(self.one_in_other(name, name_of_claim) for name_of_claim in claim.names)
 
     def answer(self) -> NamedVerdict:
         """The verdict."""
@@ -228,16 +228,16 @@ class Claims:
 
         What is added and not needed counts for that claim.
         """
-        every = [claim for claim in self.weights if claim != NOTHING]
-        every.sort(key=lambda claim: (len(claim.names), claim.unnamed, sorted(claim.names)))
+        claims = [claim for claim in self.weights if claim != NOTHING]
+        claims.sort(key=lambda claim: (len(claim.names), claim.unnamed, sorted(claim.names)))
         folded: dict[Claim, float] = {}
-        for claim in every:
+        for claim in claims:
             within = [
-                other
-                for other in folded
-                if other.names <= claim.names
-                and other.unnamed <= claim.unnamed
-                and self.weights[other] > self.weights[claim]
+                lighter
+                for lighter in folded
+                if lighter.names <= claim.names
+                and lighter.unnamed <= claim.unnamed
+                and self.weights[lighter] > self.weights[claim]
             ]
             onto = descending(within, self.weights.__getitem__)[0] if within else claim
             folded[onto] = folded.get(onto, 0.0) + self.weights[claim]
@@ -247,20 +247,20 @@ class Claims:
         """What claims without a name have in its place, the likeliest first; the rest is `OPEN`."""
         folded = self._folded
         lacking = [claim for claim in folded if not self.holds(claim, name)]
-        left = math.fsum(folded[claim] for claim in lacking)
+        open_weight = math.fsum(folded[claim] for claim in lacking)
         rivals: dict[Named, None] = {}
         for claim in descending(lacking, folded.__getitem__):
-            if left <= OPEN * self.missing:
+            if open_weight <= OPEN * self.missing:
                 break
-            left -= folded[claim]
-            others = [
-                other
-                for other in claim.names
-                if not any(self.one_in_other(known, other) for known in head)
+            open_weight -= folded[claim]
+            rival_names = [
+                rival
+                for rival in claim.names
+                if not any(self.one_in_other(named, rival) for named in head)
             ]
-            if claim.unnamed and not others:
-                others = [Named(EMPIRICAL, name.where)]
-            rivals |= dict.fromkeys(sorted(others))
+            if claim.unnamed and not rival_names:
+                rival_names = [Named(EMPIRICAL, name.where)]
+            rivals |= dict.fromkeys(sorted(rival_names))
         return tuple(rivals)
 
 
@@ -273,14 +273,17 @@ def conditional(posterior: Posterior, names: Collection[Named]) -> Posterior | N
 
     def has_all(members: Sequence[int]) -> bool:
         present = {name_of(posterior.components[k]) for k in members}
-        return all(any(claims.one_in_other(name, other) for other in present) for name in names)
+        return all(
+            any(claims.one_in_other(name, name_of_model) for name_of_model in present)
+            for name in names
+        )
 
     models = [model for model in posterior.models if has_all(model.members)]
     if not models:
         return None
-    whole = math.fsum(model.weight for model in models)
-    kept = tuple(replace(model, weight=model.weight / whole) for model in models)
-    return replace(posterior, models=kept)
+    total = math.fsum(model.weight for model in models)
+    weighted = tuple(replace(model, weight=model.weight / total) for model in models)
+    return replace(posterior, models=weighted)
 
 
 def name_of(component: Component) -> Named:

@@ -89,11 +89,11 @@ def verdict_of(posterior: Posterior) -> Verdict:
 class _Report:
     """From the weights of models to the answer."""
 
-    def __init__(self, posterior: Posterior, others: Sequence[Cells]) -> None:
-        self.posterior, self.others = posterior, others
+    def __init__(self, posterior: Posterior, held_out_sessions: Sequence[Cells]) -> None:
+        self.posterior, self.others = posterior, held_out_sessions
         self.components = posterior.components
         self.claims = Claims.of(posterior)
-        laws = [share.effect for each in self.components for share in each.shares]
+        laws = [share.effect for component in self.components for share in component.shares]
         self.timed = timed_laws(laws)
         self.before = Leftover.of(posterior.sessions, (), self.timed)
         self.answer = self._checked(self.claims.answer())
@@ -107,13 +107,15 @@ class _Report:
             return replace(answer, verdict="cannot-tell")
         if answer.verdict == "agrees" and self.before.gap().p_value < UNLIKELY:
             return replace(answer, verdict="unexplained")
-        known = {name_of(component) for component in self.components}
-        names = [name for name in answer.rivals if name in known]
+        all_names = {name_of(component) for component in self.components}
+        names = [name for name in answer.rivals if name in all_names]
         columns = [self._columns(self._acting(name)) for name in names]
         if not names:
             return answer
-        taken = self.before.explained_by(np.hstack(columns)).shape[1]
-        return answer if taken < self.before.freedom else replace(answer, verdict="cannot-tell")
+        directions = self.before.explained_by(np.hstack(columns)).shape[1]
+        return (
+            answer if directions < self.before.freedom else replace(answer, verdict="cannot-tell")
+        )
 
     def make(self) -> Diagnosis:
         """The whole answer."""
@@ -140,7 +142,7 @@ class _Report:
             noise_source=cells[0].noise.source if cells[0].noise else "residuals",
             missing=self.claims.missing,
             something_else=self.claims.unnamed,
-            names=tuple(LikelyName(*each) for each in self.claims.ids.items()),
+            names=tuple(LikelyName(*entry) for entry in self.claims.ids.items()),
             gap_before=gap,
             gap_after=after.gap() if after else gap,
             held_out=self._held_out(adopted, after),
@@ -159,14 +161,16 @@ class _Report:
 
     def _findings(self) -> list[Finding]:
         """What is named, mistakes of the readings first, each adopted beside those before it."""
-        every = {Named(m.id, m.where): m for model in self.posterior.models for m in model.mistakes}
+        mistakes = {
+            Named(m.id, m.where): m for model in self.posterior.models for m in model.mistakes
+        }
         before_mm = self.before.rms_mm(self.before.left)
         findings: list[Finding] = []
         adopted: tuple[EffectInstance, ...] = ()
-        for name in sorted(self.answer.rivals, key=lambda name: name not in every):
+        for name in sorted(self.answer.rivals, key=lambda name: name not in mistakes):
             likely, rivals = self.claims.places[name], self.answer.rivals[name]
-            if name in every:
-                what = name.id, str(Kind.GROSS_ERROR), every[name].title, name.where
+            if name in mistakes:
+                what = name.id, str(Kind.GROSS_ERROR), mistakes[name].title, name.where
                 gaps_mm = self._gap_as_read_mm, before_mm
                 finding = Finding(*what, (), likely, *gaps_mm, rivals)
             else:
@@ -255,8 +259,8 @@ class _Report:
                 squares.append(model.mean[mine] ** 2 + model.variance[mine])
             mean = share @ np.array(means)
             deviation = np.sqrt(np.maximum(share @ np.array(squares) - mean**2, 0.0))
-            each = zip(candidate.parameters, mean.tolist(), deviation.tolist(), strict=True)
-            parameters += [Value(p.name, value, u, p.unit) for p, value, u in each]
+            columns = zip(candidate.parameters, mean.tolist(), deviation.tolist(), strict=True)
+            parameters += [Value(p.name, value, u, p.unit) for p, value, u in columns]
             effects += candidate.effects(mean)
         return tuple(parameters), tuple(effects)
 
@@ -269,8 +273,8 @@ class _Report:
         models = self.posterior.models
         likely = {
             k: math.fsum(model.weight for model in models if k in model.members)
-            for k, one in enumerate(self.components)
-            if one.kind == "nameless"
+            for k, component in enumerate(self.components)
+            if component.kind == "nameless"
         }
         lawful = math.fsum(model.weight for model in models if likely.keys() & {*model.members})
         if self.answer.verdict not in WITH_RESIDUALS or lawful < EVEN * self.claims.missing:
@@ -301,19 +305,19 @@ class _Report:
 
     def _contenders(self) -> Iterator[Contender]:
         """Places that may act and are not named, the likeliest first."""
-        rivals = {name for some in self.answer.rivals.values() for name in some}
-        known = {name_of(component) for component in self.components}
+        rivals = {name for rival_names in self.answer.rivals.values() for name in rival_names}
+        all_names = {name_of(component) for component in self.components}
         before_mm = self.before.rms_mm(self.before.left)
-        names = [name for name in self.claims.places if name in known]
+        names = [name for name in self.claims.places if name in all_names]
         for name in names[:MOST_CONTENDERS]:
             numbers = self._acting(name)
             parameters, effects = self._values(numbers)
             basis = self.before.explained_by(self._columns(numbers))
-            left = without(basis, self.before.left)
-            after_mm = self.before.rms_mm(left)
+            remainder = without(basis, self.before.left)
+            after_mm = self.before.rms_mm(remainder)
             elsewhere = self._elsewhere(effects) if self.others and effects else None
             freedom = self.before.freedom - basis.shape[1]
-            fits = self.before.p_value(float(left @ left), freedom) >= AGREEMENT
+            fits = self.before.p_value(float(remainder @ remainder), freedom) >= AGREEMENT
             if name in self.answer.rivals:
                 reason = "" if self.answer.verdict in WITH_NAMES else "best guess"
             elif name in rivals:
@@ -338,20 +342,22 @@ class _Report:
 
     def _columns(self, numbers: Sequence[int]) -> FloatArray:
         """Derivatives ``(n, r)`` of rows by components of the likeliest labels."""
-        linear, own = self.posterior.linear, self._likeliest_names
+        linear, names = self.posterior.linear, self._likeliest_names
         blocks = [np.zeros((len(linear.columns), 0))]
         for number in numbers:
-            if number >= len(own):  # of labels put right in another way
+            if number >= len(names):  # of labels put right in another way
                 name = name_of(self.components[number])
-                number = own.index(name) if name in own else number
-            if number < len(own):
+                number = names.index(name) if name in names else number
+            if number < len(names):
                 blocks.append(linear.columns[:, linear.index[number]])
         return np.hstack(blocks)
 
     @cached_property
     def _likeliest_names(self) -> list[Named]:
         """Of the components of the likeliest labels."""
-        return [name_of(one) for one in self.components[: len(self.posterior.linear.index)]]
+        return [
+            name_of(component) for component in self.components[: len(self.posterior.linear.index)]
+        ]
 
     def _remarks(self, left_over: ModelDiscrepancy | None) -> Iterator[str]:
         """What else a person must know."""
@@ -364,7 +370,7 @@ class _Report:
         if self.answer.verdict in ("partly-explained", "unexplained") and not left_over:
             yield NO_LAW
         for name in self.answer.rivals:
-            if name in {name_of(one) for one in self.components}:
+            if name in {name_of(component) for component in self.components}:
                 yield from self._half_seen(self._acting(name))
                 yield from self._leads(name)
         yield from self._far_offsets()
@@ -388,14 +394,14 @@ class _Report:
             leads = sorted(law.lead_mm for law in laws if isinstance(law, ActuatorCyclic))
             weights[(*leads,)] = weights.get((*leads,), 0.0) + weight
         best = max(weights, key=weights.__getitem__)
-        others = {
+        other_leads = {
             lead
             for leads, weight in weights.items()
             for lead in leads
             if lead not in best and weight > AS_GOOD * weights[best]
         }
-        if others:
-            leads_mm = ", ".join(f"{lead:g}" for lead in sorted(others))
+        if other_leads:
+            leads_mm = ", ".join(f"{lead:g}" for lead in sorted(other_leads))
             yield (
                 f"{name.id} ({name.where}): leads of {leads_mm} mm fit as well; write the screw's"
                 " lead into the machine file"
@@ -435,8 +441,8 @@ class _Report:
             if size > NO_SIZE:
                 continue
             size *= float(component.unit[0])
-            known = smallest.get(component.id)
-            if math.isfinite(size) and (known is None or size < known.size):
+            detectable = smallest.get(component.id)
+            if math.isfinite(size) and (detectable is None or size < detectable.size):
                 unit = component.candidate.parameters[0].unit if component.candidate else ""
                 smallest[component.id] = Detectable(component.id, size, unit)
         yield from smallest.values()
@@ -502,8 +508,10 @@ def explained_share(before_rms_mm: float, after_rms_mm: float) -> float:
 def sentence(verdict: Verdict, findings: Sequence[Finding], where: str) -> str:
     """The verdict in one sentence that a machinist understands; ``where`` something is left."""
     names = " and ".join(f"{finding.title} ({finding.where})" for finding in findings)
-    others = sorted({rival.id for finding in findings for rival in finding.indistinguishable_from})
-    rivals = ["an unnamed effect" if other == EMPIRICAL else other for other in others]
+    rival_ids = sorted(
+        {rival.id for finding in findings for rival in finding.indistinguishable_from}
+    )
+    rivals = ["an unnamed effect" if rival_id == EMPIRICAL else rival_id for rival_id in rival_ids]
     if len(rivals) > MOST_RIVALS:
         rivals = [*rivals[: MOST_RIVALS - 1], f"{len(rivals) - MOST_RIVALS + 1} others"]
     instead = (

@@ -135,22 +135,22 @@ class Leftover:
         """What adopted effects differ by from their sizes in the model."""
         values = (self.about.inverse @ self.about.along)[len(self.rows.value) :]
         ends = np.cumsum([len(spread) for spread in self.free.values()])
-        each = zip(self.free.items(), np.split(values, ends), strict=False)
+        laws = zip(self.free.items(), np.split(values, ends), strict=False)
         return tuple(
-            EffectInstance(*law, tuple((spread * own).tolist())) for (law, spread), own in each
+            EffectInstance(*law, tuple((spread * sizes).tolist())) for (law, spread), sizes in laws
         )
 
     @cached_property
     def freedom(self) -> int:
         """Rows less what zeros and joint offsets take."""
-        taken = sum(set_up_unknowns(cells.means) + 3 for cells in self.sessions)
-        return max(len(self.rows.residual) - taken, 0)
+        fitted = sum(set_up_unknowns(cells.means) + 3 for cells in self.sessions)
+        return max(len(self.rows.residual) - fitted, 0)
 
     @property
     def noise_freedom(self) -> float:
         """Degrees of freedom of the noise of all sessions; 0 where one has none."""
-        known = all(cells.noise for cells in self.sessions)
-        return sum(cells.freedom for cells in self.sessions) if known else 0.0
+        all_known = all(cells.noise for cells in self.sessions)
+        return sum(cells.freedom for cells in self.sessions) if all_known else 0.0
 
     def p_value(self, square: float, freedom: int) -> float:
         """Chance of a square at least this large from noise alone; 1 where nothing is free."""
@@ -163,13 +163,13 @@ class Leftover:
         square, freedom = float(self.left @ self.left), max(self.freedom - self.values, 0)
         return Gap(self.rms_mm(self.left), square, freedom, self.p_value(square, freedom))
 
-    def rms_mm(self, left: FloatArray) -> float:
+    def rms_mm(self, residual: FloatArray) -> float:
         """Of rows ``(n, ...)``, r.m.s. over the readings."""
         square = math.fsum(
             float((cells.means.averaged * off_mm**2).sum())
-            for cells, off_mm in zip(self.sessions, self.cells_mm(left), strict=True)
+            for cells, off_mm in zip(self.sessions, self.cells_mm(residual), strict=True)
         )
-        in_time = left[self.rows.cells : len(self.rows.residual)]
+        in_time = residual[self.rows.cells : len(self.rows.residual)]
         square += float(in_time @ in_time) * self.reading_mm2
         return math.sqrt(square / self._readings)
 
@@ -189,27 +189,27 @@ class Leftover:
         """How many there are."""
         return math.fsum(float(cells.means.averaged.sum()) for cells in self.sessions)
 
-    def cells_mm(self, left: FloatArray) -> list[FloatArray]:
+    def cells_mm(self, residual: FloatArray) -> list[FloatArray]:
         """Of the means of cells ``(n_cells,)`` of each session."""
         ends = np.cumsum([len(cells.means) for cells in self.sessions])
         return [
-            cells.coloured(left[end - len(cells.means) : end, None])[:, 0]
+            cells.coloured(residual[end - len(cells.means) : end, None])[:, 0]
             for cells, end in zip(self.sessions, ends.tolist(), strict=True)
         ]
 
     def whitened(self, columns: Sequence[FloatArray]) -> FloatArray:
         """Columns ``(n_cells, k)`` of each session as rows ``(n, k)``; nothing within cells."""
-        every = [c.whitened(part) for c, part in zip(self.sessions, columns, strict=True)]
-        rows = np.zeros((len(self.rows.residual), every[0].shape[1]))
-        rows[: self.rows.cells] = np.vstack(every)
+        parts = [c.whitened(part) for c, part in zip(self.sessions, columns, strict=True)]
+        rows = np.zeros((len(self.rows.residual), parts[0].shape[1]))
+        rows[: self.rows.cells] = np.vstack(parts)
         return rows
 
     def explained_by(self, rows: FloatArray) -> FloatArray:
         """Orthonormal directions ``(n, r)`` of what rows ``(n, k)`` do beside the base."""
-        shown = self.about.left_by(rows)
-        size, before = lengths(shown), lengths(rows)
-        seen = size > VISIBLE * np.maximum(before, VISIBLE)
-        return basis_of(shown[:, seen] / size[seen], DEPENDENT)
+        remainder = self.about.left_by(rows)
+        size, before = lengths(remainder), lengths(rows)
+        visible = size > VISIBLE * np.maximum(before, VISIBLE)
+        return basis_of(remainder[:, visible] / size[visible], DEPENDENT)
 
     def conditions(self, name: str) -> NDArray[Any]:
         """One array of the conditions of all cells ``(n_cells, ...)``."""
@@ -265,13 +265,13 @@ def locate(leftover: Leftover) -> tuple[GapPart, ...]:
     square = leftover.left[:count] ** 2
     in_readings = leftover.left[: len(leftover.rows.residual)]  # not what lengths need of tolerance
     total = float(in_readings @ in_readings) if leftover.freedom else 0.0
-    taken = (leftover.about.basis[:count] ** 2).sum(axis=1)
-    taken = taken + np.concatenate([(c.zeros**2).sum(axis=1) for c in leftover.sessions])
+    leverage = (leftover.about.basis[:count] ** 2).sum(axis=1)
+    leverage = leverage + np.concatenate([(c.zeros**2).sum(axis=1) for c in leftover.sessions])
     shares = []
     for leg, axis, pattern, mask in _parts(leftover):
         if not mask.any():
             continue
-        inside, free = float(square[mask].sum()), round(float((1.0 - taken[mask]).sum()))
+        inside, free = float(square[mask].sum()), round(float((1.0 - leverage[mask]).sum()))
         chance = leftover.p_value(inside, max(free, 1)) if total else 1.0
         shares.append(GapPart(leg, axis, pattern, inside / total if total else 0.0, chance))
     for pattern, rows in _patterns(leftover):
@@ -296,29 +296,29 @@ def _parts(leftover: Leftover) -> Iterator[tuple[str, str, str, NDArray[np.bool_
 
 def _patterns(leftover: Leftover) -> Iterator[tuple[str, FloatArray]]:
     """What may differ within a mounting, as rows ``(n, k)``."""
-    every: dict[str, list[FloatArray]] = {}
+    by_name: dict[str, list[FloatArray]] = {}
     of_tool = bool(leftover.conditions("position_mm").any())
     for cells in leftover.sessions:
         means = cells.means
         if of_tool:
             position = means.position_mm / 100.0
             first, second = np.triu_indices(3)
-            some = {
+            legs_apart = {
                 "in proportion to the position": position,
                 "with the square of the position": position[:, first] * position[:, second],
                 "direction of approach": means.movement,
             }
         else:
             far = means.displacement_mm[:, None] / 100.0
-            some = {
+            legs_apart = {
                 "odd in displacement": np.hstack([far, far**3]),
                 "even in displacement": np.hstack([far**2, far**4]),
                 "direction of approach": means.approach[:, None],
             }
-        for name, columns in some.items():
-            each = incidence(means.mount)[:, :, None] * columns[:, None, :]
-            every.setdefault(name, []).append(each.reshape(len(columns), -1))
-    for name, parts in every.items():
+        for name, columns in legs_apart.items():
+            by_mounting = incidence(means.mount)[:, :, None] * columns[:, None, :]
+            by_name.setdefault(name, []).append(by_mounting.reshape(len(columns), -1))
+    for name, parts in by_name.items():
         yield name, leftover.whitened(_side_by_side(parts))
     if (columns := leftover.rows.columns).shape[1]:
         yield "time or temperature", columns
@@ -345,8 +345,8 @@ def where_words(shares: tuple[GapPart, ...]) -> str:
         return "no place stands out"
     parts = []
     if legs:
-        some = "leg " + " and ".join(s.leg for s in legs)
-        parts.append(f"on {some if len(legs) < 3 else 'all legs'}")
+        legs_words = "leg " + " and ".join(s.leg for s in legs)
+        parts.append(f"on {legs_words if len(legs) < 3 else 'all legs'}")
     if patterns:
         strongest = descending(patterns, lambda s: s.share)[0]
         how = strongest.pattern
@@ -371,7 +371,7 @@ def residuals(before: Leftover, after: Leftover | None) -> CellResiduals:
     variance = np.concatenate([cells.variance_mm2 for cells in before.sessions])
     noise = np.sqrt(np.bincount(cell, variance)) / count
     earlier, later = means_mm(before), None if after is None else means_mm(after)
-    each = zip(
+    values = zip(
         np.column_stack(keys)[first].tolist(),
         earlier.tolist(),
         [None] * len(first) if later is None else later.tolist(),
@@ -390,7 +390,7 @@ def residuals(before: Leftover, after: Leftover | None) -> CellResiduals:
             noise_mm=noise_mm,
             position_mm=tuple(place[5:]) if place[0] == TOOL else None,
         )
-        for place, before_mm, after_mm, noise_mm in each
+        for place, before_mm, after_mm, noise_mm in values
     )
     return CellResiduals(cells, _rms(earlier), None if later is None else _rms(later), _rms(noise))
 

@@ -30,7 +30,7 @@ MOST_SETS = 40
 
 def on_other_sessions(
     leftover: Leftover,
-    others: Sequence[Cells],
+    held_out_sessions: Sequence[Cells],
     effects: tuple[EffectInstance, ...],
     timed: Sequence[Effect],
 ) -> HeldOutGap | None:
@@ -41,8 +41,8 @@ def on_other_sessions(
     """
     try:
         fitted = Leftover.of(leftover.sessions, effects, timed)
-        before = Leftover.of(others, leftover.resized(), timed, leftover.bars())
-        after = Leftover.of(others, (*effects, *fitted.resized()), timed, fitted.bars())
+        before = Leftover.of(held_out_sessions, leftover.resized(), timed, leftover.bars())
+        after = Leftover.of(held_out_sessions, (*effects, *fitted.resized()), timed, fitted.bars())
     except CalibrationError:
         return None
     how = "sessions that were not used"
@@ -72,20 +72,22 @@ def _linear_with(
     """The sessions about the machine with these effects, as if it had none of them."""
     lengths, offsets = np.split(after.rows.value, [LENGTHS])
     models = []
-    for cells, own in zip(posterior.sessions, offsets.reshape(-1, 3), strict=True):
-        known = cells.case.model
-        acting = known.with_effects((*known.effects, *adopted))
-        models.append(acting.with_parameters(np.concatenate([own, lengths])))
+    for cells, offsets_mm in zip(posterior.sessions, offsets.reshape(-1, 3), strict=True):
+        nominal = cells.case.model
+        acting = nominal.with_effects((*nominal.effects, *adopted))
+        models.append(acting.with_parameters(np.concatenate([offsets_mm, lengths])))
     components = posterior.components[: len(posterior.linear.index)]
     linear, _, placed = linear_about(posterior.sessions, models, components)
     widths = [len(effect.parameters) for effect, _ in placed]
     starts = dict(zip(placed, np.cumsum([0, *widths[:-1]]).tolist(), strict=True))
-    if not {(one.effect, one.place) for one in adopted} <= starts.keys():
+    if not {(instance.effect, instance.place) for instance in adopted} <= starts.keys():
         return posterior.linear
     residual = linear.rows.residual.copy()
-    for one in adopted:
-        at = starts[one.effect, one.place]
-        residual += linear.rows.columns[:, at : at + len(one.values)] @ np.real(one.values)
+    for instance in adopted:
+        at = starts[instance.effect, instance.place]
+        residual += linear.rows.columns[:, at : at + len(instance.values)] @ np.real(
+            instance.values
+        )
     return replace(linear, rows=replace(linear.rows, residual=residual))
 
 
@@ -100,7 +102,7 @@ class _LeftOut:
         root = np.sqrt(np.concatenate([c.variance_mm2 for c in self.posterior.sessions]))
         squares, noise, used = np.zeros(2), 0.0, 0
         for rows in self._groups():
-            missed = [(left * root[rows]) ** 2 for left in self._missed(rows)]
+            missed = [(error * root[rows]) ** 2 for error in self._missed(rows)]
             squares += [float(square.sum()) for square in missed]
             noise += float((root[rows] ** 2).sum())
             used += len(rows)
@@ -126,9 +128,9 @@ class _LeftOut:
     def _base(self) -> FloatArray:
         """Columns ``(n, z + k + b)`` of zeros, adopted sizes and base, per what is expected."""
         rows = self.linear.rows
-        each = block_diag(*(cells.zeros for cells in self.posterior.sessions))
-        zeros = np.zeros((len(rows.residual), each.shape[1]))
-        zeros[: rows.cells] = LOOSE * each
+        all_zeros = block_diag(*(cells.zeros for cells in self.posterior.sessions))
+        zeros = np.zeros((len(rows.residual), all_zeros.shape[1]))
+        zeros[: rows.cells] = LOOSE * all_zeros
         case, linear = self.posterior.sessions[-1].case, self.linear
         sizes = free_columns(self._components, linear.columns, linear.index, case)
         return np.hstack([zeros, sizes, rows.base * spread_of(rows)])
@@ -154,11 +156,11 @@ class _LeftOut:
         """What is missed of rows that are left out, without a name and with the best one."""
         linear = self.linear
         rows = linear.rows
-        kept = np.setdiff1d(np.arange(len(rows.residual)), out_rows)
+        used_rows = np.setdiff1d(np.arange(len(rows.residual)), out_rows)
         beside = self._base.shape[1] - len(rows.value)
         expected = np.concatenate([np.zeros(beside), expected_base(rows)])
-        about = About.of(self._base[kept], rows.residual[kept], expected)
-        columns = about.left_by(linear.columns[kept])
+        about = About.of(self._base[used_rows], rows.residual[used_rows], expected)
+        columns = about.left_by(linear.columns[used_rows])
         products = Products(
             columns.T @ columns, columns.T @ about.left, float(about.left @ about.left)
         )
@@ -176,21 +178,21 @@ class _LeftOut:
         scale = np.concatenate([np.full(len(linear.index[k]), s) for k, s in chosen])
         inner = np.eye(len(index)) + scale[:, None] * products.inner[np.ix_(index, index)] * scale
         sizes = scale * np.linalg.solve(inner, scale * products.along[index])
-        moved = linear.columns[kept][:, index] @ sizes
-        shift = about.inverse @ (about.basis[: len(kept)].T @ moved)
-        more = linear.columns[out_rows][:, index] @ sizes - self._base[out_rows] @ shift
-        return base, base - more
+        moved = linear.columns[used_rows][:, index] @ sizes
+        shift = about.inverse @ (about.basis[: len(used_rows)].T @ moved)
+        missed = linear.columns[out_rows][:, index] @ sizes - self._base[out_rows] @ shift
+        return base, base - missed
 
     def _best(self, race: Race) -> Key:
         """What has most weight alone, or the set that has more."""
-        every = self.posterior.components[: len(race.columns)]
-        allowed = [component.kind in self.kinds for component in every]
+        components = self.posterior.components[: len(race.columns)]
+        allowed = [component.kind in self.kinds for component in components]
         log = np.where(allowed, race.log_weights(), -math.inf)
         row, number = np.unravel_index(int(np.argmax(log)), log.shape)
         best: Key = ((int(number), SCALES[int(row)]),)
-        most = float(log[row, number])
+        largest = float(log[row, number])
         for key in self._sets:
             weight = race.entry(key).log_weight
-            if weight > most:
-                best, most = key, weight
+            if weight > largest:
+                best, largest = key, weight
         return best

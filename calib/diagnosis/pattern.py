@@ -106,18 +106,18 @@ class _Patterns:
             return None
         means, variances, zeros, bases = [], [], [], []
         for cells, rows in zip(sessions, keyed, strict=True):
-            taken, variance = cells.means, cells.variance_mm2
-            average = np.zeros((len(common), len(taken)))  # weighted means of these rows
+            cell_means, variance = cells.means, cells.variance_mm2
+            average = np.zeros((len(common), len(cell_means)))  # weighted means of these rows
             for k, key in enumerate(common):
                 weight = 1.0 / variance[rows[key]]
                 average[k, rows[key]] = weight / weight.sum()
-            means.append(average @ (taken.value_mm - cells.model.readings(taken)))
+            means.append(average @ (cell_means.value_mm - cells.model.readings(cell_means)))
             variances.append(average**2 @ variance)
-            zeros.append(average @ np.hstack([incidence(taken.mount), tilts(taken)]))
-            by_base = design_of(cells.model, taken, range(BASE), ())
+            zeros.append(average @ np.hstack([incidence(cell_means.mount), tilts(cell_means)]))
+            by_base = design_of(cells.model, cell_means, range(BASE), ())
             bases.append(average @ (by_base * cells.case.spread_mm))
-        every = np.array(variances)
-        root = 1.0 / np.sqrt(every.mean(axis=0))
+        variance_of_sessions = np.array(variances)
+        root = 1.0 / np.sqrt(variance_of_sessions.mean(axis=0))
         zero = root[:, None] * np.hstack(zeros)
         zero = basis_of(zero[:, zero.any(axis=0)], DEPENDENT)
         by_base = root[:, None] * bases[0]
@@ -128,7 +128,7 @@ class _Patterns:
         for k, key in enumerate(common):
             groups.setdefault(key[:3], []).append(k)
         set_ups = tuple(map(tuple, groups.values()))
-        patterns = cls(np.array(means), every, root, base, free, set_ups)
+        patterns = cls(np.array(means), variance_of_sessions, root, base, free, set_ups)
         return patterns if patterns.directions > 1 else None
 
     @property
@@ -178,34 +178,40 @@ class _Patterns:
         """What is left of session j when the pattern of i, made as large as fits, is taken off."""
         first, second = self.left[i], self.left[j]
         scale = float(first @ second / (first @ first))
-        rest = second - scale * first
+        remainder = second - scale * first
         variance = self.variance[j] + scale**2 * self.variance[i]
         freedom = self.directions - 1
-        ratio = float(rest @ rest) / float((self.root**2 * variance).mean()) / freedom
+        ratio = float(remainder @ remainder) / float((self.root**2 * variance).mean()) / freedom
         return PatternPair(
             *numbers,
             cosine=float(first @ second / (np.linalg.norm(first) * np.linalg.norm(second))),
             scale=scale,
             before_rms_mm=self._rms_mm(second),
-            after_rms_mm=self._rms_mm(rest),
+            after_rms_mm=self._rms_mm(remainder),
             noise_rms_mm=float(np.sqrt(variance.mean() * freedom / len(self.root))),
             p_value=variance_ratio_p_value(ratio, freedom, np.inf),
         )
 
-    def _rms_mm(self, left: FloatArray) -> float:
-        return float(np.sqrt(((left[: len(self.root)] / self.root) ** 2).mean()))
+    def _rms_mm(self, residual: FloatArray) -> float:
+        return float(np.sqrt(((residual[: len(self.root)] / self.root) ** 2).mean()))
 
 
-def _shares(left: FloatArray) -> FloatArray:
+def _shares(residual: FloatArray) -> FloatArray:
     """`common_share` of patterns ``(draws, m, k)``, ``(draws,)``."""
-    unit = left / np.linalg.norm(left, axis=2, keepdims=True)
-    return np.asarray(np.linalg.eigvalsh(unit @ unit.transpose(0, 2, 1))[:, -1] / left.shape[1])
+    unit = residual / np.linalg.norm(residual, axis=2, keepdims=True)
+    return np.asarray(np.linalg.eigvalsh(unit @ unit.transpose(0, 2, 1))[:, -1] / residual.shape[1])
 
 
 def _rows_by_posture(cells: Cells) -> dict[tuple[float, ...], list[int]]:
     """Rows by leg, axis, station, displacement and position."""
-    taken = cells.means
-    keys = [taken.leg, taken.axis, taken.station, taken.displacement_mm, *taken.position_mm.T]
+    cell_means = cells.means
+    keys = [
+        cell_means.leg,
+        cell_means.axis,
+        cell_means.station,
+        cell_means.displacement_mm,
+        *cell_means.position_mm.T,
+    ]
     rows: dict[tuple[float, ...], list[int]] = {}
     for k, key in enumerate(np.column_stack(keys).round(4).tolist()):
         rows.setdefault(tuple(key), []).append(k)

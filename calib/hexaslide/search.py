@@ -287,7 +287,7 @@ def searches(
             aim,
             sharpness=SHARPNESS,
             beside=space.beyond,
-            told=lambda done, parts: told(number + done / parts, search.starts),
+            progress=lambda done, parts: told(number + done / parts, search.starts),
         )
         found = _taken_back(space, begin, found, aim)
         return space.postures(found.coordinates), found

@@ -83,14 +83,14 @@ class Fit:
 
 def plane_tilts_mrad(model: Model, observed: Observations) -> list[tuple[int, float]]:
     """First row of each mounting over a plane, and how far the plane leans along the leg there."""
-    left = observed.value_mm - model.readings(observed)
-    found = []
+    residual_mm = observed.value_mm - model.readings(observed)
+    tilts_mrad = []
     for rows in observed.mountings:
         along = observed.along_mm[rows]
         if not np.isnan(along).any() and np.ptp(along) > 0.0:
-            slope = np.polynomial.Polynomial.fit(along, left[rows], 1).convert().coef[-1]
-            found.append((int(rows[0]), 1e3 * float(slope)))
-    return found
+            slope = np.polynomial.Polynomial.fit(along, residual_mm[rows], 1).convert().coef[-1]
+            tilts_mrad.append((int(rows[0]), 1e3 * float(slope)))
+    return tilts_mrad
 
 
 def papers_fit(
@@ -281,10 +281,10 @@ def within_reach() -> Iterator[None]:
         raise _no_optimum(str(problem)) from problem
 
 
-def _no_optimum(found: str) -> NotIdentifiable:
+def _no_optimum(reason: str) -> NotIdentifiable:
     return NotIdentifiable(
         "exact identification",
-        found,
+        reason,
         "readings that some machine near the nominal one could give",
         "Look for a wrong reading or unit; `glidecal solve` with --subset joint-offsets or"
         " --method linear may still answer.",

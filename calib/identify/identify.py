@@ -71,7 +71,7 @@ NOTICED = 50.0
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class IdentificationCase:
     """What readings tell before any set of parameters is chosen; ``noise`` None: nothing of it.
 
     ``sizes`` of the model's effects are free with every set. The indicator's figures serve as noise
@@ -101,7 +101,7 @@ class Told:
 
 
 def identify(
-    told: Told,
+    case: IdentificationCase,
     subset: Subset,
     method: Method = "exact",
     weights: Weights = "equal",
@@ -117,16 +117,16 @@ def identify(
     do not determine the subset.
     """
     free = SUBSETS[subset]
-    model, visited, measured, noise = told.model, told.visited, told.measured, told.noise
+    model, visited, measured, noise = case.model, case.visited, case.measured, case.noise
     weight = reading_weights(visited, noise)
-    held = subset == "with-tolerances"
-    if held and noise is None:
+    within_tolerances = subset == "with-tolerances"
+    if within_tolerances and noise is None:
         raise NotIdentifiable(
             "the set 'with-tolerances'", "no noise to weigh them with", "both of them"
         )
-    within_mm = tolerance_mm if held else None
-    efficient = _efficient_fit(told, subset, method, weight, within_mm)
-    papers = method == "linear" and weights == "equal" and not held
+    within_mm = tolerance_mm if within_tolerances else None
+    efficient = _efficient_fit(case, subset, method, weight, within_mm)
+    papers = method == "linear" and weights == "equal" and not within_tolerances
     fit = papers_fit(model, visited, free, measured) if papers else efficient
     _refuse_impossible(model, fit)
     if noise is None:
@@ -134,7 +134,7 @@ def identify(
         weight = reading_weights(visited, noise)
     spread = propagate(fit.estimator, visited, noise)
     if within_mm is not None:
-        tolerance = np.concatenate([within_mm, np.full(len(told.sizes), np.inf)])
+        tolerance = np.concatenate([within_mm, np.full(len(case.sizes), np.inf)])
         spread = spread.with_prior(visited, weight, fit.design, tolerance)
     before = measured.of(model.readings(visited))
     predicted = measured.of(fit.predicted_mm)
@@ -154,7 +154,7 @@ def identify(
         sizes=tuple(
             FittedSize(size.name, size.unit, size.value(fit.model), float(u), float(factor))
             for size, u, factor in zip(
-                told.sizes, spread.uncertainty_mm[k:], coverage[k:], strict=True
+                case.sizes, spread.uncertainty_mm[k:], coverage[k:], strict=True
             )
         ),
         differences=measured,
@@ -176,7 +176,7 @@ def identify(
             noise,
         ),
         condition_number=float(np.linalg.cond(system)),
-        weak_directions=_seen(told, weight, efficient.design, free, noise, within_mm).weak,
+        weak_directions=_seen(case, weight, efficient.design, free, noise, within_mm).weak,
         residual_mm=without_zeros(visited, weight, visited.value_mm - fit.predicted_mm),
         outside=_of_others(fit, visited, free),
         tolerance_mm=tolerance_mm,
@@ -186,32 +186,36 @@ def identify(
 def _of_others(fit: Fit, visited: Observations, free: tuple[int, ...]) -> FloatArray:
     """What errors of parameters outside a set do to those in it ``(k, 6)``, mm per mm."""
     model = fit.model
-    every = derivatives(model.geometry, model.parameters_mm, visited, model.effects)
-    every[:, list(free)] = 0.0
-    return np.asarray(fit.estimator[: len(free)] @ every)
+    all_columns = derivatives(model.geometry, model.parameters_mm, visited, model.effects)
+    all_columns[:, list(free)] = 0.0
+    return np.asarray(fit.estimator[: len(free)] @ all_columns)
 
 
 def _efficient_fit(
-    told: Told, subset: Subset, method: Method, weight: FloatArray, within_mm: FloatArray | None
+    case: IdentificationCase,
+    subset: Subset,
+    method: Method,
+    weight: FloatArray,
+    within_mm: FloatArray | None,
 ) -> Fit:
     """The best estimate of its kind, refused where some combination is not seen."""
-    model, visited, noise, sizes = told.model, told.visited, told.noise, told.sizes
+    model, visited, noise, sizes = case.model, case.visited, case.noise, case.sizes
     free = SUBSETS[subset]
     if sizes:  # no fit can begin with a size that nothing shows
-        _seen(told, weight, design_of(model, visited, free, sizes), free, noise, within_mm)
+        _seen(case, weight, design_of(model, visited, free, sizes), free, noise, within_mm)
     if within_mm is not None:
         return prior_fit(model, visited, weight, within_mm, sizes)
     linear = weighted_fit(model, visited, free, weight)
-    refuse_unseen(_seen(told, weight, linear.design, free, noise), subset)
+    refuse_unseen(_seen(case, weight, linear.design, free, noise), subset)
     if method == "linear":
         return linear
     exact = exact_fit(model, visited, free, weight, sizes)
-    refuse_unseen(_seen(told, weight, exact.design, free, noise), subset)
+    refuse_unseen(_seen(case, weight, exact.design, free, noise), subset)
     return exact
 
 
 def _seen(
-    told: Told,
+    case: IdentificationCase,
     weight: FloatArray,
     design: FloatArray,
     free: tuple[int, ...],
@@ -224,38 +228,43 @@ def _seen(
     NotIdentifiable for a size that is not seen.
     """
     k = len(free)
-    rows = np.sqrt(weight)[:, None] * without_zeros(told.visited, weight, design)
+    rows = np.sqrt(weight)[:, None] * without_zeros(case.visited, weight, design)
     if tolerance_mm is not None:
         prior = np.zeros((k, rows.shape[1]))
         np.fill_diagonal(prior, 1.0 / tolerance_mm)
         rows = np.vstack([rows, prior])
     base, sizes = rows[:, :k], rows[:, k:]
     if sizes.shape[1]:
-        _refuse_unseen_sizes(told, without(basis_of(base, DEPENDENT), sizes), noise)
+        _refuse_unseen_sizes(case, without(basis_of(base, DEPENDENT), sizes), noise)
         base = without(basis_of(sizes, DEPENDENT), base)
-    known = noise is not None
-    seen = sensitivity_of_readings(
-        told.model.geometry, told.visited, weight, design[:, :k], free, noise_known=known
+    noise_known = noise is not None
+    sensitivity = sensitivity_of_readings(
+        case.model.geometry, case.visited, weight, design[:, :k], free, noise_known=noise_known
     )
     # what was fitted before the noise was known stays fitted: badly known, and named as that
-    fitted = known and told.noise is None
-    return analyse(replace(seen, jacobian=base, unseen=np.inf if fitted else seen.unseen))
+    fitted = noise_known and case.noise is None
+    return analyse(
+        replace(sensitivity, jacobian=base, unseen=np.inf if fitted else sensitivity.unseen)
+    )
 
 
-def _refuse_unseen_sizes(told: Told, columns: FloatArray, noise: Noise | None) -> None:
+def _refuse_unseen_sizes(
+    case: IdentificationCase, columns: FloatArray, noise: Noise | None
+) -> None:
     """Refuse a model with effects whose sizes these readings do not show, by their names."""
-    sizes = told.sizes
-    shown = Sensitivity(
+    sizes = case.sizes
+    sensitivity = Sensitivity(
         names=tuple(size.name for size in sizes),
         jacobian=columns,
         tolerance=np.array([NOTICED * size.tolerance for size in sizes]),
         noise_known=noise is not None,
     )
-    unseen = analyse(shown).unseen
+    unseen = analyse(sensitivity).unseen
     if unseen:
+        combinations = "; ".join(direction.combination for direction in unseen)
         raise NotIdentifiable(
             "effects of the model",
-            f"not shown by these readings: {'; '.join(one.combination for one in unseen)}",
+            f"not shown by these readings: {combinations}",
             "sizes that the readings tell",
             "Measure with a procedure that shows them, or take them out: glidecal model --remove.",
         )
@@ -286,10 +295,12 @@ def _noise_from_residuals(visited: Observations, efficient: Fit) -> Noise:
             "repeats, or the indicator's resolution and repeatability",
             "Import the table again with --resolution and --repeatability.",
         )
-    left = without_zeros(visited, visited.averaged, visited.value_mm - efficient.predicted_mm)
-    variance = float((visited.averaged * left**2).sum()) / remaining
-    one = IndicatorNoise(variance, 0.0, float(remaining))
-    return Noise((one,) * visited.indicator_count, "residuals")
+    residual_mm = without_zeros(
+        visited, visited.averaged, visited.value_mm - efficient.predicted_mm
+    )
+    variance = float((visited.averaged * residual_mm**2).sum()) / remaining
+    indicator_noise = IndicatorNoise(variance, 0.0, float(remaining))
+    return Noise((indicator_noise,) * visited.indicator_count, "residuals")
 
 
 def _rms(values_mm: FloatArray) -> float:
@@ -324,13 +335,13 @@ class Propagation:
     ) -> Propagation:
         """The same with what tolerances ``(k,)`` leave open: the covariance of Bayes' estimate."""
         centred = without_zeros(observed, weight, design)
-        seen = (centred.T * weight) @ centred
-        posterior = np.asarray(np.linalg.inv(seen + np.diag(tolerance_mm**-2.0)))
+        information = (centred.T * weight) @ centred
+        posterior = np.asarray(np.linalg.inv(information + np.diag(tolerance_mm**-2.0)))
         share = self.covariance_mm2.diagonal() / posterior.diagonal()
         with np.errstate(divide="ignore"):
             degrees = np.asarray(self.degrees_of_freedom / share**2)
-        held = posterior - self.covariance_mm2
-        return Propagation(posterior, degrees, held, self.rounding_mm2)
+        held_mm2 = posterior - self.covariance_mm2
+        return Propagation(posterior, degrees, held_mm2, self.rounding_mm2)
 
 
 def propagate(estimator: FloatArray, observed: Observations, noise: Noise) -> Propagation:
@@ -340,18 +351,20 @@ def propagate(estimator: FloatArray, observed: Observations, noise: Noise) -> Pr
     posture. Degrees of freedom after Welch and Satterthwaite (GUM G.4.1), one contribution for each
     indicator, one in all where they are pooled.
     """
-    shown = noise.repeatability_mm2(observed)
-    covariance = (estimator * shown) @ estimator.T
+    repeatability_mm2 = noise.repeatability_mm2(observed)
+    covariance = (estimator * repeatability_mm2) @ estimator.T
     together = np.asarray((_at_places(observed, noise).T @ estimator.T).T)
     shared = together @ together.T
     covariance = covariance + shared
-    variance, own = covariance.diagonal(), estimator**2 * shown
-    known = np.array([one.degrees_of_freedom for one in noise.indicators])
+    variance, squares = covariance.diagonal(), estimator**2 * repeatability_mm2
+    degrees_of_indicator = np.array(
+        [indicator.degrees_of_freedom for indicator in noise.indicators]
+    )
     group = noise.estimates[observed.indicator]
     spread = np.zeros_like(variance)
     for number in np.unique(group):
-        contribution = own[:, group == number].sum(axis=1)
-        spread += contribution**2 / known[number]
+        contribution = squares[:, group == number].sum(axis=1)
+        spread += contribution**2 / degrees_of_indicator[number]
     with np.errstate(divide="ignore"):
         degrees = np.asarray(np.where(spread > 0.0, variance**2 / spread, np.inf))
     return Propagation(covariance, degrees, np.zeros_like(covariance), shared)
@@ -364,10 +377,12 @@ def _independent(measured: Differences, observed: Observations) -> int:
 
 def uncertainties(combine: csr_array, observed: Observations, noise: Noise) -> FloatArray:
     """Standard uncertainties ``(k,)`` for a sparse map ``(k, n_readings)``, mm; no covariances."""
-    own = combine.multiply(combine) @ noise.repeatability_mm2(observed)
+    variance_mm2 = combine.multiply(combine) @ noise.repeatability_mm2(observed)
     together = combine @ _at_places(observed, noise)
     shared = together.multiply(together).sum(axis=1)
-    return np.sqrt(np.asarray(own, dtype=np.float64) + np.asarray(shared, dtype=np.float64))
+    return np.sqrt(
+        np.asarray(variance_mm2, dtype=np.float64) + np.asarray(shared, dtype=np.float64)
+    )
 
 
 def _at_places(observed: Observations, noise: Noise) -> csr_array:

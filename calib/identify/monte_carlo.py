@@ -60,14 +60,19 @@ class Campaign:
         All indicators scatter alike there; with a coarse display the machines differ by some steps.
         """
         noise = solution.noise
-        shown = float(np.mean([one.repeatability_mm2 for one in noise.indicators]))
-        rounded = any(one.quantisation_mm2 > LEAST_LOCKED * shown for one in noise.indicators)
+        repeatability_mm2 = float(
+            np.mean([indicator.repeatability_mm2 for indicator in noise.indicators])
+        )
+        rounded = any(
+            indicator.quantisation_mm2 > LEAST_LOCKED * repeatability_mm2
+            for indicator in noise.indicators
+        )
         step = figures.display_mm if rounded else 0.0
         return cls(
             solution.model,
             visits(observed),
             SUBSETS[solution.subset],
-            scatter_of_repeatability(shown, step),
+            scatter_of_repeatability(repeatability_mm2, step),
             step,
             np.full(len(PARAMETER_NAMES), STEPS_APART * step),
             noise_known=noise.repeated in ("nothing", "equal"),
@@ -101,7 +106,7 @@ def simulate_and_identify(campaign: Campaign, sessions: int, seed: int) -> Monte
     kind = _Kind.of(campaign)
     chunks = [(start, min(start + CHUNK, sessions)) for start in range(0, sessions, CHUNK)]
     parts = in_parallel(lambda chunk: kind.sums(seed, *chunk), chunks)
-    good, covered, product, stated = (np.sum(each, axis=0) for each in zip(*parts, strict=True))
+    good, covered, product, stated = (np.sum(part, axis=0) for part in zip(*parts, strict=True))
     judged = max(int(good), 1)
     return MonteCarlo(
         names=tuple(PARAMETER_NAMES[k] for k in campaign.free),
@@ -151,8 +156,8 @@ class _Kind:
         good = optimum.converged
         error = (optimum.values - truth)[:, good]
         uncertainty, factor = (of[:, good] for of in self.intervals(optimum, values))
-        held = np.abs(error) <= factor * uncertainty
-        return int(good.sum()), held.sum(axis=1), error @ error.T, (uncertainty**2).sum(axis=1)
+        covered = np.abs(error) <= factor * uncertainty
+        return int(good.sum()), covered.sum(axis=1), error @ error.T, (uncertainty**2).sum(axis=1)
 
     def draw(self, count: int, generator: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """True free parameters ``(k, count)`` and readings ``(n_readings, count)``, mm."""
@@ -174,17 +179,19 @@ class _Kind:
 
         Where the noise is known, from that.
         """
-        free, shown, locked = self._noise(values)
+        free, scatter_mm2, locked = self._noise(values)
         normal, _ = normal_equations(optimum.residual, optimum.jacobian)
         maps = np.einsum("kgb,gh->khb", optimum.jacobian, self.fit.whiten)
         estimator = np.stack(
             [solve_positive(normal, maps[:, h])[0] for h in range(maps.shape[1])], axis=1
         )
         square = estimator**2
-        own = np.einsum("khb,h->kb", square, 1.0 / self.count_at_place) * shown
-        variance = own + square.sum(axis=1) * locked
+        repeatability_mm2 = np.einsum("khb,h->kb", square, 1.0 / self.count_at_place) * scatter_mm2
+        variance = repeatability_mm2 + square.sum(axis=1) * locked
         with np.errstate(divide="ignore", invalid="ignore"):
-            degrees = np.where(own > 0.0, variance**2 / (own**2 / free), math.inf)
+            degrees = np.where(
+                repeatability_mm2 > 0.0, variance**2 / (repeatability_mm2**2 / free), math.inf
+            )
         return np.sqrt(variance), coverage_factors(degrees)
 
     def _noise(self, values: FloatArray) -> tuple[float, FloatArray, FloatArray]:
@@ -197,5 +204,9 @@ class _Kind:
                 self.expected.quantisation_mm2 * ones,
             )
         free = float(self.repeats.degrees_of_freedom.sum())
-        shown = self.repeats.sums_of_squares(values).sum(axis=0) / free
-        return free, shown, quantisation_of_repeatability(shown, self.campaign.resolution_mm, free)
+        scatter_mm2 = self.repeats.sums_of_squares(values).sum(axis=0) / free
+        return (
+            free,
+            scatter_mm2,
+            quantisation_of_repeatability(scatter_mm2, self.campaign.resolution_mm, free),
+        )

@@ -106,8 +106,8 @@ class Solution:
         if self.subset != "joint-offsets":
             return None
         apart = self.outside + np.eye(len(PARAMETER_NAMES))[3:]
-        found = self._with_tolerances(apart)
-        return found if (found < 0.5 * self.expanded_with_tolerances_mm).all() else None
+        expanded_mm = self._with_tolerances(apart)
+        return expanded_mm if (expanded_mm < 0.5 * self.expanded_with_tolerances_mm).all() else None
 
     def _with_tolerances(self, outside: FloatArray) -> FloatArray:
         return np.asarray(np.hypot(self.expanded_mm, self._off_mm(outside)))
@@ -123,10 +123,12 @@ class Solution:
 
         They add up as squares, the rule of GUM 5.1.2 for sources that know nothing of each other.
         """
-        held, rounding = self.held_mm2.diagonal(), self.rounding_mm2.diagonal()
-        scatter = np.maximum(self.covariance_mm2.diagonal() - held - rounding, 0.0)
+        tolerances_mm2, rounding = self.held_mm2.diagonal(), self.rounding_mm2.diagonal()
+        scatter = np.maximum(self.covariance_mm2.diagonal() - tolerances_mm2 - rounding, 0.0)
         factors = self.coverage_factors
-        tolerances = np.hypot(factors * np.sqrt(np.maximum(held, 0.0)), self._off_mm(self.outside))
+        tolerances = np.hypot(
+            factors * np.sqrt(np.maximum(tolerances_mm2, 0.0)), self._off_mm(self.outside)
+        )
         return {
             "scatter of repeats": factors * np.sqrt(scatter),
             "steps of the display": factors * np.sqrt(rounding),
@@ -222,10 +224,14 @@ def lack_of_fit(
     together = np.bincount(cell, visited.averaged)
     mean = np.bincount(cell, visited.averaged * left_mm) / together
     indicator = visited.indicator[first]
-    shown = np.array([one.repeatability_mm2 for one in noise.indicators])[indicator]
-    locked = np.array([one.quantisation_mm2 for one in noise.indicators])[indicator]
-    weight = 1.0 / (shown / together + locked)
-    left = without_zeros(visited.take(first), weight, mean)
-    statistic = float((weight * left**2).sum()) / free
+    repeatability_mm2 = np.array(
+        [indicator_noise.repeatability_mm2 for indicator_noise in noise.indicators]
+    )[indicator]
+    locked = np.array([indicator_noise.quantisation_mm2 for indicator_noise in noise.indicators])[
+        indicator
+    ]
+    weight = 1.0 / (repeatability_mm2 / together + locked)
+    residual_mm = without_zeros(visited.take(first), weight, mean)
+    statistic = float((weight * residual_mm**2).sum()) / free
     p_value = variance_ratio_p_value(statistic, free, noise.degrees_of_freedom)
     return LackOfFit(statistic, free, p_value)

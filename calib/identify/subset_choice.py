@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from calib.arrays import FloatArray, Observations
 from calib.errors import NotIdentifiable
 from calib.identify.fit import Size
-from calib.identify.identify import Told, identify
+from calib.identify.identify import IdentificationCase, identify
 from calib.identify.solution import SUBSETS, Method, Solution, Subset, Weights
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.pipeline import Model
@@ -37,7 +37,9 @@ class SubsetChoice:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why sets are missing."""
-        return tuple(f"{subset} left out: {one.found}" for subset, one in self.refused.items())
+        return tuple(
+            f"{subset} left out: {problem.found}" for subset, problem in self.refused.items()
+        )
 
     @property
     def fitted(self) -> Solution:
@@ -60,12 +62,12 @@ def choose_subset(
     ``sizes`` of the model's effects are fitted with each of them. Raises NotIdentifiable where not
     even one subset is determined.
     """
-    told = Told.of(model, observed, indicator or IndicatorFigures(), sizes)
+    case = IdentificationCase.of(model, observed, indicator or IndicatorFigures(), sizes)
     solutions: dict[Subset, Solution] = {}
     refused: dict[Subset, NotIdentifiable] = {}
     for subset in SUBSETS:
         try:
-            solutions[subset] = identify(told, subset, method, weights, tolerance_mm=tolerance_mm)
+            solutions[subset] = identify(case, subset, method, weights, tolerance_mm=tolerance_mm)
         except NotIdentifiable as problem:
             refused[subset] = problem
     if not solutions:

@@ -70,18 +70,20 @@ class Noise:
     @property
     def standard_deviation_mm(self) -> float:
         """Standard deviation of a single reading, mean square over the indicators, mm."""
-        return math.sqrt(sum(one.variance_mm2 for one in self.indicators) / len(self.indicators))
+        return math.sqrt(
+            sum(indicator.variance_mm2 for indicator in self.indicators) / len(self.indicators)
+        )
 
     @property
     def quiet_mm2(self) -> float:
         """Variance of a single reading of the quietest indicator."""
-        return min(one.variance_mm2 for one in self.indicators)
+        return min(indicator.variance_mm2 for indicator in self.indicators)
 
     @property
     def degrees_of_freedom(self) -> float:
         """Degrees of freedom of that standard deviation (Welch and Satterthwaite, GUM G.4.1)."""
-        total = sum(one.variance_mm2 for one in self.indicators)
-        scatter = np.array([one.repeatability_mm2 for one in self.indicators])
+        total = sum(indicator.variance_mm2 for indicator in self.indicators)
+        scatter = np.array([indicator.repeatability_mm2 for indicator in self.indicators])
         spread = sum(
             float(scatter[self.estimates == number].sum()) ** 2
             / self.indicators[number].degrees_of_freedom
@@ -93,24 +95,27 @@ class Noise:
     def estimates(self) -> IntArray:
         """For each indicator the first one ``(n_indicators,)`` that shares its estimate."""
         first: dict[IndicatorNoise, int] = {}
-        numbers = [first.setdefault(one, k) for k, one in enumerate(self.indicators)]
+        numbers = [first.setdefault(indicator, k) for k, indicator in enumerate(self.indicators)]
         return np.array(numbers, dtype=np.intp)
 
     def for_indicators(self, count: int) -> Noise:
         """The same for so many indicators, all alike."""
-        shares = [(each.repeatability_mm2, each.quantisation_mm2) for each in self.indicators]
+        shares = [
+            (indicator.repeatability_mm2, indicator.quantisation_mm2)
+            for indicator in self.indicators
+        ]
         scatter, shared = np.mean(shares, axis=0).tolist()
         alike = IndicatorNoise(scatter, shared, self.degrees_of_freedom)
         return replace(self, indicators=(alike,) * count, pooled=True, outliers=())
 
     def repeatability_mm2(self, observed: Observations) -> FloatArray:
         """Variance of each value ``(n_readings,)`` that repeats reduce, mm²."""
-        scatter = np.array([one.repeatability_mm2 for one in self.indicators])
+        scatter = np.array([indicator.repeatability_mm2 for indicator in self.indicators])
         return np.asarray(scatter[observed.indicator] / observed.averaged)
 
     def quantisation_mm2(self, observed: Observations) -> FloatArray:
         """Variance that each value ``(n_readings,)`` shares with its repeats, mm²."""
-        shared = np.array([one.quantisation_mm2 for one in self.indicators])
+        shared = np.array([indicator.quantisation_mm2 for indicator in self.indicators])
         return np.asarray(shared[observed.indicator])
 
     def scaled(self, factor: float) -> Noise:
@@ -119,11 +124,11 @@ class Noise:
             self,
             indicators=tuple(
                 replace(
-                    one,
-                    repeatability_mm2=one.repeatability_mm2 * factor,
-                    quantisation_mm2=one.quantisation_mm2 * factor,
+                    indicator,
+                    repeatability_mm2=indicator.repeatability_mm2 * factor,
+                    quantisation_mm2=indicator.quantisation_mm2 * factor,
                 )
-                for one in self.indicators
+                for indicator in self.indicators
             ),
         )
 
@@ -138,7 +143,7 @@ def reading_weights(observed: Observations, noise: Noise | None) -> FloatArray:
         return observed.averaged
     place = observed.posture
     together = np.bincount(place, observed.averaged)[place]
-    repeatability = np.array([one.repeatability_mm2 for one in noise.indicators])
+    repeatability = np.array([indicator.repeatability_mm2 for indicator in noise.indicators])
     of_mean = repeatability[observed.indicator] / together + noise.quantisation_mm2(observed)
     return np.asarray(observed.averaged / together / of_mean)
 
@@ -166,8 +171,8 @@ class IndicatorFigures:
     @property
     def display_found_mm(self) -> float | None:
         """Step of the display where the values show a coarser one than is stated or written."""
-        known = max(self.resolution_mm or 0.0, self.step_mm or 0.0)
-        return self.values_step_mm if (self.values_step_mm or 0.0) > known else None
+        step_mm = max(self.resolution_mm or 0.0, self.step_mm or 0.0)
+        return self.values_step_mm if (self.values_step_mm or 0.0) > step_mm else None
 
     @property
     def _resolved_mm(self) -> float:
@@ -193,8 +198,8 @@ class IndicatorFigures:
         repeatability = scatter**2 + step**2 / 12.0 - rounding
         if repeatability + rounding <= LEAST_NOISE_MM**2:
             return None
-        one = IndicatorNoise(max(repeatability, 0.0), rounding, math.inf)
-        return Noise((one,) * indicator_count, "instrument")
+        indicator_noise = IndicatorNoise(max(repeatability, 0.0), rounding, math.inf)
+        return Noise((indicator_noise,) * indicator_count, "instrument")
 
 
 def visits(observed: Observations, visit: IntArray | None = None) -> Observations:
@@ -229,8 +234,8 @@ def visit_numbers(observed: Observations) -> IntArray:
     visit = np.zeros(len(observed), dtype=np.intp)
     last: dict[int, tuple[int, int]] = {}
     count = 0
-    known = (observed.mount, observed.posture, observed.contact)
-    rows = zip(*(column.tolist() for column in known), strict=True)
+    place = (observed.mount, observed.posture, observed.contact)
+    rows = zip(*(column.tolist() for column in place), strict=True)
     for row, (mount, posture, contact) in enumerate(rows):
         before = last.get(mount)
         if before is None or before[0] != posture or contact:
@@ -268,13 +273,13 @@ def reading_noise(
         return None if only_steps else indicator.noise(visited.indicator_count)
     if float(squares.sum()) <= arithmetic_mm2(visited) * free.sum():
         count = visited.indicator_count
-        known = indicator.noise(count) or IndicatorFigures(resolution_mm=step).noise(count)
-        return replace(known, repeated="equal") if known else None
+        stated = indicator.noise(count) or IndicatorFigures(resolution_mm=step).noise(count)
+        return replace(stated, repeated="equal") if stated else None
     ones = _noise_of_indicators(squares, free, step)
-    scatter = sum(one.repeatability_mm2 for one in ones)
-    rounding = sum(one.quantisation_mm2 for one in ones)
+    scatter = sum(estimate.repeatability_mm2 for estimate in ones)
+    rounding = sum(estimate.quantisation_mm2 for estimate in ones)
     floor = step**2 / 12.0
-    found = Noise(
+    noise = Noise(
         ones,
         "repeats",
         len(set(ones)) == 1,
@@ -283,8 +288,8 @@ def reading_noise(
         cycle_drift(repeats, floor),
     )
     if scatter >= rounding:
-        return found
-    return replace(found, source="instrument", repeated="rounding")
+        return noise
+    return replace(noise, source="instrument", repeated="rounding")
 
 
 def _noise_of_indicators(
@@ -304,8 +309,8 @@ def _noise_of_indicators(
     everybody = _split(float(squares.sum()), float(free.sum()), step) if alone else pooled
     ones = [everybody] * len(free)
     for k in judged:
-        own = _split(float(squares[k]), float(free[k]), step)
-        ones[k] = pooled if k in quiet else own
+        indicator_noise = _split(float(squares[k]), float(free[k]), step)
+        ones[k] = pooled if k in quiet else indicator_noise
     return tuple(ones)
 
 
@@ -324,10 +329,18 @@ def may_be_pooled(squares: FloatArray, free: FloatArray, step: float) -> bool:
     square, nu = squares[judged], free[judged]
     if len(nu) < 2:
         return True
-    rest, nu_rest = square.sum() - square, nu.sum() - nu
-    own, others = _variances(square / nu, step, nu), _variances(rest / nu_rest, step, nu_rest)
-    ratio = np.divide(own, others, out=np.full_like(own, np.inf), where=others > 0.0)
-    return bool((fdtrc(nu, nu_rest, ratio) * len(nu) >= POOLING_LEVEL).all())
+    remaining_square, remaining_nu = square.sum() - square, nu.sum() - nu
+    variances, pooled_variances = (
+        _variances(square / nu, step, nu),
+        _variances(remaining_square / remaining_nu, step, remaining_nu),
+    )
+    ratio = np.divide(
+        variances,
+        pooled_variances,
+        out=np.full_like(variances, np.inf),
+        where=pooled_variances > 0.0,
+    )
+    return bool((fdtrc(nu, remaining_nu, ratio) * len(nu) >= POOLING_LEVEL).all())
 
 
 def _variances(repeatability_mm2: FloatArray, step: float, free: FloatArray) -> FloatArray:
@@ -351,17 +364,17 @@ class NoisyIndicator:
 def noisy_indicators(observed: Observations, noise: Noise) -> list[NoisyIndicator]:
     """Indicators with an estimate of their own, the noisiest first."""
     quiet = noise.quiet_mm2
-    found = []
-    for k, one in enumerate(noise.indicators):
-        if one.variance_mm2 > quiet:
+    noisy = []
+    for k, indicator in enumerate(noise.indicators):
+        if indicator.variance_mm2 > quiet:
             rows = np.flatnonzero(observed.indicator == k)
             single = len(np.unique(observed.mount[rows])) == 1
-            scatter = math.sqrt(one.variance_mm2)
-            found.append(NoisyIndicator(int(rows[0]), single, k + 1, scatter))
-    return descending(found, lambda one: one.scatter_mm)
+            scatter = math.sqrt(indicator.variance_mm2)
+            noisy.append(NoisyIndicator(int(rows[0]), single, k + 1, scatter))
+    return descending(noisy, lambda indicator: indicator.scatter_mm)
 
 
 def single_posture_rows(observed: Observations) -> list[IntArray]:
     """Rows of each mounting of a single posture: without another one they say nothing."""
-    told = numbered(observed.displacement_mm, *observed.position_mm.T)
-    return [rows for rows in observed.mountings if len(np.unique(told[rows])) == 1]
+    posture = numbered(observed.displacement_mm, *observed.position_mm.T)
+    return [rows for rows in observed.mountings if len(np.unique(posture[rows])) == 1]

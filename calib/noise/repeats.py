@@ -104,10 +104,10 @@ class Repeats:
 
     def scatter(self, value_mm: FloatArray) -> FloatArray:
         """What repeats leave of values ``(n_readings, b)``, weighted; same shape, mm."""
-        left = _without_cells(np.sqrt(self.observed.averaged), self.cell, value_mm)
+        departure_mm = _without_cells(np.sqrt(self.observed.averaged), self.cell, value_mm)
         for rows, basis in self.cycles:
-            left[rows] = without(basis, left[rows])
-        return left
+            departure_mm[rows] = without(basis, departure_mm[rows])
+        return departure_mm
 
     def sums_of_squares(self, value_mm: FloatArray) -> FloatArray:
         """Sums of squares ``(n_indicators, b)`` in mm² for values ``(n_readings, b)``."""
@@ -130,8 +130,8 @@ def _cycles(visited: Observations, rows: IntArray) -> FloatArray:
 def _rate(visited: Observations, rows: IntArray) -> FloatArray:
     """A column ``(n_rows, 1)`` of the time, of the order where no time is known."""
     time_s = visited.time_s[rows]
-    known = np.isfinite(time_s).all() and np.ptp(time_s) > 0.0
-    clock = time_s - time_s[0] if known else np.arange(len(rows), dtype=np.float64)
+    timed = np.isfinite(time_s).all() and np.ptp(time_s) > 0.0
+    clock = time_s - time_s[0] if timed else np.arange(len(rows), dtype=np.float64)
     return np.asarray(clock / max(float(np.ptp(clock)), 1.0))[:, None]
 
 
@@ -183,8 +183,10 @@ def _off_their_cells(observed: Observations, cell: IntArray) -> FloatArray:
     """How far each reading ``(n,)`` is from its repeats, mm; 0 where it has none."""
     open_share = 1.0 - observed.averaged / np.bincount(cell, observed.averaged)[cell]
     judged = open_share > NEW_DIRECTION**2
-    left = _without_cells(np.sqrt(observed.averaged), cell, observed.value_mm[:, None])[:, 0]
-    return np.where(judged, left / np.sqrt(np.where(judged, open_share, 1.0)), 0.0)
+    departure_mm = _without_cells(np.sqrt(observed.averaged), cell, observed.value_mm[:, None])[
+        :, 0
+    ]
+    return np.where(judged, departure_mm / np.sqrt(np.where(judged, open_share, 1.0)), 0.0)
 
 
 def typical_mm2(repeats: Repeats) -> FloatArray | None:
@@ -208,11 +210,11 @@ def typical_mm2(repeats: Repeats) -> FloatArray | None:
     weight = 1.0 / observed.averaged[here] + 1.0 / observed.averaged[there]
     apart = np.abs(observed.value_mm[here] - observed.value_mm[there]) / np.sqrt(weight)
     mount = observed.mount[here]
-    found = np.full(observed.mount_count, np.nan)
-    for one in np.unique(mount):
-        found[one] = np.median(apart[mount == one])
-    middle = float(np.nanmedian(found))
-    return np.asarray((np.fmax(found, middle) / MEDIAN_OF_NORMAL) ** 2)
+    typical = np.full(observed.mount_count, np.nan)
+    for number in np.unique(mount):
+        typical[number] = np.median(apart[mount == number])
+    middle = float(np.nanmedian(typical))
+    return np.asarray((np.fmax(typical, middle) / MEDIAN_OF_NORMAL) ** 2)
 
 
 def arithmetic_mm2(observed: Observations) -> float:
@@ -228,22 +230,24 @@ def outlying_readings(repeats: Repeats, floor_mm2: float) -> tuple[Outlier, ...]
     others, else that of its own indicator. ``floor_mm2`` is the least variance that a reading can
     have: the rounding of its display.
     """
-    left = repeats.scatter(repeats.observed.value_mm[:, None])[:, 0]
+    departure_mm = repeats.scatter(repeats.observed.value_mm[:, None])[:, 0]
     free = float(repeats.degrees_of_freedom.sum())
     open_share = 1.0 - repeats.leverage
     judged = np.flatnonzero(open_share > NEW_DIRECTION**2)
     if free <= 1.0 or not len(judged):
         return ()
-    own = left[judged] ** 2 / open_share[judged]
+    square = departure_mm[judged] ** 2 / open_share[judged]
     squares = repeats.sums_of_squares(repeats.observed.value_mm[:, None])[:, 0]
     variance, nu = _others(
-        squares, repeats.degrees_of_freedom, repeats.observed.indicator[judged], own
+        squares, repeats.degrees_of_freedom, repeats.observed.indicator[judged], square
     )
-    t = np.sign(left[judged]) * np.sqrt(own / np.maximum(variance, max(floor_mm2, TINY)))
+    t = np.sign(departure_mm[judged]) * np.sqrt(square / np.maximum(variance, max(floor_mm2, TINY)))
     p = np.minimum(two_sided_p_values(t, nu) * len(judged), 1.0)
     outlying = p < OUTLIER_LEVEL
-    each = zip(judged[outlying].tolist(), t[outlying].tolist(), p[outlying].tolist(), strict=True)
-    return tuple(Outlier(*one) for one in each)
+    outliers = zip(
+        judged[outlying].tolist(), t[outlying].tolist(), p[outlying].tolist(), strict=True
+    )
+    return tuple(Outlier(*outlier) for outlier in outliers)
 
 
 def cycle_drift(repeats: Repeats, floor_mm2: float) -> float | None:
@@ -253,8 +257,10 @@ def cycle_drift(repeats: Repeats, floor_mm2: float) -> float | None:
     drifts within a cycle is not seen here and goes into the differences.
     """
     observed = repeats.observed
-    left = _without_cells(np.sqrt(observed.averaged), repeats.cell, observed.value_mm[:, None])
-    square = sum(squares_in(basis, left[rows]) for rows, basis in repeats.cycles)
+    departure_mm = _without_cells(
+        np.sqrt(observed.averaged), repeats.cell, observed.value_mm[:, None]
+    )
+    square = sum(squares_in(basis, departure_mm[rows]) for rows, basis in repeats.cycles)
     rank = float(sum(basis.shape[1] for _, basis in repeats.cycles))
     free = float(repeats.degrees_of_freedom.sum())
     if not rank or free <= 0.0:
@@ -277,12 +283,15 @@ def _others(
     ``indicator`` and ``square`` ``(k,)`` are those of the readings.
     """
     total, nu_total = float(squares.sum()), float(free.sum())
-    own, nu_own = np.maximum(squares[indicator] - square, 0.0), free[indicator] - 1.0
-    others, nu_others = total - squares[indicator], nu_total - free[indicator]
-    both = (nu_own > 0.0) & (nu_others > 0.0)
-    alone, nu_alone = own / np.where(both, nu_own, 1.0), np.where(both, nu_own, 1.0)
-    nu_beside = np.where(both, nu_others, 1.0)
-    noisier = fdtrc(nu_alone, nu_beside, alone / np.maximum(others / nu_beside, TINY))
-    unequal = both & (np.minimum(noisier, 1.0 - noisier) < UNEQUAL_LEVEL)
+    own_square, nu_own = np.maximum(squares[indicator] - square, 0.0), free[indicator] - 1.0
+    other_square, nu_others = total - squares[indicator], nu_total - free[indicator]
+    comparable = (nu_own > 0.0) & (nu_others > 0.0)
+    alone, nu_alone = (
+        own_square / np.where(comparable, nu_own, 1.0),
+        np.where(comparable, nu_own, 1.0),
+    )
+    nu_beside = np.where(comparable, nu_others, 1.0)
+    noisier = fdtrc(nu_alone, nu_beside, alone / np.maximum(other_square / nu_beside, TINY))
+    unequal = comparable & (np.minimum(noisier, 1.0 - noisier) < UNEQUAL_LEVEL)
     pooled = np.maximum(total - square, 0.0) / (nu_total - 1.0)
     return np.where(unequal, alone, pooled), np.where(unequal, nu_own, nu_total - 1.0)

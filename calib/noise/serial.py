@@ -58,8 +58,8 @@ def serial_correlation(observed: Observations, cell: IntArray, variance_mm2: Flo
     for rows in observed.mountings:
         order = np.linspace(-1.0, 1.0, len(rows))[:, None]
         beside = np.hstack([incidence(numbered(cell[rows])), order])
-        shown = root[rows, None] * beside
-        basis = basis_by_products(shown / lengths(shown))
+        whitened = root[rows, None] * beside
+        basis = basis_by_products(whitened / lengths(whitened))
         if len(rows) <= basis.shape[1]:
             continue
         free += len(rows) - basis.shape[1]
@@ -84,8 +84,8 @@ def _beside(basis: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArra
     """
     columns = np.column_stack([basis, value])
     now, before = columns[1:], columns[:-1]
-    both, rho = now.T @ before, RHOS[:, None, None]
-    products = now.T @ now - rho * (both + both.T) + rho**2 * (before.T @ before)
+    crossed, rho = now.T @ before, RHOS[:, None, None]
+    products = now.T @ now - rho * (crossed + crossed.T) + rho**2 * (before.T @ before)
     products = products / (1.0 - rho**2) + np.outer(columns[0], columns[0])
     inside, across = products[:, :-1, :-1], products[:, :-1, -1:]
     explained = (across * np.linalg.solve(inside, across)).sum(axis=(1, 2))

@@ -170,6 +170,13 @@ class SessionCase:
         stated = self.as_stated == "lines and bars"
         return beyond | {LegLength(): math.inf if stated else float(self.tolerance_mm[3:].max())}
 
+    @property
+    def shows(self) -> bool:
+        """Whether the session shows anything of a machine; readings of one posture do not."""
+        observed = self.observed
+        places = np.unique(np.column_stack([observed.mount, observed.posture]), axis=0)
+        return len(places) > observed.mount_count or len(self.distances) > 0
+
     @cached_property
     def visit(self) -> IntArray:
         """Number of the visit ``(n_readings,)`` of each reading.

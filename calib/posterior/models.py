@@ -253,11 +253,6 @@ class Posterior:
         return np.asarray(remainder)
 
     @property
-    def shows(self) -> bool:
-        """Whether readings show anything of a machine; those of one posture do not."""
-        return any(component.candidate for component in self.components)
-
-    @property
     def likely_mistakes(self) -> tuple[LikelyMistake, ...]:
         """Each mistake with its words and probability, the likeliest first."""
         title = {

@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from app.report.text.tables import uncertain
@@ -218,6 +219,16 @@ def test_one_posture_is_refused(tmp_path: Path, samples: Path) -> None:
     message = refused(5, "diagnose", session)
     assert "no two postures of one mounting" in message
     assert "Move the machine and measure again" in message
+
+
+def test_many_readings_of_one_posture_are_refused(tmp_path: Path) -> None:
+    """Their number teaches nothing of the machine: every exchange of labels is the same table."""
+    table, session = tmp_path / "still.csv", tmp_path / "still.jsonl"
+    scatter_mm = np.random.default_rng(3).normal(0.0, 0.002, 20_000)
+    rows = [f"x,y,0,{0.17 + off_mm:.4f},{k + 1}" for k, off_mm in enumerate(scatter_mm)]
+    table.write_text("leg,axis,displacement_mm,value_mm,cycle\n" + "\n".join(rows) + "\n")
+    assert glidecal("import", table, "-o", session).status == 0
+    assert "no two postures of one mounting" in refused(5, "diagnose", session)
 
 
 def test_without_any_noise_no_chance_is_told(tmp_path: Path, samples: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.arrays import FloatArray, Observations
 from calib.identify.fit import Size
-from calib.identify.identify import Told
+from calib.identify.identify import IdentificationCase
 from calib.identify.identify import identify as identify_told
 from calib.identify.solution import Method, Solution, Subset, Weights
 from calib.noise.reading import IndicatorFigures
@@ -27,5 +27,5 @@ def identify(
     tolerance_mm: FloatArray = TOLERANCES_MM,
     sizes: tuple[Size, ...] = (),
 ) -> Solution:
-    told = Told.of(model, observed, indicator or IndicatorFigures(), sizes)
+    told = IdentificationCase.of(model, observed, indicator or IndicatorFigures(), sizes)
     return identify_told(told, subset, method, weights, tolerance_mm=tolerance_mm)

@@ -22,6 +22,7 @@ from calib.noise.reading import (
     NoisyIndicator,
     noisy_indicators,
     single_posture_rows,
+    still_rows,
     visit_starts,
 )
 from calib.stats import normal_scores
@@ -182,6 +183,12 @@ class SessionSolution:
             IsolatedReadings(known[rows[0]][0], tuple(known[row][1] for row in rows))
             for rows in single_posture_rows(self.observed)
         )
+
+    @cached_property
+    def still(self) -> tuple[tuple[str, Reading, int], ...]:
+        """Set-ups that read one value in every posture: session, first reading, how many."""
+        rows_of_reading = _counting(self.sessions)
+        return tuple((*rows_of_reading[rows[0]], len(rows)) for rows in still_rows(self.observed))
 
     def with_subset(self, subset: Subset) -> SessionSolution:
         """Another set of the same choice; nothing is fitted again.

@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.arrays import (
     LEG_NAMES,
+    TOUCHED_LETTERS,
     FloatArray,
     IntArray,
     descending,
@@ -36,6 +37,7 @@ from calib.diagnosis.results import (
     Verdict,
 )
 from calib.errors import CalibrationError
+from calib.noise.reading import still_rows
 from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.labels import Mistake
 from calib.posterior.models import Posterior
@@ -365,6 +367,7 @@ class _Report:
             yield "offsets and zeros can explain all that these postures show: measure others too"
         elif self.before.noise_freedom <= 0.0:
             yield "no repeats and no stated noise: nothing can be judged against chance"
+        yield from self._still()
         if self.answer.verdict == "unexplained":
             yield "either the effect is not in the catalogue, or the repeats are not independent"
         if self.answer.verdict in ("partly-explained", "unexplained") and not left_over:
@@ -374,6 +377,19 @@ class _Report:
                 yield from self._half_seen(self._acting(name))
                 yield from self._leads(name)
         yield from self._far_offsets()
+
+    def _still(self) -> Iterator[str]:
+        """Indicators that read the same wherever the machine was."""
+        for cells in self.posterior.sessions:
+            observed = cells.case.observed
+            first = [int(rows[0]) for rows in still_rows(observed)]
+            places = {TOUCHED_LETTERS[observed.leg[k]] + LEG_NAMES[observed.axis[k]] for k in first}
+            if places:
+                set_ups = ", ".join(sorted(places))
+                yield (
+                    f"all readings of {set_ups} are the same, wherever the machine was: does the"
+                    " plunger touch the leg, and is the display not on hold?"
+                )
 
     def _half_seen(self, numbers: tuple[int, ...]) -> Iterator[str]:
         """An effect of whose values the readings see combinations only."""

@@ -378,3 +378,19 @@ def single_posture_rows(observed: Observations) -> list[IntArray]:
     """Rows of each mounting of a single posture: without another one they say nothing."""
     posture = numbered(observed.displacement_mm, *observed.position_mm.T)
     return [rows for rows in observed.mountings if len(np.unique(posture[rows])) == 1]
+
+
+LEAST_STILL = 3
+"""Postures from which on it is worth a look that an indicator reads the same in all of them: two
+are alike wherever a leg happens to be true to a step of the display."""
+
+
+def still_rows(observed: Observations) -> list[IntArray]:
+    """Rows of each mounting that reads one value in `LEAST_STILL` postures or more; no contacts."""
+    return [
+        rows
+        for rows in observed.mountings
+        if len(np.unique(observed.posture[rows])) >= LEAST_STILL
+        and not observed.contact[rows].any()
+        and not np.ptp(observed.value_mm[rows])
+    ]

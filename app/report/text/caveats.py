@@ -141,7 +141,7 @@ def _noisy(channel: NoisyChannel) -> str:
 
 
 def _of_readings(solved: SessionSolution) -> Iterator[str]:
-    """Readings that do not fit their repeats, and those without another posture."""
+    """Readings that do not fit their repeats, that lack another posture, or that never change."""
     for suspect in solved.suspects[:MOST_NAMED]:
         r = suspect.reading
         yield (
@@ -158,6 +158,14 @@ def _of_readings(solved: SessionSolution) -> Iterator[str]:
             "gives no difference. Measure at least two postures between two breaks."
         )
     yield from _more("NOT USED", len(solved.isolated) - MOST_NAMED)
+    for session, reading, count in solved.still[:MOST_NAMED]:
+        yield (
+            f"STILL: all {count} readings of leg {reading.leg.upper()} along "
+            f"{reading.axis.upper()} in set-up {reading.mount} of {session} are "
+            f"{signed(reading.value_mm, 4)} mm, wherever the machine was. Does the plunger touch "
+            "the leg? Is the display on hold?"
+        )
+    yield from _more("STILL", len(solved.still) - MOST_NAMED)
 
 
 def _more(kind: str, count: int) -> list[str]:

@@ -231,6 +231,27 @@ def test_many_readings_of_one_posture_are_refused(tmp_path: Path) -> None:
     assert "no two postures of one mounting" in refused(5, "diagnose", session)
 
 
+def test_an_indicator_that_reads_one_value_is_asked_about(tmp_path: Path, samples: Path) -> None:
+    """Its readings fit a bar that leans and bows; no other set-up of that session is named."""
+    with (samples / "tables" / "experiment_2_twelve.csv").open(encoding="utf-8") as table:
+        rows = list(csv.DictReader(table))
+    for row in rows:
+        if (row["leg"], row["axis"]) == ("x", "y"):
+            row["value_mm"] = "0.5"
+    path, session = tmp_path / "still.csv", tmp_path / "still.jsonl"
+    with path.open("w", encoding="utf-8", newline="") as out:
+        writer = csv.DictWriter(out, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+    assert glidecal("import", path, "-o", session).status == 0
+    remarks = [r for r in diagnosed(session)["remarks"] if "plunger" in r]
+    assert len(remarks) == 1
+    assert remarks[0].startswith("all readings of xy are the same")
+    text = " ".join(glidecal("solve", session).out.split())
+    assert "STILL: all 3 readings of leg X along Y" in text
+    assert text.count("STILL") == 1
+
+
 def test_without_any_noise_no_chance_is_told(tmp_path: Path, samples: Path) -> None:
     """One reading a posture, nothing stated: the weight that the fit needs is no noise."""
     table = tmp_path / "bare.csv"

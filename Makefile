@@ -1,4 +1,5 @@
-# make demo: try the program · make check: lint, types, imports · make test: check and every test
+# make demo: try the program · make check: lint, types, imports · make test: check and every test ·
+# make docs: the documentation as a site
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -6,7 +7,7 @@ BIN := $(VENV)/bin
 export PYTHONDONTWRITEBYTECODE :=
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet
 
-.PHONY: demo test check processors bench blind fuzz samples schemas records ends clean
+.PHONY: demo test check docs processors bench blind fuzz samples schemas records ends clean
 
 demo: $(VENV)/runtime.stamp
 	$(BIN)/glidecal demo
@@ -20,7 +21,11 @@ check: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/mkdocs build --strict
+	$(BIN)/python -m mkdocs build --strict --quiet
+
+docs: $(VENV)/dev.stamp
+	$(BIN)/python -m mkdocs build --strict --quiet
+	@echo "Open build/site/index.html"
 
 # the kernels of OpenBLAS and numpy that other processors take
 processors: $(VENV)/dev.stamp

@@ -1,7 +1,6 @@
 """Run the notebook of the papers and keep what it prints: python -m studies.notebook.
 
-Its cells are plain Python, so no kernel is needed; Jupyter opens and runs it as any other. As a
-hook of mkdocs (`on_files`) this makes a page of the site of it.
+Its cells are plain Python, so no kernel is needed; Jupyter opens and runs it as any other.
 """
 
 from __future__ import annotations
@@ -11,9 +10,6 @@ import json
 from io import StringIO
 from pathlib import Path
 from typing import Any
-
-from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.structure.files import File, Files
 
 NOTEBOOK = Path(__file__).parents[1] / "docs" / "papers.ipynb"
 
@@ -54,12 +50,6 @@ def page(notebook: Notebook) -> str:
         for output in cell.get("outputs", ()):
             parts.append(f"```\n{''.join(output['text'])}```")
     return "\n\n".join(parts) + "\n"
-
-
-def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """The page beside the notebook, on the site."""
-    files.append(File.generated(config, "papers.md", content=page(read())))
-    return files
 
 
 if __name__ == "__main__":

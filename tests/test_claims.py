@@ -1,4 +1,4 @@
-"""The table of docs/theory.md that holds every equation, table, figure and claim of the papers."""
+"""The table of docs/papers-line-by-line.md with every equation, table, figure and claim of the papers."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Claim:
 
 
 def claims() -> list[Claim]:
-    text = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "papers-line-by-line.md").read_text(encoding="utf-8")
     lines = text.partition(HEADING)[2].splitlines()
     rows = [
         [cell.strip() for cell in line.strip("|").split("|")]
@@ -115,7 +115,7 @@ def test_every_part_of_the_papers_has_a_row() -> None:
 
 
 def test_the_counts_above_the_table_are_those_of_its_rows() -> None:
-    text = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "papers-line-by-line.md").read_text(encoding="utf-8")
     counts = ", ".join(
         f"{sum(claim.verdict == verdict for claim in CLAIMS)} {verdict}" for verdict in VERDICTS
     )

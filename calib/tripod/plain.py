@@ -198,7 +198,8 @@ class PapersDesign:
         With ``e_i = q_i^2 - L_i^2`` equation (4) of papers/000 reads ``p_i = (e_i + T) / (2 q_i)``,
         ``T = |p|^2``, and T solves ``a T^2 + 2 b T + c = 0`` with ``a = sum 1/q_i^2``,
         ``b = sum e_i/q_i^2 - 2``, ``c = sum e_i^2/q_i^2``. The assembled machine is the minus root
-        (the paper prints the plus root, see docs/theory.md); b < 0 there, hence no cancelling.
+        (the paper prints the plus root, see docs/papers-line-by-line.md); b < 0 there, so nothing
+        cancels.
         """
         carriage = self.command_mm + parameters_mm[:3, None, :]
         inverse = 1.0 / carriage

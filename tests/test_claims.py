@@ -1,4 +1,4 @@
-"""The table of docs/papers-line-by-line.md: every equation, table, figure and claim of the papers."""
+"""The table of docs/papers-line-by-line.md: equations, tables, figures and claims of the papers."""
 
 from __future__ import annotations
 

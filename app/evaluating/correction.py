@@ -54,10 +54,14 @@ class EnteredValue:
 
 @dataclass(frozen=True)
 class Gain:
-    """What the tool is off by at most where the same controller holds something else."""
+    """What the tool is off by at most where the same controller holds something else.
+
+    It is ``clear`` where that is clearly less than with the correction that is asked for.
+    """
 
     holds: str
     bound_mm: float
+    clear: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +242,7 @@ class ControllerCorrections:
         """What the same controller would keep if it held something else, or all of the same."""
         every = {holds: self.of(holds) for holds in HOLDS}
         return tuple(
-            Gain(holds, another.bound_mm)
+            Gain(holds, another.bound_mm, another.bound_mm < CLEARLY_BETTER * correction.bound_mm)
             for holds, another in every.items()
             if another is not correction
         )

@@ -126,12 +126,18 @@ def left_out_lines(correction: SessionCorrection) -> Iterator[str]:
 
 
 def gain_line(solved: SessionSolution, correction: SessionCorrection) -> str:
-    """What other exports of the same controller would keep, as one line."""
-    gains = solved.corrections.others(correction)
-    beside = ", ".join(
-        f"{FORMATS_WORDS[gain.holds]} {uncertain(gain.bound_mm)} mm" for gain in gains
+    """What other exports of the same controller would gain, as one line."""
+    gains = [
+        f"{FORMATS_WORDS[gain.holds]} at most {uncertain(gain.bound_mm)} mm"
+        for gain in solved.corrections.others(correction)
+        if gain.clear
+    ]
+    if not gains:
+        return "No other export for this controller would leave clearly less at the tool."
+    return (
+        "Other exports for this controller would leave clearly less at the tool: "
+        f"{'; '.join(gains)}."
     )
-    return f"Other exports for the same controller: tool at most {beside}."
 
 
 def correction_lines(solved: SessionSolution, correction: SessionCorrection) -> Iterable[str]:

@@ -7,8 +7,9 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -31,7 +32,22 @@ ROOT = Path(__file__).parent.parent
 SAMPLES = ROOT / "sample_sessions"
 PATIENCE_S = 2.0
 
+LONG = pytest.mark.long
+"""Run by `make test-long` alone: what takes minutes, and further cases of what takes seconds."""
+
 needs_links = pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege there")
+
+
+def first_quick(cases: Iterable[Any]) -> list[Any]:
+    """The cases of a parameter, the first for every run, the others for the long one alone.
+
+    A case for several names is a tuple, as in ``parametrize``; one for one name is none.
+    """
+    first, *others = cases
+    long = [
+        pytest.param(*(one if isinstance(one, tuple) else (one,)), marks=LONG) for one in others
+    ]
+    return [first, *long]
 
 
 @pytest.fixture(autouse=True)

@@ -155,7 +155,9 @@ def test_slip_drift_and_wild_readings_are_told_apart(seed: int) -> None:
 
 @pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP, TWO_STATION]))
 @pytest.mark.parametrize("play_mm", [0.0, 0.03])
-@pytest.mark.parametrize(("size", "sessions"), first_quick([(5.0, 2), (1.0, 2), (25.0, 4)]))
+@pytest.mark.parametrize(
+    ("size", "sessions"), first_quick([(5.0, 2), (1.0, 2), (25.0, 4)], several=True)
+)
 def test_a_steady_drift_is_no_slip_whatever_the_play(
     taken: Observations, play_mm: float, size: float, sessions: int
 ) -> None:

@@ -262,7 +262,8 @@ def test_set_ups_in_turn_lower_the_bound_as_long_as_each_is_worth_it() -> None:
             ("xy", "axis_squareness", "touched-off", "square"),
             ("yz", "axis_squareness", "touched-off", "plate"),
             ("xy", "axis_offset", "machine", "ball"),
-        ]
+        ],
+        several=True,
     ),
 )
 def test_what_legs_do_not_see_is_shown_by_another_instrument(

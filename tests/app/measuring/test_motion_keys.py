@@ -166,8 +166,8 @@ class Operator:
         consent_s = fresh[-1] if fresh else None
         if consent_s is None:
             return "only repeats of a key"
-        held_up_s = HELD_UP_S + self.ticker.held_up(consent_s, at_s)
-        if any(consent_s < s < at_s - held_up_s for s in self.others_s):
+        between = [s for s in self.others_s if consent_s < s < at_s]
+        if any(at_s - s > HELD_UP_S + self.ticker.held_up(s, at_s) for s in between):
             return "another key came between"
         look_s = max(s for s in self.twin.looks_s if s < at_s)
         if any(consent_s < s < look_s for s in self.troubles_s):

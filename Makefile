@@ -1,5 +1,5 @@
-# make demo: try the program · make check: lint, types, imports · make test: check and every test ·
-# make docs: the documentation as a site
+# make demo: try the program · make check: lint, types, imports · make test: check and the tests of minutes
+# · make test-long: the others · make docs: the documentation as a site
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -7,14 +7,17 @@ BIN := $(VENV)/bin
 export PYTHONDONTWRITEBYTECODE :=
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet
 
-.PHONY: demo test check docs processors bench blind fuzz samples schemas records ends clean
+.PHONY: demo test test-long check docs processors bench blind fuzz samples schemas records ends clean
 
 demo: $(VENV)/runtime.stamp
 	$(BIN)/glidecal demo
 
 # worksteal: neighbours, and with them what a costly fixture made, stay in one process
 test: check
-	$(BIN)/pytest -n 4 --dist worksteal
+	$(BIN)/pytest -n 4 --dist worksteal -m 'not long'
+
+test-long: $(VENV)/dev.stamp
+	$(BIN)/pytest -n 4 --dist worksteal -m long
 
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff check .

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -27,11 +29,28 @@ os.environ["XDG_DATA_HOME"] = tempfile.mkdtemp(prefix="glidecal-tests-")
 os.environ["XDG_CACHE_HOME"] = os.environ["XDG_DATA_HOME"]
 """What the program remembers of a user is none of a test's business."""
 
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # a shell has what it starts in the background ignore it, but tests press Ctrl-C there, too
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 ROOT = Path(__file__).parent.parent
 SAMPLES = ROOT / "sample_sessions"
-PATIENCE_S = 2.0
+PATIENCE_S = 30.0
+
+LONG = pytest.mark.long
+"""Run by `make test-long` alone: what takes minutes, and further cases of what takes seconds."""
 
 needs_links = pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege there")
+
+
+def first_quick(cases: Iterable[Any], *, several: bool = False) -> list[Any]:
+    """The cases of a parameter, the first for every run, the others for the long one alone.
+
+    ``several``: each is a tuple of the values of several names.
+    """
+    first, *others = cases
+    values = others if several else [(other,) for other in others]
+    return [first, *(pytest.param(*one, marks=LONG) for one in values)]
 
 
 @pytest.fixture(autouse=True)

@@ -21,7 +21,7 @@ import pytest
 from app.cli import main
 from tests.conftest import ROOT
 
-PATIENCE_S = 90.0
+PATIENCE_S = 600.0
 
 
 def _loaded() -> list[str]:

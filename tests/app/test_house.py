@@ -22,7 +22,7 @@ def imported(code: str) -> set[str]:
     """Top-level names of the modules that a fresh interpreter holds after this code."""
     script = f"{code}\nimport sys\nprint(*{{name.split('.')[0] for name in sys.modules}})"
     done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=600
     )
     return set(done.stdout.split())
 
@@ -71,7 +71,7 @@ sys.argv = ["glidecal", *{asked!r}]
 main()
 """
     done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=600
     )
     loaded = done.stderr.splitlines()[-1].split()
     assert "calib.design.identifiability" in loaded

@@ -26,6 +26,7 @@ from tests.blind.scoring import (
     truth_in_set,
     wrong_confident,
 )
+from tests.conftest import LONG
 
 pytest.importorskip("app.evaluating.diagnosis", reason="there is no diagnosis to test yet")
 
@@ -58,6 +59,7 @@ def test_over_a_plane_alone_clean_sessions_get_no_name(tmp_path: Path) -> None:
     assert rate(found, false_name).hits <= 1
 
 
+@LONG
 @pytest.mark.parametrize("procedure", ["sweep", "two-station"])
 def test_hidden_effects_are_in_the_set_and_no_other_is_claimed(
     tmp_path: Path, procedure: str

@@ -9,6 +9,7 @@ import numpy as np
 from tests.blind.claims import COVERAGE, TOLERANCE_MM, effect_cases, plain_cases, scored
 from tests.blind.forward import Hidden
 from tests.blind.tool import rms_mm, tool_errors_mm
+from tests.conftest import LONG
 
 SEED = 6
 
@@ -22,6 +23,7 @@ def test_the_true_tool_of_the_bench_is_that_of_its_own_kinematics() -> None:
     assert 0.15 < rms_mm(tool_errors_mm(off, nothing, nothing)) < 0.2
 
 
+@LONG
 def test_the_tool_keeps_its_bound(tmp_path: Path) -> None:
     """28 sessions at 93 %: fewer than 23 happens in 1.3 % of runs."""
     found = [scored(case, SEED, tmp_path) for case in list(effect_cases(1))[::6]]
@@ -37,6 +39,7 @@ def test_intervals_of_offsets_and_lengths_hold_the_truth(tmp_path: Path) -> None
     assert (off_u <= COVERAGE).sum() >= 78
 
 
+@LONG
 def test_intervals_hold_bars_that_are_off_by_three_tolerances(tmp_path: Path) -> None:
     """45 intervals at 93 %: fewer than 37 happens in 0.4 % of runs, were they independent."""
     every = [scored(case, SEED, tmp_path, 3.0 * TOLERANCE_MM) for case in plain_cases(1)]

@@ -11,6 +11,7 @@ from app.commands.sessions import import_table
 from app.evaluating.diagnosis import diagnose_files
 from calib.diagnosis.results import Diagnosis
 from tests.blind.linear_delta import Hidden, table
+from tests.conftest import first_quick
 
 PLAIN = Hidden(offset_mm=(0.2, -0.15, 0.1), length_mm=(0.1, -0.05, 0.08))
 HIDDEN = {
@@ -30,7 +31,7 @@ def diagnosed(folder: Path, hidden: Hidden, seed: int) -> Diagnosis:
     return diagnose_files([path]).diagnosis
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", first_quick([1, 2]))
 @pytest.mark.parametrize("effect", list(HIDDEN))
 def test_what_is_hidden_is_named_or_among_the_names(tmp_path: Path, effect: str, seed: int) -> None:
     """Never another name alone; nothing is called nothing."""

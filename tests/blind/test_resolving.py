@@ -16,6 +16,7 @@ from tests.blind.resolving import Follower, machine_text, visits_of
 from tests.blind.resolving_page import page
 from tests.blind.steps import Visit
 from tests.blind.trials import Trial, possible
+from tests.conftest import first_quick
 
 pytest.importorskip("app.evaluating.diagnosis", reason="there is no diagnosis to test yet")
 
@@ -65,11 +66,14 @@ def test_the_same_machine_with_offsets_entered_and_a_load() -> None:
 
 @pytest.mark.parametrize(
     ("procedure", "effect", "load", "shifted"),
-    [
-        ("zero-max-min", "actuator_cyclic", 1.0, False),
-        ("two-station", "gauge_tilt", 1.0, True),
-        ("zero-max-min", "actuator_scale", 2.0, False),
-    ],
+    first_quick(
+        [
+            ("zero-max-min", "actuator_cyclic", 1.0, False),
+            ("two-station", "gauge_tilt", 1.0, True),
+            ("zero-max-min", "actuator_scale", 2.0, False),
+        ],
+        several=True,
+    ),
 )
 def test_each_sort_of_proposal_resolves(
     tmp_path: Path, procedure: str, effect: str, load: float, shifted: bool

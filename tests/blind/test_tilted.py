@@ -6,8 +6,10 @@
 from __future__ import annotations
 
 from tests.blind.tilted import SHAPES, scores
+from tests.conftest import LONG
 
 
+@LONG
 def test_what_is_hidden_is_among_the_names() -> None:
     """Three shapes, nothing and six effects, each once; where anything is named.
 

@@ -9,7 +9,7 @@ import joblib
 import pytest
 
 from calib.clusters import in_parallel
-from tests.conftest import ROOT
+from tests.conftest import LONG, ROOT
 
 
 def test_parts_come_in_their_order() -> None:
@@ -18,8 +18,9 @@ def test_parts_come_in_their_order() -> None:
         assert list(in_parallel(abs, [-3, 2, -1])) == [3, 2, 1]
 
 
+@LONG
 def test_a_search_on_a_cluster_finds_what_it_finds_here() -> None:
     pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
     words = [sys.executable, "-m", "tests.calib.cluster_search"]
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=100, check=False)
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr

@@ -19,7 +19,7 @@ import pytest
 HERE = Path(__file__).parent
 MODULES = Path("/usr/lib/linuxcnc/modules")
 NEEDED = ("linuxcnc", "halcompile", "unshare", "gcc")
-TIME_OUT_S = 90
+TIME_OUT_S = 600
 
 INI = """[EMC]
 VERSION = 1.1

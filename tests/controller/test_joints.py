@@ -8,6 +8,7 @@ import pytest
 
 from calib.tripod.controller import ControllerJoint
 from calib.tripod.pipeline import Model
+from tests.conftest import LONG
 from tests.controller.joints import (
     HERE,
     OFFSETS,
@@ -20,6 +21,8 @@ from tests.controller.joints import (
 )
 from tests.controller.machine import L, Machine, homing
 from tests.controller.running import need_linuxcnc
+
+pytestmark = LONG
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0], ids=["latched-up", "latched-down"])

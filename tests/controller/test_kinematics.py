@@ -17,7 +17,10 @@ from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, posture
 from protocols.machine import load_machine
+from tests.conftest import LONG
 from tests.controller.running import SimulatedJoint, Stop, need_linuxcnc, run
+
+pytestmark = LONG
 
 POSTURES = 100
 

@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 from tests.app.cli import glidecal
+from tests.conftest import LONG
 from tests.controller.loop import OFFSETS, Loop
 from tests.controller.machine import Machine
+
+pytestmark = LONG
 
 WORN = {"play": 0.06, "cyclic": 0.01}
 

@@ -58,7 +58,7 @@ def test_replugged_under_the_same_name(tmp_path: Path) -> None:
     """The port vanishes and comes back; the line notices both by itself."""
     name = tmp_path / "gauge"
     heard: list[Outcome] = []
-    quick = replace(MITUTOYO_01A, timeout_s=1.0)
+    quick = replace(MITUTOYO_01A, timeout_s=10.0)
     first = TwinPort(IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 1.0, 0.001)), "pty")
     name.symlink_to(first.url)
     line = IndicatorLine(quick, str(name), interval_s=0.02, listener=heard.append)

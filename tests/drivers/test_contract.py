@@ -41,7 +41,7 @@ def answer(profile: Profile, port: TwinPort) -> Outcome:
     line = IndicatorLine(profile, port.url, interval_s=0.01)
     line.start()
     try:
-        return line.ask().result(timeout=20)
+        return line.ask().result(timeout=300)
     finally:
         line.close()
 
@@ -129,7 +129,7 @@ def test_no_reading_is_stale(profile: Profile, transport: Transport) -> None:
         for step in range(1, 6):
             position[0] = 0.25 * step
             time.sleep(2 * profile.stream_s)
-            found = line.ask().result(timeout=10)
+            found = line.ask().result(timeout=60)
             assert isinstance(found, IndicatorReading)
             assert found.value_mm == pytest.approx(0.25 * step, abs=0.001)
         line.close()

@@ -56,7 +56,7 @@ def first_outcome(port: str) -> Outcome:
     opened = IndicatorLine(QUICK, port, listener=heard.append)
     opened.start()
     try:
-        deadline = time.monotonic() + 5
+        deadline = time.monotonic() + 60
         while not heard and time.monotonic() < deadline:
             time.sleep(0.01)
     finally:
@@ -110,7 +110,7 @@ def test_a_late_answer_is_not_taken_for_the_next_reading(transport: Transport) -
             replace(QUICK, timeout_s=0.3), twin.url, interval_s=0.05, listener=heard.append
         )
         opened.start()
-        deadline = time.monotonic() + 8
+        deadline = time.monotonic() + 60
         while len(heard) < 2 and time.monotonic() < deadline:
             time.sleep(0.01)
         opened.close()
@@ -123,9 +123,9 @@ def test_a_late_answer_is_not_taken_for_the_next_reading(transport: Transport) -
 def test_unplugged_and_plugged_in_again(transport: Transport) -> None:
     twin = TwinPort(IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), transport)
     with line(twin.url, replace(QUICK, interval_s=0.05)) as opened:
-        assert isinstance(opened.ask().result(timeout=5), IndicatorReading)
+        assert isinstance(opened.ask().result(timeout=60), IndicatorReading)
         twin.close()
-        gone = opened.ask().result(timeout=5)
+        gone = opened.ask().result(timeout=60)
         assert isinstance(gone, Fault)
         assert gone.kind is FaultKind.DISCONNECTED
         assert opened.port in gone.words
@@ -139,7 +139,7 @@ def test_two_indicators_on_a_moving_rig(transport: Transport) -> None:
             opened.start()
         for goal in ((0.1, -0.1), (1.234, 5.678), (-0.5, 0.0)):
             rig.go(goal)
-            values = [opened.ask().result(timeout=5) for opened in lines]
+            values = [opened.ask().result(timeout=60) for opened in lines]
             assert [v.value_mm for v in values if isinstance(v, IndicatorReading)] == list(goal)
         for opened in lines:
             opened.close()
@@ -209,20 +209,20 @@ def test_a_line_that_is_asked_while_it_is_closed_does_not_wait_for_its_turn() ->
         for _ in range(200):
             opened.ask()
 
-    slow = replace(QUICK, interval_s=12.0)
+    slow = replace(QUICK, interval_s=60.0)
     with TwinPort(IndicatorTwin(QUICK, Spindle(lambda: 0.5, 0.001)), "tcp") as twin:
         for _ in range(8):
             heard: queue.SimpleQueue[Outcome] = queue.SimpleQueue()
             opened = IndicatorLine(slow, twin.url, listener=heard.put)
             opened.start()
-            heard.get(timeout=5.0)
+            heard.get(timeout=60.0)
             together = threading.Barrier(2)
             asking = threading.Thread(target=ask_often, args=(opened, together))
             asking.start()
             together.wait()
             began_s = time.monotonic()
             opened.close()
-            assert time.monotonic() - began_s < 6.0
+            assert time.monotonic() - began_s < 30.0
             asking.join()
 
 
@@ -242,7 +242,7 @@ def test_a_flood_on_a_socket_ends_with_an_outcome_and_a_closed_port(poured: byte
             client, _ = server.accept()
             pouring = threading.Thread(target=pour, args=(client,), daemon=True)
             pouring.start()
-            outcomes = [opened.ask().result(timeout=5) for _ in range(3)]
+            outcomes = [opened.ask().result(timeout=60) for _ in range(3)]
         done.set()
         client.close()
         pouring.join()

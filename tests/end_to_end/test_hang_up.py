@@ -19,7 +19,7 @@ from tests.app.cli import glidecal
 if sys.platform == "win32":
     pytest.skip("Windows has neither pseudo-terminals nor SIGHUP", allow_module_level=True)
 
-PATIENCE_S = 60.0
+PATIENCE_S = 300.0
 
 
 class Terminal:

@@ -20,8 +20,9 @@ import pytest
 from protocols.record import read_record
 from protocols.session import fold
 from tests.app.cli import glidecal
+from tests.conftest import LONG
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs fork and SIGKILL")
+pytestmark = [LONG, pytest.mark.skipif(sys.platform == "win32", reason="needs fork and SIGKILL")]
 
 STEPS = range(1, 9)
 AXES_OF_A_STEP = 2
@@ -35,7 +36,7 @@ def sessions(folder: Path, how: str, seed: str = "1", kills: int = 0) -> Lines:
         [sys.executable, "-m", "tests.end_to_end.killed_session", folder, how, seed, str(kills)],
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=600,
         check=False,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
     )

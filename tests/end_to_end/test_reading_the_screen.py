@@ -16,11 +16,12 @@ import pytest
 
 from protocols.record import read_record
 from protocols.session import fold
+from tests.conftest import LONG
 from tests.end_to_end.test_terminal import Terminal
 
 pytestmark = [
+    LONG,
     pytest.mark.skipif(shutil.which("tmux") is None, reason="tmux is not installed"),
-    pytest.mark.timeout(480),
 ]
 
 PROCEDURE = """\
@@ -32,7 +33,7 @@ levels = ["zero", "max", "min"]
 window_s = 0.5
 """
 BOX = "│█▊▎╭╮╰╯─▔▁ "
-PATIENCE_S = 60.0
+PATIENCE_S = 300.0
 
 
 class Person:

@@ -26,7 +26,7 @@ from app.screens.serving_reports import HEADERS
 from tests.app.report.test_pages import hostile_session
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-PATIENCE_S = 30.0
+PATIENCE_S = 300.0
 WIDTHS = (700, 1600)
 
 ACTIVE = (

@@ -14,7 +14,7 @@ import pytest
 
 pytestmark = pytest.mark.skipif(shutil.which("tmux") is None, reason="tmux is not installed")
 
-PATIENCE_S = 30.0
+PATIENCE_S = 300.0
 
 
 class Terminal:
@@ -62,7 +62,7 @@ class Terminal:
 
     def _call(self, *arguments: str) -> str:
         done = subprocess.run(
-            [*self._tmux, *arguments], capture_output=True, text=True, check=True, timeout=20
+            [*self._tmux, *arguments], capture_output=True, text=True, check=True, timeout=300
         )
         return done.stdout
 

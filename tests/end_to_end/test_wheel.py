@@ -13,9 +13,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import ROOT, SAMPLES
+from tests.conftest import LONG, ROOT, SAMPLES
 
-PATIENCE_S = 120.0
+pytestmark = LONG
+
+PATIENCE_S = 600.0
 PIP = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
 OFFLINE = ["--no-deps", "--no-index"]
 

@@ -22,7 +22,7 @@ from drivers.motion.states import State
 from protocols.record import read_record
 from protocols.session import Reading
 from tests.app.measuring.moving_machine import SHORT, Bench, moving_session, taken
-from tests.conftest import ROOT
+from tests.conftest import LONG, ROOT
 from tests.drivers.motion.bench import BUSY, comes_true, started
 from tests.firmware.rig import (
     AT_POWER_ON_MM,
@@ -36,6 +36,8 @@ from tests.firmware.rig import (
     CountedAxes,
 )
 from tests.firmware.sources import FOLDER, SOURCES, folder_of_sources, need_firmware
+
+pytestmark = LONG
 
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)

@@ -10,6 +10,7 @@ import pytest
 from protocols.printers.imported import imported_printer
 from tests.app.cli import glidecal
 from tests.app.exports import test_towers as true
+from tests.conftest import LONG
 from tests.firmware.klipper import STEP_MM, configuration_of, kinematics_of, need_klipper
 from tests.protocols.printers.printers import (
     NOW,
@@ -20,6 +21,8 @@ from tests.protocols.printers.printers import (
     saved,
     superseded,
 )
+
+pytestmark = LONG
 
 MIDDLE = np.zeros(3)
 

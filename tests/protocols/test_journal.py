@@ -443,7 +443,7 @@ assert sum(e.event == "reading" for e in record.events) == taken > 1
 journal.close()
 """
     done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=600, check=False
     )
     assert done.returncode == 0, done.stderr
     assert "File too large" in done.stdout

@@ -125,7 +125,6 @@ async def test_repeat_asks_where_it_takes_more_than_one_step(tmp_path: Path) -> 
         await pilot.press("ctrl+c")
 
 
-@pytest.mark.timeout(240)  # thirty steps by hand, thirty more by themselves
 async def test_whole_session_verify_and_compare(tmp_path: Path) -> None:
     plan = quick_plan(tmp_path)
     plan = replace(plan, procedure=plan.procedure.model_copy(update={"cycles": 1}))

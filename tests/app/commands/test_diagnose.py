@@ -14,6 +14,7 @@ import pytest
 
 from app.report.text.tables import uncertain
 from tests.app.cli import glidecal, refused
+from tests.conftest import LONG
 
 PROMISED = {
     "schema",
@@ -107,6 +108,7 @@ def test_the_first_line_is_the_verdict(tmp_path: Path) -> None:
     assert quiet.out.splitlines()[0].startswith("AGREES.")
 
 
+@LONG
 def test_the_bound_at_the_tool_and_what_lowers_it(tmp_path: Path, samples: Path) -> None:
     """`plan` proposes the same set-ups from the readings; each lowers the bound by a tenth."""
     session = samples / "experiment_1_six.jsonl"
@@ -323,6 +325,7 @@ def test_beside_names_the_law_is_asked_for(tmp_path: Path) -> None:
         assert named == ["empirical"]
 
 
+@LONG
 def test_sessions_with_another_load_on_the_tool(tmp_path: Path) -> None:
     """A sag doubles with the load: a session with twice the load counts four times."""
     off = {"d_rho_x": 1.2, "d_rho_y": -0.9, "d_rho_z": 0.6, "d_L_x": 0.03}

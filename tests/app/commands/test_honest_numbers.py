@@ -14,6 +14,7 @@ import pytest
 from calib.arrays import conditions
 from calib.tripod.pipeline import Model
 from tests.app.cli import Run, glidecal
+from tests.conftest import LONG
 
 LEVELS = (0.0, 60.0, -100.0)
 Row = dict[str, Any]
@@ -335,6 +336,7 @@ def test_drift_is_said_although_it_is_no_noise(tmp_path: Path) -> None:
     assert f"drift from cycle to cycle by {found['noise']['wander_mm']:.3f} mm r.m.s." in said
 
 
+@LONG
 def test_hundreds_of_suspects_are_counted_not_listed(tmp_path: Path) -> None:
     table = rows(cycles=60)
     for row in table[::90]:

@@ -111,7 +111,7 @@ def test_standard_output_on_a_full_disk() -> None:
             stderr=subprocess.PIPE,
             text=True,
             check=False,
-            timeout=60,
+            timeout=600,
         )
     assert run.returncode == 3
     assert "standard output: No space left" in run.stderr
@@ -128,7 +128,7 @@ def test_reader_of_the_output_goes_away() -> None:
         stderr=subprocess.PIPE,
         text=True,
         check=False,
-        timeout=60,
+        timeout=600,
     )
     os.close(write_end)
     assert run.returncode == 130

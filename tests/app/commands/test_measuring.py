@@ -36,7 +36,8 @@ from tests.app.measuring.moving_machine import (
     taken,
     wrong,
 )
-from tests.drivers.motion.bench import comes_true
+from tests.conftest import LONG
+from tests.drivers.motion.bench import BUSY, PATIENCE_S, comes_true
 
 TWO = ("--indicator", "mitutoyo-01a:/dev/none0@xy", "--indicator", "mitutoyo-01a:/dev/none1@yzx")
 
@@ -198,7 +199,8 @@ def test_a_board_is_homed_with_a_word_for_it_typed_in_the_terminal(
         assert (question in said) is (question in questions)
 
 
-USUAL = MachineFile(motion=MotionLimits())
+SLOW = MachineFile(motion=MotionLimits(feed_mm_min=30.0))
+"""On its way to Zero for seven seconds: on a busy machine a stop may take one of them."""
 
 
 @contextmanager
@@ -207,8 +209,9 @@ def on_its_way(
 ) -> Iterator[tuple[Plan, MotionTwin]]:
     """A plan whose machine is proved; ``then`` is called once, in a thread, when it moves."""
     monkeypatch.setattr("sys.stdin", Terminal("y\n" * 9))
+    monkeypatch.setattr("app.measuring.opening.STRICT", BUSY)
     with following() as (_, twin, ports):
-        plan = replace(plan_of(folder, twin.told, ports), machine=USUAL)
+        plan = replace(plan_of(folder, twin.told, ports), machine=SLOW)
         remember_proved(plan)
 
         def befall() -> None:
@@ -226,6 +229,7 @@ def on_its_way(
 def test_ctrl_c_stops_it_and_says_how_to_go_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    monkeypatch.setattr("drivers.motion.line.STOP_S", PATIENCE_S)
     with on_its_way(tmp_path, monkeypatch, lambda _: _thread.interrupt_main()) as (plan, twin):
         with pytest.raises(KeyboardInterrupt):
             measuring.measure(plan, headless=True)
@@ -285,6 +289,7 @@ def measured(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
     return taken
 
 
+@LONG
 def test_set_up_after_set_up_until_the_bound_is_reached(
     tmp_path: Path, measured: list[Plan], capsys: pytest.CaptureFixture[str]
 ) -> None:

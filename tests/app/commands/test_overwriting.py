@@ -13,7 +13,7 @@ from calib.errors import RecordError
 from protocols import files
 from protocols.files import FilesThere, write_files
 from tests.app.cli import glidecal, refused
-from tests.conftest import needs_links
+from tests.conftest import first_quick, needs_links
 
 HEXA = ("--machine", "hexaslide", "--procedure", "pose-inverse", "--postures", "12")
 POSTURES = ("--procedure", "zero-max-min", "--count", "9", "--common")
@@ -103,7 +103,7 @@ def test_not_even_force_writes_over_a_session(name: str, tmp_path: Path, samples
 
 
 @needs_links
-@pytest.mark.parametrize("force", [(), ("--force",)])
+@pytest.mark.parametrize("force", first_quick([("--force",), ()]))
 @pytest.mark.parametrize("behind", ["nothing", "a file"])
 @pytest.mark.parametrize("name", WRITING)
 def test_no_verb_writes_through_a_link(

@@ -59,7 +59,6 @@ def names(result: Posterior, found: Diagnosis) -> set[str]:
     }
 
 
-@pytest.mark.timeout(400)
 def test_nothing_hidden_agrees_and_nothing_of_an_indicator_is_ever_named(tmp_path: Path) -> None:
     agreed, of_indicators = 0, set()
     for seed in range(SESSIONS):

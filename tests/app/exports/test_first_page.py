@@ -12,9 +12,10 @@ from app.report.charts.bars import bar_rows
 from app.report.text.glance import Done, glance_text, next_text
 from protocols.record import read_record
 from tests.app.exports.first_page import differences, simulated
+from tests.conftest import first_quick
 
 
-@pytest.mark.parametrize("seed", [1, 7, 14])
+@pytest.mark.parametrize("seed", first_quick([1, 7, 14]))
 def test_what_is_shown_first_is_written_printed_and_judged(tmp_path: Path, seed: int) -> None:
     path = simulated(tmp_path, seed)
     assert read_record(path).end == "closed"

@@ -17,6 +17,7 @@ import pytest
 
 from tests.app.cli import glidecal
 from tests.app.exports import test_towers as true
+from tests.conftest import first_quick
 from tests.protocols.printers.printers import printer_cfg
 from tests.protocols.printers.test_firmwares import TEN, m503, real_eeprom
 
@@ -60,7 +61,7 @@ def simulated(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     return session_of(tmp_path_factory.mktemp("simulated"), text[request.param])
 
 
-@pytest.mark.parametrize("kind", true.READ_ANY)
+@pytest.mark.parametrize("kind", first_quick(true.READ_ANY))
 def test_the_true_machine_keeps_its_height_over_the_plate(
     kind: str, simulated: Path, tmp_path: Path
 ) -> None:
@@ -109,7 +110,7 @@ def real(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return session_of(tmp_path_factory.mktemp("real"), real_eeprom())
 
 
-@pytest.mark.parametrize("kind", REAL_READ)
+@pytest.mark.parametrize("kind", first_quick(REAL_READ))
 @pytest.mark.parametrize("more", [(), ("--subset", "leg-lengths")], ids=["correction", "lengths"])
 def test_ten_contacts_of_a_real_printer_stay_at_their_height(
     kind: str, more: Sequence[str], real: Path, tmp_path: Path

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from app.exports.linuxcnc_ini import Entries, read_controller
 from calib.errors import GlidecalError
 from tests.app.cli import glidecal, refused
+from tests.conftest import LONG
 
 INIVAR, START = shutil.which("inivar"), shutil.which("linuxcnc")
 SAMPLES = Path("/usr/share/doc/linuxcnc/examples/sample-configs")
@@ -122,6 +123,7 @@ def expanded(path: Path) -> Path:
     return Path(done.stdout.strip().splitlines()[-1])
 
 
+@LONG
 @pytest.mark.skipif(not (INIVAR and SAMPLES.is_dir()), reason="needs LinuxCNC and its samples")
 @pytest.mark.parametrize("part", range(3))
 def test_every_sample_of_the_controller_reads_alike(tmp_path: Path, part: int) -> None:

@@ -23,10 +23,11 @@ from protocols.machine import Frame, load_machine
 from protocols.model_file import read_model_file
 from tests.app.cli import glidecal
 from tests.blind.corrections import sessions
+from tests.conftest import first_quick
 
 MACHINES: dict[str, tuple[str, ...]] = {
-    "nothing": ("--protocol", "two-station"),
     "play": ("--protocol", "two-station", "--effect", "backlash:y", "--size", "0.06"),
+    "nothing": ("--protocol", "two-station"),
     "tilt": ("--protocol", "two-station", "--effect", "axis_squareness:xy", "--size", "2"),
     "sag": ("--protocol", "two-station", "--effect", "gravity_sag:x", "--size", "0.3"),
     "few": ("--protocol", "zero-max-min", "--effect", "straightness:x", "--size", "0.1"),
@@ -42,7 +43,7 @@ INI = "[TRAJ]\nLINEAR_UNITS = mm\n" + "".join(
 )
 
 
-@pytest.fixture(scope="module", params=list(MACHINES))
+@pytest.fixture(scope="module", params=first_quick(MACHINES))
 def session(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session of a machine with offsets and what its name says."""
     offsets = OF_DELTA if request.param == "delta" else OFFSETS

@@ -29,6 +29,7 @@ from protocols.machine_files import MACHINES
 from protocols.model_file import model_file
 from tests.app.cli import glidecal, refused
 from tests.blind.linear_delta import places
+from tests.conftest import first_quick
 
 FloatArray = NDArray[np.float64]
 Firmware = Callable[[FloatArray], FloatArray]
@@ -386,7 +387,7 @@ def plate_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return read_over_the_plate(OFF_IN_ALL, tmp_path_factory.mktemp("plate"))
 
 
-@pytest.mark.parametrize("kind", READ_ANY)
+@pytest.mark.parametrize("kind", first_quick(READ_ANY))
 def test_the_height_at_the_plate_is_kept(kind: str, plate_session: Path, tmp_path: Path) -> None:
     """The true machine, sent to the middle of the plate with the values that it had and the new."""
     out = tmp_path / kind

@@ -28,6 +28,7 @@ from protocols.procedure import load_procedure
 from protocols.record import read_record
 from protocols.session import fold
 from tests.app.cli import glidecal, refused
+from tests.conftest import first_quick
 
 IDS = tuple(dict.fromkeys(effect.id for effect in CATALOGUE))
 LENGTH = "leg_length"  # lengths are always fitted: it takes a size to show beyond its tolerance
@@ -49,7 +50,7 @@ def measured(plan: Plan) -> Observations:
 
 
 @pytest.mark.parametrize("wanted", [one for one in IDS if one not in (LENGTH, PLATE)])
-@pytest.mark.parametrize("protocol", ["zero-max-min", "two-station"])
+@pytest.mark.parametrize("protocol", first_quick(["zero-max-min", "two-station"]))
 def test_every_effect_shows_and_nothing_else_imitates_it(wanted: str, protocol: str) -> None:
     """What offsets, lengths and zeros leave of it stands far above the noise; no monster."""
     tolerance = {effect.parameters: effect.parameters[0].tolerance for effect in CATALOGUE}

@@ -35,6 +35,7 @@ from drivers.twins import LineTrouble
 from protocols.machine import Instrument
 from protocols.procedure import axes_on_leg, load_procedure
 from tests.app.cli import glidecal, refused
+from tests.conftest import first_quick
 
 
 @pytest.mark.parametrize(
@@ -256,7 +257,9 @@ def test_indicators_of_the_machine_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "profiles",
-    [("sylvac", "heidenhain-nd28x"), ("u-wave",), ("mahr-optorsd", "cdi"), ("mux", "metro-mux")],
+    first_quick(
+        [("sylvac", "heidenhain-nd28x"), ("u-wave",), ("mahr-optorsd", "cdi"), ("mux", "metro-mux")]
+    ),
 )
 def test_demo_with_other_indicators(profiles: tuple[str, ...], tmp_path: Path) -> None:
     named = [part for name in profiles for part in ("--profile", name)]

@@ -26,7 +26,7 @@ from drivers.motion.states import State
 from drivers.motion.twins import LinuxCncTwin, MotionTrouble, SimulatedAxes
 from protocols.procedure import Step, load_procedure
 from tests.app.measuring.moving_machine import FAST
-from tests.drivers.motion.bench import comes_true, started
+from tests.drivers.motion.bench import PATIENCE_S, Ticker, comes_true, started
 
 SEQUENCES = int(os.environ.get("GLIDECAL_FUZZ", "40"))
 FIRST = int(os.environ.get("GLIDECAL_SEED", "0"))
@@ -81,6 +81,7 @@ class Operator:
 
     mover: Mover
     twin: TimedTwin
+    ticker: Ticker
     steps: tuple[Step, ...]
     chance: random.Random
     keys: MotionKeys = field(default_factory=MotionKeys)
@@ -130,7 +131,7 @@ class Operator:
                 self.interfere()
             case "answer" if self.mover.state in (State.HELD, State.FAULT):
                 self.twin.mend()
-                self.mover.answer().exception(5.0)
+                self.mover.answer().exception(PATIENCE_S)
         time.sleep(self.chance.choice((0.0, 0.01, 0.02, DEAD_S + 0.02)))
         self.go_on()
 
@@ -165,7 +166,8 @@ class Operator:
         consent_s = fresh[-1] if fresh else None
         if consent_s is None:
             return "only repeats of a key"
-        if any(consent_s < s < at_s - HELD_UP_S for s in self.others_s):
+        between = [s for s in self.others_s if consent_s < s < at_s]
+        if any(at_s - s > HELD_UP_S + self.ticker.held_up(s, at_s) for s in between):
             return "another key came between"
         look_s = max(s for s in self.twin.looks_s if s < at_s)
         if any(consent_s < s < look_s for s in self.troubles_s):
@@ -179,12 +181,12 @@ class Operator:
 def operator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Operator]:
     monkeypatch.setattr(motion_keys, "HELD_KEY_S", DEAD_S)
     procedure = load_procedure("zero-max-min", FAST.geometry())
-    with closing(TimedTwin(SimulatedAxes())) as twin:
+    with closing(TimedTwin(SimulatedAxes())) as twin, closing(Ticker()) as ticker:
         controller = controller_of(twin.told, limits_of(FAST))
         steps = procedure.steps(FAST.geometry(), ("xyz", "xyz"))
         with started(controller, Patience(silence_s=3.0, dead_s=DEAD_S)) as (line, _):
             mover = Mover(line, procedure, FAST, ("xyz", "xyz"))
-            yield Operator(mover, twin, steps, random.Random())
+            yield Operator(mover, twin, ticker, steps, random.Random())
 
 
 def test_nothing_moves_without_a_fresh_consent(operator: Operator) -> None:
@@ -204,6 +206,6 @@ def test_nothing_moves_without_a_fresh_consent(operator: Operator) -> None:
         assert not operator.twin.axes.moving or operator.troubles_s
         operator.twin.mend()
         if mover.state in (State.HELD, State.FAULT):
-            mover.answer().exception(5.0)
+            mover.answer().exception(PATIENCE_S)
             mover.go(operator.steps[operator.at], by_hand_first=False)
     assert judged > SEQUENCES / 4  # or nothing was tried

@@ -41,6 +41,7 @@ from tests.app.measuring.moving_machine import (
     with_faults,
     wrong,
 )
+from tests.conftest import first_quick
 from tests.drivers.motion.bench import comes_true
 
 BOTH = ("xyz", "xyz")
@@ -95,7 +96,7 @@ EVERY_KIND = (
 )
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", first_quick([1, 2]))
 def test_no_fault_leaves_a_reading_of_a_wrong_posture(seed: int, tmp_path: Path) -> None:
     """Six kinds, each at a moment of its own; the seventh, a killed program, has to be started
     first: `tests/drivers/motion/test_line.py` and `tests/controller`.

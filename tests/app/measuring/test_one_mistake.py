@@ -11,12 +11,14 @@ from pathlib import Path
 import pytest
 
 from tests.app.measuring.mistaken_operator import KINDS, outcomes, summary
+from tests.conftest import LONG
 
 SESSIONS = 60 if "GLIDECAL_FUZZ" in os.environ else 30
 
 pytestmark = pytest.mark.timeout(3600)
 
 
+@LONG
 def test_a_session_with_one_mistake_ends_right(tmp_path: Path) -> None:
     """210 sessions: wrong posture, leg, sign or unit, once or from there on, a touched stand."""
     of_all = outcomes(tmp_path, range(SESSIONS))

@@ -53,7 +53,7 @@ def test_a_last_event_too_large_to_look_at(tmp_path: Path) -> None:
 def test_a_thousand_large_sessions_are_listed_by_few_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What is read decides how long it takes; the clock has room for a machine ten times slower."""
+    """What is read decides how long it takes."""
     path = tmp_path / "0.jsonl"
     write_whole(path, opened(), [*LARGE])
     for number in range(1, 1000):
@@ -66,9 +66,9 @@ def test_a_thousand_large_sessions_are_listed_by_few_bytes(
         return real(path, number, line)
 
     monkeypatch.setattr(record, "parse_line", counted)
-    began_s = time.perf_counter()
+    began_s = time.process_time()
     assert len(recent_sessions(tmp_path)) == MOST
-    assert time.perf_counter() - began_s < 5.0
+    assert time.process_time() - began_s < 5.0
     assert sum(read) < MOST * SMALL_BYTES
 
 

@@ -23,6 +23,7 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     mistakes,
     with_values,
 )
+from tests.conftest import first_quick
 
 Change = Callable[[Observations, FloatArray], FloatArray]
 
@@ -102,7 +103,7 @@ def key(observed: Observations) -> list[tuple[float, ...]]:
         ("postures_exchanged", postures_exchanged("xy", 2)),
     ],
 )
-@pytest.mark.parametrize("repeated", [False, True], ids=["once", "twice"])
+@pytest.mark.parametrize("repeated", first_quick([False, True]), ids=["once", "twice"])
 def test_values_go_back_to_their_labels(name: str, change: Change, repeated: bool) -> None:
     session = case(SHORT, seed=3)
     if repeated:
@@ -157,7 +158,7 @@ def test_a_slip_gives_what_follows_a_mounting_of_its_own(repeated: bool) -> None
 
 
 @pytest.mark.parametrize(("place", "off_mm"), [("zy", 0.1), ("xz", -2.0)])
-@pytest.mark.parametrize("repeated", [False, True], ids=["once", "twice"])
+@pytest.mark.parametrize("repeated", first_quick([False, True]), ids=["once", "twice"])
 def test_a_wild_visit_is_left_out_and_nothing_else(
     place: str, off_mm: float, repeated: bool
 ) -> None:

@@ -24,9 +24,10 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     names,
     with_readings,
 )
+from tests.conftest import first_quick
 
 
-@pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
+@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP, TWO_STATION]))
 def test_nothing_missing_agrees_and_says_what_would_have_been_seen(taken: Observations) -> None:
     verdicts = [diagnose([case(taken, seed=seed)], CATALOGUE) for seed in range(6)]
     assert sum(one.verdict == "agrees" for one in verdicts) >= 5

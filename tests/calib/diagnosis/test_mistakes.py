@@ -27,6 +27,7 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     with_readings,
     with_values,
 )
+from tests.conftest import first_quick
 
 SCATTER_MM = 0.002
 SINGLE = ("wild_reading", "label_error")
@@ -137,7 +138,7 @@ def test_a_slip_is_no_drift_and_no_wild_reading(
     assert np.unique(cleaned(diagnosis).observed.mount[rows]).size == 2
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_slip_drift_and_wild_readings_are_told_apart(seed: int) -> None:
     session = case(SWEEP, seed=seed)
     clean = session.observed
@@ -152,9 +153,11 @@ def test_slip_drift_and_wild_readings_are_told_apart(seed: int) -> None:
         assert "stand_slip" not in every
 
 
-@pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
+@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP, TWO_STATION]))
 @pytest.mark.parametrize("play_mm", [0.0, 0.03])
-@pytest.mark.parametrize(("size", "sessions"), [(1.0, 2), (5.0, 2), (25.0, 4)])
+@pytest.mark.parametrize(
+    ("size", "sessions"), first_quick([(5.0, 2), (1.0, 2), (25.0, 4)], several=True)
+)
 def test_a_steady_drift_is_no_slip_whatever_the_play(
     taken: Observations, play_mm: float, size: float, sessions: int
 ) -> None:
@@ -191,7 +194,7 @@ def test_two_readings_under_one_label_and_the_wrong_one_is_told() -> None:
     assert left_out(diagnosis, len(session.observed)) == [row]
 
 
-@pytest.mark.parametrize("taken", [SHORT, SWEEP])
+@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP]))
 def test_a_reading_under_the_other_leg(taken: Observations) -> None:
     session = case(taken, seed=3)
     observed = session.observed
@@ -270,7 +273,7 @@ def read_along(observed: Observations, leg: int, axis: int) -> IntArray:
     return np.flatnonzero((observed.leg == leg) & (observed.axis == axis))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_indicators_swapped_at_one_station_only(seed: int) -> None:
     session = case(TWO_STATION, seed=seed)
     observed = session.observed
@@ -285,7 +288,7 @@ def test_indicators_swapped_at_one_station_only(seed: int) -> None:
     assert diagnosis.verdict == "explained"
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_indicators_swapped_at_all_stations_are_one_mistake(seed: int) -> None:
     session = case(TWO_STATION, seed=seed)
     first, second = (read_along(session.observed, 2, axis) for axis in (0, 1))
@@ -294,7 +297,7 @@ def test_indicators_swapped_at_all_stations_are_one_mistake(seed: int) -> None:
     assert mistake.title == "indicators exchanged"
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_swapped_indicators_beside_a_strong_effect(seed: int) -> None:
     session = case(SWEEP, EffectInstance(LAWS["axis_offset"], "xy", (0.6,)), seed=seed)
     first, second = (read_along(session.observed, 1, axis) for axis in (0, 2))

@@ -28,6 +28,7 @@ from calib.hexaslide.residuals import Readings, residuals, shares, stretch, whit
 from calib.hexaslide.simulation import disturbed, measure
 from calib.stats import coverage_factor
 from tests.calib.hexaslide.test_hexaslide import H60, random_machine
+from tests.conftest import LONG
 
 NOMINAL = HexaSlide(H60.geometry, H60.box, H60.link)
 NOISE_M, NOISE_RAD = 1e-5, 2e-5
@@ -214,6 +215,7 @@ def test_tilts_and_encoders_without_noise_give_all_that_no_frame_changes(
     assert np.abs(zeros).max() < 1e-9
 
 
+@LONG
 @pytest.mark.parametrize(
     ("kind", "count", "sessions"),
     [("pose-inverse", 20, 240), ("position", 30, 150), ("constraint-link", 60, 120)],

@@ -20,6 +20,7 @@ from calib.hexaslide.procedures import Procedure, ProcedureKind, looseness
 from calib.hexaslide.search import BestPostures, Search, best_postures, judged_postures
 from tests.calib.hexaslide.hexaslide_draws import jacobian_and_slopes
 from tests.calib.hexaslide.test_hexaslide import H60, random_machine, some
+from tests.conftest import LONG
 
 PROCEDURES = {
     "pose-inverse": Procedure.of("pose-inverse"),
@@ -166,6 +167,7 @@ def by_criterion() -> dict[Criterion, BestPostures]:
     }
 
 
+@LONG
 @pytest.mark.parametrize("criterion", [*OF_PAPER, Criterion.AVERAGE_VARIANCE])
 def test_each_criterion_is_better_for_the_set_that_was_made_for_it(
     by_criterion: dict[Criterion, BestPostures], criterion: Criterion

@@ -14,6 +14,7 @@ from calib.posterior.posterior import posterior
 from calib.posterior.tool import FRAMES, Frame
 from calib.tripod.workspace import workspace_points
 from tests.calib.posterior.hidden_machines import SHORT, SWEEP, hidden, session
+from tests.conftest import first_quick
 
 DRAWS = 4_000
 
@@ -53,7 +54,7 @@ def drawn(result: Posterior, generator: np.random.Generator, count: int) -> Floa
 
 
 @pytest.mark.parametrize("frame", FRAMES)
-@pytest.mark.parametrize("holds", HOLDS)
+@pytest.mark.parametrize("holds", first_quick(HOLDS))
 def test_the_bound_is_what_975_of_1000_machines_drawn_from_the_posterior_keep(
     unsure: Posterior, holds: Holds, frame: Frame
 ) -> None:

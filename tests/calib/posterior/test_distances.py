@@ -20,6 +20,7 @@ from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.gauges import GaugeGain
 from calib.tripod.pipeline import Model
 from protocols.machine import load_machine
+from tests.conftest import LONG
 
 MACHINE = load_machine("linear-delta")
 DELTA = MACHINE.geometry()
@@ -191,6 +192,7 @@ def solved(seed: int, *, with_distances: bool) -> tuple[float, float]:
 MACHINES = range(24)
 
 
+@LONG
 def test_distances_tell_the_common_size_that_contacts_leave_open() -> None:
     """Bars and radius that are larger alike keep a plate flat: within tolerances, nothing is told.
 

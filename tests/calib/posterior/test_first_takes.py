@@ -20,6 +20,7 @@ from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
 from tests.calib.posterior.sessions import SCATTER_MM, SHORT, SWEEP, case, with_values
+from tests.conftest import first_quick
 
 PLAY_MM = 0.05
 PLAY = EffectInstance(Backlash(), "x", (PLAY_MM,))
@@ -73,7 +74,7 @@ def test_a_first_take_within_a_play_is_named_and_the_play_keeps_its_size(
 
 
 @pytest.mark.parametrize("taken", [SHORT, SWEEP], ids=["short", "sweep"])
-@pytest.mark.parametrize("settled_mm", [0.06, 0.2])
+@pytest.mark.parametrize("settled_mm", first_quick([0.06, 0.2]))
 def test_a_stand_that_settled_is_named_beside_the_play_of_another_carriage(
     taken: Observations, settled_mm: float
 ) -> None:

@@ -13,6 +13,7 @@ from calib.posterior.posterior import posterior
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
 from tests.calib.posterior.sessions import SHORT, SWEEP, case, with_values
+from tests.conftest import first_quick
 
 
 def named(answer: Posterior, least: float = 0.5) -> list[tuple[str, str]]:
@@ -34,7 +35,7 @@ def changed(one: SessionCase, rows: IntArray, value_mm: FloatArray) -> Posterior
 
 
 @pytest.mark.parametrize("taken", [SHORT, SWEEP], ids=["short", "sweep"])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_in_a_clean_session_nothing_is_exchanged(taken: Observations, seed: int) -> None:
     assert not named(posterior([case(taken, seed=seed)]), least=0.05)
 
@@ -114,7 +115,7 @@ def test_a_reading_of_another_posture_is_a_wrong_label() -> None:
     assert title == "one reading is wrong, at -100 mm, cycle 2; it fits +60 mm"
 
 
-@pytest.mark.parametrize("off_mm", [0.02, 0.06, 0.1])
+@pytest.mark.parametrize("off_mm", first_quick([0.02, 0.06, 0.1]))
 def test_a_stand_that_settles_after_its_first_take_is_no_play(off_mm: float) -> None:
     one = case(SHORT, seed=10)
     first = np.array([rows_of(SHORT, "yx")[0], rows_of(SHORT, "yz")[0]])

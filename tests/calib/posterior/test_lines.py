@@ -30,6 +30,7 @@ from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
 from protocols.machine import load_machine
 from tests.calib.posterior.sessions import SWEEP, case
+from tests.conftest import LONG
 
 LINES = geometry_tolerances(Geometry(), 0.05, 0.2, 0.05)
 
@@ -61,6 +62,7 @@ def test_parameters_of_lines_are_those_that_readings_can_see(
     assert not geometry_tolerances(geometry, 0.0, 0.0, 0.0)
 
 
+@LONG
 def test_lines_within_their_tolerance_are_measured_and_have_no_name() -> None:
     """Of 8 machines with 9 parameters each: 95 % within 2 u, and u less than the tolerance.
 

@@ -29,6 +29,7 @@ from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, measure
 from protocols.procedure import Procedure, leg_number
 from tests.calib.posterior.hidden_machines import SHORT, SWEEP, TWO_STATION, hidden, session
+from tests.conftest import LONG, first_quick
 
 NOISE_MM = 0.003
 
@@ -135,6 +136,7 @@ def followed() -> list[Followed]:
     return every
 
 
+@LONG
 def test_bounds_become_what_was_expected(followed: list[Followed]) -> None:
     best = np.median([one.best_after_mm / one.best_mm for one in followed])
     worst = np.median([one.worst_after_mm / one.worst_mm for one in followed])
@@ -142,6 +144,7 @@ def test_bounds_become_what_was_expected(followed: list[Followed]) -> None:
     assert 0.85 < worst < 1.18
 
 
+@LONG
 def test_the_proposal_gains_what_it_promised_over_the_worst_candidate(
     followed: list[Followed],
 ) -> None:
@@ -254,11 +257,14 @@ def test_set_ups_in_turn_lower_the_bound_as_long_as_each_is_worth_it() -> None:
 
 @pytest.mark.parametrize(
     ("places", "effect", "frame", "instrument"),
-    [
-        ("xy", "axis_squareness", "touched-off", "square"),
-        ("yz", "axis_squareness", "touched-off", "plate"),
-        ("xy", "axis_offset", "machine", "ball"),
-    ],
+    first_quick(
+        [
+            ("xy", "axis_squareness", "touched-off", "square"),
+            ("yz", "axis_squareness", "touched-off", "plate"),
+            ("xy", "axis_offset", "machine", "ball"),
+        ],
+        several=True,
+    ),
 )
 def test_what_legs_do_not_see_is_shown_by_another_instrument(
     places: str, effect: str, frame: Frame, instrument: str

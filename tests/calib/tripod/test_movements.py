@@ -22,6 +22,7 @@ from protocols.session import fold
 from tests.blind.bench_files import write_session
 from tests.blind.cases import Case
 from tests.blind.generator import make
+from tests.conftest import first_quick
 
 PROCEDURES = ("zero-max-min", "sweep", "two-station")
 
@@ -36,7 +37,7 @@ def visited(path: Path) -> Observations:
     return visits(to_observations([fold(read_record(path).events)]))
 
 
-@pytest.mark.parametrize("procedure", PROCEDURES)
+@pytest.mark.parametrize("procedure", first_quick(PROCEDURES))
 def test_play_is_all_that_is_missing_however_the_machine_homed(
     procedure: str, tmp_path: Path
 ) -> None:

@@ -258,7 +258,7 @@ def test_a_consent_is_no_consent_to_what_was_asked_before_it() -> None:
 
 @pytest.mark.parametrize("before", [ready, stopped])
 def test_a_consent_within_the_dead_time_is_none(before: Act) -> None:
-    with rig("linuxcnc", Patience(silence_s=3.0, dead_s=0.6)) as r:
+    with rig("linuxcnc", Patience(silence_s=3.0, dead_s=3.0)) as r:
         assert comes_true(r.line.consent)
         r.line.release()
         assert not r.line.consent()  # released: an answer, a dialog, an arrival at Zero

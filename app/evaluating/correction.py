@@ -109,8 +109,13 @@ class SessionCorrection:
 
 @dataclass(frozen=True, eq=False)
 class TowerCorrection:
-    """The best values for firmware of printers, and the tool with them."""
+    """The best values for firmware of printers, and the tool with them.
 
+    They are fitted to the ``model``; ``left_out`` are parts that it does not have.
+    """
+
+    model: Model
+    left_out: tuple[LeftOut, ...]
     values: Entered
     off: ToolOff
 
@@ -193,14 +198,16 @@ class ControllerCorrections:
     def of_towers(self, entries: TowerEntries) -> TowerCorrection:
         """The values for firmware of printers that has these entries; each is worked out once.
 
-        What it has no entry for, such as the scale of a drive, other entries follow over the
+        What it has no entry for, such as towers that lean, other entries follow over the
         workspace. Raises ImpossibleRequest for a machine without upright towers.
         """
         if entries not in self._towers:
             from calib.tripod.towers import entered  # of printers only
 
-            values = entered(self.of("kinematics").model, entries)
-            self._towers[entries] = TowerCorrection(values, self.off_with_towers(values))
+            made = correction(self.posterior, "kinematics", self.frame)
+            values = entered(made.model, entries)
+            off = self.off_with_towers(values)
+            self._towers[entries] = TowerCorrection(made.model, made.left_out, values, off)
         return self._towers[entries]
 
     def of(self, holds: Holds, absent: Mapping[str, str] | None = None) -> SessionCorrection:

@@ -226,6 +226,7 @@ def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Three]:
     ]
     turns = [_turn_mm(config, name) for name in STEPPERS]
     steps = [turn / _steps_a_turn(config, name) for turn, name in zip(turns, STEPPERS, strict=True)]
+    a, b, c = (config.number(name, "rotation_distance", above=0.0) for name in STEPPERS)
     printable = config.number("printer", "print_radius", radius, above=0.0)
     printer = TowerPrinter(
         f"{WHAT} {path}",
@@ -236,6 +237,8 @@ def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Three]:
         (angles[0], angles[1], angles[2]),
         printable,
         turns[0] if len(set(turns)) == 1 else None,
+        (a, b, c),
+        (1.0 / steps[0], 1.0 / steps[1], 1.0 / steps[2]),
     )
     return printer, (steps[0], steps[1], steps[2])
 

@@ -169,7 +169,7 @@ def correction(
             left_out += [LeftOut(part[0], reason)] if reason else []
             fitting += [] if reason else [part]
         more = _projected(posterior, [*kept, *fitting], frame)
-        if kept and fitting and (reason := _doubt(errors, more, values)):
+        if kept and fitting and (reason := doubt(errors, more, values)):
             left_out.append(LeftOut(group, reason))
             continue
         kept, values = [*kept, *fitting], more
@@ -203,7 +203,7 @@ def _projected(posterior: Posterior, parts: Sequence[Part], frame: Frame) -> Flo
     return values
 
 
-def _doubt(errors: ToolErrors, with_it: FloatArray, without: FloatArray) -> str:
+def doubt(errors: ToolErrors, with_it: FloatArray, without: FloatArray) -> str:
     """Why more is not worth entering; empty where it is.
 
     What no reading of a leg shows of the frame is no reason against what they do show.

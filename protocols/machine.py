@@ -58,6 +58,10 @@ Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Part = tuple[Fraction, Fraction]
 """Of a bar: two fractions of it from the tool end."""
 
+Step = Annotated[float, Field(ge=1e-3, le=1e6)]
+Steps = tuple[Step, Step, Step]
+"""Of drives x, y, z, as firmware holds how far a motor moves a carriage."""
+
 LineTolerance = Annotated[float, Field(ge=0.0, le=100.0)]
 """Of a parameter of a drive's line; 0: as the file states it, and what departs has a name."""
 
@@ -155,8 +159,9 @@ class Machine(Document):
 
     ``home_offset_mm`` are the controller's present HOME_OFFSET values, of the joints that move x, y
     and z, needed to write new ones; ``position_endstop_mm``, in its place, heights of the tool over
-    Zero at which their switches trip, as firmware of printers has them; ``joints`` names the drive
-    that joint 0, 1 and 2 moves, ``-x`` where the joint counts against it;
+    Zero at which their switches trip, as firmware of printers has them; ``rotation_distance_mm``
+    (Klipper) and ``steps_per_mm`` (others) what it holds for the travel of drives x, y, z;
+    ``joints`` names the drive that joint 0, 1, 2 moves, ``-x`` where the joint counts against it;
     ``entered_offsets_mm`` are joint offsets already entered when the session is measured;
     ``offset_tolerance_mm`` and ``length_tolerance_mm`` are standard deviations of how far joint
     offsets and leg lengths of such machines are off, before anything is measured;
@@ -186,6 +191,8 @@ class Machine(Document):
     usable_bar: Part = USABLE_BAR
     home_offset_mm: Triple | None = None
     position_endstop_mm: Triple | None = None
+    rotation_distance_mm: Steps | None = None
+    steps_per_mm: Steps | None = None
     joints: Annotated[tuple[Joint, Joint, Joint], AfterValidator(_each_once)] | None = None
     entered_offsets_mm: Triple = ZERO
     offset_tolerance_mm: Tolerance = 2.0
@@ -235,6 +242,18 @@ class Machine(Document):
             return None
         x, y, z = (np.array(endstop_mm) + self.geometry().zero_mm).tolist()
         return x, y, z
+
+    def holding_steps(self, steps: Triple | None) -> Machine:
+        """The same where firmware holds these ``steps``: mm for a turn, or steps per mm.
+
+        None: as the file states. Raises UsageError for a step that is no positive number.
+        """
+        if steps is None:
+            return self
+        if not min(steps) > 0.0:
+            shown = ", ".join(f"{one:g}" for one in steps)
+            raise UsageError("steps of towers x, y, z", shown, "three numbers above 0")
+        return self.model_copy(update={"rotation_distance_mm": steps, "steps_per_mm": steps})
 
     def tolerances_mm(self) -> FloatArray:
         """Tolerance of each base parameter ``(6,)``, in their order."""

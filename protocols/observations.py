@@ -241,7 +241,7 @@ def _check_readings(session: Session) -> None:
     if on_leg is not None and not session.opened.machine.geometry().reads_legs:
         raise RecordError(
             f"reading {on_leg.reading} of machine '{session.opened.machine.name}'",
-            f"leg {on_leg.leg}, whose bar does not lie along its drive at Zero",
+            f"leg {on_leg.leg}, whose bar does not reach to lie along its drive",
             "readings of the tool",
         )
 

@@ -266,13 +266,13 @@ class Procedure(Document):
     def check_limits(self, geometry: Geometry, path: Path | None = None) -> None:
         """Raises RecordError for the first level, or position, outside the joint limits.
 
-        UsageError for readings of legs whose bars do not lie along their drives at Zero. With the
+        UsageError for readings of legs whose bars do not reach to lie along their drives. With the
         ``path`` of its file the error names the line.
         """
         if self.plate is None and not geometry.reads_legs:
             raise UsageError(
                 f"procedure {self.name}",
-                "readings of legs, on a machine whose bars do not lie along their drives at Zero",
+                "readings of legs, on a machine whose bars do not reach to lie along their drives",
                 "a procedure with [plate], readings of the tool",
                 "plate-rings is one.",
             )
@@ -293,6 +293,14 @@ class Procedure(Document):
             ]
             displacements = ((key, _displacement(level, geometry)) for key, level in levels)
             wrong = ((key, f"{mm:g} mm") for key, mm in displacements if not low <= mm <= high)
+            if not geometry.common_zero:
+                requirement = f"places that the bars of every leg reach within {requirement}"
+                at = product(levels, map(leg_number, self.legs))
+                wrong = (
+                    (key, f"{_displacement(level, geometry):g} mm of leg {LEG_NAMES[leg]}")
+                    for (key, level), leg in at
+                    if not geometry.goes(leg, _displacement(level, geometry))
+                )
         for key, value in wrong:
             next_step = f"Change the {what}, or the limits in the machine file."
             raise RecordError(f"{self._where(path, key)}, {what}", value, requirement, next_step)

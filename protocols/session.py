@@ -40,6 +40,7 @@ SchemaId = Literal[
     "glidecal.session/4",
     "glidecal.session/5",
     "glidecal.session/6",
+    "glidecal.session/7",
 ]
 """Every schema of a record. A changed event needs a new one: docs/decisions/0003-record.md."""
 

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import ValidationError
 
+from calib.arrays import LEG_NAMES
 from calib.errors import RecordError
 from calib.tripod.geometry import Geometry
 from protocols.data_table import (
@@ -208,6 +209,8 @@ def within_limits(reading: Reading, geometry: Geometry) -> bool:
     """Whether the joint limits allow the posture of a reading."""
     if reading.position_mm is not None:
         return may_stand(geometry, reading.position_mm)
+    if not geometry.common_zero:
+        return geometry.goes(LEG_NAMES.index(reading.leg), reading.displacement_mm)
     return geometry.travel_min_mm <= reading.displacement_mm <= geometry.travel_max_mm
 
 
@@ -349,7 +352,7 @@ def _leg_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geom
     if not geometry.reads_legs:
         raise RecordError(
             f"table {row.path}, header",
-            "readings of legs, for a machine whose bars do not lie along their drives at Zero",
+            "readings of legs, for a machine whose bars do not reach to lie along their drives",
             "readings of the tool: columns " + ", ".join(OF_TOOL),
         )
     leg, axis = row.letter("leg"), row.letter("axis")

@@ -39,4 +39,4 @@ TRIPODS: dict[str, Geometry] = {
     "linear-delta": DELTA,
 }
 """By name; the first four are of the Orthoglide's kind, with drives square to each other; legs are
-read on all but the delta."""
+read on all: those of the delta each at a Zero of its own."""

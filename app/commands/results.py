@@ -150,6 +150,13 @@ def export(
             "H + M666 (RepRapFirmware), H - M666 (Marlin), Z - M666 (Smoothieware)."
         ),
     ] = None,
+    steps: Annotated[
+        str | None,
+        typer.Option(
+            help="What the firmware holds now for the travel of towers x,y,z: rotation_distance "
+            "(Klipper), steps per mm of M92 (others)."
+        ),
+    ] = None,
     ini: Annotated[
         Path | None, typer.Option(help="LinuxCNC INI file: what the joints hold now.")
     ] = None,
@@ -163,7 +170,8 @@ def export(
     from protocols.files import STANDARD_OUTPUT
 
     if table or format_name in ("xlsx", "parquet"):
-        told = {"--home-offset": home_offset, "--endstops": endstops, "--ini": ini}
+        told = {"--home-offset": home_offset, "--endstops": endstops, "--steps": steps}
+        told["--ini"] = ini
         _refuse_beside_table(table or "readings", format_name, {**told, "--frame": frame})
         if output != STANDARD_OUTPUT or format_name != "csv":
             force = may_replace(force, output)  # before long work
@@ -181,7 +189,8 @@ def export(
     if ini and format_name in ("klipper", "reprapfirmware", "marlin", "smoothieware", "p-3z"):
         raise UsageError("--ini", f"--format {format_name}", "a LinuxCNC format, or --endstops")
     offsets = offsets_from_file(source, subset, method, model, frame)
-    machine = offsets.machine
+    machine = offsets.machine.holding_steps(_triple("--steps", steps))
+    offsets = replace(offsets, machine=machine)
     home = _triple("--home-offset", home_offset)
     if home is None:
         home = machine.tripped_at_mm(_triple("--endstops", endstops))

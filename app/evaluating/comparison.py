@@ -15,6 +15,7 @@ from app.evaluating.solution import (
 from calib.errors import CalibrationError, RecordError
 from calib.identify.accuracy import Decision
 from calib.tripod.geometry import PARAMETER_NAMES
+from protocols.machine import Machine
 from protocols.observations import changed_between
 from protocols.record import Record, read_record
 
@@ -41,8 +42,8 @@ MOVED = (
 
 
 IN_FIRMWARE = (
-    "Between these sessions the firmware got other lengths, radius or angles: each session counts "
-    "from what it held then."
+    "Between these sessions the firmware got other lengths, radius, angles or travels: each "
+    "session counts from what it held then."
 )
 
 
@@ -78,7 +79,7 @@ def compare_files(before: Path, after: Path) -> Comparison:
         )
     changed = sessions[0].adjusted != sessions[1].adjusted
     remarks = [MOVED] if changed else []
-    remarks += [IN_FIRMWARE] if one.geometry() != two.geometry() else []
+    remarks += [IN_FIRMWARE] if _held(one) != _held(two) else []
     remarks += [record.unfinished for record in (earlier, later) if record.unfinished]
     if not measured <= again:
         remarks.append(
@@ -86,6 +87,11 @@ def compare_files(before: Path, after: Path) -> Comparison:
             "each r.m.s. is over its own session."
         )
     return Comparison(first, second, (*remarks, *_order_remarks(earlier, later)), changed)
+
+
+def _held(machine: Machine) -> tuple[object, ...]:
+    """What firmware holds of a machine beside its switches."""
+    return machine.geometry(), machine.rotation_distance_mm, machine.steps_per_mm
 
 
 def _differences(solved: SessionSolution) -> set[str]:

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Self
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import ImpossibleRequest, NotIdentifiable
 from calib.posterior.cells import SessionCase
-from calib.posterior.correction import HOLDS, Holds, LeftOut, ToolOff, correction
+from calib.posterior.correction import (
+    HOLDS,
+    Correction,
+    Holds,
+    LeftOut,
+    ToolOff,
+    correction,
+    doubt,
+)
 from calib.posterior.entered import (
     nothing_entered,
     offset_half_widths_mm,
@@ -36,6 +44,7 @@ if TYPE_CHECKING:
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
 NO_PLAY = "the expected play is negative, and no joint has that"
+NO_GAIN = "what its carriage travels is seen too little to be worth an entry"
 
 LIKELY = 0.02
 """From this probability on a mistake in the readings is named; sound sessions hardly have it."""
@@ -113,8 +122,13 @@ class SessionCorrection:
 
 @dataclass(frozen=True, eq=False)
 class TowerCorrection:
-    """The best values for firmware of printers, and the tool with them."""
+    """The best values for firmware of printers, and the tool with them.
 
+    They are fitted to the ``model``; ``left_out`` are parts that it does not have.
+    """
+
+    model: Model
+    left_out: tuple[LeftOut, ...]
     values: Entered
     off: ToolOff
 
@@ -196,14 +210,25 @@ class ControllerCorrections:
     def of_towers(self, entries: TowerEntries) -> TowerCorrection:
         """The values for firmware of printers that has these entries; each is worked out once.
 
-        What it has no entry for, such as the scale of a drive, other entries follow over the
-        workspace. Raises ImpossibleRequest for a machine without upright towers.
+        What it has no entry for, such as towers that lean, other entries follow over the
+        workspace. Travels are entered, or followed, where that passes the gate of any part of a
+        correction. Raises ImpossibleRequest for a machine without upright towers.
         """
         if entries not in self._towers:
             from calib.tripod.towers import entered  # of printers only
 
-            values = entered(self.of("kinematics").model, entries)
-            self._towers[entries] = TowerCorrection(values, self.off_with_towers(values))
+            def best(absent: dict[str, str], entries: TowerEntries) -> TowerCorrection:
+                made = self._projected("kinematics", absent, tabled=False)
+                values = entered(made.model, entries)
+                off = self.off_with_towers(values)
+                return TowerCorrection(made.model, made.left_out, values, off)
+
+            found = best({}, entries)
+            plain = best({"table": NO_GAIN}, replace(entries, travels=False))
+            errors = self.posterior.tool_errors[self.frame]
+            if doubt(errors, found.off.values, plain.off.values):
+                found = plain
+            self._towers[entries] = found
         return self._towers[entries]
 
     def of(self, holds: Holds, absent: Mapping[str, str] | None = None) -> SessionCorrection:
@@ -217,12 +242,7 @@ class ControllerCorrections:
         return self._made[key]
 
     def _made_for(self, holds: Holds, absent: dict[str, str]) -> SessionCorrection:
-        while True:
-            projected = correction(self.posterior, holds, self.frame, absent)
-            impossible = _impossible(projected.model)
-            if not impossible.keys() - absent.keys():
-                break
-            absent |= impossible
+        projected = self._projected(holds, absent, tabled=True)
         alone = holds == "offsets"
         return SessionCorrection(
             frame=self.frame,
@@ -233,6 +253,15 @@ class ControllerCorrections:
             left_out=projected.left_out,
             half_widths_mm=self.half_widths_mm() if alone else None,
         )
+
+    def _projected(self, holds: Holds, absent: dict[str, str], *, tabled: bool) -> Correction:
+        """What a controller holds, in tables of so many points where it is ``tabled``."""
+        while True:
+            projected = correction(self.posterior, holds, self.frame, absent)
+            impossible = _impossible(projected.model, tabled=tabled)
+            if not impossible.keys() - absent.keys():
+                return projected
+            absent = absent | impossible
 
     def half_widths_mm(self, *, less_common: bool = False) -> FloatArray:
         """How well joint offsets are known that are entered alone."""
@@ -275,7 +304,7 @@ def case_of(
     )
 
 
-def _impossible(model: Model) -> dict[str, str]:
+def _impossible(model: Model, *, tabled: bool) -> dict[str, str]:
     """Parts of a correction that no joint takes, and why."""
     reasons = {
         f"play of {effect.place}": NO_PLAY
@@ -284,7 +313,7 @@ def _impossible(model: Model) -> dict[str, str]:
         and isinstance(effect.effect, Backlash)
         and effect.values[0].real < 0.0
     }
-    for joint, leg in enumerate(LEG_NAMES):
+    for joint, leg in enumerate(LEG_NAMES if tabled else ()):
         along = [effect for effect in model.effects if effect.stage == Stage.ACTUATOR]
         if all(isinstance(effect, EffectInstance) and effect.place != leg for effect in along):
             continue

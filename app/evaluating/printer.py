@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from app.evaluating.correction import CLEARLY_BETTER
@@ -76,12 +76,16 @@ class ValueChange:
 
 @dataclass(frozen=True)
 class TowerChange:
-    """What changes of one tower of the firmware: mm, the angle in degrees."""
+    """What changes of one tower of the firmware: mm, the angle in degrees.
+
+    ``travel`` is what its steps are held by, rotation_distance or steps per mm; None: it stays.
+    """
 
     tower: str
     endstop: ValueChange
     arm: ValueChange
     angle: ValueChange
+    travel: ValueChange | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +93,8 @@ class PrinterChange:
     """All that changes, with the bound of the tool, and how even the plate is in the contacts.
 
     ``uneven_mm`` is the r.m.s. of heights about their mean, as they were probed and as the same
-    probing would show them; None for a session that is not of contacts.
+    probing would show them; None for a session that is not of contacts. With ``turns`` travels are
+    mm for a turn, else steps per mm.
     """
 
     towers: tuple[TowerChange, ...]
@@ -98,6 +103,7 @@ class PrinterChange:
     now_mm: float
     bound_mm: float
     uneven_mm: ValueChange | None
+    turns: bool = True
 
     @property
     def helps(self) -> bool:
@@ -116,7 +122,12 @@ class PrinterChange:
     def endstops_alone(self) -> bool:
         """Whether lengths, radius and angles stay as they are."""
         others = (self.radius, *(one for tower in self.towers for one in (tower.arm, tower.angle)))
-        return all(abs(one.change) < LEAST for one in others)
+        return not self.travels and all(abs(one.change) < LEAST for one in others)
+
+    @property
+    def travels(self) -> bool:
+        """Whether what is held for the travel of towers changes."""
+        return any(tower.travel for tower in self.towers)
 
 
 LEAST = 5e-4
@@ -134,12 +145,18 @@ def printer_change(
         return None
     try:
         drives = drives_of_towers(machine)
-        best = corrections.of_towers(ON_ONE_CIRCLE)
+        turns, steps = machine.rotation_distance_mm, machine.steps_per_mm
+        best = corrections.of_towers(replace(ON_ONE_CIRCLE, travels=bool(turns or steps)))
     except GlidecalError:
         return None
     values, held_mm = best.values, machine.position_endstop_mm
     stops_mm = values.endstops_mm(held_mm)
     now, then = values.now, values.towers
+    travels: list[ValueChange | None] = [None] * 3
+    if values.stretch.any() and (held := turns or steps):
+        changed = values.stretch if turns else 1.0 / (1.0 + values.stretch) - 1.0
+        parts = zip(held, changed.tolist(), strict=True)
+        travels = [ValueChange(one, one + one * part) for one, part in parts]
     return PrinterChange(
         tuple(
             TowerChange(
@@ -147,6 +164,7 @@ def printer_change(
                 ValueChange(held_mm[drive], stops_mm[drive]),
                 ValueChange(float(now.length_mm[drive]), float(then.length_mm[drive])),
                 ValueChange(float(now.angle_deg[drive]), float(then.angle_deg[drive])),
+                travels[drive],
             )
             for name, drive in zip(FIRMWARE_TOWERS, drives, strict=True)
         ),
@@ -155,6 +173,7 @@ def printer_change(
         corrections.off_now.bound_mm[corrections.frame],
         best.off.bound_mm[corrections.frame],
         _uneven_mm(contacts, best),
+        turns is not None,
     )
 
 

@@ -43,7 +43,7 @@ def config_g(offsets: Offsets) -> Export:
     leaves them.
     """
     drives, now = drives_of_towers(offsets.machine), endstops_now_mm(offsets)
-    offsets, values = fitted(offsets, ON_ONE_CIRCLE)
+    offsets, values = fitted(offsets, ON_ONE_CIRCLE, offsets.machine.steps_per_mm)
     stops = _by_tower(values.endstops_mm(now), drives)
     height, towers = sum(stops) / len(stops), values.towers
     lengths = ":".join(f"{towers.length_mm[drive]:.6f}" for drive in drives)
@@ -53,7 +53,9 @@ def config_g(offsets: Offsets) -> Export:
         f"M665 L{lengths} R{radius:.6f} H{height:.6f} {turned}",
         f"M666 {_words(TOWERS, [stop - height for stop in stops])}",
     ]
-    return _export(offsets, values, REPRAPFIRMWARE_PUT, _held("H + M666", now, drives), lines)
+    return _export(
+        offsets, values, REPRAPFIRMWARE_PUT, _held("H + M666", now, drives), drives, lines
+    )
 
 
 def marlin(offsets: Offsets) -> Export:
@@ -63,7 +65,7 @@ def marlin(offsets: Offsets) -> Export:
     lines, because a line of it has 96 characters at most.
     """
     drives, now = drives_of_towers(offsets.machine), endstops_now_mm(offsets)
-    offsets, values = fitted(offsets, ON_ONE_CIRCLE)
+    offsets, values = fitted(offsets, ON_ONE_CIRCLE, offsets.machine.steps_per_mm)
     stops, towers = _by_tower(values.endstops_mm(now), drives), values.towers
     height, length = min(stops) - LEAST_TRIM_MM, float(towers.length_mm.mean())
     trims = [float(towers.length_mm[drive]) - length for drive in drives]
@@ -73,7 +75,7 @@ def marlin(offsets: Offsets) -> Export:
         f"M665 {_words(TOWERS, turned_deg(values, drives))} {_words('ABC', trims)}",
         f"M666 {_words(TOWERS, [height - stop for stop in stops])}",
     ]
-    return _export(offsets, values, MARLIN_PUT, _held("H - M666", now, drives), lines)
+    return _export(offsets, values, MARLIN_PUT, _held("H - M666", now, drives), drives, lines)
 
 
 def smoothieware(offsets: Offsets) -> Export:
@@ -83,7 +85,7 @@ def smoothieware(offsets: Offsets) -> Export:
     holds unequal lengths now.
     """
     drives, now = drives_of_towers(offsets.machine), endstops_now_mm(offsets)
-    offsets, values = fitted(offsets, ALIKE_BARS)
+    offsets, values = fitted(offsets, ALIKE_BARS, offsets.machine.steps_per_mm)
     stops, towers = _by_tower(values.endstops_mm(now), drives), values.towers
     height, radius = min(stops), float(towers.radius_mm.mean())
     further = [float(towers.radius_mm[drive]) - radius for drive in drives]
@@ -92,7 +94,7 @@ def smoothieware(offsets: Offsets) -> Export:
         f"M665 {_words('ABC', further)} {_words('DEH', turned_deg(values, drives))}",
         f"M666 {_words(TOWERS, [height - stop for stop in stops])}",
     ]
-    return _export(offsets, values, SMOOTHIEWARE_PUT, _held("Z - M666", now, drives), lines)
+    return _export(offsets, values, SMOOTHIEWARE_PUT, _held("Z - M666", now, drives), drives, lines)
 
 
 def turned_deg(values: Entered, drives: Sequence[int]) -> list[float]:
@@ -110,14 +112,22 @@ def _words(letters: str, values: Sequence[float]) -> str:
     return " ".join(f"{name}{value:z.6f}" for name, value in zip(letters, values, strict=True))
 
 
-def _held(entry: str, now_mm: Sequence[float], drives: Sequence[int]) -> str:
-    """Where each switch trips now, in the words of the firmware."""
+def _held(entry: str, now: Sequence[float], drives: Sequence[int], unit: str = "mm") -> str:
+    """What is held now for each tower, in the words of the firmware."""
     return "".join(
-        f", {entry} of {name} (tower {LEG_NAMES[drive]}) {now_mm[drive]:.6f} mm"
+        f", {entry} of {name} (tower {LEG_NAMES[drive]}) {now[drive]:.6f} {unit}"
         for name, drive in zip(TOWERS, drives, strict=True)
     )
 
 
-def _export(offsets: Offsets, values: Entered, put: str, held: str, lines: Sequence[str]) -> Export:
+def _export(
+    offsets: Offsets, values: Entered, put: str, held: str, drives: Sequence[int], lines: list[str]
+) -> Export:
+    """The lines below what is to be known of them, M92 first: all lengths count from it."""
+    steps = offsets.machine.steps_per_mm
+    if steps is not None and values.stretch.any():
+        held += _held("M92", steps, drives, "steps per mm")
+        a_step = values.turns_mm([1.0 / one for one in steps])
+        lines = [f"M92 {_words(TOWERS, [1.0 / a_step[drive] for drive in drives])}", *lines]
     above = [f"; {line}" for line in comments(offsets, values, put, held)]
     return Export({"": "\n".join([*above, *lines]) + "\n"}, offsets.cautions)

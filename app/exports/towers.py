@@ -31,11 +31,12 @@ from app.report.text.correction import doubt_lines, left_out_lines
 from app.report.text.printer import NOT_WORTH_IT
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import UsageError
+from calib.tripod.effects.drives import ActuatorScale
 from calib.tripod.pipeline import Stage, StageEffect
 from calib.tripod.towers import (
-    ALIKE_BARS,
     ALL_ALIKE,
     ON_ONE_CIRCLE,
+    RAILS,
     Entered,
     TowerEntries,
     each_alone,
@@ -65,24 +66,40 @@ def endstops_now_mm(offsets: Offsets) -> list[float]:
     return [at - below for at, below in zip(home, zero, strict=True)]
 
 
-def fitted(offsets: Offsets, entries: TowerEntries) -> tuple[Offsets, Entered]:
+STEPS = (
+    "the travel of each tower is left as it is, since the machine file does not state what the "
+    "firmware holds: rotation_distance_mm (Klipper) or steps_per_mm, as import writes them, or "
+    "--steps X,Y,Z"
+)
+
+
+def fitted(
+    offsets: Offsets, entries: TowerEntries, steps_now: Sequence[float] | None = None
+) -> tuple[Offsets, Entered]:
     """Values of a controller that has these entries, with the bound of what they hold.
 
-    Raises UsageError where it has one length and holds unequal ones now.
+    ``steps_now`` is what it holds for the travel of each tower; None: that stays as it is. Raises
+    UsageError where it has one length and holds unequal ones now.
     """
     whole, solved = for_controller(offsets, "kinematics"), offsets.solved
+    if entries.travels and steps_now is None:
+        entries = replace(entries, travels=False)
+        if any(effect.id == ActuatorScale.id for effect in whole.model.effects):
+            offsets = replace(offsets, cautions=(*offsets.cautions, STEPS))
+            whole = replace(whole, cautions=(*whole.cautions, STEPS))
     if solved is None or offsets.view:
         values = entered(whole.model, entries)
     else:
-        values = solved.corrections.of_towers(entries).values
-        change = solved.printer_change
+        made = solved.corrections.of_towers(entries)
+        values, change = made.values, solved.printer_change
         said = [
             whole.bound,
-            *left_out_lines(solved.corrections.of("kinematics")),
+            *left_out_lines(made.left_out),
             *doubt_lines(solved),
             *([NOT_WORTH_IT] if change and not change.helps else []),
         ]
-        whole = replace(whole, cautions=(*map(one_line, said), *offsets.cautions))
+        cautions = (*map(one_line, said), *offsets.cautions)
+        whole = replace(whole, model=made.model, cautions=cautions)
     _check_lengths(values)
     return _bounded(whole, values), values
 
@@ -164,10 +181,13 @@ def printer_cfg(offsets: Offsets) -> Export:
     `endstops_now_mm` and `fitted`.
     """
     drives, now = drives_of_towers(offsets.machine), endstops_now_mm(offsets)
-    offsets, values = fitted(offsets, ON_ONE_CIRCLE)
+    turns = offsets.machine.rotation_distance_mm
+    offsets, values = fitted(offsets, ON_ONE_CIRCLE, turns)
     stops, towers = values.endstops_mm(now), values.towers
+    turned = values.stretch.any() and turns is not None
     steppers = [
         f", stepper_{name} (tower {LEG_NAMES[drive]}) position_endstop {now[drive]:.6f} mm"
+        + (f", rotation_distance {turns[drive]:.6f} mm" if turned else "")
         for name, drive in zip(FIRMWARE_TOWERS, drives, strict=True)
     ]
     put = (
@@ -185,6 +205,8 @@ def printer_cfg(offsets: Offsets) -> Export:
             f"arm_length: {towers.length_mm[drive]:.6f}",
             f"angle: {towers.angle_deg[drive]:.6f}",
         ]
+        if turned:
+            lines.append(f"rotation_distance: {values.turns_mm(turns)[drive]:.6f}")
     return Export({"": "\n".join(lines) + "\n"}, offsets.cautions)
 
 
@@ -209,7 +231,7 @@ def p_3z(offsets: Offsets) -> Export:
         raise UsageError(
             f"joints of machine '{offsets.machine.name}'", ", ".join(named), "joints that count up"
         )
-    offsets, values = fitted(offsets, ALIKE_BARS)
+    offsets, values = fitted(offsets, RAILS)
     now, towers = values.now, values.towers
     rows: list[Sequence[str]] = [("parameter", "now", "value", "unit")]
 

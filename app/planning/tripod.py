@@ -285,11 +285,11 @@ def _machine_and_model(
             "--macro writes places to probe, for the firmware of a printer. Distances on a "
             "printed object tell what a plate does not show: glidecal import --distances."
         )
-    if of_tool or not machine.geometry().reads_legs:
+    if of_tool or not machine.geometry().common_zero:
         raise UsageError(
             "glidecal plan",
             f"readings of the tool, or the machine '{machine.name}'",
-            "readings of legs, on bars that lie along their drives at Zero",
+            "readings of legs, on bars that lie along their drives at one Zero",
             next_step,
         )
     return machine, model or Model(machine.geometry())

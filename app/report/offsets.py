@@ -10,7 +10,7 @@ from pathlib import Path
 
 from app.evaluating.correction import SessionCorrection
 from app.evaluating.own_effects import known_effects
-from app.evaluating.solution import SessionSolution, solve_files
+from app.evaluating.solution import LineParameter, SessionSolution, solve_files
 from app.report.schema.document import rows
 from app.report.schema.solution import Offset
 from app.report.text.caveats import caveats, caveats_of_view
@@ -96,6 +96,11 @@ class Offsets:
         _all_stated(f"offsets of {self.source}", self.parameters)
         x, y, z = (self.parameters[name].value for name in JOINT_OFFSETS)
         return x, y, z
+
+    @property
+    def lines(self) -> tuple[LineParameter, ...]:
+        """Parameters of the drives' lines; a model file does not hold how well they are known."""
+        return self.solved.lines if self.solved else ()
 
     @property
     def lengths_mm(self) -> dict[str, float]:

@@ -169,7 +169,7 @@ def correction(
             left_out += [LeftOut(part[0], reason)] if reason else []
             fitting += [] if reason else [part]
         projected = _projected(posterior, [*corrected, *fitting], frame)
-        if corrected and fitting and (reason := _doubt(errors, projected, values)):
+        if corrected and fitting and (reason := doubt(errors, projected, values)):
             left_out.append(LeftOut(group, reason))
             continue
         corrected, values = [*corrected, *fitting], projected
@@ -203,7 +203,7 @@ def _projected(posterior: Posterior, parts: Sequence[Part], frame: Frame) -> Flo
     return values
 
 
-def _doubt(errors: ToolErrors, with_it: FloatArray, without: FloatArray) -> str:
+def doubt(errors: ToolErrors, with_it: FloatArray, without: FloatArray) -> str:
     """Why more is not worth entering; empty where it is.
 
     What no reading of a leg shows of the frame is no reason against what they do show.

@@ -14,8 +14,8 @@ from calib.posterior.correction import projector_of
 from calib.posterior.models import Posterior
 from calib.posterior.tool import Frame
 from calib.stats import COVERAGE
-from calib.tripod.effects.drives import AxisOffset
-from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.effects.drives import ActuatorScale, AxisOffset
+from calib.tripod.effects.effect import PER_THOUSAND, EffectInstance
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model
 
 if TYPE_CHECKING:  # scipy.optimize comes with it
@@ -49,7 +49,10 @@ def values_of(posterior: Posterior, model: Model) -> FloatArray:
 
 
 def tower_values(posterior: Posterior, entered: Entered) -> FloatArray:
-    """Switches, bars and towers of a printer's firmware in the field ``(6 + k,)``."""
+    """Switches, bars, towers and travels of a printer's firmware in the field ``(6 + k,)``.
+
+    Raises ImpossibleRequest for travels where the field has no scale of the drives.
+    """
     field, values = posterior.field, nothing_entered(posterior)
     values[:3] = entered.change_mm
     values[3:BASE] = entered.towers.length_mm - entered.now.length_mm
@@ -58,7 +61,12 @@ def tower_values(posterior: Posterior, entered: Entered) -> FloatArray:
     for place, across in posterior.geometry.across.items():
         (column,) = field.columns_of((law, place))
         values[column] = moved[LEG_NAMES.index(place[0])] @ across[:2]
-    return values
+    scales = [
+        EffectInstance(ActuatorScale(), name, (part / PER_THOUSAND,))
+        for name, part in zip(LEG_NAMES, entered.stretch.tolist(), strict=True)
+        if part
+    ]
+    return values + values_of(posterior, Model(posterior.geometry).with_effects(tuple(scales)))
 
 
 def offset_half_widths_mm(

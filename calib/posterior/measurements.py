@@ -172,7 +172,7 @@ def set_ups_of(
     model: Model, pace: Pace = USUAL_PACE, *, load_tells: bool = True
 ) -> Iterator[FurtherMeasurement]:
     """Every set-up of legs that is considered on a machine; none where the tool is read."""
-    if not model.geometry.reads_legs:
+    if not model.geometry.common_zero:
         return
     ways: list[tuple[tuple[float, ...], int, float]] = [(WAY, 1, at) for at in STATIONS]
     ways += [(parts, CYCLES, at) for parts, at in product(LEVEL_SETS, STATIONS_OF_CYCLES)]

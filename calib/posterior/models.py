@@ -213,7 +213,7 @@ class Posterior:
         }
         for unseen in tolerances.keys() - visible:
             deviation[self.field.columns_of(unseen)[0]] = tolerances[unseen]
-        if not self.geometry.reads_legs:  # readings are of the tool, in the frame of its plate
+        if not self.geometry.common_zero:  # readings are of the tool, in the frame of its plate
             return deviation
         rigid = {"axis_squareness": deviation[-3:], "axis_offset": deviation[-RIGID:-3]}
         unit = {"axis_squareness": PER_THOUSAND, "axis_offset": 1.0}

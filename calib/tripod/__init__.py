@@ -2,3 +2,6 @@
 
 May import `calib.design` and `calib.noise`, and nothing of another machine.
 """
+
+UPRIGHT_TOWERS = "delta"
+"""What firmware calls the kinematics of three of them."""

@@ -79,10 +79,10 @@ def alignment(
     Raises UsageError for a machine whose legs cannot be read and NotIdentifiable without noise or
     readings that tell all six.
     """
-    if not geometry.reads_legs:
+    if not geometry.common_zero:
         raise UsageError(
             "alignment",
-            "bars that do not lie along their drives at Zero",
+            "bars that do not lie along their drives at one Zero",
             "a machine whose legs are read, such as an Orthoglide",
         )
     visited = with_first_movements(geometry, visits(observed))
@@ -285,5 +285,5 @@ def misaligned(geometry: Geometry, seed: int) -> tuple[RailMoved, ...]:
         RailMoved(rail, towards, float(off[rail, towards, 0]), float(off[rail, towards, 1]))
         for rail in range(3)
         for towards in range(3)
-        if rail != towards and geometry.reads_legs
+        if rail != towards and geometry.common_zero
     )

@@ -66,9 +66,12 @@ class Differences:
     def published_rows(self) -> NDArray[np.intp]:
         """Rows that the papers tabulate: Max and Min (or Max minus Min) at one station.
 
-        Those over a plane, which the papers only describe, are among them.
+        Those over a plane, which the papers only describe, are among them. Without any of these it
+        is every displacement at one station.
         """
-        shown = [k for k, name in enumerate(self.names) if "@" not in name or OVER_PLANE in name]
+        rows = list(enumerate(self.names))
+        shown = [k for k, name in rows if "@" not in name or OVER_PLANE in name]
+        shown = shown or [k for k, name in rows if "@s" not in name]
         return np.array(shown, dtype=np.intp)
 
 

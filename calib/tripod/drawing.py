@@ -51,7 +51,7 @@ def set_up_lines(
     ``sides`` tells for each on which side of the bar it stands: +1.0 where its axis points. It
     stands still while the bar slides past (papers/000, equation (10)). Raises UnreachablePosture.
     """
-    tool = displacement_mm * geometry.directions[leg]
+    tool = geometry.leg_zero_mm[leg] + displacement_mm * geometry.directions[leg]
     origins, along = geometry.origins, geometry.directions
     ends = tool + geometry.platform
     feet = origins + along * inverse(geometry, tool)[:, None]

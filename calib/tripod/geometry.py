@@ -204,6 +204,11 @@ class Geometry:
         volume[kept] = same * np.linalg.det(bars[kept])
         return np.asarray(kept & (volume >= LEAST_VOLUME))
 
+    def goes(self, leg: int, displacement_mm: float) -> bool:
+        """Whether the tool stands at this displacement from the Zero of a leg."""
+        at_mm = self.leg_zero_mm[leg] + displacement_mm * self.directions[leg]
+        return bool(self.stands(at_mm[None])[0])
+
     @cached_property
     def of_papers(self) -> bool:
         """Whether the closed forms of papers/000 hold: an Orthoglide along the coordinates."""
@@ -218,13 +223,31 @@ class Geometry:
 
     @cached_property
     def reads_legs(self) -> bool:
-        """Whether a leg can be read: at Zero each bar lies along its drive, the others lead across.
+        """Whether each leg can be read: at its own Zero its bar lies along its drive.
 
         Moving along its drive the tool then takes the bar along without turning it.
         """
-        askew = np.sqrt(np.maximum(self.lengths**2 - self.covered_mm**2, 0.0)) / self.lengths
+        return self.common_zero or bool(self.stands(self.leg_zero_mm).all())
+
+    @cached_property
+    def common_zero(self) -> bool:
+        """Whether at Zero each bar lies along its drive, and the others lead across."""
+        covered = np.sqrt(self.reach_mm2(np.zeros(3)))
+        askew = np.sqrt(np.maximum(self.lengths**2 - covered**2, 0.0)) / self.lengths
         alike = np.abs(self.directions @ self.directions.T - np.eye(3))
         return bool(askew.max() < MOST_ASKEW and alike.max() < MOST_ALIKE)
+
+    @cached_property
+    def leg_zero_mm(self) -> FloatArray:
+        """Where the tool stands at the Zero of each leg, and of the tool ``(3 legs + 1, 3)``.
+
+        There an indicator is set on the bar, and displacements of the leg count from it. Where bars
+        lie along their drives at Zero it is that for all. Else the bar of a leg lies along its
+        drive where the tool stands on that drive's line: the nearest such place.
+        """
+        along = (self.anchors * self.directions).sum(axis=-1)
+        nearest = self.anchors - along[:, None] * self.directions
+        return np.vstack([np.zeros((3, 3)) if self.common_zero else nearest, np.zeros(3)])
 
     @cached_property
     def read_along(self) -> FloatArray:
@@ -277,11 +300,11 @@ class Geometry:
     def across(self) -> dict[str, FloatArray]:
         """Unit vectors across the drives by name, two for each.
 
-        Where legs can be read ``"xy"`` is across drive x towards drive y. Else ``"xr"`` is radial,
-        away from the tool at Zero, and ``"xt"`` tangential, so that r, t and the drive's direction
-        are right-handed.
+        Where legs have one Zero ``"xy"`` is across drive x towards drive y. Else ``"xr"`` is
+        radial, away from the tool at Zero, and ``"xt"`` tangential, so that r, t and the drive's
+        direction are right-handed.
         """
-        if self.reads_legs:
+        if self.common_zero:
             pairs = permutations(range(3), 2)
             return {LEG_NAMES[i] + LEG_NAMES[j]: self.read_along[i, j] for i, j in pairs}
         found = {}
@@ -342,12 +365,16 @@ class Geometry:
         """
         low, high = self.usable_bar[leg]
         lowest, highest = self.covered_mm[leg] * (station - np.array([high, low]))
-        return max(float(lowest), self.travel_min_mm), min(float(highest), self.travel_max_mm)
+        at = self.leg_zero_mm[leg]
+        up = float((at - self.anchors[leg]) @ self.directions[leg])
+        up += float(self.covered_mm[leg] - self.zero_mm[leg])
+        limits = self.travel_min_mm - up, self.travel_max_mm - up
+        return max(float(lowest), limits[0]), min(float(highest), limits[1])
 
     @cached_property
     def covered_mm(self) -> FloatArray:
-        """What each bar covers along its drive at Zero, and moving along it ``(3,)``, mm."""
-        return np.sqrt(self.reach_mm2(np.zeros(3)))
+        """What each bar covers along its drive at Zero of its leg, and along it ``(3,)``, mm."""
+        return np.asarray(np.sqrt(self.reach_mm2(self.leg_zero_mm[:3]).diagonal()))
 
     def _radial(self, drive: int) -> FloatArray:
         """Across a drive, away from the tool; where it goes through it, away from the others."""

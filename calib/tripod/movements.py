@@ -40,7 +40,8 @@ def last_movement(geometry: Geometry, taken: Conditions) -> FloatArray:
     little before Zero or behind it; by less than `TURNED_MM` that does not count.
     """
     way = geometry.directions[np.where(taken.leg == TOOL, 0, taken.leg)]
-    ray = (taken.displacement_mm[:, None] * way)[:, None] - geometry.anchors
+    tool = geometry.leg_zero_mm[taken.leg] + taken.displacement_mm[:, None] * way
+    ray = tool[:, None] - geometry.anchors
     along, slope = dot(ray, geometry.directions), way @ geometry.directions.T
     covered = np.sqrt(geometry.lengths**2 - (dot(ray, ray) - along**2))
     inward = dot(ray, way[:, None]) - along * slope

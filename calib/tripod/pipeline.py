@@ -19,7 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calib.arrays import TOOL, Conditions, FloatArray
+from calib.arrays import TOOL, Conditions, FloatArray, IntArray
 from calib.errors import CalibrationError
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry, dot, inverse, trilaterate
 
@@ -58,10 +58,11 @@ class StageEffect(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """What has passed through the stages so far: n readings and, as last row, the Zero posture.
+    """What has passed through the stages so far: n readings and, as last rows, the Zero postures.
 
-    The Zero row is where an indicator is mounted: it fixes the point that the indicator keeps. It
-    belongs to no mounting (-1), has no temperature and was approached from nowhere.
+    A Zero row is where an indicator is mounted: it fixes the point that the indicator keeps. It
+    belongs to no mounting (-1), has no temperature and was approached from nowhere. There is one
+    for all, or one for each leg and one for the tool (`Geometry.leg_zero_mm`).
     """
 
     geometry: Geometry
@@ -96,10 +97,10 @@ def simulate(
     the unknown zero of each mounting is not added. Over a plane it is the coordinate itself. Raises
     UnreachablePosture.
     """
-    with_zero = _append_zero_row(taken)
+    with_zero = _append_zero_rows(geometry, taken)
     flow = posture(geometry, parameters_mm, with_zero, command(geometry, with_zero), effects)
     flow = replace(flow, fraction=touched_fraction(flow))
-    return reading(flow, touched_point(flow))[..., :-1]
+    return reading(flow, touched_point(flow))[..., : len(taken)]
 
 
 def posture(
@@ -152,7 +153,7 @@ def command(geometry: Geometry, taken: Conditions) -> FloatArray:
 def commanded_tool(geometry: Geometry, taken: Conditions) -> FloatArray:
     """Tool positions ``(n, 3)`` from Zero that the controller is told, mm."""
     along = taken.displacement_mm[:, None] * geometry.directions[taken.leg]
-    return np.asarray(taken.position_mm + along)
+    return np.asarray(geometry.leg_zero_mm[taken.leg] + taken.position_mm + along)
 
 
 def actuator(flow: Flow) -> NDArray[Any]:
@@ -188,7 +189,7 @@ def touched_fraction(flow: Flow) -> NDArray[Any]:
     along = flow.geometry.directions[leg]
     end_along, foot_along = dot(_own_end(flow), along), dot(_own_foot(flow), along)
     end_zero = dot(_own_end_at_zero(flow), along)
-    foot_zero = dot(flow.foot_mm[..., -1, :, :][..., leg, :], along)
+    foot_zero = dot(_own_foot_at_zero(flow), along)
     kept = end_zero + flow.taken.station * (foot_zero - end_zero)
     fraction = (kept - end_along) / (foot_along - end_along)
     if flow.taken.over_plane.any():
@@ -257,7 +258,7 @@ def readings_and_derivatives(
 def _touched_at_zero(flow: Flow, along: FloatArray) -> NDArray[Any]:
     """Coordinate along ``(n, 3)`` at Zero of each reading's own station ``(..., n)``."""
     end_zero = dot(_own_end_at_zero(flow), along)
-    foot_zero = dot(flow.foot_mm[..., -1, :, :][..., flow.taken.leg, :], along)
+    foot_zero = dot(_own_foot_at_zero(flow), along)
     station = np.where(flow.taken.leg == TOOL, 0.0, flow.taken.station)
     return np.asarray(end_zero + station * (foot_zero - end_zero))
 
@@ -273,7 +274,22 @@ def _own_end(flow: Flow) -> NDArray[Any]:
 
 
 def _own_end_at_zero(flow: Flow) -> NDArray[Any]:
-    return np.asarray(flow.tool_mm[..., -1:, :] + _joint(flow))
+    tool = flow.tool_mm[..., -1:, :]
+    if not flow.geometry.common_zero:
+        tool = flow.tool_mm[..., own_zero_rows(flow.taken), :]
+    return np.asarray(tool + _joint(flow))
+
+
+def _own_foot_at_zero(flow: Flow) -> NDArray[Any]:
+    leg = flow.taken.leg
+    if flow.geometry.common_zero:
+        return np.asarray(flow.foot_mm[..., -1, :, :][..., leg, :])
+    return np.asarray(flow.foot_mm[..., own_zero_rows(flow.taken), leg, :])
+
+
+def own_zero_rows(taken: Conditions) -> IntArray:
+    """The row of the Zero posture of each reading's leg ``(n,)``, from the end."""
+    return np.where(taken.leg == TOOL, -1, taken.leg - len(OWN_ZEROS))
 
 
 def _joint(flow: Flow) -> FloatArray:
@@ -282,15 +298,22 @@ def _joint(flow: Flow) -> FloatArray:
     return np.where((leg == TOOL)[:, None], 0.0, flow.geometry.platform[leg])
 
 
-def _append_zero_row(taken: Conditions) -> Conditions:
-    """The conditions with one more row: the Zero posture, in which indicators are mounted."""
-    nan = np.nan  # station and axis are some that are valid: this row is no reading
+OWN_ZEROS = (0, 1, 2, TOOL)
+"""Legs of the last rows of a flow where each leg has a Zero of its own."""
+
+
+def _append_zero_rows(geometry: Geometry, taken: Conditions) -> Conditions:
+    """The conditions with more rows: the Zero postures, in which indicators are mounted."""
+    nan = np.nan  # station and axis are some that are valid: these rows are no readings
     zero = {"station": 0.5, "axis": 1, "temperature_c": nan, "mount": -1, "along_mm": nan}
+    legs = (0,) if geometry.common_zero else OWN_ZEROS
     arrays = {}
     for name in (f.name for f in fields(Conditions)):
         before = getattr(taken, name)
-        row = np.full((1, *before.shape[1:]), zero.get(name, 0), dtype=before.dtype)
-        arrays[name] = np.concatenate([before, row])
+        rows = np.full((len(legs), *before.shape[1:]), zero.get(name, 0), dtype=before.dtype)
+        if name == "leg":
+            rows[:] = legs
+        arrays[name] = np.concatenate([before, rows])
     return Conditions(**arrays)
 
 

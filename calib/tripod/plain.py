@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.arrays import TOOL, Conditions, FloatArray, IntArray
-from calib.tripod.geometry import Geometry, tool_jacobians, trilaterate
-from calib.tripod.pipeline import command, measuring_directions
+from calib.tripod.geometry import Geometry, inverse, tool_jacobians, trilaterate
+from calib.tripod.pipeline import command, measuring_directions, own_zero_rows
 
 
 class PlainDesign(Protocol):
@@ -40,15 +40,17 @@ def plain_design(geometry: Geometry, taken: Conditions) -> PlainDesign:
 
 @dataclass(frozen=True, eq=False)
 class TripodDesign:
-    """Any tripod. ``command_mm`` ``(n + 1, 3)``, the last row Zero; the others ``(n, ...)``.
+    """Any tripod. ``command_mm`` ``(n + z, 3)``, the last rows Zero; the others ``(n, ...)``.
 
-    ``along`` and ``measured`` are the directions of the touched leg and of the indicator,
-    ``joint_mm`` leads from the tool to the end of the touched bar.
+    ``zero`` tells the Zero row of each reading, or the one for all. ``along`` and ``measured`` are
+    the directions of the touched leg and of the indicator, ``joint_mm`` leads from the tool to the
+    end of the touched bar.
     """
 
     geometry: Geometry
     taken: Conditions
     command_mm: FloatArray
+    zero: IntArray | slice
     along: FloatArray
     measured: FloatArray
     joint_mm: FloatArray
@@ -57,10 +59,14 @@ class TripodDesign:
     def of(cls, geometry: Geometry, taken: Conditions) -> TripodDesign:
         """The design of these readings. Raises UnreachablePosture."""
         of_tool = (taken.leg == TOOL)[:, None]
+        zeros, zero = geometry.zero_mm[None], slice(-1, None)
+        if not geometry.common_zero:
+            zeros, zero = inverse(geometry, geometry.leg_zero_mm), own_zero_rows(taken)
         return cls(
             geometry,
             taken,
-            np.vstack([command(geometry, taken), geometry.zero_mm]),
+            np.vstack([command(geometry, taken), zeros]),
+            zero,
             geometry.directions[taken.leg],
             measuring_directions(geometry, taken),
             np.where(of_tool, 0.0, geometry.platform[taken.leg]),
@@ -76,10 +82,10 @@ class TripodDesign:
         value, fraction, reach = self._touched(carriage, tool)
         by_tool = np.concatenate(tool_jacobians(self.geometry, tool, carriage, lengths), axis=-1)
         legs, n = self.taken.leg, len(self.taken)
-        by_foot = np.zeros((*tool.shape, 6), dtype=tool.dtype)[:, :-1]
+        by_foot = np.zeros((*tool.shape, 6), dtype=tool.dtype)[:, :n]
         of_leg = np.flatnonzero(legs != TOOL)
         by_foot[:, of_leg, :, legs[of_leg]] = self.along[of_leg, None, :]
-        here, zero = by_tool[:, :n], by_tool[:, n:]
+        here, zero = by_tool[:, :n], by_tool[:, self.zero]
         along, measured = self.along[:, :, None], self.measured[:, :, None]
         station = self.taken.station[:, None]
         end_along, foot_along = (here * along).sum(axis=-2), (by_foot * along).sum(axis=-2)
@@ -97,7 +103,7 @@ class TripodDesign:
     def _postures(
         self, parameters_mm: NDArray[Any]
     ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """Carriages and tools ``(b, n + 1, 3)``, lengths ``(b, 1, 3)``, mm."""
+        """Carriages and tools ``(b, n + z, 3)``, lengths ``(b, 1, 3)``, mm."""
         carriage = self.command_mm + parameters_mm[:3].T[:, None, :]
         lengths = self.geometry.lengths + parameters_mm[3:].T[:, None, :]
         feet = self.geometry.anchors + self.geometry.directions * carriage[..., None]
@@ -110,8 +116,9 @@ class TripodDesign:
     ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Readings, touched fraction of the bar and the bar's length along the leg ``(b, n)``."""
         station = np.where(self.taken.leg == TOOL, 0.0, self.taken.station)
-        end, zero = tool[:, :-1] + self.joint_mm, tool[:, -1:] + self.joint_mm
-        bar, bar_zero = self._bar(carriage, tool), self._foot(carriage[:, -1:]) - zero
+        end = tool[:, : len(self.taken)] + self.joint_mm
+        zero = tool[:, self.zero] + self.joint_mm
+        bar, bar_zero = self._bar(carriage, tool), self._foot(carriage[:, self.zero]) - zero
         reach = (bar * self.along).sum(axis=-1)
         kept = ((zero + station[:, None] * bar_zero - end) * self.along).sum(axis=-1)
         over = self.taken.over_plane
@@ -122,7 +129,8 @@ class TripodDesign:
 
     def _bar(self, carriage: NDArray[Any], tool: NDArray[Any]) -> NDArray[Any]:
         """From the end of the touched bar to its foot ``(b, n, 3)``."""
-        return np.asarray(self._foot(carriage[:, :-1]) - tool[:, :-1] - self.joint_mm)
+        n = len(self.taken)
+        return np.asarray(self._foot(carriage[:, :n]) - tool[:, :n] - self.joint_mm)
 
     def _foot(self, carriage: NDArray[Any]) -> NDArray[Any]:
         """Foot of the touched leg ``(b, n, 3)``."""

@@ -85,8 +85,8 @@ class TripodPlanning:
     def added(self, vectors: Sequence[FloatArray]) -> tuple[AddedMeasurement | None, ...]:
         """The best one of a level added to a mounting, or a new mounting read there and at Zero.
 
-        None where the tool is read: no more positions show what one set-up cannot. Nor is one
-        looked for beside readings over a plane.
+        None where nothing helps, and where the tool is read: no more positions show what one set-up
+        cannot. Nor is one looked for beside readings over a plane.
         """
         if self.of_tool or self.planned.over_plane.any():
             return (None,) * len(vectors)
@@ -105,18 +105,33 @@ class TripodPlanning:
         alone = (pool.rows - pool.rows[zero]) / math.sqrt(2.0)
         rows = np.where(mounted[:, None, None], pool.rows, alone) / self.noise.standard_deviation_mm
         after = covariances_after(covariance, rows, np.ones(2), list(FREE))
-        return tuple(self._cure(pool, mounted, after, vector) for vector in vectors)
+        now = [float(one @ covariance[:PARAMETERS, :PARAMETERS] @ one) for one in vectors]
+        return tuple(
+            self._cure(pool, mounted, after, vector, least)
+            for vector, least in zip(vectors, now, strict=True)
+        )
 
     def _cure(
-        self, pool: LegPool, mounted: NDArray[np.bool_], after: FloatArray, vector: FloatArray
-    ) -> AddedMeasurement:
+        self,
+        pool: LegPool,
+        mounted: NDArray[np.bool_],
+        after: FloatArray,
+        vector: FloatArray,
+        now: float,
+    ) -> AddedMeasurement | None:
         variance = np.einsum("i,bij,j->b", vector, after, vector)
         best = largest(-variance)
+        if variance[best] > (1.0 - LEAST_GAIN) * now:
+            return None
         where = f"leg {LEG_NAMES[pool.leg[best]]} at {pool.displacement_mm[best]:+g} mm"
         station = f"station {pool.station[best]:g}"
         if not mounted[best]:
             where, station = f"{where} and at Zero", f"{station}, a new mounting"
         return AddedMeasurement(f"{where} ({station})", float(np.sqrt(variance[best])))
+
+
+LEAST_GAIN = 1e-6
+"""Of a variance: readings that lower it by less do not see this combination at all."""
 
 
 def _information(

@@ -125,6 +125,7 @@ def leg_pool(
         for side in ((1, -1) if both_ways else (1,))
         if low <= min(level, 0.0) <= max(level, 0.0) <= high
         and not (both_ways and level == (low if side > 0 else high))
+        and (geometry.common_zero or geometry.goes(places[number][0], level))
     ]
     if not any(level for _, level, _ in steps):
         raise ImpossibleRequest(

@@ -1,9 +1,10 @@
 """A linear delta as firmware of printers knows it, fitted to an identified model.
 
 Upright towers stand about the middle of the plate. With the tool at (x, y, z) the carriage of bar i
-is at z + sqrt(L_i^2 - |(x, y) - tower_i|^2). Firmware holds lengths, radii, sometimes angles, and
-where each switch is along its tower. Readings against a plate do not show what raises all switches
-alike: it is chosen so that the tool keeps its height in the middle of the plate.
+is at z + sqrt(L_i^2 - |(x, y) - tower_i|^2). Firmware holds lengths, radii, sometimes angles, where
+each switch is along its tower, and how far a step moves each carriage. Readings against a plate do
+not show what raises all switches alike: it is chosen so that the tool keeps its height in the
+middle of the plate.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from scipy.optimize import least_squares
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import ImpossibleRequest
 from calib.tripod.controller import tool_error_mm
-from calib.tripod.effects.drives import AxisOffset
-from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.effects.drives import ActuatorScale, AxisOffset, Backlash
+from calib.tripod.effects.effect import PER_THOUSAND, EffectInstance
 from calib.tripod.geometry import Geometry, trilaterate
-from calib.tripod.pipeline import Model, StageEffect
+from calib.tripod.pipeline import Model, Stage, StageEffect
 from calib.tripod.workspace import machine_at, workspace_points
 
 UPRIGHT = 1e-6
@@ -45,23 +46,27 @@ what firmware cannot hold, but bars ten millimetres shorter would do it here and
 
 @dataclass(frozen=True)
 class TowerEntries:
-    """Whether firmware has a length for each bar, a radius and an angle for each tower.
+    """Whether firmware has a length for each bar; a radius, an angle, a travel for each tower.
 
-    Else one length and one radius serve all three, and the angles stay as they are.
+    Else one length and one radius serve all three, and angles and travels stay as they are.
     """
 
     lengths: bool
     radii: bool
     angles: bool
+    travels: bool
 
 
-ON_ONE_CIRCLE = TowerEntries(lengths=True, radii=False, angles=True)
+ON_ONE_CIRCLE = TowerEntries(lengths=True, radii=False, angles=True, travels=True)
 """Klipper, RepRapFirmware, Marlin."""
 
-ALIKE_BARS = TowerEntries(lengths=False, radii=True, angles=True)
-"""Smoothieware, TwinCAT's P_3Z."""
+ALIKE_BARS = TowerEntries(lengths=False, radii=True, angles=True, travels=True)
+"""Smoothieware."""
 
-ALL_ALIKE = TowerEntries(lengths=False, radii=False, angles=False)
+RAILS = TowerEntries(lengths=False, radii=True, angles=True, travels=False)
+"""TwinCAT's P_3Z: what an axis travels is no value of its kinematics."""
+
+ALL_ALIKE = TowerEntries(lengths=False, radii=False, angles=False, travels=False)
 """LinuxCNC's lineardeltakins."""
 
 
@@ -123,16 +128,17 @@ class Towers:
 class Entered:
     """What firmware with these entries is to hold in place of ``now``.
 
-    That is ``towers``, with switches higher by ``change_mm`` ``(3,)``, the carriages at them.
-    ``before_mm`` and ``after_mm`` are the tool's r.m.s. error over the workspace as `tool_error_mm`
-    counts it; ``moved_mm`` ``(3,)`` is how far from its present place the tool then stands when it
-    is sent to Zero.
+    That is ``towers``, with a step longer by the part ``stretch`` ``(3,)``, and with carriages
+    higher by ``change_mm`` ``(3,)`` where the tool is at Zero. ``before_mm`` and ``after_mm`` are
+    the tool's r.m.s. error over the workspace as `tool_error_mm` counts it; ``moved_mm`` ``(3,)``
+    is how far from its present place the tool then stands when it is sent to Zero.
     """
 
     entries: TowerEntries
     now: Towers
     towers: Towers
     change_mm: FloatArray
+    stretch: FloatArray
     before_mm: float
     after_mm: float
     moved_mm: FloatArray
@@ -146,18 +152,29 @@ class Entered:
         tool, over = np.asarray(tool_mm, dtype=float), np.asarray(over_mm, dtype=float)
         feet = np.zeros((len(tool), 3, 3))
         feet[:, :, :2] = self.towers.feet_mm
-        feet[:, :, 2] = self.now.carriages_mm(tool) + self.change_mm
+        above_zero = self.now.carriages_mm(tool) - self.now.span_mm
+        feet[:, :, 2] = self.now.span_mm + (1.0 + self.stretch) * above_zero + self.change_mm
         first, second = feet[0, 1] - feet[0, 0], feet[0, 2] - feet[0, 0]
         below = -1.0 if np.cross(first, second)[2] > 0.0 else 1.0
         then = trilaterate(feet, self.towers.length_mm, below)
         return float((tool[:, 2] - over).std()), float((then[:, 2] - over).std())
 
+    def turns_mm(self, now_mm: Sequence[float]) -> list[float]:
+        """Travel that firmware is to count for a turn, or a step, of each motor, as now ``now_mm``.
+
+        Steps per mm are the inverse of it.
+        """
+        turns: list[float] = ((1.0 + self.stretch) * np.array(now_mm)).tolist()
+        return turns
+
     def endstops_mm(self, now_mm: Sequence[float]) -> list[float]:
         """Heights of the tool over the middle at which the switches of drives x, y, z trip.
 
-        ``now_mm`` are those held now. Each carriage is then higher by sqrt(L^2 - R^2).
+        ``now_mm`` are those held now. Each carriage is then higher by sqrt(L^2 - R^2), and on its
+        way up to the switch its steps are longer.
         """
-        found = np.array(now_mm) + self.now.span_mm + self.change_mm - self.towers.span_mm
+        up = (1.0 + self.stretch) * np.array(now_mm)
+        found = up + self.now.span_mm + self.change_mm - self.towers.span_mm
         stops: list[float] = found.tolist()
         return stops
 
@@ -171,7 +188,8 @@ def entered(model: Model, entries: TowerEntries) -> Entered:
     """The values that leave least of the model's error at the tool, r.m.s. over the workspace.
 
     Least squares in tool space, both ways round, through the same stages as identification; what
-    departs from the model's own bars and towers must gain more than a little (`RESTRAINT`). Where
+    departs from the model's own bars and towers must gain more than a little (`RESTRAINT`). Travels
+    stay as they are where the model's carriages go as far as they are commanded. Where
     the tool's place at Zero is set by hand, what moves the tool alike everywhere is free: then its
     height there stays as it is, and its place too where towers may stand anywhere. Raises
     ImpossibleRequest as `Towers.of`.
@@ -179,26 +197,36 @@ def entered(model: Model, entries: TowerEntries) -> Entered:
     geometry = model.geometry
     now = Towers.of(geometry, one_circle=not entries.radii)
     points, zero = workspace_points(geometry), np.zeros((1, 3))
-    base = -geometry.anchors[:, 2]
-    counts = [3, 3 if entries.radii else 1, 3 if entries.lengths else 1, 3 * entries.angles]
+    travels = entries.travels and any(
+        effect.stage == Stage.ACTUATOR and getattr(effect, "id", "") != Backlash.id
+        for effect in model.effects
+    )
+    counts = [
+        3,
+        3 if entries.radii else 1,
+        3 if entries.lengths else 1,
+        3 * entries.angles,
+        3 * travels,
+    ]
     ends = np.cumsum(counts)
 
-    def read(values: FloatArray) -> tuple[Towers, FloatArray]:
-        change, radius, length, angle = np.split(values, ends[:-1])
+    def read(values: FloatArray) -> tuple[Towers, FloatArray, FloatArray]:
+        change, radius, length, angle, stretch = np.split(values, ends[:-1])
         turned = np.degrees(angle) if entries.angles else 0.0
-        return Towers(
-            now.length_mm + length, now.radius_mm + radius, now.angle_deg + turned
-        ), change
+        towers = Towers(now.length_mm + length, now.radius_mm + radius, now.angle_deg + turned)
+        return towers, change, stretch if travels else np.zeros(3)
 
     def believed_mm(values: FloatArray, tool_mm: FloatArray) -> FloatArray:
-        towers, change = read(values)
-        return towers.carriages_mm(tool_mm) + base - change
+        towers, change, stretch = read(values)
+        above_zero = towers.carriages_mm(tool_mm) - change - now.span_mm
+        return np.asarray(geometry.zero_mm + above_zero / (1.0 + stretch))
 
     def at_zero_mm(values: FloatArray, way: float) -> FloatArray:
         return np.asarray(machine_at(model, believed_mm(values, zero), way).tool_mm[0])
 
-    nothing, own = np.zeros(ends[-1]), _of_model(model, now, entries)
-    across = np.concatenate([np.ones(sum(counts[1:3])), np.full(counts[3], now.radius_mm.mean())])
+    nothing, own = np.zeros(ends[-1]), _of_model(model, now, entries, travels=travels)
+    sizes = (1.0, now.radius_mm.mean(), np.abs(points[:, 2]).max())
+    across = np.repeat(sizes, [sum(counts[1:3]), *counts[3:]])
     across *= RESTRAINT * entries.lengths  # one length, or one radius, follows what it must
     kept = slice(0, 3) if entries.radii and entries.angles else slice(2, 3)
     ways = (1.0, -1.0) if model.effects else (1.0,)
@@ -218,19 +246,25 @@ def entered(model: Model, entries: TowerEntries) -> Entered:
         return np.concatenate(rows)
 
     solution = least_squares(off_mm, own, xtol=STEP, ftol=None, gtol=None).x
-    towers, change = read(solution)
+    towers, change, stretch = read(solution)
     moved_mm = at_zero_mm(solution, 1.0) - standing[1.0]
     after_mm = tool_error_mm(model, lambda tool_mm: believed_mm(solution, tool_mm))
-    return Entered(entries, now, towers, change, tool_error_mm(model), after_mm, moved_mm)
+    before_mm = tool_error_mm(model)
+    return Entered(entries, now, towers, change, stretch, before_mm, after_mm, moved_mm)
 
 
-def _of_model(model: Model, now: Towers, entries: TowerEntries) -> FloatArray:
+def _of_model(model: Model, now: Towers, entries: TowerEntries, *, travels: bool) -> FloatArray:
     """Bars and towers of a model as entries, switches first, as far as there are entries."""
-    feet, across = now.feet_mm.copy(), model.geometry.across
+    feet, across, stretch = now.feet_mm.copy(), model.geometry.across, np.zeros(3)
     for effect in model.effects:
-        if isinstance(effect, EffectInstance) and effect.id == AxisOffset.id:
+        if not isinstance(effect, EffectInstance):
+            continue
+        if effect.id == AxisOffset.id:
             way = across[effect.place][:2]
             feet[LEG_NAMES.index(effect.place[0])] += np.real(effect.values[0]) * way
+        elif effect.id == ActuatorScale.id:
+            drives = [LEG_NAMES.index(name) for name in effect.place]
+            stretch[drives] += PER_THOUSAND * np.real(effect.values)
     if not entries.radii:  # three towers stand on one circle wherever they are: about its middle
         ways = 2.0 * (feet[1:] - feet[0])
         feet -= np.linalg.solve(ways, (feet[1:] ** 2).sum(axis=1) - (feet[0] ** 2).sum())
@@ -244,6 +278,7 @@ def _of_model(model: Model, now: Towers, entries: TowerEntries) -> FloatArray:
             radius if entries.radii else [radius.mean()],
             lengths if entries.lengths else [lengths.mean()],
             turned if entries.angles else [],
+            stretch if travels else [],
         ]
     )
 

@@ -175,7 +175,7 @@ def passive_angles(geometry: Geometry, tool_mm: FloatArray) -> FloatArray:
         of_leg = sorted(one for one in names if one[0] == name)
         cyclic = [name + LEG_NAMES[(leg + k) % 3] for k in (1, 2)]
         first, second = (
-            geometry.across[one] for one in (cyclic if geometry.reads_legs else of_leg)
+            geometry.across[one] for one in (cyclic if geometry.common_zero else of_leg)
         )
         bar = bars[..., leg, :]
         angles[..., leg, 0] = np.arctan2(bar @ first, -bar @ geometry.directions[leg])

@@ -96,6 +96,22 @@ def commands(texts: Texts, *wanted: str) -> Iterator[CodeLine]:
             yield CodeLine(path, number, plain, match[1], words)
 
 
+def steps_held(texts: Texts) -> tuple[float, float, float] | None:
+    """Steps per mm of the motors of towers X, Y, Z: the last of M92; None without one for each.
+
+    Raises RecordError for one that is no number above 0.
+    """
+    steps: dict[str, float] = {}
+    for line in commands(texts, "M92"):
+        for tower in set("XYZ") & line.words.keys():
+            steps[tower] = line.value(tower)
+            if not steps[tower] > 0.0:
+                raise RecordError(
+                    f"file of a printer {line.where}", repr(line.text), "steps per mm above 0"
+                )
+    return (steps["X"], steps["Y"], steps["Z"]) if len(steps) == len("XYZ") else None
+
+
 def lines(texts: Texts) -> Iterator[tuple[str, str]]:
     """Every line as ``file, line N`` and its text."""
     for path, text in texts:

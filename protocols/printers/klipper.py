@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import RecordError, UnreachablePosture
+from calib.tripod import UPRIGHT_TOWERS
 from protocols.distance_table import Measured
 from protocols.documents import MOST_WRITTEN_BYTES
 from protocols.printers.gcode import Texts, read_printed
@@ -34,8 +35,6 @@ SAVED_HEADER = "#*# <---------------------- SAVE_CONFIG ---------------------->"
 STEPPERS = ("stepper_a", "stepper_b", "stepper_c")
 CALIBRATION = "delta_calibrate"
 RADIUS = "delta_radius"
-KINEMATICS = RADIUS.partition("_")[0]
-"""The firmware's word for it, with which its keys and sections begin."""
 MOST_HEIGHTS = 999
 MOST_INCLUDES = 200
 FULL_STEPS = 200
@@ -202,11 +201,11 @@ def held(texts: Texts) -> Held:
 def _held_in(path: Path, config: Config) -> Held:
     """What a ``printer.cfg`` holds. Raises RecordError for a machine without upright towers."""
     kinematics = config.text("printer", "kinematics") or "nothing"
-    if kinematics != KINEMATICS:
+    if kinematics != UPRIGHT_TOWERS:
         raise RecordError(
             f"{WHAT} {path}, [printer] kinematics",
             kinematics,
-            f"{KINEMATICS}: three upright towers",
+            f"{UPRIGHT_TOWERS}: three upright towers",
             "Other printers are not calibrated here.",
         )
     printer, step_mm = _printer(path, config)
@@ -227,6 +226,7 @@ def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Three]:
     ]
     turns = [_turn_mm(config, name) for name in STEPPERS]
     steps = [turn / _steps_a_turn(config, name) for turn, name in zip(turns, STEPPERS, strict=True)]
+    a, b, c = (config.number(name, "rotation_distance", above=0.0) for name in STEPPERS)
     printable = config.number("printer", "print_radius", radius, above=0.0)
     printer = TowerPrinter(
         f"{WHAT} {path}",
@@ -237,6 +237,8 @@ def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Three]:
         (angles[0], angles[1], angles[2]),
         printable,
         turns[0] if len(set(turns)) == 1 else None,
+        (a, b, c),
+        (1.0 / steps[0], 1.0 / steps[1], 1.0 / steps[2]),
     )
     return printer, (steps[0], steps[1], steps[2])
 

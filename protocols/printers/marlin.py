@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from operator import itemgetter
 
 from calib.errors import RecordError
-from protocols.printers.gcode import NUMBER, PREFIX, Texts, commands, lines
+from protocols.printers.gcode import NUMBER, PREFIX, Texts, commands, lines, steps_held
 from protocols.printers.tower_printer import USUAL_ANGLES_DEG, Contact, Held, Three, TowerPrinter
 
 NAME = "marlin"
@@ -204,4 +204,5 @@ def _printer(texts: Texts, odd: list[str]) -> TowerPrinter | None:
         (words["R"],) * 3,
         (x, y, z),
         (a, b, c),
+        steps_per_mm=steps_held(texts),
     )

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator
 
 from calib.errors import RecordError
-from protocols.printers.gcode import CodeLine, Texts, commands, lines
+from protocols.printers.gcode import CodeLine, Texts, commands, lines, steps_held
 from protocols.printers.tower_printer import USUAL_ANGLES_DEG, Contact, Held, TowerPrinter
 
 NAME = "reprapfirmware"
@@ -109,6 +109,7 @@ def _printer(texts: Texts, odd: list[str]) -> TowerPrinter | None:
         (x, y, z),
         (a, b, c),
         words["B"][0] if words.get("B") else None,
+        steps_per_mm=steps_held(texts),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from typing import Literal
@@ -75,8 +75,9 @@ class TowerPrinter:
 
     ``endstop_mm`` are heights of the tool over the middle of the plate at which the switches trip:
     the carriage is then at that height plus sqrt(length^2 - radius^2). ``printable_mm`` is the
-    radius that the firmware allows, ``turn_mm`` the travel for one turn of a motor; None: not
-    known. ``thing`` is what error messages name.
+    radius that the firmware allows, ``turn_mm`` the travel for one turn of a motor,
+    ``rotation_distance_mm`` and ``steps_per_mm`` what is held for the travel of each tower; None:
+    not known. ``thing`` is what error messages name.
     """
 
     thing: str
@@ -87,7 +88,8 @@ class TowerPrinter:
     angle_deg: Three = USUAL_ANGLES_DEG
     printable_mm: float | None = None
     turn_mm: float | None = None
-    notes: tuple[str, ...] = field(default=())
+    rotation_distance_mm: Three | None = None
+    steps_per_mm: Three | None = None
 
     def __post_init__(self) -> None:
         every = (*self.length_mm, *self.radius_mm, *self.endstop_mm, *self.angle_deg)
@@ -182,6 +184,8 @@ class TowerPrinter:
                 lean_tolerance_mrad=1.0,
                 scale_tolerance_mm_m=1.0,
                 position_endstop_mm=self.endstop_mm,
+                rotation_distance_mm=self.rotation_distance_mm,
+                steps_per_mm=self.steps_per_mm,
                 screw_lead_mm=self.turn_mm,
                 drive=(
                     _drive(x[0], y[0], None if alike else self.length_mm[0], up),

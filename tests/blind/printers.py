@@ -24,7 +24,7 @@ from scipy.optimize import least_squares
 from protocols.machine import Machine, machine_text
 from protocols.printers.tower_printer import Contact, TowerPrinter
 from tests.app.cli import glidecal
-from tests.app.exports.test_towers import comments, klipper, outward, rms
+from tests.app.exports.test_towers import TURN_MM, comments, klipper, outward, rms
 
 FloatArray = NDArray[np.float64]
 Firmware = Callable[[FloatArray], FloatArray]
@@ -200,7 +200,14 @@ def errors(parts: Parts, run: Firmware) -> FloatArray:
 
 def machine() -> Machine:
     """As `glidecal import` makes it of a configuration; errors are judged over the grid."""
-    printer = TowerPrinter("printer", "printer", (BAR,) * 3, (RADIUS,) * 3, (STOP,) * 3)
+    printer = TowerPrinter(
+        "printer",
+        "printer",
+        (BAR,) * 3,
+        (RADIUS,) * 3,
+        (STOP,) * 3,
+        rotation_distance_mm=(TURN_MM,) * 3,
+    )
     around = tuple(Contact((x, y, 0.0), "") for x, y in RINGS)
     box = ((-50.0, -50.0, 0.0), (50.0, 50.0, 120.0))
     return printer.machine(around).model_copy(update={"workspace_mm": box})

@@ -11,11 +11,11 @@ from tests.conftest import LONG
 
 @LONG
 def test_what_is_hidden_is_among_the_names() -> None:
-    """Three shapes, nothing and six effects, each once; where anything is named.
+    """Five shapes, nothing and six effects, each once; where anything is named.
 
     Never another name alone, and nothing is called nothing.
     """
-    every = list(scores(21, seed=30))
+    every = list(scores(35, seed=30))
     for shape in SHAPES:
         assert sum(score.names for score in every if score.shape == shape) >= 5
     assert [score for score in every if score.names and not score.right] == []

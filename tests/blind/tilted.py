@@ -1,9 +1,11 @@
 """Tripods whose drives are not square, read at their legs: written from geometry, sharing nothing.
 
-An Orthoglide after its alignment, one tilted by a twentieth, three drives as a star. Each machine
-is solved by Newton's method; the program reads the tables. As a script it counts sessions::
+An Orthoglide after its alignment, one tilted by a twentieth, three drives as a star, and two whose
+bars lie along their drives at three places of the tool: upright towers, and towers that lean
+inwards. Each machine is solved by Newton's method; the program reads the tables. As a script it
+counts sessions::
 
-    python -m tests.blind.tilted --count 200
+    python -m tests.blind.tilted --count 200 [--shape towers]
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ WALKED = 200
 LETTERS = "xyz"
 STATIONS = (0.3, 0.7)
 LEVELS = (0.0, 30.0, 45.0, 0.0, -50.0, -80.0, 0.0)
+TOWER_LEVELS = (0.0, 30.0, 60.0, 90.0, 60.0, 30.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,25 @@ class Shape:
 
     directions: tuple[tuple[float, float, float], ...]
     misses_mm: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),) * 3
+    travel_mm: tuple[float, float] = (-90.0, 60.0)
+    levels_mm: tuple[float, ...] = LEVELS
+
+    @property
+    def apart(self) -> bool:
+        """Whether each bar lies along its drive at a place of its own."""
+        return self.travel_mm != Shape.travel_mm
+
+    def zero_mm(self, leg: int) -> FloatArray:
+        """Where the tool stands as an indicator is set at a leg: nearest to Zero on its line."""
+        if not self.apart:
+            return np.zeros(3)
+        miss, way = np.array(self.misses_mm[leg]), self.along[leg]
+        return np.asarray(miss - (miss @ way) * way)
+
+    def ways(self, leg: int) -> FloatArray:
+        """Unit vectors across a drive that is one of these, away from the middle and round it."""
+        out = self.zero_mm(leg) / np.linalg.norm(self.zero_mm(leg))
+        return np.array([out, np.cross(self.along[leg], out)])
 
     @property
     def along(self) -> FloatArray:
@@ -45,7 +67,8 @@ class Shape:
     @property
     def file(self) -> str:
         """The machine file that its owner writes."""
-        lines = ['schema = "glidecal.machine/1"', 'name = "tilted"', "travel_min_mm = -90.0"]
+        lines = ['schema = "glidecal.machine/1"', 'name = "tilted"']
+        lines += [f"travel_min_mm = {self.travel_mm[0]}", f"travel_max_mm = {self.travel_mm[1]}"]
         for miss, way in zip(self.misses_mm, self.along.tolist(), strict=True):
             lines += ["[[drive]]", f"origin_mm = {list(miss)}", f"direction = {way}"]
         return "\n".join(lines) + "\n"
@@ -58,6 +81,18 @@ SHAPES = {
     ),
     "tilted": Shape(((1.0, 0.0, 0.0), (0.05, 1.0, 0.0), (-0.05, 0.03, 1.0))),
     "star": Shape(((0.8, 0.0, -0.6), (-0.4, 0.69282, -0.6), (-0.4, -0.69282, -0.6))),
+    "towers": Shape(
+        ((0.0, 0.0, 1.0),) * 3,
+        ((-129.904, -75.0, 0.0), (129.904, -75.0, 0.0), (0.0, 150.0, 0.0)),
+        (-200.0, 120.0),
+        TOWER_LEVELS,
+    ),
+    "leaning": Shape(
+        ((0.13, 0.07506, 1.0), (-0.13, 0.07506, 1.0), (0.0, -0.15011, 1.0)),
+        ((-147.224, -85.0, 0.0), (147.224, -85.0, 0.0), (0.0, 170.0, 0.0)),
+        (-200.0, 150.0),
+        TOWER_LEVELS,
+    ),
 }
 
 EFFECTS = {
@@ -80,6 +115,7 @@ class Hidden:
     effect: str = ""
     place: tuple[int, int] = (0, 1)
     size: float = 0.0
+    way: str | None = None  # across towers: r or t
 
     @property
     def play_mm(self) -> FloatArray:
@@ -92,7 +128,7 @@ class Hidden:
         """The place as the program names it."""
         if self.effect in ("actuator_scale", "backlash"):
             return LETTERS[self.place[0]]
-        return LETTERS[self.place[0]] + LETTERS[self.place[1]]
+        return LETTERS[self.place[0]] + (LETTERS[self.place[1]] if self.way is None else self.way)
 
 
 def commanded(shape: Shape, place: FloatArray) -> FloatArray:
@@ -113,16 +149,21 @@ def machine(
     travel = wanted - commanded(shape, np.zeros(3))
     carriage, sideways = wanted + hidden.offset_mm + behind_mm, np.zeros((3, 3))
     i, j = hidden.place
-    third = np.cross(along[i], along[j]) / np.linalg.norm(np.cross(along[i], along[j]))
     if hidden.effect == "actuator_scale":
         carriage[i] += hidden.size * travel[i]
     elif hidden.effect == "axis_squareness":
-        sideways[i] = 0.7 * hidden.size * carriage[i] * across(shape, i, j)
-        sideways[j] = 0.3 * hidden.size * carriage[j] * across(shape, j, i)
-    elif hidden.effect == "axis_offset":
-        sideways[i] = hidden.size * third
-    elif hidden.effect == "straightness":
-        sideways[i] = hidden.size * (travel[i] / 100.0) ** 2 * across(shape, i, j)
+        first = 0.5 if shape.apart else 0.7  # only of legs with one Zero the sum alone shows
+        sideways[i] = first * hidden.size * carriage[i] * across(shape, i, j)
+        sideways[j] = (1.0 - first) * hidden.size * carriage[j] * across(shape, j, i)
+    elif hidden.effect in ("axis_offset", "straightness"):
+        bent = hidden.effect == "straightness"
+        if hidden.way is not None:
+            way = shape.ways(i)["rt".index(hidden.way)]
+        elif bent:
+            way = across(shape, i, j)
+        else:
+            way = np.cross(along[i], along[j]) / np.linalg.norm(np.cross(along[i], along[j]))
+        sideways[i] = hidden.size * ((travel[i] / 100.0) ** 2 if bent else 1.0) * way
     feet = np.array(shape.misses_mm) + carriage[:, None] * along + sideways
     tool = place.copy()
     for _ in range(20):
@@ -152,6 +193,9 @@ def across(shape: Shape, leg: int, axis: int) -> FloatArray:
     """The unit vector across the drive of a leg, in the plane of both drives."""
     along = shape.along
     way = along[axis] - (along[axis] @ along[leg]) * along[leg]
+    if np.linalg.norm(way) < 1e-9:  # parallel to it: from line to line
+        way = np.array(shape.misses_mm[axis]) - np.array(shape.misses_mm[leg])
+        way = way - (way @ along[leg]) * along[leg]
     return np.asarray(way / np.linalg.norm(way))
 
 
@@ -161,11 +205,12 @@ def table(shape: Shape, hidden: Hidden, rng: np.random.Generator, scatter_mm: fl
     clock = 0
     for leg, station in product(range(3), STATIONS):
         stand: dict[int, tuple[float, float]] = {}
-        behind_mm, before = np.zeros(3), np.zeros(3)
-        foot, tool = machine(shape, hidden, np.zeros(3), behind_mm)
+        start = shape.zero_mm(leg)
+        behind_mm, before = np.zeros(3), start
+        foot, tool = machine(shape, hidden, start, behind_mm)
         there = tool + station * (foot[leg] - tool)
-        for cycle, level in product((1, 2, 3), LEVELS):
-            place = level * shape.along[leg]
+        for cycle, level in product((1, 2, 3), shape.levels_mm):
+            place = start + level * shape.along[leg]
             behind_mm = gone(shape, hidden.play_mm, (before, place), behind_mm)
             before, clock = place, clock + 1
             foot, tool = machine(shape, hidden, place, behind_mm)
@@ -184,7 +229,7 @@ def table(shape: Shape, hidden: Hidden, rng: np.random.Generator, scatter_mm: fl
     return "\n".join(lines) + "\n"
 
 
-def drawn(effect: str, rng: np.random.Generator) -> Hidden:
+def drawn(effect: str, rng: np.random.Generator, shape: Shape) -> Hidden:
     """A machine with offsets and lengths as they are before any calibration, and one effect."""
     offsets, lengths = rng.uniform(-1.0, 1.0, 3), 0.03 * rng.standard_normal(3)
     i, j = rng.permutation(3)[:2].tolist()
@@ -194,7 +239,9 @@ def drawn(effect: str, rng: np.random.Generator) -> Hidden:
         j = (i + 1) % 3
     size = EFFECTS.get(effect, 0.0) * float(rng.uniform(2.0, 8.0))
     sign = 1.0 if effect == "backlash" else float(rng.choice([-1.0, 1.0]))
-    return Hidden(offsets, lengths, effect, (i, j), sign * size)
+    across_tower = shape.apart and effect in ("axis_offset", "straightness")
+    way = str(rng.choice(["r", "t"])) if across_tower else None
+    return Hidden(offsets, lengths, effect, (i, j), sign * size, way)
 
 
 @dataclass(frozen=True)
@@ -212,18 +259,18 @@ class Score:
         return self.verdict in ("explained", "ambiguous", "partly-explained")
 
 
-def scores(count: int, seed: int) -> Iterator[Score]:
+def scores(count: int, seed: int, only: str | None = None) -> Iterator[Score]:
     """So many sessions, the shapes and effects in turn; nothing is hidden in each seventh."""
     from app.commands.sessions import import_table
     from app.evaluating.diagnosis import diagnose_files
 
-    kinds = list(product(SHAPES, ["", *EFFECTS]))
+    kinds = list(product([only] if only else SHAPES, ["", *EFFECTS]))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for number in range(count):
             shape, effect = kinds[number % len(kinds)]
             rng = np.random.default_rng([seed, number])
-            hidden = drawn(effect, rng)
+            hidden = drawn(effect, rng, SHAPES[shape])
             source, path = folder / f"{number}.csv", folder / f"{number}.jsonl"
             file = folder / f"{shape}.toml"
             file.write_text(SHAPES[shape].file, encoding="utf-8")
@@ -246,9 +293,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=210)
     parser.add_argument("--seed", type=int, default=29)
+    parser.add_argument("--shape", choices=list(SHAPES))
     given = parser.parse_args()
-    every = list(scores(given.count, given.seed))
-    for shape in SHAPES:
+    every = list(scores(given.count, given.seed, given.shape))
+    for shape in [given.shape] if given.shape else SHAPES:
         mine = [score for score in every if score.shape == shape]
         hidden = [score for score in mine if score.effect]
         nothing = [score for score in mine if not score.effect]

@@ -20,7 +20,9 @@ import pytest
 
 from tests.firmware.sources import FOLDER, folder_of_sources
 
-STEP_MM = 0.0125
+TURN_MM, STEPS_A_TURN = 40.0, 3200.0
+STEP_MM = TURN_MM / STEPS_A_TURN
+"""As the firmware holds it at first: a carriage travels so far for a step, but for its belt."""
 
 
 def need_klipper() -> None:
@@ -56,13 +58,14 @@ class Rail:
     ) -> None:
         at = section.getfloat("position_endstop", default_position_endstop or KeyError)
         self.homing = SimpleNamespace(position_endstop=at)
+        self.step_mm = section.getfloat("rotation_distance", TURN_MM) / STEPS_A_TURN
 
     def get_homing_info(self) -> SimpleNamespace:
         return self.homing
 
     def get_steppers(self) -> list[Any]:
         stepper = MagicMock()
-        stepper.get_step_dist.return_value = STEP_MM
+        stepper.get_step_dist.return_value = self.step_mm
         return [stepper]
 
     def setup_itersolve(self, *_: object) -> None:

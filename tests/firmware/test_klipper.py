@@ -65,6 +65,16 @@ def test_klipper_moves_the_true_machine_nearer_with_the_height_kept(tmp_path: Pa
     )
 
 
+def test_klipper_turns_the_motors_of_stretched_belts_by_what_the_file_says(tmp_path: Path) -> None:
+    text = true.exported(true.STRETCHED, "klipper", tmp_path).read_text()
+    told = by_klipper(NOW + text)
+    off = true.errors(true.STRETCHED, told)
+    assert true.rms(true.errors(true.STRETCHED, by_klipper(NOW))) > 0.3
+    assert np.abs(off).max() < 2e-5, "rounding of the numbers in the file"
+    raised = true.STRETCHED.tool(told(MIDDLE)) - true.STRETCHED.tool(true.BELIEVED(MIDDLE))
+    assert raised[2] == pytest.approx(0.0, abs=2e-5)
+
+
 def test_stable_positions_are_imported_as_klipper_reads_them(tmp_path: Path) -> None:
     """Its own steps for places near the plate, written as it saves them, come back as the places.
 

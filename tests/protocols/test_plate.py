@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from calib.errors import RecordError, UsageError
 from protocols.machine import Machine, load_machine
+from protocols.motion import tool_mm
 from protocols.observations import to_observations
 from protocols.procedure import Procedure, Step, load_procedure
 from protocols.session import Opened, Reading, fold
@@ -61,21 +63,45 @@ def test_a_shuffled_plate_keeps_its_places() -> None:
     assert set(places(mixed)) == set(places(RINGS.steps(DELTA)))
 
 
-def test_legs_of_a_machine_without_square_drives_are_not_read() -> None:
-    with pytest.raises(UsageError, match="do not lie along their drives at Zero"):
-        load_procedure("sweep", DELTA)  # before a screen opens
-    with pytest.raises(UsageError, match="do not lie along their drives at Zero"):
-        load_procedure("sweep", ORTHOGLIDE).steps(DELTA)
+SHORT = load_machine("linear-delta").model_copy(
+    update={"leg_length_mm": 190.0, "workspace_mm": None}
+)
+"""Towers are 215 mm apart: no bar lies along its drive without leaving another one behind."""
+
+
+def test_legs_of_a_machine_whose_bars_never_lie_along_their_drives_are_not_read() -> None:
+    with pytest.raises(UsageError, match="do not reach to lie along their drives"):
+        load_procedure("bars", SHORT.geometry())  # before a screen opens
+    with pytest.raises(UsageError, match="do not reach to lie along their drives"):
+        load_procedure("sweep", ORTHOGLIDE).steps(SHORT.geometry())
     assert load_procedure("sweep", ORTHOGLIDE).steps(ORTHOGLIDE)
 
 
-def test_a_record_with_legs_of_such_a_machine_is_refused() -> None:
-    machine = load_machine("linear-delta")
+def test_bars_of_towers_are_read_where_each_is_upright() -> None:
+    """The tool is then under the joint of the carriage, and goes up from there."""
+    steps = load_procedure("bars", DELTA).steps(DELTA)
+    assert {(step.leg, step.displacement_mm) for step in steps} == {
+        (leg, level) for leg in "xyz" for level in (0.0, 30.0, 60.0, 90.0)
+    }
+    for step in steps:
+        place = tool_mm(step, DELTA)
+        across = (place - DELTA.anchors["xyz".index(step.leg)])[:2]
+        assert np.abs(across).max() < 1e-9
+        assert place[2] == pytest.approx(step.displacement_mm, abs=1e-9)
+
+
+def test_levels_that_bars_do_not_reach_are_named() -> None:
+    with pytest.raises(RecordError, match=r"240 mm of leg x.*that the bars of every leg reach"):
+        load_procedure("zero-max-min", DELTA)
+
+
+def test_a_record_with_legs_of_a_machine_that_has_none_to_read_is_refused() -> None:
+    machine = SHORT
     opened = Opened(program="t", origin="imported", machine=machine)
     reading = Reading(
         reading=1, leg="x", axis="y", displacement_mm=0.0, value_mm=0.0, text="0", mount="xy"
     )
-    with pytest.raises(RecordError, match="whose bar does not lie along its drive"):
+    with pytest.raises(RecordError, match="whose bar does not reach to lie along its drive"):
         to_observations([fold([opened, reading])])
 
 
@@ -138,7 +164,6 @@ def test_what_is_wrong_with_a_machine_as_a_whole_is_said_in_full(tmp_path: Path)
         (f"{HEADER}\n0,0,0,0\n400,0,0,0\n", "the bars reach"),
         ("x_mm,y_mm,value_mm\n0,0,0\n", "Missing: z_mm"),
         (f"{HEADER},lift_mm\n0,0,0,0,-1\n", "lifted off"),
-        ("leg,axis,displacement_mm,value_mm\nx,y,0,0\n", "do not lie along their drives at Zero"),
         (f"{HEADER},axis\n0,0,0,0,w\n", "x, y or z"),
     ],
 )

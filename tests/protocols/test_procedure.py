@@ -229,6 +229,9 @@ def test_a_machine_is_offered_what_it_can_measure() -> None:
     both = "zero-max-min", "zero-max-min-plane"
     legs = ("align", "plane", "sweep", "two-station", "verify", *both, "zero-min-max")
     assert guided_procedure_names(Geometry()) == legs
-    assert guided_procedure_names(load_machine("linear-delta").geometry()) == ("plate-rings",)
+    assert guided_procedure_names(load_machine("linear-delta").geometry()) == (
+        "bars",
+        "plate-rings",
+    )
     short = Geometry(travel_max_mm=10.0)  # the levels of the sweep go further
     assert "sweep" not in guided_procedure_names(short)

@@ -280,7 +280,7 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
             _vectors(solved),
             "" if solved.reads_tool else UNSEEN,
             gains_table(solved),
-            *left_out_lines(correction),
+            *left_out_lines(correction.left_out),
             *(effect_words(one, machine) for one in named),
         ],
     )

@@ -219,6 +219,20 @@ class MeasuredSession(Report):
     notes: tuple[str, ...]
 
 
+class LineEntry(Report):
+    """A parameter of a drive's line, or its travel, beyond what the machine file states."""
+
+    id: str
+    place: str = at("place", "the drive, and the way across it")
+    value: float = at("value", "in the unit, as in a model")
+    expanded_uncertainty: float = at("expanded", "k = 2")
+    tolerance: float = at("tolerance", "of the machine file: standard deviation before measuring")
+    unit: str
+
+
+LINES = "none where the machine file has no tolerances of lines"
+
+
 class SolutionReport(Report):
     """``solve --json``: `SessionSolution`; what was asked beyond it is there only then."""
 
@@ -228,6 +242,7 @@ class SolutionReport(Report):
     method: Method = at("solved.solution.method")
     weights: Weights = at("solved.solution.weights")
     correction: CorrectionEntry = at("solved", "what is entered; parameters are a view")
+    lines: tuple[LineEntry, ...] = at("solved.lines", f"lines of the drives; {LINES}")
     subset: Subset = at("solved.solution.subset", "of the view")
     parameters: Annotated[dict[str, Parameter], made(_parameters)] = at("solved.solution")
     covariance: Covariance = at("solved.solution")
@@ -386,3 +401,6 @@ class OffsetsReport(Report):
     unit: Literal["mm"] = "mm"
     cautions: tuple[str, ...] = at("offsets.cautions", "the lines that solve says of this result")
     parameters: dict[str, Offset] = at("offsets.parameters")
+    lines: tuple[LineEntry, ...] = at(
+        "offsets.lines", f"lines of the drives, which a controller may hold or not; {LINES}"
+    )

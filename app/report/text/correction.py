@@ -14,7 +14,7 @@ from calib.identify.solution import Subset
 from calib.posterior.tool import FRAMES
 
 if TYPE_CHECKING:
-    from calib.posterior.correction import ToolOff
+    from calib.posterior.correction import LeftOut, ToolOff
     from protocols.machine import Frame
 
 SUBSET_WORDS: dict[Subset, str] = {
@@ -116,10 +116,10 @@ def bound_line(correction: SessionCorrection) -> str:
     return off_line(correction.frame, correction.off_now, correction.off)
 
 
-def left_out_lines(correction: SessionCorrection) -> Iterator[str]:
+def left_out_lines(left_out: Iterable[LeftOut]) -> Iterator[str]:
     """Parts that are not entered, a line for each reason."""
     by_reason: dict[str, list[str]] = {}
-    for part in correction.left_out:
+    for part in left_out:
         by_reason.setdefault(part.reason, []).append(part.part)
     for reason, parts in by_reason.items():
         yield f"Left out: {', '.join(parts)}. Reason: {reason}."
@@ -144,7 +144,7 @@ def correction_lines(solved: SessionSolution, correction: SessionCorrection) -> 
     """What every file of a correction says of it."""
     return (
         bound_line(correction),
-        *left_out_lines(correction),
+        *left_out_lines(correction.left_out),
         gain_line(solved, correction),
         *warning_lines(solved, correction),
     )

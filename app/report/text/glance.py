@@ -10,7 +10,7 @@ from app.evaluating.printer import PrinterChange
 from app.evaluating.solution import SessionSolution, judge
 from app.report.charts.bars import bar_rows
 from app.report.text.correction import FRAME_WORDS, correction_table, sole_mistake_words
-from app.report.text.printer import change_table
+from app.report.text.printer import change_tables
 from app.report.text.result import (
     bound_sentence,
     comparison_sentence,
@@ -61,7 +61,7 @@ def glance_text(
     return paragraphs(
         [verdict, *_cautions(solved, correction), *([f"WARNING: {caution}"] if caution else [])],
         "Add to the offsets in the controller:" if any(machine.entered_offsets_mm) else "",
-        change_table(change) if change else correction_table(solved.correction),
+        *(change_tables(change) if change else [correction_table(solved.correction)]),
         [f"Tool error, at most (95 %), r.m.s., {FRAME_WORDS[frame]}:", *bars],
         next_text(solved, done, exports=exports, measures=measures),
     )

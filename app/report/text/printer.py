@@ -44,11 +44,15 @@ SIZE_SHOWS = 3.0
 def change_parts(solved: SessionSolution, change: PrinterChange) -> list[str | Table]:
     """What to change, then what the contacts say of probe, geometry and size."""
     where = f"{WHERE} {SCREWS}" if change.endstops_alone else WHERE
-    return [change_table(change), where, "\n".join(_answers(solved, change))]
+    return [*change_tables(change), where, "\n".join(_answers(solved, change))]
 
 
-def change_table(change: PrinterChange) -> Table:
-    """What the firmware holds now, tower by tower, and what it is to hold."""
+def change_tables(change: PrinterChange) -> list[Table]:
+    """What the firmware holds now, tower by tower, and what it is to hold; travels if any."""
+    return [_change_table(change), *([_travel_table(change)] if change.travels else [])]
+
+
+def _change_table(change: PrinterChange) -> Table:
     if change.endstops_alone:
         table = new_table("tower", "endstop now, mm", "enter", "or move the switch by, mm")
         for one in change.towers:
@@ -64,6 +68,18 @@ def change_table(change: PrinterChange) -> Table:
     radius = change.radius
     if abs(radius.change) >= LEAST:
         table.add_row("radius", f"{radius.now:.3f}", f"{radius.then:.3f}", *[""] * 4)
+    return table
+
+
+def _travel_table(change: PrinterChange) -> Table:
+    held = "rotation_distance, mm" if change.turns else "steps per mm, M92"
+    table = new_table("belt", held, "enter", "travels further by, mm/m")
+    for one in change.towers:
+        if travel := one.travel:
+            part = travel.then / travel.now if change.turns else travel.now / travel.then
+            further = signed(1000.0 * (part - 1.0))
+            figures = f"{travel.now:.4f}", f"{travel.then:.4f}", further
+            table.add_row(f"belt {one.tower}", *figures)
     return table
 
 

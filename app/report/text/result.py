@@ -94,7 +94,7 @@ def entered_parts(solved: SessionSolution) -> list[str | Table]:
         "" if solved.reads_tool else UNSEEN,
         gains_table(solved),
         *line_parts(solved),
-        "\n".join([*left_out_lines(correction), *caveats(solved)]),
+        "\n".join([*left_out_lines(correction.left_out), *caveats(solved)]),
     ]
 
 

@@ -212,7 +212,7 @@ def _arrangements(
     if lateral or set(seen) == set(AROUND):
         yield from _by_leg(effect, seen)
     if len(seen) > 1:
-        if geometry.reads_legs or not lateral:
+        if geometry.common_zero or not lateral:
             yield _grouped(effect, seen, "same", {"": tuple(seen)})
         if set(seen) == set(geometry.across):
             yield from _symmetric(effect, seen, geometry)
@@ -237,7 +237,7 @@ def _symmetric(
     round with the axes, towards the next one and the one before. Else radial and tangential.
     """
     first, second = list(seen)[0::2], list(seen)[1::2]
-    if not geometry.reads_legs:
+    if not geometry.common_zero:
         yield _grouped(effect, seen, "turning", {"_r": tuple(first), "_t": tuple(second)})
         return
     yield _grouped(effect, seen, "mirror", {"_first": tuple(first), "_second": tuple(second)})

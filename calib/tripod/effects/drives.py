@@ -266,7 +266,7 @@ def geometry_tolerances(
         (AxisDistance(), AROUND, of_two * across_mm),
         (AxisSquareness(), PAIRS, of_two * lean_mrad),
     )
-    if not geometry.reads_legs:
+    if not geometry.common_zero:
         every = (
             (AxisOffset(across), across, across_mm),
             (AxisLean(across), across, lean_mrad),
@@ -291,7 +291,7 @@ def effects_of(effects: Iterable[Effect], geometry: Geometry) -> tuple[Effect, .
     Where the lead is known, cyclic errors have that lead only, and stand last. Axes whose
     bars lie along them miss each other; others are shifted.
     """
-    not_here = AxisOffset if geometry.reads_legs else AxisDistance
+    not_here = AxisOffset if geometry.common_zero else AxisDistance
     here = [effect for effect in effects if not isinstance(effect, not_here)]
     others = [effect for effect in here if not isinstance(effect, ActuatorCyclic)]
     if geometry.screw_lead_mm is not None and len(others) < len(here):

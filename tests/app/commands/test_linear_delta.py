@@ -139,10 +139,10 @@ def test_a_demonstration_on_this_machine(tmp_path: Path) -> None:
 
 def test_what_a_delta_does_not_do_yet_is_said_in_one_sentence(tmp_path: Path) -> None:
     out = ("-o", tmp_path / "s.jsonl")
-    assert "readings of legs" in refused(2, "run", *MACHINE, "--dry-run", "--protocol", "sweep")
+    assert "of leg x" in refused(3, "run", *MACHINE, "--dry-run", "--protocol", "sweep")
+    assert "at one Zero" in refused(2, "plan", *MACHINE)
     asked = ("linear-delta", "--procedure", "plate-rings", "--count", "9")
     assert "optimum postures" in refused(2, "postures", *asked)
-    assert "glidecal plan" in refused(2, "plan", *MACHINE)
     effect = ("--effect", "leg_taper")
     assert "nothing to see" in refused(2, "simulate", *MACHINE, *effect, *out)
 

@@ -14,14 +14,14 @@ import csv
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.tripod.effects.drives import AxisOffset, AxisSquareness
+from calib.tripod.effects.drives import ActuatorScale, AxisOffset, AxisSquareness
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
 from protocols.machine import Machine, load_machine
@@ -38,6 +38,8 @@ Firmware = Callable[[FloatArray], FloatArray]
 BAR, RADIUS = 250.0, 124.0
 ANGLES = np.array([210.0, 330.0, 90.0])
 ENDSTOPS = (300.1, 299.9, 300.4)
+TURN_MM, STEPS = 40.0, 80.0
+"""Held by the firmware for the travel of every tower before anything is entered."""
 GRID = [
     np.array([x, y, z])
     for x in np.linspace(-50.0, 50.0, 6)
@@ -60,12 +62,13 @@ class Hidden:
     out_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     round_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     lean_xy: float = 0.0  # rad, towers x and y together, half each, with their coordinate
+    stretch: tuple[float, float, float] = (0.0, 0.0, 0.0)  # mm/mm, travel below each switch
     wrong_sign: bool = field(default=False)
 
     def tool(self, travel_mm: FloatArray) -> FloatArray:
         """Where three spheres meet, by Newton's method."""
         believed = np.array(ENDSTOPS) + math.sqrt(BAR**2 - RADIUS**2)
-        height = believed + self.switch_mm - travel_mm
+        height = believed + self.switch_mm - (1.0 + np.array(self.stretch)) * travel_mm
         out = outward(ANGLES)
         across = np.stack([-out[:, 1], out[:, 0]], axis=1)
         feet = (RADIUS + np.array(self.out_mm))[:, None] * out
@@ -92,7 +95,14 @@ class Hidden:
         if self.lean_xy:
             effects.append(EffectInstance(AxisSquareness(), "xy", (1e3 * self.lean_xy,)))
         sign = -1.0 if self.wrong_sign else 1.0
-        values = tuple(sign * value for value in (*self.switch_mm, *self.bar_mm))
+        effects += [
+            EffectInstance(ActuatorScale(), leg, (1e3 * sign * part,))
+            for leg, part in zip("xyz", self.stretch, strict=True)
+            if part
+        ]
+        # scale of the program counts from Zero, where the carriage is this far below its switch
+        switches = np.array(self.switch_mm) - np.array(self.stretch) * ENDSTOPS
+        values = tuple(sign * value for value in (*switches.tolist(), *self.bar_mm))
         return Model(machine().geometry(), values, tuple(effects))
 
 
@@ -107,7 +117,12 @@ def machine(**more: object) -> Machine:
         for drive, o in zip(shipped.drive, outward(ANGLES).tolist(), strict=True)
         for o in [np.array(o)]
     ]
-    held = {"drive": tuple(drives), "position_endstop_mm": ENDSTOPS}
+    held = {
+        "drive": tuple(drives),
+        "position_endstop_mm": ENDSTOPS,
+        "rotation_distance_mm": (TURN_MM,) * 3,
+        "steps_per_mm": (STEPS,) * 3,
+    }
     return shipped.model_copy(update=held | more)
 
 
@@ -135,11 +150,23 @@ def klipper(text: str) -> Firmware:
     ]
     endstops, arms, angles = (np.array(row) for row in rows)
     trip = endstops + np.sqrt(arms**2 - radius**2)
-    return lambda place: trip - carriages(place, arms, radius * outward(angles))
+    # a motor turns for its rotation_distance: then the carriage travels as at first for TURN_MM
+    turns = [config.getfloat(f"stepper_{n}", "rotation_distance", fallback=TURN_MM) for n in "abc"]
+    step = TURN_MM / np.array(turns)
+    return lambda place: step * (trip - carriages(place, arms, radius * outward(angles)))
 
 
 def words(line: str) -> dict[str, str]:
     return {word[0]: word[1:] for word in line.split()[1:]}
+
+
+def step(text: str) -> FloatArray:
+    """How far a carriage travels, as at first, for a commanded mm: by steps per mm, where stated.
+
+    In all of these firmwares M92 X Y Z are those of the motors of the towers.
+    """
+    held = [words(line) for line in text.splitlines() if line.startswith("M92")]
+    return np.array([float(held[-1][name]) / STEPS if held else 1.0 for name in "XYZ"])
 
 
 def reprapfirmware(text: str) -> Firmware:
@@ -159,7 +186,7 @@ def reprapfirmware(text: str) -> Firmware:
     )
     trip = height + np.sqrt(arms**2 - radius**2) + [float(switches[n]) for n in "XYZ"]
     assert sum(float(switches[n]) for n in "XYZ") == pytest.approx(0.0, abs=2e-6)
-    return lambda place: trip - carriages(place, arms, towers)
+    return lambda place: step(text) * (trip - carriages(place, arms, towers))
 
 
 def all_words(text: str, command: str) -> dict[str, float]:
@@ -178,7 +205,7 @@ def marlin(text: str) -> Firmware:
     retraced = np.array([trims[name] for name in "XYZ"])
     assert (retraced <= -0.2).all(), "above 0 is refused, near 0 no step is made"
     at_home = carriages(np.array([0.0, 0.0, told["H"]]), arms, towers)
-    return lambda place: at_home - carriages(place, arms, towers) - retraced
+    return lambda place: step(text) * (at_home - carriages(place, arms, towers) - retraced)
 
 
 def smoothieware(text: str) -> Firmware:
@@ -189,7 +216,7 @@ def smoothieware(text: str) -> Firmware:
     towers, arms = radii[:, None] * outward(angles), np.full(3, told["L"])
     trim = np.array([trims[name] for name in "XYZ"])
     at_switch = carriages(np.array([0.0, 0.0, told["Z"]]), arms, towers) - trim
-    return lambda place: at_switch - carriages(place, arms, towers)
+    return lambda place: step(text) * (at_switch - carriages(place, arms, towers))
 
 
 def p_3z(text: str) -> Firmware:
@@ -276,6 +303,59 @@ def test_bars_towers_and_switches_go_into_the_firmware_of_printers(
     assert abs(moved[2]) < 1e-5, "the height at the plate stays"
     x, y = (f"{part:+.4f}" for part in moved[:2])
     assert f"then stands ({x}, {y}, " in said
+
+
+STRETCHED = Hidden(
+    (1.0, -0.6, 0.3), (0.3, -0.2, 0.15), out_mm=(0.4, 0.3, -0.2), stretch=(5e-3, -3e-3, 1e-3)
+)
+"""Belts of which one travels too far, one too short."""
+
+
+@pytest.mark.parametrize("kind", [*READ, "smoothieware"])
+def test_travels_of_towers_go_into_the_firmware_with_the_height_kept(
+    kind: str, tmp_path: Path
+) -> None:
+    hidden = replace(STRETCHED, bar_mm=(0.3, 0.3, 0.3)) if kind in READ_ALIKE else STRETCHED
+    text = exported(hidden, kind, tmp_path).read_text()
+    then = READ_ANY[kind](text)
+    assert rms(errors(hidden, BELIEVED)) > 0.3
+    assert np.abs(errors(hidden, then)).max() < 2e-5, "rounding of the numbers in the file"
+    assert "wholly in these values: d_rho, d_L, axis_offset, actuator_scale" in comments(text)
+    zero = np.zeros(3)
+    raised = (hidden.tool(then(zero)) - hidden.tool(BELIEVED(zero)))[2]
+    assert raised == pytest.approx(0.0, abs=2e-5)
+    other = replace(hidden, wrong_sign=True)
+    worse = READ_ANY[kind](exported(other, kind, tmp_path / "other").read_text())
+    assert rms(errors(hidden, worse)) > 1.5 * rms(errors(hidden, BELIEVED))
+
+
+@pytest.mark.parametrize("kind", READ)
+def test_travels_that_nobody_stated_stay_and_the_file_says_so(kind: str, tmp_path: Path) -> None:
+    silent = {"rotation_distance_mm": None, "steps_per_mm": None}
+    text = exported(STRETCHED, kind, tmp_path, **silent).read_text()
+    assert "rotation_distance:" not in text
+    assert "M92" not in text
+    assert "the travel of each tower is left as it is" in comments(text)
+    assert "no value for all of actuator_scale" in comments(text)
+    held = str(TURN_MM if kind == "klipper" else STEPS)
+    asked = ("--steps", ",".join([held] * 3))
+    told = exported(STRETCHED, kind, tmp_path / "told", *asked, **silent).read_text()
+    assert told == exported(STRETCHED, kind, tmp_path / "known").read_text()
+
+
+def test_machines_whose_belts_are_sound_get_no_values_for_them(tmp_path: Path) -> None:
+    for kind in READ:
+        text = exported(ANYTHING, kind, tmp_path / kind).read_text()
+        assert "rotation_distance:" not in text
+        assert "\nM92" not in text
+
+
+def test_steps_that_are_no_steps_are_refused(tmp_path: Path) -> None:
+    model = tmp_path / "model.json"
+    model.write_text(model_file(STRETCHED.model(), machine()).text(), encoding="utf-8")
+    asked = ("export", model, "--format", "klipper", "-o", tmp_path / "out", "--steps")
+    assert "0, 40, 40" in refused(2, *asked, "0,40,40")
+    assert "'40'" in refused(2, *asked, "40")
 
 
 BARS_ALIKE = Hidden(

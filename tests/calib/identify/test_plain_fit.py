@@ -33,6 +33,8 @@ def random_conditions(generator: np.random.Generator, geometry: Geometry) -> Con
     axis = (leg + generator.integers(1, 3, count)) % 3
     displacement = generator.uniform(geometry.travel_min_mm, geometry.travel_max_mm, count)
     displacement[::7] = 0.0
+    if not geometry.common_zero:  # a leg reaches less from a Zero of its own
+        displacement = np.clip(displacement, 0.0, 60.0)
     station = generator.uniform(0.1, 0.9, count)
     return conditions(leg.tolist(), axis.tolist(), displacement.tolist(), station=station.tolist())
 

@@ -57,7 +57,7 @@ def test_parameters_of_lines_are_those_that_readings_can_see(
 ) -> None:
     every = geometry_tolerances(geometry, 0.3, 1.0, 2.0)
     assert {type(law) for law, _ in every} == set(laws)
-    assert len(every) == (9 if geometry.reads_legs else 15)
+    assert len(every) == (9 if geometry.common_zero else 15)
     assert geometry_tolerances(geometry, 0.0, 1.0, 0.0).keys() < every.keys()
     assert not geometry_tolerances(geometry, 0.0, 0.0, 0.0)
 

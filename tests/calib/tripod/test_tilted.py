@@ -59,13 +59,22 @@ def joints_at(geometry: Geometry, tool_mm: FloatArray) -> FloatArray:
 
 @pytest.mark.parametrize("name", [name for name, one in TRIPODS.items() if one.reads_legs])
 def test_a_reading_is_where_the_bar_crosses_the_line_of_the_indicator(name: str) -> None:
-    """Set up at Zero, square to the drive, in the plane of both; the tool goes along the drive."""
+    """Set up at Zero, square to the drive, in the plane of both; the tool goes along the drive.
+
+    Where no Zero has all bars along their drives, it is on the drive's line, nearest to the middle;
+    parallel drives lead across each other from line to line.
+    """
     geometry, station = TRIPODS[name], 0.3
     for leg in range(3):
         way = np.array(geometry.direction[leg])
+        lines = np.array(geometry.origin_mm) - np.array(geometry.platform_mm)
+        start = 0.0 * way if geometry.common_zero else lines[leg] - (lines[leg] @ way) * way
+        levels = (-80.0, -20.0, 30.0, 60.0) if geometry.common_zero else (10.0, 30.0, 60.0)
 
-        def bar(level: float, leg: int = leg) -> tuple[FloatArray, FloatArray]:
-            wanted = level * np.array(geometry.direction[leg])
+        def bar(
+            level: float, leg: int = leg, start: FloatArray = start
+        ) -> tuple[FloatArray, FloatArray]:
+            wanted = start + level * np.array(geometry.direction[leg])
             joints = joints_at(geometry, wanted) + PARAMETERS_MM[:3]
             foot = np.array(geometry.origin_mm[leg]) + joints[leg] * np.array(
                 geometry.direction[leg]
@@ -76,9 +85,11 @@ def test_a_reading_is_where_the_bar_crosses_the_line_of_the_indicator(name: str)
         stands = tool_end + station * (foot - tool_end)
         for axis in {0, 1, 2} - {leg}:
             other = np.array(geometry.direction[axis])
+            if np.linalg.norm(np.cross(way, other)) < 1e-9:
+                other = lines[axis] - lines[leg]
             across = np.cross(np.cross(way, other), way)
             across = across / np.linalg.norm(across)
-            for level in (-80.0, -20.0, 30.0, 60.0):
+            for level in levels:
                 tool_end, foot = bar(level)
                 share = ((stands - tool_end) @ way) / ((foot - tool_end) @ way)
                 shown = float((tool_end + share * (foot - tool_end) - stands) @ across)

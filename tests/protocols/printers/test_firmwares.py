@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -63,6 +64,7 @@ def m503(hidden: true.Hidden, cycles: int = 1) -> str:
     adjusted = [-stop for stop in STOPS]
     lines = [
         "echo:; Endstop adjustment:",
+        "echo:  M92 X80.00 Y80.00 Z80.00 E93.00",
         f"echo:  M666 {words(adjusted)}",
         f"echo:  M665 L{true.BAR:.2f} R{true.RADIUS:.2f} H{HEIGHT:.2f} S200.00 X0.00 Y0.00 Z0.00 "
         "A0.00 B0.00 C0.00",
@@ -278,6 +280,22 @@ def test_commands_as_firmware_takes_them(tmp_path: Path, line: str, otherwise: s
     assert line in CONFIG_G
     found = read(tmp_path, CONFIG_G.replace(line, otherwise), *g32(PERFECT))
     assert found.opened.machine == read(tmp_path, CONFIG_G, *g32(PERFECT)).opened.machine
+
+
+def test_steps_per_mm_of_the_towers_are_those_of_the_last_m92(tmp_path: Path) -> None:
+    def held(folder: Path, *texts: str) -> object:
+        folder.mkdir()
+        return read(folder, *texts).opened.machine.steps_per_mm
+
+    shown = m503(PERFECT).replace("Y80.00 Z80.00", "Y80.10 Z79.90")
+    assert held(tmp_path / "m", shown) == (80.0, 80.1, 79.9)
+    assert held(tmp_path / "n", re.sub(r".*M92.*\n", "", shown)) is None
+    partly = shown.replace("M92 X80.00 Y80.10 Z79.90", "M92 X80.00")
+    assert held(tmp_path / "p", partly) is None
+    again = shown.replace("echo:  M666", "echo:  M92 Y81\necho:  M666")
+    assert held(tmp_path / "a", again) == (80.0, 81.0, 79.9)
+    with pytest.raises(RecordError, match="steps per mm above 0"):
+        held(tmp_path / "z", shown.replace("X80.00", "X0"))
 
 
 def test_a_tower_without_a_length_has_the_first_ones(tmp_path: Path) -> None:

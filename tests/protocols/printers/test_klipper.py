@@ -277,7 +277,10 @@ def test_gears_and_full_steps_make_a_step_shorter(tmp_path: Path) -> None:
     found = read(tmp_path, PRINTER + steppers(motor=motor) + saved(saved_lines))
     places = np.array([one.position_mm for one in found.contacts])
     assert places[:, :2] == pytest.approx(np.array(rings(7)), abs=STEP_MM)
-    assert found.opened.machine.screw_lead_mm == 8.0
+    machine = found.opened.machine
+    assert machine.screw_lead_mm == 8.0
+    assert machine.rotation_distance_mm == (40.0, 40.0, 40.0), "as it stands there"
+    assert machine.steps_per_mm == pytest.approx((800.0, 800.0, 800.0))
 
 
 ARM = steppers()

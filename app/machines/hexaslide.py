@@ -311,7 +311,7 @@ def reads(path: Path) -> bool:
 FAMILY = Family(
     name="hexaslide",
     names=NAMES,
-    schema="glidecal.hexaslide/1",
+    schema="glidecal.hexaslide/2",
     measured="measured postures of a hexaslide",
     criterion="condition",
     posture_file="Hexa Slide: postures (.csv)",

@@ -65,7 +65,8 @@ def family_of(name: str) -> Family:
         schema = schema_of(read_text(path, "machine file"))
     except RecordError:
         return FAMILIES[0]
-    return next((one for one in FAMILIES if one.schema == schema), FAMILIES[0])
+    kind = schema.partition("/")[0]  # older files of a machine are of the same kind
+    return next((one for one in FAMILIES if one.schema.partition("/")[0] == kind), FAMILIES[0])
 
 
 def family_of_files(name: str | None, files: Sequence[Path]) -> Family:

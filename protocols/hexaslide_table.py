@@ -127,10 +127,8 @@ def _header(path: Path, line: int, names: list[str], measured: Sequence[str]) ->
         raise RecordError(f"{subject}, column {twice[0] or '(no name)'}", "twice", "each once")
     missing = [name for name in (*SLIDERS, *measured) if name not in names]
     if missing:
-        next_step = (
-            "Another --procedure measures other columns." if missing[0] in MEASURABLE else ""
-        )
-        raise RecordError(f"{subject}, column {missing[0]}", ", ".join(names), wanted, next_step)
+        found = f"no such column among {', '.join(names)}"
+        raise RecordError(f"{subject}, column {missing[0]}", found, wanted)
     return names
 
 

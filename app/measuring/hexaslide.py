@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.version import program
-from calib.errors import CalibrationError, RecordError
+from calib.errors import RecordError
 from calib.hexaslide.expectation import Departure, Expectation, explanations, other_frame
 from protocols.hexaslide import HexaSlideMachine
 from protocols.hexaslide_session import (
@@ -87,10 +87,12 @@ class PostureTask:
 
 @dataclass(frozen=True)
 class PostureDoubt:
-    """A reading that departs from expectation, and mistakes that would explain it."""
+    """A reading that departs from expectation, None: the machine has no such posture; and mistakes
+    that would explain it.
+    """
 
     reading: PostureReading
-    departure: Departure
+    departure: Departure | None
     explanations: tuple[str, ...]
 
 
@@ -191,7 +193,8 @@ class PostureTaking:
         """The doubtful reading counts, by the operator's word."""
         assert self.doubt is not None
         self._journal.append(Noted(text=f"reading {self.doubt.reading.reading}: {KEPT}"))
-        self._expectation.learn(self.session.only(self.doubt.reading))
+        if self.doubt.departure is not None:
+            self._expectation.learn(self.session.only(self.doubt.reading))
         self.doubt = None
 
     def take_again(self, reason: str = TAKEN_AGAIN) -> None:
@@ -216,25 +219,26 @@ class PostureTaking:
 
     def _examined(self) -> PostureDoubt | None:
         """All readings up to now; the last one is asked about again where nobody answered."""
-        doubt, session = None, self.session
+        session = self.session
         kept = {note.partition(":")[0] for note in session.notes if note.endswith(KEPT)}
-        for reading in session.readings:
-            doubt = self._departing(reading)
-            if doubt is not None and f"reading {reading.reading}" in kept:
-                self._expectation.learn(session.only(reading))
-                doubt = None
-        return doubt
+        answered = [
+            one
+            for one in session.readings
+            if one != session.readings[-1] or f"reading {one.reading}" in kept
+        ]
+        possible = [one for one in answered if self._expectation.departure(session.only(one))]
+        if possible:
+            known = replace(session, readings=tuple(possible)).measurements().readings()
+            self._expectation.learn(known)
+        if len(answered) < len(session.readings):
+            return self._departing(session.readings[-1])
+        return None
 
     def _departing(self, reading: PostureReading) -> PostureDoubt | None:
         """A reading that departs; of another one is learnt."""
         only = self.session.only(reading)
-        try:
-            departure = self._expectation.departure(only)
-        except CalibrationError as problem:
-            raise RecordError(
-                f"reading {reading.reading}, {problem.thing}", problem.found, problem.allowed
-            ) from problem
-        if departure.is_doubtful:
+        departure = self._expectation.departure(only)
+        if departure is None or departure.is_doubtful:
             sent = self.asked.sliders_mm / 1000.0
             others = [
                 (f"the platform in posture {number}", row)
@@ -291,26 +295,25 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
     machine, whole = session.opened.machine, session.opened.procedure.whole()
     expectation = Expectation(whole, machine.whole(), machine.tolerances.of(whole.parameters))
     odd: list[str] = []
-    gross: list[tuple[int, PostureReading, Departure]] = []
+    gross: list[tuple[int, PostureReading, Departure | None]] = []
     for line, reading in zip(lines, session.readings, strict=True):
-        try:
-            departure = expectation.departure(session.only(reading))
-        except CalibrationError as problem:
-            raise RecordError(
-                f"table {path}, line {line}", problem.found, problem.allowed, problem.next_step
-            ) from problem
-        if departure.p_value < GROSS:
+        departure = expectation.departure(session.only(reading))
+        if departure is None or departure.p_value < GROSS:
             gross.append((line, reading, departure))
         elif departure.is_doubtful:
             odd.append(f"line {line}, {departed(departure)}")
     if not gross:
         return tuple(odd)
     line, reading, departure = gross[0]
-    column = departure.names[departure.worst]
-    subject = f"table {path}, line {line}, column {column}"
-    allowed = f"what the machine file and its tolerances allow ({departed(departure)})"
-    frame = other_frame(session.measurements().readings(), machine.whole())
-    if frame is not None and len(gross) > 1:
+    subject = f"table {path}, line {line}, column slider1 … slider6"
+    allowed = "sliders of a posture that the machine file has"
+    if departure is not None:
+        subject = f"table {path}, line {line}, column {departure.names[departure.worst]}"
+        allowed = f"what the machine file and its tolerances allow ({departed(departure)})"
+    frame = None
+    if len(gross) > 1 and all(one is not None for _, _, one in gross):
+        frame = other_frame(session.measurements().readings(), machine.whole())
+    if frame is not None:
         x, y, z = (1000.0 * frame.shifted_m).tolist()
         raise RecordError(
             subject,

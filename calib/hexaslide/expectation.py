@@ -83,11 +83,15 @@ class Expectation:
         self._machine, self._off = machine, np.zeros(len(tolerances))
         self._covariance = np.diag(self._tolerances**2)
         self._learnt: Readings | None = None
+        self._stood = np.zeros((0, 6))
 
-    def departure(self, readings: Readings) -> Departure:
-        """Of the first posture of readings. Raises UnreachablePosture, CalibrationError."""
+    def departure(self, readings: Readings) -> Departure | None:
+        """Of the first posture of readings; None where the machine has no such posture."""
         one = replace(_first(readings), procedure=self.procedure)
-        left, slopes = residuals(one, self._machine, postures_of(one, self._machine))
+        try:
+            left, slopes = residuals(one, self._machine, postures_of(one, self._machine))
+        except CalibrationError:
+            return None
         off, row = left.values[0], slopes[0]
         spread = np.sqrt((row @ self._covariance * row).sum(axis=1))
         curved = (spread * min(float(spread.max()) / CURVED_M, 1.0)) ** 2
@@ -101,7 +105,10 @@ class Expectation:
         )
 
     def learn(self, readings: Readings) -> None:
-        """What readings tell of the next ones. Raises as `departure`."""
+        """What readings tell of the next ones.
+
+        Raises UnreachablePosture, CalibrationError for a posture that this machine has not.
+        """
         new = replace(readings, procedure=self.procedure)
         known = self._learnt
         if known is not None:
@@ -110,9 +117,10 @@ class Expectation:
                 new, sliders=sliders, measured=np.concatenate([known.measured, new.measured])
             )
         machine, off = self._machine, self._off
+        fresh = replace(readings, procedure=self.procedure)
+        postures = np.concatenate([self._stood, postures_of(fresh, machine)])
         for _ in range(STEPS):
-            # followed from the nominal posture, for a machine that changes little
-            postures = postures_of(new, machine)
+            postures = postures_of(new, machine, postures)
             left, slopes = residuals(new, machine, postures)
             weights = np.tile(_noise(new), len(new.sliders)) ** -2
             rows = slopes.reshape(len(weights), -1)
@@ -120,7 +128,7 @@ class Expectation:
             pull = rows.T @ (weights * left.values.ravel()) - off / self._tolerances**2
             off = off + np.linalg.solve(information, pull)
             machine = self._nominal.with_parameters(self.procedure.parameters, self._begin + off)
-        self._learnt, self._machine, self._off = new, machine, off
+        self._learnt, self._machine, self._off, self._stood = new, machine, off, postures
         self._covariance = np.linalg.inv(information)
 
 
@@ -166,11 +174,8 @@ def explanations(
     one, found = _first(readings), []
     stood = ((words, replace(one, sliders=row[None])) for words, row in elsewhere)
     for words, other in chain(other_ways(one), stood):
-        try:
-            fits = expectation.departure(other).p_value > PLAUSIBLE
-        except (CalibrationError, np.linalg.LinAlgError):  # no posture of this machine
-            continue
-        if fits:
+        departure = expectation.departure(other)
+        if departure is not None and departure.p_value > PLAUSIBLE:
             found.append(words)
     return tuple(found)
 

@@ -39,7 +39,10 @@ def prompt_text(task: PostureTask, *, indicated: bool) -> str:
 
 def doubt_text(doubt: PostureDoubt) -> str:
     """What is odd about a reading, and what would explain it."""
-    lines = [f"Reading {doubt.reading.reading} departs: {departed(doubt.departure)} (95 %)."]
+    number, departure = doubt.reading.reading, doubt.departure
+    lines = [f"Reading {number}: the machine has no posture with these sliders."]
+    if departure is not None:
+        lines = [f"Reading {number} departs: {departed(departure)} (95 %)."]
     if doubt.explanations:
         lines.append(f"As if: {'; '.join(doubt.explanations[:MOST_EXPLANATIONS])}.")
     return "\n".join(lines)

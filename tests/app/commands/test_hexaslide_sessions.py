@@ -11,6 +11,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -40,7 +41,7 @@ from tests.app.cli import PROCESSES, glidecal, refused
 from tests.conftest import ROOT
 
 Rows = list[list[str]]
-KILLED, KILLED_SEED = "constraint-link", 6
+KILLED_SEED = 6
 RUN = ("run", "--machine", "hexaslide", "--simulated", "--protocol")
 IMPORT = ("import", "--machine", "hexaslide", "--protocol")
 
@@ -301,53 +302,47 @@ def test_good_sessions_are_not_questioned(tmp_path: Path) -> None:
 def test_forty_kills_lose_nothing(tmp_path: Path) -> None:
     """What was told is on the disk, and what is there is what an undisturbed session has."""
     path, chance = tmp_path / "k.jsonl", random.Random(4)
-    whole, _ = read_postures(simulated(tmp_path / "whole.jsonl", KILLED, KILLED_SEED))
+    whole = PostureTaking.begin(killed(tmp_path / "whole.jsonl"))
+    measure_simulated(whole, KILLED_SEED, quiet)
     told: set[str] = set()
-    kills = 0
-    while True:
-        hears, tells = PROCESSES.Pipe(duplex=False)
-        process = PROCESSES.Process(target=_measured, args=(path, tells))
+    for _ in range(40):
+        ours, theirs = PROCESSES.Pipe()
+        process = PROCESSES.Process(target=_measured, args=(path, theirs))
         process.start()
-        tells.close()
-        ended, more = _listen(hears, 1 if kills < 40 else 10_000)
-        told |= more
-        if ended:
-            process.join()
-            break
-        time.sleep(chance.uniform(0.0, 0.01))  # anywhere in the next reading
+        told.add(ours.recv())
+        ours.send("go on")
+        time.sleep(chance.uniform(0.0, 0.03))  # anywhere in the next reading
         process.kill()
         process.join()
-        kills += 1
+    last = PostureTaking.resume(path)
+    measure_simulated(last, KILLED_SEED, quiet)
     session, record = read_postures(path)
-    assert (record.end, kills) == ("closed", 40)
+    assert record.end == "closed"
     texts = {
         f"reading {one.reading}: posture {one.posture}: {one.text}" for one in session.readings
     }
+    assert len(told) == 40
     assert told - texts == set()
-    assert [one.text for one in session.readings] == [one.text for one in whole.readings]
+    assert [one.text for one in session.readings] == [one.text for one in whole.session.readings]
+
+
+def killed(path: Path) -> PosturePlan:
+    """Postures enough for forty lives, in each of which two are measured at most."""
+    asked = plan(path, "position", KILLED_SEED)
+    postures = asked.machine.whole().random(90, np.random.default_rng(7))
+    return replace(asked, procedure=asked.procedure.with_postures(postures))
 
 
 def _measured(path: Path, tells: Connection) -> None:
-    """A session is begun or gone on with, as ``run`` does, and every reading told."""
+    """A session is begun or gone on with, as ``run`` does; each reading waits to be heard."""
     begun = path.exists() and path.stat().st_size > 0
-    taking = (
-        PostureTaking.resume(path)
-        if begun
-        else PostureTaking.begin(plan(path, KILLED, KILLED_SEED))
-    )
-    measure_simulated(taking, KILLED_SEED, tells.send)
-    tells.close()
+    taking = PostureTaking.resume(path) if begun else PostureTaking.begin(killed(path))
 
+    def say(words: str) -> None:
+        tells.send(words)
+        tells.recv()
 
-def _listen(hears: Connection, count: int) -> tuple[bool, set[str]]:
-    """Whether the program ended before it had told so many readings, and those."""
-    told: set[str] = set()
-    while len(told) < count:
-        try:
-            told.add(hears.recv())
-        except EOFError:
-            return True, told
-    return False, told
+    measure_simulated(taking, KILLED_SEED, say)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a terminal of Unix")

@@ -64,9 +64,9 @@ def settings() -> None:
 
 
 cli.command("demo")(demo.demo)
-cli.command("run")(measuring.run)
+cli.command("run", cls=CommandOfMachines, epilog=NAMED_BESIDE)(measuring.run)
 cli.command("align")(measuring.align)
-cli.command("import")(sessions.import_table)
+cli.command("import", cls=CommandOfMachines, epilog=NAMED_BESIDE)(sessions.import_table)
 cli.command("replay")(sessions.replay)
 cli.command("serve")(sessions.serve)
 cli.command("solve", cls=CommandOfMachines, epilog=NAMED_BESIDE)(results.solve)

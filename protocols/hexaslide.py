@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterable
 from io import StringIO
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import (
@@ -32,6 +32,8 @@ from calib.errors import CalibrationError, RecordError
 from calib.hexaslide.arms import Numbers
 from calib.hexaslide.geometry import (
     CHAINS,
+    END_NAMES,
+    LENGTH_NAME,
     LEVEL,
     NOT_UNIT,
     Box,
@@ -44,10 +46,16 @@ from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings
 from protocols.documents import Document, Name, describe, read_text, read_toml
 
-Coordinate = Annotated[float, Field(ge=-1000.0, le=1000.0)]
+Metres = Annotated[float, Field(ge=-1000.0, le=1000.0)]
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
-Length = Annotated[float, Field(ge=1e-6, le=1000.0)]
+Vector = tuple[float, float, float]
+Length = Annotated[float, Field(ge=1e-3, le=1e6)]
 Angle = Annotated[float, Field(ge=-360.0, le=360.0)]
+Tolerance = Annotated[float, Field(gt=0.0, le=100.0)]
+
+IN_METRES = 1
+"""Number of the schema of machine files whose lengths were metres; they are read as millimetres."""
 
 
 def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
@@ -59,7 +67,7 @@ def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
 Range = Annotated[tuple[Coordinate, Coordinate], AfterValidator(_ordered)]
 
 
-def _unit_vector(rail: Point) -> Point:
+def _unit_vector(rail: Vector) -> Vector:
     square = sum(part * part for part in rail)
     if abs(square - 1.0) > NOT_UNIT:
         raise ValueError(f"a unit vector; this one has the length {square**0.5:.10g}")
@@ -69,56 +77,119 @@ def _unit_vector(rail: Point) -> Point:
 
 
 class Chain(Document):
-    """One chain, lengths in metres; ``rail`` is a unit vector, ``joint_m`` on the platform.
+    """One chain; ``rail`` is a unit vector, ``joint_mm`` on the platform.
 
-    ``travel_m`` is from where to where the slider may go; ``zeros_deg`` what encoders in the joint
+    ``travel_mm`` is from where to where the slider may go; ``zeros_deg`` what encoders in the joint
     on the carriage read too much: of the turn about the rail, and of the angle to it.
     """
 
-    start_m: Point
-    rail: Annotated[Point, AfterValidator(_unit_vector)]
-    joint_m: Point
-    link_m: Length
-    travel_m: Range | None = None
+    start_mm: Point
+    rail: Annotated[Vector, AfterValidator(_unit_vector)]
+    joint_mm: Point
+    link_mm: Length
+    travel_mm: Range | None = None
     zeros_deg: tuple[Angle, Angle] = (0.0, 0.0)
 
 
 class PostureBox(Document):
     """Bounds of the postures, lower before upper."""
 
-    x_m: Range
-    y_m: Range
-    z_m: Range
+    x_mm: Range
+    y_mm: Range
+    z_mm: Range
     theta_deg: Range
     psi_deg: Range
     phi_deg: Range
 
     def bounds(self) -> Box:
         """The box in metres and radians."""
-        places = np.array([self.x_m, self.y_m, self.z_m])
+        places = np.array([self.x_mm, self.y_mm, self.z_mm]) / 1000.0
         angles = np.radians([self.theta_deg, self.psi_deg, self.phi_deg])
         lower, upper = np.vstack([places, angles]).T
         return Box(lower, upper)
 
 
 class LinkEnds(Document):
-    """Ends of the constraint link in the frames of platform and base, and its length, metres."""
+    """Ends of the constraint link in the frames of platform and base, and its length."""
 
-    platform_end_m: Point
-    base_end_m: Point
-    length_m: Length
+    platform_end_mm: Point
+    base_end_mm: Point
+    length_mm: Length
+
+
+class Tolerances(Document):
+    """By how much a machine as it was built may differ from its file, standard deviations.
+
+    ``rail_mm_per_m`` is how far a rail leads across in a metre along. They say what a reading is
+    expected to be, and decide nothing in a calibration.
+    """
+
+    start_mm: Tolerance = 1.0
+    rail_mm_per_m: Tolerance = 1.0
+    joint_mm: Tolerance = 1.0
+    link_mm: Tolerance = 1.0
+    constraint_link_mm: Tolerance = 1.0
+
+    def of(self, names: Iterable[str]) -> FloatArray:
+        """Standard deviations ``(k,)`` of parameters; what encoders read too much is not known."""
+        sizes = {
+            **dict.fromkeys(("Ax", "Ay", "Az"), self.start_mm),
+            **dict.fromkeys(("ax", "ay"), self.rail_mm_per_m),
+            **dict.fromkeys(("Bx", "By", "Bz"), self.joint_mm),
+            **dict.fromkeys((*END_NAMES, LENGTH_NAME), self.constraint_link_mm),
+            "l": self.link_mm,
+        }
+        sizes_m = [sizes.get(name, sizes.get(name.rstrip("123456"), np.inf)) for name in names]
+        return np.array(sizes_m) / 1000.0
+
+
+KIND, SCHEMA_OF_MACHINE = "glidecal.hexaslide", "glidecal.hexaslide/2"
+
+
+def _plain(part: Any, unit: float, key: str = "") -> Any:  # noqa: ANN401 (JSON)
+    """Lists as tuples; numbers under a key that ends with ``_m`` times ``unit``."""
+    if isinstance(part, list | tuple):
+        return tuple(_plain(entry, unit, key) for entry in part)
+    if isinstance(part, dict):
+        named = {name: f"{name}m" if _in_metres(name, unit) else name for name in part}
+        return {named[name]: _plain(value, unit, name) for name, value in part.items()}
+    is_number = isinstance(part, int | float) and not isinstance(part, bool)
+    return unit * part if is_number and _in_metres(key, unit) else part
+
+
+def _in_metres(key: str, unit: float) -> bool:
+    """Whether a key of a file whose lengths are so many millimetres is a length in metres."""
+    return unit != 1.0 and key.endswith("_m")
 
 
 class HexaSlideMachine(Document):
-    """One Hexa Slide; checked to reach all of its box."""
+    """One Hexa Slide; checked to reach all of its box.
 
-    schema_id: Literal["glidecal.hexaslide/1"] = Field(
-        alias="schema", default="glidecal.hexaslide/1"
+    ``platform_tolerance_mm`` is by how much, r.m.s. over the box, the platform may be off.
+    """
+
+    schema_id: Literal["glidecal.hexaslide/2"] = Field(
+        alias="schema", default="glidecal.hexaslide/2"
     )
     name: Name
+    platform_tolerance_mm: Tolerance | None = None
     chain: tuple[Chain, ...]
     box: PostureBox
     constraint_link: LinkEnds | None = None
+    tolerances: Tolerances = Tolerances()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_old_file(cls, content: object) -> object:
+        """A file in metres as one in millimetres.
+
+        What a validator hands on is strict as Python is, so lists of JSON become tuples here.
+        """
+        if not isinstance(content, dict):
+            return content
+        if content.get("schema") == f"{KIND}/{IN_METRES}":
+            return {**_plain(content, 1000.0), "schema": SCHEMA_OF_MACHINE}
+        return _plain(content, 1.0)
 
     @field_validator("chain")
     @classmethod
@@ -145,11 +216,13 @@ class HexaSlideMachine(Document):
         """The machine for the mathematics."""
         ends, link = self.constraint_link, None
         if ends is not None:
-            platform_end, base_end = np.array(ends.platform_end_m), np.array(ends.base_end_m)
-            link = ConstraintLink(platform_end, base_end, ends.length_m)
-        travel = [chain.travel_m or (-np.inf, np.inf) for chain in self.chain]
+            platform_end, base_end = np.array([ends.platform_end_mm, ends.base_end_mm]) / 1000.0
+            link = ConstraintLink(platform_end, base_end, ends.length_mm / 1000.0)
+        travel = [chain.travel_mm or (-np.inf, np.inf) for chain in self.chain]
         zeros = np.radians([chain.zeros_deg for chain in self.chain]).ravel()
-        return HexaSlide(_geometry(self.chain), self.box.bounds(), link, zeros, np.array(travel).T)
+        return HexaSlide(
+            _geometry(self.chain), self.box.bounds(), link, zeros, np.array(travel).T / 1000.0
+        )
 
 
 def machine_text(machine: HexaSlideMachine, comments: Iterable[str]) -> str:
@@ -159,7 +232,10 @@ def machine_text(machine: HexaSlideMachine, comments: Iterable[str]) -> str:
     tables.append(("[box]", machine.box))
     if machine.constraint_link is not None:
         tables.append(("[constraint_link]", machine.constraint_link))
+    tables.append(("[tolerances]", machine.tolerances))
     lines += [f'schema = "{machine.schema_id}"', f"name = {json.dumps(machine.name)}"]
+    if machine.platform_tolerance_mm is not None:
+        lines.append(f"platform_tolerance_mm = {machine.platform_tolerance_mm}")
     for heading, table in tables:
         values = table.model_dump(mode="json", exclude_none=True)
         lines += ["", heading, *(f"{key} = {json.dumps(value)}" for key, value in values.items())]
@@ -169,10 +245,10 @@ def machine_text(machine: HexaSlideMachine, comments: Iterable[str]) -> str:
 def _geometry(chain: tuple[Chain, ...]) -> Geometry:
     """Raises CalibrationError."""
     return Geometry(
-        np.array([link.start_m for link in chain]),
+        np.array([link.start_mm for link in chain]) / 1000.0,
         np.array([link.rail for link in chain]),
-        np.array([link.joint_m for link in chain]),
-        np.array([link.link_m for link in chain]),
+        np.array([link.joint_mm for link in chain]) / 1000.0,
+        np.array([link.link_mm for link in chain]) / 1000.0,
     )
 
 
@@ -188,9 +264,9 @@ MOST_POSTURES = 10_000
 class Posture(Document):
     """One posture."""
 
-    x_m: Coordinate
-    y_m: Coordinate
-    z_m: Coordinate
+    x_m: Metres
+    y_m: Metres
+    z_m: Metres
     theta_deg: Angle
     psi_deg: Angle
     phi_deg: Angle
@@ -405,10 +481,10 @@ def machine_like(nominal: HexaSlideMachine, name: str, machine: HexaSlide) -> He
     chains = tuple(
         chain.model_copy(
             update={
-                "start_m": _point(geometry.base[k]),
-                "rail": _point(geometry.rails[k]),
-                "joint_m": _point(geometry.platform[k]),
-                "link_m": float(geometry.links[k]),
+                "start_mm": _point(geometry.base[k]),
+                "rail": tuple(geometry.rails[k].tolist()),
+                "joint_mm": _point(geometry.platform[k]),
+                "link_mm": 1000.0 * float(geometry.links[k]),
                 "zeros_deg": tuple(zeros[k]),
             }
         )
@@ -417,13 +493,14 @@ def machine_like(nominal: HexaSlideMachine, name: str, machine: HexaSlide) -> He
     ends = None
     if link is not None:
         ends = LinkEnds(
-            platform_end_m=_point(link.platform_end),
-            base_end_m=_point(link.base_end),
-            length_m=link.length_m,
+            platform_end_mm=_point(link.platform_end),
+            base_end_mm=_point(link.base_end),
+            length_mm=1000.0 * link.length_m,
         )
     return nominal.model_copy(update={"name": name, "chain": chains, "constraint_link": ends})
 
 
-def _point(values: Numbers) -> Point:
-    x, y, z = (float(value) for value in values)
+def _point(values_m: Numbers) -> Point:
+    """In millimetres."""
+    x, y, z = (1000.0 * float(value) for value in values_m)
     return (x, y, z)

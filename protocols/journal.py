@@ -15,8 +15,15 @@ from pydantic_core import PydanticSerializationError
 from calib.errors import RecordError
 from protocols import files
 from protocols.documents import unreadable
-from protocols.record import check_record, check_size, count_readings, digest_of
-from protocols.session import EVENT, FIRST_DIGEST, SCHEMA, Closed, Continued, Event, Line, Opened
+from protocols.record import (
+    SESSION_FORM,
+    RecordForm,
+    check_record,
+    check_size,
+    count_readings,
+    digest_of,
+)
+from protocols.session import FIRST_DIGEST, Closed, Event, Line
 
 TAIL_BYTES = 4096
 """So much of the end of the file is looked at before it grows."""
@@ -29,9 +36,10 @@ class Journal:
     by another program, it is written again, under its name or beside it.
     """
 
-    def __init__(self, path: Path, file: io.FileIO) -> None:
+    def __init__(self, path: Path, file: io.FileIO, form: RecordForm = SESSION_FORM) -> None:
         self.path = path
         self._file = file
+        self._form = form
         self._events: list[Event] = []
         self._digest = FIRST_DIGEST
         self._content = bytearray()
@@ -39,12 +47,12 @@ class Journal:
         self._stopped: RecordError | None = None
 
     @classmethod
-    def create(cls, path: Path, opened: Opened) -> Journal:
+    def create(cls, path: Path, opened: Line, form: RecordForm = SESSION_FORM) -> Journal:
         """Start a new record, also in an empty file that a killed program left.
 
         Raises RecordError where the file exists or cannot be written.
         """
-        journal = cls(path, _open_new(path))
+        journal = cls(path, _open_new(path), form)
         try:
             with _writing(path):
                 journal.append(opened)
@@ -55,7 +63,7 @@ class Journal:
         return journal
 
     @classmethod
-    def resume(cls, path: Path, program: str) -> Journal:
+    def resume(cls, path: Path, program: str, form: RecordForm = SESSION_FORM) -> Journal:
         """Go on with an interrupted record; a torn last line is set aside in ``*.torn``.
 
         Raises RecordError where the record is closed, altered, a link or in use.
@@ -68,21 +76,21 @@ class Journal:
         try:
             with _writing(path):
                 _lock(path, file)
-                return cls._resumed(path, file, program)
+                return cls._resumed(path, file, program, form)
         except BaseException:
             files.close(file)
             raise
 
     @classmethod
-    def _resumed(cls, path: Path, file: io.FileIO, program: str) -> Journal:
+    def _resumed(cls, path: Path, file: io.FileIO, program: str, form: RecordForm) -> Journal:
         check_size(path, os.fstat(file.fileno()).st_size)
         file.seek(0)
         content = file.readall()
-        record = check_record(path, content)
+        record = check_record(path, content, form)
         if record.end == "closed":
             requirement = "an interrupted one to continue"
             raise RecordError(f"session {path}", "a closed session", requirement)
-        journal = cls(path, file)
+        journal = cls(path, file, form)
         journal._events = list(record.events)
         journal._digest = record.digest
         journal._content = bytearray(content[: record.whole_bytes])
@@ -90,14 +98,14 @@ class Journal:
             journal._unsure = content[record.whole_bytes :]
             aside = files.unused_path(path.with_name(f"{path.name}.torn"))
             files.close(files.write_new(aside, journal._unsure))
-        continued = Continued(schema=SCHEMA, program=program, torn_bytes=record.torn_bytes)
+        continued = form.continued(program, record.torn_bytes)
         paused_s = (continued.at - record.events[-1].at).total_seconds()
         journal.append(continued.model_copy(update={"paused_s": round(paused_s, 3)}))
         return journal
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """Every event on the disk."""
+        """Every event on the disk; of another form than that of sessions they are of that form."""
         return tuple(self._events)
 
     def append(self, *events: Line) -> None:
@@ -130,7 +138,7 @@ class Journal:
             seal = digest_of(_encoded(chained))
             lines.append(_encoded(chained.model_copy(update={"seal": seal})))
             digest = digest_of(lines[-1])
-        placed = [EVENT.validate_json(line) for line in lines]
+        placed: list[Event] = [self._form.lines.validate_json(line) for line in lines]
         return b"".join(line + b"\n" for line in lines), placed, digest
 
     def _write(self, lines: bytes) -> None:
@@ -166,7 +174,7 @@ class Journal:
         """Another program wrote into the file: what was acknowledged is kept, and no more taken."""
         self._file.seek(0)
         content = self._file.readall()
-        if content.startswith(self._content) and _is_record(self.path, content):
+        if content.startswith(self._content) and _is_record(self.path, content, self._form):
             self._stopped = RecordError(
                 f"session {self.path}",
                 "lines of another program",
@@ -228,9 +236,9 @@ class Journal:
             files.remove_own(self.path, self._file)
 
 
-def _is_record(path: Path, content: bytes) -> bool:
+def _is_record(path: Path, content: bytes, form: RecordForm) -> bool:
     with suppress(RecordError):
-        return bool(check_record(path, content))
+        return bool(check_record(path, content, form))
     return False
 
 
@@ -241,12 +249,14 @@ def _encoded(event: Line) -> bytes:
         raise RecordError("session", "text that is not Unicode", "Unicode text") from problem
 
 
-def write_whole(path: Path, opened: Opened, events: list[Line]) -> None:
+def write_whole(
+    path: Path, opened: Line, events: list[Line], form: RecordForm = SESSION_FORM
+) -> None:
     """A finished record in one go, for imported and simulated sessions.
 
     Nothing is left behind where writing fails. Raises RecordError.
     """
-    journal = Journal.create(path, opened)
+    journal = Journal.create(path, opened, form)
     try:
         journal.append(*events)
         journal.finish(complete=True)

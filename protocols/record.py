@@ -11,13 +11,13 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, Protocol
 
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from calib.errors import RecordError
 from protocols.documents import describe, unreadable
@@ -29,12 +29,13 @@ from protocols.session import (
     SCHEMA,
     SCHEMA_NUMBER,
     Closed,
+    Continued,
     Distance,
     Event,
+    Line,
     Opened,
     Reading,
     Restored,
-    SchemaId,
     Session,
     Superseded,
     fold,
@@ -49,7 +50,36 @@ END_BYTES = 131_072
 COUNTED = re.compile(rb'"indicators":[12],')
 """A key of the first hours of schema 1: how many there are, which ``instruments`` tells."""
 
-NAMED_SCHEMA = re.compile(r"glidecal\.session/([1-9][0-9]{0,8})")
+SCHEMA_NAME_NUMBER = re.compile(r"(.+)/([1-9][0-9]{0,8})")
+
+
+class Meaning(Protocol):
+    """Looks at the events of one record in their order."""
+
+    def check(self, number: int, event: Any) -> None:  # noqa: ANN401 (of its form)
+        """Raises RecordError for one that does not follow from those before."""
+
+
+@dataclass(frozen=True)
+class RecordForm:
+    """What the lines of a record are.
+
+    ``name`` and ``number`` are those of the schema that is written; all numbers before it are read.
+    ``lines`` reads one, the first is an ``opened``; ``continued`` makes the one after a break,
+    ``meaning`` what looks at their order.
+    """
+
+    name: str
+    number: int
+    lines: TypeAdapter[Any]
+    opened: type[Line]
+    continued: Callable[[str, int], Line]
+    meaning: Callable[[Path], Meaning]
+
+    @property
+    def schema(self) -> str:
+        """That of what is written."""
+        return f"{self.name}/{self.number}"
 
 
 @dataclass(frozen=True)
@@ -90,8 +120,8 @@ class Record:
         return ""
 
 
-def read_record(path: Path) -> Record:
-    """Read and check a session file.
+def read_record(path: Path, form: RecordForm | None = None) -> Record:
+    """Read and check a session file, None: with indicators or contacts.
 
     Raises RecordError naming the first line that is altered, out of order or not an event, and
     for what is no regular file or too large to be a session.
@@ -102,19 +132,23 @@ def read_record(path: Path) -> Record:
             content = file.readall()
     except OSError as problem:
         raise unreadable(f"session {path}", problem) from problem
-    return check_record(path, content)
+    return check_record(path, content, form)
 
 
-def check_record(path: Path, content: bytes) -> Record:
-    """The record with this content. Raises RecordError as `read_record` does."""
+def check_record(path: Path, content: bytes, form: RecordForm | None = None) -> Record:
+    """The record with this content, None: of a session with indicators or contacts.
+
+    Raises RecordError as `read_record` does.
+    """
+    form = form or SESSION_FORM
     lines = content.split(b"\n")
     torn = lines.pop()
     events: list[Event] = []
-    meaning = _Meaning(path)
+    meaning = form.meaning(path)
     digest = FIRST_DIGEST
     for number, line in enumerate(lines, start=1):
-        event = parse_line(path, number, line)
-        _check_order(path, number, event, events)
+        event = parse_line(path, number, line, form)
+        _check_order(path, number, event, events, form)
         _check_chain(path, number, lines, digest, event)
         meaning.check(number, event)
         events.append(event)
@@ -123,7 +157,7 @@ def check_record(path: Path, content: bytes) -> Record:
         raise RecordError(
             f"session {path}",
             "no whole line" if content else "an empty file: a program was stopped as it began",
-            f"a session whose first line names the schema {SCHEMA}",
+            f"a session whose first line names the schema {form.schema}",
             "" if content else "Nothing was measured. Begin again under this name, or remove it.",
         )
     closed = isinstance(events[-1], Closed)
@@ -169,36 +203,44 @@ def digest_of(line: bytes) -> str:
     return hashlib.sha256(line).hexdigest()
 
 
-def parse_line(path: Path, number: int, line: bytes) -> Event:
-    """One line as an event; number 0 is somewhere in the file. Raises RecordError."""
+def parse_line(path: Path, number: int, line: bytes, form: RecordForm | None = None) -> Event:
+    """One line as an event; number 0 is somewhere in the file. Raises RecordError.
+
+    Of another ``form`` than that of sessions with indicators it is an event of that form.
+    """
+    form = form or SESSION_FORM
     subject = f"session {path}, line {number}" if number else f"session {path}"
     try:
-        return EVENT.validate_json(line)
+        event: Event = form.lines.validate_json(line)
     except ValidationError as problem:
         fault = describe(problem)
+    else:
+        return event
     try:
         plain = json.loads(line)
     except (ValueError, RecursionError) as problem:
         next_step = "Is it a session? glidecal import makes one of a table." if number == 1 else ""
         raise RecordError(subject, _shown(line), "one JSON event", next_step) from problem
     if isinstance(plain, dict):
-        _check_not_newer(path, plain)
+        _check_not_newer(path, plain, form)
     if not isinstance(plain, dict) or "event" not in plain:
-        raise RecordError(subject, _shown(line), f"an event of schema {SCHEMA}")
+        raise RecordError(subject, _shown(line), f"an event of schema {form.schema}")
     if number == 1:
-        _check_schema(path, plain)
+        _check_schema(path, plain, form)
         with suppress(ValidationError):
             return EVENT.validate_json(COUNTED.sub(b"", line))
-    raise RecordError(subject, fault, f"an event of schema {SCHEMA}")
+    raise RecordError(subject, fault, f"an event of schema {form.schema}")
 
 
-def _check_order(path: Path, number: int, event: Event, events: list[Event]) -> None:
+def _check_order(
+    path: Path, number: int, event: Event, events: list[Event], form: RecordForm
+) -> None:
     """Numbers count up; 'opened' comes first, 'closed' last, with the right count."""
     subject = f"session {path}, line {number}"
     if event.line != number:
         fault = f"line number {event.line}: a line is missing, doubled or moved"
         raise RecordError(subject, fault, "an unaltered record")
-    if (number == 1) != isinstance(event, Opened):
+    if (number == 1) != isinstance(event, form.opened):
         raise RecordError(subject, f"event '{event.event}'", "'opened' on line 1 and only there")
     if events and isinstance(events[-1], Closed):
         raise RecordError(
@@ -259,6 +301,14 @@ class _Meaning:
             raise RecordError(subject, f"mounting {event.mount} in a second place", "one place")
 
 
+def _continued(program: str, torn_bytes: int) -> Line:
+    return Continued(schema=SCHEMA, program=program, torn_bytes=torn_bytes)
+
+
+SESSION_FORM = RecordForm("glidecal.session", SCHEMA_NUMBER, EVENT, Opened, _continued, _Meaning)
+"""Of sessions with indicators or contacts."""
+
+
 def _check_chain(path: Path, number: int, lines: list[bytes], digest: str, event: Event) -> None:
     """Each line vouches for the one before it and, by its seal, for itself.
 
@@ -287,23 +337,26 @@ def count_readings(events: Sequence[Event]) -> int:
     return sum(event.event == "reading" for event in events)
 
 
-def _check_not_newer(path: Path, line: dict[str, object]) -> None:
+def _check_not_newer(path: Path, line: dict[str, object], form: RecordForm) -> None:
     """For a line that is not understood: the first one and ``continued`` name the schema."""
-    match = NAMED_SCHEMA.fullmatch(str(line.get("schema")))
-    if match and int(match[1]) > SCHEMA_NUMBER:
+    match = SCHEMA_NAME_NUMBER.fullmatch(str(line.get("schema")))
+    if match and match[1] == form.name and int(match[2]) > form.number:
         raise RecordError(
             f"session {path}",
-            reason=f"written by a newer glidecal (record schema {match[1]}; this one reads up to "
-            f"{SCHEMA_NUMBER}): update glidecal",
+            reason=f"written by a newer glidecal (record schema {match[2]}; this one reads up to "
+            f"{form.number}): update glidecal",
         )
 
 
-def _check_schema(path: Path, first: dict[str, object]) -> None:
+def _check_schema(path: Path, first: dict[str, object], form: RecordForm) -> None:
     schema = first.get("schema")
-    if schema not in get_args(SchemaId):
-        requirement = f"glidecal.session/1 … {SCHEMA_NUMBER}"
+    if schema not in {f"{form.name}/{number}" for number in range(1, form.number + 1)}:
+        requirement = f"{form.name}/1 … {form.number}" if form.number > 1 else form.schema
         raise RecordError(
-            f"session {path}, schema", repr(schema), requirement, "Not a session file."
+            f"session {path}, schema",
+            repr(schema),
+            requirement,
+            "Not a session file of this kind of machine.",
         )
 
 

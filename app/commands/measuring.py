@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import partial
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,15 +22,25 @@ from app.machines.options import (
     MacroName,
     PrintableRadius,
     Protocol,
+    Running,
     Seed,
     argument,
     figure,
     file,
+    machine_option,
     may_replace,
     number,
     say,
 )
-from app.machines.registry import LOOKS, typed
+from app.machines.registry import (
+    LISTED,
+    LOOKS,
+    family_of,
+    family_of_files,
+    options_of,
+    typed,
+    with_options_of_machines,
+)
 from app.report.streams import need_terminal
 from calib.errors import GlidecalError, UsageError
 
@@ -47,10 +57,11 @@ SessionFile = Annotated[Path | None, file("Session file.", "--output", "-o")]
 Resume = Annotated[Path | None, file("Go on with an interrupted session.", "--continue")]
 
 
+@with_options_of_machines
 def run(
     context: typer.Context,
     protocol: Protocol = None,
-    machine: Machine = None,
+    machine: Annotated[str | None, machine_option(LISTED)] = None,
     indicator: Annotated[
         list[str] | None,
         typer.Option(help="PROFILE:PORT or PROFILE:PORT@AXES; twice for two indicators."),
@@ -94,6 +105,7 @@ def run(
     ] = None,
     macro: MacroName = None,
     printable_radius: PrintableRadius = None,
+    **own: Any,  # noqa: ANN401 (what the machines add)
 ) -> None:
     """The guided session on real indicators. With --simulated on a simulated machine."""
     from app.measuring.indicators import check_indicators, choose_indicators, simulated_indicators
@@ -105,6 +117,17 @@ def run(
     from protocols.record import read_record
 
     refuse_beside_continue(context)
+    family = family_of(machine) if machine else family_of_files(None, [resume] if resume else [])
+    given = options_of(context, family, f"the machine {machine or family.name}", own)
+    if family.sessions is not None:
+        if wrong := typed(context, OF_INDICATORS):
+            raise UsageError(wrong, f"the machine {family.name}", "machines read on their legs")
+        asked = Running(
+            *(machine, protocol, output, resume, operator, temperature, note, seed),
+            *(simulated, dry_run, tuple(indicator or ())),
+        )
+        family.sessions.run(asked, given, say)
+        return
     _check_macro(context)
     if motion is not None:
         check_controller(motion)
@@ -151,6 +174,11 @@ def run(
     else:
         measured_until(plan, until, headless=headless)
 
+
+OF_INDICATORS = (
+    *("port", "profile", "random_order", "headless"),
+    *("motion", "prove", "until", "macro", "printable_radius"),
+)
 
 SETTLED = ("protocol", "output", "operator", "temperature", "note", "seed", "random_order")
 

@@ -16,6 +16,7 @@ from app.machines.options import (
     Method,
     Output,
     Sessions,
+    SessionVerbs,
     SubsetName,
     argument,
     deliver,
@@ -30,6 +31,7 @@ from app.machines.registry import (
     NAMES,
     family_of_files,
     options_of,
+    typed,
     with_options_of_machines,
 )
 from calib.errors import UsageError, extra
@@ -89,6 +91,13 @@ def verify(
     from app.report.schema.solution import VerificationReport
     from app.report.text.result import decided, verification_text
 
+    own = family_of_files(None, [before, after]).sessions
+    if own is not None:
+        answer, word = own.verified(before, after, tolerance)
+        typer.echo(answer.shown(as_json=as_json))
+        if word != "pass":
+            say(f"glidecal: the verification did not pass: {word}")
+        raise typer.Exit(VERIFIED[word])
     found = verify_files(before, after, tolerance)
     answer = Answer(lambda: verification_text(found), lambda: VerificationReport.of(found=found))
     typer.echo(answer.shown(as_json=as_json))
@@ -98,7 +107,14 @@ def verify(
     raise typer.Exit(status)
 
 
+OF_INDICATORS = (
+    *("table", "subset", "method", "model"),
+    *("home_offset", "endstops", "ini", "frame"),
+)
+
+
 def export(
+    context: typer.Context,
     source: Annotated[Path, typer.Argument(help="Session or model file.", show_default=False)],
     output: Output,
     format_name: Annotated[
@@ -169,6 +185,9 @@ def export(
     """
     from protocols.files import STANDARD_OUTPUT
 
+    if (own := family_of_files(None, [source]).sessions) is not None:
+        _export_of_machine(own, context, source, output, force=force)
+        return
     if table or format_name in ("xlsx", "parquet"):
         told = {"--home-offset": home_offset, "--endstops": endstops, "--steps": steps}
         told["--ini"] = ini
@@ -184,10 +203,7 @@ def export(
     from app.report.text.caveats import UNKNOWN_HOME_OFFSET
     from calib.tripod.controller import ControllerJoints
 
-    if sum(one is not None for one in (home_offset, endstops, ini)) > 1:
-        raise UsageError("--home-offset, --endstops and --ini", "more than one", "one of them")
-    if ini and format_name in ("klipper", "reprapfirmware", "marlin", "smoothieware", "p-3z"):
-        raise UsageError("--ini", f"--format {format_name}", "a LinuxCNC format, or --endstops")
+    _check_joints(home_offset, endstops, ini, format_name)
     offsets = offsets_from_file(source, subset, method, model, frame)
     machine = offsets.machine.holding_steps(_triple("--steps", steps))
     offsets = replace(offsets, machine=machine)
@@ -204,6 +220,28 @@ def export(
     if format_name.startswith("linuxcnc") and offsets.controller is None:
         say(f"glidecal: WARNING: {UNKNOWN_HOME_OFFSET}")
     deliver(output, exported.files, force=force)
+
+
+def _check_joints(
+    home_offset: str | None, endstops: str | None, ini: Path | None, format_name: str
+) -> None:
+    """Raises UsageError for what the joints hold, where it is said twice or for no format."""
+    if sum(one is not None for one in (home_offset, endstops, ini)) > 1:
+        raise UsageError("--home-offset, --endstops and --ini", "more than one", "one of them")
+    if ini and format_name in ("klipper", "reprapfirmware", "marlin", "smoothieware", "p-3z"):
+        raise UsageError("--ini", f"--format {format_name}", "a LinuxCNC format, or --endstops")
+
+
+def _export_of_machine(
+    own: SessionVerbs, context: typer.Context, source: Path, output: Path, *, force: bool
+) -> None:
+    """A session of its own form. Raises UsageError for options that are not of it."""
+    if wrong := typed(context, OF_INDICATORS):
+        raise UsageError(wrong, f"session {source}", "sessions of indicators on legs")
+    files, cautions = own.exported(source, context.params["format_name"])
+    for text in cautions:
+        say(f"glidecal: {text}")
+    deliver(output, files, force=force)
 
 
 def history(

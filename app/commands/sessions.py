@@ -18,7 +18,7 @@ from app.machines.options import (
     Answer,
     AsJson,
     Force,
-    Machine,
+    Importing,
     Output,
     Protocol,
     Seed,
@@ -31,7 +31,15 @@ from app.machines.options import (
     may_replace,
     say,
 )
-from app.machines.registry import LISTED, LOOKS, family_of, options_of, with_options_of_machines
+from app.machines.registry import (
+    LISTED,
+    LOOKS,
+    family_of,
+    family_of_files,
+    options_of,
+    typed,
+    with_options_of_machines,
+)
 from app.report.streams import need_terminal
 from calib.errors import GlidecalError, RecordError, UsageError, extra
 from protocols.machine_files import USUAL_MACHINE
@@ -56,7 +64,9 @@ def simulate(
     family.simulate(Simulation(output, machine, seed, force), given, say)
 
 
+@with_options_of_machines
 def import_table(
+    context: typer.Context,
     source: Annotated[
         list[Path],
         argument(
@@ -65,7 +75,7 @@ def import_table(
         ),
     ],
     output: Annotated[Path | None, file("Session to write.", "--output", "-o")] = None,
-    machine: Machine = None,
+    machine: Annotated[str | None, machine_option(LISTED)] = None,
     machine_file_out: Annotated[
         Path | None,
         file("Machine file to write, of a printer's configuration.", "--machine-file-out"),
@@ -93,33 +103,65 @@ def import_table(
     ] = False,
     protocol: Protocol = None,
     force: Force = False,
+    **own: Any,  # noqa: ANN401 (what the machines add)
 ) -> None:
     """A session from a table or a printer's files.
 
     A table holds readings or contacts; with --template it is written, to be filled in. Of a printer
     --machine-file-out writes the machine file.
     """
+    name = machine or USUAL_MACHINE
+    family = family_of(name)
+    given = options_of(context, family, f"the machine {name}", own)
+    if family.sessions is not None:
+        _check_postures(context, name, source)
+        remarks = tuple(remark or ())
+        asked_for = Importing(source[0], output, machine, protocol, template, remarks, force)
+        family.sessions.imported(asked_for, given, say)
+    elif template:
+        _write_template(source, machine, protocol, force=force)
+    else:
+        if output is None or protocol is not None:
+            found = "none" if output is None else "--protocol without --template"
+            allowed = "-o SESSION, or --template to write an empty table"
+            raise UsageError("--output", found, allowed)
+        import_files(
+            source,
+            output,
+            machine=machine,
+            machine_file_out=machine_file_out,
+            resolution=resolution,
+            repeatability=repeatability,
+            distances=distances,
+            distance_deviation=distance_deviation,
+            remarks=tuple(remark or ()),
+            force=force,
+        )
+
+
+def import_files(
+    source: list[Path],
+    output: Path,
+    *,
+    machine: str | None = None,
+    machine_file_out: Path | None = None,
+    resolution: float | None = None,
+    repeatability: float | None = None,
+    distances: Path | None = None,
+    distance_deviation: float | None = None,
+    remarks: tuple[str, ...] = (),
+    force: bool = False,
+) -> None:
+    """A session of indicators or contacts, and what is said of it; lengths in millimetres.
+
+    Raises UsageError for what does not go with these files, RecordError for a file.
+    """
     from protocols.files import write_files
     from protocols.journal import write_whole
-    from protocols.machine import load_machine
-    from protocols.procedure import load_procedure
     from protocols.session import fold
-    from protocols.table import empty_table
 
-    if template:
-        if len(source) > 1:
-            raise UsageError("--template", f"{len(source)} files", "one table to write")
-        known = load_machine(machine)
-        asked = load_procedure(protocol or known.usual_procedure, known.geometry())
-        empty = empty_table(asked, known.geometry(), source[0])
-        write_files(source[0], {"": empty}, replace=may_replace(force, source[0]))
-        say(f"{asked.name} to be filled in, column value_mm: {source[0]}")
-        return
-    if output is None or protocol is not None:
-        found = "none" if output is None else "--protocol without --template"
-        raise UsageError("--output", found, "-o SESSION, or --template to write an empty table")
     may = may_replace(force, machine_file_out)
-    stated = Stated(resolution, repeatability, tuple(remark or ()))
+    stated = Stated(resolution, repeatability, remarks)
     opened, events, machine_file, told = _taken_from(
         source, machine, stated, distances, distance_deviation
     )
@@ -144,6 +186,37 @@ def import_table(
     if session.distances:
         word += f" and {len(session.distances)} distances between marks"
     say(f"{len(session.all_readings)} {word} written to {output}")
+
+
+def _check_postures(context: typer.Context, name: str, source: list[Path]) -> None:
+    """Raises UsageError for what is not of a table of postures."""
+    if wrong := typed(context, OF_INDICATORS):
+        raise UsageError(wrong, f"the machine {name}", "machines with indicators on legs")
+    if len(source) > 1:
+        raise UsageError("import", f"{len(source)} files", "one table")
+
+
+def _write_template(
+    source: list[Path], machine: str | None, protocol: str | None, *, force: bool
+) -> None:
+    from protocols.files import write_files
+    from protocols.machine import load_machine
+    from protocols.procedure import load_procedure
+    from protocols.table import empty_table
+
+    if len(source) > 1:
+        raise UsageError("--template", f"{len(source)} files", "one table to write")
+    known = load_machine(machine)
+    asked = load_procedure(protocol or known.usual_procedure, known.geometry())
+    empty = empty_table(asked, known.geometry(), source[0])
+    write_files(source[0], {"": empty}, replace=may_replace(force, source[0]))
+    say(f"{asked.name} to be filled in, column value_mm: {source[0]}")
+
+
+OF_INDICATORS = (
+    *("machine_file_out", "resolution", "repeatability"),
+    *("distances", "distance_deviation"),
+)
 
 
 @dataclass(frozen=True)
@@ -219,7 +292,11 @@ def validate(sessions: Sessions) -> None:
 
     status = Exit.DONE
     for path in sessions:
+        own = family_of_files(None, [path]).sessions
         try:
+            if own is not None:
+                typer.echo(own.validated(path))
+                continue
             record = read_record(path)
             check_values(record)
         except GlidecalError as problem:
@@ -247,6 +324,13 @@ def replay(
     served: Annotated[bool, typer.Option("--served", hidden=True)] = False,
 ) -> None:
     """A recorded session again on the screen. With --headless its readings and averages."""
+    verbs = family_of_files(None, session).sessions
+    if verbs is not None:
+        if len(session) > 1 or not (headless or as_json):
+            found = "a screen" if len(session) == 1 else f"{len(session)} sessions"
+            raise UsageError("replay of postures", found, "one session with --headless or --json")
+        typer.echo(verbs.replayed(session[0], say).shown(as_json=as_json))
+        return
     if not headless and not as_json:
         if served:  # a page of glidecal serve: no terminal, and only to look at
             threading.Thread(target=_end_with_the_server, daemon=True).start()

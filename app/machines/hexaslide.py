@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from app.machines.hexaslide_sessions import SESSIONS, ImportOptions, RunOptions
 from app.machines.options import (
     Answer,
     Family,
@@ -291,8 +292,8 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
     )
 
 
-MARK = b"glidecal.hexaslide-measurements"
-"""Stands near the beginning of every file of measured postures, whole or cut."""
+MARKS = (b"glidecal.hexaslide-measurements", b"glidecal.hexaslide-session")
+"""One stands near the beginning of every file of measured postures, whole or cut."""
 
 BEGINNING_BYTES = 400
 
@@ -303,7 +304,8 @@ def reads(path: Path) -> bool:
 
     try:
         with open_to_read(path) as file:
-            return MARK in file.read(BEGINNING_BYTES)
+            beginning = file.read(BEGINNING_BYTES)
+            return any(mark in beginning for mark in MARKS)
     except OSError:
         return False
 
@@ -311,7 +313,7 @@ def reads(path: Path) -> bool:
 FAMILY = Family(
     name="hexaslide",
     names=NAMES,
-    schema="glidecal.hexaslide/1",
+    schema="glidecal.hexaslide/2",
     measured="measured postures of a hexaslide",
     criterion="condition",
     posture_file="Hexa Slide: postures (.csv)",
@@ -320,6 +322,8 @@ FAMILY = Family(
         "postures": PostureOptions,
         "simulate": SimulateOptions,
         "solve": SolveOptions,
+        "run": RunOptions,
+        "import": ImportOptions,
     },
     reads=reads,
     identifiability=identifiability,
@@ -327,4 +331,5 @@ FAMILY = Family(
     simulate=simulate,
     solve=solve,
     look=LOOK,
+    sessions=SESSIONS,
 )

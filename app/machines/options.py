@@ -287,6 +287,53 @@ Plan = Callable[[str | None, Sequence[Path], Any, Say], Answer]
 
 
 @dataclass(frozen=True)
+class Importing:
+    """A table and the session to write, None: with ``template`` the table itself is written."""
+
+    source: Path
+    output: Path | None
+    machine: str | None
+    protocol: str | None
+    template: bool
+    remarks: tuple[str, ...]
+    force: bool
+
+
+@dataclass(frozen=True)
+class Running:
+    """What a session of its own kind of machine is asked with, as on the command line."""
+
+    machine: str | None
+    protocol: str | None
+    output: Path | None
+    resume: Path | None
+    operator: str
+    temperature_c: float | None
+    note: str
+    seed: int
+    simulated: bool
+    dry_run: bool
+    indicators: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SessionVerbs:
+    """What a kind of machine does with sessions of its own form.
+
+    ``run`` and ``imported`` take the options of `Family.options`; ``validated`` is a sentence,
+    raising RecordError; ``exported`` are the files of a format, by name, with cautions;
+    ``verified`` has the decision of `app.exit_codes.VERIFIED` beside the answer.
+    """
+
+    run: Callable[[Running, Any, Say], None]
+    imported: Callable[[Importing, Any, Say], None]
+    validated: Callable[[Path], str]
+    replayed: Callable[[Path, Say], Answer]
+    exported: Callable[[Path, str], tuple[Written, tuple[str, ...]]]
+    verified: Callable[[Path, Path, float | None], tuple[Answer, str]]
+
+
+@dataclass(frozen=True)
 class Family:
     """One kind of machine.
 
@@ -297,6 +344,7 @@ class Family:
     options that not every kind takes, fields with their `typer.Option`; what a person gave of them
     is the ``Any`` of the verb. Without ``plan`` there is no next measurement to propose. ``look``
     is its screen that needs no session. ``workspace`` tells where the tool can be; None: not known.
+    ``sessions`` are the verbs of sessions that are not those of indicators on legs.
     """
 
     name: str
@@ -314,3 +362,4 @@ class Family:
     plan: Plan | None = None
     workspace: Callable[[str, float, Place | None], Answer] | None = None
     look: Look | None = None
+    sessions: SessionVerbs | None = None

@@ -65,7 +65,8 @@ def family_of(name: str) -> Family:
         schema = schema_of(read_text(path, "machine file"))
     except RecordError:
         return FAMILIES[0]
-    return next((one for one in FAMILIES if one.schema == schema), FAMILIES[0])
+    kind = schema.partition("/")[0]  # older files of a machine are of the same kind
+    return next((one for one in FAMILIES if one.schema.partition("/")[0] == kind), FAMILIES[0])
 
 
 def family_of_files(name: str | None, files: Sequence[Path]) -> Family:
@@ -97,7 +98,8 @@ def with_options_of_machines(command: C) -> C:
     plain = inspect.signature(command, eval_str=True)
     shared = [one for one in plain.parameters.values() if one.kind is not one.VAR_KEYWORD]
     own: dict[str, inspect.Parameter] = {}
-    for kind in (family.options.get(command.__name__) for family in FAMILIES):
+    verb = command.__name__.removesuffix("_table")  # import is no name of a function
+    for kind in (family.options.get(verb) for family in FAMILIES):
         if kind is None:
             continue
         hints = get_type_hints(kind, include_extras=True)
@@ -144,7 +146,8 @@ def options_of(
     for other in FAMILIES:
         if wrong := typed(context, _own(other, verb) - ours):
             raise UsageError(wrong, found, words(other))
-    return family.options[verb](**{name: given[name] for name in ours})
+    kind = family.options.get(verb)
+    return None if kind is None else kind(**{name: given[name] for name in ours})
 
 
 def _own(family: Family, verb: str) -> set[str]:

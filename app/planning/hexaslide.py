@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 from app.version import program
 from calib.arrays import FloatArray
@@ -13,6 +14,7 @@ from calib.errors import CalibrationError, RecordError, UsageError
 from calib.hexaslide.checked import Checked, checked_calibration
 from calib.hexaslide.geometry import COORDINATES, HexaSlide, in_degrees
 from calib.hexaslide.planning import HexaSlidePlanning
+from calib.hexaslide.platform import PlatformError, platform_error
 from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.search import BestPostures, Search, judged_postures, searches
 from calib.hexaslide.simulation import simulate
@@ -30,14 +32,17 @@ from protocols.hexaslide import (
     load_hexaslide,
     load_postures,
     machine_like,
-    read_measurements,
     read_truth,
 )
+from protocols.hexaslide_session import measured_in
 
 EXAMPLE = "hexaslide-h60.toml"
 
 MOST_MOVED = 1000
 """More postures would take hours."""
+
+LACK_OF_FIT_LEVEL = 0.01
+"""Below this p-value more is left than noise."""
 
 AS_IS = "With --as-is postures are judged wherever they are."
 
@@ -212,10 +217,11 @@ def write_simulated(
 
 @dataclass(frozen=True, eq=False)
 class CalibratedMachine(Checked):
-    """A calibration with its checks, and the file that it is from."""
+    """A calibration with its checks, what it means at the platform, and the file it is from."""
 
     name: str
     source: HexaSlideMeasurements
+    platform: PlatformError
 
 
 def calibrate_file(path: Path, truth: Path | None, share: float) -> CalibratedMachine:
@@ -223,7 +229,49 @@ def calibrate_file(path: Path, truth: Path | None, share: float) -> CalibratedMa
 
     Raises RecordError for a file, CalibrationError where the postures give no result.
     """
-    source = read_measurements(path)
+    source = measured_in(path)
     true = None if truth is None else read_truth(truth, source).whole()
-    checked = checked_calibration(source.readings(), source.machine.whole(), true, share)
-    return CalibratedMachine(**vars(checked), name=path.name, source=source)
+    nominal = source.machine.whole()
+    checked = checked_calibration(source.readings(), nominal, true, share)
+    platform = platform_error(nominal, checked.found)
+    return CalibratedMachine(**vars(checked), name=path.name, source=source, platform=platform)
+
+
+Decision = Literal["pass", "fail", "undecided"]
+
+
+@dataclass(frozen=True, eq=False)
+class VerifiedMachine:
+    """A session after the calibrated machine was entered, judged beside the one before.
+
+    ``decision`` is None where no tolerance is known. ``same_machine`` tells that both sessions were
+    measured with one machine file: nothing was entered.
+    """
+
+    before: CalibratedMachine
+    after: CalibratedMachine
+    tolerance_mm: float | None
+    decision: Decision | None
+    same_machine: bool
+
+
+def verify_sessions(before: Path, after: Path, tolerance_mm: float | None) -> VerifiedMachine:
+    """The platform is off by what the second session finds, give or take its bound.
+
+    Raises RecordError for a file, CalibrationError where a session gives no result.
+    """
+    earlier, later = (calibrate_file(path, None, 0.0) for path in (before, after))
+    tolerance = tolerance_mm or later.source.machine.platform_tolerance_mm
+    decision: Decision | None = None
+    if tolerance is not None:
+        off = 1000.0 * later.platform.now.places_rms_m
+        bound = None if later.platform.bound_m is None else 1000.0 * later.platform.bound_m
+        decision = "undecided"
+        # what the model does not have may do more at the platform than any bound of it counts
+        fits = later.p_value is None or later.p_value >= LACK_OF_FIT_LEVEL
+        if bound is not None and off + bound <= tolerance and fits:
+            decision = "pass"
+        elif bound is not None and off - bound > tolerance:
+            decision = "fail"
+    same = earlier.source.machine == later.source.machine
+    return VerifiedMachine(earlier, later, tolerance, decision, same)

@@ -214,7 +214,7 @@ def frames_apart(found: FloatArray, true: FloatArray, free: tuple[str, ...]) -> 
     total = np.zeros(7)
     for _ in range(ROUNDS if columns else 0):
         miss = np.concatenate([true[:, :3] - places, _vectors(true_turns, turns)], axis=1)
-        design = _design(places, turns)[..., columns].reshape(miss.size, -1)
+        design = frame_motions(places, turns)[..., columns].reshape(miss.size, -1)
         change = np.zeros(7)
         change[columns] = np.linalg.lstsq(design, miss.ravel(), rcond=EXACT_BLIND)[0]
         base = _about(np.array([change[6], 0.0, 0.0]))
@@ -231,7 +231,7 @@ def frames_apart(found: FloatArray, true: FloatArray, free: tuple[str, ...]) -> 
     )
 
 
-def _design(places: FloatArray, turns: FloatArray) -> FloatArray:
+def frame_motions(places: FloatArray, turns: FloatArray) -> FloatArray:
     """Movement and turn ``(p, 6)`` of postures for each of the seven motions ``(p, 6, 7)``."""
     design = np.zeros((len(places), 6, 7))
     design[:, 3:, :3] = turns

@@ -253,11 +253,11 @@ class HexaSlide:
             chain = int((~self.within(needed)).sum(axis=0).argmax())
             low, high = needed[:, chain].min(), needed[:, chain].max()
             raise CalibrationError(
-                "travel_m",
+                "travel of the sliders",
                 f"rails that reach {len(found)} of {drawn} random postures of the box; all of it "
-                f"takes {low:.3g} to {high:.3g} m of chain {chain + 1}",
+                f"takes {1000.0 * low:.0f} to {1000.0 * high:.0f} mm of chain {chain + 1}",
                 "rails that reach a good part of the box",
-                "Correct travel_m or [box] in the machine file.",
+                "Correct travel_mm or [box] in the machine file.",
             )
         return found[:count]
 
@@ -279,8 +279,8 @@ class HexaSlide:
             least, most = self.travel_m[:, chain]
             raise CalibrationError(
                 f"posture {row + 1}{which}, slider {chain + 1}",
-                f"{sliders[row, chain]:g} m",
-                f"{least:g} to {most:g} m, its travel_m",
+                f"{1000.0 * sliders[row, chain]:.3f} mm",
+                f"{1000.0 * least:g} to {1000.0 * most:g} mm, its travel_mm",
             )
         return sliders
 

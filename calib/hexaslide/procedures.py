@@ -27,6 +27,11 @@ ANGLES = (*COMPONENTS[3:], *ENCODERS)
 MEASURABLE = (*COMPONENTS, *ENCODERS)
 MEASURABLE_WORDS = f"{', '.join(COMPONENTS)}, or encoders turn1, swing1 … swing{CHAINS}"
 
+LINK_LENGTH = "length"
+"""By how much the constraint link is longer than stated: 0 where it is rigid, what an indicator in
+it reads where it is not.
+"""
+
 ENDS = {"c": END_NAMES[:3], "d": END_NAMES[3:], "length": (LENGTH_NAME,)}
 """What of a constraint link may be known: its end on the platform, that on the base, its length."""
 
@@ -49,8 +54,9 @@ class ProcedureKind(StrEnum):
 @dataclass(frozen=True)
 class Procedure:
     """A procedure on a machine. ``measured`` are components of the posture and encoders in joints
-    (`MEASURABLE`), beside a constraint link none or some; ``known`` is what is known of that link,
-    of `ENDS` (papers/001: the length).
+    (`MEASURABLE`), beside a constraint link none or some, `LINK_LENGTH` the first of them where an
+    indicator in the link reads; ``known`` is what is known of that link, of `ENDS` (papers/001: the
+    length).
     """
 
     kind: ProcedureKind
@@ -62,7 +68,8 @@ class Procedure:
             raise ImpossibleRequest(
                 "known parts of the link", _list(self.known), f"different ones of {_list(ENDS)}"
             )
-        wrong = [name for name in self.measured if name not in MEASURABLE]
+        beside = self.measured[1:] if self.reads_length else self.measured
+        wrong = [name for name in beside if name not in MEASURABLE]
         none = not self.measured and self.kind is not ProcedureKind.CONSTRAINT_LINK
         if wrong or none or len(set(self.measured)) < len(self.measured):
             raise ImpossibleRequest(
@@ -100,6 +107,12 @@ class Procedure:
         return Procedure(kind, measured or usual, ("length",) if known is None else known)
 
     @property
+    def reads_length(self) -> bool:
+        """Whether an indicator reads the length of the link, which then holds nothing."""
+        linked = self.kind is ProcedureKind.CONSTRAINT_LINK
+        return linked and self.measured[:1] == (LINK_LENGTH,)
+
+    @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the unknown parameters."""
         zeros = [f"zero_{name}" for name in self.measured if name in ENCODERS]
@@ -114,7 +127,8 @@ class Procedure:
         """Names of the values of one posture."""
         if self.kind is ProcedureKind.POSE_INVERSE:
             return tuple(f"lambda{chain}" for chain in range(1, CHAINS + 1))
-        return (*["length"][: self.kind is ProcedureKind.CONSTRAINT_LINK], *self.measured)
+        held = self.kind is ProcedureKind.CONSTRAINT_LINK and not self.reads_length
+        return (LINK_LENGTH, *self.measured) if held else self.measured
 
 
 def _list(names: Iterable[str]) -> str:

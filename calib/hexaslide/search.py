@@ -353,8 +353,8 @@ def _space(procedure: Procedure, machine: HexaSlide, count: int, search: Search)
     if search.in_joints and not np.isfinite(machine.travel_m).all():
         raise CalibrationError(
             "search between the ends of the rails",
-            "no travel_m in the machine file",
-            "travel_m in every [[chain]]",
+            "no travel_mm in the machine file",
+            "travel_mm in every [[chain]]",
         )
     kind = JointSpace if search.in_joints else Space
     return kind(rows_seen(procedure, machine, scaled=search.scaled), machine, few=few)

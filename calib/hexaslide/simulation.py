@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from calib.arrays import FloatArray
@@ -11,6 +13,12 @@ from calib.hexaslide.procedures import ANGLES, Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings, read_at, standing
 
 MOST_ROUNDS = 50
+
+MOST_ERROR = 0.02
+"""Of a simulated machine where no tolerance is known, metres or radians."""
+
+AROUND = 0.05
+"""Metres and radians that a true machine is let out of the box of its file."""
 
 
 def simulate(
@@ -69,10 +77,11 @@ def measure(
     The controller, which knows the nominal machine, goes to postures in the box; the true machine
     stands where these sliders put it, and is measured there with noise. A constraint link takes
     the platform along instead: the true machine stands on the link's sphere, the sliders are moved
-    by it, and the noise is the play of the link. Scales of sliders are exact. Raises
-    UnreachablePosture, and CalibrationError where the link's sphere misses the box.
+    by it, and the noise is the play of the link; one with an indicator in it holds nothing. Scales
+    of sliders are exact. Raises UnreachablePosture, and CalibrationError where the link's sphere
+    misses the box.
     """
-    if procedure.kind is ProcedureKind.CONSTRAINT_LINK:
+    if procedure.kind is ProcedureKind.CONSTRAINT_LINK and not procedure.reads_length:
         reached = _on_link(truth, postures, generator, length_noise_m)
         sliders = np.asarray(inverse(truth.geometry, reached))
     else:
@@ -80,12 +89,84 @@ def measure(
             postures = nominal.random(postures, generator)
         sliders = np.asarray(inverse(nominal.geometry, postures))
         reached = standing(truth, sliders, postures)
-    names, measured = procedure.measured, np.zeros((len(reached), 0))
-    if names:
-        stands = read_at(Procedure.of(ProcedureKind.POSE_FORWARD, names), truth, reached)
-        noise = [angle_noise_rad if name in ANGLES else length_noise_m for name in names]
-        measured = stands + noise * generator.standard_normal(stands.shape)
+    measured = _measured(procedure, truth, reached, generator, length_noise_m, angle_noise_rad)
     return Readings(procedure, sliders, measured, length_noise_m, angle_noise_rad)
+
+
+def _measured(
+    procedure: Procedure,
+    truth: HexaSlide,
+    reached: FloatArray,
+    generator: np.random.Generator,
+    length_noise_m: float,
+    angle_noise_rad: float,
+) -> FloatArray:
+    """What is measured ``(p, m)`` where the true machine stands."""
+    names = procedure.measured
+    if not names:
+        return np.zeros((len(reached), 0))
+    whole = procedure.kind is ProcedureKind.POSE_INVERSE
+    stands = reached if whole else read_at(procedure, truth, reached)
+    noise = [angle_noise_rad if name in ANGLES else length_noise_m for name in names]
+    stands = stands[:, stands.shape[1] - len(names) :]
+    return np.asarray(stands + noise * generator.standard_normal(stands.shape))
+
+
+class SimulatedMachine:
+    """A machine that differs from its file by its tolerances ``(k,)``, behind who measures it.
+
+    Its errors come from ``seed`` alone, unless the ``true`` machine is given; the noise of a
+    reading from that, the number of its posture and how often it was taken: an interrupted session
+    goes on with the same machine. Raises CalibrationError where the tolerances lead to no machine.
+    """
+
+    def __init__(
+        self,
+        procedure: Procedure,
+        nominal: HexaSlide,
+        tolerances: FloatArray,
+        seed: int,
+        true: HexaSlide | None = None,
+    ) -> None:
+        own = nominal.parameters(procedure.parameters)
+        errors = np.random.default_rng(seed).normal(0.0, np.minimum(tolerances, MOST_ERROR))
+        true = true or nominal.with_parameters(procedure.parameters, own + errors)
+        # the true machine reaches a little farther than the box that its file allows
+        around = Box(nominal.box.lower - AROUND, nominal.box.upper + AROUND)
+        self.procedure, self.seed, self.truth = procedure, seed, replace(true, box=around)
+
+    def read(
+        self, posture: FloatArray, sliders: FloatArray, number: int, attempt: int, noise: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Sliders ``(6,)`` and values ``(m,)`` of a posture ``(6,)``, sent to ``sliders``; metres
+        and radians. ``noise`` is that of a length and of an angle. Raises as `measure`.
+        """
+        generator = np.random.default_rng([self.seed, number, attempt])
+        length_m, angle_rad = noise.tolist()
+        procedure, wanted = self.procedure, posture[None]
+        if procedure.kind is ProcedureKind.CONSTRAINT_LINK and not procedure.reads_length:
+            reached = _on_link(self.truth, wanted, generator, length_m)
+            sliders = np.asarray(inverse(self.truth.geometry, reached))[0]
+        else:
+            reached = standing(self.truth, sliders[None], wanted)
+        values = _measured(procedure, self.truth, reached, generator, length_m, angle_rad)
+        return sliders, values[0]
+
+
+def on_link(machine: HexaSlide, postures: FloatArray) -> FloatArray:
+    """Postures ``(p, 6)`` lifted or lowered until the constraint link holds them.
+
+    Raises CalibrationError naming the first that it cannot hold inside the box.
+    """
+    link = present(machine.link)
+    for number, posture in enumerate(postures, start=1):
+        if not len(_held(machine.box, link, posture[None], np.zeros(1))):
+            raise CalibrationError(
+                f"posture {number}",
+                "none that the link holds inside the box",
+                "postures whose ends can be as far apart as the link is long",
+            )
+    return _held(machine.box, link, postures, np.zeros(len(postures)))
 
 
 def _on_link(

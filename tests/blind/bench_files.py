@@ -40,14 +40,14 @@ def write_session(made: Made, path: Path, machine: Path | None = None) -> None:
 
     ``machine`` is the machine file, where it is not the prototype's as it stands.
     """
-    from app.commands.sessions import import_table
+    from app.commands.sessions import import_files
 
     path.unlink(missing_ok=True)
     table = path.with_suffix(".csv")
     table.write_text(made.table, encoding="utf-8")
     try:
         with contextlib.redirect_stderr(io.StringIO()):
-            import_table(
+            import_files(
                 [table],
                 path,
                 machine=str(machine) if machine else None,

@@ -169,14 +169,14 @@ class Scored:
 
 def scored(case: Case, seed: int, folder: Path, spread_mm: float = LENGTH_SPREAD_MM) -> Scored:
     """Make the session, solve it as a user would, and look at the machine."""
-    from app.commands.sessions import import_table
+    from app.commands.sessions import import_files
     from app.evaluating.solution import solve_files
 
     made = claim(case, seed, spread_mm)
     table, session = folder / f"{case.session}.csv", folder / f"{case.session}.jsonl"
     table.write_text(made.table, encoding="utf-8")
     with contextlib.redirect_stderr(io.StringIO()):
-        import_table([table], session, machine=None, resolution=made.resolution_mm)
+        import_files([table], session, machine=None, resolution=made.resolution_mm)
     solved = solve_files([session])
     entered_mm = np.array(solved.joint_offsets_mm)
     stated_mm, uncertainty_mm = parameters_mm(solved.corrections.posterior)

@@ -249,7 +249,7 @@ KINDS: dict[str, Callable[[str, np.random.Generator], Session]] = {
 
 def posterior_of(table: str, resolution_mm: float | None) -> Posterior:
     """What a user's import and the posterior make of a table."""
-    from app.commands.sessions import import_table
+    from app.commands.sessions import import_files
     from app.evaluating.correction import case_of
     from app.evaluating.solution import load_sessions
     from calib.posterior.posterior import posterior
@@ -258,7 +258,7 @@ def posterior_of(table: str, resolution_mm: float | None) -> Posterior:
     with tempfile.TemporaryDirectory() as name, contextlib.redirect_stderr(io.StringIO()):
         written, session = Path(name, "table.csv"), Path(name, "session.jsonl")
         written.write_text(table, encoding="utf-8")
-        import_table([written], session, machine=None, resolution=resolution_mm)
+        import_files([written], session, machine=None, resolution=resolution_mm)
         sessions, _ = load_sessions([session])
     (session_read,) = sessions
     return posterior([case_of(session_read, Model(session_read.opened.machine.geometry()))])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.commands.sessions import import_table
+from app.commands.sessions import import_files
 from app.evaluating.diagnosis import diagnose_files
 from calib.diagnosis.results import Diagnosis
 from tests.blind.linear_delta import Hidden, table
@@ -27,7 +27,7 @@ HIDDEN = {
 def diagnosed(folder: Path, hidden: Hidden, seed: int) -> Diagnosis:
     source, path = folder / "blind.csv", folder / "blind.jsonl"
     source.write_text(table(hidden, seed), encoding="utf-8")
-    import_table([source], path, machine="linear-delta", resolution=0.001)
+    import_files([source], path, machine="linear-delta", resolution=0.001)
     return diagnose_files([path]).diagnosis
 
 

@@ -261,7 +261,7 @@ class Score:
 
 def scores(count: int, seed: int, only: str | None = None) -> Iterator[Score]:
     """So many sessions, the shapes and effects in turn; nothing is hidden in each seventh."""
-    from app.commands.sessions import import_table
+    from app.commands.sessions import import_files
     from app.evaluating.diagnosis import diagnose_files
 
     kinds = list(product([only] if only else SHAPES, ["", *EFFECTS]))
@@ -276,7 +276,7 @@ def scores(count: int, seed: int, only: str | None = None) -> Iterator[Score]:
             file.write_text(SHAPES[shape].file, encoding="utf-8")
             text = table(SHAPES[shape], hidden, rng, float(rng.uniform(0.001, 0.003)))
             source.write_text(text, encoding="utf-8")
-            import_table([source], path, machine=str(file), resolution=0.001)
+            import_files([source], path, machine=str(file), resolution=0.001)
             diagnosis = diagnose_files([path]).diagnosis
             names = [(named.id, named.where) for named in diagnosis.effects]
             for named in diagnosis.effects:

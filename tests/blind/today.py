@@ -28,14 +28,14 @@ MOST_TOLD = 4
 
 def answers(table: str, resolution_mm: float | None) -> list[Answer]:
     """What is exported for every controller, each with its bounds in all frames; touched off."""
-    from app.commands.sessions import import_table
+    from app.commands.sessions import import_files
     from app.evaluating.solution import solve_files
     from calib.posterior.correction import HOLDS
 
     with tempfile.TemporaryDirectory() as name, contextlib.redirect_stderr(io.StringIO()):
         written, session = Path(name, "table.csv"), Path(name, "session.jsonl")
         written.write_text(table, encoding="utf-8")
-        import_table([written], session, machine=None, resolution=resolution_mm)
+        import_files([written], session, machine=None, resolution=resolution_mm)
         solved = solve_files([session])
         posterior = solved.corrections.posterior
     likely = [*posterior.mistakes.items(), *posterior.places.items()][:MOST_TOLD]

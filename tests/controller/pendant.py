@@ -21,6 +21,7 @@ component = hal.component("pendant")
 component.ready()
 WAIT_S = 20
 REACHED_MM = 1e-6
+AXES = "XYZABC"
 STILL_PERIODS = 20
 """Of the servo thread, not of the clock: a busy machine may starve it, or who tells of it."""
 
@@ -43,7 +44,7 @@ def home() -> None:
     ask(command.mode(linuxcnc.MODE_MANUAL))
     ask(command.teleop_enable(0))
     command.home(-1)
-    wait_for(lambda: all(status.homed[:3]))
+    wait_for(lambda: all(status.homed[: status.joints]))
     time.sleep(0.1)
 
 
@@ -58,20 +59,22 @@ def in_mdi() -> bool:
 def move(words: str) -> None:
     wait_for(in_mdi)
     ask(command.mdi(words))
-    sent = [("XYZ".index(axis), float(mm)) for axis, mm in re.findall(r"([XYZ])(-?[0-9.]+)", words)]
+    found = re.findall(rf"([{AXES}])(-?[0-9.]+)", words)
+    sent = [(AXES.index(axis), float(value)) for axis, value in found]
 
     def there() -> bool:
         """Idle and in position it is before it starts, too."""
         idle = status.interp_state == linuxcnc.INTERP_IDLE and status.inpos
-        return idle and all(abs(status.position[k] - mm) < REACHED_MM for k, mm in sent)
+        return idle and all(abs(status.position[k] - value) < REACHED_MM for k, value in sent)
 
     wait_for(there)
 
 
 def at_rest() -> bool:
     """Nothing moves, and the status, which comes later than the pins, is of now."""
-    still = min(hal.get_value(f"rigjoint.{k}.still") for k in range(3))
-    told = [status.joint_actual_position[k] - hal.get_value(f"joint.{k}.pos-fb") for k in range(3)]
+    count = range(status.joints)
+    still = min(hal.get_value(f"rigjoint.{k}.still") for k in count)
+    told = [status.joint_actual_position[k] - hal.get_value(f"joint.{k}.pos-fb") for k in count]
     return bool(still >= STILL_PERIODS and max(map(abs, told)) < 1e-9)
 
 
@@ -81,12 +84,13 @@ def where() -> dict[str, list[float]]:
 
 
 def now() -> dict[str, list[float]]:
+    count = range(status.joints)
     return {
-        "tool": list(status.actual_position[:3]),
-        "joint": [hal.get_value(f"joint.{k}.pos-cmd") for k in range(3)],
-        "motor": [hal.get_value(f"joint.{k}.motor-pos-cmd") for k in range(3)],
-        "carriage": [hal.get_value(f"rigjoint.{k}.carriage") for k in range(3)],
-        "trim": [hal.get_value(f"joint.{k}.backlash-corr") for k in range(3)],
+        "tool": list(status.actual_position[: status.joints]),
+        "joint": [hal.get_value(f"joint.{k}.pos-cmd") for k in count],
+        "motor": [hal.get_value(f"joint.{k}.motor-pos-cmd") for k in count],
+        "carriage": [hal.get_value(f"rigjoint.{k}.carriage") for k in count],
+        "trim": [hal.get_value(f"joint.{k}.backlash-corr") for k in count],
     }
 
 

@@ -68,14 +68,12 @@ loadrt [EMCMOT]EMCMOT servo_period_nsec=[EMCMOT]SERVO_PERIOD num_joints=[KINS]JO
 loadrt rigjoint count=3
 addf motion-command-handler servo-thread
 addf motion-controller servo-thread
-addf rigjoint.0 servo-thread
-addf rigjoint.1 servo-thread
-addf rigjoint.2 servo-thread
 net estop iocontrol.0.user-enable-out iocontrol.0.emc-enable-in
 net tp iocontrol.0.tool-prepare iocontrol.0.tool-prepared
 net tc iocontrol.0.tool-change iocontrol.0.tool-changed
 """
-WIRED = """net cmd{k} joint.{k}.motor-pos-cmd rigjoint.{k}.motor
+WIRED = """addf rigjoint.{k} servo-thread
+net cmd{k} joint.{k}.motor-pos-cmd rigjoint.{k}.motor
 net fb{k} rigjoint.{k}.motor-fb joint.{k}.motor-pos-fb
 net sw{k} rigjoint.{k}.home-sw joint.{k}.home-sw-in
 """
@@ -124,9 +122,14 @@ def compiled() -> Path:
     build = Path(mkdtemp(prefix="glidecal-modules-"))
     modules = build / "modules"
     shutil.copytree(MODULES, modules)
-    kinematics = resources.files("app.exports").joinpath("orthoglidekins.comp")
+    exports = resources.files("app.exports")
+    texts = {
+        path.name.removesuffix(".comp"): path.read_text(encoding="utf-8")
+        for path in exports.iterdir()
+        if path.name.endswith("kins.comp")
+    }
     for name, text in {
-        "orthoglidekins": kinematics.read_text(encoding="utf-8"),
+        **texts,
         "rigjoint": (HERE / "rigjoint.comp").read_text(encoding="utf-8"),
     }.items():
         (build / f"{name}.comp").write_text(text)
@@ -151,20 +154,25 @@ def run(
     told: Sequence[str],
     *,
     files: Mapping[str, str] | None = None,
-    includes: Sequence[str] = ("", "", ""),
+    includes: Sequence[str] | None = None,
+    kinematics: str = "orthoglidekins",
+    axes: str = "XYZ",
 ) -> list[Stop]:
     """Start, do what is told (``"home"`` or a line of G-code), stop.
 
     ``entries`` are those of each [JOINT_n], below the ``includes``; ``files`` lie beside the INI.
+    There are as many joints as ``axes``.
     """
     config = folder / "config"
     for place in (config, folder / "tmp"):
         place.mkdir(parents=True, exist_ok=True)
         place.chmod(0o777)
-    ini = INI + "".join(AXIS.format(name=name) for name in "XYZ")
-    hal = CORE
+    ini = INI.replace("X Y Z", " ".join(axes)).replace("JOINTS = 3", f"JOINTS = {len(axes)}")
+    ini = ini.replace("orthoglidekins", kinematics)
+    ini += "".join(AXIS.format(name=name) for name in axes)
+    hal = CORE.replace("count=3", f"count={len(axes)}")
     for k, (joint, entry) in enumerate(zip(joints, entries, strict=True)):
-        ini += f"[JOINT_{k}]\n{includes[k]}"
+        ini += f"[JOINT_{k}]\n{includes[k] if includes else ''}"
         ini += "".join(f"{key} = {value}\n" for key, value in {**JOINT, **entry}.items())
         hal += WIRED.format(k=k)
         hal += "".join(

@@ -147,7 +147,7 @@ def test_what_names_no_number_is_no_session(tmp_path: Path, schema: object) -> N
     newer(path, {"opened": {"schema": schema}})
     said = refused(3, "solve", path)
     assert "newer" not in said
-    assert "Not a session file." in said
+    assert "Not a session file" in said
 
 
 def test_a_continued_record_tells_the_schema_of_the_program_that_went_on(tmp_path: Path) -> None:

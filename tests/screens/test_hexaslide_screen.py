@@ -315,7 +315,7 @@ async def test_measured_components_of_ones_own() -> None:
 async def test_a_broken_machine_file_then_a_good_one(tmp_path: Path) -> None:
     good = (resources.files("protocols") / "machines" / "hexaslide-h60.toml").read_text("utf-8")
     broken, linkless = tmp_path / "own [m].toml", tmp_path / "linkless.toml"
-    broken.write_text(good.replace("link_m = 0.88", "link_m = 0.1", 1), encoding="utf-8")
+    broken.write_text(good.replace("link_mm = 880.0", "link_mm = 100.0", 1), encoding="utf-8")
     linkless.write_text(good[: good.index("[constraint_link]")], encoding="utf-8")
     interface = Glidecal(HexaSlideScreen(Request("pose-inverse", broken)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:

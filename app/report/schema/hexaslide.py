@@ -26,6 +26,7 @@ from calib.hexaslide.geometry import unit_of
 from calib.hexaslide.planning import DIFFERENCE_STEP, UNITS, HexaSlideSeen
 from calib.hexaslide.procedures import ANGLES, ProcedureKind
 from calib.hexaslide.residuals import Residuals
+from protocols.hexaslide_session import PostureSession
 
 
 class HexaSlideDirection(DirectionEntry):
@@ -291,6 +292,74 @@ class TruthReport(Report):
     ] = at("inner_m")
 
 
+class PlatformReport(Report):
+    """The platform's places over the box, frames laid over: off by now, and with the result."""
+
+    now_rms_mm: Thousandths = at("now.places_rms_m", "off with the machine file")
+    now_worst_mm: Thousandths = at("now.places_worst_m")
+    bound_rms_mm: Annotated[float | None, made(lambda bound: 1000.0 * bound)] = at(
+        "bound_m", "off at most with the calibrated machine, 95 %; null where not known"
+    )
+    left_open: int = at("left_open", "lost combinations that are no motions of frames")
+
+
+class HexaSlideVerificationReport(Report):
+    """``verify --json`` of a Hexa Slide."""
+
+    schema_id: Literal["glidecal.hexaslide-verification/1"] = schema(
+        "glidecal.hexaslide-verification/1"
+    )
+    before: str = at("found.before.name")
+    after: str = at("found.after.name")
+    platform_before: PlatformReport = at("found.before.platform")
+    platform_after: PlatformReport = at("found.after.platform")
+    tolerance_mm: float | None = at("found.tolerance_mm")
+    decision: Literal["pass", "fail", "undecided"] | None = at("found.decision")
+    same_machine_file: bool = at("found.same_machine", "nothing was entered")
+    lost_motions: tuple[str, ...] = at("found.after.found.unidentifiable")
+
+
+@dataclass(frozen=True)
+class ReplayedPosture:
+    """One reading; millimetres and degrees."""
+
+    reading: int
+    posture: int
+    sliders_mm: tuple[float, ...]
+    values: tuple[float, ...]
+    superseded: str | None
+
+
+def _replayed(session: PostureSession) -> tuple[ReplayedPosture, ...]:
+    return tuple(
+        ReplayedPosture(
+            one.reading,
+            one.posture,
+            one.sliders_mm,
+            one.values,
+            session.superseded.get(one.reading),
+        )
+        for one in session.all_readings
+    )
+
+
+class HexaSlideReplayReport(Report):
+    """``replay --json`` of a session of postures."""
+
+    schema_id: Literal["glidecal.hexaslide-replay/1"] = schema("glidecal.hexaslide-replay/1")
+    session: str = at("session.name")
+    machine: str = at("session.opened.machine.name")
+    procedure: str = at("session.opened.procedure.name")
+    measured: Annotated[tuple[str, ...], made(lambda procedure: procedure.whole().measured)] = at(
+        "session.opened.procedure"
+    )
+    origin: Literal["measured", "simulated", "imported"] = at("session.opened.origin")
+    end: Literal["closed", "open", "torn"] = at("end")
+    readings: Annotated[tuple[ReplayedPosture, ...], made(_replayed)] = at("session")
+    skipped: dict[int, str] = at("session.skipped")
+    notes: tuple[str, ...] = at("session.notes")
+
+
 class HexaSlideCalibrationReport(Report):
     """``solve --json`` of a Hexa Slide."""
 
@@ -319,6 +388,7 @@ class HexaSlideCalibrationReport(Report):
     individually_known: tuple[str, ...] = at("solved.found.known")
     lost_motions: tuple[str, ...] = at("solved.found.unidentifiable")
     lost_count: int = at("solved.found.unidentifiable_count")
+    platform: PlatformReport = at("solved.platform")
     inner_lengths: Annotated[dict[str, InnerLength], made(_inner)] = at(
         "solved", "26 that no frame changes"
     )

@@ -25,14 +25,14 @@ import protocols
 from app.report.schema.document import Report
 from protocols.documents import Document
 from protocols.files import write_files
-from protocols.session import SCHEMA_NUMBER, Event, Line
+from protocols.record import RecordForm
+from protocols.session import Line
 
 ROOMS = (app.report.schema, protocols)
 """Where all documents stand that are written, or read again; some of the latter are TOML."""
 
 
 ID = re.compile(r"glidecal\.(.+)")
-RECORD = f"session-{SCHEMA_NUMBER}.json"
 
 
 class FrozenSchema(Exception):
@@ -48,9 +48,7 @@ class _Untitled(GenerateJsonSchema):
 
 def schemas() -> dict[str, str]:
     """The text of each schema by its file name; what several machines write is one of theirs."""
-    for room in ROOMS:
-        for module in iter_modules(room.__path__, f"{room.__name__}."):
-            import_module(module.name)
+    forms = record_forms()
     by_name: dict[str, list[type[Document]]] = {}
     for kind in _documents(Document):
         (schema_id,) = get_args(kind.model_fields["schema_id"].annotation)
@@ -62,7 +60,24 @@ def schemas() -> dict[str, str]:
         for name, kinds in by_name.items()
     }
     # the first line of a record has the id, a schema is for each of its lines
-    return texts | {RECORD: _text(f"session/{SCHEMA_NUMBER}", Event, written=False)}
+    return texts | {name: _lines(form) for name, form in forms.items()}
+
+
+def record_forms() -> dict[str, RecordForm]:
+    """By the names of their schema files; imports all modules that define documents."""
+    forms: dict[str, RecordForm] = {}
+    for room in ROOMS:
+        for found in iter_modules(room.__path__, f"{room.__name__}."):
+            for value in vars(import_module(found.name)).values():
+                if isinstance(value, RecordForm):
+                    name = ID.sub(r"\1", value.schema).replace("/", "-")
+                    forms[f"{name}.json"] = value
+    return forms
+
+
+def _lines(form: RecordForm) -> str:
+    """The schema of any line of a record."""
+    return _text(ID.sub(r"\1", form.schema), form.lines, written=False)
 
 
 def meaning(schema: str) -> object:
@@ -83,12 +98,13 @@ def _asked(part: Any) -> Any:  # noqa: ANN401 (JSON)
 def write_schemas(folder: Path) -> None:
     """Write all of them. Raises FrozenSchema where a line of the record changed."""
     texts = schemas()
-    former = folder / RECORD
-    if former.exists() and meaning(former.read_text("utf-8")) != meaning(texts[RECORD]):
-        raise FrozenSchema(
-            f"{former}: a line of the record changed. Add glidecal.session/{SCHEMA_NUMBER + 1} to "
-            "SchemaId in protocols/session.py, then make schemas, make records."
-        )
+    for name, form in record_forms().items():
+        former = folder / name
+        if former.exists() and meaning(former.read_text("utf-8")) != meaning(texts[name]):
+            raise FrozenSchema(
+                f"{former}: a line of the record changed. Add {form.name}/{form.number + 1} where "
+                "its lines are defined in protocols, then make schemas, make records."
+            )
     write_files(folder, texts, replace=True)
 
 
@@ -102,7 +118,8 @@ def _documents(above: type[Document]) -> Iterator[type[Document]]:
 
 def _text(name: str, kind: Any, *, written: bool) -> str:  # noqa: ANN401 (class or union)
     mode: JsonSchemaMode = "serialization" if written else "validation"
-    found = TypeAdapter(kind).json_schema(mode=mode, schema_generator=_Untitled)
+    adapter = kind if isinstance(kind, TypeAdapter) else TypeAdapter(kind)
+    found = adapter.json_schema(mode=mode, schema_generator=_Untitled)
     head = {"$schema": _Untitled.schema_dialect, "title": f"glidecal.{name}"}
     return json.dumps(head | (found | head), indent=1, ensure_ascii=False) + "\n"
 

@@ -6,13 +6,12 @@ import math
 
 from rich.table import Table
 
-from app.planning.hexaslide import CalibratedMachine
+from app.planning.hexaslide import LACK_OF_FIT_LEVEL, CalibratedMachine, VerifiedMachine
 from app.report.schema.hexaslide import HexaSlideCalibrationReport, Rms
 from app.report.text.tables import new_table, paragraphs, signed
 from calib.hexaslide.procedures import ProcedureKind
 from protocols.hexaslide import HexaSlideMeasurements
 
-LACK_OF_FIT_LEVEL = 0.01
 MOST_POSTURES = 5
 
 THOUSANDTHS = {"m": "mm", "m/m": "mm/m", "rad": "mrad"}
@@ -54,11 +53,57 @@ def calibration_text(solved: CalibratedMachine) -> str:
     return paragraphs(
         f"{said.measurements}: {said.machine} ({said.machine_file}), {said.procedure.value}, "
         f"{said.postures.count} {said.origin} postures; read: {read}",
-        "\n".join([*verdict, *caveats(said)]),
+        "\n".join([*verdict, platform_text(said), *caveats(said)]),
         _parameters(said),
         "\n".join(_figures(said, solved.factor)),
         *_left(said),
         "\n".join([check, *_truth(said)]),
+    )
+
+
+def verification_text(found: VerifiedMachine) -> str:
+    """The decision, what it rests on, and what to do."""
+    was, now = found.before.platform, found.after.platform
+    off_mm, bound_m = 1000.0 * now.now.places_rms_m, now.bound_m
+    bound = "an unknown amount" if bound_m is None else f"{1000.0 * bound_m:.3g} mm"
+    lines = [
+        f"{found.decision or 'undecided'}: "
+        f"the platform is off by {off_mm:.3g} mm r.m.s. over the box, give or take {bound}"
+        f" (95 %); tolerance {f'{found.tolerance_mm:g} mm' if found.tolerance_mm else 'none'}.",
+        f"Before: {1000.0 * was.now.places_rms_m:.3g} mm r.m.s.",
+    ]
+    if found.same_machine:
+        lines.append(
+            "Both sessions were measured with one machine file: enter the calibrated machine "
+            "(glidecal export --format model), and measure once more with it."
+        )
+    elif found.tolerance_mm is None:
+        lines.append("State --tolerance, or platform_tolerance_mm in the machine file.")
+    elif found.decision == "undecided":
+        lines.append("Measure more postures, or with less noise.")
+    elif found.decision == "fail":
+        lines.append("Calibrate once more from the second session.")
+    if lost := found.after.found.unidentifiable:
+        lines.append(f"Laid over, for no reading shows it: {'; '.join(lost)}.")
+    return paragraphs("\n".join(lines))
+
+
+def platform_text(said: HexaSlideCalibrationReport) -> str:
+    """What the result means at the platform."""
+    platform, frames = said.platform, ""
+    if said.lost_motions:
+        frames = " Frames that nothing shows are laid over."
+    most = (
+        f"by at most {platform.bound_rms_mm:.3g} mm r.m.s. with the calibrated machine (95 %)."
+        if platform.bound_rms_mm is not None
+        else "by an unknown amount with the calibrated machine: no noise is known."
+        if not platform.left_open
+        else f"by an unknown amount with the calibrated machine: {platform.left_open} combinations "
+        "that are no frames stay open."
+    )
+    return (
+        f"The platform, over the box: off by {platform.now_rms_mm:.3g} mm r.m.s. now (worst "
+        f"{platform.now_worst_mm:.3g}), {most}{frames}"
     )
 
 

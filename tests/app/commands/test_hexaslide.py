@@ -188,11 +188,11 @@ def test_postures_that_cannot_be_are_told(tmp_path: Path) -> None:
     assert "posture (5, -0.8, -1.15) m, (0, 0, 0)°: found link 1" in said
     lines = itertools.count()
     on_a_line = re.sub(
-        r"joint_m = \[.*?\]", lambda _: f"joint_m = [{0.1 * next(lines)}, 0.0, 0.0]", TEXT
+        r"joint_mm = \[.*?\]", lambda _: f"joint_mm = [{100.0 * next(lines)}, 0.0, 0.0]", TEXT
     )
     machine = tmp_path / "loose.toml"
-    endless = re.sub(r"travel_m = .*\n", "", on_a_line)
-    machine.write_text(endless.replace("link_m = 0.88", "link_m = 1.5"), encoding="utf-8")
+    endless = re.sub(r"travel_mm = .*\n", "", on_a_line)
+    machine.write_text(endless.replace("link_mm = 880.0", "link_mm = 1500.0"), encoding="utf-8")
     assert "a singular one" in refused(5, *VERB, "position", "--machine-file", machine)
 
 
@@ -221,14 +221,14 @@ def test_wrong_input_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("rail = [0.0, -0.5", "rail = [0.0, -0.6", "line 8, chain.0.rail: a unit"),
+        ("rail = [0.0, -0.5", "rail = [0.0, -0.6", "line 9, chain.0.rail: a unit"),
         ("rail = [0.0, -0.5, -0.866025403784439]", "rail = [0.0, -1.0, 0.0]", "not level"),
-        ("link_m = 0.88", "link = 0.88", "line 10, chain.0.link: Extra inputs"),
-        ("x_m = [-0.3, 0.3]", "x_mm = [-0.3, 0.3]", "line 50, box.x_mm: Extra inputs"),
-        ("travel_m = [0.0", "travel_m = [2.0", "chain.0.travel_m: the lower bound"),
-        ("x_m = [-0.3, 0.3]", "x_m = [0.3, -0.3]", "line 50, box.x_m: the lower"),
-        ("x_m = [-0.3, 0.3]", "x_m = [-2.0, 0.3]", "line 49, box: posture (-2, "),
-        ("start_m = [0.0, 0.0, 0.0]", "start_m = [0.1, 0.0, 0.0]", "the first rail at [0, 0, 0]"),
+        ("link_mm = 880.0", "link = 880.0", "line 11, chain.0.link: Extra inputs"),
+        ("x_mm = [-300.0, 300.0]", "x_m = [-0.3, 0.3]", "line 51, box.x_m: Extra inputs"),
+        ("travel_mm = [0.0", "travel_mm = [2000.0", "chain.0.travel_mm: the lower bound"),
+        ("x_mm = [-300.0, 300.0]", "x_mm = [300.0, -300.0]", "line 51, box.x_mm: the lower"),
+        ("x_mm = [-300.0, 300.0]", "x_mm = [-2000.0, 300.0]", "line 50, box: posture (-2, "),
+        ("start_mm = [0.0, 0.0, 0.0]", "start_mm = [0.1, 0.0, 0.0]", "the first rail at [0, 0, 0]"),
         ("[constraint_link]", "[link]", "link: Extra inputs"),
     ],
 )
@@ -253,3 +253,24 @@ def test_fewer_than_six_chains_and_no_link_are_told(tmp_path: Path) -> None:
     path.write_text(TEXT.split("[constraint_link]")[0], encoding="utf-8")
     said = refused(2, *VERB, "constraint-link", "--machine-file", path)
     assert "no [constraint_link]" in said
+
+
+def test_a_machine_file_in_metres_is_the_same_machine(tmp_path: Path) -> None:
+    """Files of schema 1 had metres; a fault in one still names its table's line."""
+    lengths = re.compile(r"^(\w+)_mm( = )([^#\n]*)", re.MULTILINE)
+    text = TEXT.split("[tolerances]")[0]
+
+    def in_metres(match: re.Match[str]) -> str:
+        numbers = re.sub(r"-?\d+\.\d+", lambda one: repr(float(one[0]) / 1000.0), match[3])
+        return f"{match[1]}_m{match[2]}{numbers}"
+
+    old = lengths.sub(in_metres, text).replace("hexaslide/2", "hexaslide/1")
+    path = tmp_path / "old.toml"
+    path.write_text(old, encoding="utf-8")
+    read, now = load_hexaslide(path).whole(), load_hexaslide().whole()
+    assert read.travel_m == pytest.approx(now.travel_m)
+    names = Procedure.of("constraint-link", known=()).parameters
+    assert read.parameters(names) == pytest.approx(now.parameters(names), abs=1e-15)
+    path.write_text(old.replace("link_m = 0.88", "link_m = -0.88", 1), encoding="utf-8")
+    with pytest.raises(RecordError, match=r"line 7, chain\.0\.link_mm: .* \(found -880"):
+        load_hexaslide(path)

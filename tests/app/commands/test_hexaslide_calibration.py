@@ -126,8 +126,8 @@ def test_the_file_says_nothing_of_the_truth(tmp_path: Path) -> None:
     true = read_truth(truth, measured)
     text = path.read_text(encoding="utf-8")
     for chain, nominal in zip(true.chain, measured.machine.chain, strict=True):
-        assert chain.link_m != nominal.link_m
-        assert repr(chain.link_m) not in text
+        assert chain.link_mm != nominal.link_mm
+        assert repr(chain.link_mm) not in text
     header = json.loads(text)
     assert header["units"] == {"length": "m", "angle": "rad"}
     assert header["noise"] == {"length_mm": 0.01, "angle_mrad": 0.01}
@@ -153,7 +153,7 @@ def test_without_noise_the_truth_comes_back_through_the_files(tmp_path: Path) ->
     assert found["noise"]["source"] == "residuals"
     assert found["truth"]["individually_known_worst"] < 1e-11
     chain = read_truth(truth, read_measurements(path)).chain[2]
-    assert found["parameters"]["l3"]["value"] == pytest.approx(chain.link_m, abs=1e-11)
+    assert found["parameters"]["l3"]["value"] == pytest.approx(chain.link_mm / 1000.0, abs=1e-11)
 
 
 def test_words_of_what_is_lost_left_and_checked(tmp_path: Path) -> None:
@@ -208,7 +208,7 @@ def test_a_measured_subset_and_a_machine_of_ones_own(tmp_path: Path) -> None:
     assert (found["rank"], found["lost_motions"]) == (48, ["platform frame turned about its Z"])
     text = (ROOT / "protocols/machines/hexaslide-h60.toml").read_text("utf-8")
     own = tmp_path / "own.toml"
-    own.write_text(text.replace("link_m = 0.88", "link_m = 0.9", 1), encoding="utf-8")
+    own.write_text(text.replace("link_mm = 880.0", "link_mm = 900.0", 1), encoding="utf-8")
     path, _ = written(tmp_path, "pose-inverse", 30, machine_file=own)
     assert read_measurements(path).machine_file == "own.toml"
     assert document(path)["parameters"]["l1"]["nominal"] == 0.9
@@ -317,7 +317,7 @@ def test_postures_that_cannot_be_measured_are_refused(tmp_path: Path) -> None:
     table.write_text(f"{header}0.29,-0.55,-1.15,0,0,0\n", encoding="utf-8")
     short = tmp_path / "short.toml"
     text = H60_FILE.read_text(encoding="utf-8")
-    short.write_text(text.replace("length_m = 0.55", "length_m = 0.3"), encoding="utf-8")
+    short.write_text(text.replace("length_mm = 550.0", "length_mm = 300.0"), encoding="utf-8")
     link = ("constraint-link", *both, "--machine-file", short)
     assert "0 of 1 that the link holds" in told(5, *SIMULATE, *link)
     assert not out.exists()

@@ -157,6 +157,8 @@ def test_a_box_outside_the_workspace_is_refused(tmp_path: Path) -> None:
 
     text = (resources.files("protocols") / "machines" / "hexaslide-h60.toml").read_text("utf-8")
     path = tmp_path / "own.toml"
-    path.write_text(text.replace("x_m = [-0.3, 0.3]", "x_m = [-2.0, 0.3]"), encoding="utf-8")
+    path.write_text(
+        text.replace("x_mm = [-300.0, 300.0]", "x_mm = [-2000.0, 300.0]"), encoding="utf-8"
+    )
     said = refused(3, *VERB, "--count", "9", "--machine-file", path)
     assert "does not reach its rail" in said

@@ -80,8 +80,13 @@ class Plain:
 def plain(chains: list[dict[str, list[float]]]) -> Plain:
     return Plain(
         *(
-            np.array([one[key] for one in chains])
-            for key in ("start_m", "rail", "joint_m", "link_m")
+            unit * np.array([one[key] for one in chains])
+            for key, unit in (
+                ("start_mm", 1e-3),
+                ("rail", 1.0),
+                ("joint_mm", 1e-3),
+                ("link_mm", 1e-3),
+            )
         )
     )
 
@@ -128,7 +133,7 @@ def test_the_machine_file_is_read_again_as_the_true_machine(files: Path) -> None
     found = load_hexaslide(files / "out" / "machine.toml")
     assert found.name == "hexaslide-h60, calibrated"
     assert found.box == load_hexaslide().box
-    assert [one.travel_m for one in found.chain] == [(0.0, 1.05)] * 6
+    assert [one.travel_mm for one in found.chain] == [(0.0, 1050.0)] * 6
     own = plain([one.model_dump() for one in found.chain])
     for name in ("start", "rail", "joint", "link"):
         assert np.abs(getattr(own, name) - getattr(true, name)).max() < 1e-10

@@ -331,7 +331,7 @@ def test_between_the_ends_of_the_rails_more_is_seen_than_in_the_box() -> None:
     rows = jacobian(procedure, H60.geometry, found.coordinates).reshape(-1, 49)
     assert found.condition_number == pytest.approx(float(np.linalg.cond(rows)), rel=1e-7)
     endless = replace(H60, travel_m=np.outer([-np.inf, np.inf], np.ones(6)))
-    with pytest.raises(CalibrationError, match="no travel_m in the machine file"):
+    with pytest.raises(CalibrationError, match="no travel_mm in the machine file"):
         best_postures(procedure, endless, 9, replace(search, in_joints=True))
 
 

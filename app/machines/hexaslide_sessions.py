@@ -1,0 +1,308 @@
+"""Sessions of postures of a Hexa Slide as commands ask for them."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from app.exit_codes import Exit
+from app.machines.options import (
+    Answer,
+    Importing,
+    Running,
+    Say,
+    SessionVerbs,
+    file,
+    may_replace,
+    working,
+)
+from calib.errors import IndicatorError, RecordError, UsageError
+
+if TYPE_CHECKING:  # heavy: imported where used
+    from app.measuring.hexaslide import PosturePlan, PostureTaking
+    from drivers.line import IndicatorLine
+    from protocols.files import Written
+
+NAME = "hexaslide"
+HELP = "Hexa Slide: postures (.csv) instead of those of the procedure."
+WAYS = "again, keep, skip REASON, pause"
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """Of ``import``."""
+
+    posture_file: Annotated[Path | None, file(HELP)] = None
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Of ``run``."""
+
+    posture_file: Annotated[Path | None, file(HELP)] = None
+    behind: Annotated[
+        Path | None,
+        file("Hexa Slide, --simulated: the machine of this earlier simulated session."),
+    ] = None
+
+
+def _plan(
+    path: Path, machine: str | None, protocol: str | None, posture_file: Path | None
+) -> PosturePlan:
+    from app.measuring.hexaslide import PosturePlan
+    from app.planning.hexaslide import EXAMPLE
+    from protocols.hexaslide import load_hexaslide
+    from protocols.hexaslide_session import load_posture_procedure, procedure_names
+
+    if protocol is None:
+        listed = ", ".join(procedure_names())
+        raise UsageError("--protocol", "none", f"{listed}, or a procedure file (TOML)")
+    machine_file = None if machine in (None, NAME) else Path(str(machine))
+    return PosturePlan(
+        path,
+        load_hexaslide(machine_file),
+        machine_file.name if machine_file else EXAMPLE,
+        load_posture_procedure(protocol, posture_file),
+    )
+
+
+def imported(asked: Importing, own: ImportOptions, say: Say) -> None:
+    """A session of a table, or the table to be filled in."""
+    from dataclasses import replace
+
+    from app.measuring.hexaslide import import_postures
+    from protocols.files import write_files
+    from protocols.hexaslide_table import empty_table
+
+    output = asked.source if asked.template else asked.output
+    if output is None:
+        raise UsageError("--output", "none", "-o SESSION, or --template to write an empty table")
+    plan = _plan(output, asked.machine, asked.protocol, own.posture_file)
+    if asked.template:
+        may = may_replace(asked.force, output)
+        write_files(output, {"": empty_table(plan.commands())}, replace=may)
+        say(f"{plan.procedure.name} to be filled in, units in the second row: {output}")
+        return
+    if own.posture_file is not None:
+        raise UsageError("--posture-file", "no --template", "with --template, or with run")
+    session, odd = import_postures(asked.source, replace(plan, note=" ".join(asked.remarks)))
+    for words in odd:
+        say(f"glidecal: {words}")
+    say(f"{len(session.readings)} postures written to {output}")
+
+
+def run(asked: Running, own: RunOptions, say: Say) -> None:
+    """Posture after posture: simulated, or typed in a terminal."""
+    from app.measuring.hexaslide import PostureTaking, measure_simulated
+    from app.report.streams import need_terminal
+    from app.report.text.hexaslide_session import plan_text
+
+    if asked.resume is not None:
+        if own != RunOptions():
+            raise UsageError("--posture-file, --behind", "beside --continue", "--continue alone")
+        taking = PostureTaking.resume(asked.resume)
+    else:
+        plan = _begun(asked, own)
+        if asked.dry_run:
+            typer.echo(plan_text(plan.commands()))
+            return
+        if plan.seed is None:
+            need_terminal("run", "--simulated, or glidecal import of a table")
+        taking = PostureTaking.begin(plan)
+    try:
+        seed = taking.session.opened.seed
+        if seed is not None:
+            measure_simulated(taking, seed, say)
+        else:
+            need_terminal("run", "glidecal import of a table")
+            _typed(taking, say)
+    except (KeyboardInterrupt, typer.Abort):
+        say(f"Paused. Go on with: glidecal run --continue {taking.path}")
+        raise typer.Exit(Exit.INTERRUPTED) from None
+    finally:
+        taking.close()
+    say(f"{len(taking.session.readings)} postures in {taking.path}")
+
+
+def _begun(asked: Running, own: RunOptions) -> PosturePlan:
+    from dataclasses import replace
+
+    from app.measuring.hexaslide import INDICATED
+    from protocols.hexaslide_session import read_postures, simulated_truth
+
+    named = Path(asked.protocol).stem if asked.protocol else NAME
+    path = asked.output or Path(f"{date.today():%Y-%m-%d}-{named}.jsonl")
+    plan = _plan(path, asked.machine, asked.protocol, own.posture_file)
+    if len(asked.indicators) > 1:
+        raise UsageError("--indicator", f"{len(asked.indicators)}", "one, in the link")
+    if asked.indicators:
+        if asked.simulated or plan.procedure.whole().measured != INDICATED:
+            found = "--simulated" if asked.simulated else f"procedure {plan.procedure.name}"
+            raise UsageError("--indicator", found, "a procedure that measures length alone")
+        _profile(asked.indicators[0])
+    truth = None
+    if own.behind is not None:
+        if not asked.simulated:
+            raise UsageError("--behind", "no --simulated", "with --simulated alone")
+        truth = simulated_truth(read_postures(own.behind)[0])
+    return replace(
+        plan,
+        truth=truth,
+        operator=asked.operator,
+        temperature_c=asked.temperature_c,
+        note=asked.note,
+        seed=asked.seed if asked.simulated else None,
+        indicator="".join(asked.indicators),
+    )
+
+
+def _profile(named: str) -> IndicatorLine:
+    """The line of ``PROFILE:PORT``, not open yet. Raises UsageError."""
+    from drivers.line import IndicatorLine
+    from drivers.profiles import profile_named
+
+    profile, mark, port = named.partition(":")
+    if not (mark and port):
+        raise UsageError("--indicator", repr(named), "PROFILE:PORT")
+    return IndicatorLine(profile_named(profile), port)
+
+
+def _typed(taking: PostureTaking, say: Say) -> None:
+    """Ask for one posture after the other until all are measured or left out."""
+    indicator = taking.session.opened.indicator
+    if not indicator:
+        _ask_all(taking, None, say)
+        return
+    line = _profile(indicator)
+    line.start()
+    with closing(line):
+        _ask_all(taking, line, say)
+
+
+def _ask_all(taking: PostureTaking, line: IndicatorLine | None, say: Say) -> None:
+    from app.report.text.hexaslide_session import doubt_text, prompt_text, task_text
+
+    while True:
+        if taking.doubt is not None:
+            say(doubt_text(taking.doubt))
+            _answer(taking, _prompt("again or keep"))
+            continue
+        task = taking.task
+        if task is None:
+            break
+        say(task_text(task))
+        typed = _prompt(prompt_text(task, indicated=line is not None))
+        try:
+            if not _answer(taking, typed):
+                value, text = (typed, "") if typed or line is None else _indicated(line)
+                say(f"reading {taking.take(value, text).reading}: {value}")
+        except (UsageError, IndicatorError) as problem:
+            say(f"{problem} Or: {WAYS}.")
+    taking.finish()
+
+
+def _answer(taking: PostureTaking, typed: str) -> bool:
+    """Whether a word was typed, which is then done. Raises Abort for a pause."""
+    word, _, rest = typed.partition(" ")
+    if word == "pause":
+        raise typer.Abort
+    if word == "keep" and taking.doubt is not None:
+        taking.keep()
+    elif word == "again" and taking.session.readings:
+        taking.take_again()
+    elif word == "skip" and taking.doubt is None:
+        taking.skip(rest.strip() or "left out by the operator")
+    else:
+        return False
+    return True
+
+
+def _prompt(words: str) -> str:
+    answer: str = typer.prompt(words, default="", show_default=False, prompt_suffix=" > ", err=True)
+    return answer.strip()
+
+
+def _indicated(line: IndicatorLine) -> tuple[str, str]:
+    """A fresh value of the indicator in mm, and its text. Raises IndicatorError for a fault."""
+    from drivers.profile import Fault
+
+    outcome = line.ask().result()
+    if isinstance(outcome, Fault):
+        raise IndicatorError(f"indicator on {line.port}", f"{outcome.kind}: {outcome.words}")
+    return f"{outcome.value_mm:.10g}", outcome.text
+
+
+def validated(path: Path) -> str:
+    """Raises RecordError for a record that is not whole, or not closed."""
+    from protocols.hexaslide_session import is_record, read_postures
+
+    if not is_record(path):
+        raise RecordError(f"session {path}", "a file of measurements", "a session")
+    session, record = read_postures(path)
+    if record.unfinished:
+        next_step = f"Continue it with: glidecal run --continue {path}"
+        raise RecordError(f"session {path}", reason=record.unfinished, next_step=next_step)
+    return (
+        f"{path}: unbroken and closed, {len(record.events)} lines, "
+        f"{len(session.all_readings)} readings, {len(session.superseded)} superseded"
+    )
+
+
+def replayed(path: Path, say: Say) -> Answer:
+    """Every reading of a session."""
+    from app.report.schema.hexaslide import HexaSlideReplayReport
+    from app.report.text.hexaslide_session import replay_text
+    from protocols.hexaslide_session import read_postures
+
+    session, record = read_postures(path)
+    if record.unfinished:
+        say(f"glidecal: {record.unfinished}")
+    return Answer(
+        lambda: replay_text(session),
+        lambda: HexaSlideReplayReport.of(session=session, end=record.end),
+    )
+
+
+def exported(path: Path, format_name: str) -> tuple[Written, tuple[str, ...]]:
+    """The calibrated machine: its file, everything for LinuxCNC, or the result as JSON."""
+    from app.exports.hexaslide import NOT_GENHEXKINS, calibrated_files
+    from app.planning.hexaslide import calibrate_file
+    from app.report.schema.document import to_json
+    from app.report.schema.hexaslide import HexaSlideCalibrationReport
+    from app.report.text.hexaslide_calibration import caveats
+
+    formats = ("model", "linuxcnc-kins", "json")
+    if format_name not in formats:
+        raise UsageError("--format", f"{format_name} of a {NAME}", ", ".join(formats))
+    with working("Solving"):
+        solved = calibrate_file(path, None, 0.0)
+    report = HexaSlideCalibrationReport.of(solved=solved)
+    files, cautions = calibrated_files(solved, None), tuple(caveats(report))
+    if format_name == "model":
+        return {"": files["machine.toml"]}, cautions
+    if format_name == "json":
+        return {"": to_json(report) + "\n"}, cautions
+    return files, (*cautions, NOT_GENHEXKINS)
+
+
+def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Answer, str]:
+    """Whether the platform is in tolerance with the calibrated machine, and that in a word."""
+    from app.planning.hexaslide import verify_sessions
+    from app.report.schema.hexaslide import HexaSlideVerificationReport
+    from app.report.text.hexaslide_calibration import verification_text
+
+    with working("Solving"):
+        found = verify_sessions(before, after, tolerance_mm)
+    answer = Answer(
+        lambda: verification_text(found),
+        lambda: HexaSlideVerificationReport.of(found=found),
+    )
+    return answer, found.decision or "undecided"
+
+
+SESSIONS = SessionVerbs(run, imported, validated, replayed, exported, verified)

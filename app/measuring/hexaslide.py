@@ -1,0 +1,337 @@
+"""A session of postures of a Hexa Slide under way: whatever face drives it, typed or simulated.
+
+A reading is on the disk before anything is told of it. What departs from expectation is a question
+then: the operator takes it again or keeps it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from app.version import program
+from calib.errors import RecordError
+from calib.hexaslide.expectation import Departure, Expectation, explanations, other_frame
+from protocols.hexaslide import HexaSlideMachine
+from protocols.hexaslide_session import (
+    POSTURE_FORM,
+    PostureCommands,
+    PostureMmDeg,
+    PostureProcedure,
+    PostureReading,
+    PostureSession,
+    PosturesOpened,
+    SimulatedPostures,
+    SixMm,
+    commands,
+    fold_postures,
+    holds,
+    typed_values,
+)
+from protocols.hexaslide_table import readings_of_table
+from protocols.journal import Journal, write_whole
+from protocols.session import Noted, Skipped, Superseded
+
+GROSS = 1e-12
+"""A table has no row that is less plausible: of 10,000 good ones none is."""
+
+INDICATED = ("length",)
+"""What an indicator in the link measures; it reads where nothing else is measured."""
+
+KEPT = "kept although it was questioned"
+TAKEN_AGAIN = "taken again"
+
+
+@dataclass(frozen=True)
+class PosturePlan:
+    """What is to be measured, and where it is recorded; ``seed`` is set for a simulated machine."""
+
+    path: Path
+    machine: HexaSlideMachine
+    machine_file: str
+    procedure: PostureProcedure
+    operator: str = ""
+    temperature_c: float | None = None
+    note: str = ""
+    seed: int | None = None
+    truth: HexaSlideMachine | None = None
+    indicator: str = ""
+
+    def commands(self) -> PostureCommands:
+        """Where the sliders are sent. Raises RecordError for a posture that cannot be."""
+        if not self.procedure.postures:
+            raise RecordError(
+                f"procedure {self.procedure.name}",
+                "no postures",
+                "some in the file, or --posture-file",
+                "glidecal postures finds them.",
+            )
+        return commands(self.machine, self.procedure)
+
+
+@dataclass(frozen=True)
+class PostureTask:
+    """What the operator does next: posture ``number`` of ``count``, the sliders for it, where the
+    platform then is, and what is typed.
+    """
+
+    number: int
+    count: int
+    sliders_mm: SixMm
+    posture: PostureMmDeg
+    attach: str
+    reads_sliders: bool
+    measured: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class PostureDoubt:
+    """A reading that departs from expectation, None: the machine has no such posture; and mistakes
+    that would explain it.
+    """
+
+    reading: PostureReading
+    departure: Departure | None
+    explanations: tuple[str, ...]
+
+
+class PostureTaking:
+    """One session, new or gone on with; close it where it is not finished."""
+
+    def __init__(self, journal: Journal, asked: PostureCommands) -> None:
+        self._journal, self.asked = journal, asked
+        opened = self.session.opened
+        procedure = asked.procedure.whole()
+        self._expectation = Expectation(
+            procedure,
+            opened.machine.whole(),
+            opened.machine.tolerances.of(procedure.parameters),
+        )
+        self.doubt = self._examined()
+
+    @staticmethod
+    def begin(plan: PosturePlan) -> PostureTaking:
+        """A new record. Raises RecordError for its place, or a posture that cannot be."""
+        asked = plan.commands()
+        opened = PosturesOpened(
+            program=program(),
+            origin="measured" if plan.seed is None else "simulated",
+            machine=plan.machine,
+            machine_file=plan.machine_file,
+            procedure=asked.procedure,
+            operator=plan.operator,
+            temperature_c=plan.temperature_c,
+            seed=plan.seed,
+            truth=plan.truth,
+            indicator=plan.indicator,
+            remarks=(plan.note,) if plan.note else (),
+        )
+        return PostureTaking(Journal.create(plan.path, opened, POSTURE_FORM), asked)
+
+    @staticmethod
+    def resume(path: Path) -> PostureTaking:
+        """An interrupted record. Raises RecordError where it is closed, altered or in use."""
+        journal = Journal.resume(path, program(), POSTURE_FORM)
+        try:
+            opened = fold_postures(journal.events).opened
+            # the postures of the record are held by a link already, and are not held once more
+            sent = commands(opened.machine, opened.procedure).sliders_mm
+            return PostureTaking(journal, PostureCommands(opened.procedure, sent))
+        except BaseException:
+            journal.close()
+            raise
+
+    @property
+    def path(self) -> Path:
+        """Of the record."""
+        return self._journal.path
+
+    @property
+    def session(self) -> PostureSession:
+        """What was measured up to now."""
+        return replace(fold_postures(self._journal.events), name=self._journal.path.name)
+
+    @property
+    def task(self) -> PostureTask | None:
+        """The next posture, None: all are measured or left out."""
+        number = self.session.next_posture
+        if number is None:
+            return None
+        procedure = self.asked.procedure
+        return PostureTask(
+            number,
+            len(procedure.postures),
+            self.asked.of(number),
+            procedure.postures[number - 1],
+            procedure.attach,
+            holds(procedure.whole()),
+            procedure.whole().measured,
+        )
+
+    def take(self, typed: str, text: str = "") -> PostureReading:
+        """What was read in the next posture: on the disk, then examined; see `doubt`.
+
+        ``text`` is what a device gave instead of what was typed. Raises UsageError for what is not
+        so many numbers, RecordError where the disk refuses.
+        """
+        task = self.task
+        assert task is not None, "a posture is left"
+        sliders, values = typed_values(typed, self.asked.procedure.whole())
+        reading = PostureReading(
+            reading=len(self.session.all_readings) + 1,
+            posture=task.number,
+            sliders_mm=sliders or task.sliders_mm,
+            values=values,
+            text=text or typed.strip(),
+        )
+        self._journal.append(reading)
+        self.doubt = self._departing(reading)
+        return reading
+
+    def keep(self) -> None:
+        """The doubtful reading counts, by the operator's word."""
+        assert self.doubt is not None
+        self._journal.append(Noted(text=f"reading {self.doubt.reading.reading}: {KEPT}"))
+        if self.doubt.departure is not None:
+            self._expectation.learn(self.session.only(self.doubt.reading))
+        self.doubt = None
+
+    def take_again(self, reason: str = TAKEN_AGAIN) -> None:
+        """The last reading no longer counts, its posture is the next one."""
+        last = self.session.readings[-1]
+        self._journal.append(Superseded(readings=(last.reading,), reason=reason))
+        self.doubt = None
+
+    def skip(self, reason: str) -> None:
+        """Leave out the next posture."""
+        task = self.task
+        assert task is not None, "a posture is left"
+        self._journal.append(Skipped(steps=(task.number,), reason=reason))
+
+    def finish(self) -> None:
+        """Close the record: every posture is measured or left out."""
+        self._journal.finish(complete=not self.session.skipped)
+
+    def close(self) -> None:
+        """Let go of the record, which can be gone on with."""
+        self._journal.close()
+
+    def _examined(self) -> PostureDoubt | None:
+        """All readings up to now; the last one is asked about again where nobody answered."""
+        session = self.session
+        kept = {note.partition(":")[0] for note in session.notes if note.endswith(KEPT)}
+        answered = [
+            one
+            for one in session.readings
+            if one != session.readings[-1] or f"reading {one.reading}" in kept
+        ]
+        possible = [one for one in answered if self._expectation.departure(session.only(one))]
+        if possible:
+            known = replace(session, readings=tuple(possible)).measurements().readings()
+            self._expectation.learn(known)
+        if len(answered) < len(session.readings):
+            return self._departing(session.readings[-1])
+        return None
+
+    def _departing(self, reading: PostureReading) -> PostureDoubt | None:
+        """A reading that departs; of another one is learnt."""
+        only = self.session.only(reading)
+        departure = self._expectation.departure(only)
+        if departure is None or departure.is_doubtful:
+            sent = self.asked.sliders_mm / 1000.0
+            others = [
+                (f"the platform in posture {number}", row)
+                for number, row in enumerate(sent, start=1)
+                if number != reading.posture and not holds(self.asked.procedure.whole())
+            ]
+            return PostureDoubt(reading, departure, explanations(self._expectation, only, others))
+        self._expectation.learn(only)
+        return None
+
+
+def measure_simulated(taking: PostureTaking, seed: int, say: Callable[[str], None]) -> None:
+    """Every posture that is left, by a simulated operator who takes a doubtful one again."""
+    opened = taking.session.opened
+    machine = SimulatedPostures(opened.machine, taking.asked, seed, opened.truth)
+    while (task := taking.task) is not None:
+        every = taking.session.all_readings
+        attempt = sum(reading.posture == task.number for reading in every)
+        reading = taking.take(machine.typed(task.number, attempt))
+        say(f"reading {reading.reading}: posture {reading.posture}: {reading.text}")
+        if taking.doubt is not None:
+            taking.take_again() if attempt == 0 else taking.keep()
+    taking.finish()
+
+
+def import_postures(source: Path, plan: PosturePlan) -> tuple[PostureSession, tuple[str, ...]]:
+    """A finished record of a table, and what is odd about it.
+
+    Raises RecordError for the table, naming line and column, and for the place of the record.
+    """
+    procedure = plan.procedure.model_copy(update={"postures": ()})
+    table = readings_of_table(source, plan.machine, procedure)
+    opened = PosturesOpened(
+        program=program(),
+        origin="imported",
+        machine=plan.machine,
+        machine_file=plan.machine_file,
+        procedure=procedure,
+        operator=plan.operator,
+        remarks=(plan.note,) if plan.note else (),
+    )
+    session = replace(fold_postures([opened, *table.readings]), name=plan.path.name)
+    odd = _odd(source, session, table.lines)
+    write_whole(plan.path, opened, [*table.readings], POSTURE_FORM)
+    return session, (*table.unused, *odd)
+
+
+def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str, ...]:
+    """What is odd about a table of postures, in words; ``lines`` are those of its readings.
+
+    Raises RecordError where a posture cannot be of this machine: it names the line, the column and
+    what else would explain it, a frame before all.
+    """
+    machine, whole = session.opened.machine, session.opened.procedure.whole()
+    expectation = Expectation(whole, machine.whole(), machine.tolerances.of(whole.parameters))
+    odd: list[str] = []
+    gross: list[tuple[int, PostureReading, Departure | None]] = []
+    for line, reading in zip(lines, session.readings, strict=True):
+        departure = expectation.departure(session.only(reading))
+        if departure is None or departure.p_value < GROSS:
+            gross.append((line, reading, departure))
+        elif departure.is_doubtful:
+            odd.append(f"line {line}, {departed(departure)}")
+    if not gross:
+        return tuple(odd)
+    line, reading, departure = gross[0]
+    subject = f"table {path}, line {line}, column slider1 … slider6"
+    allowed = "sliders of a posture that the machine file has"
+    if departure is not None:
+        subject = f"table {path}, line {line}, column {departure.names[departure.worst]}"
+        allowed = f"what the machine file and its tolerances allow ({departed(departure)})"
+    frame = None
+    if len(gross) > 1 and all(one is not None for _, _, one in gross):
+        frame = other_frame(session.measurements().readings(), machine.whole())
+    if frame is not None:
+        x, y, z = (1000.0 * frame.shifted_m).tolist()
+        raise RecordError(
+            subject,
+            "a pose of another frame",
+            "poses in the base frame of the machine file",
+            f"All {len(session.readings)} fit a frame that is turned by "
+            f"{frame.turned_deg:.3g}° and whose origin lies off by ({x:.1f}, {y:.1f}, {z:.1f}) mm.",
+        )
+    others = explanations(expectation, session.only(reading))
+    next_step = "Look for a wrong unit, another machine file, or tolerances that are too small."
+    if others:
+        next_step = f"As if: {'; '.join(others)}."
+    if len(gross) > 1:
+        next_step += f" {len(gross)} of {len(session.readings)} rows are like that."
+    raise RecordError(subject, reading.text, allowed, next_step)
+
+
+def departed(departure: Departure) -> str:
+    """``x is off by 3.2 mm, expected ± 0.5``: the value that differs most."""
+    name, off, deviation, unit = departure.shown
+    return f"{name} is off by {off:.4g} {unit}, expected ± {2.0 * deviation:.3g}"

@@ -1,0 +1,433 @@
+"""A session of postures of a Hexa Slide: its procedure file, its events, and their state.
+
+The record is the journal's: append-only, a digest a line, cut anywhere it opens up to its last
+whole line. Lengths are millimetres, angles degrees, as the machine file has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal, cast
+
+import numpy as np
+from pydantic import Field, TypeAdapter, model_validator
+
+from calib.arrays import FloatArray
+from calib.errors import CalibrationError, RecordError, UsageError
+from calib.hexaslide.geometry import CHAINS, HexaSlide
+from calib.hexaslide.procedures import ANGLES, Procedure, ProcedureKind
+from calib.hexaslide.residuals import Readings
+from calib.hexaslide.simulation import SimulatedMachine, on_link
+from protocols.data_table import NUMBER
+from protocols.documents import Celsius, Count, Document, Name, Seed, Words, read_toml
+from protocols.files import RECORD_START, open_to_read
+from protocols.hexaslide import (
+    MOST_POSTURES,
+    SCHEMA,
+    Angle,
+    Coordinate,
+    FileUnits,
+    HexaSlideMachine,
+    HexaSlideMeasurements,
+    MeasuredPosture,
+    MeasuringNoise,
+    NoiseFigure,
+    load_postures,
+    machine_like,
+    read_measurements,
+)
+from protocols.record import Record, RecordForm, read_record
+from protocols.session import Closed, Line, Noted, Skipped, Superseded
+
+NAME, NUMBER_OF_SCHEMA = "glidecal.hexaslide-session", 1
+SessionSchema = Literal["glidecal.hexaslide-session/1"]
+PROCEDURES = Path(__file__).with_name("hexaslide_procedures")
+
+SixMm = tuple[Coordinate, Coordinate, Coordinate, Coordinate, Coordinate, Coordinate]
+PostureMmDeg = tuple[Coordinate, Coordinate, Coordinate, Angle, Angle, Angle]
+"""x, y, z in millimetres, theta, psi, phi in degrees."""
+
+Values = tuple[Coordinate, ...]
+"""In the order of what is measured: millimetres, angles degrees."""
+
+
+class PostureProcedure(Document):
+    """What is measured in which postures, and with which noise, 0 where that is not known.
+
+    ``measured`` empty is what the kind measures: the posture or its place, with a constraint link
+    nothing but that it was reached. ``attach`` tells the operator what to attach.
+    """
+
+    schema_id: Literal["glidecal.hexaslide-procedure/1"] = Field(
+        alias="schema", default="glidecal.hexaslide-procedure/1"
+    )
+    name: Name
+    kind: ProcedureKind = Field(strict=False)
+    measured: tuple[Name, ...] = ()
+    attach: Words = ""
+    noise_mm: NoiseFigure = 0.0
+    noise_deg: NoiseFigure = 0.0
+    postures: Annotated[tuple[PostureMmDeg, ...], Field(max_length=MOST_POSTURES)] = ()
+
+    @model_validator(mode="after")
+    def _measurable(self) -> PostureProcedure:
+        try:
+            self.whole()
+        except CalibrationError as problem:
+            raise ValueError(str(problem)) from problem
+        if (self.noise_mm == 0.0) != (self.noise_deg == 0.0):
+            raise ValueError("noise_mm and noise_deg: both 0 (not known), or both larger")
+        return self
+
+    def whole(self) -> Procedure:
+        """The procedure for the mathematics. Raises CalibrationError."""
+        return Procedure.of(self.kind.value, self.measured)
+
+    def in_metres(self) -> FloatArray:
+        """Its postures ``(p, 6)``, metres and radians."""
+        rows = np.array(self.postures).reshape(-1, 6)
+        return np.hstack([rows[:, :3] / 1000.0, np.radians(rows[:, 3:])])
+
+    def with_postures(self, postures: FloatArray) -> PostureProcedure:
+        """The same in postures ``(p, 6)``, metres and radians."""
+        rows = np.hstack([1000.0 * postures[:, :3], np.degrees(postures[:, 3:])])
+        return self.model_copy(update={"postures": tuple(map(tuple, rows.round(6).tolist()))})
+
+
+def procedure_names() -> tuple[str, ...]:
+    """Those that come with the program."""
+    return tuple(sorted(path.stem for path in PROCEDURES.glob("*.toml")))
+
+
+def load_posture_procedure(named: str, posture_file: Path | None = None) -> PostureProcedure:
+    """A procedure by name or file, in the postures of a table where one is given.
+
+    Raises UsageError for a name, RecordError for a file.
+    """
+    path = Path(named)
+    if named in procedure_names():
+        path = PROCEDURES / f"{named}.toml"
+    elif not path.suffix:
+        raise UsageError("procedure", repr(named), f"{', '.join(procedure_names())}, or a file")
+    found = read_toml(path, PostureProcedure, "procedure file")
+    return found if posture_file is None else found.with_postures(load_postures(posture_file))
+
+
+def commands(machine: HexaSlideMachine, procedure: PostureProcedure) -> PostureCommands:
+    """Where the sliders are sent for the postures of a procedure.
+
+    A rigid constraint link takes the platform up or down until its ends are as far apart as it is
+    long. Raises RecordError naming the posture that cannot be.
+    """
+    whole, postures = machine.whole(), procedure.in_metres()
+    try:
+        if procedure.kind is ProcedureKind.CONSTRAINT_LINK and whole.link is None:
+            raise RecordError("machine file", "no [constraint_link]", "one for this procedure")
+        postures = whole.inside(postures)
+        if holds(procedure.whole()) and len(postures):
+            postures = on_link(whole, postures)
+        sliders = whole.sliders_at(postures)
+    except CalibrationError as problem:
+        raise RecordError(
+            f"procedure {procedure.name}, {problem.thing}",
+            problem.found,
+            problem.allowed,
+            "Give postures of this machine with --posture-file; glidecal postures finds them.",
+        ) from problem
+    return PostureCommands(procedure.with_postures(postures), 1000.0 * sliders)
+
+
+def holds(procedure: Procedure) -> bool:
+    """Whether a rigid link holds the platform, so that the sliders themselves are what is read."""
+    return procedure.kind is ProcedureKind.CONSTRAINT_LINK and not procedure.reads_length
+
+
+@dataclass(frozen=True, eq=False)
+class PostureCommands:
+    """A procedure with the postures that are reached, and the sliders ``(p, 6)`` for them, mm."""
+
+    procedure: PostureProcedure
+    sliders_mm: FloatArray
+
+    def of(self, posture: int) -> SixMm:
+        """Those of a posture, counted from 1."""
+        return cast("SixMm", tuple(self.sliders_mm[posture - 1].round(4).tolist()))
+
+
+def typed_values(text: str, procedure: Procedure) -> tuple[SixMm | None, Values]:
+    """What an operator typed: the sliders, where a rigid link holds them, then the values.
+
+    Raises UsageError for anything but so many numbers.
+    """
+    sliders = CHAINS if holds(procedure) else 0
+    names = [*(f"slider {k}" for k in range(1, sliders + 1)), *procedure.measured]
+    words = text.split()
+    units = "mm, angles in degrees" if set(procedure.measured) & set(ANGLES) else "mm"
+    allowed = f"{len(names)} numbers: {', '.join(names)}, in {units}"
+    wrong = [word for word in words if not NUMBER.fullmatch(word) or abs(float(word)) > LARGEST]
+    if wrong:
+        hint = "Write decimals with a point, spaces between." if "," in wrong[0] else ""
+        raise UsageError("what was typed", repr(wrong[0]), allowed, hint)
+    if len(words) != len(names):
+        raise UsageError("what was typed", f"{len(words)} numbers", allowed)
+    numbers = tuple(float(word) for word in words)
+    return (cast("SixMm", numbers[:CHAINS]) if sliders else None), numbers[sliders:]
+
+
+LARGEST = 1e5
+"""Of a value that is typed, mm or degrees."""
+
+
+def simulated_truth(before: PostureSession) -> HexaSlideMachine:
+    """The machine behind a simulated session. Raises UsageError for one that was measured."""
+    opened = before.opened
+    if opened.truth is not None:
+        return opened.truth
+    if opened.seed is None:
+        raise UsageError(f"session {before.name}", opened.origin, "a simulated one")
+    asked = commands(opened.machine, opened.procedure)
+    true = SimulatedPostures(opened.machine, asked, opened.seed).truth
+    nominal = opened.machine
+    return machine_like(nominal, nominal.name, replace(true, box=nominal.whole().box))
+
+
+class SimulatedPostures:
+    """What an operator would read and type on a simulated machine."""
+
+    def __init__(
+        self,
+        machine: HexaSlideMachine,
+        asked: PostureCommands,
+        seed: int,
+        truth: HexaSlideMachine | None = None,
+    ) -> None:
+        procedure = asked.procedure.whole()
+        tolerances = machine.tolerances.of(procedure.parameters)
+        true = None if truth is None else truth.whole()
+        self._machine = SimulatedMachine(procedure, machine.whole(), tolerances, seed, true)
+        self._asked = asked
+        stated = asked.procedure
+        self._noise = np.array([stated.noise_mm / 1000.0, np.radians(stated.noise_deg)])
+
+    @property
+    def truth(self) -> HexaSlide:
+        """The machine behind what is read."""
+        return self._machine.truth
+
+    def typed(self, posture: int, attempt: int) -> str:
+        """What is typed in a posture, counted from 1, the first time or later. Raises as
+        `SimulatedMachine.read`.
+        """
+        asked, procedure = self._asked, self._asked.procedure.whole()
+        where = asked.procedure.in_metres()[posture - 1]
+        sent = np.array(asked.of(posture)) / 1000.0
+        sliders, values = self._machine.read(where, sent, posture, attempt, self._noise)
+        angular = np.array([name in ANGLES for name in procedure.measured], dtype=bool)
+        shown = np.where(angular, np.degrees(values), 1000.0 * values)
+        numbers = [*(1000.0 * sliders if holds(procedure) else []), *shown]
+        return " ".join(f"{number:.5f}" for number in numbers)
+
+
+class PosturesOpened(Line):
+    """First line: the schema, and everything known before measuring.
+
+    ``truth`` is the simulated machine where it is that of an earlier session; else it comes from
+    ``seed``. ``indicator`` is ``PROFILE:PORT``.
+    """
+
+    event: Literal["opened"] = "opened"
+    schema_id: SessionSchema = Field(alias="schema", default="glidecal.hexaslide-session/1")
+    program: Name
+    origin: Literal["measured", "simulated", "imported"]
+    machine: HexaSlideMachine
+    machine_file: Name
+    procedure: PostureProcedure
+    operator: Name = ""
+    temperature_c: Celsius | None = None
+    seed: Seed | None = None
+    truth: HexaSlideMachine | None = None
+    indicator: Name = ""
+    remarks: tuple[Name, ...] = ()
+
+
+class PostureReading(Line):
+    """One posture: where the sliders were, and what was measured there.
+
+    ``text`` is what was typed or stood in the table.
+    """
+
+    event: Literal["reading"] = "reading"
+    reading: Count
+    posture: Count
+    sliders_mm: SixMm
+    values: Values = ()
+    text: str
+
+
+class PosturesContinued(Line):
+    """The session goes on after an interruption; bytes of a torn last line were set aside."""
+
+    event: Literal["continued"] = "continued"
+    schema_id: SessionSchema = Field(alias="schema", default="glidecal.hexaslide-session/1")
+    program: Name
+    torn_bytes: int = 0
+    paused_s: float | None = None
+
+
+PostureEvent = Annotated[
+    PosturesOpened | PostureReading | Superseded | Skipped | Noted | PosturesContinued | Closed,
+    Field(discriminator="event"),
+]
+POSTURE_EVENT: TypeAdapter[PostureEvent] = TypeAdapter(PostureEvent)
+
+
+class _Meaning:
+    """Readings count up, have the values that are measured, and name postures that there are."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._readings = 0
+        self._opened: PosturesOpened | None = None
+
+    def check(self, number: int, event: PostureEvent) -> None:
+        """Raises RecordError with the line number."""
+        subject = f"session {self._path}, line {number}"
+        if isinstance(event, PosturesOpened):
+            self._opened = event
+        elif isinstance(event, PostureReading):
+            self._readings += 1
+            self._check_reading(subject, event)
+        elif isinstance(event, Superseded):
+            missing = [n for n in event.readings if not 1 <= n <= self._readings]
+            if missing:
+                fault = f"reading {missing[0]} superseded before it was taken"
+                raise RecordError(subject, fault, f"1 … {self._readings}")
+
+    def _check_reading(self, subject: str, event: PostureReading) -> None:
+        assert self._opened is not None, "line 1 opens"
+        procedure = self._opened.procedure
+        if event.reading != self._readings:
+            raise RecordError(subject, f"reading {event.reading}", f"reading {self._readings}")
+        count = len(procedure.whole().measured)
+        if len(event.values) != count:
+            raise RecordError(subject, f"{len(event.values)} values", f"{count} are measured")
+        if procedure.postures and event.posture > len(procedure.postures):
+            allowed = f"1 … {len(procedure.postures)}, as in the procedure"
+            raise RecordError(subject, f"posture {event.posture}", allowed)
+
+
+def _continued(program: str, torn_bytes: int) -> Line:
+    return PosturesContinued(program=program, torn_bytes=torn_bytes)
+
+
+POSTURE_FORM = RecordForm(
+    NAME, NUMBER_OF_SCHEMA, POSTURE_EVENT, PosturesOpened, _continued, _Meaning
+)
+"""Of sessions of postures."""
+
+
+@dataclass(frozen=True)
+class PostureSession:
+    """State of a session after its events: ``readings`` that count, in the order taken, all that
+    were taken, the reason why others do not count, and by posture why one was left out.
+    """
+
+    opened: PosturesOpened
+    readings: tuple[PostureReading, ...]
+    all_readings: tuple[PostureReading, ...]
+    superseded: dict[int, str]
+    skipped: dict[int, str]
+    notes: tuple[str, ...]
+    name: str = ""
+
+    @property
+    def next_posture(self) -> int | None:
+        """The first posture that is neither measured nor left out, from 1; None: all are done."""
+        settled = {reading.posture for reading in self.readings} | self.skipped.keys()
+        every = range(1, len(self.opened.procedure.postures) + 1)
+        return next((number for number in every if number not in settled), None)
+
+    def only(self, reading: PostureReading) -> Readings:
+        """One reading for the mathematics."""
+        return replace(self, readings=(reading,)).measurements().readings()
+
+    def measurements(self) -> HexaSlideMeasurements:
+        """What counts, for the mathematics. Raises RecordError for a session without readings."""
+        opened, procedure = self.opened, self.opened.procedure
+        if not self.readings:
+            raise RecordError(f"session {self.name}", "no reading that counts", "one at least")
+        names = procedure.whole().measured
+        units = [np.radians(1.0) if name in ANGLES else 1e-3 for name in names]
+        return HexaSlideMeasurements(
+            schema=SCHEMA,
+            program=opened.program,
+            origin="simulated" if opened.origin == "simulated" else "measured",
+            seed=opened.seed,
+            procedure=procedure.kind,
+            measured=names,
+            units=FileUnits(),
+            noise=MeasuringNoise(
+                length_mm=procedure.noise_mm,
+                angle_mrad=1000.0 * float(np.radians(procedure.noise_deg)),
+            ),
+            machine_file=opened.machine_file,
+            machine=opened.machine,
+            postures=tuple(
+                MeasuredPosture(
+                    sliders=cast("SixMm", tuple(one / 1000.0 for one in reading.sliders_mm)),
+                    values=tuple(
+                        unit * value for unit, value in zip(units, reading.values, strict=True)
+                    ),
+                )
+                for reading in self.readings
+            ),
+        )
+
+
+def fold_postures(events: Iterable[object]) -> PostureSession:
+    """The state after these events; the first one must be `PosturesOpened`."""
+    every = cast("Sequence[PostureEvent]", tuple(events))
+    opened = every[0]
+    assert isinstance(opened, PosturesOpened)
+    superseded: dict[int, str] = {}
+    skipped: dict[int, str] = {}
+    for event in every:
+        if isinstance(event, Superseded):
+            superseded |= dict.fromkeys(event.readings, event.reason)
+        elif isinstance(event, Skipped):
+            skipped |= dict.fromkeys(event.steps, event.reason)
+        elif isinstance(event, PostureReading):
+            skipped.pop(event.posture, None)
+    readings = tuple(event for event in every if isinstance(event, PostureReading))
+    return PostureSession(
+        opened,
+        tuple(one for one in readings if one.reading not in superseded),
+        readings,
+        superseded,
+        skipped,
+        tuple(event.text for event in every if isinstance(event, Noted)),
+    )
+
+
+def read_postures(path: Path) -> tuple[PostureSession, Record]:
+    """A session and its record. Raises RecordError as `read_record`."""
+    record = read_record(path, POSTURE_FORM)
+    return replace(fold_postures(record.events), name=path.name), record
+
+
+def measured_in(path: Path) -> HexaSlideMeasurements:
+    """Measured postures of a session, or of a file in metres and radians that older programs and
+    ``simulate`` write. Raises RecordError.
+    """
+    return read_postures(path)[0].measurements() if is_record(path) else read_measurements(path)
+
+
+def is_record(path: Path) -> bool:
+    """Whether a file begins as a record; False where it cannot be read."""
+    try:
+        with open_to_read(path) as file:
+            return file.read(len(RECORD_START)) == RECORD_START
+    except OSError:
+        return False

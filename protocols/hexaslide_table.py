@@ -1,0 +1,185 @@
+"""Measured postures of a Hexa Slide as a table (CSV): a header, a row of units, a row a posture.
+
+Columns are ``posture``, ``slider1`` … ``slider6``, and what the procedure measures. The second row
+has the unit of each: without it nobody can tell inches from millimetres.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import StringIO
+from math import degrees
+from pathlib import Path
+from typing import cast
+
+from calib.errors import RecordError
+from calib.hexaslide.geometry import CHAINS
+from calib.hexaslide.procedures import ANGLES, MEASURABLE
+from protocols.data_table import NUMBER, csv_text
+from protocols.documents import read_text
+from protocols.hexaslide import MOST_POSTURES, HexaSlideMachine
+from protocols.hexaslide_session import (
+    PostureCommands,
+    PostureProcedure,
+    PostureReading,
+    SixMm,
+    holds,
+)
+
+SLIDERS = tuple(f"slider{chain}" for chain in range(1, CHAINS + 1))
+NUMBERED = re.compile(r"slider\d+", re.ASCII)
+LENGTHS = {"mm": 1.0, "m": 1000.0}
+ANGLE_UNITS = {"deg": 1.0, "rad": degrees(1.0), "mrad": degrees(1e-3)}
+LARGEST = 1e6
+"""Of a value, mm or degrees."""
+
+UNIT_ROW = "Below the header comes a row of units; import --template writes both."
+
+
+def empty_table(asked: PostureCommands) -> str:
+    """The table of a procedure, to be filled in: what is measured, and with a rigid link the
+    sliders; else these stand where they are sent to.
+    """
+    procedure = asked.procedure.whole()
+    names = procedure.measured
+    units = ["", *["mm"] * CHAINS, *("deg" if name in ANGLES else "mm" for name in names)]
+    rows = [["posture", *SLIDERS, *names], units]
+    for number in range(1, len(asked.procedure.postures) + 1):
+        sent = [""] * CHAINS if holds(procedure) else [f"{one:.4f}" for one in asked.of(number)]
+        rows.append([str(number), *sent, *[""] * len(names)])
+    return csv_text(rows)
+
+
+@dataclass(frozen=True)
+class PostureTable:
+    """Readings of a table in millimetres and degrees, the line of each, and what was not used."""
+
+    readings: tuple[PostureReading, ...]
+    lines: tuple[int, ...]
+    unused: tuple[str, ...]
+
+
+def readings_of_table(
+    path: Path, machine: HexaSlideMachine, procedure: PostureProcedure
+) -> PostureTable:
+    """A row without any value is left out. Raises RecordError with the line and the column."""
+    text = read_text(path, "table")
+    lines = csv.reader(StringIO(text))
+    try:
+        rows = [(lines.line_num, [cell.strip() for cell in row]) for row in lines if any(row)]
+    except csv.Error as problem:
+        raise RecordError(f"table {path}", str(problem), "comma separated text") from problem
+    rows = [(line, row) for line, row in rows if not row[0].startswith("#")]
+    if len(rows) < 3:
+        raise RecordError(f"table {path}", f"{len(rows)} rows", "a header, units, and postures")
+    if len(rows) - 2 > MOST_POSTURES:
+        raise RecordError(f"table {path}", f"{len(rows) - 2} postures", f"{MOST_POSTURES} at most")
+    measured = procedure.whole().measured
+    header = _header(path, *rows[0], measured)
+    factors = _factors(path, *rows[1], header)
+    readings: list[PostureReading] = []
+    read_lines: list[int] = []
+    empty = 0
+    for line, row in rows[2:]:
+        if len(row) > len(header):
+            found = f"{len(row)} cells"
+            raise RecordError(f"table {path}, line {line}", found, f"{len(header)}, one a column")
+        cells = dict(zip(header, [*row, *[""] * len(header)], strict=False))
+        if not any(cells[name] for name in measured or SLIDERS):
+            empty += 1
+            continue
+        values = {
+            name: _number(path, line, name, cells[name], factor) for name, factor in factors.items()
+        }
+        _check_travel(path, line, values, machine)
+        read_lines.append(line)
+        readings.append(
+            PostureReading(
+                reading=len(readings) + 1,
+                posture=_posture(path, line, cells, len(readings) + 1),
+                sliders_mm=cast("SixMm", tuple(values[name] for name in SLIDERS)),
+                values=tuple(values[name] for name in measured),
+                text=",".join(row)[:1000],
+            )
+        )
+    if not readings:
+        raise RecordError(f"table {path}", "no row with values", "a posture at least")
+    unused = [name for name in header if name not in factors and name != "posture"]
+    told = [f"columns that are not used: {', '.join(unused)}"] if unused else []
+    told += [f"rows without values, left out: {empty}"] if empty else []
+    return PostureTable(tuple(readings), tuple(read_lines), tuple(told))
+
+
+def _header(path: Path, line: int, names: list[str], measured: Sequence[str]) -> list[str]:
+    """Raises RecordError for a column that is missing, doubled, or of a seventh joint."""
+    subject = f"table {path}, line {line}"
+    wanted = ", ".join((*SLIDERS, *measured))
+    for name in names:
+        if NUMBERED.fullmatch(name) and name not in SLIDERS:
+            found = f"a joint more than the {CHAINS} of the machine"
+            raise RecordError(f"{subject}, column {name}", found, wanted)
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise RecordError(f"{subject}, column {twice[0] or '(no name)'}", "twice", "each once")
+    missing = [name for name in (*SLIDERS, *measured) if name not in names]
+    if missing:
+        found = f"no such column among {', '.join(names)}"
+        raise RecordError(f"{subject}, column {missing[0]}", found, wanted)
+    return names
+
+
+def _factors(path: Path, line: int, cells: list[str], header: list[str]) -> dict[str, float]:
+    """By column, what makes millimetres and degrees of its numbers. Raises RecordError."""
+    factors = {}
+    for name, unit in zip(header, [*cells, *[""] * len(header)], strict=False):
+        is_used = name in SLIDERS or name in MEASURABLE or name == "length"
+        if not is_used:
+            continue
+        units = ANGLE_UNITS if name in ANGLES else LENGTHS
+        if unit not in units:
+            found = f"{unit}, where the unit is expected" if NUMBER.fullmatch(unit) else unit
+            raise RecordError(
+                f"table {path}, line {line}, column {name}",
+                found or "no unit",
+                " or ".join(units),
+                UNIT_ROW,
+            )
+        factors[name] = units[unit]
+    return factors
+
+
+def _number(path: Path, line: int, name: str, cell: str, factor: float) -> float:
+    subject = f"table {path}, line {line}, column {name}"
+    if not NUMBER.fullmatch(cell):
+        next_step = "Write decimals with a point." if "," in cell else ""
+        raise RecordError(subject, cell or "an empty cell", "a number", next_step)
+    value = factor * float(cell)
+    if abs(value) > LARGEST:
+        raise RecordError(subject, cell, f"up to {LARGEST:g} mm or degrees")
+    return value
+
+
+def _posture(path: Path, line: int, cells: dict[str, str], otherwise: int) -> int:
+    cell = cells.get("posture", "") or str(otherwise)
+    if not cell.isdecimal() or not 1 <= int(cell) <= MOST_POSTURES:
+        subject = f"table {path}, line {line}, column posture"
+        raise RecordError(subject, cell, f"its number, 1 … {MOST_POSTURES}")
+    return int(cell)
+
+
+def _check_travel(
+    path: Path, line: int, values: dict[str, float], machine: HexaSlideMachine
+) -> None:
+    """Raises RecordError for a slider beyond the ends of its rail."""
+    for name, chain in zip(SLIDERS, machine.chain, strict=True):
+        least, most = chain.travel_mm or (-LARGEST, LARGEST)
+        if not least - 1e-3 <= values[name] <= most + 1e-3:
+            raise RecordError(
+                f"table {path}, line {line}, column {name}",
+                f"{values[name]:g} mm",
+                f"{least:g} to {most:g} mm, its travel_mm in the machine file",
+            )

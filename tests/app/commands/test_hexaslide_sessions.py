@@ -1,0 +1,448 @@
+"""Sessions of postures on the command line: tables, typed, simulated, killed, verified."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import random
+import select
+import signal
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from app.measuring.hexaslide import (
+    PosturePlan,
+    PostureTaking,
+    import_postures,
+    measure_simulated,
+)
+from app.planning.hexaslide import calibrate_file, verify_sessions
+from calib.errors import RecordError, UsageError
+from calib.hexaslide.checked import frames_apart
+from calib.hexaslide.geometry import forward_near
+from protocols.hexaslide import load_hexaslide
+from protocols.hexaslide_session import (
+    SimulatedPostures,
+    load_posture_procedure,
+    procedure_names,
+    read_postures,
+    simulated_truth,
+)
+from tests.app.cli import PROCESSES, glidecal, refused
+from tests.conftest import ROOT
+
+Rows = list[list[str]]
+KILLED_SEED = 6
+RUN = ("run", "--machine", "hexaslide", "--simulated", "--protocol")
+IMPORT = ("import", "--machine", "hexaslide", "--protocol")
+
+
+def quiet(_words: str) -> None:
+    """Nothing is said."""
+
+
+def plan(path: Path, procedure: str, seed: int | None = None) -> PosturePlan:
+    found = load_posture_procedure(procedure)
+    return PosturePlan(path, load_hexaslide(), "hexaslide-h60.toml", found, seed=seed)
+
+
+def simulated(path: Path, procedure: str, seed: int) -> Path:
+    taking = PostureTaking.begin(plan(path, procedure, seed))
+    measure_simulated(taking, seed, quiet)
+    return path
+
+
+def table(path: Path, session: Path) -> Rows:
+    """What a person would have filled in, with units; written to ``path``."""
+    found, _ = read_postures(session)
+    names = found.opened.procedure.whole().measured
+    units = ["deg" if name in ("theta", "psi", "phi") else "mm" for name in names]
+    rows = [["posture", *(f"slider{k}" for k in range(1, 7)), *names], ["", *["mm"] * 6, *units]]
+    rows += [
+        [str(one.posture), *map(repr, one.sliders_mm), *map(repr, one.values)]
+        for one in found.readings
+    ]
+    write(path, rows)
+    return rows
+
+
+def write(path: Path, rows: Rows) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows(rows)
+
+
+@pytest.fixture(scope="module")
+def pose(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return simulated(tmp_path_factory.mktemp("pose") / "pose.jsonl", "pose-forward", 5)
+
+
+def test_the_template_is_filled_in_and_imported(pose: Path, tmp_path: Path) -> None:
+    """The values of a session through a table are those of the session."""
+    empty, filled, out = (tmp_path / name for name in ("empty.csv", "t.csv", "s.jsonl"))
+    made = glidecal(*IMPORT, "pose-forward", "--template", empty)
+    assert made.status == 0, made.err
+    blank = list(csv.reader(empty.read_text("utf-8").splitlines()))
+    rows = table(filled, pose)
+    assert blank[:2] == rows[:2]
+    assert [row[1:7] for row in blank[2:]] == [
+        [f"{float(cell):.4f}" for cell in row[1:7]] for row in rows[2:]
+    ], "the sliders stand where they are sent to"
+    run = glidecal(*IMPORT, "pose-forward", filled, "-o", out)
+    assert run.status == 0, run.err
+    assert "16 postures written" in run.err
+    assert glidecal("validate", out).status == 0
+    first, second = (calibrate_file(path, None, 0.0) for path in (pose, out))
+    assert first.found.parameters == pytest.approx(second.found.parameters, abs=1e-12)
+    document = json.loads(glidecal("replay", out, "--json").out)
+    assert (document["schema"], len(document["readings"])) == ("glidecal.hexaslide-replay/1", 16)
+    assert document["origin"] == "imported"
+
+
+def test_units_stand_in_the_second_row(pose: Path, tmp_path: Path) -> None:
+    rows = table(tmp_path / "t.csv", pose)
+    rows[1] = ["", *["m"] * 6, "m", "m", "mm", "rad", "mrad", "deg"]
+    for row in rows[2:]:
+        row[1:9] = [repr(float(cell) / 1000.0) for cell in row[1:9]]
+        row[10] = repr(float(np.radians(float(row[10]))))
+        row[11] = repr(1000.0 * float(np.radians(float(row[11]))))
+    write(tmp_path / "t.csv", rows)
+    session, odd = import_postures(tmp_path / "t.csv", plan(tmp_path / "s.jsonl", "pose-forward"))
+    assert odd == ()
+    original, _ = read_postures(pose)
+    for one, other in zip(session.readings, original.readings, strict=True):
+        assert one.sliders_mm == pytest.approx(other.sliders_mm, rel=1e-12)
+        assert one.values == pytest.approx(other.values, rel=1e-12)
+
+
+def _cell(line: int, column: int, text: str) -> Callable[[Rows], None]:
+    def change(rows: Rows) -> None:
+        rows[line - 1][column] = text
+
+    return change
+
+
+def _seventh(rows: Rows) -> None:
+    for number, row in enumerate(rows):
+        row.append(["slider7", "mm"][number] if number < 2 else "1.0")
+
+
+def _no_column(rows: Rows) -> None:
+    for row in rows:
+        del row[6]
+
+
+def _no_units(rows: Rows) -> None:
+    del rows[1]
+
+
+OFF_MM = np.array([100.0, 2000.0, -300.0])
+
+
+def _other_frame(rows: Rows) -> None:
+    turn = Rotation.from_euler("xyz", [10.0, -20.0, 35.0], degrees=True)
+    for row in rows[2:]:
+        place = turn.apply([float(cell) for cell in row[7:10]]) + OFF_MM
+        row[7:10] = map(repr, place.tolist())
+
+
+def _exchanged(rows: Rows) -> None:
+    for row in rows[2:]:
+        row[2], row[5] = row[5], row[2]
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (_cell(2, 8, "in"), ["line 2, column y", "found in.", "Allowed: mm or m"]),
+        (_cell(2, 11, "mm"), ["line 2, column psi", "deg or rad or mrad"]),
+        (_no_units, ["line 2, column slider1", "where the unit is expected"]),
+        (_no_column, ["line 1, column slider6", "no such column"]),
+        (_seventh, ["line 1, column slider7", "more than the 6"]),
+        (_cell(4, 9, "nan"), ["line 4, column z", "found nan", "a number"]),
+        (_cell(5, 9, "1,5"), ["line 5, column z", "Write decimals with a point"]),
+        (_cell(5, 9, ""), ["line 5, column z", "an empty cell"]),
+        (_cell(6, 3, "1400"), ["line 6, column slider3", "0 to 1050 mm"]),
+        (_cell(7, 7, "9e9"), ["line 7, column x", "up to 1e+06"]),
+        (_other_frame, ["line 3, column", "a pose of another frame", "turned by", "off by (100."]),
+        (
+            _exchanged,
+            [
+                "line 3, column slider1 … slider6",
+                "As if: sliders 2 and 5 exchanged",
+                "rows are like that",
+            ],
+        ),
+    ],
+    ids=lambda value: getattr(value, "__name__", None),
+)
+def test_a_wrong_table_is_one_paragraph_with_line_and_column(
+    damage: Callable[[Rows], None], words: list[str], pose: Path, tmp_path: Path
+) -> None:
+    rows = table(tmp_path / "t.csv", pose)
+    damage(rows)
+    write(tmp_path / "t.csv", rows)
+    said = refused(3, *IMPORT, "pose-forward", tmp_path / "t.csv", "-o", tmp_path / "s.jsonl")
+    assert [part for part in words if part not in said] == [], said
+    assert not (tmp_path / "s.jsonl").exists()
+
+
+def test_one_value_that_is_off_by_little_is_told_and_kept(pose: Path, tmp_path: Path) -> None:
+    rows = table(tmp_path / "t.csv", pose)
+    rows[4][7] = repr(float(rows[4][7]) + 10.0)
+    write(tmp_path / "t.csv", rows)
+    session, odd = import_postures(tmp_path / "t.csv", plan(tmp_path / "s.jsonl", "pose-forward"))
+    assert len(session.readings) == 16
+    assert len(odd) == 1
+    assert odd[0].startswith("line 5, ")
+
+
+@pytest.mark.parametrize("procedure", procedure_names())
+def test_a_simulated_session_is_calibrated_to_its_machine(procedure: str, tmp_path: Path) -> None:
+    """Independent of what the program says of itself: the platform against the hidden machine."""
+    path = simulated(tmp_path / "s.jsonl", procedure, 11)
+    session, record = read_postures(path)
+    assert record.end == "closed"
+    solved = calibrate_file(path, None, 0.0)
+    assert solved.found.rank == {"position": 46, "constraint-link": 48, "link-indicator": 48}.get(
+        procedure, 49
+    )
+    nominal, truth = session.opened.machine.whole(), simulated_truth(session).whole()
+    postures = nominal.random(300, np.random.default_rng(2))
+    sliders = nominal.sliders_at(postures)
+    stands = [
+        np.asarray(forward_near(one.geometry, sliders, postures))
+        for one in (solved.found.machine, truth)
+    ]
+    free = solved.found.unidentifiable
+    left = frames_apart(stands[0], stands[1], free).places_rms_m
+    before = frames_apart(postures, stands[1], free).places_rms_m
+    assert solved.platform.bound_m is not None, "whether it holds: test_hexaslide_platform"
+    assert max(left, solved.platform.bound_m) < 0.2 * before
+    assert solved.platform.now.places_rms_m == pytest.approx(before, rel=0.25)
+
+
+def test_calibrate_enter_and_verify_as_a_person_would(tmp_path: Path) -> None:
+    before, after, file = (tmp_path / name for name in ("b.jsonl", "a.jsonl", "mine.toml"))
+    assert glidecal(*RUN, "position", "--seed", "3", "-o", before).status == 0
+    assert glidecal("export", before, "--format", "model", "-o", file).status == 0
+    again = ("run", "--machine", file, "--simulated", "--protocol", "position", "--seed", "4")
+    assert glidecal(*again, "--behind", before, "-o", after).status == 0
+    done = glidecal("verify", before, after, "--tolerance", "0.1", "--json")
+    assert done.status == 0, done.err
+    found = json.loads(done.out)
+    assert (found["schema"], found["decision"]) == ("glidecal.hexaslide-verification/1", "pass")
+    assert found["platform_after"]["now_rms_mm"] < 0.01 * found["platform_before"]["now_rms_mm"]
+    assert len(found["lost_motions"]) == 3
+    unchanged = glidecal("verify", before, before, "--tolerance", "0.1")
+    assert unchanged.status == 6
+    assert "one machine file" in " ".join(unchanged.out.split())
+    assert verify_sessions(before, after, None).decision is None
+    assert glidecal("verify", before, after).status == 7
+    assert "found klipper" in refused(2, "export", after, "--format", "klipper", "-o", tmp_path)
+    assert "--subset" in refused(
+        2, "export", after, "--format", "json", "--subset", "both", "-o", tmp_path / "x"
+    )
+
+
+def test_what_departs_is_questioned_and_explained(tmp_path: Path) -> None:
+    """Two sliders exchanged, the platform left in the posture before, a slip of the finger."""
+    taking = PostureTaking.begin(plan(tmp_path / "s.jsonl", "position"))
+    operator = SimulatedPostures(load_hexaslide(), taking.asked, 8)
+    for number in range(1, 16):
+        taking.take(operator.typed(number, 0))
+        assert taking.doubt is None
+    taking.take(operator.typed(3, 1))
+    assert taking.doubt is not None
+    assert "the platform in posture 3" in taking.doubt.explanations
+    taking.take_again()
+    x, y, z = operator.typed(16, 0).split()
+    taking.take(f"{y} {x} {z}")
+    assert taking.doubt is not None
+    assert "x and y exchanged" in taking.doubt.explanations
+    taking.take_again("exchanged")
+    taking.take(f"{float(x) + 5.0} {y} {z}")
+    assert taking.doubt is not None, "five millimetres"
+    taking.close()
+    again = PostureTaking.resume(tmp_path / "s.jsonl")
+    assert again.doubt is not None, "nobody had answered"
+    again.keep()
+    assert again.task is not None
+    assert again.task.number == 17
+    again.close()
+    third = PostureTaking.resume(tmp_path / "s.jsonl")
+    assert third.doubt is None
+    for wrong in ("1 2", "1 2 x", "1,5 2 3", "nan 1 2", "1 2 3 4"):
+        with pytest.raises(UsageError, match="3 numbers: x, y, z, in mm"):
+            third.take(wrong)
+    third.skip("out of sight")
+    third.close()
+    session, record = read_postures(tmp_path / "s.jsonl")
+    assert record.end == "open"
+    assert session.skipped == {17: "out of sight"}
+    assert sorted(session.superseded) == [16, 17]
+
+
+def test_good_sessions_are_not_questioned(tmp_path: Path) -> None:
+    for seed in range(8):
+        name = procedure_names()[seed % len(procedure_names())]
+        session, _ = read_postures(simulated(tmp_path / f"{seed}.jsonl", name, 40 + seed))
+        assert session.superseded == {}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="kills as Unix does")
+def test_forty_kills_lose_nothing(tmp_path: Path) -> None:
+    """What was told is on the disk, and what is there is what an undisturbed session has."""
+    path, chance = tmp_path / "k.jsonl", random.Random(4)
+    whole = PostureTaking.begin(killed(tmp_path / "whole.jsonl"))
+    measure_simulated(whole, KILLED_SEED, quiet)
+    told: set[str] = set()
+    for _ in range(40):
+        ours, theirs = PROCESSES.Pipe()
+        process = PROCESSES.Process(target=_measured, args=(path, theirs))
+        process.start()
+        told.add(ours.recv())
+        ours.send("go on")
+        time.sleep(chance.uniform(0.0, 0.03))  # anywhere in the next reading
+        process.kill()
+        process.join()
+    last = PostureTaking.resume(path)
+    measure_simulated(last, KILLED_SEED, quiet)
+    session, record = read_postures(path)
+    assert record.end == "closed"
+    texts = {
+        f"reading {one.reading}: posture {one.posture}: {one.text}" for one in session.readings
+    }
+    assert len(told) == 40
+    assert told - texts == set()
+    assert [one.text for one in session.readings] == [one.text for one in whole.session.readings]
+
+
+def killed(path: Path) -> PosturePlan:
+    """Postures enough for forty lives, in each of which two are measured at most."""
+    asked = plan(path, "position", KILLED_SEED)
+    postures = asked.machine.whole().random(90, np.random.default_rng(7))
+    return replace(asked, procedure=asked.procedure.with_postures(postures))
+
+
+def _measured(path: Path, tells: Connection) -> None:
+    """A session is begun or gone on with, as ``run`` does; each reading waits to be heard."""
+    begun = path.exists() and path.stat().st_size > 0
+    taking = PostureTaking.resume(path) if begun else PostureTaking.begin(killed(path))
+
+    def say(words: str) -> None:
+        tells.send(words)
+        tells.recv()
+
+    measure_simulated(taking, KILLED_SEED, say)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a terminal of Unix")
+def test_postures_are_typed_in_a_terminal(tmp_path: Path) -> None:
+    """A wrong line is told, a doubtful value questioned, a pause can be gone on with."""
+    postures = tmp_path / "p.csv"
+    header = "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg"
+    postures.write_text(f"{header}\n0,-0.8,-1.15,0,0,0\n0.1,-0.9,-1.1,5,5,5\n", encoding="utf-8")
+    path = tmp_path / "typed.jsonl"
+    begin = ("run", "--machine", "hexaslide", "--protocol", "position", "-o", str(path))
+    shown, status = _in_terminal(
+        (*begin, "--posture-file", str(postures)),
+        ["0.2 -799.7", "0.2 -799.7 -1149.9", "100.0 -900.3 -1400", "again", "pause"],
+    )
+    assert status == 130
+    assert "found 2 numbers" in shown
+    assert "Posture 1 of 2" in shown
+    assert "slider" in shown
+    assert "Reading 2 departs: z is off by -300" in shown.replace("\r", "")
+    shown, status = _in_terminal(("run", "--continue", str(path)), ["100.0 -900.3 -1099.6"])
+    assert status == 0
+    session, record = read_postures(path)
+    assert record.end == "closed"
+    assert [one.values for one in session.readings] == [
+        (0.2, -799.7, -1149.9), (100.0, -900.3, -1099.6),
+    ]  # fmt: skip
+
+
+def _in_terminal(verb: tuple[str, ...], lines: list[str]) -> tuple[str, int]:
+    """What is shown while these lines are typed, each after a prompt, and the exit status."""
+    import pty
+
+    child, terminal = pty.fork()
+    if child == 0:
+        os.environ["PYTHONPATH"] = str(ROOT)
+        os.execv(sys.executable, [sys.executable, "-m", "glidecal", *verb])
+    shown, seen, typed = "", 0, iter(lines)
+    deadline = time.monotonic() + 90.0
+    while time.monotonic() < deadline:
+        ready, _, _ = select.select([terminal], [], [], 1.0)
+        if not ready:
+            continue
+        try:
+            shown += os.read(terminal, 4096).decode()
+        except OSError:  # the program has ended
+            break
+        if " > " in shown[seen:]:
+            seen = len(shown)
+            if (line := next(typed, None)) is not None:
+                os.write(terminal, f"{line}\n".encode())
+    else:
+        os.kill(child, signal.SIGKILL)
+    _, status = os.waitpid(child, 0)
+    return shown, os.waitstatus_to_exitcode(status)
+
+
+def test_wrong_requests_are_told(pose: Path, tmp_path: Path) -> None:
+    out = tmp_path / "s.jsonl"
+    begin = ("run", "--machine", "hexaslide", "-o", out)
+    assert "--protocol: found none" in refused(2, *begin, "--simulated")
+    assert "constraint-link" in refused(2, *begin, "--simulated", "--protocol", "sideways")
+    assert "a terminal" in refused(2, *begin, "--protocol", "position")
+    assert "--motion" in refused(2, *RUN, "position", "--motion", "grbl:x", "-o", out)
+    assert "measures length" in refused(
+        2, *begin, "--protocol", "position", "--indicator", "mitutoyo-01a:x"
+    )
+    assert "--behind" in refused(2, *begin, "--protocol", "position", "--behind", pose)
+    assert "a simulated one" in refused(2, *RUN, "position", "--behind", _imported(pose, tmp_path))
+    assert "closed session" in refused(3, "run", "--continue", pose)
+    assert "this kind of machine" in refused(3, "diagnose", pose)
+    assert "--resolution" in refused(2, *IMPORT, "position", pose, "-o", out, "--resolution", "0.1")
+    assert "--posture-file" in refused(2, "import", "x.csv", "-o", out, "--posture-file", pose)
+    far = tmp_path / "far.csv"
+    far.write_text("x_m,y_m,z_m,theta_deg,psi_deg,phi_deg\n0,-0.8,-2,0,0,0\n", encoding="utf-8")
+    assert "posture 1, z_m: found -2" in refused(
+        3, *RUN, "position", "--posture-file", far, "-o", out
+    )
+    assert not out.exists()
+    few = tmp_path / "few.csv"
+    few.write_text("x_m,y_m,z_m,theta_deg,psi_deg,phi_deg\n0,-0.8,-1.1,0,0,0\n", encoding="utf-8")
+    assert glidecal(*RUN, "position", "--posture-file", few, "-o", out).status == 0
+    assert "found 1. Allowed: 16 or more" in refused(5, "solve", out)
+    shown = glidecal("run", "--machine", "hexaslide", "--protocol", "position", "--dry-run")
+    assert (shown.status, "24 postures" in shown.out) == (0, True)
+
+
+def _imported(pose: Path, folder: Path) -> Path:
+    table(folder / "i.csv", pose)
+    import_postures(folder / "i.csv", plan(folder / "i.jsonl", "pose-forward"))
+    return folder / "i.jsonl"
+
+
+def test_a_changed_record_is_found(pose: Path, tmp_path: Path) -> None:
+    lines = pose.read_text("utf-8").split("\n")
+    cut = tmp_path / "cut.jsonl"
+    cut.write_text("\n".join(lines[:6]) + "\n" + lines[6][:50], encoding="utf-8")
+    session, record = read_postures(cut)
+    assert (record.end, len(session.readings)) == ("torn", 5)
+    assert "glidecal run --continue" in refused(3, "validate", cut)
+    changed = tmp_path / "changed.jsonl"
+    changed.write_text("\n".join([*lines[:3], lines[3].replace("1", "2", 1), *lines[4:]]), "utf-8")
+    with pytest.raises(RecordError, match="line 4"):
+        read_postures(changed)

@@ -163,7 +163,7 @@ async def test_words_of_strangers_do_nothing(tmp_path: Path) -> None:
             assert not [one for one in refused if not one.get("url", "").endswith("favicon.ico")]
             own = [one for one in tab.requests() if not one.startswith("data:image/svg+xml;base64")]
             assert own == [url]
-            assert await tab.value(DRAWN) == [True] * 12
+            assert await tab.value(DRAWN) == [True] * 13
         for width in WIDTHS:
             size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
             await tab.ask("Emulation.setDeviceMetricsOverride", **size)

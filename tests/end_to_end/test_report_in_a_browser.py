@@ -10,6 +10,7 @@ import json
 import os
 import shutil
 import sys
+from base64 import b64decode
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -20,10 +21,13 @@ import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestServer
 
+from app.report.certificate import read_head
 from app.report.pages.contents import report_of
 from app.report.pages.report import html_of
 from app.screens.serving_reports import HEADERS
-from tests.app.report.test_pages import hostile_session
+from tests.app.report.certificates import laboratory
+from tests.app.report.test_certificate import check_pages, page_texts
+from tests.app.report.test_pages import SIMULATED, hostile_session
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 PATIENCE_S = 30.0
@@ -134,6 +138,21 @@ async def served(page: str) -> AsyncIterator[str]:
     application.router.add_get("/", answer)
     async with TestServer(application) as server:
         yield str(server.make_url("/"))
+
+
+async def test_a_printed_certificate_is_two_pages_and_an_annex(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pdfium = pytest.importorskip("pypdfium2")
+    page = tmp_path / "certificate.html"
+    head = read_head(laboratory(tmp_path, monkeypatch))
+    page.write_text(html_of(report_of([SIMULATED], head=head)), encoding="utf-8")
+    async with browser(tmp_path / "profile") as tab:
+        await tab.ask("Page.enable")
+        await tab.show(page.as_uri())
+        printed = await tab.ask("Page.printToPDF", preferCSSPageSize=True, printBackground=True)
+    pages = page_texts(pdfium.PdfDocument(b64decode(printed["data"])))
+    check_pages(pages, "Certificate 2026-0042")
 
 
 DRAWN = "[...document.images].map(one => one.complete && one.naturalWidth > 100)"

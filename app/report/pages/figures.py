@@ -137,7 +137,8 @@ def leg_sheet_svg(figures: Sequence[LegFigure]) -> str:
 
     Scales stand at the edges of the sheet alone: all pictures have the same.
     """
-    columns = FEW_COLUMNS if len(figures) <= 2 * FEW_COLUMNS else MANY_COLUMNS
+    most = FEW_COLUMNS if len(figures) <= 2 * FEW_COLUMNS else MANY_COLUMNS
+    columns = min(len(figures), most)
     rows = 2 * math.ceil(len(figures) / columns)
     room = {"left_in": 0.5, "top_in": 0.14, "bottom_in": 0.3, "beside_in": 0.12, "below_in": 0.16}
     height_in = room["top_in"] + room["bottom_in"] + rows * SMALL_IN

@@ -13,8 +13,14 @@ from app.report.certificate import Calibration
 from app.report.charts.legs import LegFigure
 from app.report.pages.figures import leg_sheet_svg, pareto_svg
 from app.report.text.caveats import caveats, caveats_of_view, gauge_word, taken_word
-from app.report.text.correction import FRAME_WORDS, bound_table, correction_table, warning_lines
-from app.report.text.printer import change_table
+from app.report.text.correction import (
+    FRAME_WORDS,
+    bound_table,
+    correction_table,
+    doubt_lines,
+    warning_lines,
+)
+from app.report.text.printer import change_answers, change_table
 from app.report.text.result import decided, offsets_table, what_to_do
 from app.report.text.tables import new_table
 from calib.printable import printable
@@ -69,9 +75,10 @@ def second_page(calibration: Calibration, legs: Sequence[LegFigure]) -> list[Sec
         "Sources of the uncertainty of the identified parameters, the largest first. The line is "
         "their share of the square of U so far.",
     )
+    taken = f"{taken_word(solved).capitalize()}s"
     caption = (
-        f"{taken_word(solved).capitalize()}s over the displacement with the fit, in mm, and below "
-        "each what the fit leaves, in µm. All have the same scales."
+        f"{taken} with the fit, in mm, and below each what the fit leaves, in µm. All have the "
+        "same scales."
     )
     if len(legs) > MOST_LEGS:
         caption += f" {len(legs) - MOST_LEGS} more are in the annex."
@@ -79,7 +86,7 @@ def second_page(calibration: Calibration, legs: Sequence[LegFigure]) -> list[Sec
     return [
         Section("Entered and verified", _verified(calibration.verified)),
         Section("Uncertainty budget", [budget]),
-        *([Section("Legs", sheet)] if sheet else []),
+        *([Section(taken, sheet)] if sheet else []),
         Section("Limits of this result", _limits(calibration)),
     ]
 
@@ -167,21 +174,20 @@ def _traceability(calibration: Calibration) -> list[str | Table]:
 def _result(solved: SessionSolution) -> list[str | Table]:
     """What is entered, and what the tool is off by now and then."""
     correction, change = solved.correction, solved.printer_change
-    values = change_table(change) if change else correction_table(correction)
-    frame = FRAME_WORDS[correction.frame]
-    words = (
-        "True position of a joint = believed position + d_rho. The values leave least of the "
-        f"tool's error, {frame}."
-    )
+    words = f"The values leave least of the tool's error, {FRAME_WORDS[correction.frame]}."
     if change:
-        words = f"The values leave least of the tool's error, {frame}."
-    warnings = [*warning_lines(solved, correction)][:MOST_WARNINGS]
+        values = change_table(change)
+        warnings = [*doubt_lines(solved), *change_answers(solved, change)]
+    else:
+        values = correction_table(correction)
+        words = f"True position of a joint = believed position + d_rho. {words}"
+        warnings = [*warning_lines(solved, correction)]
     return [
         bound_table(correction.frame, correction.off_now, solved.entered.off),
         RULE,
         values,
         words,
-        *map(_short_sentence, warnings),
+        *map(_short_sentence, warnings[:MOST_WARNINGS]),
     ]
 
 

@@ -1,4 +1,4 @@
-"""A user's own settings: theme, animations, keys. One TOML file, read before a screen opens."""
+"""A user's own settings, such as theme and laboratory: one TOML file, read before any screen."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import Field, field_validator
 
 from calib.errors import RecordError
+from protocols.certificate import Laboratory
 from protocols.documents import Document, read_text, read_toml
 
 FILE_VARIABLE = "GLIDECAL_SETTINGS"
@@ -26,12 +27,13 @@ class Settings(Document):
     """What a user may choose; everything has a default.
 
     ``theme`` is the name of a theme of Textual, ``keys`` gives a binding by its id other keys,
-    several with commas between them.
+    several with commas between them. ``laboratory`` is the head of certificates.
     """
 
     theme: str | None = None
     animations: bool = True
     keys: dict[str, str] = Field(default_factory=dict)
+    laboratory: Laboratory | None = None
 
     @field_validator("keys", mode="before")
     @classmethod

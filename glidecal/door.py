@@ -194,14 +194,25 @@ def report(
     model: File | None = None,
     after: File | None = None,
     tolerance_mm: float | None = None,
+    certificate: File | None = None,
     replace: bool = False,
 ) -> Path:
-    """Write the calibration report of session files, .html or .pdf; it names their digests."""
+    """Write the calibration report of session files, .html or .pdf; it names their digests.
+
+    With the file of a ``certificate`` it is one; .xml is a digital one.
+    """
+    from app.report.certificate import read_head
     from app.report.pages.report import write_report
 
-    found = [Path(path) for path in sessions]
-    paths = [Path(path) if path else None for path in (model, after)]
-    return write_report(found, Path(output), *paths, tolerance_mm=tolerance_mm, replace=replace)
+    return write_report(
+        [Path(path) for path in sessions],
+        Path(output),
+        Path(model) if model else None,
+        Path(after) if after else None,
+        tolerance_mm=tolerance_mm,
+        head=read_head(Path(certificate)) if certificate else None,
+        replace=replace,
+    )
 
 
 def _given(sessions: Iterable[File | Session]) -> list[Session]:

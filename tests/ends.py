@@ -21,7 +21,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PATIENCE_S = 600.0
 LEAST_PYTHON = (3, 11)
-EXTRAS = ("cluster", "frames", "parquet", "report", "serve", "xlsx")
+EXTRAS = ("cluster", "frames", "parquet", "report", "serve", "sign", "xlsx")
 """What users install; the other two are of developers."""
 
 BOUND = re.compile(r"([\w.-]+(?:\[[\w,]+\])?)>=([\w.]+)")

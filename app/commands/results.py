@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -39,6 +41,9 @@ from calib.errors import UsageError, extra
 if TYPE_CHECKING:  # heavy: imported where used
     from app.evaluating.solution import TableName
     from protocols.data_table import DataTable
+
+PASSWORD_VARIABLE = "GLIDECAL_KEY_PASSWORD"
+"""Environment variable with the password of the key that signs."""
 
 Tolerance = Annotated[
     float | None, number("What the tool may be off, mm r.m.s.; default: the machine file's.")
@@ -311,26 +316,56 @@ def report(
     model: Annotated[Path | None, file("Model with effects; their sizes are fitted, too.")] = None,
     after: Annotated[Path | None, file("Session with the offsets entered.")] = None,
     tolerance: Tolerance = None,
+    certificate: Annotated[
+        Path | None, file("Number, customer and place (TOML): a certificate.")
+    ] = None,
+    sign: Annotated[
+        Path | None, file("Of a certificate as .xml: key and certificate, PEM or PKCS#12.")
+    ] = None,
     force: Force = False,
 ) -> None:
-    """The calibration report to sign, as .html or .pdf. With -o - as HTML on standard output."""
+    """The calibration report to sign, as .html or .pdf. With -o - as HTML on standard output.
+
+    With --certificate it has a number and the head of the laboratory in the settings file; as .xml
+    it is a digital calibration certificate (DCC 3.2.1).
+    """
     from protocols.files import STANDARD_OUTPUT
 
-    if output == STANDARD_OUTPUT:
-        with extra("glidecal report", "report"):
-            from app.report.pages.contents import report_of
-            from app.report.pages.report import html_of
+    if sign and (certificate is None or output.suffix != ".xml"):
+        raise UsageError("--sign", f"--output {output}", "--certificate and an output as .xml")
+    streamed = output == STANDARD_OUTPUT
+    may = force if streamed else may_replace(force, output)
+    with extra("glidecal report", "report"):
+        from app.report.certificate import read_head
+        from app.report.pages.contents import report_of
+        from app.report.pages.report import html_of, write_report
 
-        found = report_of(sessions, model=model, after=after, tolerance_mm=tolerance)
+        head = read_head(certificate) if certificate else None
+    key = None
+    if sign:
+        with extra("glidecal report --sign", "sign"):
+            from app.report.dcc.signature import read_key
+
+        key = read_key(sign, _key_password)
+    if streamed:
+        found = report_of(sessions, model=model, after=after, tolerance_mm=tolerance, head=head)
         typer.echo(html_of(found), nl=False)
         return
-    may = may_replace(force, output)
-    with extra("glidecal report", "report"):
-        from app.report.pages.report import write_report
-
     with working("Writing the report"):
-        path = write_report(sessions, output, model, after, tolerance_mm=tolerance, replace=may)
+        path = write_report(
+            sessions, output, model, after, tolerance_mm=tolerance, head=head, key=key, replace=may
+        )
     say(f"written: {path}")
+
+
+def _key_password() -> str:
+    """From the environment, else from who sits at the terminal. Raises UsageError without both."""
+    if (password := os.environ.get(PASSWORD_VARIABLE)) is not None:
+        return password
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        raise UsageError("--sign", "a key with a password", f"it in {PASSWORD_VARIABLE}")
+    typed: str = typer.prompt("Password of the key", hide_input=True, err=True)
+    return typed
 
 
 def _triple(option: str, text: str | None) -> tuple[float, float, float] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -125,12 +126,16 @@ LESS_COMMON = "Joint offsets are compared less what all three share: a plate doe
 
 @dataclass(frozen=True)
 class RemainingOffset:
-    """A joint offset before, and what is left; 0 within ``expanded_mm`` (95 %) is expected."""
+    """A joint offset before, and what is left; 0 within ``expanded_mm`` (95 %) is expected.
+
+    ``standard_mm`` is the standard uncertainty.
+    """
 
     name: str
     before_mm: float
     found_mm: float
     expanded_mm: float
+    standard_mm: float
 
     @property
     def entered(self) -> Entered:
@@ -183,19 +188,21 @@ def _remaining(
     """Joint offsets of both corrections; ``common`` is taken off where a plate does not show it."""
     entered, left = (_offsets(solved, common=common) for solved in (before, after))
     return tuple(
-        RemainingOffset(name, was, now, (half**2 + half_now**2) ** 0.5)
-        for name, (was, half), (now, half_now) in zip(
+        RemainingOffset(name, was, now, math.hypot(half, half_now), math.hypot(u, u_now))
+        for name, (was, half, u), (now, half_now, u_now) in zip(
             PARAMETER_NAMES[:3], entered, left, strict=True
         )
     )
 
 
-def _offsets(solved: SessionSolution, *, common: bool) -> list[tuple[float, float]]:
-    """Joint offsets that are entered, with their 95 % half widths, mm."""
-    half_widths_mm = solved.corrections.half_widths_mm(less_common=common)
+def _offsets(solved: SessionSolution, *, common: bool) -> list[tuple[float, float, float]]:
+    """Offsets that are entered, their 95 % half widths and standard uncertainties, mm."""
+    standard_mm, half_widths_mm = solved.corrections.uncertainties_mm(less_common=common)
     values_mm = solved.joint_offsets_mm
     shared_mm = sum(values_mm) / len(values_mm) if common else 0.0
     return [
-        (value - shared_mm, half)
-        for value, half in zip(values_mm, half_widths_mm.tolist(), strict=True)
+        (value - shared_mm, half, u)
+        for value, half, u in zip(
+            values_mm, half_widths_mm.tolist(), standard_mm.tolist(), strict=True
+        )
     ]

@@ -21,7 +21,7 @@ from calib.posterior.correction import (
 )
 from calib.posterior.entered import (
     nothing_entered,
-    offset_half_widths_mm,
+    offset_uncertainties_mm,
     tower_values,
     values_of,
 )
@@ -263,9 +263,13 @@ class ControllerCorrections:
                 return projected
             absent = absent | impossible
 
+    def uncertainties_mm(self, *, less_common: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Of joint offsets entered alone: standard, and expanded for 95 %, ``(3,)`` each."""
+        return offset_uncertainties_mm(self.posterior, self.frame, less_common=less_common)
+
     def half_widths_mm(self, *, less_common: bool = False) -> FloatArray:
         """How well joint offsets are known that are entered alone."""
-        return offset_half_widths_mm(self.posterior, self.frame, less_common=less_common)
+        return self.uncertainties_mm(less_common=less_common)[1]
 
     def others(self, correction: SessionCorrection) -> tuple[Gain, ...]:
         """What the same controller would keep if it held something else, or all of the same."""

@@ -69,12 +69,12 @@ def tower_values(posterior: Posterior, entered: Entered) -> FloatArray:
     return values + values_of(posterior, Model(posterior.geometry).with_effects(tuple(scales)))
 
 
-def offset_half_widths_mm(
+def offset_uncertainties_mm(
     posterior: Posterior, frame: Frame, *, less_common: bool = False
-) -> FloatArray:
-    """95 % half widths ``(3,)`` of joint offsets that are entered alone, over all models, mm.
+) -> tuple[FloatArray, FloatArray]:
+    """Standard deviations and 95 % half widths ``(3,)`` of joint offsets entered alone, mm.
 
-    With ``less_common`` less what all three share.
+    Over all models; with ``less_common`` less what all three share.
     """
     into = projector_of(posterior, OFFSETS, frame)
     if less_common:
@@ -94,4 +94,4 @@ def offset_half_widths_mm(
         half = (low + high) / 2.0
         inside = weight @ (ndtr((half - off) / deviation) - ndtr((-half - off) / deviation))
         low, high = np.where(inside < COVERAGE, half, low), np.where(inside < COVERAGE, high, half)
-    return np.asarray(high)
+    return standard, np.asarray(high)

@@ -10,6 +10,7 @@ import json
 import os
 import shutil
 import sys
+from base64 import b64decode
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -20,10 +21,13 @@ import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestServer
 
+from app.report.certificate import read_head
 from app.report.pages.contents import report_of
 from app.report.pages.report import html_of
 from app.screens.serving_reports import HEADERS
-from tests.app.report.test_pages import hostile_session
+from tests.app.report.certificates import laboratory
+from tests.app.report.test_certificate import check_pages, page_texts
+from tests.app.report.test_pages import SIMULATED, hostile_session
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 PATIENCE_S = 300.0
@@ -136,6 +140,21 @@ async def served(page: str) -> AsyncIterator[str]:
         yield str(server.make_url("/"))
 
 
+async def test_a_printed_certificate_is_two_pages_and_an_annex(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pdfium = pytest.importorskip("pypdfium2")
+    page = tmp_path / "certificate.html"
+    head = read_head(laboratory(tmp_path, monkeypatch))
+    page.write_text(html_of(report_of([SIMULATED], head=head)), encoding="utf-8")
+    async with browser(tmp_path / "profile") as tab:
+        await tab.ask("Page.enable")
+        await tab.show(page.as_uri())
+        printed = await tab.ask("Page.printToPDF", preferCSSPageSize=True, printBackground=True)
+    pages = page_texts(pdfium.PdfDocument(b64decode(printed["data"])))
+    check_pages(pages, "Certificate 2026-0042")
+
+
 DRAWN = "[...document.images].map(one => one.complete && one.naturalWidth > 100)"
 
 
@@ -163,7 +182,7 @@ async def test_words_of_strangers_do_nothing(tmp_path: Path) -> None:
             assert not [one for one in refused if not one.get("url", "").endswith("favicon.ico")]
             own = [one for one in tab.requests() if not one.startswith("data:image/svg+xml;base64")]
             assert own == [url]
-            assert await tab.value(DRAWN) == [True] * 12
+            assert await tab.value(DRAWN) == [True] * 13
         for width in WIDTHS:
             size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
             await tab.ask("Emulation.setDeviceMetricsOverride", **size)

@@ -40,6 +40,7 @@ class LegFigure:
     """
 
     title: str
+    short_title: str
     readings: Chart
     left: Chart
     enlarged: float
@@ -66,7 +67,13 @@ def leg_figures(solved: SessionSolution) -> tuple[LegFigure, ...]:
         enlarged = UM_PER_MM * _height(above) / _height(below)
         words = f"{left_by(solved)}, {enlarged:.3g} times enlarged"
         figures.append(
-            LegFigure(title, replace(above, title=title), replace(below, title=words), enlarged)
+            LegFigure(
+                title,
+                short_words(curve, several=several),
+                replace(above, title=title),
+                replace(below, title=words),
+                enlarged,
+            )
         )
     return tuple(figures)
 
@@ -87,6 +94,14 @@ def leg_words(curve: LegCurve, *, several: bool) -> str:
         return f"{leg} over the plane, along {axis}"
     station = f", at {curve.station:g} of the bar" if several else ""
     return f"{leg}, across along {axis}{station}"
+
+
+def short_words(curve: LegCurve, *, several: bool) -> str:
+    """`leg_words` where there is little room: which leg, along which axis, where on the bar."""
+    axis = LEG_NAMES[curve.axis].upper()
+    leg = "Tool" if curve.leg == TOOL else f"Leg {LEG_NAMES[curve.leg].upper()}"
+    station = f", station {curve.station:g}" if several and curve.leg != TOOL else ""
+    return f"{leg} along {axis}{station}"
 
 
 def _readings(curve: LegCurve) -> Chart:

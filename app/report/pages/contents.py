@@ -8,11 +8,12 @@ from pathlib import Path
 
 from rich.table import Table
 
-from app.evaluating.comparison import Verification, verify_files
-from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
+from app.evaluating.comparison import Verification
+from app.evaluating.diagnosis import SessionDiagnosis
 from app.evaluating.printer import tower_names
-from app.evaluating.solution import SessionSolution, judge, solve_files
-from app.report.charts.legs import leg_figures
+from app.evaluating.solution import SessionSolution
+from app.report.certificate import Calibration, CertificateHead, calibration_of
+from app.report.charts.legs import LegFigure, leg_figures
 from app.report.charts.results import (
     before_and_after,
     measured_and_predicted,
@@ -27,12 +28,11 @@ from app.report.pages.figures import (
     evidence_svg,
     legs_svg,
     maps_svg,
-    pareto_svg,
     svg_of,
     vectors_svg,
 )
 from app.report.pages.notebook import leg_rows
-from app.report.text.caveats import caveats, caveats_of_view
+from app.report.pages.two_pages import RULE, Picture, Section, first_page, limits_of, second_page
 from app.report.text.correction import (
     FRAME_WORDS,
     UNSEEN,
@@ -56,7 +56,6 @@ from app.report.text.result import (
     decided,
     difference_table,
     indicator_words,
-    judged_sentence,
     left_out_words,
     noise_words,
     offsets_table,
@@ -79,30 +78,22 @@ from protocols.session import Reading, Session
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A picture as SVG, with the sentence below it."""
-
-    svg: str
-    caption: str
-
-
-@dataclass(frozen=True)
-class Section:
-    """A heading with what stands below it, in this order; an empty sentence is left out."""
-
-    heading: str
-    parts: Sequence[str | Table | Picture]
-
-
-@dataclass(frozen=True)
 class CalibrationReport:
-    """``decision`` is that against the tolerance, or that there is none."""
+    """Two pages to sign, and ``sections`` as their annex.
+
+    ``decision`` is that against the tolerance, or that there is none; ``identification`` stands on
+    every page. Without ``head`` nobody certifies it.
+    """
 
     machine: str
     decision: str
     sentences: Sequence[str]
+    first_page: Sequence[Section]
+    second_page: Sequence[Section]
     sections: Sequence[Section]
     program: str
+    identification: str
+    head: CertificateHead | None = None
 
 
 def report_of(
@@ -111,65 +102,61 @@ def report_of(
     model: Path | None = None,
     after: Path | None = None,
     tolerance_mm: float | None = None,
+    head: CertificateHead | None = None,
 ) -> CalibrationReport:
     """The report of sessions, with what a later one says of the offsets of the last.
 
-    Raises as `solve_files`, `diagnose_sessions` and `verify_files`.
+    Raises as `calibration_of`.
     """
-    solved = solve_files(paths, model=model)
-    diagnosed = diagnose_sessions(solved.sessions, model=model)
-    verified = verify_files(paths[-1], after, tolerance_mm) if after else None
-    machine = solved.sessions[0].opened.machine
-    tolerance = machine.tool_tolerance_mm if tolerance_mm is None else tolerance_mm
-    judged = _judged(solved, tolerance)
-    found = diagnosed.diagnosis
-    everything = [solved, *([verified.compared.after] if verified else [])]
-    sessions = [session for one in everything for session in one.sessions]
-    remarks = [f"Remark: {remark}" for remark in found.remarks]
+    calibration = calibration_of(
+        paths, model=model, after=after, tolerance_mm=tolerance_mm, head=head
+    )
+    return report_from(calibration)
+
+
+def report_from(calibration: Calibration) -> CalibrationReport:
+    """The report of results that are there."""
+    solved, verified = calibration.solved, calibration.verified
+    diagnosis = calibration.diagnosed.diagnosis
+    legs = leg_figures(solved)
     sections = [
         Section(
             "What was measured",
-            [_machine(machine, tolerance), *_sessions(sessions), *_set_ups(solved.sessions[0])],
+            [
+                _machine(calibration.machine, calibration.tolerance_mm),
+                *_sessions(calibration.sessions),
+                *_set_ups(solved.sessions[0]),
+            ],
         ),
-        _controller(solved, judged if verified else "", model),
+        _controller(solved, calibration.judged_words if verified else "", calibration.model),
         _view(solved),
         _budget(solved),
         *([_again(verified)] if verified else []),
-        Section(
-            "What limits this result",
-            [
-                *solved.warnings,
-                *diagnosed.warnings,
-                *caveats(solved),
-                *caveats_of_view(solved),
-                *remarks,
-            ],
-        ),
-        _missing(diagnosed),
+        *_limits(limits_of(calibration)),
+        _missing(calibration.diagnosed),
         _fit(solved),
-        _legs(solved),
-        _doubted(solved, sessions),
-        *map(_readings, sessions),
+        _legs(legs),
+        _doubted(solved, calibration.sessions),
+        *map(_readings, calibration.sessions),
     ]
     return CalibrationReport(
-        machine=machine.name,
-        decision=decided(verified) if verified else judged,
+        machine=calibration.machine.name,
+        decision=calibration.decision,
         sentences=(
             bound_sentence(solved.entered, solved.frame),
-            f"{found.verdict.upper()}. {found.sentence}",
+            f"{diagnosis.verdict.upper()}. {diagnosis.sentence}",
         ),
+        first_page=first_page(calibration),
+        second_page=second_page(calibration, legs),
         sections=sections,
         program=program(),
+        identification=calibration.identification,
+        head=calibration.head,
     )
 
 
-def _judged(solved: SessionSolution, tolerance_mm: float | None) -> str:
-    if tolerance_mm is None:
-        return (
-            "NOT JUDGED: no tolerance was given (--tolerance), nor does the machine file state one "
-            "(tool_tolerance_mm)."
-        )
-    return judged_sentence(judge(solved, tolerance_mm), verified=False)
+def _limits(sentences: Sequence[str]) -> list[Section]:
+    return [Section("What limits this result", sentences)] if sentences else []
 
 
 def _machine(machine: Machine, tolerance_mm: float | None) -> Table:
@@ -251,17 +238,12 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
         "export writes for a controller that holds joint offsets, on top of those entered when it "
         f"was measured. They leave least of the tool's error, {FRAME_WORDS[correction.frame]}."
     )
-    rule = (
-        "Decision rule (ISO 14253-1): passed where 95 of 100 such machines keep the tolerance, "
-        "failed where the expected error exceeds it by more than its expanded uncertainty "
-        "(95 %), undecided in between."
-    )
     if change := solved.printer_change:
         return Section(
             "What to enter in the firmware",
             [
                 judged,
-                rule,
+                RULE,
                 *doubt_lines(solved),
                 *change_parts(solved, change),
                 bound_table(correction.frame, correction.off_now, change.off),
@@ -272,7 +254,7 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
         "What to enter in the controller",
         [
             judged,
-            rule,
+            RULE,
             said,
             *warning_lines(solved, correction),
             table,
@@ -333,9 +315,7 @@ def _budget(solved: SessionSolution) -> Section:
         "is for the case that what the parameters leave is noise. The bound at the tool is not "
         "made of these: it is over everything that may be true of the machine."
     )
-    caption = "The sources, the largest first; the line is the share of U² so far."
-    shares = Picture(pareto_svg(solved.budget), caption)
-    return Section("Uncertainty budget of these parameters", [said, of_values, shares])
+    return Section("Uncertainty budget of these parameters", [said, of_values])
 
 
 def _again(verified: Verification) -> Section:
@@ -406,7 +386,7 @@ def _fit(solved: SessionSolution) -> Section:
     return Section("Differences", parts)
 
 
-def _legs(solved: SessionSolution) -> Section:
+def _legs(legs: tuple[LegFigure, ...]) -> Section:
     """Each leg and axis over its travel."""
     said = (
         "Readings over the displacement, the fit of offsets and lengths as a line, and below, "
@@ -414,7 +394,7 @@ def _legs(solved: SessionSolution) -> Section:
         "scales. Play is a split between the directions, a tilt a slope, a screw a wave, a bow a "
         "parabola."
     )
-    rows = leg_rows(leg_figures(solved))
+    rows = leg_rows(legs)
     pictures = [Picture(legs_svg(row), "; ".join(leg.title for leg in row)) for row in rows]
     return Section("Each leg over its travel", [said, *pictures])
 

@@ -55,6 +55,9 @@ Point = tuple[float, float]
 LEGS_IN = 3.6
 """Height of a row of legs with what is left of their readings."""
 
+SMALL_IN, FEW_COLUMNS, MANY_COLUMNS = 0.52, 3, 4
+"""Height of a row of the sheet of all legs; pictures beside each other up to six, and above."""
+
 LEFT_IN, RIGHT_IN, BOTTOM_IN, TOP_IN = 0.76, 0.06, 0.44, 0.26
 BESIDE_IN, BELOW_IN = 0.62, 0.4
 """Room between axes, for the words at them."""
@@ -126,6 +129,42 @@ def legs_svg(figures: Sequence[LegFigure]) -> str:
             handletextpad=0.1,
             columnspacing=1.2,
         )
+    return out.getvalue()
+
+
+def leg_sheet_svg(figures: Sequence[LegFigure]) -> str:
+    """All legs and axes small on one sheet, what is left of the readings below each.
+
+    Scales stand at the edges of the sheet alone: all pictures have the same.
+    """
+    most = FEW_COLUMNS if len(figures) <= 2 * FEW_COLUMNS else MANY_COLUMNS
+    columns = min(len(figures), most)
+    rows = 2 * math.ceil(len(figures) / columns)
+    room = {"left_in": 0.5, "top_in": 0.14, "bottom_in": 0.3, "beside_in": 0.12, "below_in": 0.16}
+    height_in = room["top_in"] + room["bottom_in"] + rows * SMALL_IN
+    with _figure(WIDTH_IN, height_in, columns, rows, **room) as (every, out):
+        for number in range(rows // 2 * columns):
+            row, column = divmod(number, columns)
+            above, below = (every[(2 * row + k) * columns + column] for k in (0, 1))
+            if number >= len(figures):
+                above.set_axis_off()
+                below.set_axis_off()
+                continue
+            leg = figures[number]
+            draw_leg(leg, above, below)
+            above.set_title(leg.short_title, loc="left", size=6.0, pad=2.0)
+            below.set_title("", loc="left")
+            lowest = number + columns >= len(figures)
+            for axes in (above, below):
+                _merge_points(axes, [one for one in axes.lines if one.get_marker() in POINTS])
+                axes.tick_params(
+                    labelsize=6.0,
+                    labelleft=column == 0,
+                    labelbottom=lowest and axes is below,
+                    pad=1.0,
+                )
+                axes.set_ylabel(axes.get_ylabel() if column == 0 else "", size=6.0)
+                axes.set_xlabel(axes.get_xlabel() if lowest else "", size=6.0)
     return out.getvalue()
 
 
@@ -322,7 +361,7 @@ POINTS: dict[str, dict[str, Any]] = {
 
 def pareto_svg(shares: Sequence[BudgetShare]) -> str:
     """Sources of uncertainty, the largest first, in µm; a line is their share so far."""
-    height_in = BOTTOM_IN + TOP_IN + 2.0 * ROW_IN * (1 + len(shares))
+    height_in = BOTTOM_IN + TOP_IN + ROW_IN * (2 + len(shares))
     with _figure(WIDTH_IN, height_in, left_in=1.9, top_in=TOP_IN + ROW_IN) as ((axes,), out):
         rows = range(len(shares))
         axes.barh(rows, [1000.0 * share.expanded_mm for share in shares], 0.6, color=COLOURS[0])
@@ -422,6 +461,8 @@ def _figure(
     bottom_in: float = BOTTOM_IN,
     top_in: float = TOP_IN,
     right_in: float = RIGHT_IN,
+    beside_in: float = BESIDE_IN,
+    below_in: float = BELOW_IN,
 ) -> Iterator[tuple[list[Axes], StringIO]]:
     """Axes to draw on, beside or below each other; the SVG is there once they are done."""
     out = StringIO()
@@ -433,8 +474,8 @@ def _figure(
             right=1.0 - right_in / width_in,
             bottom=bottom_in / height_in,
             top=1.0 - top_in / height_in,
-            wspace=_room(BESIDE_IN, columns, width_in - left_in - right_in),
-            hspace=_room(BELOW_IN, rows, height_in - bottom_in - top_in),
+            wspace=_room(beside_in, columns, width_in - left_in - right_in),
+            hspace=_room(below_in, rows, height_in - bottom_in - top_in),
         )
         yield [figure.add_subplot(rows, columns, 1 + k) for k in range(rows * columns)], out
         figure.savefig(

@@ -8,15 +8,23 @@ from collections.abc import Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from jinja2 import Environment, StrictUndefined, Template
 from rich.console import RenderableType
 from rich.table import Column, Table
 
-from app.report.pages.contents import CalibrationReport, report_of
+from app.report.certificate import CertificateHead, calibration_of, issue_number
+from app.report.pages.contents import CalibrationReport, report_from
+from app.report.pages.two_pages import shortened
 from calib.errors import UsageError
 from calib.printable import printable
 from protocols.files import check_targets, write_files
+
+if TYPE_CHECKING:  # of the extra sign
+    from app.report.dcc.signature import SigningKey
+
+ENDINGS = (".html", ".pdf", ".xml")
 
 PDF_NEEDS = (
     "the system's library Pango (Debian: libpangoft2-1.0-0); or write .html and print that "
@@ -47,7 +55,10 @@ def _template() -> Template:
         autoescape=True, undefined=StrictUndefined, finalize=_shown, keep_trailing_newline=True
     )
     environment.filters |= {
+        "css": _css,
         "data": _data,
+        "shortened": shortened,
+        "svg": lambda text: _data(text.encode(), "image/svg+xml"),
         "columns": _columns,
         "rows": _rows,
         "kind": _kind,
@@ -100,9 +111,18 @@ def _rows(columns: Sequence[Column]) -> list[tuple[RenderableType, ...]]:
     return list(zip(*(column.cells for column in columns), strict=True))
 
 
-def _data(svg: str) -> str:
+def _data(content: bytes, kind: str) -> str:
     """The picture inside the address of an image: nothing in it can run or load anything."""
-    return f"data:image/svg+xml;base64,{b64encode(svg.encode()).decode()}"
+    return f"data:{kind};base64,{b64encode(content).decode()}"
+
+
+def _css(text: str) -> str:
+    """What stands between quotation marks in a style: letters and digits, all else by its number.
+
+    A page box takes no text of the page itself in Chromium, and no text can end the style so.
+    """
+    shown = printable(text)
+    return "".join(c if c.isascii() and c.isalnum() else f"\\{ord(c):06x}" for c in shown)
 
 
 def pdf_of(html: str) -> bytes:
@@ -124,15 +144,37 @@ def write_report(
     after: Path | None = None,
     *,
     tolerance_mm: float | None = None,
+    head: CertificateHead | None = None,
+    key: SigningKey | None = None,
     replace: bool = False,
 ) -> Path:
-    """Write the report of session files to a path that ends with ``.html`` or ``.pdf``.
+    """Write the report of session files to a path that ends with ``.html``, ``.pdf`` or ``.xml``.
 
-    Raises UsageError for another ending, and as `report_of` and `write_files`.
+    With ``head`` it is a certificate; XML is a digital one, signed with ``key`` where there is one.
+    Raises UsageError for another ending, and as `calibration_of`, `issue_number`, `check_head` and
+    `write_files`.
     """
-    if output.suffix not in (".html", ".pdf"):
-        raise UsageError("--output", f"{output}", "a path that ends with .html or .pdf")
+    if output.suffix not in ENDINGS:
+        raise UsageError("--output", f"{output}", f"a path that ends with {', '.join(ENDINGS)}")
     check_targets([output], replace=replace)  # before long work
-    html = html_of(report_of(sessions, model=model, after=after, tolerance_mm=tolerance_mm))
-    written = pdf_of(html) if output.suffix == ".pdf" else html
+    digital = output.suffix == ".xml"
+    if digital:
+        from app.report.dcc.document import certificate_xml, check_head
+
+        check_head(head)
+    calibration = calibration_of(
+        sessions, model=model, after=after, tolerance_mm=tolerance_mm, head=head
+    )
+    issue_number(calibration)
+    written: str | bytes
+    if digital:
+        written = certificate_xml(calibration)
+        if key:
+            from app.report.dcc.signature import signed
+
+            written = signed(written, key)
+    else:
+        written = html_of(report_from(calibration))
+        if output.suffix == ".pdf":
+            written = pdf_of(written)
     return write_files(output, {"": written}, replace=replace)[0]

@@ -219,7 +219,8 @@ def settings_text(path: Path, exists: bool, settings: Settings, keys: Iterable[K
     return paragraphs(
         [f"Settings file: {path}{state}", f"{FILE_VARIABLE} names another file."],
         f"theme       {settings.theme or 'default'}\n"
-        f"animations  {'on' if settings.animations else 'off'}",
+        f"animations  {'on' if settings.animations else 'off'}\n"
+        f"laboratory  {settings.laboratory.name if settings.laboratory else 'none'}",
         'Keys; under [keys] a line such as "measure.take" = "space,f2" changes them:',
         table,
     )

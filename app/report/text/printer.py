@@ -44,7 +44,7 @@ SIZE_SHOWS = 3.0
 def change_parts(solved: SessionSolution, change: PrinterChange) -> list[str | Table]:
     """What to change, then what the contacts say of probe, geometry and size."""
     where = f"{WHERE} {SCREWS}" if change.endstops_alone else WHERE
-    return [*change_tables(change), where, "\n".join(_answers(solved, change))]
+    return [*change_tables(change), where, "\n".join(change_answers(solved, change))]
 
 
 def change_tables(change: PrinterChange) -> list[Table]:
@@ -83,7 +83,7 @@ def _travel_table(change: PrinterChange) -> Table:
     return table
 
 
-def _answers(solved: SessionSolution, change: PrinterChange) -> Iterator[str]:
+def change_answers(solved: SessionSolution, change: PrinterChange) -> Iterator[str]:
     """Does it repeat; is it the probe or the geometry; how good can it get."""
     noise, uneven = solved.solution.noise, change.uneven_mm
     scatter_mm = noise.standard_deviation_mm if noise.source == "repeats" else None

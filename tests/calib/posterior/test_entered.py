@@ -14,7 +14,7 @@ from calib.posterior.correction import HOLDS, Holds, ToolOff, correction, projec
 from calib.posterior.entered import (
     OFFSETS,
     nothing_entered,
-    offset_half_widths_mm,
+    offset_uncertainties_mm,
     tower_values,
     values_of,
 )
@@ -132,7 +132,7 @@ def test_how_well_offsets_are_known_is_that_of_drawn_machines(plain: Posterior) 
         spread = np.linalg.cholesky(into @ covariance @ into.T)
         drawn.append(into @ model.mean + generator.normal(size=(count, 3)) @ spread.T)
     off = np.concatenate(drawn) - into @ plain.mean
-    found_mm = offset_half_widths_mm(plain, "touched-off")
+    _, found_mm = offset_uncertainties_mm(plain, "touched-off")
     assert found_mm == pytest.approx(np.quantile(np.abs(off), 0.95, axis=0), rel=0.03)
 
 

@@ -1,0 +1,191 @@
+"""What a report and a certificate are made of: the results of sessions, and who states them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from app.evaluating.comparison import Verification, verify_files
+from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
+from app.evaluating.solution import Judgement, SessionSolution, judge, solve_files
+from app.report.text.result import decided, judged_sentence
+from app.settings import WHAT, data_path, read_settings, settings_path
+from calib.errors import RecordError, UsageError
+from protocols.certificate import CertificateOrder, Laboratory, read_order
+from protocols.documents import Document, Name, read_bytes, read_remembered
+from protocols.files import write_files
+from protocols.machine import Instrument, Machine
+from protocols.session import Session
+
+MOST_LOGO_BYTES, MOST_LOGO_PIXELS = 1_000_000, 20_000_000
+DIGEST_LETTERS = 12
+"""Of the record's digest where a report has no number: enough to keep its pages together."""
+
+
+@dataclass(frozen=True)
+class Logo:
+    """A picture as it stands in a file."""
+
+    kind: Literal["image/png", "image/jpeg"]
+    content: bytes
+
+
+@dataclass(frozen=True)
+class CertificateHead:
+    """Who issues a certificate, and what a person states of it."""
+
+    order: CertificateOrder
+    laboratory: Laboratory
+    logo: Logo | None
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """The results of sessions, and of a later one with the values entered.
+
+    ``model`` is the file of effects that were fitted, too. Without ``head`` nobody certifies it.
+    """
+
+    solved: SessionSolution
+    diagnosed: SessionDiagnosis
+    verified: Verification | None
+    tolerance_mm: float | None
+    head: CertificateHead | None
+    model: Path | None = None
+
+    @property
+    def machine(self) -> Machine:
+        """The machine as it was known before."""
+        return self.solved.sessions[0].opened.machine
+
+    @property
+    def sessions(self) -> tuple[Session, ...]:
+        """All of them, the later one last."""
+        later = self.verified.compared.after.sessions if self.verified else ()
+        return (*self.solved.sessions, *later)
+
+    @property
+    def instruments(self) -> tuple[Instrument, ...]:
+        """Each indicator once, whatever axes it measured along."""
+        every = (one for session in self.sessions for one in session.opened.instruments)
+        by_identity = {(one.profile, one.serial_number, one.certificate): one for one in every}
+        return tuple(by_identity.values())
+
+    @property
+    def judged(self) -> Judgement | None:
+        """The decision on the tool now and with the values entered; None without a tolerance."""
+        return None if self.tolerance_mm is None else judge(self.solved, self.tolerance_mm)
+
+    @property
+    def judged_words(self) -> str:
+        """The decision before the values were entered, or that there is none."""
+        if self.judged is None:
+            return (
+                "NOT JUDGED: no tolerance was given (--tolerance), nor does the machine file state "
+                "one (tool_tolerance_mm)."
+            )
+        return judged_sentence(self.judged, verified=False)
+
+    @property
+    def decision(self) -> str:
+        """The decision that heads the report: after a verification that of the later session."""
+        return decided(self.verified) if self.verified else self.judged_words
+
+    @property
+    def identification(self) -> str:
+        """What stands on every page: the number, or the beginning of the record's digest."""
+        if self.head:
+            return f"Certificate {self.head.order.number}"
+        return f"Record {self.sessions[-1].digest[:DIGEST_LETTERS]}"
+
+
+def calibration_of(
+    paths: Sequence[Path],
+    *,
+    model: Path | None = None,
+    after: Path | None = None,
+    tolerance_mm: float | None = None,
+    head: CertificateHead | None = None,
+) -> Calibration:
+    """The results of sessions, with what a later one says of the offsets of the last.
+
+    Raises as `solve_files`, `diagnose_sessions` and `verify_files`.
+    """
+    solved = solve_files(paths, model=model)
+    diagnosed = diagnose_sessions(solved.sessions, model=model)
+    verified = verify_files(paths[-1], after, tolerance_mm) if after else None
+    if tolerance_mm is None:
+        tolerance_mm = solved.sessions[0].opened.machine.tool_tolerance_mm
+    return Calibration(solved, diagnosed, verified, tolerance_mm, head, model)
+
+
+class IssuedNumbers(Document):
+    """Numbers of certificates that this computer wrote, with the digests of their records."""
+
+    numbers: dict[Name, tuple[str, ...]] = Field(default_factory=dict)
+
+
+def issue_number(calibration: Calibration) -> None:
+    """Remember the number of a certificate; the same records may have it in every format.
+
+    Raises UsageError for the number of other records, and as `read_remembered` and `write_files`.
+    """
+    if calibration.head is None:
+        return
+    path = data_path().with_name("certificates.json")
+    known = read_remembered(path, IssuedNumbers, "numbers of certificates,").numbers
+    number = calibration.head.order.number
+    digests = tuple(session.digest for session in calibration.sessions)
+    if known.get(number, digests) != digests:
+        raise UsageError(
+            f"certificate {number}",
+            "a number that another certificate has",
+            "a number of its own, or the sessions and --after of that certificate",
+        )
+    if number not in known:
+        issued = IssuedNumbers(numbers={**known, number: digests})
+        write_files(path, {"": issued.model_dump_json(indent=1)}, replace=True)
+
+
+def read_head(order: Path) -> CertificateHead:
+    """The order of a certificate with the laboratory of the settings file.
+
+    Raises RecordError for a file that cannot be used, UsageError where there is no laboratory.
+    """
+    stated, path = read_order(order), settings_path()
+    laboratory = read_settings(path).laboratory
+    if laboratory is None:
+        raise UsageError(
+            f"certificate {stated.number}",
+            f"no laboratory in the settings file {path}",
+            'a table [laboratory] there, with name = "…"',
+        )
+    logo = None if laboratory.logo is None else read_logo(path.parent / laboratory.logo)
+    return CertificateHead(stated, laboratory, logo)
+
+
+def read_logo(path: Path) -> Logo:
+    """A picture for the head. Raises RecordError where it is none, or too large."""
+    from PIL import Image  # comes with matplotlib: with the extra report alone
+
+    content = read_bytes(path, "logo", MOST_LOGO_BYTES)
+    reason = "no picture that can be read"
+    try:
+        with Image.open(BytesIO(content), formats=("PNG", "JPEG")) as picture:
+            if picture.width * picture.height <= MOST_LOGO_PIXELS:
+                picture.load()
+                return Logo("image/png" if picture.format == "PNG" else "image/jpeg", content)
+            reason = f"{picture.width} times {picture.height} pixels"
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+        pass
+    raise RecordError(
+        f"logo {path} of the {WHAT}",
+        reason=reason,
+        allowed=f"a PNG or JPEG file up to {MOST_LOGO_BYTES:,} bytes and {MOST_LOGO_PIXELS:,} "
+        "pixels",
+    )

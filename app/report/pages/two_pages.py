@@ -1,0 +1,223 @@
+"""The two pages that are signed: who, what, with which result; everything else is in the annex."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from rich.table import Table
+
+from app.evaluating.comparison import Verification
+from app.evaluating.solution import SessionSolution
+from app.report.certificate import Calibration
+from app.report.charts.legs import LegFigure
+from app.report.pages.figures import leg_sheet_svg, pareto_svg
+from app.report.text.caveats import caveats, caveats_of_view, gauge_word, taken_word
+from app.report.text.correction import (
+    FRAME_WORDS,
+    bound_table,
+    correction_table,
+    doubt_lines,
+    warning_lines,
+)
+from app.report.text.printer import change_answers, change_table
+from app.report.text.result import decided, offsets_table, what_to_do
+from app.report.text.tables import new_table
+from calib.printable import printable
+
+RULE = (
+    "Decision rule (ISO 14253-1): passed where 95 of 100 such machines keep the tolerance, failed "
+    "where the expected error exceeds it by more than its expanded uncertainty (95 %), undecided "
+    "in between."
+)
+
+LONGEST, LONGEST_ENTRY, LONGEST_CELL = 220, 60, 28
+"""Letters of a sentence, an entry and a narrow cell on these pages; the annex has the whole."""
+
+MOST_SESSIONS, MOST_INDICATORS, MOST_LIMITS, MOST_WARNINGS = 2, 3, 3, 2
+"""So many are on these pages; the annex has all."""
+
+MOST_LEGS = 12
+"""Pictures of legs for which there is room."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture as SVG, with the sentence below it."""
+
+    svg: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading with what stands below it, in this order; an empty sentence is left out."""
+
+    heading: str
+    parts: Sequence[str | Table | Picture]
+
+
+def first_page(calibration: Calibration) -> list[Section]:
+    """What was calibrated for whom, how and with what, and the result."""
+    solved = calibration.solved
+    return [
+        Section("", [_object(calibration), *_not_measured(calibration)]),
+        Section("Traceability", _traceability(calibration)),
+        Section("Result", _result(solved)),
+    ]
+
+
+def second_page(calibration: Calibration, legs: Sequence[LegFigure]) -> list[Section]:
+    """Whether the values were entered, the uncertainty, the pictures of legs, and what limits."""
+    solved = calibration.solved
+    budget = Picture(
+        pareto_svg(solved.budget),
+        "Sources of the uncertainty of the identified parameters, the largest first. The line is "
+        "their share of the square of U so far.",
+    )
+    taken = f"{taken_word(solved).capitalize()}s"
+    caption = (
+        f"{taken} with the fit, in mm, and below each what the fit leaves, in µm. All have the "
+        "same scales."
+    )
+    if len(legs) > MOST_LEGS:
+        caption += f" {len(legs) - MOST_LEGS} more are in the annex."
+    sheet = [Picture(leg_sheet_svg(legs[:MOST_LEGS]), caption)] if legs else []
+    return [
+        Section("Entered and verified", _verified(calibration.verified)),
+        Section("Uncertainty budget", [budget]),
+        *([Section(taken, sheet)] if sheet else []),
+        Section("Limits of this result", _limits(calibration)),
+    ]
+
+
+def limits_of(calibration: Calibration) -> list[str]:
+    """What a reader must know before using the numbers, the gravest first."""
+    solved, diagnosed = calibration.solved, calibration.diagnosed
+    return [
+        *solved.warnings,
+        *diagnosed.warnings,
+        *caveats(solved),
+        *caveats_of_view(solved),
+        *(f"Remark: {remark}" for remark in diagnosed.diagnosis.remarks),
+    ]
+
+
+def _object(calibration: Calibration) -> Table:
+    """The machine, the customer, and the sessions that were measured."""
+    machine, sessions, head = calibration.machine, calibration.sessions, calibration.head
+    opened = [session.opened for session in sessions]
+    table = new_table("object", shortened(machine.name), left=2)
+    rows: list[tuple[str, Iterable[str | None]]] = []
+    if head:
+        order = head.order
+        stated, customer = order.machine, order.customer
+        rows += [
+            ("manufacturer, model", (stated.manufacturer, stated.model)),
+            ("serial number", [stated.serial_number]),
+            ("customer", [customer.name]),
+            ("address", customer.address),
+            ("place of calibration", [order.place]),
+            ("date of issue", [f"{order.issued}" if order.issued else ""]),
+        ]
+    procedures = (one.procedure.name if one.procedure else None for one in opened)
+    count = sum(len(session.readings) for session in sessions)
+    rows += [
+        ("measured", dict.fromkeys(f"{one.at:%Y-%m-%d}" for one in opened)),
+        ("operator", dict.fromkeys(one.operator for one in opened)),
+        ("temperature", dict.fromkeys(_temperature(one.temperature_c) for one in opened)),
+        ("procedure", dict.fromkeys(procedures)),
+        (f"{taken_word(calibration.solved)}s that count", [f"{count}"]),
+    ]
+    for heading, values in rows:
+        table.add_row(heading, shortened(", ".join(filter(None, values))) or "not stated")
+    for session in sessions[:MOST_SESSIONS]:
+        table.add_row("record", shortened(session.name))
+        table.add_row("SHA-256 of its last line", session.digest)
+    if len(sessions) > MOST_SESSIONS:
+        table.add_row("records", f"{len(sessions) - MOST_SESSIONS} more in the annex")
+    return table
+
+
+def _temperature(value_c: float | None) -> str:
+    return "" if value_c is None else f"{value_c:g} °C"
+
+
+def _not_measured(calibration: Calibration) -> list[str]:
+    """A simulation is no calibration."""
+    simulated = [one.name for one in calibration.sessions if one.opened.origin == "simulated"]
+    if not simulated:
+        return []
+    return ["SIMULATED: no machine was measured. These readings were computed by the program."]
+
+
+def _traceability(calibration: Calibration) -> list[str | Table]:
+    """The certificates of the indicators; without one nothing is traceable."""
+    instruments = calibration.instruments
+    gauge = gauge_word(calibration.solved)
+    if not instruments:
+        return [f"No {gauge} is named, so no traceability to the SI is shown."]
+    table = new_table(gauge, "serial number", "certificate", "of", left=4)
+    for one in instruments[:MOST_INDICATORS]:
+        date = f"{one.certificate_date}" if one.certificate_date else ""
+        entries = (one.profile, one.serial_number or "", one.certificate or "none stated")
+        table.add_row(*(shortened(entry, LONGEST_CELL) for entry in entries), date)
+    if len(instruments) > MOST_INDICATORS:
+        table.add_row(f"{len(instruments) - MOST_INDICATORS} more in the annex", "", "", "")
+    if all(one.certificate for one in instruments):
+        words = f"Lengths are traceable to the SI through these certificates of the {gauge}s."
+    else:
+        words = f"Traceability to the SI is not shown: not every {gauge} has a certificate."
+    return [table, words]
+
+
+def _result(solved: SessionSolution) -> list[str | Table]:
+    """What is entered, and what the tool is off by now and then."""
+    correction, change = solved.correction, solved.printer_change
+    words = f"The values leave least of the tool's error, {FRAME_WORDS[correction.frame]}."
+    if change:
+        values = change_table(change)
+        warnings = [*doubt_lines(solved), *change_answers(solved, change)]
+    else:
+        values = correction_table(correction)
+        words = f"True position of a joint = believed position + d_rho. {words}"
+        warnings = [*warning_lines(solved, correction)]
+    return [
+        bound_table(correction.frame, correction.off_now, solved.entered.off),
+        RULE,
+        values,
+        words,
+        *map(_short_sentence, warnings[:MOST_WARNINGS]),
+    ]
+
+
+def _verified(verified: Verification | None) -> list[str | Table]:
+    """What a later session says of the values that were entered."""
+    if verified is None:
+        return [
+            "No session after the values were entered belongs to this document. What the tool "
+            "keeps with them is predicted from the readings, not measured."
+        ]
+    words = [decided(verified), *what_to_do(verified)]
+    return [*map(_short_sentence, words), offsets_table(verified)]
+
+
+def _limits(calibration: Calibration) -> list[str]:
+    limits = limits_of(calibration)
+    more = len(limits) - MOST_LIMITS
+    named = [_short_sentence(words) for words in limits[:MOST_LIMITS]]
+    return [
+        *named,
+        *([f"{more} more in the annex."] if more > 0 else []),
+        "The results are of this machine as it was when it was measured.",
+    ]
+
+
+def shortened(text: str, most: int = LONGEST_ENTRY) -> str:
+    """A text of a stranger in one line for which there is room."""
+    line = " ".join(printable(text).split())
+    return line if len(line) <= most else f"{line[:most]} …"
+
+
+def _short_sentence(text: str) -> str:
+    return shortened(text, LONGEST)

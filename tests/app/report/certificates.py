@@ -1,0 +1,49 @@
+"""What a laboratory states for its certificates, in files of a folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+LABORATORY = """\
+[laboratory]
+name = "Laboratory <b>& Sons</b>"
+street = "Long Street 12"
+post_code = "38116"
+city = "Brunswick"
+country = "DE"
+accreditation = "D-K-00000"
+logo = "logo.png"
+"""
+
+ORDER = """\
+schema = "glidecal.certificate/1"
+number = "2026-0042"
+place = "hall 3"
+performed_at = "customer"
+issued = 2026-11-25
+signed_by = "A. Example"
+
+[customer]
+name = "<script>alert(1)</script> & Co."
+city = "Sample Town"
+
+[machine]
+manufacturer = "Maker"
+model = "Model 3"
+serial_number = "OG-0007"
+"""
+
+
+def laboratory(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, text: str = LABORATORY, order: str = ORDER
+) -> Path:
+    """The order of a certificate; the settings file with its logo lies beside it."""
+    (folder / "settings.toml").write_text(text, encoding="utf-8")
+    monkeypatch.setenv("GLIDECAL_SETTINGS", str(folder / "settings.toml"))
+    Image.new("RGB", (60, 20), (27, 108, 168)).save(folder / "logo.png")
+    path = folder / "order.toml"
+    path.write_text(order, encoding="utf-8")
+    return path

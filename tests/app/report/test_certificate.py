@@ -1,0 +1,194 @@
+"""The two pages that are signed: what stands on which, whatever a record says; and bad input."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from datetime import date
+from pathlib import Path
+
+import pytest
+
+from app.evaluating.solution import solve_files
+from app.report.certificate import read_head
+from app.report.pages.contents import report_of
+from app.report.pages.report import html_of, pdf_of
+from app.report.text.tables import signed, uncertain
+from calib.errors import RecordError, UsageError
+from protocols.journal import write_whole
+from protocols.record import read_record
+from protocols.session import Noted, Superseded
+from tests.app.cli import glidecal, refused
+from tests.app.report.certificates import LABORATORY, ORDER, laboratory
+from tests.conftest import SAMPLES
+
+SIXTY = SAMPLES / "simulated_zero-max-min.jsonl"
+MANY = SAMPLES / "simulated_two-station.jsonl"
+LONG = "W" * 180
+
+pytestmark = pytest.mark.filterwarnings("ignore:HarfBuzz-Subset:DeprecationWarning")
+
+
+def printed_pages(html: str) -> list[str]:
+    """The text of each page of the PDF."""
+    pdfium = pytest.importorskip("pypdfium2")
+    try:
+        content = pdf_of(html)
+    except UsageError as problem:
+        pytest.skip(str(problem))
+    return page_texts(pdfium.PdfDocument(content))
+
+
+def page_texts(document: Sequence[object]) -> list[str]:
+    return [
+        " ".join(page.get_textpage().get_text_bounded().split())  # type: ignore[attr-defined]
+        for page in document
+    ]
+
+
+def check_pages(pages: Sequence[str], identification: str) -> None:
+    """Two pages to sign, then the annex; each says which document it belongs to."""
+    first, second, third, *_ = pages
+    for number, page in enumerate(pages, start=1):
+        assert f"Page {number} of {len(pages)}" in page
+        assert identification in page
+    assert "Traceability" in first
+    assert "Result" in first
+    assert "Uncertainty budget" in second
+    assert "Limits of this result" in second
+    assert "Signature" in second
+    assert "Annex What was measured" in third
+    assert "Signature" not in " ".join([first, third, *pages[3:]])
+
+
+@pytest.mark.parametrize("session", [SIXTY, MANY])
+def test_a_certificate_has_two_pages_and_an_annex(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    head = read_head(laboratory(tmp_path, monkeypatch))
+    html = html_of(report_of([session], head=head, tolerance_mm=0.1))
+    pages = printed_pages(html)
+    check_pages(pages, "Certificate 2026-0042")
+    solved = solve_files([session])
+    half_widths_mm = solved.corrections.half_widths_mm()
+    for leg, value_mm, half_mm in zip("xyz", solved.joint_offsets_mm, half_widths_mm, strict=True):
+        assert f"d_rho_{leg} {signed(value_mm, 4)} mm {uncertain(half_mm, 4)}" in pages[0]
+    for words in ("OG-0007", "Accreditation D-K-00000", "hall 3", "2026-11-25", "SIMULATED"):
+        assert words in pages[0]
+    assert "customer <script>alert(1)</script> & Co. address Sample Town" in pages[0]
+    assert "<script>" not in html
+    assert "data:image/png;base64," in html
+    assert "Name: A. Example" in pages[1]
+
+
+def test_two_pages_are_enough_for_the_longest_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Three sessions with names, notes and doubts as long as they may be, and one after them."""
+    order = ORDER.replace("A. Example", LONG).replace("hall 3", LONG).replace("Maker", LONG)
+    shop = LABORATORY.replace("Long Street 12", LONG).replace("Brunswick", LONG)
+    head = read_head(laboratory(tmp_path, monkeypatch, shop, order))
+    record = read_record(SIXTY)
+    machine = record.opened.machine.model_copy(update={"name": LONG})
+    known = {"serial_number": LONG, "certificate_date": date(2026, 1, 1)}
+    paths = []
+    for number in range(4):
+        instruments = tuple(
+            one.model_copy(update={**known, "certificate": f"{number}{axis}{LONG}"})
+            for axis, one in zip("yz", record.opened.instruments, strict=True)
+        )
+        opened = record.opened.model_copy(
+            update={
+                "machine": machine,
+                "operator": LONG,
+                "instruments": instruments,
+                "temperature_c": 20.0 + number,
+            }
+        )
+        doubt = Superseded(readings=(3 + number,), reason=LONG)
+        paths.append(tmp_path / f"{'session' * 20}{number}.jsonl")
+        write_whole(paths[-1], opened, [*record.events[1:-1], Noted(text=LONG), doubt])
+    report = report_of(paths[:3], after=paths[3], head=head, tolerance_mm=0.1)
+    check_pages(printed_pages(html_of(report)), "Certificate 2026-0042")
+
+
+def test_without_an_order_pages_are_of_the_record() -> None:
+    report = report_of([SIXTY])
+    assert report.identification == f"Record {read_record(SIXTY).digest[:12]}"
+    html = html_of(report)
+    assert re.search(r"<h1>Calibration report</h1>", html)
+    assert r'content: "Record\000020' in html
+
+
+def test_only_sessions_of_certified_indicators_are_traceable(tmp_path: Path) -> None:
+    record = read_record(SIXTY)
+    instruments = tuple(
+        one.model_copy(update={"certificate": f"K-{k}", "serial_number": f"47-{k}"})
+        for k, one in enumerate(record.opened.instruments)
+    )
+    path = tmp_path / "known.jsonl"
+    opened = record.opened.model_copy(update={"instruments": instruments})
+    write_whole(path, opened, list(record.events[1:-1]))
+    (_, known, _), (_, unknown, _) = (report_of([p]).first_page for p in (path, SIXTY))
+    assert known.parts[-1] == (
+        "Lengths are traceable to the SI through these certificates of the indicators."
+    )
+    assert str(unknown.parts[-1]).startswith("Traceability to the SI is not shown")
+
+
+@pytest.mark.parametrize(
+    ("kind", "content", "words"),
+    [
+        ("text", b"not a picture", "no picture that can be read"),
+        ("large", b"\x89PNG" + bytes(1_000_001), "more than 1,000,000 bytes"),
+        ("missing", None, "No such file"),
+    ],
+)
+def test_a_bad_logo_is_one_sentence(
+    kind: str,
+    content: bytes | None,
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    order = laboratory(tmp_path, monkeypatch)
+    (tmp_path / "logo.png").unlink()
+    if content is not None:
+        (tmp_path / "logo.png").write_bytes(content)
+    with pytest.raises(RecordError, match=words):
+        read_head(order)
+
+
+@pytest.mark.parametrize(
+    ("order", "settings", "status", "words"),
+    [
+        (ORDER.replace('number = "2026-0042"', ""), LABORATORY, 3, "number: Field required"),
+        (ORDER.replace("2026-0042", "  "), LABORATORY, 3, "number: a text, not nothing"),
+        (ORDER.replace("[customer]", "[client]"), LABORATORY, 3, "customer: Field required"),
+        (ORDER, "", 2, "no laboratory in the settings file"),
+        (ORDER, LABORATORY.replace('"DE"', '"Germany"'), 3, "line 6, laboratory.country"),
+    ],
+)
+def test_what_is_missing_is_one_sentence(
+    order: str,
+    settings: str,
+    status: int,
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path = laboratory(tmp_path, monkeypatch, settings, order)
+    target = tmp_path / "c.html"
+    assert words in refused(status, "report", SIXTY, "--certificate", path, "-o", target)
+    assert not target.exists()
+
+
+def test_a_number_is_of_one_certificate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = laboratory(tmp_path, monkeypatch)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    for name in ("a.html", "a.xml"):
+        done = glidecal("report", SIXTY, "--certificate", path, "-o", tmp_path / name)
+        assert done.status == 0, done.err
+    again = ("report", MANY, "--certificate", path, "-o", tmp_path / "b.html")
+    assert "a number that another certificate has" in refused(2, *again)
+    assert not (tmp_path / "b.html").exists()

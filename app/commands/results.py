@@ -203,6 +203,11 @@ def history(
         bool, typer.Option("--effects", help="Diagnose each session, too; takes its time once.")
     ] = False,
     screen: Annotated[bool, typer.Option("--screen", help="Look at it on a screen.")] = False,
+    output: Annotated[
+        Path | None,
+        file("Page with figures to write, as HTML; - is standard output.", "--output", "-o"),
+    ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """All sessions of a folder over time. Changes, drift, and when the next one is due."""
@@ -223,6 +228,12 @@ def history(
     from app.report.text.history import history_text
 
     now = datetime.now(UTC)
+    if output is not None:
+        with extra("glidecal history -o", "report"):
+            from app.report.pages.history import history_page
+            from app.report.pages.report import html_of
+        deliver(output, {"": html_of(history_page(found, now))}, force=force)
+        return
     answer = Answer(lambda: history_text(found, now), lambda: HistoryReport.of(found=found))
     typer.echo(answer.shown(as_json=as_json))
 

@@ -393,7 +393,7 @@ class MeasureScreen(Corrections, Resting):
             dialog = ChoiceDialog(
                 questions.question_text(taken, self.guided.session),
                 questions.question_choices(taken),
-                leaving="Escape: not kept.",
+                leaving="{dialog.cancel}: not kept.",
             )
             self.ask(dialog, lambda answer: self._answered(answer or "", taken))
         else:
@@ -451,9 +451,10 @@ class MeasureScreen(Corrections, Resting):
         self.view.say(self.app.keyed(text))
 
     def help_text(self) -> str:
-        """What each key does, by the keys in force."""
+        """Without the key that this session has no use for."""
         not_here = "measure.go" if self.guided.mover is None else "measure.automatic"
-        return texts.measure_help_text(self.app.key, without=not_here)
+        lines = texts.MEASURE_HELP.splitlines()
+        return "\n".join(line for line in lines if not_here not in line)
 
     @property
     def _goes_on(self) -> str:

@@ -127,16 +127,18 @@ class ReportPages:
     async def _report(self, request: web.Request) -> web.Response:
         _refuse_from_elsewhere(request)
         session = await asyncio.to_thread(self._session, request.match_info["key"])
-        status, made = await self._made("report", "-o", "-", "--", str(session))
-        if status:
-            return _page("No report", status=422, text=made)
-        return web.Response(text=made, content_type="text/html", charset="utf-8", headers=HEADERS)
+        return await self._page_of("report", session)
 
     async def _history(self, request: web.Request) -> web.Response:
         _refuse_from_elsewhere(request)
         folder = _named(request.match_info["key"], self._folders())
-        status, made = await self._made("history", "--", str(folder))
-        return _page(f"History of {folder.name}", status=422 if status else 200, text=made)
+        return await self._page_of("history", folder)
+
+    async def _page_of(self, verb: str, path: Path) -> web.Response:
+        status, made = await self._made(verb, "-o", "-", "--", str(path))
+        if status:
+            return _page(f"No {verb}", status=422, text=made)
+        return web.Response(text=made, content_type="text/html", charset="utf-8", headers=HEADERS)
 
     def _folders(self) -> list[Path]:
         return [path for path in self._paths if path.is_dir()]

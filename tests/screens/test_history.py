@@ -56,7 +56,12 @@ async def test_entered_offsets_are_a_line_in_the_plot(tmp_path: Path) -> None:
         await pilot.press("tab")
         await pilot.pause(0.1)
         shown = rows(interface.screen)
-        assert any("Change of the offsets" in row for row in shown)
+        assert any("joint x, change of the offset (1 of 3)" in row for row in shown)
         # two sides of the frame, and between them the line at day 60
         assert sum(row.count("│") == 3 for row in shown) >= 4
+        await pilot.press("minus")
+        await pilot.pause(0.1)
+        assert any(
+            "joint z, change of the offset (3 of 3)" in row for row in rows(interface.screen)
+        )
         await pilot.press("f10")

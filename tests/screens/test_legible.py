@@ -19,12 +19,13 @@ from app.machines.registry import LOOKS
 from app.measuring.demo import demo_plan
 from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
+from app.screens.history import CompareScreen
 from app.screens.home import HomeScreen, PickScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.pages import COLOURS_OF_WORDS, LEGIBLE, SIGNALS, contrast
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
-from app.screens.result import CompareScreen, ResultScreen
+from app.screens.result import ResultScreen
 from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from protocols.record import read_record
@@ -84,7 +85,7 @@ async def test_a_result_opens_on_the_numbers_to_enter_and_the_next_step(
     path = samples / "experiment_3_twelve.jsonl"
     interface = interface_on(ResultScreen(solve_files([path]), None, path), theme)
     async with interface.run_test(size=size) as pilot:
-        await until(pilot, "text", lambda: "Next: D" in text(interface, "#glance"))
+        await until(pilot, "text", lambda: "Next: D" in text(interface, "#result-text"))
         await pilot.pause()
         seen = rows(interface.screen)
         first = [
@@ -92,7 +93,9 @@ async def test_a_result_opens_on_the_numbers_to_enter_and_the_next_step(
             for words in ("enter ", "d_rho_x", "d_rho_z", "Tool error", "now ", "after ", "Next: D")
         ]
         assert first == sorted(first)
-        assert interface.screen.query_one("#first").max_scroll_y == 0, "all of it is seen"
+        assert interface.screen.query_one("#result VerticalScroll").max_scroll_y == 0, (
+            "all of it is seen"
+        )
         assert contrasts(interface, "Next:")
         assert min(contrasts(interface, "Next:")) >= LEGIBLE
 

@@ -96,13 +96,15 @@ class Section:
 
 @dataclass(frozen=True)
 class CalibrationReport:
-    """``decision`` is that against the tolerance, or that there is none."""
+    """``decision`` is that against the tolerance, or that there is none; ``signed``: by hand."""
 
     machine: str
     decision: str
     sentences: Sequence[str]
     sections: Sequence[Section]
     program: str
+    title: str = "Calibration report"
+    signed: bool = True
 
 
 def report_of(
@@ -393,7 +395,6 @@ def _evidence(found: Diagnosis) -> Sequence[Table | Picture]:
 def _fit(solved: SessionSolution) -> Section:
     """What the model makes of the readings."""
     caption = f"Differences as measured, and what the model leaves of them{WHISKER_WORDS}"
-    caption += "" if solved.reads_tool else LEG_NAMES_WORDS
     bars = Picture(bars_svg(measured_and_predicted(solved.solution)), caption)
     parts: list[Table | Picture] = [difference_table(solved.solution), bars]
     if (over_time := residuals_over_time(solved)).series:
@@ -479,4 +480,3 @@ BESIDE = 3
 """So many sessions stand beside each other in a table."""
 
 WHISKER_WORDS = "; below, on a scale of its own. Whiskers: twice the standard uncertainty."
-LEG_NAMES_WORDS = " x_y+ is leg Y, read across along X, at Max less at Zero; x_y- the same at Min."

@@ -38,5 +38,12 @@ def _section(one: MachineHistory, now: datetime) -> Section:
     figures = control_charts(one)
     pictures = [Picture(legs_svg(figures[k : k + 2]), CAPTION) for k in range(0, len(figures), 2)]
     heading = f"{one.machine}{texts.ORIGIN_WORDS[one.origin]}"
-    parts: list[str | Table | Picture] = [texts.machine_sentence(one, now), *texts.drift_lines(one), *pictures, table, texts.BELOW_TABLE, *notes]
+    parts: list[str | Table | Picture] = [
+        texts.machine_sentence(one, now),
+        *texts.drift_lines(one),
+        *pictures,
+        table,
+        texts.BELOW_TABLE,
+        *notes,
+    ]
     return Section(heading, parts)

@@ -194,13 +194,6 @@ class Refusing(Protocol):
     def why_not(self, action: str) -> str: ...
 
 
-@runtime_checkable
-class Helping(Protocol):
-    """A screen whose help names the keys that are in force."""
-
-    def help_text(self) -> str: ...
-
-
 class PrintableRows(LineFilter):
     """Every row of every widget passes here last: nothing hidden reaches the terminal.
 
@@ -396,11 +389,7 @@ class Interface(App[str]):
         """Words about the focused panel, then about the screen."""
         of_machines = "\n".join(look.words for look in self.looks)
         panels = (self.focused or self.screen).ancestors_with_self  # the screen is the last of them
-        words = [
-            p.help_text() if isinstance(p, Helping) else p.HELP or str(p.tooltip or "")
-            for p in panels
-            if isinstance(p, Widget)
-        ]
+        words = [p.HELP or str(p.tooltip or "") for p in panels if isinstance(p, Widget)]
         said = "\n\n".join(dict.fromkeys(text for text in words if text))
         said = self.keyed(said.replace(WORDS_OF_LOOKS, of_machines))
         if not isinstance(self.screen, HelpDialog):

@@ -96,6 +96,9 @@ class MeasureScreen(Corrections, Resting):
         self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
         self._sleep = SleepWatch()
         self.automatic = guided.mover is not None
+        not_here = "measure.automatic" if self.automatic else "measure.go"
+        lines = texts.MEASURE_HELP.splitlines()
+        self.HELP = "\n".join(line for line in lines if not_here not in line)
         self._moving: tuple[object, ...] | None = None
 
     def compose(self) -> ComposeResult:
@@ -449,12 +452,6 @@ class MeasureScreen(Corrections, Resting):
 
     def say(self, text: str) -> None:
         self.view.say(self.app.keyed(text))
-
-    def help_text(self) -> str:
-        """Without the key that this session has no use for."""
-        not_here = "measure.go" if self.guided.mover is None else "measure.automatic"
-        lines = texts.MEASURE_HELP.splitlines()
-        return "\n".join(line for line in lines if not_here not in line)
 
     @property
     def _goes_on(self) -> str:

@@ -78,11 +78,16 @@ class PagedScreen(LeftOnce[ScreenResultType]):
 
     def compose(self) -> ComposeResult:
         yield Static("", id="heading", markup=False)
+        yield from self.above()
         with TabbedContent(initial=self.first):
             for number, page in enumerate(self.pages, start=1):
                 with TabPane(f"{number} {page.title}", id=page.name):
                     yield from page.compose()
         yield from last_lines()
+
+    def above(self) -> ComposeResult:
+        """What stands above every page."""
+        yield from ()
 
     def on_mount(self) -> None:
         self.query_one(Tabs).can_focus = False  # the keys of this screen turn the pages

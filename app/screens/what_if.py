@@ -70,9 +70,8 @@ class WhatIfScreen(PagedScreen[EffectEntry | None]):
         self._following = False
         self._figures = ""
 
-    def compose(self) -> ComposeResult:
-        heading, *pages = super().compose()
-        yield from (heading, Static(texts.WORKING, id="what-if", markup=False), *pages)
+    def above(self) -> ComposeResult:
+        yield Static(texts.WORKING, id="what-if", markup=False)
 
     def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
         """Up and down are for sizes."""

@@ -125,7 +125,7 @@ async def test_compare_by_keys(folder: Path) -> None:
         chart = interface.screen.query_one("#plot-chart0")
         await until(pilot, "the plot", lambda: chart.region.area > 0)
         await pilot.press("y")
-        assert interface.clipboard.splitlines()[0].strip() == "Differences, mm"
+        assert interface.clipboard.splitlines()[0].strip() == "Differences: leg along axis, mm"
         await pilot.press("tab")
         await pilot.resize_terminal(120, 40)
         assert interface.screen.query_one("#comparison .beside").display

@@ -170,3 +170,24 @@ async def test_escape_leads_back_from_every_screen(
 async def escape(pilot: Pilot[str], interface: Interface, name: str) -> None:
     await pilot.press("escape")
     await until(pilot, f"home after {name}", lambda: isinstance(interface.screen, HomeScreen))
+
+
+@pytest.mark.parametrize("colours", ["textual-dark", "textual-light", "NO_COLOR"])
+async def test_the_page_that_is_shown_is_marked_without_colour(
+    samples: Path, colours: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In one line below that of the session; reversed, so that no colour is needed."""
+    if colours == "NO_COLOR":
+        monkeypatch.setenv("NO_COLOR", "1")
+    path = samples / "experiment_3_twelve.jsonl"
+    theme = "textual-dark" if colours == "NO_COLOR" else colours
+    interface = interface_on(ResultScreen(solve_files([path]).work_out(), None, path), theme)
+    async with interface.run_test(size=(80, 24)) as pilot:
+        await until(pilot, "text", lambda: "Next: D" in text(interface, "#result-text"))
+        await pilot.press("2")
+        await pilot.pause()
+        heading, tabs, *_ = strips(interface.screen)
+        assert heading.text.split() == [path.name, "in", path.parent.name]
+        assert tabs.text.split("  ")[:2] == [" 1 Result", "2 Details"]
+        marked = [one.text.strip() for one in tabs if one.style and one.style.reverse]
+        assert marked == ["2 Details"]

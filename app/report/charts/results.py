@@ -79,8 +79,8 @@ def before_and_after(before: Solution, after: Solution) -> Chart:
     found, again = before.differences, after.differences
     later = {name: k for k, name in enumerate(again.names)}
     rows = [k for k in found.published_rows if found.names[k] in later]
-    names = [difference_words(found.names[k]) for k in rows]
-    partners = [later[found.names[k]] for k in rows]
+    names = [found.names[k] for k in rows]
+    partners = [later[name] for name in names]
     return _differences(
         names,
         ("before", found.value_mm[rows], before.difference_uncertainty_mm[rows]),
@@ -104,7 +104,7 @@ def difference_words(name: str) -> str:
 def _published(solution: Solution) -> tuple[list[int], list[str]]:
     """Rows and names of the (up to) twelve differences."""
     rows = list(solution.differences.published_rows)
-    return rows, [difference_words(solution.differences.names[k]) for k in rows]
+    return rows, [solution.differences.names[k] for k in rows]
 
 
 def _differences(
@@ -119,9 +119,9 @@ def _differences(
         aside = (2 * k + 1 - len(shown)) * ASIDE
         x = tuple(place + aside for place in range(1, len(names) + 1))
         series.append(Series(name, x, *(tuple(column.tolist()) for column in columns)))
-    legs = any(" along " in name for name in names)
-    title = f"Differences{': leg along axis' * legs}"
-    return Chart(title, "", "mm", tuple(series), tuple(names))
+    words = tuple(map(difference_words, names))
+    title = f"Differences{': leg along axis' * (words != tuple(names))}"
+    return Chart(title, "", "mm", tuple(series), words, x_short=tuple(names))
 
 
 HALF = 0.36

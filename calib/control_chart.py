@@ -28,17 +28,30 @@ LEAST_DAYS = 1.0
 """So far apart they are at least: minutes of warming up are not what months bring."""
 
 
+RULES = (
+    (1, 1, 3.0, "one beyond 3 σ"),
+    (3, 2, 2.0, "two of three beyond 2 σ on one side"),
+    (5, 4, 1.0, "four of five beyond 1 σ on one side"),
+    (8, 8, 0.0, "eight in a row on one side"),
+)
+"""Western Electric rules 1 to 4 (Statistical Quality Control Handbook, 1956): of so many values in
+a row so many are farther from the centre than so many standard deviations.
+"""
+
+
 @dataclass(frozen=True, eq=False)
 class ControlChart:
     """Of values ``(n,)`` in their order; a new phase begins with each change.
 
     ``centre`` and ``limit`` ``(n,)`` are mean and distance of the limits of the value's phase, NaN
-    where a phase has one value alone.
+    where a phase has one value alone. ``signals`` has for each value the numbers, from 1, of the
+    `RULES` that it completes within its phase.
     """
 
     changed: NDArray[np.bool_]
     centre: FloatArray
     limit: FloatArray
+    signals: tuple[tuple[int, ...], ...]
 
 
 def control_chart(
@@ -77,7 +90,33 @@ def control_chart(
             for values_of_phase in ranges
         ]
     )
-    return ControlChart(changed, centre, limit)
+    return ControlChart(changed, centre, limit, _signals(values, expanded, phase, centre, limit))
+
+
+def _signals(
+    values: FloatArray,
+    expanded: FloatArray,
+    phase: NDArray[np.intp],
+    centre: FloatArray,
+    limit: FloatArray,
+) -> tuple[tuple[int, ...], ...]:
+    """Rules that each value completes; a standard deviation is at least the stated uncertainty's.
+
+    A few moving ranges may be small by chance, and no rule is to accuse what measuring explains.
+    """
+    sigma = np.fmax(limit, TO_THREE_SIGMA * expanded) / 3.0
+    sigma[sigma == 0.0] = np.inf
+    away = np.where(np.isnan(limit), 0.0, (values - centre) / sigma)
+    signals = []
+    for k in range(len(values)):
+        row = []
+        for number, (run, needed, least, _) in enumerate(RULES, start=1):
+            last = away[max(phase[k], k - run + 1) : k + 1]
+            side = np.sign(away[k])
+            if side * away[k] > least and (side * last > least).sum() >= needed:
+                row.append(number)
+        signals.append(tuple(row))
+    return tuple(signals)
 
 
 def _scatter(values: FloatArray, k: int) -> float:

@@ -194,9 +194,13 @@ def export(
         _export_of_machine(own, context, source, output, force=force)
         return
     if table or format_name in ("xlsx", "parquet"):
-        told = {"--home-offset": home_offset, "--endstops": endstops, "--steps": steps}
-        told["--ini"] = ini
-        _refuse_beside_table(table or "readings", format_name, {**told, "--frame": frame})
+        beside: dict[str, object] = {
+            "--home-offset": home_offset,
+            "--endstops": endstops,
+            "--steps": steps,
+        }
+        beside |= {"--ini": ini, "--frame": frame}
+        _refuse_beside_table(table or "readings", format_name, beside)
         if output != STANDARD_OUTPUT or format_name != "csv":
             force = may_replace(force, output)  # before long work
         found = _table(source, table or "readings", subset, method, model)
@@ -255,6 +259,11 @@ def history(
         bool, typer.Option("--effects", help="Diagnose each session, too; takes its time once.")
     ] = False,
     screen: Annotated[bool, typer.Option("--screen", help="Look at it on a screen.")] = False,
+    output: Annotated[
+        Path | None,
+        file("Page with figures to write, as HTML; - is standard output.", "--output", "-o"),
+    ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """All sessions of a folder over time. Changes, drift, and when the next one is due."""
@@ -275,6 +284,12 @@ def history(
     from app.report.text.history import history_text
 
     now = datetime.now(UTC)
+    if output is not None:
+        with extra("glidecal history -o", "report"):
+            from app.report.pages.history import history_page
+            from app.report.pages.report import html_of
+        deliver(output, {"": html_of(history_page(found, now))}, force=force)
+        return
     answer = Answer(lambda: history_text(found, now), lambda: HistoryReport.of(found=found))
     typer.echo(answer.shown(as_json=as_json))
 

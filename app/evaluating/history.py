@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from itertools import pairwise
 from pathlib import Path
+from typing import Literal
 
 from pydantic import AwareDatetime, ValidationError
 
@@ -26,6 +27,9 @@ from protocols.documents import Document, read_bytes
 from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record
 from protocols.session import Session
+
+ORIGINS = ("measured", "imported", "simulated")
+"""In this order the histories of a folder follow each other."""
 
 DAY_S = 86_400.0
 LONGEST_DAYS = 36_500.0
@@ -42,6 +46,8 @@ class Entry(Document):
 
     began: AwareDatetime
     machine: Machine
+    origin: Literal["measured", "simulated", "imported"] = "measured"
+    unfinished: bool = False
     temperature_c: float | None = None
     verifies: str | None = None
     offsets_mm: tuple[float, float, float] | None = None
@@ -65,11 +71,15 @@ class Point:
 class MachineHistory:
     """Sessions of one machine by their date; ``joints`` are offsets x, y, z over ``days``.
 
+    ``origin`` is that of all of them: what was simulated or imported is no part of a machine's own
+    history.
+
     ``due`` is when the drift that is shown will have used up the tolerance, None where there is no
     drift, no tolerance or no end to be seen.
     """
 
     machine: str
+    origin: str
     points: tuple[Point, ...]
     days: tuple[float, ...]
     joints: tuple[Watched, ...]
@@ -107,9 +117,9 @@ def read_history(folder: Path, *, effects: bool = False, index: Path | None = No
             "Measure one first, or begin in the folder that has them.",
         )
     problems: list[tuple[Path, str]] = []
-    found: dict[str, list[tuple[Path, Entry]]] = {}
+    found: dict[tuple[str, str], list[tuple[Path, Entry]]] = {}
     seen: dict[str, Path] = {}
-    with closing(Index(index or cache_path() / "history-1.sqlite")) as remembered:
+    with closing(Index(index or cache_path() / "history-2.sqlite")) as remembered:
         for path in paths:
             try:
                 digest, entry = _entry_of(path, remembered, effects=effects)
@@ -121,9 +131,11 @@ def read_history(folder: Path, *, effects: bool = False, index: Path | None = No
                 continue
             if entry.problem:
                 problems.append((path, entry.problem))
-            if entry.offsets_mm is not None:
-                found.setdefault(entry.machine.name, []).append((path, entry))
-    machines = [history_of_machine(name, entries) for name, entries in sorted(found.items())]
+            if entry.offsets_mm is not None and not entry.unfinished:
+                key = entry.machine.name, entry.origin
+                found.setdefault(key, []).append((path, entry))
+    groups = sorted(found.items(), key=lambda group: (ORIGINS.index(group[0][1]), group[0]))
+    machines = [history_of_machine(*key, entries) for key, entries in groups]
     return History(folder, tuple(machines), tuple(problems))
 
 
@@ -151,6 +163,8 @@ def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
     entry = Entry(
         began=opened.at,
         machine=opened.machine,
+        origin=opened.origin,
+        unfinished=bool(record.unfinished),
         temperature_c=opened.temperature_c,
         verifies=opened.verifies,
     )
@@ -183,7 +197,9 @@ def _named(session: Session) -> tuple[str, ...]:
     return tuple(f"{one.id}:{one.where}" for one in found)
 
 
-def history_of_machine(name: str, entries: Iterable[tuple[Path, Entry]]) -> MachineHistory:
+def history_of_machine(
+    name: str, origin: str, entries: Iterable[tuple[Path, Entry]]
+) -> MachineHistory:
     """The sessions of one machine in turn, and what changed between neighbours."""
     ordered = sorted(entries, key=lambda one: (one[1].began, one[0]))
     events = ["", *(_event(a, b) for (_, a), (_, b) in pairwise(ordered))]
@@ -197,7 +213,7 @@ def history_of_machine(name: str, entries: Iterable[tuple[Path, Entry]]) -> Mach
         strict=True,
     )
     joints = tuple(watch(days, values, expanded, rebuilt) for values, expanded in columns)
-    return MachineHistory(name, points, tuple(days), joints, _due(ordered[-1][1], joints))
+    return MachineHistory(name, origin, points, tuple(days), joints, _due(ordered[-1][1], joints))
 
 
 MECHANICAL, ENTERED = "machine changed", "offsets entered"

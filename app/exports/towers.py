@@ -184,10 +184,10 @@ def printer_cfg(offsets: Offsets) -> Export:
     turns = offsets.machine.rotation_distance_mm
     offsets, values = fitted(offsets, ON_ONE_CIRCLE, turns)
     stops, towers = values.endstops_mm(now), values.towers
-    turned = values.stretch.any() and turns is not None
+    turned = turns if values.stretch.any() else None
     steppers = [
         f", stepper_{name} (tower {LEG_NAMES[drive]}) position_endstop {now[drive]:.6f} mm"
-        + (f", rotation_distance {turns[drive]:.6f} mm" if turned else "")
+        + (f", rotation_distance {turned[drive]:.6f} mm" if turned else "")
         for name, drive in zip(FIRMWARE_TOWERS, drives, strict=True)
     ]
     put = (
@@ -206,7 +206,7 @@ def printer_cfg(offsets: Offsets) -> Export:
             f"angle: {towers.angle_deg[drive]:.6f}",
         ]
         if turned:
-            lines.append(f"rotation_distance: {values.turns_mm(turns)[drive]:.6f}")
+            lines.append(f"rotation_distance: {values.turns_mm(turned)[drive]:.6f}")
     return Export({"": "\n".join(lines) + "\n"}, offsets.cautions)
 
 

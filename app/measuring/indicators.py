@@ -59,7 +59,7 @@ def indicator_words(number: int, instrument: Instrument) -> str:
 
 
 FORM_ALLOWED = {
-    "profile": "one of the list; F3 tries which fit",
+    "profile": "one of the list",
     "channel": "a whole number, 1 … 99",
     "serial_number": "at most 200 letters",
     "certificate": "at most 200 letters",

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.widgets import Footer, Static
+from textual.widgets import Static
 
 from app.measuring.aligning import Round, align_session
 from app.measuring.plan import Plan
@@ -15,7 +15,7 @@ from app.measuring.session import GuidedSession
 from app.report.text import alignment as texts
 from app.report.text.session import progress_text
 from app.screens.corrections import Corrections
-from app.screens.pages import signalled
+from app.screens.pages import last_lines, signalled
 from app.screens.session_view import Gauges
 from calib.errors import GlidecalError
 from calib.tripod.alignment import RailMoved
@@ -55,7 +55,7 @@ class AlignScreen(Corrections):
         yield Gauges(self.plan.instruments)
         yield Static("", id="said", markup=False)
         yield Static("", id="screws", markup=False)
-        yield Footer(compact=True, show_command_palette=False)
+        yield from last_lines()
 
     def on_mount(self) -> None:
         mode = f"align to rail {(self.plan.reference or 'x').upper()}"
@@ -64,7 +64,7 @@ class AlignScreen(Corrections):
         try:
             aligned = align_session(self.guided.session, self.plan.reference or "x")
         except GlidecalError as problem:
-            self.say(f"{problem} C measures again.")
+            self.say(f"{problem} {{align.again}} measures again.")
         else:
             self.round = Round(self.guided, aligned)
             self.say(texts.UNSEEN.format(aligned.reference.upper()))
@@ -76,7 +76,7 @@ class AlignScreen(Corrections):
         self._show()
 
     def say(self, text: str) -> None:
-        self.query_one("#said", Static).update(signalled(text))
+        self.query_one("#said", Static).update(signalled(self.app.keyed(text)))
 
     def refused(self, text: str) -> None:
         self.busy = False
@@ -85,7 +85,8 @@ class AlignScreen(Corrections):
     def _show(self) -> None:
         self.query_one(Gauges).show([gauge.live() for gauge in self.guided.gauges])
         if self.round:
-            self.query_one("#step", Static).update(texts.screw_text(self.round, self.chosen))
+            step = self.app.keyed(texts.screw_text(self.round, self.chosen))
+            self.query_one("#step", Static).update(step)
             self.query_one("#screws", Static).update(texts.round_text(self.round, self.chosen))
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
@@ -110,7 +111,7 @@ class AlignScreen(Corrections):
         if self.round is None:
             return
         if self.round.watching is not None:
-            self.say("WAIT: this screw is watched. Space when it is there, then the next.")
+            self.say("WAIT: this screw is watched. {align.watch} when it is there, then the next.")
             return
         self.chosen = (self.chosen + by) % len(self.round.aligned.shims)
         self._stand()
@@ -135,9 +136,11 @@ class AlignScreen(Corrections):
         shim = self.round.aligned.shims[self.chosen]
         with self.app.complaining():
             if not self.round.watchable(shim):
-                self.say("WAIT: no turn of this screw shows here. Turn it by the number, then X.")
+                self.say(
+                    "WAIT: no turn of this screw shows. Turn it by the number, then {align.asked}."
+                )
             elif self.chosen in self.round.moved_mm:
-                self.say("WAIT: it is done and in the record. C measures again.")
+                self.say("WAIT: it is done and in the record. {align.again} measures again.")
             elif self.round.start(self.chosen):
                 self.say("Watching. Turn this screw only.")
             else:
@@ -162,7 +165,7 @@ class AlignScreen(Corrections):
             moved = "as asked" if change.moved_mm is None else f"{change.moved_mm:+.3f} mm"
             self.say(
                 f"In the record: end at {change.support_mm:.0f} mm of rail {change.rail}, {moved}. "
-                "Next, or C measures again."
+                "The next one, or {align.again} measures again."
             )
 
         if self.write(write):
@@ -173,7 +176,7 @@ class AlignScreen(Corrections):
         if self.round is None or self.guided.turn is None:
             return
         if self.round.watching is None:
-            self.say("WAIT: Space watches the screw first.")
+            self.say("WAIT: {align.watch} watches the screw first.")
             return
         shim = self.round.aligned.shims[self.chosen]
         self.guided.turn(RailMoved.by_shim(shim, way * TURN_MM), self.round.watch_step(shim))
@@ -181,16 +184,18 @@ class AlignScreen(Corrections):
     def action_again(self) -> None:
         """Measure every step once more; without a move nothing is to be measured."""
         if self.round is not None and self.round.watching is not None:
-            self.say("WAIT: this screw is watched. Space when it is there.")
+            self.say("WAIT: this screw is watched. {align.watch} when it is there.")
         elif self.guided.step() is None:
-            self.say("Nothing was moved: the readings hold. F finishes.")
+            self.say("Nothing was moved: the readings hold. {align.finish} finishes.")
         else:
             self.app.go_to(self.app.measuring(self.guided, self.plan))
 
     def action_finish(self) -> None:
         """Close the record, on to the result."""
         if self.guided.step() is not None:
-            self.say("WAIT: something was moved since. C measures again; Escape pauses.")
+            self.say(
+                "WAIT: something was moved. {align.again} measures again; {align.home} pauses."
+            )
         elif not self.busy:
             self.busy = True
             self.finish()

@@ -13,7 +13,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
 from textual.screen import Screen
-from textual.widgets import Footer, Static
+from textual.widgets import Static
 
 from app.exit_codes import exit_code
 from app.measuring.gauges import PushResult, SpindleCheck
@@ -41,7 +41,7 @@ from app.report.text.preparing import (
 from app.report.text.questions import port_choices, port_question
 from app.screens.fast_keys import Title
 from app.screens.interface import ChoiceDialog, Interface
-from app.screens.pages import apart, is_left
+from app.screens.pages import apart, is_left, last_lines
 from app.screens.session_view import Gauges
 from calib.errors import GlidecalError
 from protocols.machine import Instrument, Machine
@@ -84,7 +84,7 @@ class CheckScreen(Screen[None]):
             yield words
         yield Static("", id="trial", markup=False)
         yield Gauges(self._plan.instruments)
-        yield Footer()
+        yield from last_lines()
 
     def on_mount(self) -> None:
         self.app.clear_notifications()  # they would lie over the readings
@@ -128,7 +128,7 @@ class CheckScreen(Screen[None]):
             words = "\n".join(["WARNING: " + line for line in moved]) + f"\n\n{words}"
         if indicators.mover is not None:
             words = f"{motion.check_text(self._plan, indicators.mover)}\n\n{words}"
-        self.query_one("#words", Static).update(words)
+        self.query_one("#words", Static).update(self.app.keyed(words))
         if not self._plan.simulated:  # no hand can push those spindles
             with self.app.complaining():
                 self._first = first_step(self._plan)
@@ -146,12 +146,12 @@ class CheckScreen(Screen[None]):
                 self.app.bell()
             if ended or (unready and trial.ready):
                 if self._first:
-                    self.query_one("#trial", Static).update(trial_text(trial, self._first))
+                    self.say(trial_text(trial, self._first))
                 self.refresh_bindings()
 
     def say(self, text: str) -> None:
         """What went wrong, above the panels: nothing lies over them."""
-        self.query_one("#trial", Static).update(text)
+        self.query_one("#trial", Static).update(self.app.keyed(text))
 
     def action_exchange(self) -> None:
         """The spindle that moved is the one that was asked for: its port belongs there."""
@@ -259,9 +259,9 @@ class DryRunScreen(Screen[None]):
     def compose(self) -> ComposeResult:
         yield Title()
         with VerticalScroll(id="dry-run"):
-            yield Static(self._steps, id="dry-run-text", markup=False)
+            yield Static(self.app.keyed(self._steps), id="dry-run-text", markup=False)
             yield Static("", id="expected", markup=False)
-        yield Footer()
+        yield from last_lines()
 
     @work
     async def on_mount(self) -> None:

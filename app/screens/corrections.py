@@ -84,8 +84,7 @@ class Corrections(Screen[None]):
         try:
             result = await asyncio.to_thread(self._result)
         except GlidecalError as problem:
-            keys = self.app.key(self.FINISHES), self.app.key(self.LEAVES)
-            again = f"{keys[0]} tries again, {keys[1]} leaves."
+            again = f"{{{self.FINISHES}}} tries again, {{{self.LEAVES}}} leaves."
             self.refused(f"Every reading is on the disk, but: {problem} {again}")
             return
         self.app.guided = None
@@ -135,7 +134,7 @@ class Corrections(Screen[None]):
         if any(r.step == step for r in session.readings) or step in session.skipped:
             gone = len(self.guided.steps_repeated_with(step))
             brought = "brought back" if step in session.skipped else "measured again"
-            question = f"Why is step {step} {brought}? With a reason, Enter makes it the next step."
+            question = f"Why is step {step} {brought}? With a reason it becomes the next step."
             if gone > 1:
                 question += f" Its stand is gone: {gone} steps are measured, to share one zero."
             said = f"Step {step} is measured again: {{}}"
@@ -182,7 +181,8 @@ class Corrections(Screen[None]):
         def chosen(numbers: list[int] | None) -> None:
             if numbers:
                 question = "Why? The reason stays in the record."
-                said = f"Skipped: {{}}. {self.app.key('measure.earlier')} brings it back."
+                said = self.app.keyed("{measure.earlier} brings it back.")
+                said = f"Skipped: {{}}. {said}"
                 self._with_reason(question, partial(self.guided.skip, numbers), said)
 
         self.ask(ChoiceDialog("What do you want to skip?", choices), chosen)

@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, ParamSpec, TypeVar
 
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
-from textual.widgets import Footer, OptionList, Static
+from textual.widgets import OptionList, Static
 from textual.widgets.option_list import Option
 
 from app.measuring.recorded import (
@@ -28,11 +28,11 @@ from app.measuring.recorded import (
 from app.report.text import home as texts
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
-from app.screens.pages import apart
+from app.screens.pages import apart, last_lines
 
 DEMO_FOLDER = Path("demo-sessions")
-Job = Callable[[], Callable[[], object]]
-"""Computes something, and gives back what shows it."""
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
 
 
 class HomeScreen(Screen[None]):
@@ -80,54 +80,69 @@ class HomeScreen(Screen[None]):
         return [*options, None, *others] if others else options
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        if self._working:
-            return
-        what, _, path = (event.option.id or "").partition(" ")
-        session = next((r for r in self._recent if str(r.path) == path), None)
-        if what == "session" and session is not None:
-            self._ask_about(session)
-        else:
-            self._do(what, session)
+        if not self._working:
+            self._working = True
+            what, _, path = (event.option.id or "").partition(" ")
+            self._begin(what, next((r for r in self._recent if str(r.path) == path), None))
 
-    def _ask_about(self, session: SessionFile) -> None:
-        """A small choice of what can be done with one session."""
-        if session.problem:
-            self.app.complain(session.problem)
-            return
-        choices = texts.session_choices(session, read_only=self.app.read_only)
-        dialog = ChoiceDialog(texts.session_label(session), choices)
-        self.app.ask(dialog, lambda what: self._do(what, session))
-
-    def _do(self, what: str, session: SessionFile | None) -> None:
-        """Carry a choice out, with a session or after asking which one."""
+    @work
+    async def _begin(self, what: str, session: SessionFile | None) -> None:
         with self.app.complaining():
-            if what == "new":
-                self.app.push_screen(self._form())
-            elif what == "demo":
-                self._demonstrate()
-            elif what == "compare":
-                self._compare(session)
-            elif what == "history":
-                self._start(self._show_history)
-            elif look := next((one for one in self.app.looks if one.name == what), None):
-                self.app.push_screen(look.screen())
-            elif session is None:
-                self._pick(texts.WHICH[what], partial(self._do, what))
-            else:
-                self._do_with(session.path, what)
+            await self._do(what, session)
+        self._working = False
+        self.query_one("#question", Static).update(texts.HOME_QUESTION)
 
-    def _do_with(self, path: Path, what: str) -> None:
+    async def _do(self, what: str, session: SessionFile | None) -> None:
+        """Carry a choice out, with a session or after asking which one."""
+        app = self.app
+        opens = {"new": self._form, "demo": self._demonstration}
+        opens |= {look.name: look.screen for look in app.looks}
+        if session is not None and session.problem:
+            app.complain(session.problem)
+        elif what in opens:
+            app.push_screen(opens[what]())
+        elif what == "history":
+            app.push_screen(await self._computed(_history, Path()))
+        elif session is None:
+            which = texts.WHICH["before" if what == "compare" else what]
+            if picked := await app.push_screen_wait(PickScreen(which, self._recent)):
+                await self._do(what, picked)
+        elif what == "session":
+            choices = texts.session_choices(session, read_only=app.read_only)
+            dialog = ChoiceDialog(texts.session_label(session), choices)
+            if answer := await app.push_screen_wait(dialog):
+                await self._do(answer, session)
+        elif what == "compare":
+            await self._compare(session)
+        else:
+            await self._do_with(session.path, what)
+
+    async def _do_with(self, path: Path, what: str) -> None:
         if what == "continue":
-            self._continue(path)
+            await self._continue(path)
         elif what == "replay":
             self.app.push_screen(_replay(path))
         elif what == "diagnose":
             self.app.push_screen(self.app.diagnosis([path]))
         elif what == "export":
-            job = partial(self._export, path)
-            self._start(job, replacing=partial(job, replace=True))
+            self._say_computing()
+            if said := await self.app.written(partial(_export, path)):
+                await self.app.push_screen_wait(HelpDialog(said))  # stays until it is read
         else:
-            self._start(partial(self._show_result, path))
+            screen, warnings = await self._computed(_result, path, self.app.read_only)
+            self.app.push_screen(screen)
+            for warning in warnings:
+                self.app.notify(warning, severity="warning", markup=False)
+
+    def _say_computing(self) -> None:
+        self.query_one("#question", Static).update(self.app.keyed(texts.COMPUTING))
+
+    async def _computed(
+        self, job: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
+    ) -> Found:
+        """What a job gives, apart from the screen; it loads what it needs there, too."""
+        self._say_computing()
+        return await apart(self, job, *given, **named)
 
     def _form(self) -> Screen[None]:
         """The form that was left, as it was left."""
@@ -139,117 +154,84 @@ class HomeScreen(Screen[None]):
             self.app.install_screen(form, f"form {id(form)}")  # it stays when it is left
         return form
 
-    def _continue(self, path: Path, typed: str = "") -> None:
+    async def _continue(self, path: Path, typed: str = "") -> None:
         """The instrument check, after asking for the ports of a record of another computer."""
         from app.measuring.indicators import parse_indicator
         from app.measuring.plan import PortsUnknown, plan_to_continue
 
-        with self.app.complaining():
-            try:
-                plan = plan_to_continue(path, tuple(map(parse_indicator, typed.split())))
-            except PortsUnknown as problem:
-                dialog = TextDialog(texts.PORTS_QUESTION.format(problem.thing), texts.PORTS_HINT)
-                self.app.ask(dialog, partial(self._continue, path))
-            else:
-                self.app.push_screen(self.app.check(plan))
+        try:
+            plan = plan_to_continue(path, tuple(map(parse_indicator, typed.split())))
+        except PortsUnknown as problem:
+            dialog = TextDialog(texts.PORTS_QUESTION.format(problem.thing), texts.PORTS_HINT)
+            if answer := await self.app.push_screen_wait(dialog):
+                await self._continue(path, answer)
+        else:
+            self.app.push_screen(self.app.check(plan))
 
-    def _demonstrate(self) -> None:
+    def _demonstration(self) -> Screen[None]:
         from app.measuring.demo import WATCHED, demo_plan
         from app.measuring.plan import writable_folder
 
         plan = demo_plan(writable_folder(DEMO_FOLDER), "zero-max-min", 1, WATCHED)
-        self.app.push_screen(self.app.check(plan))
+        return self.app.check(plan)
 
-    def _pick(
-        self,
-        question: str,
-        then: Callable[[SessionFile], None],
-        proposed: SessionFile | None = None,
-        left_out: SessionFile | None = None,
-    ) -> None:
-        sessions = [session for session in self._recent if session != left_out]
-        self.app.ask(PickScreen(question, sessions, proposed), then)
-
-    def _compare(self, session: SessionFile | None) -> None:
-        """Find the two sessions; one that verifies another brings its partner."""
+    async def _compare(self, session: SessionFile) -> None:
+        """With the session after it; one that verifies another brings its partner."""
         from app.evaluating.comparison import partner_of
 
-        if session is None:
-            self._pick(texts.WHICH["before"], self._compare)
-            return
-        partner = partner_of(session.path, session.verifies)
-        if partner is None:
-            self._pick_after(session)
-            return
-        dialog = ChoiceDialog(texts.partner_question(session.path, partner), texts.PARTNER_CHOICES)
+        pair: tuple[Path, Path] | None = None
+        if partner := partner_of(session.path, session.verifies):
+            question = texts.partner_question(session.path, partner)
+            dialog = ChoiceDialog(question, texts.PARTNER_CHOICES)
+            answer = await self.app.push_screen_wait(dialog)
+            if answer is None:
+                return
+            pair = (partner, session.path) if answer == "both" else None
+        if pair is None:
+            others = [one for one in self._recent if one != session]
+            question = f"{session.path}\n{texts.WHICH['after']}"
+            proposed = follow_up(session, self._recent)
+            after = await self.app.push_screen_wait(PickScreen(question, others, proposed))
+            if after is None:
+                return
+            pair = session.path, after.path
+        self.app.push_screen(await self._computed(_comparison, *pair))
 
-        def answered(answer: str) -> None:
-            if answer == "both":
-                self._start(partial(self._show_comparison, partner, session.path))
-            else:
-                self._pick_after(session)
 
-        self.app.ask(dialog, answered)
+def _result(path: Path, read_only: bool) -> tuple[Screen[None], tuple[str, ...]]:
+    from app.evaluating.solution import solve_files
+    from app.measuring.plan import plan_to_repeat
+    from app.screens.result import ResultScreen
 
-    def _pick_after(self, before: SessionFile) -> None:
-        def picked(after: SessionFile) -> None:
-            self._start(partial(self._show_comparison, before.path, after.path))
+    solved = solve_files([path]).work_out()
+    plan = None if read_only else plan_to_repeat(path)
+    return ResultScreen(solved, plan, path), tuple(solved.warnings)
 
-        question = f"{before.path}\n{texts.WHICH['after']}"
-        self._pick(question, picked, follow_up(before, self._recent), left_out=before)
 
-    def _start(self, job: Job, replacing: Job | None = None) -> None:
-        """Compute apart from the screen, which loads what the job needs there, too."""
-        self._working = True
-        self.query_one("#question", Static).update(texts.COMPUTING)
-        self._finish(job, replacing)
+def _export(path: Path, *, replace: bool) -> str:
+    from app.evaluating.solution import solve_files
+    from app.exports import export_offsets
+    from app.report.text.result import export_caution, exported_text
 
-    @work
-    async def _finish(self, job: Job, replacing: Job | None) -> None:
-        with self.app.complaining(replacing and partial(self._start, replacing)):
-            show = await apart(self, job)
-            show()
-        self._working = False
-        self.query_one("#question", Static).update(texts.HOME_QUESTION)
+    folder = path.with_suffix("")
+    solved = solve_files([path])
+    said = exported_text(folder, export_offsets(solved, folder, replace=replace))
+    caution = export_caution(solved)
+    return f"{said}\n\nWARNING: {caution}" if caution else said
 
-    def _show_result(self, path: Path) -> Callable[[], object]:
-        from app.evaluating.solution import solve_files
-        from app.measuring.plan import plan_to_repeat
-        from app.screens.result import ResultScreen
 
-        solved = solve_files([path]).work_out()
-        plan = None if self.app.read_only else plan_to_repeat(path)
+def _comparison(before: Path, after: Path) -> Screen[None]:
+    from app.evaluating.comparison import compare_files
+    from app.screens.history import CompareScreen
 
-        def show() -> None:
-            self.app.push_screen(ResultScreen(solved, plan, path))
-            for warning in solved.warnings:
-                self.app.notify(warning, severity="warning", markup=False)
+    return CompareScreen(compare_files(before, after))
 
-        return show
 
-    def _export(self, path: Path, *, replace: bool = False) -> Callable[[], object]:
-        from app.evaluating.solution import solve_files
-        from app.exports import export_offsets
-        from app.report.text.result import export_caution, exported_text
+def _history(folder: Path) -> Screen[None]:
+    from app.evaluating.history import read_history
+    from app.screens.history import HistoryScreen
 
-        folder = path.with_suffix("")
-        solved = solve_files([path])
-        written = export_offsets(solved, folder, replace=replace)
-        said, caution = exported_text(folder, written), export_caution(solved)
-        if caution:  # stays until it is read
-            return partial(self.app.push_screen, HelpDialog(f"{said}\n\nWARNING: {caution}"))
-        return partial(self.app.notify, said, timeout=10, markup=False)
-
-    def _show_history(self) -> Callable[[], object]:
-        screen = _history(Path())
-        return lambda: self.app.push_screen(screen)
-
-    def _show_comparison(self, before: Path, after: Path) -> Callable[[], object]:
-        from app.evaluating.comparison import compare_files
-        from app.screens.result import CompareScreen
-
-        comparison = compare_files(before, after)
-        return lambda: self.app.push_screen(CompareScreen(comparison))
+    return HistoryScreen(read_history(folder))
 
 
 class PickScreen(LeftOnce[SessionFile]):
@@ -279,7 +261,7 @@ class PickScreen(LeftOnce[SessionFile]):
         labels = [Option(texts.session_label(session)) for session in self._sessions]
         at = self._sessions.index(self._proposed) if self._proposed in self._sessions else 0
         options = [*labels, Option(texts.ELSEWHERE)]
-        yield from _listing(f"{words}\n{texts.PICK_KEYS}", options, at)
+        yield from _listing(f"{words}\n{self.app.keyed(texts.PICK_KEYS)}", options, at)
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         if event.option_index < len(self._sessions):
@@ -302,7 +284,7 @@ class ReplayChoiceScreen(Screen[None]):
 
     app: Interface
     HELP = (
-        "Arrow keys and Enter open a session; Escape comes back to this list.\n"
+        f"{texts.LIST_KEYS} open a session.\n"
         f"Of a folder the newest {MOST_LISTED} sessions stand here, and its history."
     )
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -345,14 +327,7 @@ def _listing(question: str, options: Sequence[Option], at: int = 0) -> ComposeRe
     choices = OptionList(*options, id="choices", markup=False)
     choices.highlighted = at
     yield choices
-    yield Footer()
-
-
-def _history(folder: Path) -> Screen[None]:
-    from app.evaluating.history import read_history
-    from app.screens.history import HistoryScreen
-
-    return HistoryScreen(read_history(folder))
+    yield from last_lines()
 
 
 def _replay(path: Path) -> Screen[None]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import re
 import signal
 import stat
 import sys
@@ -37,12 +36,12 @@ from textual.widgets.option_list import Option
 
 from app.exit_codes import Exit
 from app.measuring.motion_keys import MotionKeys
-from app.report.text.home import REPLACE_CHOICES, WORDS_OF_LOOKS, key_list_text
-from app.report.text.tables import copied_text
+from app.report.text.home import LIST_KEYS, REPLACE_CHOICES, WORDS_OF_LOOKS, key_list_text
+from app.report.text.tables import copied_text, keyed
 from app.screens import Look
 from app.screens.fast_keys import Dialog, Palette, ready
-from app.screens.keys import bindings_of, key_words, split
-from app.screens.pages import legible, signalled
+from app.screens.keys import key_words, split, usual_key
+from app.screens.pages import Message, legible, signalled
 from app.settings import Settings, save_theme, settings_path
 from calib.errors import GlidecalError
 from calib.printable import HIDDEN
@@ -56,13 +55,16 @@ if TYPE_CHECKING:
 Thing = TypeVar("Thing")
 
 
-class TextDialog(Dialog[str]):
+class TextDialog(Dialog[str | None]):
     """One line of text: a note, a reason.
 
     ``without`` says what happens where there is none: then Enter gives nothing back by itself.
     """
 
-    BINDINGS: ClassVar[list[BindingType]] = [("escape", "dismiss('')", "Cancel")]
+    app: Interface
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "dismiss(None)", "Cancel", id="dialog.cancel")
+    ]
 
     def __init__(self, question: str, hint: str, proposed: str = "", without: str = "") -> None:
         super().__init__()
@@ -72,9 +74,11 @@ class TextDialog(Dialog[str]):
         self._without = without
 
     def compose(self) -> ComposeResult:
-        ends = f"Escape: {self._without}" if self._without else "Enter accepts, Escape cancels."
+        ends = "Enter accepts, {dialog.cancel} cancels."
+        if self._without:
+            ends = f"{{dialog.cancel}}: {self._without}"
         with Vertical(classes="dialog"):
-            yield Static(f"{self._question} {ends}", markup=False)
+            yield Static(self.app.keyed(f"{self._question} {ends}"), markup=False)
             yield Input(self._proposed, placeholder=self._hint)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
@@ -83,17 +87,19 @@ class TextDialog(Dialog[str]):
             self.dismiss(text)
         else:
             self.app.bell()
-            event.input.placeholder = f"{self._hint}: none yet, write one, or Escape"
+            cancel = self.app.keyed("{dialog.cancel}")
+            event.input.placeholder = f"{self._hint}: none yet, write one, or {cancel}"
 
 
-class ChoiceDialog(Dialog[Thing]):
+class ChoiceDialog(Dialog[Thing | None]):
     """One of several answers, by arrow keys and Enter, by its number, or none by Escape.
 
     ``choices`` are pairs of an answer and the words that stand for it.
     """
 
+    app: Interface
     BINDINGS: ClassVar[list[BindingType]] = [
-        ("escape", "dismiss(None)", "Cancel"),
+        Binding("escape", "dismiss(None)", "Cancel", id="dialog.cancel"),
         *((str(number), f"pick({number})", "") for number in range(1, 10)),
     ]
 
@@ -102,7 +108,7 @@ class ChoiceDialog(Dialog[Thing]):
         question: str,
         choices: Sequence[tuple[Thing, str]],
         highlighted: int = 0,
-        leaving: str = "Escape cancels.",
+        leaving: str = "{dialog.cancel} cancels.",
     ) -> None:
         super().__init__()
         self._leaving = leaving
@@ -116,7 +122,8 @@ class ChoiceDialog(Dialog[Thing]):
             numbered = enumerate((words for _, words in self._choices), 1)
             options = (Option(f"{n if n < 10 else ' '}  {words}") for n, words in numbered)
             yield OptionList(*options, markup=False)
-            yield Static(f"Arrow keys and Enter, or the number. {self._leaving}", markup=False)
+            ends = f"{LIST_KEYS}, or the number. {self._leaving}"
+            yield Static(self.app.keyed(ends), markup=False)
 
     def on_mount(self) -> None:
         options = self.query_one(OptionList)
@@ -134,7 +141,10 @@ class ChoiceDialog(Dialog[Thing]):
 class HelpDialog(Dialog[None]):
     """Words about the present screen and the panel that has the focus."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [("escape,f1,enter", "dismiss(None)", "Close")]
+    app: Interface
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,f1,enter", "dismiss(None)", "Close", id="help.close")
+    ]
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -142,7 +152,7 @@ class HelpDialog(Dialog[None]):
 
     def compose(self) -> ComposeResult:
         with VerticalScroll(classes="dialog"):
-            yield Static(signalled(f"{self._text}\n\nEscape closes."))
+            yield Static(signalled(f"{self._text}\n\n{self.app.keyed('{help.close}')} closes."))
 
 
 ATTEND_S = 0.05
@@ -170,10 +180,6 @@ SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasat
 """Windows knows no SIGHUP."""
 
 
-KEY_ID = re.compile(r"\{([a-z]+\.[a-z-]+)\}")
-"""A key in a text for people, by the id of its binding."""
-
-
 @runtime_checkable
 class Saying(Protocol):
     """A screen with a line of its own for what happened last."""
@@ -182,10 +188,10 @@ class Saying(Protocol):
 
 
 @runtime_checkable
-class Helping(Protocol):
-    """A screen whose help names the keys that are in force."""
+class Refusing(Protocol):
+    """A screen that says why an action cannot be done now."""
 
-    def help_text(self) -> str: ...
+    def why_not(self, action: str) -> str: ...
 
 
 class PrintableRows(LineFilter):
@@ -307,6 +313,11 @@ class Interface(App[str]):
         """What a key does; nothing where it comes before its screen is ready, or too late."""
         if not ready(default_namespace):
             return False
+        if isinstance(default_namespace, Refusing):
+            why_not = default_namespace.why_not(str(action).partition("(")[0])
+            if why_not:
+                self.complain(why_not)
+                return True
         return await super().run_action(action, default_namespace, namespaces)
 
     def action_command_palette(self) -> None:
@@ -378,28 +389,21 @@ class Interface(App[str]):
         """Words about the focused panel, then about the screen."""
         of_machines = "\n".join(look.words for look in self.looks)
         panels = (self.focused or self.screen).ancestors_with_self  # the screen is the last of them
-        words = [
-            p.help_text() if isinstance(p, Helping) else p.HELP or str(p.tooltip or "")
-            for p in panels
-            if isinstance(p, Widget)
-        ]
+        words = [p.HELP or str(p.tooltip or "") for p in panels if isinstance(p, Widget)]
         said = "\n\n".join(dict.fromkeys(text for text in words if text))
-        said = said.replace(WORDS_OF_LOOKS, of_machines)
+        said = self.keyed(said.replace(WORDS_OF_LOOKS, of_machines))
         if not isinstance(self.screen, HelpDialog):
             self.push_screen(HelpDialog(said or NO_HELP))
 
-    def key(self, key_id: str) -> str:
-        """The first key of a binding of the screens that are open, by its id, as in force now."""
+    def key(self, key_id: str) -> str | None:
+        """The first key of a binding by its id, as in force now; None for what is no such id."""
         chosen = self._settings.keys.get(key_id)
-        if chosen:
-            return key_words(split(chosen)[0])
-        kinds = [type(node) for node in (*reversed(self.screen_stack), self)]
-        bound = (pair for kind in kinds for pair in bindings_of(kind))
-        return next((key_words(key) for key, binding in bound if binding.id == key_id), key_id)
+        key = split(chosen)[0] if chosen else usual_key(key_id)
+        return key and key_words(key)
 
     def keyed(self, text: str) -> str:
         """The text with keys in the place of the ids in it, such as ``{measure.take}``."""
-        return KEY_ID.sub(lambda found: self.key(found[1]), text)
+        return keyed(text, self.key)
 
     def notify(
         self,
@@ -410,13 +414,22 @@ class Interface(App[str]):
         timeout: float | None = None,
         markup: bool = True,
     ) -> None:
-        """In the line that the screen has for it; else, for a while, over its corner."""
+        """In the line that the screen has for it; over its corner only before it is there."""
         whole = (one for one in reversed(self.screen_stack) if not isinstance(one, ModalScreen))
         screen = next(whole, None)
         if screen is not None and screen.is_mounted and isinstance(screen, Saying):
             screen.say(message)
+        elif screen is not None and (lines := screen.query(Message)):
+            lines.first().tell(message)
         else:
             super().notify(message, title=title, severity=severity, timeout=timeout, markup=markup)
+
+    def clear_notifications(self) -> None:
+        """The lines, too."""
+        super().clear_notifications()
+        for screen in self.screen_stack:
+            for line in screen.query(Message):
+                line.tell("")
 
     def copy(self, text: str) -> None:
         """To the clipboard of the terminal, as far as it lets programs use it."""
@@ -428,7 +441,7 @@ class Interface(App[str]):
         self.clear_notifications()
         self.notify(str(problem), severity="error", timeout=12, markup=False)
 
-    def ask(self, dialog: Screen[Thing], then: Callable[[Thing], object]) -> None:
+    def ask(self, dialog: Screen[Thing | None], then: Callable[[Thing], object]) -> None:
         """Ask something; without an answer nothing is done."""
 
         def answered(answer: Thing | None) -> None:
@@ -438,19 +451,26 @@ class Interface(App[str]):
         self.push_screen(dialog, answered)
 
     @contextmanager
-    def complaining(self, replacing: Callable[[], object] | None = None) -> Iterator[None]:
-        """Within this an error is shown, and what would follow it there is left out.
-
-        Where files are there already a person is asked, and ``replacing`` writes all the same.
-        """
+    def complaining(self) -> Iterator[None]:
+        """Within this an error is shown, and what would follow it there is left out."""
         try:
             yield
         except GlidecalError as problem:
-            if replacing and isinstance(problem, FilesThere):
+            self.complain(problem)
+
+    async def written(self, job: Callable[..., Thing]) -> Thing | None:
+        """For workers: what a job gives that writes files, in a thread; None where it does not.
+
+        Where files are there already a person is asked, and it is called again with ``replace``.
+        """
+        with self.complaining():
+            try:
+                return await asyncio.to_thread(job, replace=False)
+            except FilesThere as problem:
                 dialog = ChoiceDialog(f"{problem.words}.", REPLACE_CHOICES)
-                self.ask(dialog, lambda answer: replacing() if answer == "replace" else None)
-            else:
-                self.complain(problem)
+                if await self.push_screen_wait(dialog) == "replace":
+                    return await asyncio.to_thread(job, replace=True)
+        return None
 
     async def action_quit(self) -> None:
         """Quit; an open session is paused and can be continued."""

@@ -85,6 +85,18 @@ def key_words(key: str) -> str:
     return "+".join(part.upper() if len(part) == 1 else part.capitalize() for part in parts)
 
 
+_usual: dict[str, str] = {}
+
+
+def usual_key(key_id: str) -> str | None:
+    """The first key of an id without settings, among the screens that are loaded by now."""
+    if key_id not in _usual:
+        for kind in (*_ours(App), *_ours(Screen)):
+            for key, binding in bindings_of(kind):
+                _usual.setdefault(binding.id or "", key)
+    return _usual.get(key_id)
+
+
 def is_key(key: str) -> bool:
     """Whether a terminal can send this key at all."""
     *modifiers, last = key.split("+") if len(key) > 1 else [key]

@@ -96,6 +96,9 @@ class MeasureScreen(Corrections, Resting):
         self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
         self._sleep = SleepWatch()
         self.automatic = guided.mover is not None
+        not_here = "measure.automatic" if self.automatic else "measure.go"
+        lines = texts.MEASURE_HELP.splitlines()
+        self.HELP = "\n".join(line for line in lines if not_here not in line)
         self._moving: tuple[object, ...] | None = None
 
     def compose(self) -> ComposeResult:
@@ -393,7 +396,7 @@ class MeasureScreen(Corrections, Resting):
             dialog = ChoiceDialog(
                 questions.question_text(taken, self.guided.session),
                 questions.question_choices(taken),
-                leaving="Escape: not kept.",
+                leaving="{dialog.cancel}: not kept.",
             )
             self.ask(dialog, lambda answer: self._answered(answer or "", taken))
         else:
@@ -449,11 +452,6 @@ class MeasureScreen(Corrections, Resting):
 
     def say(self, text: str) -> None:
         self.view.say(self.app.keyed(text))
-
-    def help_text(self) -> str:
-        """What each key does, by the keys in force."""
-        not_here = "measure.go" if self.guided.mover is None else "measure.automatic"
-        return texts.measure_help_text(self.app.key, without=not_here)
 
     @property
     def _goes_on(self) -> str:

@@ -6,13 +6,14 @@ import time
 from typing import ClassVar
 
 from textual.app import ComposeResult
-from textual.binding import BindingType
+from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.widgets import Static
 
 from app.measuring.moving import Mover
 from app.report.text import motion
 from app.screens.fast_keys import Dialog
+from app.screens.interface import Interface
 from drivers.motion.line import DEAD_S
 from drivers.motion.states import State
 
@@ -26,11 +27,12 @@ class MotionDialog(Dialog[None]):
     as it is: the key that goes on asks again.
     """
 
+    app: Interface
     BINDINGS: ClassVar[list[BindingType]] = [
-        ("enter", "answer", "I looked"),
-        ("s", "vouch", "It stands still"),
-        ("h", "home", "Home it"),
-        ("escape", "dismiss(None)", "Leave it"),
+        Binding("enter", "answer", "I looked", id="motion.answer"),
+        Binding("s", "vouch", "It does not move", id="motion.still"),
+        Binding("h", "home", "Home it", id="motion.home"),
+        Binding("escape", "dismiss(None)", "Leave it", id="motion.leave"),
     ]
 
     def __init__(self, mover: Mover) -> None:
@@ -40,7 +42,8 @@ class MotionDialog(Dialog[None]):
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog alarm"):
-            yield Static(motion.event_text(self._mover), id="event", markup=False)
+            text = self.app.keyed(motion.event_text(self._mover))
+            yield Static(text, id="event", markup=False)
 
     def on_mount(self) -> None:
         self.app.bell()
@@ -48,7 +51,8 @@ class MotionDialog(Dialog[None]):
 
     def _show(self) -> None:
         if self._mover.interrupted:
-            self.query_one("#event", Static).update(motion.event_text(self._mover))
+            text = self.app.keyed(motion.event_text(self._mover))
+            self.query_one("#event", Static).update(text)
         else:
             self.dismiss(None)
 

@@ -1,63 +1,136 @@
-"""Screens of pages that keys turn: results, diagnoses, comparisons, history."""
+"""Screens of numbered pages: results, diagnoses, what-if, comparisons, history, the Hexa Slide."""
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, TypeVar
 
+from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import VerticalScroll
-from textual.screen import Screen
-from textual.timer import Timer
-from textual.widgets import Footer, Static, TabbedContent, Tabs
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.screen import Screen, ScreenResultType
+from textual.widget import Widget
+from textual.widgets import Static, TabbedContent, TabPane, Tabs
 
+from app.report.charts.charts import Chart
+from app.screens.fast_keys import LeftOnce
 from app.screens.interface import Interface
+from app.screens.pages import last_lines, signalled
+from app.screens.plot import ChartPlot
+
+Answer = TypeVar("Answer")
+
+PAGE_KEYS: tuple[BindingType, ...] = (
+    *(Binding(f"{n}", f"turn_to({n})", "", show=False, id=f"page.{n}") for n in range(1, 10)),
+    Binding("tab,right", "turn(1)", "Next page", show=False, id="page.next"),
+    Binding("shift+tab,left", "turn(-1)", "Page before", show=False, id="page.before"),
+    Binding("y", "copy", "Copy", show=False, id="page.copy"),
+    Binding("escape", "back", "Back", id="page.back"),
+    Binding("f10", "app.quit", "Quit", id="page.quit"),
+)
+"""What every screen of pages has; last among its keys, as the footer shows them."""
 
 
-def page_keys(
-    screen: str, back: str = "app.go_back", words: str = "Back", *, arrows: bool = True
-) -> list[BindingType]:
-    """The keys that every paged screen has, by ids that begin with its name.
+@dataclass(frozen=True)
+class Page:
+    """A text to scroll, ``charts`` below it; ``beside`` it, where the terminal is wide enough.
 
-    Last in a screen's own, as the footer shows them. Without ``arrows`` left and right are free.
+    Its parts are ``name-text``, ``name-chart0`` and so on; ``content`` is a widget in their place.
     """
-    following, before = ("tab,right", "shift+tab,left") if arrows else ("tab", "shift+tab")
-    return [
-        Binding(following, "turn_to(1)", "Next page", show=False, id=f"{screen}.next_page"),
-        Binding(before, "turn_to(-1)", "Page before", show=False, id=f"{screen}.previous_page"),
-        Binding("y", "copy", "Copy", show=False, id=f"{screen}.copy"),
-        Binding("escape", back, words, id=f"{screen}.back"),
-        Binding("f10", "app.quit", "Quit", id=f"{screen}.quit"),
-    ]
+
+    name: str
+    title: str
+    charts: int = 0
+    text: bool = True
+    beside: bool = False
+    content: Callable[[], Widget] | None = None
+
+    def compose(self) -> ComposeResult:
+        """The parts within their pane."""
+        text = Static("", id=f"{self.name}-text", classes="page", markup=False)
+        charts = [ChartPlot(plot_id=f"{self.name}-chart{k}") for k in range(self.charts)]
+        if self.content:
+            yield self.content()
+        elif self.beside:
+            yield Horizontal(VerticalScroll(text), Vertical(*charts, classes="beside"))
+        elif charts:
+            yield Vertical(*[text] * self.text, Horizontal(*charts))
+        else:
+            yield VerticalScroll(text)
 
 
-SHOWN_S = 15.0
-"""So long a message stays below a page."""
-
-
-class PagedScreen(Screen[None]):
-    """One `TabbedContent` inside; its keys end with `page_keys`.
-
-    What happened last is a line below the page, which lies over nothing.
-    """
+class PagedScreen(LeftOnce[ScreenResultType]):
+    """A line that says what is shown, its pages, and below them what happened last."""
 
     app: Interface
-    _fading: Timer | None = None
+    AUTO_FOCUS = ""  # else a page without a text is left for the first where a dialog ends
+    PAGES: ClassVar[tuple[Page, ...]] = ()
+    first = ""
+    """The page that is shown first, where it is not the leftmost."""
+    looking = False
+    """Whether what the pages show is still worked out."""
+
+    @property
+    def pages(self) -> Sequence[Page]:
+        """From the left."""
+        return self.PAGES
+
+    def compose(self) -> ComposeResult:
+        yield Static("", id="heading", markup=False)
+        yield from self.above()
+        with TabbedContent(initial=self.first):
+            for number, page in enumerate(self.pages, start=1):
+                with TabPane(f"{number} {page.title}", id=page.name):
+                    yield from page.compose()
+        yield from last_lines()
+
+    def above(self) -> ComposeResult:
+        """What stands above every page."""
+        yield from ()
 
     def on_mount(self) -> None:
         self.query_one(Tabs).can_focus = False  # the keys of this screen turn the pages
-        self.mount(Static("", id="message", markup=False), before=self.query_one(Footer))
+        self.begin()
 
-    def say(self, text: str) -> None:
-        """What happened last, for a while."""
-        if self._fading is not None:
-            self._fading.stop()
-        self._show_message(text)
-        self._fading = self.set_timer(SHOWN_S, partial(self._show_message, ""))
+    def begin(self) -> None:
+        """Fill the pages, or begin to work out what they show."""
 
-    def _show_message(self, text: str) -> None:
-        for message in self.query("#message").results(Static):
-            message.update(text)
-            message.display = bool(text)
+    def head(self, text: str) -> None:
+        """What is shown, in a line."""
+        self.query_one("#heading", Static).update(text)
+
+    def put(self, name: str, text: str | None, *charts: Chart) -> None:
+        """Text and charts of a page, None: those of before; keys in the text are ids in braces."""
+        for words in self.query(f"#{name}-text").results(Static):
+            if text is not None:
+                words.update(signalled(self.app.keyed(text)))
+        for number, chart in enumerate(charts):
+            plot = self.query_one(f"#{name}-chart{number}", ChartPlot)
+            plot.display = True
+            plot.show(chart)
+
+    def wait(self, text: str) -> None:
+        """The same words on every page, in the place of texts and charts."""
+        for page in self.pages:
+            self.put(page.name, text)
+        for plot in self.query(ChartPlot):
+            plot.display = False
+
+    async def ask(self, dialog: Screen[Answer]) -> Answer | None:
+        """For workers of the screen: an answer; none where another question came before."""
+        if not self.is_current:
+            return None
+        waiting = self.app.push_screen_wait(dialog)
+        return await waiting
+
+    def why_not(self, action: str) -> str:
+        """Why an action cannot be done now; empty where it can."""
+        return ""
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """What cannot be done is not offered; its key says why."""
+        return not self.why_not(action)
 
     def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
         """Up and down scroll the text of the page that is shown."""
@@ -71,16 +144,24 @@ class PagedScreen(Screen[None]):
             return
         texts = [str(one.content) for one in page.query(Static) if one.content]
         if not texts:
-            charts = (one for one in page.query("ChartPlot") if one.region.area)
+            charts = (one for one in page.query(ChartPlot) if one.region.area)
             texts = [str(chart.render()).rstrip() for chart in charts]
         self.app.copy("\n\n".join(texts))
 
-    def action_page(self, name: str) -> None:
+    def show_page(self, name: str) -> None:
+        """The page of this name."""
         self.query_one(TabbedContent).active = name
 
-    def action_turn_to(self, direction: int) -> None:
+    def action_turn_to(self, number: int) -> None:
+        if number <= len(self.pages):
+            self.show_page(self.pages[number - 1].name)
+
+    def action_turn(self, direction: int) -> None:
         tabs = self.query_one(Tabs)
         if direction > 0:
             tabs.action_next_tab()
         else:
             tabs.action_previous_tab()
+
+    def action_back(self) -> None:
+        self.app.action_go_back()

@@ -5,16 +5,19 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, ParamSpec, Self, TypeVar
 
 from rich.segment import Segment
+from textual.app import ComposeResult
 from textual.color import Color
 from textual.content import Content
 from textual.geometry import Region
 from textual.screen import Screen
 from textual.strip import Strip
+from textual.timer import Timer
 from textual.widget import Widget
+from textual.widgets import Footer, Static
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
@@ -61,6 +64,33 @@ async def apart(
     finally:
         if is_left(screen):
             raise asyncio.CancelledError
+
+
+SHOWN_S = 15.0
+"""So long a message stays above the keys."""
+
+
+class Message(Static):
+    """What happened last, for a while: a line that lies over nothing."""
+
+    _fading: Timer | None = None
+
+    def __init__(self) -> None:
+        super().__init__("", id="message", markup=False)
+
+    def tell(self, text: str) -> None:
+        """In the place of what was said before; nothing hides the line."""
+        if self._fading is not None:
+            self._fading.stop()
+        self.update(text)
+        self.display = bool(text)
+        self._fading = self.set_timer(SHOWN_S, partial(self.tell, "")) if text else None
+
+
+def last_lines() -> ComposeResult:
+    """What happened last, and the keys: the end of every screen."""
+    yield Message()
+    yield Footer(compact=True, show_command_palette=False)
 
 
 class Resting(Widget):

@@ -16,7 +16,7 @@ from textual.containers import Horizontal, VerticalScroll
 from textual.content import Content
 from textual.screen import Screen
 from textual.widget import Widget
-from textual.widgets import Footer, Input, Label, Select, Static
+from textual.widgets import Input, Label, Select, Static
 
 from app.measuring.indicators import (
     DEFAULT_PROFILE,
@@ -37,7 +37,7 @@ from app.report.text.preparing import procedure_sentence
 from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import Interface
-from app.screens.pages import apart
+from app.screens.pages import apart, last_lines
 from calib.errors import GlidecalError, IndicatorError, UsageError
 from drivers.doctor import Trials, findings_of, refused, try_profiles
 from drivers.profile import Evidence, Query, Unit
@@ -87,16 +87,16 @@ class IndicatorScreen(LeftOnce[Form]):
             yield Static(self._which, id="which", markup=False)
             yield from row("Ports here", choice("here", here, prompt=texts.ports_here(len(here))))
             yield from self._input("port")
-            chosen = known.get("profile")
-            yield from row("Profile", choice("profile", profiles, chosen, texts.PROFILE_PROMPT))
+            chosen, prompt = known.get("profile"), self.app.keyed(texts.PROFILE_PROMPT)
+            yield from row("Profile", choice("profile", profiles, chosen, prompt))
             rows = [(texts.axes_words(one), one) for one in along]
             yield from row("Measures along", choice("axes", rows, known["axes"]))
             units = [(one.value, one.value) for one in Unit]
             yield from row("Unit of the display", choice("unit", units, known["unit"]))
             for name in ("channel", "serial_number", "certificate", "certificate_date"):
                 yield from self._input(name)
-            yield Static(texts.TRY_HINT, id="summary", markup=False)
-        yield Footer()
+            yield Static(self.app.keyed(texts.TRY_HINT), id="summary", markup=False)
+        yield from last_lines()
 
     def _input(self, name: str) -> ComposeResult:
         yield from entry(name, *texts.INDICATOR_FIELDS[name], str(self._form.get(name, "")))
@@ -149,7 +149,7 @@ class IndicatorScreen(LeftOnce[Form]):
         self._say(said or texts.TRY_HINT)
 
     def _say(self, text: str) -> None:
-        self.query_one("#summary", Static).update(text)
+        self.query_one("#summary", Static).update(self.app.keyed(text))
 
     def action_leave(self) -> None:
         """Stop trying, or go back with what stands here."""
@@ -292,7 +292,7 @@ class PrepareScreen(Screen[None]):
             for field in FIELDS:
                 yield from entry(*field)
             yield Static("", id="summary", markup=False)
-        yield Footer(compact=True, show_command_palette=False)
+        yield from last_lines()
 
     def on_mount(self) -> None:
         for name, words in texts.FIELD_HELP.items():
@@ -333,7 +333,7 @@ class PrepareScreen(Screen[None]):
             gone = port_is_gone(str(form.get("port", "")))
             words = texts.form_words(form, self._source, gone=gone)
             line = words if form else none[k]
-            self.query_one(f"#{name}", IndicatorField).update(line)
+            self.query_one(f"#{name}", IndicatorField).update(self.app.keyed(line))
 
     def _offer(self, machine: Machine) -> None:
         """What another machine can measure; a procedure that was chosen stays if it is there."""

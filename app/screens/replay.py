@@ -11,14 +11,14 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.events import Resize
 from textual.screen import Screen
-from textual.widgets import Footer, Log
+from textual.widgets import Log
 
 from app.evaluating.solution import solve_files
 from app.measuring.playback import Playback
 from app.report.text import replay as texts
 from app.report.text.session import TakenBy
 from app.screens.interface import Interface, TextDialog
-from app.screens.pages import apart
+from app.screens.pages import apart, last_lines
 from app.screens.session_view import SessionView
 from calib.errors import GlidecalError
 from protocols.record import read_record
@@ -69,7 +69,7 @@ class ReplayScreen(Screen[None]):
         listing = Log(id="taken", auto_scroll=True)
         listing.can_focus = False  # the arrow keys are the replay's
         yield listing
-        yield Footer(compact=True, show_command_palette=False)
+        yield from last_lines()
 
     def on_mount(self) -> None:
         self._show()

@@ -1,44 +1,41 @@
-"""The result: text, plot, export, verification, and the comparison after it."""
+"""The result: what to enter, text, plots, export, verification, and the comparison after it."""
 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
 from textual import work
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal, VerticalScroll
-from textual.widgets import Footer, Static, TabbedContent, TabPane
+from textual.widgets import TabbedContent
 
-from app.evaluating.comparison import Comparison, partner_of
+from app.evaluating.comparison import partner_of
 from app.evaluating.diagnosis import resize
 from app.evaluating.solution import SessionSolution, solve_sessions
-from app.evaluating.what_if import Choice, choices, trial_of
 from app.exports import export_offsets
 from app.measuring.plan import Plan, verification_plan
 from app.report.charts.legs import leg_figures
 from app.report.charts.results import before_and_after, measured_and_predicted
 from app.report.text import result as texts
 from app.report.text import what_if as what_if_texts
+from app.report.text.correction import SUBSET_WORDS
 from app.report.text.glance import Done, glance_text
 from app.report.text.home import REPORTS_SERVED
-from app.screens.fast_keys import Title
-from app.screens.paged import PagedScreen, page_keys
-from app.screens.pages import apart, is_left, signalled
-from app.screens.plot import ChartPlot, LegPlots
-from app.screens.what_if import WhatIfScreen, ask_effect
+from app.screens.interface import ChoiceDialog
+from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.pages import apart, is_left
+from app.screens.plot import LegPlots
+from app.screens.what_if import tried
 from calib.errors import extra
-from calib.identify.solution import Subset
-from protocols.model_file import EffectEntry, ModelFile, read_model_file
+from calib.identify.solution import SUBSETS
 
-RESULT, DETAILS, PLOT, LEGS = "tab-result", "tab-details", "tab-plot", "tab-legs"
-COMPARISON = "tab-comparison"
+COMPARISON = Page("before-after", "Before/after", charts=1, beside=True)
 
 
-class ResultScreen(PagedScreen):
+class ResultScreen(PagedScreen[None]):
     """One solution; with the plan of its session it can be verified."""
 
     HELP = texts.RESULT_HELP
@@ -46,20 +43,20 @@ class ResultScreen(PagedScreen):
         Binding("e", "export", "Export", id="result.export"),
         Binding("v", "verify", "Verify", id="result.verify"),
         Binding("r", "report", "Report", id="result.report"),
-        Binding("e", "refuse('export')", show=False),
-        Binding("v", "refuse('verify')", show=False),
-        Binding("r", "refuse('report')", show=False),
-        Binding("1", "choose('joint-offsets')", "Offsets", show=False, id="result.offsets"),
-        Binding("2", "choose('leg-lengths')", "Legs", show=False, id="result.lengths"),
-        Binding("3", "choose('both')", "Both", show=False, id="result.both"),
-        Binding("4", "choose('with-tolerances')", "Tolerances", show=False, id="result.tolerances"),
+        Binding("s", "choose", "Set", show=False, id="result.set"),
         Binding("plus", "leg(1)", "Next leg", show=False, id="result.next_leg"),
         Binding("minus", "leg(-1)", "Leg before", show=False, id="result.leg_before"),
         Binding("d", "diagnose", "Diagnose", id="result.diagnose"),
         Binding("w", "what_if", "What if", id="result.what_if"),
         Binding("h", "home", "Home", show=False, id="result.home"),
-        *page_keys("result"),
+        *PAGE_KEYS,
     ]
+    PAGES = (
+        Page("result", "Result", charts=1, beside=True),
+        Page("details", "Details"),
+        Page("plot", "Plot", charts=1, text=False),
+        Page("legs", "Legs", content=LegPlots),
+    )
 
     def __init__(
         self, solved: SessionSolution, plan: Plan | None, path: Path, model: Path | None = None
@@ -70,39 +67,27 @@ class ResultScreen(PagedScreen):
         self.plan = plan
         self.path = path
         self.before = plan.before if plan else None
+        self.first = "before-after" if self.before else ""
         self.done: set[Done] = set()
 
-    def compose(self) -> ComposeResult:
-        with TabbedContent(initial=COMPARISON if self.before else RESULT):
-            with TabPane("Result", id=RESULT), Horizontal():
-                with VerticalScroll(id="first"):
-                    yield Static("", id="glance", markup=False)
-                yield ChartPlot(plot_id="beside")
-            with TabPane("Details", id=DETAILS), VerticalScroll(id="result"):
-                yield Static("", id="text", markup=False)
-            with TabPane("Plot", id=PLOT):
-                yield ChartPlot(plot_id="plot")
-            with TabPane("Legs", id=LEGS):
-                yield LegPlots()
-            if self.before is not None:
-                with TabPane("Before/after", id=COMPARISON), Horizontal():
-                    yield from self._compose_comparison(self.before)
-        yield Footer(compact=True, show_command_palette=False)
+    @property
+    def pages(self) -> Sequence[Page]:
+        """After a verification its comparison, too."""
+        return [*self.PAGES, COMPARISON] if self.before else self.PAGES
 
-    def _compose_comparison(self, before: SessionSolution) -> ComposeResult:
-        now = self.solved.solution
-        with VerticalScroll(id="comparison"):
-            yield Static(texts.comparison_text(before.solution, now), id="compared", markup=False)
-        yield ChartPlot(before_and_after(before.solution, now), plot_id="before-after")
-
-    def on_mount(self) -> None:
-        self._begin()
+    def begin(self) -> None:
+        """Say which session this is; the comparison is there at once."""
+        self.head(texts.result_heading(self.solved, self.path, self.model))
+        if self.before is not None:
+            pair = self.before.solution, self.solved.solution
+            self.put("before-after", texts.comparison_text(*pair), before_and_after(*pair))
+        self._work_out()
 
     @work(exclusive=True)
-    async def _begin(self) -> None:
+    async def _work_out(self) -> None:
         """What takes long is worked out apart, once for all that the keys show."""
         if not self.solved.is_worked_out:
-            self.query_one("#glance", Static).update(texts.WORKING_OUT)
+            self.put("result", texts.WORKING_OUT)
             with self.app.complaining():
                 await apart(self, self.solved.work_out)
         self._show()
@@ -114,164 +99,119 @@ class ResultScreen(PagedScreen):
 
     def action_leg(self, by: int) -> None:
         """Another leg or axis on its page."""
-        self.action_page(LEGS)
+        self.show_page("legs")
         self.query_one(LegPlots).turn(by)
 
     def _show(self) -> None:
         if not self.solved.is_worked_out:  # shown when it is
             return
         self._show_glance()
-        text = texts.solution_text(self.solved)
-        self.query_one("#text", Static).update(signalled(text))
+        self.refresh_bindings()
         chart = measured_and_predicted(self.solved.solution)
-        for name in ("#beside", "#plot"):
-            self.query_one(name, ChartPlot).show(chart)
+        self.put("details", texts.solution_text(self.solved))
+        self.put("result", None, chart)
+        self.put("plot", None, chart)
 
     def _show_glance(self) -> None:
-        text = glance_text(
-            self.solved,
-            self.before,
-            self.done,
-            min(self.size.width, 80) - 4,  # beside it the plot, where there is more room
-            exports=not self.app.read_only,
-            measures=self.plan is not None,
-        )
-        self.query_one("#glance", Static).update(signalled(self.app.keyed(text)))
+        if self.solved.is_worked_out:
+            columns = min(self.size.width, 80) - 4  # beside it the plot, where there is more room
+            able = {"exports": not self.app.read_only, "measures": self.plan is not None}
+            self.put("result", glance_text(self.solved, self.before, self.done, columns, **able))
 
     def on_resize(self) -> None:
         """The bars are as long as there is room."""
-        if self.solved.is_worked_out:
-            self._show_glance()
+        self._show_glance()
 
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Nothing is offered that this program will not do; its key says why."""
-        if action == "verify" and self.plan is None:
-            return False
-        return action not in ("export", "report", "verify", "home") or not self.app.read_only
+    def why_not(self, action: str) -> str:
+        if self.app.read_only and action in ("export", "report", "verify", "home"):
+            served = f" {REPORTS_SERVED}" if action == "report" else ""
+            return texts.ONLY_SHOWN + served
+        if action != "verify":
+            return ""
+        if self.plan is None:
+            return texts.NO_PLAN
+        return "" if self.solved.is_worked_out else texts.WORKING_OUT
 
-    def action_refuse(self, action: str) -> None:
-        said = texts.ONLY_SHOWN if self.app.read_only else texts.NO_PLAN
-        self.app.complain(f"{said} {REPORTS_SERVED}" if action == "report" else said)
-
-    def action_choose(self, subset: Subset) -> None:
+    @work(exclusive=True, group="set")
+    async def action_choose(self) -> None:
         """Show another set of parameters, which is a view: what to enter stays."""
-        with self.app.complaining():
-            if self.query_one(TabbedContent).active == RESULT:
-                self.action_page(DETAILS)
-            self.solved = self.solved.with_subset(subset)
-            self._show()
+        sets = [(subset, SUBSET_WORDS[subset]) for subset in SUBSETS]
+        subset = await self.ask(ChoiceDialog(texts.WHICH_SET, sets))
+        if subset is not None:
+            with self.app.complaining():
+                if self.query_one(TabbedContent).active == "result":
+                    self.show_page("details")
+                self.solved = self.solved.with_subset(subset)
+                self._show()
 
-    def action_export(self, *, replace: bool = False) -> None:
+    def action_export(self) -> None:
         """Write the offsets in every format beside the session."""
-        self.app.run_worker(self._export(replace=replace))
+        self.app.run_worker(self._export())
 
-    async def _export(self, *, replace: bool) -> None:
+    async def _export(self) -> None:
         """What was written is said in passing, what to beware of stays on the page."""
         folder = self.path.with_suffix("")
-        with self.app.complaining(partial(self.action_export, replace=True)):
-            solved = self.solved
-            written = await asyncio.to_thread(export_offsets, solved, folder, replace=replace)
-            self.app.notify(texts.exported_text(folder, written), timeout=10, markup=False)
-            self.done.add(Done.EXPORTED)
-            if not is_left(self):
-                self._show_glance()
+        written = await self.app.written(partial(export_offsets, self.solved, folder))
+        if written is not None:
+            self.app.notify(texts.exported_text(folder, written))
+            self._did(Done.EXPORTED)
+
+    def _did(self, done: Done) -> None:
+        self.done.add(done)
+        if not is_left(self):
+            self._show_glance()
 
     def action_verify(self) -> None:
         """The same procedure again, after the offsets were entered in the controller."""
-        if self.plan is None:
-            return
-        if not self.solved.is_worked_out:
-            self.app.complain(texts.WORKING_OUT)
-            return
         with self.app.complaining():
-            plan = verification_plan(self.plan, self.solved)
-            self.app.push_screen(self.app.check(plan))
+            if self.plan is not None:
+                self.app.push_screen(self.app.check(verification_plan(self.plan, self.solved)))
 
     def action_report(self) -> None:
         """Write the report beside the session; after a verification that of both sessions."""
-        self.app.notify(texts.WRITING_REPORT, markup=False)
-        self._begin_report()
+        self.app.notify(texts.WRITING_REPORT)
+        self.app.run_worker(self._report())
 
-    def _begin_report(self, *, replace: bool = False) -> None:
-        self.app.run_worker(self._report(replace=replace))
-
-    async def _report(self, *, replace: bool) -> None:
+    async def _report(self) -> None:
         target = self.path.with_suffix(".html")
-        with self.app.complaining(partial(self._begin_report, replace=True)):
-            await asyncio.to_thread(self._write_report, target, replace=replace)
-            self.app.notify(texts.REPORT_WRITTEN.format(target), timeout=10, markup=False)
+        if await self.app.written(partial(self._write_report, target)):
+            self.app.notify(texts.REPORT_WRITTEN.format(target.name))
 
-    def _write_report(self, target: Path, *, replace: bool) -> None:
+    def _write_report(self, target: Path, *, replace: bool) -> bool:
         with extra("glidecal report", "report"):
             from app.report.pages.report import write_report
         first = partner_of(self.path, self.solved.sessions[0].opened.verifies)
         after = self.path if first else None
         write_report([first or self.path], target, after=after, replace=replace)
+        return True
 
-    @work(exclusive=True)
+    @work(exclusive=True, group="what-if")
     async def action_what_if(self) -> None:
-        """Ask for an effect, then show what it does at any size beside the set that is shown."""
+        """What an effect does at any size beside the set that is shown.
+
+        One of the model gets this size; any other one is for the diagnosis to adopt.
+        """
         with self.app.complaining():
-            known = await apart(self, read_model_file, self.model) if self.model else None
-            listed = await apart(self, choices, self.solved.sessions, known)
-            if self.is_current:
-                ask_effect(self.app, listed, partial(self._try, known))
-
-    def _try(self, known: ModelFile | None, choice: Choice) -> None:
-        solved = self.solved
-        subset = solved.solution.subset
-        trial = trial_of(choice, solved.sessions, known, subset)
-        self.app.push_screen(WhatIfScreen(choice, trial, self._adopt_tried, model=self.model))
-
-    def _adopt_tried(self, choice: Choice, entry: EffectEntry) -> None:
-        """An effect of the model gets this size; any other one is for the diagnosis to adopt."""
-        if choice.standing != "model" or self.model is None:
-            self.app.complain(what_if_texts.DIAGNOSE_FIRST)
-            return
-        self.app.notify(what_if_texts.RESIZING, markup=False)
-        self.app.run_worker(self._resize(self.model, entry))
-
-    async def _resize(self, model: Path, entry: EffectEntry) -> None:
-        sessions, subset = self.solved.sessions, self.solved.subset
-        with self.app.complaining():
-            written = await asyncio.to_thread(resize, sessions, model, entry)
-            solved = await asyncio.to_thread(solve_sessions, sessions, subset=subset, model=written)
-            await asyncio.to_thread(solved.work_out)
-            self.app.notify(what_if_texts.RESIZED.format(model), timeout=10, markup=False)
-            if not is_left(self):
-                self.solved = solved
-                self._show()
-                self._show_legs()
+            sessions, subset = self.solved.sessions, self.solved.subset
+            pair = await tried(self, sessions, self.model, subset=self.solved.solution.subset)
+            if pair is None:
+                return
+            choice, entry = pair
+            if choice.standing != "model" or self.model is None:
+                self.app.complain(self.app.keyed(what_if_texts.DIAGNOSE_FIRST))
+                return
+            self.app.notify(what_if_texts.RESIZING)
+            model = await asyncio.to_thread(resize, sessions, self.model, entry)
+            solved = await apart(self, solve_sessions, sessions, subset=subset, model=model)
+            await apart(self, solved.work_out)
+            self.app.notify(what_if_texts.RESIZED.format(self.model))
+            self.solved = solved
+            self._show()
+            self._show_legs()
 
     def action_diagnose(self) -> None:
-        self.done.add(Done.DIAGNOSED)
-        if self.solved.is_worked_out:
-            self._show_glance()
+        self._did(Done.DIAGNOSED)
         self.app.push_screen(self.app.diagnosis([self.path]))
 
     def action_home(self) -> None:
         self.app.go_to(self.app.home())
-
-
-class CompareScreen(PagedScreen):
-    """Two sessions side by side."""
-
-    HELP = texts.COMPARISON_HELP
-    BINDINGS: ClassVar[list[BindingType]] = page_keys("compare")
-
-    def __init__(self, comparison: Comparison) -> None:
-        super().__init__()
-        self._comparison = comparison
-        self._text = texts.comparison_report(comparison)
-
-    def compose(self) -> ComposeResult:
-        yield Title()
-        chart = before_and_after(self._comparison.before.solution, self._comparison.after.solution)
-        with TabbedContent():
-            with TabPane("Comparison"), Horizontal():
-                with VerticalScroll(id="compare-words"):
-                    yield Static(self._text, id="compare-text", markup=False)
-                yield ChartPlot(chart, plot_id="compare-beside")
-            with TabPane("Plot"):
-                yield ChartPlot(chart, plot_id="compare-chart")
-        yield Footer()

@@ -21,7 +21,7 @@ from pathlib import Path
 from aiohttp import web
 from jinja2 import Environment, StrictUndefined, Template
 
-from app.measuring.recorded import MOST_LISTED, sessions_below
+from app.measuring.recorded import MOST_LISTED, look_at, sessions_below
 from calib.printable import printable
 
 PROGRAM = (sys.executable, "-P", "-m", "app")
@@ -83,8 +83,8 @@ li { overflow-wrap: anywhere }
 <p>The newest {{ folder.sessions | length }} sessions; {{ folder.left_out }} are older.</p>
 {%- endif %}
 <ul>
-{%- for key, name in folder.sessions %}
-<li><a href="/reports/{{ key }}">{{ name }}</a></li>
+{%- for key, name, state in folder.sessions %}
+<li><a href="/reports/{{ key }}">{{ name }}</a> {{ state }}</li>
 {%- endfor %}
 </ul>
 {%- endfor %}
@@ -96,11 +96,11 @@ li { overflow-wrap: anywhere }
 
 @dataclass(frozen=True)
 class Listed:
-    """A heading with its sessions by key and name; a folder has a key of its history."""
+    """A heading with key, name and state of its sessions; a folder has a key of its history."""
 
     name: str
     history: str
-    sessions: tuple[tuple[str, str], ...]
+    sessions: tuple[tuple[str, str, str], ...]
     left_out: int = 0
 
 
@@ -127,16 +127,18 @@ class ReportPages:
     async def _report(self, request: web.Request) -> web.Response:
         _refuse_from_elsewhere(request)
         session = await asyncio.to_thread(self._session, request.match_info["key"])
-        status, made = await self._made("report", "-o", "-", "--", str(session))
-        if status:
-            return _page("No report", status=422, text=made)
-        return web.Response(text=made, content_type="text/html", charset="utf-8", headers=HEADERS)
+        return await self._page_of("report", session)
 
     async def _history(self, request: web.Request) -> web.Response:
         _refuse_from_elsewhere(request)
         folder = _named(request.match_info["key"], self._folders())
-        status, made = await self._made("history", "--", str(folder))
-        return _page(f"History of {folder.name}", status=422 if status else 200, text=made)
+        return await self._page_of("history", folder)
+
+    async def _page_of(self, verb: str, path: Path) -> web.Response:
+        status, made = await self._made(verb, "-o", "-", "--", str(path))
+        if status:
+            return _page(f"No {verb}", status=422, text=made)
+        return web.Response(text=made, content_type="text/html", charset="utf-8", headers=HEADERS)
 
     def _folders(self) -> list[Path]:
         return [path for path in self._paths if path.is_dir()]
@@ -204,9 +206,12 @@ def _refuse_from_elsewhere(request: web.Request) -> None:
         raise web.HTTPForbidden(text="Only pages of this server may ask.")
 
 
-def _names(paths: Sequence[Path], folder: Path | None) -> tuple[tuple[str, str], ...]:
+def _names(paths: Sequence[Path], folder: Path | None) -> tuple[tuple[str, str, str], ...]:
     names = (str(path.relative_to(folder)) if folder else path.name for path in paths)
-    return tuple((_key(path), printable(name)) for path, name in zip(paths, names, strict=True))
+    return tuple(
+        (_key(path), printable(name), printable(look_at(path).state))
+        for path, name in zip(paths, names, strict=True)
+    )
 
 
 def _key(path: Path) -> str:

@@ -323,7 +323,10 @@ class SetUpScreen(Dialog[None]):
     """Where the indicators of a step stand: words and picture, as large as the terminal."""
 
     HELP = "Thick: the bar that is touched, x: where. Dots: each spindle, up to its body."
-    BINDINGS: ClassVar[list[BindingType]] = [("escape,w,enter,space", "dismiss(None)", "Back")]
+    app: Interface
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,w,enter,space", "dismiss(None)", "Back", id="set-up.back")
+    ]
 
     def __init__(
         self, session: Session, step: Step, instruments: Sequence[Instrument | None]
@@ -336,7 +339,7 @@ class SetUpScreen(Dialog[None]):
         with Vertical(classes="wide-dialog"):
             yield Static(self._words, markup=False)
             yield ChartPlot(self._drawing)
-            yield Static("Escape, Space or W goes back.", markup=False)
+            yield Static(self.app.keyed("{set-up.back} goes back."), markup=False)
 
 
 UNATTENDED_S = 1.0
@@ -350,7 +353,7 @@ class LegReviewScreen(Dialog[bool]):
     HELP = REVIEW_HELP
     AUTO_FOCUS = "#review"
     BINDINGS: ClassVar[list[BindingType]] = [
-        ("space,enter,escape", "dismiss(False)", "Continue"),
+        Binding("space,enter,escape", "dismiss(False)", "Continue", id="review.continue"),
         Binding("p", "dismiss(True)", "Hold", id="measure.hold"),
         Binding("v", "plot", "View", id="measure.plot"),
     ]

@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
-from textual.widgets import Footer, Static, TabbedContent, TabPane
+from textual.widgets import Static, TabbedContent
 
-from app.evaluating.what_if import COARSE, Adopt, Choice, Trial, WhatIf
+from app.evaluating.diagnosis import SessionDiagnosis, mistakes_of
+from app.evaluating.what_if import COARSE, Choice, Trial, WhatIf, choices, trial_of
 from app.report.charts.results import predictions_with, residuals_with
 from app.report.text import what_if as texts
 from app.report.text.result import ONLY_SHOWN
-from app.screens.interface import ChoiceDialog, Interface
-from app.screens.paged import PagedScreen, page_keys
+from app.screens.interface import ChoiceDialog
+from app.screens.paged import PAGE_KEYS, Page, PagedScreen
 from app.screens.pages import apart, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError, NotIdentifiable
-from calib.identify.solution import FittedSize
+from calib.identify.solution import FittedSize, Subset
+from protocols.model_file import EffectEntry, read_model_file
+from protocols.session import Session
 
-LEFT, DIFFERENCES, NUMBERS = "left-over", "predicted", "numbers"
 
-
-class WhatIfScreen(PagedScreen):
-    """One effect beside the parameters; ``adopt`` is what Enter does once this screen is gone."""
+class WhatIfScreen(PagedScreen[EffectEntry | None]):
+    """One effect beside the parameters; dismissed with the size that a person adopts."""
 
     HELP = texts.WHAT_IF_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -41,22 +41,18 @@ class WhatIfScreen(PagedScreen):
         Binding("0", "nothing", "Nothing", id="what_if.nothing"),
         Binding("f", "best", "Fits best", id="what_if.best"),
         Binding("enter", "adopt", "Adopt", id="what_if.adopt"),
-        Binding("1", f"page('{LEFT}')", "What is left", show=False, id="what_if.left"),
-        Binding("2", f"page('{DIFFERENCES}')", "Differences", show=False, id="what_if.predicted"),
-        Binding("3", f"page('{NUMBERS}')", "Numbers", show=False, id="what_if.numbers"),
         Binding("pagedown", "scroll(1)", "Down", show=False, id="what_if.down"),
         Binding("pageup", "scroll(-1)", "Up", show=False, id="what_if.up"),
-        *page_keys("what_if", words="Drop", arrows=False),
+        *PAGE_KEYS,
     ]
+    PAGES = (
+        Page("left", "What is left", charts=1, text=False),
+        Page("predicted", "Differences", charts=1, text=False),
+        Page("numbers", "Numbers"),
+    )
 
     def __init__(
-        self,
-        choice: Choice,
-        trial: Trial,
-        adopt: Adopt,
-        *,
-        model: Path | None = None,
-        mistakes: bool = False,
+        self, choice: Choice, trial: Trial, *, model: Path | None = None, mistakes: bool = False
     ) -> None:
         super().__init__()
         self.choice = choice
@@ -67,7 +63,6 @@ class WhatIfScreen(PagedScreen):
         self.now: WhatIf | None = None
         self.fitted: tuple[FittedSize, ...] = ()
         self.looking = True
-        self._adopt = adopt
         self._model = model
         self._mistakes = mistakes
         self._why_not = ""
@@ -75,25 +70,20 @@ class WhatIfScreen(PagedScreen):
         self._following = False
         self._figures = ""
 
-    def compose(self) -> ComposeResult:
-        yield Static("", id="diagnosed", markup=False)
+    def above(self) -> ComposeResult:
         yield Static(texts.WORKING, id="what-if", markup=False)
-        with TabbedContent(initial=LEFT):
-            with TabPane("1 What is left", id=LEFT):
-                yield ChartPlot(plot_id="left-chart")
-            with TabPane("2 Differences", id=DIFFERENCES):
-                yield ChartPlot(plot_id="predicted-chart")
-            with TabPane("3 Numbers", id=NUMBERS), VerticalScroll(can_focus=False):
-                yield Static("", id="numbers-text", markup=False)
-        yield Footer(compact=True, show_command_palette=False)
 
-    def on_mount(self) -> None:
-        heading = texts.heading_text(self.choice, self.trial, self._model)
-        self.query_one("#diagnosed", Static).update(heading)
-        self._begin()
+    def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
+        """Up and down are for sizes."""
+        self.set_focus(None)
+
+    def begin(self) -> None:
+        """Say what is tried, then work it out."""
+        self.head(texts.heading_text(self.choice, self.trial, self._model))
+        self._work_out()
 
     @work
-    async def _begin(self) -> None:
+    async def _work_out(self) -> None:
         """What is worked out once: the set of parameters, the size that fits, how far steps go."""
         fitted: tuple[FittedSize, ...] = ()
         why_not = ""
@@ -153,18 +143,17 @@ class WhatIfScreen(PagedScreen):
         doubt = texts.doubt_text(self.choice, mistakes=self._mistakes)
         if self.ready and self.without is not None and self.now is not None:
             self._figures = texts.effect_text(self.without, self.now)
-        parts = [sizes, self._figures, doubt]
-        self.query_one("#what-if", Static).update(signalled("\n".join(filter(None, parts))))
+        words = self.app.keyed("\n".join(filter(None, [sizes, self._figures, doubt])))
+        self.query_one("#what-if", Static).update(signalled(words))
 
     def _show(self) -> None:
         if self.without is None or self.now is None:
             return
         self._show_words()
         pair = self.without.solution, self.now.solution
-        self.query_one("#left-chart", ChartPlot).follow(residuals_with(*pair))
-        self.query_one("#predicted-chart", ChartPlot).follow(predictions_with(*pair))
-        numbers = texts.numbers_text(self.without, self.now)
-        self.query_one("#numbers-text", Static).update(numbers)
+        for name, chart in (("left", residuals_with), ("predicted", predictions_with)):
+            self.query_one(f"#{name}-chart0", ChartPlot).follow(chart(*pair))
+        self.put("numbers", texts.numbers_text(self.without, self.now))
 
     def action_move(self, steps: int) -> None:
         if self.without is not None:
@@ -189,17 +178,18 @@ class WhatIfScreen(PagedScreen):
 
     def action_adopt(self) -> None:
         """As shown; what fits best is not held."""
+        entry = self.trial.entry
         if self.app.read_only:
             self.app.complain(ONLY_SHOWN)
         elif not self.ready:
             self.app.complain(texts.NOT_YET)
         elif not any(self.values):
-            self.app.complain(texts.NOTHING)
+            self.app.complain(self.app.keyed(texts.NOTHING))
         else:
-            entry = self.trial.entry
-            entry = entry.freed() if self._at_best else entry.held_at(self.values)
-            self.app.pop_screen()
-            self.app.call_later(partial(self._adopt, self.choice, entry))
+            self.dismiss(entry.freed() if self._at_best else entry.held_at(self.values))
+
+    def action_back(self) -> None:
+        self.dismiss(None)
 
     def action_scroll(self, pages: int) -> None:
         page = self.query_one(VerticalScroll)
@@ -209,6 +199,7 @@ class WhatIfScreen(PagedScreen):
             page.scroll_page_up()
 
     def action_copy(self) -> None:
+        """All of the words, whatever page is shown."""
         if self.ready:
             parts = (self.query_one(f"#{name}", Static) for name in COPIED)
             self.app.copy("\n\n".join(str(one.content) for one in parts))
@@ -216,15 +207,31 @@ class WhatIfScreen(PagedScreen):
             self.app.complain(texts.NOT_YET)
 
 
-COPIED = ("diagnosed", "what-if", "numbers-text")
+COPIED = ("heading", "what-if", "numbers-text")
 
 
-def ask_effect(
-    interface: Interface, listed: Sequence[Choice], then: Callable[[Choice], None]
-) -> None:
-    """Ask for one of these effects; nothing is done where none is chosen."""
+async def tried(
+    screen: PagedScreen[Any],
+    sessions: Sequence[Session],
+    model: Path | None,
+    *,
+    subset: Subset | None = None,
+    diagnosed: SessionDiagnosis | None = None,
+) -> tuple[Choice, EffectEntry] | None:
+    """An effect that a person chooses and the size that is adopted; for workers of the screen.
+
+    Raises RecordError for a model that cannot be read.
+    """
+    known = await apart(screen, read_model_file, model) if model else None
+    listed = await apart(screen, choices, sessions, known, diagnosed)
     if not listed:
-        interface.complain(texts.NOTHING_TO_TRY)
-        return
+        screen.app.complain(texts.NOTHING_TO_TRY)
+        return None
     dialog = ChoiceDialog(texts.WHICH, [(one, texts.choice_words(one)) for one in listed])
-    interface.ask(dialog, then)
+    choice = await screen.ask(dialog)
+    if choice is None:
+        return None
+    trial = trial_of(choice, sessions, known, subset)
+    mistakes = diagnosed is not None and bool(mistakes_of(diagnosed))
+    entry = await screen.ask(WhatIfScreen(choice, trial, model=model, mistakes=mistakes))
+    return (choice, entry) if entry else None

@@ -59,7 +59,8 @@ class TripodDesign:
     def of(cls, geometry: Geometry, taken: Conditions) -> TripodDesign:
         """The design of these readings. Raises UnreachablePosture."""
         of_tool = (taken.leg == TOOL)[:, None]
-        zeros, zero = geometry.zero_mm[None], slice(-1, None)
+        zeros: FloatArray = geometry.zero_mm[None]
+        zero: slice | IntArray = slice(-1, None)
         if not geometry.common_zero:
             zeros, zero = inverse(geometry, geometry.leg_zero_mm), own_zero_rows(taken)
         return cls(

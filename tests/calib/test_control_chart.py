@@ -88,3 +88,30 @@ def test_a_tolerance_lasts_as_long_as_the_drift_takes() -> None:
     assert days == pytest.approx(50.0, rel=0.1)
     assert days_in_tolerance(Geometry(), per_day, 0.08, 0.07) == 0.0
     assert days_in_tolerance(Geometry(), (0.0, 0.0, 0.0), 0.02, 0.07) == float("inf")
+
+
+@pytest.mark.parametrize(
+    ("tail", "rules"),
+    [
+        ([0.5], ()),
+        ([2.2, 0.1, 2.3], (2,)),
+        ([-2.2, 0.1, -2.3], (2,)),
+        ([2.2, 0.1, -2.3], ()),  # one on each side
+        ([1.2, 1.3, -0.4, 1.4, 1.2], (3,)),
+        ([0.2] * 8, (4,)),
+        ([0.2] * 7, ()),
+    ],
+)
+def test_rules_of_western_electric(tail: list[float], rules: tuple[int, ...]) -> None:
+    """The rules are completed by the last value; the chart is that of a steady quantity around 0.
+
+    Its standard deviation is the stated one, 1: moving ranges are smaller here.
+    """
+    steady = [0.3, -0.3] * 20
+    middle = np.mean([*steady, *tail])
+    values = np.array([*steady, *(middle + value for value in tail)])
+    chart = control_chart(values, np.full(len(values), 2.0), np.zeros(len(values), bool))
+    assert not chart.changed.any()
+    assert abs(chart.centre[-1] - middle) < 0.15
+    assert chart.signals[-1] == rules
+    assert not any(chart.signals[: len(steady)])

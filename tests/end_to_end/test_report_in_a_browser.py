@@ -11,8 +11,9 @@ import os
 import shutil
 import sys
 from base64 import b64decode
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,10 @@ import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestServer
 
+from app.evaluating.history import read_history
 from app.report.certificate import read_head
 from app.report.pages.contents import report_of
+from app.report.pages.history import history_page
 from app.report.pages.report import html_of
 from app.screens.serving_reports import HEADERS
 from tests.app.report.certificates import laboratory
@@ -158,11 +161,26 @@ async def test_a_printed_certificate_is_two_pages_and_an_annex(
 DRAWN = "[...document.images].map(one => one.complete && one.naturalWidth > 100)"
 
 
-async def test_words_of_strangers_do_nothing(tmp_path: Path) -> None:
+def report_page(session: Path) -> tuple[str, str, int]:
+    return html_of(report_of([session])), f"Calibration report: {ACTIVE[6]}", 13
+
+
+def history_of(session: Path) -> tuple[str, str, int]:
+    """Of a folder with an unreadable file beside the session; three joints on two pictures."""
+    folder = session.parent
+    (folder / f"{ACTIVE[3].replace('/', '')[:60]}.jsonl").write_text("no session")
+    found = read_history(folder, index=folder / "index.sqlite")
+    return html_of(history_page(found, datetime.now(UTC))), f"History: {folder.name}", 2
+
+
+@pytest.mark.parametrize("page_of", [report_page, history_of])
+async def test_words_of_strangers_do_nothing(
+    page_of: Callable[[Path], tuple[str, str, int]], tmp_path: Path
+) -> None:
     bare = tmp_path / "bare.html"
     bare.write_text(f"<!DOCTYPE html><body>{'<p>'.join(ACTIVE[:4])}", encoding="utf-8")
     page = tmp_path / "report.html"
-    text = html_of(report_of([hostile_session(tmp_path, ACTIVE)]))
+    text, title, pictures = page_of(hostile_session(tmp_path, ACTIVE))
     page.write_text(text, encoding="utf-8")
     async with browser(tmp_path / "profile") as tab, served(text) as address:
         for domain in ("Page", "Network", "Runtime", "Log"):
@@ -174,7 +192,7 @@ async def test_words_of_strangers_do_nothing(tmp_path: Path) -> None:
 
         for url in (page.as_uri(), address):
             await tab.show(url)
-            assert await tab.value("document.title") == f"Calibration report: {ACTIVE[6]}"
+            assert await tab.value("document.title") == title
             assert await tab.value("typeof window.owned") == "undefined"
             assert not tab.happened("Page.javascriptDialogOpening")
             assert not tab.happened("Runtime.exceptionThrown")
@@ -182,7 +200,7 @@ async def test_words_of_strangers_do_nothing(tmp_path: Path) -> None:
             assert not [one for one in refused if not one.get("url", "").endswith("favicon.ico")]
             own = [one for one in tab.requests() if not one.startswith("data:image/svg+xml;base64")]
             assert own == [url]
-            assert await tab.value(DRAWN) == [True] * 13
+            assert await tab.value(DRAWN) == [True] * pictures
         for width in WIDTHS:
             size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
             await tab.ask("Emulation.setDeviceMetricsOverride", **size)

@@ -20,7 +20,7 @@ async def diagnosed(pilot: Pilot[str], interface: Interface) -> DiagnoseScreen:
 
 
 def drawn(interface: Interface) -> str:
-    return str(interface.screen.query_one("#change-chart", ChartPlot).render())
+    return str(interface.screen.query_one("#change-chart0", ChartPlot).render())
 
 
 def offered(interface: Interface) -> set[str]:

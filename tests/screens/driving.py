@@ -99,7 +99,7 @@ async def history_shown(pilot: Pilot[str], interface: Interface) -> str:
     """The text of a history once its screen is there."""
     await until(pilot, "history", lambda: isinstance(interface.screen, HistoryScreen))
     await pilot.pause()
-    return text(interface, "#history")
+    return text(interface, "#history-text")
 
 
 async def to_measuring(pilot: Pilot[str], interface: Interface) -> MeasureScreen:

@@ -22,7 +22,7 @@ async def test_pages_by_keys(bowed: Path) -> None:
     interface = Glidecal(DiagnoseScreen([bowed]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await diagnosed(pilot, interface)
-        assert text(interface, "#diagnosed") == "bow [x].jsonl   against: nominal machine"
+        assert text(interface, "#heading") == "bow [x].jsonl   against: nominal machine"
         assert verdict(interface).startswith("EXPLAINED. What was missing is: ")
         assert re.search(r"leg_bow \(xy\), machine", verdict(interface))
         assert re.search(r"gap 0\.\d{4} → 0\.\d{4} mm", verdict(interface))
@@ -65,7 +65,7 @@ async def test_a_session_that_cannot_be_diagnosed(samples: Path) -> None:
         assert "line 9" in verdict(interface)
         for page in ("where", "candidates", "change"):
             assert text(interface, f"#{page}-text") == verdict(interface)
-        assert not screen.query_one("#change-chart").display
+        assert not screen.query_one("#change-chart0").display
         for key in "any":
             interface.clear_notifications()
             await pilot.press(key)
@@ -140,7 +140,7 @@ async def test_no_line_is_cut_off(doubtful: Path, size: tuple[int, int]) -> None
             assert max(map(len, lines)) <= 76
         await pilot.press("4")
         await until(pilot, "chart", lambda: "displacement from left" in drawn(interface))
-        chart = screen.query_one("#change-chart", ChartPlot)
+        chart = screen.query_one("#change-chart0", ChartPlot)
         assert chart.size.height > size[1] / 2
         assert "x noise   o before   + after adopting" in drawn(interface)
         await pilot.press("f10")

@@ -50,7 +50,7 @@ async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(bowed: Path) -
         words = f"bow [x]_model.json: gap {before:.4f} → {again.gap_before.rms_mm:.4f} mm."
         assert words in verdict(interface).replace("\n", " ")
         assert f"{words} Given leg_bow (xy): tool" in " ".join(verdict(interface).split())
-        assert text(interface, "#diagnosed").endswith("model bow [x]_model.json")
+        assert text(interface, "#heading").endswith("model bow [x]_model.json")
         assert f"Model written: {model}" in said(interface)
         await pilot.press("a")
         await until(pilot, "nothing", lambda: "Nothing to adopt" in said(interface))
@@ -182,7 +182,7 @@ async def test_a_mistake_is_put_right_in_a_new_session_and_its_result_shown(tmp_
         new = tmp_path / "wrong_corrected.jsonl"
         await until(pilot, "again", lambda: screen.paths == (new,) and not screen.looking)
         assert verdict(interface).startswith("AGREES.")
-        assert text(interface, "#diagnosed").startswith(new.name)
+        assert text(interface, "#heading").startswith(new.name)
         await pilot.press("r")
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
         shown = interface.screen
@@ -190,7 +190,9 @@ async def test_a_mistake_is_put_right_in_a_new_session_and_its_result_shown(tmp_
         expected = solve_files([right]).joint_offsets_mm
         assert shown.solved.joint_offsets_mm == pytest.approx(expected, abs=1e-9)
         why = "Corrected from wrong.jsonl"
-        await until(pilot, "text", lambda: why in " ".join(text(interface, "#text").split()))
+        await until(
+            pilot, "text", lambda: why in " ".join(text(interface, "#details-text").split())
+        )
         await pilot.press("f10")
 
 
@@ -205,10 +207,10 @@ async def test_the_result_with_an_adopted_model_is_exported(tmp_path: Path) -> N
         await until(pilot, "again", lambda: screen.model is not None and not screen.looking)
         await pilot.press("r")
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
-        await until(pilot, "text", lambda: "backlash y: play" in text(interface, "#text"))
+        await until(pilot, "text", lambda: "backlash y: play" in text(interface, "#details-text"))
         await pilot.press("e")
         await until(
-            pilot, "caution", lambda: "WARNING: nobody stated" in text(interface, "#glance")
+            pilot, "caution", lambda: "WARNING: nobody stated" in text(interface, "#result-text")
         )
         await pilot.press("f10")
     written = sorted(path.name for path in (tmp_path / "play").iterdir())

@@ -110,9 +110,9 @@ async def test_procedures_by_keys_with_the_papers_ranks_beside() -> None:
     interface = Glidecal(HexaSlideScreen())
     async with interface.run_test(size=SIZE) as pilot:
         for key, (name, rank, count, published, fewest) in RANKS.items():
-            await pilot.press(key)
+            await pilot.press("p", key)
             screen = await looked(pilot, interface, HexaSlideScreen)
-            assert text(interface, "#hexaslide") == f"example H60   {key} of 4: {name}"
+            assert text(interface, "#heading") == f"example H60   {key} of 4: {name}"
             seen = text(interface, "#sees-text")
             assert f"IDENTIFIABLE: {rank} of {count} combinations" in seen
             assert f"(papers/001: {published})" in seen
@@ -143,7 +143,7 @@ async def test_the_machine_is_drawn_from_two_sides() -> None:
     async with interface.run_test(size=SIZE) as pilot:
         screen = await looked(pilot, interface, HexaSlideScreen)
         await pilot.press("tab")
-        await until(pilot, "the page", lambda: page(interface) == "machine")
+        await until(pilot, "the page", lambda: page(interface) == "drawn")
         await pilot.pause()
         for name, title in (("front", "From the front, z in m"), ("above", "From above, y in m")):
             picture = drawn(interface, name)
@@ -159,11 +159,11 @@ async def test_the_machine_is_drawn_from_two_sides() -> None:
         assert words != ground
         assert ground == Color.parse(interface.theme_variables["surface"]).rgb
         assert "Drawn at the middle of the box." in text(interface, "#drawn-text")
-        assert not screen.query_one("#sketch").display
+        assert not screen.query_one("#sees .beside").display
         await pilot.resize_terminal(120, 40)
         await pilot.press("left")
         await pilot.pause()
-        assert screen.query_one("#sketch").display
+        assert screen.query_one("#sees .beside").display
         assert "From above" in drawn(interface, "sketch-above")
         await pilot.press("f10")
 
@@ -174,7 +174,7 @@ async def test_search_shows_start_and_optimum_and_stops(gate: Gate) -> None:
         screen = await looked(pilot, interface, HexaSlideScreen)
         assert "No postures yet" in text(interface, "#search-text")
         await pilot.press("o")
-        await until(pilot, "the page", lambda: page(interface) == "places")
+        await until(pilot, "the page", lambda: page(interface) == "search")
         assert "Searching for 9 postures" in text(interface, "#search-text")
         gate.first.set()
         await until(pilot, "a first start", lambda: screen.found is not None)
@@ -224,7 +224,7 @@ def check_found(screen: HexaSlideScreen) -> None:
 
 async def check_drawn_at_postures(pilot: Pilot[str], interface: Interface) -> None:
     await pilot.press("left", "left", "left")
-    await until(pilot, "the page", lambda: page(interface) == "machine")
+    await until(pilot, "the page", lambda: page(interface) == "drawn")
     await pilot.pause()
     middle = drawn(interface, "front")
     await pilot.press("plus")
@@ -246,7 +246,7 @@ async def test_leaving_while_it_searches(gate: Gate) -> None:
         gate.first.set()
         await pilot.press("o")
         await until(pilot, "a second start", lambda: len(gate.counts) == 2)
-        await pilot.press("3")
+        await pilot.press("p", "3")
         await until(pilot, "the end of the search", lambda: gate.left == 1)
         await looked(pilot, interface, HexaSlideScreen)
         assert not screen.searching
@@ -299,7 +299,7 @@ async def test_measured_components_of_ones_own() -> None:
         await pilot.press("m")
         await enter(pilot, interface, "x, y, z, theta")
         await looked(pilot, interface, HexaSlideScreen)
-        assert text(interface, "#hexaslide").endswith("your own: pose-forward")
+        assert text(interface, "#heading").endswith("your own: pose-forward")
         seen = text(interface, "#sees-text")
         assert "IDENTIFIABLE: 48 of 49 combinations" in seen
         assert "papers/001" not in seen
@@ -320,7 +320,7 @@ async def test_a_broken_machine_file_then_a_good_one(tmp_path: Path) -> None:
     interface = Glidecal(HexaSlideScreen(Request("pose-inverse", broken)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await looked(pilot, interface, HexaSlideScreen)
-        assert text(interface, "#hexaslide") == "own [m].toml"
+        assert text(interface, "#heading") == "own [m].toml"
         assert "does not reach its rail" in text(interface, "#sees-text")
         assert not any(plot.display for plot in screen.query(ChartPlot))
         await pilot.press("c")
@@ -328,9 +328,9 @@ async def test_a_broken_machine_file_then_a_good_one(tmp_path: Path) -> None:
         await pilot.press("f")
         await enter(pilot, interface, str(linkless))
         await looked(pilot, interface, HexaSlideScreen)
-        assert text(interface, "#hexaslide") == "linkless.toml   1 of 4: pose-inverse"
+        assert text(interface, "#heading") == "linkless.toml   1 of 4: pose-inverse"
         assert all(plot.display for plot in screen.query(ChartPlot))
-        await pilot.press("4")
+        await pilot.press("p", "4")
         await looked(pilot, interface, HexaSlideScreen)
         assert "no [constraint_link]" in text(interface, "#sees-text")
         await pilot.press("f1")

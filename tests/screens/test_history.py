@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import shutil
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from textual.widgets import OptionList
+from textual.widgets import OptionList, TabPane
 
-from app.evaluating.history import read_history
+from app.evaluating.history import Entry, History, history_of_machine, read_history
 from app.screens.history import HistoryScreen
 from app.screens.home import HomeScreen
+from app.screens.plot import ChartPlot
 from app.screens.start import Glidecal
 from protocols.journal import write_whole
+from protocols.machine import load_machine
 from protocols.record import read_record
 from protocols.session import Line, Reading
 from tests.conftest import SAMPLES
-from tests.screens.driving import SIZE, history_shown, rows, until
+from tests.screens.driving import SIZE, history_shown, rows, text, until
 
 SESSION = SAMPLES / "experiment_2_twelve.jsonl"
 
@@ -56,7 +58,52 @@ async def test_entered_offsets_are_a_line_in_the_plot(tmp_path: Path) -> None:
         await pilot.press("tab")
         await pilot.pause(0.1)
         shown = rows(interface.screen)
-        assert any("Change of the offsets" in row for row in shown)
+        assert any("joint x, change of the offset (1 of 3)" in row for row in shown)
         # two sides of the frame, and between them the line at day 60
-        assert sum(row.count("│") == 3 for row in shown) >= 4
+        assert sum(sum(map(row.count, "│┤")) == 3 for row in shown) >= 4
+        await pilot.press("minus")
+        await pilot.pause(0.1)
+        assert any(
+            "joint z, change of the offset (3 of 3)" in row for row in rows(interface.screen)
+        )
         await pilot.press("f10")
+
+
+def thirty_machines() -> History:
+    """A thousand sessions of thirty machines, without files."""
+    machine, began = load_machine(None), datetime(2024, 1, 1, tzinfo=UTC)
+    machines = []
+    for number in range(30):
+        named = machine.model_copy(update={"name": f"machine {number}"})
+        entries = [
+            Entry(
+                began=began + timedelta(days=20 * k),
+                machine=named,
+                offsets_mm=(0.001 * (k % 3), 0.002 * k, 0.0),
+                expanded_mm=(0.01, 0.01, 0.01),
+                bound_before_mm=0.1,
+            )
+            for k in range(1000 // 30 + 1)
+        ]
+        files = [(Path(f"{number}-{k}.jsonl"), entry) for k, entry in enumerate(entries)]
+        machines.append(history_of_machine(named.name, "measured", files))
+    return History(Path(), tuple(machines), ())
+
+
+@pytest.mark.parametrize("size", [SIZE, (40, 20)])
+async def test_a_thousand_sessions_of_thirty_machines(size: tuple[int, int]) -> None:
+    """Two pages all the same; every chart is reached by turning, the first follows the last."""
+    interface = Glidecal(HistoryScreen(thirty_machines()))
+    async with interface.run_test(size=size) as pilot:
+        await pilot.pause()
+        shown = text(interface, "#history-text")
+        assert shown.count("34 sessions") == 30
+        assert "Drift of joint y: +3.0 ± " in shown
+        assert "Drift of joint z" not in shown, "nothing moves there"
+        assert "joint y: rule 4, eight in a row on one side" in " ".join(shown.split())
+        assert len(interface.screen.query(TabPane)) == 2
+        await pilot.press("minus")
+        await pilot.pause()
+        title = str(interface.screen.query(ChartPlot).first().render()).splitlines()[0]
+        assert ("(90 of 90)" in title) == (size == SIZE), "a title that has no room is left out"
+        await pilot.press("escape", "f10")

@@ -14,11 +14,12 @@ from app.commands.demo import run_headless
 from app.exports import FILE_NAMES
 from app.measuring.plan import QUICK_INTERVAL_S
 from app.screens.check import CheckScreen, DryRunScreen
+from app.screens.history import CompareScreen
 from app.screens.home import HomeScreen, PickScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
-from app.screens.result import CompareScreen, ResultScreen
+from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
 from protocols.journal import Journal
 from tests.protocols.test_journal import reading
@@ -115,19 +116,19 @@ async def test_compare_by_keys(folder: Path) -> None:
         assert BEFORE not in "".join(options(interface))
         await choose(pilot, interface, "after")
         await shown(pilot, interface, CompareScreen)
-        assert f"before: {BEFORE}\nafter:  {AFTER}" in text(interface, "#compare-text")
-        assert "from 0.3230 to 0.1508 mm" in text(interface, "#compare-text")
-        assert not interface.screen.query_one("#compare-beside").display
+        assert f"before: {BEFORE}\nafter:  {AFTER}" in text(interface, "#comparison-text")
+        assert "from 0.3230 to 0.1508 mm" in text(interface, "#comparison-text")
+        assert not interface.screen.query_one("#comparison .beside").display
         await pilot.press("y")
-        assert interface.clipboard == text(interface, "#compare-text")
+        assert interface.clipboard == text(interface, "#comparison-text")
         await pilot.press("tab")
-        chart = interface.screen.query_one("#compare-chart")
+        chart = interface.screen.query_one("#plot-chart0")
         await until(pilot, "the plot", lambda: chart.region.area > 0)
         await pilot.press("y")
-        assert interface.clipboard.splitlines()[0].strip() == "Differences, mm"
+        assert interface.clipboard.splitlines()[0].strip() == "Differences: leg along axis, mm"
         await pilot.press("tab")
         await pilot.resize_terminal(120, 40)
-        assert interface.screen.query_one("#compare-beside").display
+        assert interface.screen.query_one("#comparison .beside").display
         await pilot.press("escape")
         await shown(pilot, interface, HomeScreen)
         await pilot.press("f10")
@@ -165,8 +166,8 @@ async def test_a_verification_proposes_its_partner(
         await shown(pilot, interface, ChoiceDialog)
         await pilot.press("1")
         await shown(pilot, interface, CompareScreen)
-        assert f"after:  {verify.name}" in text(interface, "#compare-text")
-        assert "Remark" not in text(interface, "#compare-text")
+        assert f"after:  {verify.name}" in text(interface, "#comparison-text")
+        assert "Remark" not in text(interface, "#comparison-text")
         await pilot.press("escape")
         await shown(pilot, interface, HomeScreen)
         await choose(pilot, interface, verify.name.replace("_verify", ""))

@@ -19,12 +19,13 @@ from app.machines.registry import LOOKS
 from app.measuring.demo import demo_plan
 from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
+from app.screens.history import CompareScreen
 from app.screens.home import HomeScreen, PickScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.pages import COLOURS_OF_WORDS, LEGIBLE, SIGNALS, contrast
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
-from app.screens.result import CompareScreen, ResultScreen
+from app.screens.result import ResultScreen
 from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from protocols.record import read_record
@@ -84,7 +85,7 @@ async def test_a_result_opens_on_the_numbers_to_enter_and_the_next_step(
     path = samples / "experiment_3_twelve.jsonl"
     interface = interface_on(ResultScreen(solve_files([path]), None, path), theme)
     async with interface.run_test(size=size) as pilot:
-        await until(pilot, "text", lambda: "Next: D" in text(interface, "#glance"))
+        await until(pilot, "text", lambda: "Next: D" in text(interface, "#result-text"))
         await pilot.pause()
         seen = rows(interface.screen)
         first = [
@@ -92,7 +93,9 @@ async def test_a_result_opens_on_the_numbers_to_enter_and_the_next_step(
             for words in ("enter ", "d_rho_x", "d_rho_z", "Tool error", "now ", "after ", "Next: D")
         ]
         assert first == sorted(first)
-        assert interface.screen.query_one("#first").max_scroll_y == 0, "all of it is seen"
+        assert interface.screen.query_one("#result VerticalScroll").max_scroll_y == 0, (
+            "all of it is seen"
+        )
         assert contrasts(interface, "Next:")
         assert min(contrasts(interface, "Next:")) >= LEGIBLE
 
@@ -167,3 +170,24 @@ async def test_escape_leads_back_from_every_screen(
 async def escape(pilot: Pilot[str], interface: Interface, name: str) -> None:
     await pilot.press("escape")
     await until(pilot, f"home after {name}", lambda: isinstance(interface.screen, HomeScreen))
+
+
+@pytest.mark.parametrize("colours", ["textual-dark", "textual-light", "NO_COLOR"])
+async def test_the_page_that_is_shown_is_marked_without_colour(
+    samples: Path, colours: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In one line below that of the session; reversed, so that no colour is needed."""
+    if colours == "NO_COLOR":
+        monkeypatch.setenv("NO_COLOR", "1")
+    path = samples / "experiment_3_twelve.jsonl"
+    theme = "textual-dark" if colours == "NO_COLOR" else colours
+    interface = interface_on(ResultScreen(solve_files([path]).work_out(), None, path), theme)
+    async with interface.run_test(size=(80, 24)) as pilot:
+        await until(pilot, "text", lambda: "Next: D" in text(interface, "#result-text"))
+        await pilot.press("2")
+        await pilot.pause()
+        heading, tabs, *_ = strips(interface.screen)
+        assert heading.text.split() == [path.name, "in", path.parent.name]
+        assert tabs.text.split("  ")[:2] == [" 1 Result", "2 Details"]
+        marked = [one.text.strip() for one in tabs if one.style and one.style.reverse]
+        assert marked == ["2 Details"]

@@ -33,7 +33,7 @@ from app.screens.corrections import Corrections
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.fast_keys import Dialog, LeftOnce, Palette
 from app.screens.hexaslide import HexaSlideScreen
-from app.screens.history import HistoryScreen
+from app.screens.history import CompareScreen, HistoryScreen
 from app.screens.home import HomeScreen, PickScreen, ReplayChoiceScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.measure import MeasureScreen
@@ -41,7 +41,7 @@ from app.screens.motion_dialog import MotionDialog
 from app.screens.paged import PagedScreen
 from app.screens.prepare import IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
-from app.screens.result import CompareScreen, ResultScreen
+from app.screens.result import ResultScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen, SetUpScreen
 from app.screens.start import Glidecal
 from app.screens.what_if import WhatIfScreen
@@ -92,7 +92,7 @@ def what_if(_: Path) -> Screen[Any]:
     (found,) = (c for c in choices(sessions) if c.key == ("straightness", "x"))
     found = replace(found, alike=("leg_bow (xy)", "leg_taper (xz)", "axis_squareness (yz)"))
     trial = trial_of(found, sessions, subset="with-tolerances")
-    return WhatIfScreen(found, trial, lambda _, __: None, mistakes=True)
+    return WhatIfScreen(found, trial, mistakes=True)
 
 
 QUESTION = "Step 4, leg X ZERO:\nalong Y +0.2000 mm where +0.000 ± 0.050 mm is expected"

@@ -105,18 +105,18 @@ def page_is(interface: Interface, name: str) -> Callable[[], bool]:
 async def test_result(samples: Path, tmp_path: Path, size: tuple[int, int]) -> None:
     interface = still(result_screen(samples / "experiment_2_twelve.jsonl"))
     async with interface.run_test(size=size) as pilot:
-        await until(pilot, "text", lambda: "Next: D looks" in text(interface, "#glance"))
+        await until(pilot, "text", lambda: "Next: D looks" in text(interface, "#result-text"))
         assert isinstance(interface.screen, ResultScreen)
-        assert interface.screen.query_one("#beside").display == (size == WIDE)
+        assert interface.screen.query_one("#result-chart0").display == (size == WIDE)
         await compare(pilot, interface, f"result_{size[0]}", tmp_path)
         await pilot.press("left")
-        await until(pilot, "legs", page_is(interface, "tab-legs"))
+        await until(pilot, "legs", page_is(interface, "legs"))
         await pilot.pause()
         await compare(pilot, interface, f"legs_{size[0]}", tmp_path)
         await pilot.press("left")
-        await until(pilot, "plot", page_is(interface, "tab-plot"))
+        await until(pilot, "plot", page_is(interface, "plot"))
         await pilot.pause()
-        assert "z_x-" in str(interface.screen.query_one("#plot", ChartPlot).render())
+        assert "z_x-" in str(interface.screen.query_one("#plot-chart0", ChartPlot).render())
         await compare(pilot, interface, f"plot_{size[0]}", tmp_path)
 
 
@@ -124,10 +124,12 @@ async def test_result(samples: Path, tmp_path: Path, size: tuple[int, int]) -> N
 async def test_comparison(samples: Path, tmp_path: Path, size: tuple[int, int]) -> None:
     interface = still(compared_screen(samples, tmp_path))
     async with interface.run_test(size=size) as pilot:
-        await until(pilot, "page", page_is(interface, "tab-comparison"))
+        await until(pilot, "page", page_is(interface, "before-after"))
         await pilot.pause()
-        assert "Leg deviations went from" in text(interface, "#compared")
-        assert "o after" in str(interface.screen.query_one("#before-after", ChartPlot).render())
+        assert "Leg deviations went from" in text(interface, "#before-after-text")
+        assert "o after" in str(
+            interface.screen.query_one("#before-after-chart0", ChartPlot).render()
+        )
         await compare(pilot, interface, f"comparison_{size[0]}", tmp_path)
 
 
@@ -138,7 +140,7 @@ async def test_light_theme(samples: Path, tmp_path: Path) -> None:
         interface.theme = "textual-light"
         await pilot.pause()
         assert not interface.current_theme.dark
-        assert "WARNING" in text(interface, "#glance")
+        assert "WARNING" in text(interface, "#result-text")
         await compare(pilot, interface, "result_light", tmp_path)
 
 

@@ -203,7 +203,7 @@ async def test_result_and_back(samples: Path) -> None:
         await begin(pilot, interface)
         await pilot.press("right", "r")
         await until(pilot, "a result", lambda: isinstance(interface.screen, ResultScreen))
-        await until(pilot, "text", lambda: "d_rho_x" in text(interface, "#text"))
+        await until(pilot, "text", lambda: "d_rho_x" in text(interface, "#details-text"))
         await pilot.press("escape")
         await until(pilot, "back", lambda: isinstance(interface.screen, ReplayScreen))
         assert "step 1 of 30" in text(interface, "#progress")

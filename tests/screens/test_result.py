@@ -21,6 +21,7 @@ from app.measuring.opening import start_session
 from app.measuring.plan import QUICK_INTERVAL_S, Plan, plan_to_repeat, verification_plan
 from app.measuring.unattended import measure_all
 from app.report.charts.legs import leg_figures
+from app.report.charts.results import difference_words
 from app.report.text.result import WORKING_OUT, solution_text
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
@@ -52,7 +53,7 @@ PUBLISHED_MM = {
 }
 """Experiment 2 in table 2 of the paper of 2008."""
 
-NAMES = list(PUBLISHED_MM)
+NAMES = [difference_words(name) for name in PUBLISHED_MM]
 
 
 @pytest.fixture
@@ -119,17 +120,19 @@ async def test_keys_turn_the_pages(published: tuple[SessionSolution, Path]) -> N
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE) as pilot:
-        await until(pilot, "text", lambda: text(interface, "#text").endswith(solution_text(solved)))
+        await until(
+            pilot, "text", lambda: text(interface, "#details-text").endswith(solution_text(solved))
+        )
         pages = []
         for key in ("right", "right", "right", "right", "left", "tab", "shift+tab"):
             await pilot.press(key)
             await pilot.pause()
-            pages.append(page(interface).removeprefix("tab-"))
+            pages.append(page(interface).removeprefix(""))
         assert pages == ["details", "plot", "legs", "result", "legs", "result", "legs"]
         await pilot.press("left", "left")
         await until(pilot, "focus", lambda: isinstance(interface.focused, VerticalScroll))
         await pilot.press("end")
-        scroll = interface.screen.query_one("#result", VerticalScroll)
+        scroll = interface.screen.query_one("#details VerticalScroll", VerticalScroll)
         await until(pilot, "the end", lambda: scroll.scroll_y == scroll.max_scroll_y > 0)
         await pilot.press("f1")
         await until(pilot, "help", lambda: isinstance(interface.screen, HelpDialog))
@@ -142,42 +145,30 @@ async def test_names_points_and_zero_line_at_80_columns(
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("left", "left")
-        await until(pilot, "a plot", lambda: len(drawn(interface, "#plot")) > 15)
-        lines = drawn(interface, "#plot")
-        assert lines[0].strip() == "Differences, mm"
+        await until(pilot, "a plot", lambda: len(drawn(interface, "#plot-chart0")) > 15)
+        lines = drawn(interface, "#plot-chart0")
+        assert lines[0].strip() == "Differences: leg along axis, mm"
         assert lines[-1].strip() == "x measured   o residual"
-        assert lines[-2].split() == NAMES
-        points = "".join(lines[2:-3])
-        assert (points.count("x"), points.count("o")) == (12, 12)
-        zero = next(line for line in lines if line.strip().startswith("0.0"))
-        assert zero.count("─") > 50
-        rows = {line.split("┤")[0].strip(): row for row, line in enumerate(lines) if "┤" in line}
-        pitch_mm = 1.4 / (rows["-0.6"] - rows["0.8"])
-        shown = [(rows["0.0"] - row) * pitch_mm for row in rows_of_points(lines)]
-        assert shown == pytest.approx(list(PUBLISHED_MM.values()), abs=0.51 * pitch_mm)
-
-
-def rows_of_points(lines: list[str]) -> list[int]:
-    """The row of each measured point, from left to right."""
-    found = {
-        column: row
-        for row, line in enumerate(lines[:-3])
-        for column, character in enumerate(line)
-        if character == "x"
-    }
-    return [found[column] for column in sorted(found)]
+        rows = [line.partition("┤") for line in lines if "┤" in line]
+        assert [name.strip() for name, _, _ in rows] == NAMES
+        assert NAMES[:2] == ["Y along X, MAX", "X along Y, MAX"]
+        assert all(points.count("x") == points.count("o") == 1 for _, _, points in rows)
+        zero = next(line for line in lines if "│" in line[20:-1]).index("│", 20)
+        pitch_mm = 1.4 / (lines[-2].rindex("0.8") - lines[-2].index("-0.6"))
+        shown = [("".join(row).index("x", 16) - zero) * pitch_mm for row in rows]
+        assert shown == pytest.approx(list(PUBLISHED_MM.values()), abs=0.6 * pitch_mm)
 
 
 async def test_text_and_plot_side_by_side(published: tuple[SessionSolution, Path]) -> None:
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=WIDE) as pilot:
-        beside = interface.screen.query_one("#beside")
+        beside = interface.screen.query_one("#result .beside")
         await until(pilot, "two panels", lambda: beside.region.width > 30)
-        left = interface.screen.query_one("#first").region
+        left = interface.screen.query_one("#result VerticalScroll").region
         assert left.right == beside.region.x
         assert left.width >= 80
-        lines = drawn(interface, "#beside")
+        lines = drawn(interface, "#result-chart0")
         labels = [line.split("┤")[0].strip() for line in lines if "┤" in line]
         assert labels == NAMES
         await pilot.resize_terminal(*SIZE)
@@ -191,8 +182,8 @@ async def test_nothing_is_drawn_twice(
     interface = Glidecal(ResultScreen(solved, None, path), read_only=True)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("left", "left")
-        await until(pilot, "a plot", lambda: len(drawn(interface, "#plot")) > 15)
-        chart = interface.screen.query_one("#plot", ChartPlot)
+        await until(pilot, "a plot", lambda: len(drawn(interface, "#plot-chart0")) > 15)
+        chart = interface.screen.query_one("#plot-chart0", ChartPlot)
         builds: list[Size] = []
         build = chart.plt.build
 
@@ -206,7 +197,7 @@ async def test_nothing_is_drawn_twice(
         await pilot.pause()
         assert builds == []
         assert chart.render() is first
-        await pilot.press("3")
+        await pilot.press("s", "3")
         await until(pilot, "another chart", lambda: len(builds) == 1)
         interface.theme = "textual-light"
         await until(pilot, "other colours", lambda: len(builds) == 2)
@@ -224,14 +215,14 @@ async def test_sets_of_parameters(published: tuple[SessionSolution, Path]) -> No
             ("3", "joint offsets and leg lengths"),
             ("4", "both, constrained by tolerances"),
         ):
-            await pilot.press(key)
+            await pilot.press("s", key)
             await pilot.pause()
-            shown = " ".join(text(interface, "#text").split())
+            shown = " ".join(text(interface, "#details-text").split())
             assert f"View: {words}, exact fit" in shown
-            assert shown_first(text(interface, "#text")) == entered
-        await pilot.press("1")
+            assert shown_first(text(interface, "#details-text")) == entered
+        await pilot.press("s", "1")
         await pilot.pause()
-        assert text(interface, "#text").endswith(solution_text(solved))
+        assert text(interface, "#details-text").endswith(solution_text(solved))
 
 
 async def test_what_takes_long_is_worked_out_apart(
@@ -250,13 +241,13 @@ async def test_what_takes_long_is_worked_out_apart(
     interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))
     said = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
-        await pilot.press("2", "v")
+        await pilot.press("s", "2", "v")
         await pilot.pause()
-        assert text(interface, "#glance") == WORKING_OUT
+        assert text(interface, "#result-text") == WORKING_OUT
         assert said == [WORKING_OUT]
         assert not solved.is_worked_out
         come.set()
-        await until(pilot, "text", lambda: "View: leg lengths" in text(interface, "#text"))
+        await until(pilot, "text", lambda: "View: leg lengths" in text(interface, "#details-text"))
 
 
 async def test_a_set_that_is_not_seen_is_refused(
@@ -272,10 +263,10 @@ async def test_a_set_that_is_not_seen_is_refused(
     said = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         for key in ("3", "1"):
-            await pilot.press(key)
+            await pilot.press("s", key)
         await until(pilot, "two refusals", lambda: len(said) == 2)
         assert all("set [both]" in one for one in said)
-        assert text(interface, "#text").endswith(solution_text(solved))
+        assert text(interface, "#details-text").endswith(solution_text(solved))
         assert isinstance(interface.screen, ResultScreen)
     assert sorted(p.name for p in path.parent.iterdir()) == ["published.jsonl"]
 
@@ -289,7 +280,9 @@ async def test_export_names_what_it_wrote(
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("e")
         await until(pilot, "written", lambda: bool(said))
-        await until(pilot, "caution", lambda: "\nWARNING: nobody" in text(interface, "#glance"))
+        await until(
+            pilot, "caution", lambda: "\nWARNING: nobody" in text(interface, "#result-text")
+        )
     written = sorted(p.name for p in path.with_suffix("").iterdir())
     assert "offsets.csv" in written
     assert all(name in said[0] for name in written)
@@ -305,10 +298,12 @@ async def test_what_was_written_lies_over_nothing(
     interface = Glidecal(screen)
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.press("e")
-        message, first = (interface.screen.query_one(f"#{name}") for name in ("message", "first"))
+        message, first = (
+            interface.screen.query_one(f"#{name}") for name in ("message", "result VerticalScroll")
+        )
         await until(pilot, "written", lambda: "calib_joint2.inc" in text(interface, "#message"))
         words = "Next: enter the values in the controller; then V"
-        await until(pilot, "next", lambda: words in text(interface, "#glance"))
+        await until(pilot, "next", lambda: words in text(interface, "#result-text"))
         await pilot.pause()
         assert message.region.y >= first.region.bottom
         assert message.region.bottom <= interface.screen.query_one(Footer).region.y
@@ -467,19 +462,19 @@ async def test_comparison_is_a_page_of_its_own(verified: tuple[SessionSolution, 
     before, after = plan.before.solution.rms_before_mm, solved.solution.rms_before_mm
     interface = Glidecal(ResultScreen(solved, plan, plan.path))
     async with interface.run_test(size=SIZE) as pilot:
-        await until(pilot, "a plot", lambda: len(drawn(interface, "#before-after")) > 15)
-        assert page(interface) == "tab-comparison"
-        compared = text(interface, "#compared")
+        await until(pilot, "a plot", lambda: len(drawn(interface, "#before-after-chart0")) > 15)
+        assert page(interface) == "before-after"
+        compared = text(interface, "#before-after-text")
         assert f"from {before:.4f} to {after:.4f} mm" in compared
-        assert text(interface, "#glance").startswith(compared.splitlines()[0])
-        lines = drawn(interface, "#before-after")
+        assert text(interface, "#result-text").startswith(compared.splitlines()[0])
+        lines = drawn(interface, "#before-after-chart0")
         assert lines[-1].strip() == "x before   o after"
         assert [line.split("┤")[0].strip() for line in lines if "┤" in line] == NAMES
         await pilot.press("y")
         assert interface.clipboard == compared
         await pilot.press("right")
         await pilot.pause()
-        assert page(interface) == "tab-result"
+        assert page(interface) == "result"
 
 
 async def test_a_result_without_verification_has_no_such_page(
@@ -489,8 +484,8 @@ async def test_a_result_without_verification_has_no_such_page(
     interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
-        assert not interface.screen.query("#tab-comparison")
-        assert "\nNext: D looks for what is missing" in text(interface, "#glance")
+        assert not interface.screen.query("#before-after")
+        assert "\nNext: D looks for what is missing" in text(interface, "#result-text")
         await pilot.press("v")
         await until(pilot, "check", lambda: isinstance(interface.screen, CheckScreen))
         await until(pilot, "open", lambda: interface.indicators is not None)
@@ -524,5 +519,5 @@ async def test_legs_are_turned_by_plus_and_minus(
             await pilot.press("plus" if by > 0 else "minus")
             await pilot.pause()
             first += by
-            assert page(interface) == "tab-legs"
+            assert page(interface) == "legs"
             assert shown() == expected(first)

@@ -15,7 +15,8 @@ from app.evaluating.solution import SessionSolution, solve_files
 from app.measuring.gauges import Gauge
 from app.measuring.plan import QUICK_INTERVAL_S
 from app.report.text.result import solution_text
-from app.report.text.session import MEASURE_KEYS
+from app.report.text.session import MEASURE_HELP
+from app.report.text.tables import KEY_ID
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
@@ -136,9 +137,9 @@ async def test_whole_session_verify_and_compare(tmp_path: Path) -> None:
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
         known = solve_files([plan.path])  # as glidecal solve, home and replay have it
         same = solution_text(known)
-        await until(pilot, "the same result", lambda: same in text(interface, "#text"))
+        await until(pilot, "the same result", lambda: same in text(interface, "#details-text"))
         await pilot.press("3")
-        await until(pilot, "both", lambda: "d_L_z" in text(interface, "#text"))
+        await until(pilot, "both", lambda: "d_L_z" in text(interface, "#details-text"))
         await pilot.press("e")
         folder = plan.path.with_suffix("")
         await until(pilot, "export", lambda: (folder / "calib_joint2.inc").exists())
@@ -150,7 +151,7 @@ async def test_whole_session_verify_and_compare(tmp_path: Path) -> None:
         await until(
             pilot,
             "before and after",
-            lambda: "Leg deviations went from" in text(interface, "#glance"),
+            lambda: "Leg deviations went from" in text(interface, "#result-text"),
         )
         await pilot.press("f10")
     assert interface.return_code == 0
@@ -181,7 +182,9 @@ async def test_a_result_takes_the_place_of_the_session_under_an_open_dialog(
         await until(pilot, "help", lambda: isinstance(interface.screen, HelpDialog))
         computed.set()
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
-        await until(pilot, "its words", lambda: "Leg deviations" in text(interface, "#text"))
+        await until(
+            pilot, "its words", lambda: "Leg deviations" in text(interface, "#details-text")
+        )
         assert screen not in interface.screen_stack
 
 
@@ -231,7 +234,9 @@ async def test_result_of_a_recorded_session(samples: Path) -> None:
     solved = solve_files([path])
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
-        await until(pilot, "text", lambda: "something is missing" in text(interface, "#glance"))
+        await until(
+            pilot, "text", lambda: "something is missing" in text(interface, "#result-text")
+        )
         await pilot.press("v")
         await pilot.pause()
         assert isinstance(interface.screen, ResultScreen)
@@ -292,7 +297,7 @@ async def test_words_name_the_keys_that_are_in_force(tmp_path: Path) -> None:
 
 def test_the_help_has_every_key_of_the_measuring_screen() -> None:
     ids = {b.id for b in MeasureScreen.BINDINGS if isinstance(b, Binding)}
-    assert ids == {key_id for row, _ in MEASURE_KEYS for key_id in row}
+    assert ids == set(KEY_ID.findall(MEASURE_HELP))
 
 
 async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) -> None:

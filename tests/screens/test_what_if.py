@@ -70,10 +70,10 @@ async def test_figures_follow_the_size_as_in_python(bowed: Path) -> None:
         diagnosis = await diagnosed(pilot, interface)
         assert "w" in offered(interface)
         screen = await tried(pilot, interface)
-        assert text(interface, "#diagnosed").startswith("What if leg_bow (xy)   bow [x].jsonl")
+        assert text(interface, "#heading").startswith("What if leg_bow (xy)   bow [x].jsonl")
         (fitted,) = screen.fitted
         assert fitted.value == pytest.approx(0.25, abs=3 * fitted.standard_uncertainty)
-        chart = screen.query_one("#left-chart", ChartPlot)
+        chart = screen.query_one("#left-chart0", ChartPlot)
         pictures = [str(chart.render())]
         for keys in (["right"], ["left", "left"], ["shift+left", "shift+left"], ["0", "right"]):
             await pressed(pilot, screen, *keys)
@@ -115,7 +115,7 @@ async def test_the_scale_stays_while_a_size_is_moved(bowed: Path) -> None:
     async with interface.run_test(size=(120, 40), notifications=True) as pilot:
         await diagnosed(pilot, interface)
         screen = await tried(pilot, interface)
-        chart = screen.query_one("#left-chart", ChartPlot)
+        chart = screen.query_one("#left-chart0", ChartPlot)
 
         async def scale(*keys: str) -> list[float]:
             await pressed(pilot, screen, *keys)
@@ -155,7 +155,9 @@ async def test_a_size_that_was_moved_is_adopted_and_held(bowed: Path) -> None:
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
         result = interface.screen
         held = "Held as a person stated it"
-        await until(pilot, "text", lambda: held in " ".join(text(interface, "#text").split()))
+        await until(
+            pilot, "text", lambda: held in " ".join(text(interface, "#details-text").split())
+        )
         screen = await tried(pilot, interface)
         assert screen.choice.standing == "model"
         await pressed(pilot, screen, "right", "f")
@@ -167,7 +169,9 @@ async def test_a_size_that_was_moved_is_adopted_and_held(bowed: Path) -> None:
         assert parameter.held is None
         assert parameter.value == pytest.approx(best.value, abs=best.standard_uncertainty)
         assert interface.screen is result
-        await until(pilot, "freed", lambda: held not in " ".join(text(interface, "#text").split()))
+        await until(
+            pilot, "freed", lambda: held not in " ".join(text(interface, "#details-text").split())
+        )
         actions = [one.action for one in read_model_file(model).history]
         assert actions == ["added", "removed", "added"]
         # the diagnosis below looks again, for its model is another one now

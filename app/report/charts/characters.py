@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from app.report.charts.charts import (
@@ -97,6 +97,7 @@ class Canvas:
         if not chart.series:
             plot.title(f"{chart.heading}: {NOTHING}")
             return
+        chart = self._named(chart)
         plot.title(chart.heading)
         plot.xlabel(self._legend(chart))
         if self._on_its_side(chart):
@@ -119,10 +120,19 @@ class Canvas:
     def _rows(self) -> int:
         return self.height - FRAME_ROWS
 
+    def _narrow(self, chart: Chart) -> bool:
+        return self._columns < len(chart.x_names) * chart.x_label_cells
+
     def _on_its_side(self, chart: Chart) -> bool:
         """Names that do not fit beside each other stand below each other, given the rows."""
-        narrow = self._columns < len(chart.x_names) * chart.x_label_cells
-        return narrow and self._rows >= len(chart.x_names)
+        return self._narrow(chart) and self._rows >= len(chart.x_names)
+
+    def _named(self, chart: Chart) -> Chart:
+        """With symbols, and the first of them in words, where names fit in neither way."""
+        if not chart.x_short or not self._narrow(chart) or self._on_its_side(chart):
+            return chart
+        words = f"{chart.x_short[0]}: {chart.x_names[0]}"
+        return replace(chart, x_names=chart.x_short, x_words=words)
 
     def _legend(self, chart: Chart) -> str:
         marked = zip(marks_of(chart.series, MARKERS), chart.series, strict=True)

@@ -63,7 +63,8 @@ class Series:
 class Chart:
     """One plot: series over one horizontal axis with the words beside it, over ``strokes``.
 
-    With ``x_names`` the places 1, 2, … of ``x`` carry names in the place of numbers. ``marks`` are
+    With ``x_names`` the places 1, 2, … of ``x`` carry names in the place of numbers; ``x_short``
+    are symbols for them where there is no room for words. ``marks`` are
     places of ``x`` with a line from top to bottom. The scale covers ``room``, too.
     """
 
@@ -72,6 +73,7 @@ class Chart:
     y_words: str
     series: tuple[Series, ...]
     x_names: tuple[str, ...] = ()
+    x_short: tuple[str, ...] = field(default=(), kw_only=True)
     marks: tuple[float, ...] = ()
     room: tuple[float, ...] = ()
     strokes: tuple[Stroke, ...] = ()

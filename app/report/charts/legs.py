@@ -36,14 +36,14 @@ NAMES = {UP: "towards +", DOWN: "towards −", FIRST: "first", OTHER: "reading"}
 class LegFigure:
     """``readings`` in mm with the fit, and below them what is ``left`` in µm.
 
-    ``left`` is drawn so many times larger, ``enlarged``.
+    ``left`` is drawn so many times larger, ``enlarged``. The history has its charts in such a pair.
     """
 
     title: str
     short_title: str
     readings: Chart
     left: Chart
-    enlarged: float
+    enlarged: float = 1.0
 
     @property
     def charts(self) -> tuple[Chart, Chart]:

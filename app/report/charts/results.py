@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -17,7 +19,7 @@ from app.report.charts.charts import (
     StrokeStyle,
     series_of,
 )
-from app.report.charts.legs import left_by
+from app.report.charts.legs import FIRST, OTHER, LegFigure, left_by
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.diagnosis.results import SEEN, Cell
 from calib.identify.solution import Solution
@@ -86,6 +88,19 @@ def before_and_after(before: Solution, after: Solution) -> Chart:
     )
 
 
+DIFFERENCE = re.compile(r"([xyz])_([xyz])([+-]?)")
+"""Leg, axis and end of travel in the name of a difference; both ends where there is no sign."""
+
+ENDS = {"+": "MAX", "-": "MIN", "": "MAX − MIN"}
+
+
+def difference_words(name: str) -> str:
+    """``y_x+`` as ``X along Y, MAX``: leg, axis, posture less Zero; other names as they are."""
+    return DIFFERENCE.sub(
+        lambda part: f"{part[2].upper()} along {part[1].upper()}, {ENDS[part[3]]}", name
+    )
+
+
 def _published(solution: Solution) -> tuple[list[int], list[str]]:
     """Rows and names of the (up to) twelve differences."""
     rows = list(solution.differences.published_rows)
@@ -104,7 +119,9 @@ def _differences(
         aside = (2 * k + 1 - len(shown)) * ASIDE
         x = tuple(place + aside for place in range(1, len(names) + 1))
         series.append(Series(name, x, *(tuple(column.tolist()) for column in columns)))
-    return Chart("Differences", "", "mm", tuple(series), tuple(names))
+    words = tuple(map(difference_words, names))
+    title = f"Differences{': leg along axis' * (words != tuple(names))}"
+    return Chart(title, "", "mm", tuple(series), words, x_short=tuple(names))
 
 
 HALF = 0.36
@@ -200,12 +217,60 @@ def residuals_over_normal(solved: SessionSolution) -> Chart:
     )
 
 
-def offsets_over_time(found: MachineHistory) -> Chart:
-    """Change of each joint offset since the first session; lines where something was changed."""
-    series = tuple(
-        Series(f"joint {name}", found.days, tuple(1000.0 * mm for mm in one.change.tolist()))
-        for name, one in zip(LEG_NAMES, found.joints, strict=True)
+def control_charts(found: MachineHistory) -> tuple[LegFigure, ...]:
+    """A control chart of each joint offset, and below it what the tool was off by.
+
+    With centre and limits of each phase, and lines where the records tell of a change.
+    """
+    started_mm = found.points[0].entry.offsets_mm or ()
+    marks = tuple(d for d, point in zip(found.days, found.points, strict=True) if point.event)
+    tool_um = [1000.0 * point.entry.bound_before_mm for point in found.points]
+    tolerance_mm = found.last.machine.tool_tolerance_mm
+    limit = [
+        Stroke(StrokeStyle.DOTTED, tuple((d, 1000.0 * (tolerance_mm or 0.0)) for d in found.days))
+    ]
+    tool = Chart(
+        "tool error, at most, as found; dotted: tolerance",
+        "days since the first session",
+        "µm",
+        (series_of("", list(zip(found.days, tool_um, strict=True)), FIRST),),
+        marks=marks,
+        strokes=tuple(limit if tolerance_mm else []),
     )
-    days = zip(found.days, found.points, strict=True)
-    marks = tuple(day for day, point in days if point.event)
-    return Chart("Change of the offsets", "days", "µm", series, marks=marks)
+    return tuple(
+        LegFigure(
+            title,
+            f"Joint {LEG_NAMES[k]}",
+            replace(_control_chart(found, k, start_mm), title=title, marks=marks),
+            tool,
+        )
+        for k, start_mm in enumerate(started_mm)
+        for title in [f"{found.machine}, joint {LEG_NAMES[k]}, change of the offset"]
+    )
+
+
+def _control_chart(found: MachineHistory, joint: int, start_mm: float) -> Chart:
+    one = found.joints[joint]
+    values = list(zip(found.days, (1000.0 * one.change).tolist(), strict=True))
+    chart = one.chart
+    told = [new or bool(rules) for new, rules in zip(chart.changed, chart.signals, strict=True)]
+    phases: dict[tuple[float, float], list[float]] = {}
+    for day, centre, limit in zip(found.days, one.chart.centre, one.chart.limit, strict=True):
+        phases.setdefault((float(centre), float(limit)), []).append(day)
+    strokes = []
+    for (centre, limit), days in phases.items():
+        for style, aside in (
+            (StrokeStyle.THIN, 0.0),
+            (StrokeStyle.DOTTED, limit),
+            (StrokeStyle.DOTTED, -limit),
+        ):
+            um = 1000.0 * (centre - start_mm + aside)
+            if not math.isnan(um):  # a phase of one session has no limits
+                strokes.append(Stroke(style, tuple((day, um) for day in days)))
+    parts = {
+        "session": [value for value, new in zip(values, told, strict=True) if not new],
+        "changed, or a rule": [value for value, new in zip(values, told, strict=True) if new],
+    }
+    marked = zip(parts.items(), (FIRST, OTHER), strict=True)
+    series = tuple(series_of(name, some, mark) for (name, some), mark in marked if some)
+    return Chart("", "", "µm", series, strokes=tuple(strokes))

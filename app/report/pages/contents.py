@@ -95,6 +95,11 @@ class CalibrationReport:
     identification: str
     head: CertificateHead | None = None
 
+    @property
+    def title(self) -> str:
+        """Of the document."""
+        return f"Calibration {'certificate' if self.head else 'report'}: {self.machine}"
+
 
 def report_of(
     paths: Sequence[Path],
@@ -373,7 +378,6 @@ def _evidence(found: Diagnosis) -> Sequence[Table | Picture]:
 def _fit(solved: SessionSolution) -> Section:
     """What the model makes of the readings."""
     caption = f"Differences as measured, and what the model leaves of them{WHISKER_WORDS}"
-    caption += "" if solved.reads_tool else LEG_NAMES_WORDS
     bars = Picture(bars_svg(measured_and_predicted(solved.solution)), caption)
     parts: list[Table | Picture] = [difference_table(solved.solution), bars]
     if (over_time := residuals_over_time(solved)).series:
@@ -459,4 +463,3 @@ BESIDE = 3
 """So many sessions stand beside each other in a table."""
 
 WHISKER_WORDS = "; below, on a scale of its own. Whiskers: twice the standard uncertainty."
-LEG_NAMES_WORDS = " x_y+ is leg Y, read across along X, at Max less at Zero; x_y- the same at Min."

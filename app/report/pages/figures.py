@@ -181,6 +181,8 @@ def draw_leg(leg: LegFigure, above: Axes, below: Axes) -> None:
             series = whole if len(whole.x) <= MOST_POINTS else thinned(whole, MOST_POINTS // 2)
             axes.plot(series.x, series.y, **POINTS[series.mark], label=series.name or None)
         axes.axhline(0.0, color="0.4", lw=0.6)
+        for place in chart.marks:
+            axes.axvline(place, color="0.4", lw=0.6)
         ticks = chart.y_ticks()
         axes.set_ylim(ticks[0], ticks[-1])
         axes.set_title(chart.title, loc="left", size=7.5)

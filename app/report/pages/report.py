@@ -6,16 +6,16 @@ import os
 from base64 import b64encode
 from collections.abc import Sequence
 from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jinja2 import Environment, StrictUndefined, Template
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from rich.console import RenderableType
 from rich.table import Column, Table
 
 from app.report.certificate import CertificateHead, calibration_of, issue_number
 from app.report.pages.contents import CalibrationReport, report_from
+from app.report.pages.history import HistoryPage
 from app.report.pages.two_pages import shortened
 from calib.errors import UsageError
 from calib.printable import printable
@@ -44,15 +44,20 @@ HEADING_LETTERS, BOLD = 14, 1.15
 """A longer heading takes two lines; a bold letter is so much wider."""
 
 
-def html_of(report: CalibrationReport) -> str:
+def html_of(page: CalibrationReport | HistoryPage) -> str:
     """One page without a script or anything from elsewhere; texts of strangers are inert."""
-    return _template().render(report=report, one_piece=ONE_PIECE)
+    name = "report.html" if isinstance(page, CalibrationReport) else "history.html"
+    return _environment().get_template(name).render(page=page, one_piece=ONE_PIECE)
 
 
 @cache
-def _template() -> Template:
+def _environment() -> Environment:
     environment = Environment(
-        autoescape=True, undefined=StrictUndefined, finalize=_shown, keep_trailing_newline=True
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=_shown,
+        keep_trailing_newline=True,
+        loader=PackageLoader("app.report", "pages"),
     )
     environment.filters |= {
         "css": _css,
@@ -64,8 +69,7 @@ def _template() -> Template:
         "kind": _kind,
         "widths": widths_em,
     }
-    text = resources.files("app.report.pages").joinpath("report.html").read_text(encoding="utf-8")
-    return environment.from_string(text)
+    return environment
 
 
 def _shown(value: object) -> object:

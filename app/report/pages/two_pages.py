@@ -20,7 +20,7 @@ from app.report.text.correction import (
     doubt_lines,
     warning_lines,
 )
-from app.report.text.printer import change_answers, change_table
+from app.report.text.printer import change_answers, change_tables
 from app.report.text.result import decided, offsets_table, what_to_do
 from app.report.text.tables import new_table
 from calib.printable import printable
@@ -176,16 +176,16 @@ def _result(solved: SessionSolution) -> list[str | Table]:
     correction, change = solved.correction, solved.printer_change
     words = f"The values leave least of the tool's error, {FRAME_WORDS[correction.frame]}."
     if change:
-        values = change_table(change)
+        values = change_tables(change)
         warnings = [*doubt_lines(solved), *change_answers(solved, change)]
     else:
-        values = correction_table(correction)
+        values = [correction_table(correction)]
         words = f"True position of a joint = believed position + d_rho. {words}"
         warnings = [*warning_lines(solved, correction)]
     return [
         bound_table(correction.frame, correction.off_now, solved.entered.off),
         RULE,
-        values,
+        *values,
         words,
         *map(_short_sentence, warnings[:MOST_WARNINGS]),
     ]

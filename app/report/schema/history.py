@@ -11,6 +11,7 @@ from protocols.documents import Triple
 
 FileName = Annotated[str, made(lambda path: path.name)]
 Flags = Annotated[list[bool], made(lambda array: array.tolist())]
+Rules = Annotated[list[list[int]], made(lambda rules: [[*each] for each in rules])]
 OrNull = Annotated[list[Finite], made(lambda array: array.tolist())]
 
 
@@ -42,6 +43,7 @@ class WatchedJoint(Report):
     changed: Flags = at("chart.changed", "beyond its uncertainty and the limits so far")
     centre_mm: Numbers = at("chart.centre", "mean of the phase that the session is in")
     limit_mm: OrNull = at("chart.limit", "limits from it; null for a phase of one session")
+    signals: Rules = at("chart.signals", "Western Electric rules, 1 to 4, that a value completes")
     drift: Steady | None
 
 
@@ -49,6 +51,7 @@ class PastMachine(Report):
     """Sessions of one machine by their date."""
 
     machine: str
+    origin: str = at("origin", "measured, simulated or imported: each has a history of its own")
     sessions: tuple[PastSession, ...] = at("points")
     days: tuple[float, ...] = at("days", "since the first session")
     joints: tuple[WatchedJoint, ...] = at("joints", "x, y, z")

@@ -13,17 +13,17 @@ UNSEEN = (
     "other: rail {} is the reference and stays (--reference)."
 )
 ALIGN_HELP = """\
-Up, Down      which end of which rail
-Space         the indicator stands there: watch this screw; again: it is
-              done, and goes into the record
-X             done without an indicator: it was moved as asked
-Left, Right   turn the screw of a simulated machine by 0.02 mm
-C             measure again: every step, for the machine is another one
-F             finish, as long as nothing was moved since it was measured
-Escape, F10   pause the session: to the home screen, or quit
+{align.up}, {align.down}  which end of which rail
+{align.watch}  the indicator is in place: watch this screw; again: it is done, and goes into the \
+record
+{align.asked}  done without an indicator: it was moved as asked
+{align.less}, {align.more}  turn the screw of a simulated machine by 0.02 mm
+{align.again}  measure again: every step, for the machine is another one
+{align.finish}  finish, as long as nothing was moved since it was measured
+{align.home}, {align.leave}  pause the session: to the home screen, or quit
 
 One screw at a time. Go to the far side and come back as usual; what
-counts is where the end of the rail is when you press Space."""
+decides is where the end of the rail is when you press {align.watch}."""
 
 
 def aligned_text(aligned: Aligned) -> str:
@@ -95,15 +95,15 @@ def screw_text(work: Round, number: int) -> str:
         left = "nothing is shown" if moved is None else f"{signed(shim.move_mm - moved)} mm to go"
         return (
             f"Turn: {rail}, {by} mm towards {towards} under the end at {at} mm. {left}.\n"
-            f"{parallel}\nSpace when it is there."
+            f"{parallel}\n{{align.watch}} when it is there."
         )
     if not shim.needed:
-        do = "As square and as near as a turn would make it: leave it. Down: the next one."
+        do = "As square and as near as a turn would make it: leave it. {align.down}: the next one."
     elif not work.watchable(shim):
-        do = "No turn of this screw shows at Zero: turn it by the number, then X."
+        do = "No turn of this screw shows at Zero: turn it by the number, then {align.asked}."
     else:
         there = f"leg {leg} along {axis}, {along:.0f} mm from the tool end"
-        do = f"Machine at Zero. Indicator on {there}; Space."
+        do = f"Machine at Zero. Indicator on {there}; {{align.watch}}."
     move = f"R{rail[1:]}: {by} mm towards {towards} under the end at {at} mm."
     return f"{move}\n{parallel}\n{do}"
 

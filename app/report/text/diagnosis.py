@@ -12,6 +12,7 @@ from app.evaluating.printer import tower_names
 from app.report.text.correction import FRAME_WORDS
 from app.report.text.printer import tower_remedies
 from app.report.text.tables import (
+    PAGE_HELP,
     decimals,
     figures,
     hanging,
@@ -38,20 +39,16 @@ from calib.diagnosis.results import (
 from calib.posterior.correction import HOLDS, Holds
 from calib.tripod.effects.empirical import EMPIRICAL
 
-DIAGNOSE_HELP = """\
-1 2 3 4       Verdict, Where, Candidates, Before/after
-Tab, arrows   the next page; up and down scroll it
-A             adopt what was named, another effect that fits as well,
-              or the rest as an unnamed effect: writes a model file and
-              diagnoses again with it. Mistakes in the readings are
-              corrected in a new session file
-W             what if: move the size of an effect, see what it would
-              explain and what it does at the tool; adopt or drop it
-R             the result: offsets, and sizes of adopted effects
-N             write the next measurement as a procedure file: the one
-              that decides between effects that fit equally well
-Y             copy the text of this page to the clipboard
-Escape, F10   back, quit
+DIAGNOSE_HELP = f"""\
+{{diagnose.adopt}}  adopt what was named, another effect that fits as well, or the rest as an \
+unnamed effect: writes a model file and diagnoses again with it. Mistakes in the readings are \
+corrected in a new session file
+{{diagnose.what_if}}  what if: move the size of an effect, see what it would explain and what it \
+does at the tool; adopt or drop it
+{{diagnose.result}}  the result: offsets, and sizes of adopted effects
+{{diagnose.next}}  write the next measurement as a procedure file: the one that decides between \
+effects that fit equally well
+{PAGE_HELP}
 
 Where shows the mean residual at each place, in µm, after the fit of
 offsets, lengths and zeros. ▲ and ▼ are more than noise, ▲▲ and ▼▼ much
@@ -137,7 +134,7 @@ def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
         tool_text(diagnosed.tool),
         gap_text(found),
         _pattern(diagnosed),
-        *_support(diagnosed, " Key N."),
+        *_support(diagnosed, " {diagnose.next} writes it."),
         *_detectable(found),
         *(f"Remark: {remark}" for remark in (*diagnosed.warnings, *found.remarks)),
     )
@@ -146,19 +143,19 @@ def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
 def _next(diagnosed: SessionDiagnosis) -> str:
     """What to do with such a verdict."""
     found = diagnosed.diagnosis
-    said = "page 2 shows where the gap lies. Look at the machine and the set-up there."
+    said = "{page.2} shows where the gap lies. Look at the machine and the set-up there."
     if mistakes_of(diagnosed):
-        said = "A writes a corrected session, without the mistakes, and diagnoses that."
+        said = "{diagnose.adopt} writes a corrected session and diagnoses that."
     elif found.verdict == "agrees":
-        said = "R shows the result."
+        said = "{diagnose.result} shows the result."
     elif found.verdict == "explained":
-        said = "A adopts what was named. Then R shows the result with it."
+        said = "{diagnose.adopt} adopts what was named. Then {diagnose.result} shows the result."
     elif found.verdict == "partly-explained":
-        said = "A adopts what was named, and looks again for the rest."
+        said = "{diagnose.adopt} adopts what was named, and looks again for the rest."
     elif diagnosed.separation:
-        said = "measure what is proposed below (N), then diagnose both sessions together."
+        said = "measure what is proposed below, then diagnose both sessions together."
     elif found.left_over:
-        said += " A adopts the law without a name that is stated below."
+        said += " {diagnose.adopt} adopts the law without a name that is stated below."
     return f"Next: {said}"
 
 
@@ -369,15 +366,18 @@ def part_words(share: GapPart) -> str:
 
 
 def shown_candidates(found: Diagnosis) -> list[Contender]:
-    """The likely candidates, and the one that does most for readings that it never saw."""
+    """The likely candidates, and the one that does most for readings that it never saw.
+
+    By probability, the largest first; none where there are not two to choose from.
+    """
     least = BESIDE_AGREEMENT if found.verdict == "agrees" else LIKELY
     likely = [one for one in found.candidates if one.probability >= least][:SHOWN_CANDIDATES]
-    if found.verdict == "agrees":
-        return likely
     judged = [one for one in found.candidates if one.held_out_gap_rms_mm is not None]
     # through ties: every processor must show the same one
     best = descending(judged, lambda one: -(one.held_out_gap_rms_mm or 0.0))[:1]
-    return [*likely, *(one for one in best if one not in likely)]
+    if found.verdict != "agrees":
+        likely += [one for one in best if one not in likely]
+    return descending(likely, lambda one: one.probability) if len(likely) > 1 else []
 
 
 def candidates_table(candidates: Sequence[Contender]) -> Table:
@@ -396,9 +396,9 @@ def candidates_table(candidates: Sequence[Contender]) -> Table:
 
 
 def candidates_text(found: Diagnosis) -> str:
-    """The candidates that are shown, best first; empty where none is."""
+    """The candidates that are shown, the likeliest first; empty where there is no choice."""
     shown = shown_candidates(found)
-    words = "Candidates, best first, and the gap that each alone leaves"
+    words = "Candidates, the likeliest first, and the gap that each alone leaves"
     return f"{words}\n{table_text(candidates_table(shown))}" if shown else ""
 
 
@@ -479,9 +479,12 @@ def _cell_text(cell: Cell | None) -> str:
 
 
 def ranking_text(diagnosed: SessionDiagnosis) -> str:
-    """The candidates, best first, with what each explains alone; then what looks the same."""
+    """The candidates with what each explains alone; then what looks the same."""
     found = diagnosed.diagnosis
-    parts = [candidates_text(found) or "No effect of the catalogue is likely in these readings."]
+    none = "No effect of the catalogue is likely in these readings."
+    if found.effects:
+        none = "There is no choice: the verdict names the only likely effects."
+    parts = [candidates_text(found) or none]
     for finding in (finding for finding in found.effects if finding.effects):
         named = f"{finding.id} ({finding.where})"
         said = f"In these readings no other effect looks like {named}."

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from statistics import median
 
-from app.report.text.tables import new_table, paragraphs, table_text, wrapped
+from app.report.text.tables import PAGE_HELP, new_table, paragraphs, table_text, wrapped
 from calib.arrays import FloatArray
 from calib.hexaslide.geometry import COORDINATES
 from calib.hexaslide.planning import (
@@ -222,18 +222,14 @@ def _on_differences(rule: PaperRule) -> str:
     )
 
 
-HEXASLIDE_HELP = """\
-1 2 3 4       the procedures: whole posture with residuals of the
-              sliders, or of the posture; position alone; constraint link
-M             measured components of your own, such as x,y,z,theta
-F             the machine file of a machine of your own
-Tab, arrows   the next page; up and down scroll it
-O             search for the best postures; Escape stops the search,
-              the best so far stays
-C             how many postures to search for
-+ -           the machine drawn at the next posture, the one before
-Y             copy the text of this page to the clipboard
-Escape, F10   back, quit
+HEXASLIDE_HELP = f"""\
+{{hexaslide.procedure}}  choose one of the four procedures of the paper
+{{hexaslide.measured}}  measured components of your own, such as x,y,z,theta
+{{hexaslide.machine}}  the machine file of a machine of your own
+{{hexaslide.search}}  search for the best postures; {{page.back}} stops it, the best so far stays
+{{hexaslide.count}}  how many postures to search for
+{{hexaslide.next_posture}}, {{hexaslide.posture_before}}  the next posture, the one before
+{PAGE_HELP}
 
 Drawing: rails ·, links thin with their number, platform thick, box :
 Postures: x start, o optimum. A posture is a place and three angles, so
@@ -248,7 +244,8 @@ PROCEDURE_WORDS = {
 
 LOOKING = "Computing what this procedure can identify …"
 NO_VIEW = "There is nothing to search: this machine or procedure cannot be used."
-NOT_YET = "No postures yet: O searches for the best ones."
+NOT_YET = "No postures yet: {hexaslide.search} searches for the best ones."
+WHICH_PROCEDURE = "Which procedure?"
 WHICH_MACHINE = "Machine file of the Hexa Slide; empty: the example H60."
 WHICH_COMPONENTS = f"What is measured of each posture: some of {MEASURABLE_WORDS}."
 STOPPED = "Stopped. The best so far stays."
@@ -324,8 +321,9 @@ def search_text(
 ) -> str:
     """How the search stands, in one or two lines."""
     if found is None:
-        waiting = f"Searching for {count} postures, the first start …  Escape stops."
-        return waiting if searching else f"{NOT_YET} Now {count} of them; C changes that."
+        waiting = f"Searching for {count} postures, the first start …  {{page.back}} stops."
+        change = f"{NOT_YET} Now {count} of them; {{hexaslide.count}} changes that."
+        return waiting if searching else change
     share = found.refined.on_bound / found.refined.coordinates.size
     paper = f", papers/001 {_number(view.published.best)}" if view.published else ""
     said = (
@@ -334,7 +332,7 @@ def search_text(
         f"{_number(found.condition_number)} (m, rad){paper}; {share:.0%} of the coordinates on a "
         "bound."
     )
-    return wrapped(f"{said} Escape stops." if searching else said)
+    return wrapped(f"{said} {{page.back}} stops." if searching else said)
 
 
 def list_text(found: BestPostures | None) -> str:
@@ -355,8 +353,8 @@ def postures_table(postures: FloatArray) -> str:
 def drawn_at_text(number: int, count: int) -> str:
     """At which posture the machine is drawn."""
     where = "the middle of the box" if number == 0 else f"optimum posture {number} of {count}"
-    turn = "" if count == 0 else "   + and - draw the others"
-    return f"Drawn at {where}.{turn}\n{DRAWING_WORDS}"
+    turn = "   {hexaslide.next_posture} and {hexaslide.posture_before} draw the others"
+    return f"Drawn at {where}.{turn * bool(count)}\n{DRAWING_WORDS}"
 
 
 def count_question(fewest: int) -> str:

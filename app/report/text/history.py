@@ -7,9 +7,9 @@ from datetime import datetime
 from rich.table import Table
 
 from app.evaluating.history import History, MachineHistory
-from app.report.text.tables import hanging, new_table, paragraphs, signed
+from app.report.text.tables import PAGE_HELP, hanging, new_table, paragraphs, signed
 from calib.arrays import LEG_NAMES
-from calib.control_chart import FEWEST
+from calib.control_chart import FEWEST, RULES
 
 DAYS_A_MONTH = 30.44  # 365.25 / 12
 
@@ -17,17 +17,25 @@ TOO_EARLY = (
     f"Whether it drifts cannot be told yet: that takes {FEWEST} sessions over a day or longer."
 )
 
-HISTORY_HELP = """\
-Tab, arrows   the plot of each machine, and back to the text
-Y             copy the page to the clipboard, a plot as characters
-Up, down      scroll the text; Page up, Page down, Home, End
-Escape, F10   back, quit
+HISTORY_HELP = f"""\
+{{history.next_figure}}, {{history.figure_before}}  Charts: another joint or machine
+{PAGE_HELP}
 
-All sessions of a folder and those below it: where the joints stood,
-what the tool was off by, what was changed in between, what drifts.
-In a plot a line from top to bottom stands for offsets that were
-entered or a machine that was changed. Files that are altered or cut
-are named first. !: changed beyond its uncertainty."""
+All sessions of a folder and those below it: where the joints are, what
+the tool was off by, what was changed in between, what drifts. Sessions
+that were simulated or imported have histories of their own. In a chart
+dots are limits, and a line from top to bottom is a change that the
+records tell. Files that are altered, cut or not finished come first."""
+
+ORIGIN_WORDS = {"measured": "", "simulated": ", simulated", "imported": ", imported"}
+
+RULE_MARKS = " ¹²³⁴"
+
+BELOW_TABLE = (
+    "Offsets with what was entered added, so that entering them changes nothing; ± for 95 %. "
+    "!: changed beyond its uncertainty and the limits of its chart; ¹²³⁴: Western Electric rules "
+    "that a session completes. tool: what it was off by at most, mm r.m.s., as it was found."
+)
 
 
 def history_text(found: History, now: datetime) -> str:
@@ -38,19 +46,17 @@ def history_text(found: History, now: datetime) -> str:
 
 def machine_text(found: MachineHistory, now: datetime) -> str:
     """Due when, drift, then a row for each session and what changed before it."""
-    last = found.last
-    ago, count = max(0, (now - last.began).days), len(found.points)
+    table, notes = sessions_table(found)
+    return paragraphs(machine_sentence(found, now), drift_lines(found), table, BELOW_TABLE, notes)
+
+
+def machine_sentence(found: MachineHistory, now: datetime) -> str:
+    """How many sessions, how long ago the last, and when the next is due."""
+    ago, count = max(0, (now - found.last.began).days), len(found.points)
     when = "today" if ago == 0 else f"{ago} day{'s' * (ago > 1)} ago"
-    table, notes = _sessions(found)
-    return paragraphs(
-        f"{found.machine}: {count} session{'s' * (count > 1)}. Last calibrated {when}: "
-        f"{found.points[-1].path.name}. {due_words(found)}",
-        _drifts(found) if any(one.drift for one in found.joints) else [],
-        table,
-        "Offsets with what was entered added, so that entering them changes nothing; ± for 95 %. "
-        "!: changed beyond its uncertainty and the limits of its chart. tool: what it was off by "
-        "at most, mm r.m.s., as it was found.",
-        notes,
+    return (
+        f"{found.machine}{ORIGIN_WORDS[found.origin]}: {count} session{'s' * (count > 1)}. Last "
+        f"calibrated {when}: {found.points[-1].path.name}. {due_words(found)}"
     )
 
 
@@ -67,19 +73,17 @@ def due_words(found: MachineHistory) -> str:
     return "Drift does not use up the tolerance within a hundred years."
 
 
-def _drifts(found: MachineHistory) -> list[str]:
+def drift_lines(found: MachineHistory) -> list[str]:
+    """Each drift that is beyond its uncertainty."""
     said = []
     for name, one in zip(LEG_NAMES, found.joints, strict=True):
-        if one.drift is None:
-            said.append(f"Drift of joint {name}: cannot be told")
-            continue
-        um, half_um = (1000.0 * DAYS_A_MONTH * v for v in (one.drift.per_day, one.drift.expanded))
-        weak = "" if one.drift.shown else ", no more than its uncertainty"
-        said.append(f"Drift of joint {name}: {signed(um, 1)} ± {half_um:.1f} µm a month{weak}")
+        if one.drift is not None and one.drift.shown:
+            um, wide = (1000.0 * DAYS_A_MONTH * v for v in (one.drift.per_day, one.drift.expanded))
+            said.append(f"Drift of joint {name}: {signed(um, 1)} ± {wide:.1f} µm a month")
     return said
 
 
-def _sessions(found: MachineHistory) -> tuple[Table, list[str]]:
+def sessions_table(found: MachineHistory) -> tuple[Table, list[str]]:
     """A row for each session, and a note below."""
     table = new_table(
         "", "began", *(f"{n}, mm" for n in LEG_NAMES), "±, mm", "tool, mm", "°C", left=2
@@ -89,11 +93,14 @@ def _sessions(found: MachineHistory) -> tuple[Table, list[str]]:
         entry = point.entry
         offsets, expanded = entry.offsets_mm or (), entry.expanded_mm or ()
         changed = [bool(one.chart.changed[number - 1]) for one in found.joints]
-        marked = zip(offsets, changed, strict=True)
+        rules = [one.chart.signals[number - 1] for one in found.joints]
+        marks = zip(rules, changed, strict=True)
+        signs = ["".join(RULE_MARKS[n] for n in each) or "!" * new for each, new in marks]
+        marked = zip(offsets, signs, strict=True)
         table.add_row(
             f"{number}",
             f"{entry.began:%Y-%m-%d}",
-            *(f"{signed(mm, 4)}{'!' if new else ' '}" for mm, new in marked),
+            *(f"{signed(mm, 4)}{sign or ' '}" for mm, sign in marked),
             f"{max(expanded):.4f}",
             f"{entry.bound_before_mm:.3f}",
             "" if entry.temperature_c is None else f"{entry.temperature_c:.1f}",
@@ -102,5 +109,7 @@ def _sessions(found: MachineHistory) -> tuple[Table, list[str]]:
         if any(changed):
             joints = ", ".join(name for name, new in zip(LEG_NAMES, changed, strict=True) if new)
             said.append(f"joint {joints} changed beyond uncertainty")
+        for name, each in zip(LEG_NAMES, rules, strict=True):
+            said += [f"joint {name}: rule {n}, {RULES[n - 1][3]}" for n in each]
         notes.append(hanging(f"{number}  {'; '.join(filter(None, said))}", "   "))
     return table, notes

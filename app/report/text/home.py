@@ -13,6 +13,9 @@ from drivers.profile import Evidence, Profile
 WORDS_OF_LOOKS = "{looks}"
 """Where the help has the lines of the machines' own screens."""
 
+LIST_KEYS = "Arrow keys and Enter"
+"""Of every list: Textual's own."""
+
 HOME_HELP = f"""\
 Continue       an interrupted session, at its first open step
 New session    measures with real indicators
@@ -24,15 +27,15 @@ History        all sessions here and below: offsets over time, drift
 {WORDS_OF_LOOKS}
 
 Sessions of this folder and of demo-sessions stand below, newest
-first. Enter on one of them offers what can be done with it.
-Ctrl+P opens the command palette: theme, keys, screenshot."""
+first. Choose one of them to see what can be done with it. The command
+palette, Ctrl+P, has themes, keys and a screenshot."""
 
 REPORTS_SERVED = "Reports to read and print: in the browser, /reports behind this address."
 HISTORY_OF = "History of {}"
 READING_HISTORY = "Reading the sessions …"
-REPLAY_QUESTION = "Which session do you want to see? Arrow keys and Enter."
-HOME_QUESTION = "What do you want to do? Arrow keys and Enter."
-COMPUTING = "Computing … F10 leaves."
+REPLAY_QUESTION = f"Which session do you want to see? {LIST_KEYS}."
+HOME_QUESTION = f"What do you want to do? {LIST_KEYS}."
+COMPUTING = "Computing … {home.quit} leaves."
 
 HOME_CHOICES = (
     ("new", "New session on real indicators"),
@@ -57,7 +60,7 @@ WHICH = {
 }
 NO_SESSIONS = "No session files in this folder or in demo-sessions."
 ELSEWHERE = "A session in another place: type its path"
-PICK_KEYS = "Arrow keys and Enter. Escape goes back."
+PICK_KEYS = f"{LIST_KEYS}. {{pick.back}} goes back."
 
 
 def session_label(session: SessionFile) -> str:
@@ -100,18 +103,19 @@ PARTNER_CHOICES = (
 
 
 PREPARE_HELP = """\
-Enter  on an indicator opens its form: choose its port, profile, axes
-Delete on an indicator: none
-F5  opens the indicators and shows them live; nothing is recorded yet
-F2  shows every step of the procedure; opens and writes nothing
-Tab, Enter  the next field. Escape goes back; what was typed stays."""
+{prepare.choose}  on an indicator: its form, with port, profile and axes
+{prepare.clear}  on an indicator: none
+{prepare.check}  open the indicators and show them live; nothing is recorded yet
+{prepare.dry-run}  show every step of the procedure; nothing is opened or written
+{prepare.back}  back; what was typed stays
+Tab leads to the next field."""
 
 OF_AN_INDICATOR = (
-    "Enter opens its form. Without any choice the indicators of the machine\n"
-    "file, else those that were used last with this machine."
+    "{prepare.choose} opens its form. Without any choice the indicators of\n"
+    "the machine file, else those that were used last with this machine."
 )
 FIELD_HELP = {
-    "procedure": "Procedure: what is measured, in which order. Enter opens the list.",
+    "procedure": "Procedure: what is measured, in which order. {prepare.choose} opens the list.",
     "indicator1": f"First indicator.\n{OF_AN_INDICATOR}",
     "indicator2": f"Second indicator: without one each leg is measured twice.\n{OF_AN_INDICATOR}",
     "machine": (
@@ -130,17 +134,20 @@ FIELD_HELP = {
 """Words of F1 for each field of the form."""
 
 WHICH_INDICATOR = ("First indicator", "Second indicator")
-NO_INDICATOR = ("none yet: Enter chooses", "none: each leg is measured twice. Enter chooses")
-NO_INDICATOR_AT_PLATE = (NO_INDICATOR[0], "none: one reads the tool. Enter chooses")
+NO_INDICATOR = (
+    "none yet: {prepare.choose} chooses",
+    "none: each leg is measured twice. {prepare.choose} chooses",
+)
+NO_INDICATOR_AT_PLATE = (NO_INDICATOR[0], "none: one reads the tool. {prepare.choose} chooses")
 SOURCES = {"": "", "file": ", of the machine file", "last": ", as last time"}
-CHOOSE_INDICATOR = "Choose an indicator: Enter on its line. The demonstration needs none."
+CHOOSE_INDICATOR = "Choose an indicator on its line. The demonstration needs none."
 NOT_HERE = " (not plugged in)"
 
 INDICATOR_HELP = """\
-F3  tries every profile on this port: it gets the request of one after the
-    other. Only do it where an indicator is plugged in, never at the port
-    of a controller. Other ports are not touched. Escape stops it.
-F5, Escape  go back; what stands here is kept.
+{indicator.try}  try every profile on this port: it gets the request of one after \
+the other. Only do it where an indicator is plugged in, never at the port of a controller. \
+Other ports are not touched
+{indicator.done}, {indicator.back}  stop trying; go back, with what is in the form
 
 Where several profiles fit, the indicators answer alike: take the one
 whose name stands on yours."""
@@ -154,9 +161,9 @@ INDICATOR_FIELDS = {
 }
 """Label and hint of what is typed."""
 
-PROFILE_PROMPT = "choose, or let F3 try on this port"
-TRY_HINT = "F3 tries which profiles fit at this port. Nothing is written to it before."
-TRYING = "Trying profiles, up to a minute. Escape stops."
+PROFILE_PROMPT = "choose, or let {indicator.try} try on this port"
+TRY_HINT = "{indicator.try} tries which profiles fit at this port. Nothing is written to it before."
+TRYING = "Trying profiles, up to a minute. {indicator.back} stops."
 STOPPED = "Stopped before a profile fitted."
 PORT_GONE = "Port {} is not here now: plug it in, or choose another one."
 
@@ -165,7 +172,7 @@ def ports_here(count: int) -> str:
     """What the list of ports says before one is chosen."""
     if not count:
         return "none found: plug one in and come back, or type it"
-    return f"{count} port{'s' if count > 1 else ''}: Enter opens the list"
+    return f"{count} port{'s' if count > 1 else ''} to choose from"
 
 
 def port_label(port: str, description: str, answered: Mapping[str, str]) -> str:
@@ -202,9 +209,10 @@ def form_words(form: Mapping[str, object], source: str, *, gone: bool) -> str:
 CHECK_HELP = """\
 Push in the spindle that is asked for, and let it go: the program sees
 which indicator moves, and whether pushed in it reads larger or smaller.
-Nothing is recorded before Enter; Enter begins without the rest, and the
-record says so. X exchanges the ports where the other one moved. A panel
-that shows a fault tells its kind; glidecal indicator doctor examines it."""
+Nothing is recorded before {check.begin}, which begins without the rest,
+too; the record then notes that. {check.exchange} exchanges the ports where
+the other one moved. A panel that shows a fault names its kind; glidecal
+indicator doctor examines it."""
 
 KeyRow = tuple[str, Sequence[str], str]
 """Id of a binding, its keys without settings, what it does."""

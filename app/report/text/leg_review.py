@@ -42,7 +42,7 @@ def review_text(review: LegReview, session: Session) -> str:
         *([f"{read} is done.", verdict] if worst else [f"{read} is done. {verdict}"]),
         table,
         [f"{len(cells)} differences so far, mm", *rows],
-        ["Space continues, {measure.hold} holds the session, {measure.plot} shows the plot."],
+        ["{review.continue} continues, {measure.hold} holds, {measure.plot} shows the plot."],
     )
 
 

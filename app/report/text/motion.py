@@ -50,7 +50,7 @@ def _limits_text(plan: Plan, said: tuple[str, ...]) -> str:
         f"coordinates: {len(ways.steps)} "
         f"steps at {feed_mm_min(plan.machine):g} mm/min, longest move {ways.longest_mm:.1f} mm, "
         f"{minutes:.1f} minutes of moving and rest. {set_ups} set-ups: each way to Zero and each "
-        f"set-up begins with your consent, key G. It comes from {motion.preroll_mm:g} mm below.",
+        f"set-up begins with your consent. It comes from {motion.preroll_mm:g} mm below.",
         f"It reports: {', '.join(said)}." if said else "",
         f"Never outside {place_words(limits.low_mm)} … {place_words(limits.high_mm)}, no move over "
         f"{limits.longest_mm:g} mm, no feed over {limits.fastest_mm_min:g} mm/min. A reading is "
@@ -62,7 +62,7 @@ def _limits_text(plan: Plan, said: tuple[str, ...]) -> str:
 def check_text(plan: Plan, mover: Mover) -> str:
     """The same on the screen, before the key that begins; the question is always in sight."""
     return paragraphs(
-        f"Enter begins; nothing moves yet. {QUESTION} Every posture stands below.",
+        f"{{check.begin}} begins; nothing moves yet. {QUESTION} Every posture stands below.",
         _limits_text(plan, mover.facts),
         _postures_text(plan),
     )
@@ -152,9 +152,9 @@ EVENTS = {
     State.FAULT: "The machine cannot be moved:",
 }
 ANSWERS = {
-    State.STOPPING: "S  It stands still: I saw it",
-    State.HELD: "Enter  I looked; what happened is over. Nothing moves until G",
-    State.FAULT: "Enter  It is mended: look again. Nothing moves until G",
+    State.STOPPING: "{motion.still}  It does not move: I saw it",
+    State.HELD: "{motion.answer}  I looked; it is over. Nothing moves until {measure.go}",
+    State.FAULT: "{motion.answer}  It is mended: look again. Nothing moves until {measure.go}",
 }
 
 
@@ -162,9 +162,10 @@ def event_text(mover: Mover) -> str:
     """What happened to the machine, and what the operator can answer."""
     state = mover.state
     answer = ANSWERS.get(state, "")
-    home = "\nH      Home it: all carriages go to their switches" if mover.line.can_home else ""
+    home = "\n{motion.home}  Home it: all carriages go to their switches"
+    home *= mover.line.can_home
     if state not in EVENTS:
-        return "The machine is ready again. Nothing moves until G."
+        return "The machine is ready again. Nothing moves until {measure.go}."
     return f"{EVENTS[state]}\n\n{mover.why}\n\n{answer}{home if state is State.FAULT else ''}"
 
 

@@ -104,7 +104,7 @@ def check_text(plan: Plan) -> str:
     if unverified:
         check += f"\nUNVERIFIED profile: {', '.join(unverified)}. Compare with the display first."
     sentence = procedure_sentence(plan.procedure, plan.machine.geometry(), plan.axes)
-    begin = "Enter continues the session" if plan.continued else "Enter begins the session"
+    begin = f"{{check.begin}} {'continues' if plan.continued else 'begins'} the session"
     if plan.continued:
         begin += "; after a break the indicators get a new zero"
     entered = ""
@@ -145,7 +145,7 @@ def refused_text(
 def trial_text(trial: SpindleCheck, step: Step) -> str:
     """Which spindle is to be pushed before ``step`` is measured, and what the last push told."""
     if trial.done:
-        return "Each spindle was found at its place. Enter begins."
+        return "Each spindle was found at its place. {check.begin} begins."
     named = [indicator_words(k, one) for k, one in enumerate(trial.instruments)]
     which, other = named[trial.asked], named[trial.asked - 1]
     one = trial.instruments[trial.asked]
@@ -153,12 +153,12 @@ def trial_text(trial: SpindleCheck, step: Step) -> str:
     axis = step.axes[step.indicators.index(trial.asked)] if reads else one.axes[0]
     axis = f"along {axis.upper()}"
     told = {
-        PushResult.OTHER: f"{other.capitalize()} moved. Was it the one {axis}? Then X exchanges "
-        "the ports. Else: ",
+        PushResult.OTHER: f"{other.capitalize()} moved. Was it the one {axis}? Then "
+        "{check.exchange} exchanges the ports. Else: ",
         PushResult.BOTH: "More than one moved. One at a time: ",
         PushResult.SIGN: f"Pushed in it reads {trial.last}, {one.pushed_in} is stated: turn its "
         "sign, or pushed_in in the machine file. Then: ",
     }
     where = "at the tool" if step.leg == "tool" else f"of {step.touched}"
     said = told.get(trial.finding, "") + f"push in the spindle {axis} {where}"
-    return f"{said[0].upper()}{said[1:]} and let it go: {which}. Enter begins without."
+    return f"{said[0].upper()}{said[1:]} and let it go: {which}. {{check.begin}} begins without."

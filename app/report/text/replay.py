@@ -23,17 +23,18 @@ from protocols.session import (
 )
 
 REPLAY_HELP = """\
-Space         play, pause; at the end: from the start again
-Right, Left   one event on or back: a step, a note, a fault …
-Up, +         faster, up to ×100. Down, - is slower
-Home, End     the start, the end
-J             jump to a step; in a table to a reading
-T             every reading so far, superseded ones with their
-              reason; Page Up and Page Down move in it
-V             the plot in the place of the table, and back
-R             the result of the whole session
-Y             copy every reading so far as text
-Escape, F10   back, leave
+{replay.play}  play, pause; at the end: from the start again
+{replay.forward}, {replay.back}  one event on or back: a step, a note, a fault …
+{replay.faster}, {replay.slower}  faster, up to ×100; slower
+{replay.start}, {replay.end}  the start, the end
+{replay.jump}  jump to a step; in a table to a reading
+{replay.list}  every reading so far, superseded ones with their reason
+{replay.list-up}, {replay.list-down}  scroll these readings
+{replay.plot}  the plot in the place of the table, and back
+{replay.where}  the set-up of the step as a picture
+{replay.result}  the result of the whole session
+{replay.copy}  copy every reading so far as text
+{replay.leave}, {replay.quit}  back, leave
 
 Nothing is measured or written here. Breaks of more than 30 s are
 cut short. The panels show the recorded readings; their age is the

@@ -32,6 +32,7 @@ from app.report.text.correction import (
 )
 from app.report.text.printer import change_parts
 from app.report.text.tables import (
+    PAGE_HELP,
     decimals_for,
     free_words,
     map_table,
@@ -370,28 +371,34 @@ def comparison_sentence(before: Solution, after: Solution) -> str:
 
 WORKING_OUT = "Working out what to enter …"
 WRITING_REPORT = "Writing the report …"
-REPORT_WRITTEN = "Report written: {}. Open it in a browser to read, print and sign it."
+REPORT_WRITTEN = "Report written beside the session: {}. Open it in a browser, print and sign it."
 
-RESULT_HELP = """\
-Tab, arrows   Result, Details, Plot, Legs; verified: Before/after
-+ -           Legs: another leg or axis; below, enlarged, what is left
-1 2 3         Details with joint offsets, leg lengths, or both
-4             Details with both, constrained by tolerances of the parts
-E             write the values to enter, in every format, into a
-              folder beside the session
-V             measure again after the offsets were entered, and compare
-R             write the report to sign (HTML) beside the session
-D             diagnose: where readings and model disagree, and why
-W             what if: move the size of an effect, see what it does
-Y             copy the text to the clipboard
-Escape, H     back; to the home screen
-F10           quit
+RESULT_HELP = f"""\
+{{result.next_leg}}, {{result.leg_before}}  Legs: another leg or axis; below, enlarged, what is left
+{{result.set}}  choose the set of parameters that Details shows
+{{result.export}}  write the values to enter, in every format, into a folder beside the session
+{{result.verify}}  measure again after the offsets were entered, and compare
+{{result.report}}  write the report to sign (HTML) beside the session
+{{result.diagnose}}  diagnose: where readings and model disagree, and why
+{{result.what_if}}  what if: move the size of an effect, see what it does
+{{result.home}}  to the home screen
+{PAGE_HELP}
 
 The values to enter leave least of the tool's error, over everything
 that may be true of the machine with these readings. 95 of 100 such
 machines keep the bound. A set of parameters is a view: U is its
 expanded uncertainty (95 %). The residual is what the view does not
-explain. If it is much larger than the noise, D looks for the cause."""
+explain. If it is much larger than the noise, {{result.diagnose}} looks for the cause."""
+
+WHICH_SET = "Which set of parameters? It is a view: the values to enter stay."
+
+
+def result_heading(solved: SessionSolution, path: Path, model: Path | None) -> str:
+    """Which session, in which folder, on a line."""
+    others = f" and {len(solved.names) - 1} more" if len(solved.names) > 1 else ""
+    beside = f"   with model {model.name}" if model else ""
+    return f"{path.name}{others}   in {path.absolute().parent.name or '/'}{beside}"
+
 
 ONLY_SHOWN = "This program only shows sessions: nothing is written and nothing is measured."
 NO_PLAN = (
@@ -401,8 +408,9 @@ NO_PLAN = (
 
 
 def exported_text(folder: Path, paths: Sequence[Path]) -> str:
-    """What was written where."""
-    return f"Written to {folder}: {', '.join(path.name for path in paths)}"
+    """What was written; the folder without its path, which may be long, is beside the session."""
+    names = ", ".join(path.name for path in paths)
+    return f"Written to {folder.name}, beside the session: {names}"
 
 
 def export_caution(solved: SessionSolution) -> str:
@@ -421,13 +429,12 @@ def comparison_report(comparison: Comparison) -> str:
     )
 
 
-COMPARISON_HELP = """\
+COMPARISON_HELP = f"""\
+{PAGE_HELP}
+
 Each difference between two postures, before and after the joint offsets
 were entered in the controller. "Expected" is the residual of the first
-session: offsets cannot remove more than that.
-
-Tab, arrows   the plot, and back to the text
-Y             copy the page to the clipboard, a plot as characters"""
+session: offsets cannot remove more than that."""
 
 
 WRONG = {

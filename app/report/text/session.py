@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from enum import StrEnum
 from functools import lru_cache
@@ -28,39 +28,26 @@ from protocols.procedure import (
 )
 from protocols.session import Session
 
-KeyWords = Callable[[str], str]
-"""The key in force for the id of a binding, as a person calls it."""
+MEASURE_HELP = """\
+{measure.take}, {measure.take-too}  take: read the indicators, write the readings to disk
+{measure.repeat}  measure the last step again; its readings stay, superseded
+{measure.earlier}  an earlier step: measure it again, or take that back
+{measure.skip}  leave this step or the rest of the leg out, with a reason
+{measure.automatic}  automatic: take when the readings have moved and rest again
+{measure.hold}  hold: nothing is taken until the same key again
+{measure.remount}  the stand was moved: later readings get a new zero
+{measure.note}  write a note into the record
+{measure.where}  where: leg, stand and indicators as a picture
+{measure.plot}  the plot, larger strip charts, and back to the table
+{measure.port}  an indicator is at another port now: choose it
+{measure.go}  go: the machine moves; every key but that of the view stops it
+{measure.home}, {measure.leave}  pause the session: to the home screen, or quit
 
-MEASURE_KEYS = (
-    (("measure.take", "measure.take-too"), "take: read the indicators, write the readings to disk"),
-    (("measure.repeat",), "measure the last step again; its readings stay, superseded"),
-    (("measure.earlier",), "an earlier step: measure it again, or take that back"),
-    (("measure.skip",), "leave this step or the rest of the leg out, with a reason"),
-    (("measure.automatic",), "automatic: take when the readings have moved and rest again"),
-    (("measure.hold",), "hold: nothing is taken until the same key again"),
-    (("measure.remount",), "the stand was moved: later readings get a new zero"),
-    (("measure.note",), "write a note into the record"),
-    (("measure.where",), "where: leg, stand and indicators as a picture"),
-    (("measure.plot",), "the plot, larger strip charts, and back to the table"),
-    (("measure.port",), "an indicator is at another port now: choose it"),
-    (("measure.go",), "go: the machine moves; every key but that of the view stops it"),
-    (("measure.home", "measure.leave"), "pause the session: to the home screen, or quit"),
-)
-"""Ids of bindings and what they do, in the order of the help."""
-
-MEASURE_END = """\
 Each panel says whether its reading moves or is stable. A reading is on
 the disk before this screen says that it is taken.
 
 Below the number: the last seconds. The figures beside them are the
 height and the width of the chart; between its dotted lines readings rest."""
-
-
-def measure_help_text(key: KeyWords, without: str) -> str:
-    """What each key does while measuring, by the keys that are in force, ``without`` one id."""
-    rows = [(", ".join(map(key, ids)), words) for ids, words in MEASURE_KEYS if without not in ids]
-    width = max(len(keys) for keys, _ in rows) + 2
-    return paragraphs([f"{keys:<{width}}{words}" for keys, words in rows], MEASURE_END)
 
 
 def mdi_line(step: Step, machine: Machine, lift_mm: float = 0.0) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from io import StringIO
 from textwrap import fill
@@ -105,6 +106,28 @@ def free_words(degrees: float) -> str:
     """Degrees of freedom: all digits of the whole ones, however many."""
     shown = f"{degrees:.0f}" if degrees >= 100.0 else f"{degrees:.3g}"
     return f"{shown} degrees of freedom"
+
+
+PAGE_HELP = """\
+{page.next}, {page.before}, {page.1} …  the next page, the one before, a page by its number
+{page.copy}  copy the page to the clipboard, a plot as characters
+{page.back}, {page.quit}  back, quit
+Up and down, Page up and Page down scroll a text."""
+"""What keys do on every screen of pages; ids of bindings in braces."""
+
+KEY_ID = re.compile(r"\{([a-z_-]+\.[a-z0-9_-]+)\}")
+"""A key in a text for people, by the id of its binding."""
+
+
+def keyed(text: str, key: Callable[[str], str | None]) -> str:
+    """The text with the ``key`` of each id; lines that begin with one become rows of a table."""
+    lines = [KEY_ID.sub(lambda id_: key(id_[1]) or id_[0], line) for line in text.splitlines()]
+    rows = [k for k, line in enumerate(text.splitlines()) if line[:1] == "{" and "  " in line]
+    cells = {k: lines[k].partition("  ")[::2] for k in rows}
+    width = 2 + max((len(keys) for keys, _ in cells.values()), default=0)
+    for k, (keys, words) in cells.items():
+        lines[k] = hanging(f"{keys:<{width}}{words}", " " * width)
+    return "\n".join(lines)
 
 
 def copied_text(text: str) -> str:

@@ -21,17 +21,17 @@ from app.report.text.tables import (
 from calib.identify.solution import FittedSize, Solution
 
 WHAT_IF_HELP = """\
-Left, Right   the size smaller, larger, by a step no larger than
-              its ±; with Shift ten times as far
-Up, Down      another size, where the effect has several (> is moved)
-0             nothing: the model as it is without the effect
-F             the size that fits best
-1 2 3, Tab    what is left, the differences, numbers
-Enter         adopt: at the size shown, which is then held and not
-              fitted again; after F the size stays free and is fitted
-Escape        drop it: nothing is written
-Y             copy the numbers to the clipboard
-F10           quit
+{what_if.smaller}, {what_if.larger}  the size smaller, larger, by a step no larger than its ±
+{what_if.much_smaller}, {what_if.much_larger}  ten times as far
+{what_if.size_before}, {what_if.next_size}  another size, where the effect has several (> is moved)
+{what_if.nothing}  nothing: the model as it is without the effect
+{what_if.best}  the size that fits best
+{what_if.adopt}  adopt: at the size shown, which is then held and not fitted again; after \
+{what_if.best} the size stays free and is fitted
+{what_if.up}, {what_if.down}  scroll the numbers
+{page.next}, {page.1} …  the next page, a page by its number
+{page.copy}  copy the numbers to the clipboard
+{page.back}, {page.quit}  drop it: nothing is written; quit
 
 Offsets and lengths are fitted anew at every size, other effects of
 the model, too. Tool, effect not compensated: what the effect by
@@ -42,15 +42,18 @@ it are entered."""
 WHICH = "Which effect?"
 WORKING = "Working out what it does …"
 NOT_YET = "This size is not worked out yet."
-NOTHING = "Nothing to adopt: the size is 0. Escape drops the effect."
+NOTHING = "Nothing to adopt: the size is 0. {page.back} drops the effect."
 NOTHING_TO_TRY = "These readings could show no effect, so there is none to try."
 DIAGNOSE_FIRST = (
-    "Not adopted: no diagnosis has looked at this effect, and others may fit as well. Escape, "
-    "then D diagnoses; adopt it from there."
+    "Not adopted: no diagnosis has looked at this effect, and others may fit as well. "
+    "{result.diagnose} diagnoses; adopt it from there."
 )
 RESIZING = "Fitting everything else …"
 RESIZED = "Model written: {}."
-MISTAKES = "WARNING: the readings hold mistakes that were named. Correct them first: Escape, A."
+MISTAKES = (
+    "WARNING: the readings hold mistakes that were named. Correct them first: {page.back}, "
+    "{diagnose.adopt}."
+)
 STANDING = {
     "model": ", in the model",
     "named": ", named",

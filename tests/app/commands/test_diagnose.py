@@ -362,7 +362,7 @@ def test_a_best_guess_is_not_called_named(samples: Path) -> None:
     assert run.out.startswith("CANNOT-TELL.")
     assert "With the best guess: 0.0021 mm" in run.out
     assert "named" not in run.out
-    assert "best guess" in run.out.split("Candidates, best first")[1]
+    assert "best guess" in run.out.split("Candidates, the likeliest first")[1]
 
 
 def test_what_would_have_been_found_in_two_figures(samples: Path) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -83,6 +85,33 @@ def test_simulate_and_solve_as_a_person_would(tmp_path: Path) -> None:
     assert said.status == 0
     assert "46 of 49 combinations of the parameters identified" in said.out.replace("\n", " ")
     assert max(map(len, said.out.splitlines())) <= 80
+
+
+PLACES = {"B": ("joint_m", "joint"), "A": ("start_m", "start"), "a": ("rail", "rail")}
+"""Of the letter of a parameter its key in the machine file and its pin; ``l`` is a number alone."""
+
+
+@pytest.mark.parametrize(("procedure", "postures", "count"), [("position", 40, 31)])
+def test_what_is_printed_is_what_is_written(
+    procedure: str, postures: int, count: int, tmp_path: Path
+) -> None:
+    """Each printed value against machine.toml and calib.hal, to the last digit that is printed."""
+    path, _ = written(tmp_path, procedure, postures)
+    folder = tmp_path / "out"
+    run = glidecal("solve", path, "--corrected", folder)
+    assert run.status == 0, run.err
+    chains = tomllib.loads((folder / "machine.toml").read_text())["chain"]
+    hal = (folder / "calib.hal").read_text()
+    pins = dict(re.findall(r"^setp hexaslidekins\.(\S+) (\S+)", hal, re.MULTILINE))
+    rows = re.findall(r"^ *([BAal])([xyz]?)([1-6]) +(-?[\d.]+) ", run.out, re.MULTILINE)
+    assert len(rows) == count
+    for letter, axis, chain, shown in rows:
+        file = chains[int(chain) - 1]
+        key, pin = PLACES.get(letter, ("link_m", "link"))
+        value = file[key] if letter == "l" else file[key]["xyz".index(axis)]
+        assert 1000.0 * value == pytest.approx(float(shown), abs=5.01e-5)
+        pinned = float(pins["-".join(filter(None, (pin, str(int(chain) - 1), axis)))])
+        assert (1.0 if letter == "a" else 1e-3) * pinned == pytest.approx(value, rel=1e-12)
 
 
 @pytest.mark.parametrize(

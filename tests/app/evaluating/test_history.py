@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from app.evaluating import history
 from app.evaluating.history import Entry, MachineHistory, read_history
 from app.measuring.simulated import simulated_session
-from app.report.charts.results import offsets_over_time
+from app.report.charts.results import control_charts
 from app.report.text.history import history_text
 from calib.printable import HIDDEN, printable
 from calib.tripod.pipeline import Model
@@ -107,7 +107,14 @@ def test_a_jump_is_flagged_where_it_is_and_a_drift_is_dated(folder: Path, index:
     last = found.last
     left_days = (0.5 - last.bound_after_mm) / x.drift.per_day
     assert (found.due - last.began).days == pytest.approx(left_days, rel=0.15)
-    assert offsets_over_time(found).marks == (90.0,)
+    figures = control_charts(found)
+    assert [figure.readings.marks for figure in figures] == [(90.0,)] * 3
+    (steady, moved) = (figures[k].readings for k in (1, 2))
+    assert [one.name for one in steady.series] == ["session"]
+    assert [one.name for one in moved.series] == ["session", "changed, or a rule"]
+    assert moved.series[1].x == (60.0,)
+    phases = [stroke.points for stroke in moved.strokes]  # centre and limits of each phase
+    assert [ends[0][0] for ends in phases] == [0.0] * 3 + [60.0] * 3
 
 
 def test_what_is_altered_torn_or_doubled_is_named_and_the_rest_shown(
@@ -120,7 +127,7 @@ def test_what_is_altered_torn_or_doubled_is_named_and_the_rest_shown(
     assert "line 6" in said["altered.jsonl"]
     assert "not fit its digest" in said["altered.jsonl"]
     assert said["torn.jsonl"].startswith("torn.jsonl: cut inside line")
-    assert [len(one.points) for one in found.machines] == [1, 6]  # what the torn one still says
+    assert [len(one.points) for one in found.machines] == [6]  # the torn one is not finished
     text = " ".join(history_text(found, NOW).split())
     assert "Last calibrated 50 days ago: s5.jsonl. Due in " in text
     assert "joint z changed beyond uncertainty" in text
@@ -218,7 +225,7 @@ def test_hostile_names_are_inert(words: str) -> None:
         effects=("[red]x[/red]",),
     )
     found = history.history_of_machine(
-        entry.machine.name, [(Path(f"[blink]{words}\u202e.jsonl"), entry)]
+        entry.machine.name, "measured", [(Path(f"[blink]{words}\u202e.jsonl"), entry)]
     )
     text = history_text(history.History(Path(), (found,), ()), NOW)
     shown = printable(text, keep="\n")  # as it leaves the program, and every screen

@@ -32,7 +32,7 @@ from app.report.pages.figures import (
     vectors_svg,
 )
 from app.report.pages.notebook import leg_rows
-from app.report.pages.two_pages import RULE, Picture, Section, first_page, limits_of, second_page
+from app.report.pages.two_pages import Picture, Section, first_page, limits_of, second_page
 from app.report.text.correction import (
     FRAME_WORDS,
     UNSEEN,
@@ -52,6 +52,7 @@ from app.report.text.diagnosis import (
 from app.report.text.model import effect_words
 from app.report.text.printer import change_parts
 from app.report.text.result import (
+    DECISION_RULE,
     bound_sentence,
     decided,
     difference_table,
@@ -248,7 +249,7 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
             "What to enter in the firmware",
             [
                 judged,
-                RULE,
+                DECISION_RULE,
                 *doubt_lines(solved),
                 *change_parts(solved, change),
                 bound_table(correction.frame, correction.off_now, change.off),
@@ -259,7 +260,7 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
         "What to enter in the controller",
         [
             judged,
-            RULE,
+            DECISION_RULE,
             said,
             *warning_lines(solved, correction),
             table,

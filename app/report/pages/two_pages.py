@@ -21,15 +21,9 @@ from app.report.text.correction import (
     warning_lines,
 )
 from app.report.text.printer import change_answers, change_tables
-from app.report.text.result import decided, offsets_table, what_to_do
+from app.report.text.result import DECISION_RULE, decided, offsets_table, what_to_do
 from app.report.text.tables import new_table
 from calib.printable import printable
-
-RULE = (
-    "Decision rule (ISO 14253-1): passed where 95 of 100 such machines keep the tolerance, failed "
-    "where the expected error exceeds it by more than its expanded uncertainty (95 %), undecided "
-    "in between."
-)
 
 LONGEST, LONGEST_ENTRY, LONGEST_CELL = 220, 60, 28
 """Letters of a sentence, an entry and a narrow cell on these pages; the annex has the whole."""
@@ -184,7 +178,7 @@ def _result(solved: SessionSolution) -> list[str | Table]:
         warnings = [*warning_lines(solved, correction)]
     return [
         bound_table(correction.frame, correction.off_now, solved.entered.off),
-        RULE,
+        DECISION_RULE,
         *values,
         words,
         *map(_short_sentence, warnings[:MOST_WARNINGS]),

@@ -185,14 +185,26 @@ def _known_words(solved: SessionSolution) -> str:
     difference_mm = solution.expanded_of_difference_mm
     if difference_mm is not None:
         return (
-            f"Known is d_rho − d_L, to ±{uncertain(float(difference_mm.max()))} mm ({source}); "
-            f"d_rho by itself to ±{whole} mm, as bars may be off within their tolerance."
+            f"The readings determine d_rho − d_L to ±{uncertain(float(difference_mm.max()))} mm "
+            f"({source}). A joint offset alone is uncertain by ±{whole} mm, because each bar may "
+            "be off within its tolerance."
         )
-    known = f"{SUBSET_WORDS[solution.subset].capitalize()} known to ±{whole} mm"
+    known = f"{VALUE_WORDS[solution.subset]} are known to ±{whole} mm"
     if solution.subset in ("both", "with-tolerances"):
         return f"{known} ({source})."
     noise = uncertain(float(solution.expanded_mm.max()))
-    return f"{known} (95 %), the others being within their tolerances; ±{noise} mm ({source})."
+    return (
+        f"{known} (95 %) if the others are within their tolerances. Noise alone gives "
+        f"±{noise} mm ({source})."
+    )
+
+
+VALUE_WORDS = {
+    "joint-offsets": "Joint offsets",
+    "leg-lengths": "Leg lengths",
+    "both": "Joint offsets and leg lengths",
+    "with-tolerances": "Joint offsets and leg lengths",
+}
 
 
 def parameter_table(solution: Solution) -> Table:
@@ -316,16 +328,18 @@ def _against(tolerance_mm: float, decision: Decision) -> str:
     return f"{DECIDED[decision]}: tolerance {tolerance_mm:g} mm, against the bound."
 
 
-DECISION_WORDS = {"pass": "passes", "fail": "fails", "undecided": "cannot be decided"}
+DECISION_RULE = (
+    "Decision rule (ISO 14253-1). Pass: the 95 % upper bound of the error is within the tolerance. "
+    "Fail: the expected error exceeds the tolerance by more than its expanded uncertainty (95 %). "
+    "Otherwise undecided."
+)
 
 
 def judged_text(judged: Judgement) -> str:
     """Against the tolerance, with the guard band."""
     return paragraphs(
-        f"Tolerance {judged.tolerance_mm:g} mm for the tool, r.m.s.: passed where 95 of 100 such "
-        "machines keep it, failed where the expected error exceeds it by more than its expanded "
-        "uncertainty. Now it "
-        f"{DECISION_WORDS[judged.before]}, with these values it {DECISION_WORDS[judged.after]}."
+        f"Tool error, r.m.s., against the tolerance of {judged.tolerance_mm:g} mm: {judged.before} "
+        f"now, {judged.after} with these values. {DECISION_RULE}"
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from textual.notifications import Notification
 
 from calib.posterior.cells import SessionCase
 from calib.posterior.models import Posterior
@@ -35,6 +36,12 @@ def _same_readings_same_posterior(monkeypatch: pytest.MonkeyPatch) -> None:
 def _fast_fingers(monkeypatch: pytest.MonkeyPatch) -> None:
     """The pilot presses faster than a held key repeats."""
     monkeypatch.setattr("app.screens.measure.HELD_KEY_S", 0.0)
+
+
+@pytest.fixture(autouse=True)
+def _what_was_said_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a busy machine the time of a notification is over before a test looks."""
+    monkeypatch.setattr(Notification, "has_expired", False)
 
 
 @pytest.fixture

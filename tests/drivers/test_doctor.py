@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import random
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -144,7 +145,12 @@ def test_port_in_use() -> None:
         holder.close()
 
 
-HASTY = tuple(replace(p, timeout_s=0.15, interval_s=0.0) for p in PROFILES.values())
+HASTY, PATIENT = (
+    tuple(replace(p, timeout_s=timeout_s, interval_s=0.0) for p in PROFILES.values())
+    for timeout_s in (0.15, 2.0)
+)
+"""A busy machine may hold an answer up for longer than the first wait."""
+
 SETS = (
     {"sylvac", "sylvac-simplex", "mahr-marcator", "tesa"},
     {"mitutoyo-counter", "mitutoyo-vl50"},
@@ -159,9 +165,9 @@ ALIKE = {name: alike for alike in SETS for name in alike} | {
 """What answers alike where speed and parity mean nothing; the others stand alone."""
 
 
-def tried(twin: Twin, stream_s: float = 0.0) -> Trials:
+def tried(twin: Twin, stream_s: float = 0.0, profiles: Sequence[Profile] = HASTY) -> Trials:
     with TwinPort(twin, default_transport(), stream_s=stream_s) as port:
-        return try_profiles(HASTY, port.url, Query())
+        return try_profiles(profiles, port.url, Query())
 
 
 def names(trials: Trials) -> set[str]:
@@ -172,8 +178,11 @@ def names(trials: Trials) -> set[str]:
 def test_trying_names_the_profile_of_each_twin(name: str) -> None:
     profile = PROFILES[name]
     twin = IndicatorTwin(profile, Spindle(lambda: 0.5, 0.001))
-    found = tried(twin, min(profile.stream_s, 0.03))
-    assert names(found) == ALIKE.get(name, {name})
+    alike, stream_s = ALIKE.get(name, {name}), min(profile.stream_s, 0.03)
+    found = tried(twin, stream_s)
+    if names(found) != alike:
+        found = tried(twin, stream_s, PATIENT)
+    assert names(found) == alike
     assert all(finding.well for finding in findings_of(found))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 
 from drivers.line import IndicatorLine
 from drivers.profile import IndicatorReading, Outcome, Spindle
@@ -47,7 +48,8 @@ def test_two_indicators_for_ten_minutes() -> None:
         return hear
 
     tracemalloc.start()
-    for number, (profile, start) in enumerate([(MITUTOYO_01A, 0.0), (SYLVAC, -50.0)]):
+    patient = [replace(profile, timeout_s=60.0) for profile in (MITUTOYO_01A, SYLVAC)]
+    for number, (profile, start) in enumerate(zip(patient, (0.0, -50.0), strict=True)):
         spindle = Spindle(Counting(start), 0.001)
         twins.append(TwinPort(IndicatorTwin(profile, spindle), default_transport()))
         line = IndicatorLine(profile, twins[-1].url, interval_s=0.0, listener=listener(number))
@@ -57,7 +59,7 @@ def test_two_indicators_for_ten_minutes() -> None:
     while min(map(len, heard)) < WARM:
         done[0].wait(0.01)
     before = tracemalloc.get_traced_memory()[0]
-    assert all(event.wait(90) for event in done)
+    assert all(event.wait(600) for event in done)
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
     for line in lines:

@@ -30,7 +30,7 @@ from drivers.profile import Outcome
 from protocols.procedure import Step
 
 SIZE = (80, 24)
-PATIENCE = 1500
+PATIENCE = 30_000
 PRESSES = 5
 QUESTIONED = TakenStep(Step(4, "x", 0.0, 2, 0.5, ("y", "z")), (), (), doubt=Doubt.BEYOND)
 """A step that is further off than expected."""

@@ -24,7 +24,7 @@ from app.screens.home import ReplayChoiceScreen
 from app.screens.serving_reports import HEADERS, MOST_MADE, ReportPages
 from app.screens.start import Glidecal
 from tests.app.cli import glidecal, refused
-from tests.conftest import SAMPLES
+from tests.conftest import LONG, SAMPLES
 from tests.screens.driving import SIZE, history_shown, said, until
 from tests.screens.test_serving import PATIENCE_S, Served, all_gone, children, fetch
 
@@ -67,6 +67,7 @@ def files(folder: Path) -> dict[str, bytes]:
     return {os.fsencode(path).hex(): path.read_bytes() for path in found}
 
 
+@LONG
 def test_a_folder_in_a_browser(served: Served, folder: Path, tmp_path: Path) -> None:
     before = files(folder)
     status, page = fetch(f"{served.address}/reports")

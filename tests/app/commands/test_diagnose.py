@@ -83,6 +83,7 @@ def test_find_adopt_and_see_the_gap_gone(tmp_path: Path) -> None:
     assert diagnosed(session, "--model", adopted)["verdict"] == "explained"
 
 
+@LONG
 def test_adopting_says_what_the_name_changes_at_the_tool(samples: Path, tmp_path: Path) -> None:
     """The figures of the sentence are those of the document; all models are those without it."""
     session = samples / "simulated_zero-max-min.jsonl"
@@ -254,6 +255,7 @@ def test_an_indicator_that_reads_one_value_is_asked_about(tmp_path: Path, sample
     assert text.count("STILL") == 1
 
 
+@LONG
 def test_without_any_noise_no_chance_is_told(tmp_path: Path, samples: Path) -> None:
     """One reading a posture, nothing stated: the weight that the fit needs is no noise."""
     table = tmp_path / "bare.csv"
@@ -282,6 +284,7 @@ def nameless(folder: Path) -> tuple[Path, Path]:
     return simulated(folder, "cube", "--model", str(model), seed=3), model
 
 
+@LONG
 def test_what_has_no_name_is_adopted_as_a_law(tmp_path: Path) -> None:
     session, truth = nameless(tmp_path)
     other = simulated(tmp_path, "other", "--model", str(truth), seed=4)

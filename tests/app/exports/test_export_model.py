@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.app.cli import glidecal, refused
+from tests.conftest import LONG
 
 INI = "[TRAJ]\nLINEAR_UNITS = mm\n" + "".join(
     f"[JOINT_{n}]\nHOME_OFFSET = {300 + n}\nHOME_LATCH_VEL = -1\n" for n in range(3)
@@ -139,6 +140,7 @@ def test_effects_along_a_drive_need_the_place_of_the_switch(tmp_path: Path) -> N
         assert "where and how the joints home" in refused(2, *without, *known)
 
 
+@LONG
 def test_adopting_states_fitted_offsets_and_none_that_nobody_fitted(tmp_path: Path) -> None:
     """Two sessions with different offsets entered have no common ones: an export is refused."""
     hidden = ("--effect", "backlash:x", "--size", "0.05", "--protocol", "two-station")

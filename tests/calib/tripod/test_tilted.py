@@ -86,7 +86,7 @@ def test_a_reading_is_where_the_bar_crosses_the_line_of_the_indicator(name: str)
         for axis in {0, 1, 2} - {leg}:
             other = np.array(geometry.direction[axis])
             if np.linalg.norm(np.cross(way, other)) < 1e-9:
-                other = lines[axis] - lines[leg]
+                other = np.subtract(geometry.origin_mm[axis], geometry.origin_mm[leg])
             across = np.cross(np.cross(way, other), way)
             across = across / np.linalg.norm(across)
             for level in levels:

@@ -194,13 +194,9 @@ def export(
         _export_of_machine(own, context, source, output, force=force)
         return
     if table or format_name in ("xlsx", "parquet"):
-        beside: dict[str, object] = {
-            "--home-offset": home_offset,
-            "--endstops": endstops,
-            "--steps": steps,
-        }
-        beside |= {"--ini": ini, "--frame": frame}
-        _refuse_beside_table(table or "readings", format_name, beside)
+        told: dict[str, object] = {"--home-offset": home_offset, "--endstops": endstops}
+        told |= {"--steps": steps, "--ini": ini}
+        _refuse_beside_table(table or "readings", format_name, {**told, "--frame": frame})
         if output != STANDARD_OUTPUT or format_name != "csv":
             force = may_replace(force, output)  # before long work
         found = _table(source, table or "readings", subset, method, model)

@@ -184,10 +184,10 @@ def printer_cfg(offsets: Offsets) -> Export:
     turns = offsets.machine.rotation_distance_mm
     offsets, values = fitted(offsets, ON_ONE_CIRCLE, turns)
     stops, towers = values.endstops_mm(now), values.towers
-    turned = turns if values.stretch.any() else None
+    entered_turns = values.turns_mm(turns) if turns and values.stretch.any() else None
     steppers = [
         f", stepper_{name} (tower {LEG_NAMES[drive]}) position_endstop {now[drive]:.6f} mm"
-        + (f", rotation_distance {turned[drive]:.6f} mm" if turned else "")
+        + (f", rotation_distance {turns[drive]:.6f} mm" if turns and entered_turns else "")
         for name, drive in zip(FIRMWARE_TOWERS, drives, strict=True)
     ]
     put = (
@@ -205,8 +205,8 @@ def printer_cfg(offsets: Offsets) -> Export:
             f"arm_length: {towers.length_mm[drive]:.6f}",
             f"angle: {towers.angle_deg[drive]:.6f}",
         ]
-        if turned:
-            lines.append(f"rotation_distance: {values.turns_mm(turned)[drive]:.6f}")
+        if entered_turns:
+            lines.append(f"rotation_distance: {entered_turns[drive]:.6f}")
     return Export({"": "\n".join(lines) + "\n"}, offsets.cautions)
 
 

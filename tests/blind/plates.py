@@ -1,0 +1,159 @@
+"""What contacts can tell of a printer at most: linear estimates to first order, many printers.
+
+Beside one plate: the same with a block of known height, with distances between marks, with both.
+Six and nine factors are what firmware fits, by least squares. The two estimates with tolerances
+know the printer's parts as `glidecal import` states them, and the same with lines and travels of
+the towers as stated. What firmware has no value for, others follow. R.m.s. error of the tool from
+its place at Zero, and in brackets with a turn about the vertical free, which no contact shows.
+
+    python -m tests.blind.plates [--count 100]
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from dataclasses import fields
+
+import numpy as np
+
+from tests.blind.printers import (
+    BELIEVED,
+    CASES,
+    GRID,
+    RINGS,
+    SCATTER_MM,
+    FloatArray,
+    Parts,
+    any_printer,
+)
+
+SIZES = [2 if one.name == "plate" else 3 for one in fields(Parts)]
+STEPS = np.repeat([1e-3] * 4 + [1e-5] * 4, SIZES)
+CYCLES = 3
+BLOCK_MM, BLOCK_WITHIN_MM = 60.0, 60.0
+MARKS_MM, DISTANCE_MM = 60.0, 0.02
+"""How far from the middle marks are, and the standard deviation of a distance between two."""
+
+TOLERANCE = np.repeat([1.0, 0.3, 0.4, 0.4, 1e-3, 1e-3, 1e-3, 1e-4], SIZES)
+ALIKE = 0.8
+"""Correlation of how far towers stand from the middle."""
+
+HELD = np.repeat([True, True, True, True, False, False, True, False], SIZES)
+STATED = np.repeat([True, True, True, True, False, False, False, True], SIZES)
+ROUND_MM = np.concatenate([[-y, x, 0.0] for x, y, _ in GRID])
+TURN = ROUND_MM / np.linalg.norm(ROUND_MM)
+"""Of unit length over the grid: a turn about the vertical."""
+
+Shown = Callable[[Parts], FloatArray]
+
+
+def parts_of(values: FloatArray) -> Parts:
+    return Parts(*np.split(values, np.cumsum(SIZES)[:-1]))
+
+
+def values_of(parts: Parts) -> FloatArray:
+    return np.concatenate([getattr(parts, one.name) for one in fields(Parts)])
+
+
+def slopes(shown: Shown) -> FloatArray:
+    """Derivatives by all parts, by differences."""
+    steps = np.diag(STEPS)
+    rows = [(shown(parts_of(step)) - shown(parts_of(-step))) / 2.0 for step in steps]
+    return np.asarray(np.array(rows).T / STEPS)
+
+
+def heights(over_mm: float, within_mm: float) -> Shown:
+    """Where the firmware believes to be as the tool is so high over the plate."""
+    places = [across for across in RINGS if math.hypot(*across) <= within_mm]
+
+    def met(parts: Parts, across: tuple[float, float]) -> float:
+        place = np.array([*across, over_mm])
+        for _ in range(6):
+            tool = parts.tool(BELIEVED(place))
+            place[2] -= tool[2] - parts.plate @ tool[:2] - over_mm
+        return float(place[2])
+
+    return lambda parts: np.array([met(parts, across) for across in places])
+
+
+def distances(parts: Parts) -> FloatArray:
+    ends = [
+        MARKS_MM * np.array([math.cos(angle), math.sin(angle), 0.0])
+        for angle in math.pi / 6 * np.arange(6)
+    ]
+    marks = [(parts.tool(BELIEVED(end)), parts.tool(BELIEVED(-end))) for end in ends]
+    return np.array([np.linalg.norm(one - other) for one, other in marks])
+
+
+def tool(parts: Parts) -> FloatArray:
+    zero = parts.tool(BELIEVED(np.zeros(3)))
+    return np.concatenate([parts.tool(BELIEVED(place)) - place - zero for place in GRID])
+
+
+def factors(count: int) -> FloatArray:
+    """What firmware fits: switches, a radius, two angles; the bars' length, the plate's tilt."""
+    every = np.zeros((sum(SIZES), 9))
+    every[:3, :3] = np.eye(3)
+    every[6:9, 3] = every[9, 4] = every[10, 5] = every[3:6, 6] = 1.0
+    every[-2:, 7:] = np.eye(2)
+    return every[:, :count]
+
+
+def estimates(rows: FloatArray, deviation: FloatArray) -> list[tuple[FloatArray, bool]]:
+    """Maps from what is shown to parts, and whether other entries follow what has none."""
+    maps = []
+    for count in (6, 9):
+        chosen = factors(count)
+        seen = np.linalg.pinv(rows @ chosen / deviation[:, None])
+        maps.append((chosen @ (seen / deviation), False))
+    prior = np.diag(TOLERANCE**2)
+    out = slice(6, 9)
+    prior[out, out] = TOLERANCE[6] ** 2 * (ALIKE + (1.0 - ALIKE) * np.eye(3))
+    for free in (np.ones(len(prior)), STATED.astype(float)):
+        own = prior * free * free[:, None]
+        inner = rows @ own @ rows.T + np.diag(deviation**2)
+        maps.append((own @ rows.T @ np.linalg.inv(inner), True))
+    return maps
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--count", type=int, default=100)
+    count = parser.parse_args().count
+    plate, block = slopes(heights(0.0, math.inf)), slopes(heights(BLOCK_MM, BLOCK_WITHIN_MM))
+    apart, moved = slopes(distances), slopes(tool)
+    contact = SCATTER_MM / math.sqrt(CYCLES)
+    noise = {id(plate): contact, id(block): contact, id(apart): DISTANCE_MM}
+    follow = np.zeros((len(TOLERANCE), len(TOLERANCE)))
+    scaled = moved[:, HELD] * TOLERANCE[HELD]
+    follow[HELD] = TOLERANCE[HELD, None] * (np.linalg.pinv(scaled, rcond=1e-7) @ moved)
+    print("| hidden | shown | six factors | nine | with tolerances | lines as stated |")
+    cases = {**CASES, "any": any_printer}
+    for name, make in cases.items():
+        for shown, designs in {
+            "plate": [plate],
+            "plate, block": [plate, block],
+            "plate, distances": [plate, apart],
+            "all": [plate, block, apart],
+        }.items():
+            rows = np.vstack(designs)
+            deviation = np.concatenate([np.full(len(one), noise[id(one)]) for one in designs])
+            cells = []
+            for estimate, follows in estimates(rows, deviation):
+                random = np.random.default_rng(5)
+                left = []
+                for _ in range(count):
+                    hidden = values_of(make(random))
+                    read = rows @ hidden + deviation * random.normal(size=len(rows))
+                    entered = estimate @ read
+                    off = moved @ (hidden - (follow @ entered if follows else entered * HELD))
+                    left.append([off @ off, off @ off - (TURN @ off) ** 2])
+                zero, turned = np.sqrt(np.mean(left, axis=0) / len(GRID))
+                cells.append(f"{zero:.4f} ({turned:.4f})")
+            print(f"| {name} | {shown} | {' | '.join(cells)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -118,15 +118,16 @@ def load_posture_procedure(named: str, posture_file: Path | None = None) -> Post
 def commands(machine: HexaSlideMachine, procedure: PostureProcedure) -> PostureCommands:
     """Where the sliders are sent for the postures of a procedure.
 
-    A rigid constraint link takes the platform up or down until its ends are as far apart as it is
-    long. Raises RecordError naming the posture that cannot be.
+    With a constraint link the platform is up or down so far that its ends are as far apart as it is
+    long: a rigid one holds it there, and an indicator in it has little travel. Raises RecordError naming the posture that cannot be.
     """
     whole, postures = machine.whole(), procedure.in_metres()
     try:
-        if procedure.kind is ProcedureKind.CONSTRAINT_LINK and whole.link is None:
+        linked = procedure.kind is ProcedureKind.CONSTRAINT_LINK
+        if linked and whole.link is None:
             raise RecordError("machine file", "no [constraint_link]", "one for this procedure")
         postures = whole.inside(postures)
-        if holds(procedure.whole()) and len(postures):
+        if linked and len(postures):
             postures = on_link(whole, postures)
         sliders = whole.sliders_at(postures)
     except CalibrationError as problem:

@@ -6,7 +6,9 @@ import csv
 import json
 import os
 import random
+import re
 import select
+import shutil
 import signal
 import sys
 import time
@@ -29,6 +31,9 @@ from app.planning.hexaslide import calibrate_file, verify_sessions
 from calib.errors import RecordError, UsageError
 from calib.hexaslide.checked import frames_apart
 from calib.hexaslide.geometry import forward_near
+from drivers.profile import Spindle
+from drivers.profiles import profile_named
+from drivers.twins import IndicatorTwin, TwinPort
 from protocols.hexaslide import load_hexaslide
 from protocols.hexaslide_session import (
     SimulatedPostures,
@@ -42,6 +47,7 @@ from tests.conftest import ROOT
 
 Rows = list[list[str]]
 KILLED_SEED = 6
+HEADER = "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg"
 RUN = ("run", "--machine", "hexaslide", "--simulated", "--protocol")
 IMPORT = ("import", "--machine", "hexaslide", "--protocol")
 
@@ -349,8 +355,7 @@ def _measured(path: Path, tells: Connection) -> None:
 def test_postures_are_typed_in_a_terminal(tmp_path: Path) -> None:
     """A wrong line is told, a doubtful value questioned, a pause can be gone on with."""
     postures = tmp_path / "p.csv"
-    header = "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg"
-    postures.write_text(f"{header}\n0,-0.8,-1.15,0,0,0\n0.1,-0.9,-1.1,5,5,5\n", encoding="utf-8")
+    postures.write_text(f"{HEADER}\n0,-0.8,-1.15,0,0,0\n0.1,-0.9,-1.1,5,5,5\n", encoding="utf-8")
     path = tmp_path / "typed.jsonl"
     begin = ("run", "--machine", "hexaslide", "--protocol", "position", "-o", str(path))
     shown, status = _in_terminal(
@@ -369,6 +374,46 @@ def test_postures_are_typed_in_a_terminal(tmp_path: Path) -> None:
     assert [one.values for one in session.readings] == [
         (0.2, -799.7, -1149.9), (100.0, -900.3, -1099.6),
     ]  # fmt: skip
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a terminal of Unix")
+def test_an_indicator_in_the_link_is_read(tmp_path: Path) -> None:
+    """Enter reads it; its text is kept beside the value."""
+    postures, path = tmp_path / "p.csv", tmp_path / "read.jsonl"
+    postures.write_text(f"{HEADER}\n0,-0.8,-1.15,0,0,0\n", encoding="utf-8")
+    twin = IndicatorTwin(profile_named("mitutoyo-01a"), Spindle(lambda: 0.123, 0.001))
+    with TwinPort(twin, "tcp") as port:
+        begin = ("run", "--machine", "hexaslide", "--protocol", "link-indicator", "-o", str(path))
+        more = ("--indicator", f"mitutoyo-01a:{port.url}", "--posture-file", str(postures))
+        shown, status = _in_terminal((*begin, *more), [""])
+    assert status == 0, shown
+    (reading,) = read_postures(path)[0].readings
+    assert reading.values == (0.123,)
+    assert "0.123" in reading.text
+    assert "Enter reads the indicator" in shown
+
+
+def test_the_five_minutes_of_the_documentation(tmp_path: Path) -> None:
+    """Each line of the page, on the sample, and the figures that it states."""
+    page = (ROOT / "docs/hexaslide.md").read_text("utf-8").partition("## What a procedure sees")[0]
+    words = " ".join(page.split())
+    shutil.copy(ROOT / "protocols/machines/hexaslide-h60.toml", tmp_path / "machine.toml")
+    said = []
+    for line in re.findall(r"^    glidecal (.*)$", page, re.MULTILINE):
+        run = glidecal(*line.split(), cwd=tmp_path)
+        assert run.status == 0, run.err
+        said.append(" ".join(run.out.split()))
+        for table in ("before.csv", "after.csv"):
+            shutil.copy(ROOT / "sample_sessions/hexaslide" / table, tmp_path)
+    solved = next(text for text in said if "combinations" in text)
+    found = re.search(r"off by ([\d.]+) mm r.m.s. now .* by at most ([\d.]+) mm", solved)
+    assert found is not None
+    stated = f"off by {float(found[1]):.2f} mm r.m.s. now, by at most {float(found[2]):.3f} mm"
+    assert stated in words
+    verified = re.search(r"pass: the platform is off by ([\d.]+) mm .* take ([\d.]+) mm", said[-1])
+    assert verified is not None
+    off, bound = (f"{float(one):.3f} mm" for one in verified.groups())
+    assert f"is off by {off} r.m.s., give or take {bound}" in words
 
 
 def _in_terminal(verb: tuple[str, ...], lines: list[str]) -> tuple[str, int]:
@@ -416,13 +461,13 @@ def test_wrong_requests_are_told(pose: Path, tmp_path: Path) -> None:
     assert "--resolution" in refused(2, *IMPORT, "position", pose, "-o", out, "--resolution", "0.1")
     assert "--posture-file" in refused(2, "import", "x.csv", "-o", out, "--posture-file", pose)
     far = tmp_path / "far.csv"
-    far.write_text("x_m,y_m,z_m,theta_deg,psi_deg,phi_deg\n0,-0.8,-2,0,0,0\n", encoding="utf-8")
+    far.write_text(f"{HEADER}\n0,-0.8,-2,0,0,0\n", encoding="utf-8")
     assert "posture 1, z_m: found -2" in refused(
         3, *RUN, "position", "--posture-file", far, "-o", out
     )
     assert not out.exists()
     few = tmp_path / "few.csv"
-    few.write_text("x_m,y_m,z_m,theta_deg,psi_deg,phi_deg\n0,-0.8,-1.1,0,0,0\n", encoding="utf-8")
+    few.write_text(f"{HEADER}\n0,-0.8,-1.1,0,0,0\n", encoding="utf-8")
     assert glidecal(*RUN, "position", "--posture-file", few, "-o", out).status == 0
     assert "found 1. Allowed: 16 or more" in refused(5, "solve", out)
     shown = glidecal("run", "--machine", "hexaslide", "--protocol", "position", "--dry-run")

@@ -1,0 +1,60 @@
+"""``sample_sessions/hexaslide/``, on which docs/hexaslide.md is walked by a test:
+``python -m tests.app.commands.hexaslide_samples``.
+
+Two tables as the owner of a tracker fills them in, of one hidden machine: sliders as a controller
+with the example's geometry sends them, and as one with the calibrated geometry does.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+from io import StringIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from app.exports.hexaslide import calibrated_files
+from app.measuring.hexaslide import PosturePlan, import_postures
+from app.planning.hexaslide import calibrate_file
+from protocols.hexaslide import HexaSlideMachine, load_hexaslide, machine_like
+from protocols.hexaslide_session import SimulatedPostures, commands, load_posture_procedure
+from protocols.hexaslide_table import empty_table
+from tests.conftest import ROOT
+
+FOLDER = ROOT / "sample_sessions" / "hexaslide"
+SEED = 12
+
+
+def filled_in(held: HexaSlideMachine, truth: HexaSlideMachine, seed: int) -> str:
+    """The table of the procedure with what the true machine shows, its controller holding that."""
+    asked = commands(held, load_posture_procedure("position"))
+    operator = SimulatedPostures(held, asked, seed, truth)
+    rows = list(csv.reader(StringIO(empty_table(asked))))
+    for number, row in enumerate(rows[2:], start=1):
+        row[7:] = [f"{float(value):.4f}" for value in operator.typed(number, 0).split()]
+    out = StringIO()
+    csv.writer(out, lineterminator="\n").writerows(rows)
+    return out.getvalue()
+
+
+def main(folder: Path = FOLDER) -> None:
+    """Write both tables."""
+    example = load_hexaslide()
+    asked = commands(example, load_posture_procedure("position"))
+    hidden = SimulatedPostures(example, asked, SEED).truth
+    truth = machine_like(example, "hidden", hidden)
+    before = filled_in(example, truth, SEED)
+    (folder / "before.csv").write_text(before, encoding="utf-8")
+    with TemporaryDirectory() as scratch:
+        session, calibrated = Path(scratch, "s.jsonl"), Path(scratch, "m.toml")
+        procedure = load_posture_procedure("position")
+        plan = PosturePlan(session, example, "hexaslide-h60.toml", procedure)
+        import_postures(folder / "before.csv", plan)
+        files = calibrated_files(calibrate_file(session, None, 0.0), None)
+        calibrated.write_text(str(files["machine.toml"]), encoding="utf-8")
+        after = filled_in(load_hexaslide(calibrated), truth, SEED + 1)
+    (folder / "after.csv").write_text(after, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:]))

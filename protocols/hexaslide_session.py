@@ -119,7 +119,8 @@ def commands(machine: HexaSlideMachine, procedure: PostureProcedure) -> PostureC
     """Where the sliders are sent for the postures of a procedure.
 
     With a constraint link the platform is up or down so far that its ends are as far apart as it is
-    long: a rigid one holds it there, and an indicator in it has little travel. Raises RecordError naming the posture that cannot be.
+    long: a rigid one holds it there, and an indicator in it has little travel. Raises RecordError
+    naming the posture that cannot be.
     """
     whole, postures = machine.whole(), procedure.in_metres()
     try:

@@ -72,8 +72,11 @@ class Calibration:
     @property
     def instruments(self) -> tuple[Instrument, ...]:
         """Each indicator once, whatever axes it measured along."""
-        every = (one for session in self.sessions for one in session.opened.instruments)
-        by_identity = {(one.profile, one.serial_number, one.certificate): one for one in every}
+        by_identity = {
+            (indicator.profile, indicator.serial_number, indicator.certificate): indicator
+            for session in self.sessions
+            for indicator in session.opened.instruments
+        }
         return tuple(by_identity.values())
 
     @property

@@ -122,7 +122,7 @@ def results_of(calibration: Calibration) -> Iterator[Result]:
         [
             _in_mm(name, value, (wide, u))
             for name, value, wide, u in zip(
-                view.names, *(one.tolist() for one in columns), strict=True
+                view.names, *(column.tolist() for column in columns), strict=True
             )
         ],
     )
@@ -138,8 +138,8 @@ def results_of(calibration: Calibration) -> Iterator[Result]:
         "Joint offsets that remain",
         "From the later session; the uncertainty is of both sessions.",
         [
-            _in_mm(one.name, one.found_mm, (one.expanded_mm, one.standard_mm))
-            for one in calibration.verified.offsets
+            _in_mm(offset.name, offset.found_mm, (offset.expanded_mm, offset.standard_mm))
+            for offset in calibration.verified.offsets
         ],
     )
 
@@ -149,12 +149,12 @@ def _entered(calibration: Calibration) -> tuple[str, list[Quantity]]:
     solved = calibration.solved
     if change := solved.printer_change:
         towers = [
-            Quantity(f"tower {one.tower}: {name}", entry.then, unit)
-            for one in change.towers
+            Quantity(f"tower {tower.tower}: {name}", entry.then, unit)
+            for tower in change.towers
             for name, entry, unit in (
-                ("endstop", one.endstop, UNITS["mm"]),
-                ("arm", one.arm, UNITS["mm"]),
-                ("angle", one.angle, UNITS["°"]),
+                ("endstop", tower.endstop, UNITS["mm"]),
+                ("arm", tower.arm, UNITS["mm"]),
+                ("angle", tower.angle, UNITS["°"]),
             )
         ]
         radius = Quantity("radius", change.radius.then, UNITS["mm"])
@@ -178,8 +178,8 @@ def _bounds(first: Frame, bound_mm: dict[Frame, float], when: str) -> Iterator[Q
 
 
 def _procedures(calibration: Calibration) -> list[str]:
-    opened = (session.opened for session in calibration.sessions)
-    names = (one.procedure.name if one.procedure else "table of readings" for one in opened)
+    procedures = (session.opened.procedure for session in calibration.sessions)
+    names = (procedure.name if procedure else "table of readings" for procedure in procedures)
     return list(dict.fromkeys(names))
 
 

@@ -60,14 +60,16 @@ def read_key(path: Path, password: Callable[[], str]) -> SigningKey:
         raise RecordError(thing, reason=reason, allowed=ALLOWED) from problem
     if not isinstance(key, rsa.RSAPrivateKey | ec.EllipticCurvePrivateKey):
         raise RecordError(thing, reason="no private key for signatures", allowed=ALLOWED)
-    mine = [one for one in certificates if one.public_key() == key.public_key()]
+    mine = [
+        certificate for certificate in certificates if certificate.public_key() == key.public_key()
+    ]
     if not mine:
         raise RecordError(thing, reason="no certificate of this key", allowed=ALLOWED)
     first, until = mine[0].not_valid_before_utc, mine[0].not_valid_after_utc
     if not first <= datetime.now(UTC) <= until:
         reason = f"a certificate from {first:%Y-%m-%d} to {until:%Y-%m-%d}"
         raise RecordError(thing, reason, "one that is valid today")
-    return SigningKey(key, [mine[0], *(one for one in certificates if one is not mine[0])])
+    return SigningKey(key, [mine[0], *(other for other in certificates if other is not mine[0])])
 
 
 def signed(xml: str, key: SigningKey) -> bytes:
@@ -76,7 +78,7 @@ def signed(xml: str, key: SigningKey) -> bytes:
     root = signer.sign(
         etree.fromstring(xml.encode()),
         key=key.key,
-        cert=[_base64(one) for one in key.certificates],
+        cert=[_base64(certificate) for certificate in key.certificates],
         always_add_key_value=False,
     )
     written: bytes = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
@@ -97,4 +99,4 @@ def _of_pem(content: bytes, password: bytes | None) -> Loaded:
 
 def _of_pkcs12(content: bytes, password: bytes | None) -> Loaded:
     key, certificate, above = pkcs12.load_key_and_certificates(content, password)
-    return key, [one for one in (certificate, *above) if one is not None]
+    return key, [*filter(None, (certificate, *above))]

@@ -157,12 +157,9 @@ def leg_sheet_svg(figures: Sequence[LegFigure]) -> str:
             lowest = number + columns >= len(figures)
             for axes in (above, below):
                 _merge_points(axes, [one for one in axes.lines if one.get_marker() in POINTS])
-                axes.tick_params(
-                    labelsize=6.0,
-                    labelleft=column == 0,
-                    labelbottom=lowest and axes is below,
-                    pad=1.0,
-                )
+                if not (lowest and axes is below):
+                    axes.set_xticks([])  # most of the time of a small picture goes into its ticks
+                axes.tick_params(labelsize=6.0, labelleft=column == 0, pad=1.0)
                 axes.set_ylabel(axes.get_ylabel() if column == 0 else "", size=6.0)
                 axes.set_xlabel(axes.get_xlabel() if lowest else "", size=6.0)
     return out.getvalue()

@@ -114,12 +114,12 @@ def _object(calibration: Calibration) -> Table:
             ("place of calibration", [order.place]),
             ("date of issue", [f"{order.issued}" if order.issued else ""]),
         ]
-    procedures = (one.procedure.name if one.procedure else None for one in opened)
+    procedures = (start.procedure.name if start.procedure else None for start in opened)
     count = sum(len(session.readings) for session in sessions)
     rows += [
-        ("measured", dict.fromkeys(f"{one.at:%Y-%m-%d}" for one in opened)),
-        ("operator", dict.fromkeys(one.operator for one in opened)),
-        ("temperature", dict.fromkeys(_temperature(one.temperature_c) for one in opened)),
+        ("measured", dict.fromkeys(f"{start.at:%Y-%m-%d}" for start in opened)),
+        ("operator", dict.fromkeys(start.operator for start in opened)),
+        ("temperature", dict.fromkeys(_temperature(start.temperature_c) for start in opened)),
         ("procedure", dict.fromkeys(procedures)),
         (f"{taken_word(calibration.solved)}s that count", [f"{count}"]),
     ]
@@ -139,8 +139,7 @@ def _temperature(value_c: float | None) -> str:
 
 def _not_measured(calibration: Calibration) -> list[str]:
     """A simulation is no calibration."""
-    simulated = [one.name for one in calibration.sessions if one.opened.origin == "simulated"]
-    if not simulated:
+    if not any(session.opened.origin == "simulated" for session in calibration.sessions):
         return []
     return ["SIMULATED: no machine was measured. These readings were computed by the program."]
 
@@ -152,13 +151,14 @@ def _traceability(calibration: Calibration) -> list[str | Table]:
     if not instruments:
         return [f"No {gauge} is named, so no traceability to the SI is shown."]
     table = new_table(gauge, "serial number", "certificate", "of", left=4)
-    for one in instruments[:MOST_INDICATORS]:
-        date = f"{one.certificate_date}" if one.certificate_date else ""
-        entries = (one.profile, one.serial_number or "", one.certificate or "none stated")
+    for indicator in instruments[:MOST_INDICATORS]:
+        date = f"{indicator.certificate_date}" if indicator.certificate_date else ""
+        serial, certificate = indicator.serial_number or "", indicator.certificate or "none stated"
+        entries = (indicator.profile, serial, certificate)
         table.add_row(*(shortened(entry, LONGEST_CELL) for entry in entries), date)
     if len(instruments) > MOST_INDICATORS:
         table.add_row(f"{len(instruments) - MOST_INDICATORS} more in the annex", "", "", "")
-    if all(one.certificate for one in instruments):
+    if all(indicator.certificate for indicator in instruments):
         words = f"Lengths are traceable to the SI through these certificates of the {gauge}s."
     else:
         words = f"Traceability to the SI is not shown: not every {gauge} has a certificate."

@@ -94,8 +94,8 @@ def test_two_pages_are_enough_for_the_longest_words(
     paths = []
     for number in range(4):
         instruments = tuple(
-            one.model_copy(update={**known, "certificate": f"{number}{axis}{LONG}"})
-            for axis, one in zip("yz", record.opened.instruments, strict=True)
+            indicator.model_copy(update={**known, "certificate": f"{number}{axis}{LONG}"})
+            for axis, indicator in zip("yz", record.opened.instruments, strict=True)
         )
         opened = record.opened.model_copy(
             update={
@@ -123,8 +123,8 @@ def test_without_an_order_pages_are_of_the_record() -> None:
 def test_only_sessions_of_certified_indicators_are_traceable(tmp_path: Path) -> None:
     record = read_record(SIXTY)
     instruments = tuple(
-        one.model_copy(update={"certificate": f"K-{k}", "serial_number": f"47-{k}"})
-        for k, one in enumerate(record.opened.instruments)
+        indicator.model_copy(update={"certificate": f"K-{k}", "serial_number": f"47-{k}"})
+        for k, indicator in enumerate(record.opened.instruments)
     )
     path = tmp_path / "known.jsonl"
     opened = record.opened.model_copy(update={"instruments": instruments})

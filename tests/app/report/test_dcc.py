@@ -92,7 +92,7 @@ def test_a_verified_one_is_valid(
     assert faults_of(xml) == []
     root = ElementTree.fromstring(xml)
     decisions = root.findall(".//dcc:metaData/dcc:conformity", NAMES)
-    assert [one.text for one in decisions] == ["fail", "pass", "pass"]
+    assert [decision.text for decision in decisions] == ["fail", "pass", "pass"]
 
 
 def test_words_of_strangers_are_text(
@@ -112,8 +112,8 @@ def test_what_is_blank_is_left_out(
     """The schema allows no empty text and none that begins with a space."""
     record = read_record(SIMULATED)
     instruments = tuple(
-        one.model_copy(update={"profile": " ", "serial_number": " 1 ", "certificate": ""})
-        for one in record.opened.instruments
+        indicator.model_copy(update={"profile": " ", "serial_number": " 1 ", "certificate": ""})
+        for indicator in record.opened.instruments
     )
     machine = record.opened.machine.model_copy(update={"name": " \u2028 "})
     opened = record.opened.model_copy(
@@ -160,10 +160,10 @@ def read_by_others(dcc: ModuleType, xml: bytes) -> dict[str, dict[str, Any]]:
 
 
 def number(real: dict[str, Any], *path: str) -> float:
-    found: Any = real
+    entry: Any = real
     for name in path:
-        found = found[name]
-    return float(found)
+        entry = entry[name]
+    return float(entry)
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
@@ -173,14 +173,14 @@ def test_another_library_reads_the_numbers_of_the_report(dcc: ModuleType, order:
     solved = solve_files([SIMULATED])
     half_widths_mm = solved.corrections.half_widths_mm()
     for leg, value_mm, half_mm in zip("xyz", solved.joint_offsets_mm, half_widths_mm, strict=True):
-        one = real[f"{head} Values to enter d_rho_{leg}"]
-        assert number(one, "value") == value_mm
-        if "expandedUnc" in one:
-            expanded = number(one, "expandedUnc", "uncertainty")
-            assert number(one, "expandedUnc", "coverageFactor") >= 1.0
-            assert number(one, "expandedUnc", "coverageProbability") == 0.95
+        offset = real[f"{head} Values to enter d_rho_{leg}"]
+        assert number(offset, "value") == value_mm
+        if "expandedUnc" in offset:
+            expanded = number(offset, "expandedUnc", "uncertainty")
+            assert number(offset, "expandedUnc", "coverageFactor") >= 1.0
+            assert number(offset, "expandedUnc", "coverageProbability") == 0.95
         else:
-            ends = [number(one, "coverageInterval", f"interval{end}") for end in ("Min", "Max")]
+            ends = [number(offset, "coverageInterval", f"interval{end}") for end in ("Min", "Max")]
             assert sum(ends) / 2.0 == pytest.approx(value_mm)
             expanded = (ends[1] - ends[0]) / 2.0
         assert expanded == pytest.approx(half_mm, rel=1e-9)
@@ -201,9 +201,9 @@ def test_uncertainties_are_expanded_or_intervals(order: Path) -> None:
         *zip(view.uncertainty_mm.tolist(), view.expanded_mm.tolist(), strict=True),
     ]
     every = [
-        one
-        for one in root.findall(".//dcc:result//si:real", NAMES)
-        if one.find(".//si:coverageProbability", NAMES) is not None
+        real
+        for real in root.findall(".//dcc:result//si:real", NAMES)
+        if real.find(".//si:coverageProbability", NAMES) is not None
     ]
     assert len(every) == len(stated)
     kinds = set()
@@ -211,13 +211,13 @@ def test_uncertainties_are_expanded_or_intervals(order: Path) -> None:
         (value,) = values_of(real, "value")
         kinds.add(wide >= u)
         if wide >= u:
-            found = values_of(real, "uncertainty", "coverageFactor", "coverageProbability")
-            assert found == pytest.approx([wide, wide / u, 0.95])
+            numbers = values_of(real, "uncertainty", "coverageFactor", "coverageProbability")
+            assert numbers == pytest.approx([wide, wide / u, 0.95])
         else:
-            found = values_of(
+            numbers = values_of(
                 real, "standardUnc", "intervalMin", "intervalMax", "coverageProbability"
             )
-            assert found == pytest.approx([u, value - wide, value + wide, 0.95])
+            assert numbers == pytest.approx([u, value - wide, value + wide, 0.95])
     assert kinds == {True, False}
 
 
@@ -332,8 +332,8 @@ def test_a_signature_is_verified(
     held = keys / ("curve.pem" if key == "curve.pem" else "trusted.pem")
     (trusted,) = x509.load_pem_x509_certificates(held.read_bytes())
     checked = XAdESVerifier().verify(xml, x509_cert=trusted, expect_references=3)
-    signed = [one.signed_xml for one in checked if one.signed_xml is not None]
-    assert "{https://ptb.de/dcc}digitalCalibrationCertificate" in [one.tag for one in signed]
+    signed = [part.signed_xml for part in checked if part.signed_xml is not None]
+    assert "{https://ptb.de/dcc}digitalCalibrationCertificate" in [part.tag for part in signed]
     changed = xml.replace(b"<si:value>0", b"<si:value>1", 1).replace(b"<si:value>-", b"<si:value>")
     assert changed != xml
     with pytest.raises(InvalidDigest):

@@ -380,7 +380,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert "--force" in again.err
     other = glidecal("report", EXPERIMENT, "-o", tmp_path / "report.doc")
     assert other.status == 2
-    assert ".html or .pdf" in other.err
+    assert ".html, .pdf, .xml" in other.err
 
 
 def test_without_the_extra_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

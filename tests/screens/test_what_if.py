@@ -257,7 +257,7 @@ async def test_wrong_moments(bowed: Path, monkeypatch: pytest.MonkeyPatch, late:
         page = await tried(pilot, interface)
         await pressed(pilot, page, "0")
         await pilot.press("enter")
-        await until(pilot, "words", lambda: texts.NOTHING in said(interface))
+        await until(pilot, "words", lambda: interface.keyed(texts.NOTHING) in said(interface))
         assert interface.screen is page
         await pilot.press("f10")
     assert [one.name for one in bowed.parent.iterdir()] == [bowed.name]
@@ -285,7 +285,8 @@ async def test_on_a_result_any_effect_is_tried_and_none_adopted(tmp_path: Path) 
         assert page.trial.subset == "both"
         await pressed(pilot, page, "right")
         await pilot.press("enter")
-        await until(pilot, "words", lambda: texts.DIAGNOSE_FIRST in said(interface))
+        words = interface.keyed(texts.DIAGNOSE_FIRST)
+        await until(pilot, "words", lambda: words in said(interface))
         assert isinstance(interface.screen, ResultScreen)
         await pilot.press("f10")
     assert [one.name for one in tmp_path.iterdir()] == ["plain.jsonl"]

@@ -39,7 +39,7 @@ class HexaSlideScreen(PagedScreen[None]):
     HELP = texts.HEXASLIDE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("p", "procedure", "Procedure", id="hexaslide.procedure"),
-        Binding("o", "search", "Optimum postures", id="hexaslide.search"),
+        Binding("o", "search", "Optimum", id="hexaslide.search"),
         Binding("c", "count", "Count", id="hexaslide.count"),
         Binding("m", "measured", "Measured", id="hexaslide.measured"),
         Binding("f", "machine", "File", id="hexaslide.machine"),

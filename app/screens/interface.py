@@ -414,10 +414,12 @@ class Interface(App[str]):
         timeout: float | None = None,
         markup: bool = True,
     ) -> None:
-        """In the line that the screen has for it; over its corner only before it is there."""
+        """In the line that the screen has for it, once it is there; nothing lies over a table."""
         whole = (one for one in reversed(self.screen_stack) if not isinstance(one, ModalScreen))
         screen = next(whole, None)
-        if screen is not None and screen.is_mounted and isinstance(screen, Saying):
+        if screen is not None and not screen.is_mounted:
+            self.set_timer(ATTEND_S, lambda: self.notify(message, severity=severity))
+        elif isinstance(screen, Saying):
             screen.say(message)
         elif screen is not None and (lines := screen.query(Message)):
             lines.first().tell(message)

@@ -66,6 +66,7 @@ class KeysInForce(Footer, Resting):
 class MeasureScreen(Corrections, Resting):
     """One step after the other; Space takes it."""
 
+    HELP = texts.MEASURE_HELP
     FINISHES, LEAVES = "measure.take", "measure.leave"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "take", "Take", id="measure.take"),
@@ -96,9 +97,6 @@ class MeasureScreen(Corrections, Resting):
         self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
         self._sleep = SleepWatch()
         self.automatic = guided.mover is not None
-        not_here = "measure.automatic" if self.automatic else "measure.go"
-        lines = texts.MEASURE_HELP.splitlines()
-        self.HELP = "\n".join(line for line in lines if not_here not in line)
         self._moving: tuple[object, ...] | None = None
 
     def compose(self) -> ComposeResult:

@@ -95,7 +95,8 @@ class ResultScreen(PagedScreen[None]):
 
     @work(group="legs", exclusive=True)
     async def _show_legs(self) -> None:
-        self.query_one(LegPlots).show(await apart(self, leg_figures, self.solved))
+        figures = await apart(self, leg_figures, self.solved)
+        self.query_one(LegPlots).show(figures)
 
     def action_leg(self, by: int) -> None:
         """Another leg or axis on its page."""

@@ -80,7 +80,7 @@ async def test_another_effect_of_an_ambiguous_set_is_adopted(doubtful: Path) -> 
             interface.screen.query_one(Input).value = str(path)
             await pilot.press("enter")
             if path == taken:
-                await until(pilot, "question", lambda: isinstance(interface.screen, ChoiceDialog))
+                await until(pilot, "question", lambda: bool(interface.screen.query(OptionList)))
                 question = str(interface.screen.query(Static).first().content)
                 assert question == f"{taken} is there already."
                 await pilot.press("1")

@@ -21,7 +21,7 @@ from app.machines.registry import LOOKS
 from app.planning.hexaslide import Request
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import HelpDialog, Interface, TextDialog
+from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.plot import ChartPlot
 from app.screens.start import Glidecal
 from calib.hexaslide.derivatives import jacobian
@@ -145,7 +145,8 @@ async def test_the_machine_is_drawn_from_two_sides() -> None:
         await pilot.press("tab")
         await until(pilot, "the page", lambda: page(interface) == "drawn")
         await pilot.pause()
-        for name, title in (("front", "From the front, z in m"), ("above", "From above, y in m")):
+        titles = {"drawn-chart0": "From the front, z in m", "drawn-chart1": "From above, y in m"}
+        for name, title in titles.items():
             picture = drawn(interface, name)
             assert title in picture
             inside = "".join(
@@ -154,8 +155,8 @@ async def test_the_machine_is_drawn_from_two_sides() -> None:
             assert set("123456·:▄") <= set(inside)
             assert any(ord(letter) in BRAILLE for letter in inside)
             assert all(len(line) <= SIZE[0] // 2 for line in picture.splitlines())
-        assert number_colours(interface, "front") == number_colours(interface, "above")
-        words, ground = number_colours(interface, "front")
+        words, ground = number_colours(interface, "drawn-chart0")
+        assert (words, ground) == number_colours(interface, "drawn-chart1")
         assert words != ground
         assert ground == Color.parse(interface.theme_variables["surface"]).rgb
         assert "Drawn at the middle of the box." in text(interface, "#drawn-text")
@@ -164,7 +165,7 @@ async def test_the_machine_is_drawn_from_two_sides() -> None:
         await pilot.press("left")
         await pilot.pause()
         assert screen.query_one("#sees .beside").display
-        assert "From above" in drawn(interface, "sketch-above")
+        assert "From above" in drawn(interface, "sees-chart1")
         await pilot.press("f10")
 
 
@@ -188,12 +189,12 @@ async def test_search_shows_start_and_optimum_and_stops(gate: Gate) -> None:
         assert isinstance(interface.screen, HexaSlideScreen)
         assert "Escape stops" not in text(interface, "#search-text")
         check_found(screen)
-        for name in ("projection0", "projection1"):
+        for name in ("search-chart0", "search-chart1"):
             assert "x start   o optimum" in drawn(interface, name)
         await pilot.press("tab")
         await until(pilot, "angles", lambda: page(interface) == "angles")
         await pilot.pause()
-        assert "psi over theta, °" in drawn(interface, "projection2")
+        assert "psi over theta, °" in drawn(interface, "angles-chart0")
         await pilot.press("tab")
         await pilot.pause()
         listed = text(interface, "#list-text").splitlines()
@@ -226,11 +227,11 @@ async def check_drawn_at_postures(pilot: Pilot[str], interface: Interface) -> No
     await pilot.press("left", "left", "left")
     await until(pilot, "the page", lambda: page(interface) == "drawn")
     await pilot.pause()
-    middle = drawn(interface, "front")
+    middle = drawn(interface, "drawn-chart0")
     await pilot.press("plus")
     await pilot.pause()
     assert "optimum posture 1 of 9" in text(interface, "#drawn-text")
-    assert drawn(interface, "front") != middle
+    assert drawn(interface, "drawn-chart0") != middle
     await pilot.press("minus", "minus")
     assert "optimum posture 9 of 9" in text(interface, "#drawn-text")
 
@@ -246,7 +247,9 @@ async def test_leaving_while_it_searches(gate: Gate) -> None:
         gate.first.set()
         await pilot.press("o")
         await until(pilot, "a second start", lambda: len(gate.counts) == 2)
-        await pilot.press("p", "3")
+        await pilot.press("p")
+        await until(pilot, "choice", lambda: isinstance(interface.screen, ChoiceDialog))
+        await pilot.press("3")
         await until(pilot, "the end of the search", lambda: gate.left == 1)
         await looked(pilot, interface, HexaSlideScreen)
         assert not screen.searching

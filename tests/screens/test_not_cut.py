@@ -18,6 +18,7 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 from textual.widget import Widget
 from textual.widgets import Footer, Input, Static, TabbedContent, TabPane
+from textual.widgets._toast import Toast
 
 from app.evaluating.comparison import compare_files
 from app.evaluating.history import read_history
@@ -196,7 +197,7 @@ async def test_nothing_is_cut(
     for path in (ONE, SWEEP):
         shutil.copy(path, tmp_path)
     interface = Glidecal(HomeScreen(), looks=LOOKS)
-    async with interface.run_test(size=SIZES[-1]) as pilot:
+    async with interface.run_test(size=SIZES[-1], notifications=True) as pilot:
         interface.push_screen(screen := MAKERS[kind](tmp_path))
         await until(pilot, "the screen", lambda: interface.screen is screen)
         await until(pilot, "its words", lambda: not getattr(screen, "looking", False))
@@ -206,6 +207,11 @@ async def test_nothing_is_cut(
             await pilot.resize_terminal(*size)
             assert not (found := await pages(pilot, interface)), (size, found)
         assert isinstance(interface.screen, kind)
+        interface.notify("what happened last")
+        await pilot.pause()
+        assert not screen.query(Toast), "a message lies over nothing"
+        below = [one for one in interface.screen_stack if one.query(Footer)][-1]
+        assert "what happened last" in "".join(str(one.content) for one in below.query(Static))
 
 
 async def test_nothing_is_cut_while_measuring(tmp_path: Path) -> None:

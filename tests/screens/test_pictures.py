@@ -107,7 +107,7 @@ async def test_result(samples: Path, tmp_path: Path, size: tuple[int, int]) -> N
     async with interface.run_test(size=size) as pilot:
         await until(pilot, "text", lambda: "Next: D looks" in text(interface, "#result-text"))
         assert isinstance(interface.screen, ResultScreen)
-        assert interface.screen.query_one("#result-chart0").display == (size == WIDE)
+        assert interface.screen.query_one("#result .beside").display == (size == WIDE)
         await compare(pilot, interface, f"result_{size[0]}", tmp_path)
         await pilot.press("left")
         await until(pilot, "legs", page_is(interface, "legs"))
@@ -116,7 +116,7 @@ async def test_result(samples: Path, tmp_path: Path, size: tuple[int, int]) -> N
         await pilot.press("left")
         await until(pilot, "plot", page_is(interface, "plot"))
         await pilot.pause()
-        assert "z_x-" in str(interface.screen.query_one("#plot-chart0", ChartPlot).render())
+        assert "X along Z, MIN" in str(interface.screen.query_one("#plot-chart0", ChartPlot).render())
         await compare(pilot, interface, f"plot_{size[0]}", tmp_path)
 
 

@@ -20,6 +20,10 @@ WIDTH = 76
 """Fits a terminal of 80 columns inside borders and scroll bar."""
 
 
+HELP_WIDTH = 72
+"""The same of a dialog with help."""
+
+
 def new_table(*headings: str, left: int = 1) -> Table:
     """A table; the first ``left`` columns are text, the others numbers."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
@@ -126,7 +130,8 @@ def keyed(text: str, key: Callable[[str], str | None]) -> str:
     cells = {k: lines[k].partition("  ")[::2] for k in rows}
     width = 2 + max((len(keys) for keys, _ in cells.values()), default=0)
     for k, (keys, words) in cells.items():
-        lines[k] = hanging(f"{keys:<{width}}{words}", " " * width)
+        row, indent = f"{keys:<{width}}{words}", " " * width
+        lines[k] = fill(row, HELP_WIDTH, subsequent_indent=indent, break_on_hyphens=False)
     return "\n".join(lines)
 
 

@@ -152,8 +152,8 @@ def test_a_stretched_belt_is_named_with_what_to_turn(tmp_path: Path) -> None:
     (steps,) = re.findall(r"(?m)^ belt b +80\.0000 +(\S+) ", told(tmp_path / "s.jsonl"))
     assert float(steps) == pytest.approx(80.0 / 1.012, abs=0.1), "it arrives with fewer"
     document = json.loads(glidecal("solve", tmp_path / "s.jsonl", "--json").out)
-    lines = {(one["id"], one["place"]): one for one in document["lines"]}
-    assert len(lines) == 15, "two places, two directions and a travel of each drive"
-    belt = lines["actuator_scale", "y"]
+    known = {(one["id"], one["place"]): one for one in document["lines"]}
+    assert len(known) == 15, "two places, two directions and a travel of each drive"
+    belt = known["actuator_scale", "y"]
     assert belt["value"] == pytest.approx(12.0, abs=3.0 * belt["expanded_uncertainty"])
     assert (belt["unit"], belt["tolerance"]) == ("mm/m", 1.0)

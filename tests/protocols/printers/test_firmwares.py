@@ -379,7 +379,7 @@ ODD_G = "G30 P0 X0 Y0 Z-99999\nG30 P1 X50 Y0 Z0.1\nG30 P2 X0 Y50 Z-99999 S-1\n"
         ),
         (
             (m503(PERFECT) + "Bed X: nothing\nM206 Z0.5\n",),
-            "an offset that M206 adds | 0.g, line 43: 'Bed X: nothing': no place of G30",
+            "an offset that M206 adds | 0.g, line 44: 'Bed X: nothing': no place of G30",
         ),
         (
             (m205(PERFECT, more="Z-probe: failed\nEPR:3 800 20.0 Z-probe offset x [mm]\n"),),

@@ -376,8 +376,9 @@ def comparison_text(before: Solution, after: Solution, *, changed: bool = False)
 def comparison_sentence(before: Solution, after: Solution) -> str:
     """Before and after in one sentence, with what had been expected."""
     alone = before.subset == "joint-offsets"  # of a plate lengths are found with them
+    of_tool = any("(" in name for name in before.differences.names)
     return (
-        f"{'Leg' if alone else 'Tool'} deviations went from {before.rms_before_mm:.4f} to "
+        f"{'Tool' if of_tool else 'Leg'} deviations went from {before.rms_before_mm:.4f} to "
         f"{after.rms_before_mm:.4f} mm r.m.s.;\n{before.rms_after_mm:.4f} mm was expected"
         f"{'' if alone else ' with the lengths entered, too'}."
     )

@@ -116,7 +116,9 @@ async def test_result(samples: Path, tmp_path: Path, size: tuple[int, int]) -> N
         await pilot.press("left")
         await until(pilot, "plot", page_is(interface, "plot"))
         await pilot.pause()
-        assert "X along Z, MIN" in str(interface.screen.query_one("#plot-chart0", ChartPlot).render())
+        assert "X along Z, MIN" in str(
+            interface.screen.query_one("#plot-chart0", ChartPlot).render()
+        )
         await compare(pilot, interface, f"plot_{size[0]}", tmp_path)
 
 

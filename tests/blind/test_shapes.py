@@ -11,7 +11,7 @@ from app.report.charts.charts import Chart, series_of
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
 from studies.shapes import SHAPES
 from tests.blind.shapes import DISTINCT, MACHINES, confusion, dots, nearest, table
-from tests.conftest import ROOT
+from tests.conftest import LONG, ROOT
 
 PAGE = ROOT / "docs" / "read-your-machine.md"
 NEEDED = 9
@@ -23,6 +23,7 @@ def names() -> dict[str, list[str]]:
     return confusion()
 
 
+@LONG
 def test_nine_of_twelve_are_named_on_every_other_machine(names: dict[str, list[str]]) -> None:
     assert len(set(DISTINCT)) == len(names) == 12
     for number, machine in enumerate(MACHINES):
@@ -30,6 +31,7 @@ def test_nine_of_twelve_are_named_on_every_other_machine(names: dict[str, list[s
         assert right >= NEEDED, machine
 
 
+@LONG
 def test_the_page_has_this_table(names: dict[str, list[str]]) -> None:
     assert table(names) in PAGE.read_text(encoding="utf-8")
 

@@ -20,6 +20,7 @@ from protocols.model_file import read_model_file
 from protocols.procedure import load_procedure
 from protocols.record import read_record
 from protocols.session import Opened, Reading
+from tests.conftest import LONG
 from tests.hidden_sessions import write_session
 from tests.screens.diagnosing import diagnosed, offered, verdict
 from tests.screens.driving import SIZE, said, text, until
@@ -92,6 +93,7 @@ async def test_another_effect_of_an_ambiguous_set_is_adopted(doubtful: Path) -> 
         await pilot.press("f10")
 
 
+@LONG
 async def test_a_law_without_a_name_is_adopted(nameless: Path) -> None:
     interface = Glidecal(DiagnoseScreen([nameless]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
@@ -196,6 +198,7 @@ async def test_a_mistake_is_put_right_in_a_new_session_and_its_result_shown(tmp_
         await pilot.press("f10")
 
 
+@LONG
 async def test_the_result_with_an_adopted_model_is_exported(tmp_path: Path) -> None:
     session = write_session(tmp_path / "play.jsonl", "two-station", 6, "backlash:y", 0.05)
     interface = Glidecal(DiagnoseScreen([session]))

@@ -30,6 +30,7 @@ from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from protocols.record import read_record
 from protocols.session import fold
+from tests.conftest import first_quick
 from tests.screens.driving import rows, strips, text, until
 
 SIZES = [(80, 24), (100, 30), (120, 40)]
@@ -77,7 +78,7 @@ async def test_words_in_colour_are_legible_in_every_theme() -> None:
     assert len({SIGNALS[word] for word in ("Next:", "Taken", "WARNING:", "FAULT:")}) == 4
 
 
-@pytest.mark.parametrize("theme", ["textual-dark", "textual-light"])
+@pytest.mark.parametrize("theme", first_quick(["textual-dark", "textual-light"]))
 @pytest.mark.parametrize("size", SIZES)
 async def test_a_result_opens_on_the_numbers_to_enter_and_the_next_step(
     samples: Path, size: tuple[int, int], theme: str

@@ -34,6 +34,7 @@ from app.settings import Settings
 from calib.errors import NotIdentifiable
 from calib.identify.solution import Subset
 from tests.app.exports.test_one_correction import shown_first
+from tests.conftest import LONG
 from tests.screens.driving import SIZE, quick_plan, text, until
 
 WIDE = (120, 40)
@@ -332,6 +333,7 @@ async def test_export_asks_before_it_replaces(
     assert mine.read_text(encoding="utf-8") != "mine"
 
 
+@LONG
 async def test_report_asks_before_it_replaces(
     published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -17,6 +17,7 @@ from protocols.session import Session, fold
 from protocols.table import opened_table
 from tests.app.cli import glidecal
 from tests.blind.linear_delta import Hidden, Three, contacts, places, table, touched
+from tests.conftest import LONG
 
 OF_INDICATORS = {
     *("gauge_gain", "gauge_tilt", "gauge_sign", "gauge_swap", "gauge_hysteresis"),
@@ -59,6 +60,7 @@ def names(result: Posterior, found: Diagnosis) -> set[str]:
     }
 
 
+@LONG
 def test_nothing_hidden_agrees_and_nothing_of_an_indicator_is_ever_named(tmp_path: Path) -> None:
     agreed, of_indicators = 0, set()
     for seed in range(SESSIONS):

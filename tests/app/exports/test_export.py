@@ -21,7 +21,7 @@ from calib.posterior.correction import Holds
 from protocols.data_table import csv_text
 from protocols.files import write_files
 from tests.app.cli import glidecal, refused
-from tests.conftest import ROOT, first_quick
+from tests.conftest import LONG, ROOT, first_quick
 
 LINEAR = ("--method", "linear")
 
@@ -278,6 +278,7 @@ def test_weak_combinations_are_said_of_the_full_set(session: Path, tmp_path: Pat
     assert all(line in shown for line in cautions if not line.startswith((BOUND, "NOTE: the set")))
 
 
+@LONG
 def test_uncertainties_of_a_set_are_those_of_solve(session: Path, tmp_path: Path) -> None:
     solved = json.loads(glidecal("solve", session, *OFFSETS, "--json").out)
     for kind in ("json", "linuxcnc"):

@@ -29,7 +29,7 @@ from protocols.machine_files import MACHINES
 from protocols.model_file import model_file
 from tests.app.cli import glidecal, refused
 from tests.blind.linear_delta import places
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 FloatArray = NDArray[np.float64]
 Firmware = Callable[[FloatArray], FloatArray]
@@ -536,6 +536,7 @@ def test_the_bound_counts_what_the_firmware_has_no_value_for(tmp_path: Path) -> 
     assert bounds["model"] < bounds["klipper"]
 
 
+@LONG
 def test_the_bound_of_a_controller_with_one_length_counts_what_unequal_bars_leave(
     tmp_path: Path,
 ) -> None:

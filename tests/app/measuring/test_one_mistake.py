@@ -33,6 +33,7 @@ def test_a_session_with_one_mistake_ends_right(tmp_path: Path) -> None:
     assert questions > 0.7 * len(of_all), "what is not asked cannot be put right"
 
 
+@LONG
 def test_a_session_without_a_mistake_is_hardly_asked(tmp_path: Path) -> None:
     of_all = outcomes(tmp_path, range(SESSIONS), ("none",))
     assert all(one.right for one in of_all)

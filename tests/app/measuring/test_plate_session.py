@@ -36,6 +36,7 @@ from protocols.record import read_record
 from protocols.session import fold
 from tests.app.cli import glidecal
 from tests.app.exports.test_towers import BELIEVED, Hidden, errors, klipper, rms
+from tests.conftest import LONG
 
 MACHINE = load_machine("linear-delta")
 RINGS = load_procedure("plate-rings", MACHINE.geometry())
@@ -153,6 +154,7 @@ def test_a_plate_wants_an_indicator_along_its_axis(tmp_path: Path) -> None:
         Plan(tmp_path / "s", MACHINE, RINGS, (across,))
 
 
+@LONG
 def test_from_a_hidden_machine_to_firmware_that_stands_right(tmp_path: Path) -> None:
     """Guided session, solution, export; then firmware written from its formulas drives it."""
     path, out = tmp_path / "s.jsonl", tmp_path / "calib.cfg"

@@ -66,7 +66,7 @@ class Hidden:
     wrong_sign: bool = field(default=False)
 
     def tool(self, travel_mm: FloatArray) -> FloatArray:
-        """Where three spheres meet, by Newton's method."""
+        """Where three spheres meet ``(..., 3)``, by Newton's method."""
         believed = np.array(ENDSTOPS) + math.sqrt(BAR**2 - RADIUS**2)
         height = believed + self.switch_mm - (1.0 + np.array(self.stretch)) * travel_mm
         out = outward(ANGLES)
@@ -74,15 +74,18 @@ class Hidden:
         feet = (RADIUS + np.array(self.out_mm))[:, None] * out
         feet = feet + np.array(self.round_mm)[:, None] * across
         apart = (out[1] - out[0]) / np.linalg.norm(out[1] - out[0])
-        feet[0] += self.lean_xy / 2.0 * height[0] * apart
-        feet[1] -= self.lean_xy / 2.0 * height[1] * apart
-        foot = np.column_stack([feet, height])
-        found = np.array([0.0, 0.0, height.mean() - 217.0])
+        lean = self.lean_xy / 2.0 * np.stack([apart, -apart, 0.0 * apart])
+        foot = np.concatenate([feet + height[..., None] * lean, height[..., None]], axis=-1)
+        place = np.zeros_like(height)
+        place[..., 2] = height.mean(axis=-1) - 217.0
         for _ in range(30):
-            bars = found - foot
-            left = (bars**2).sum(axis=1) - (BAR + np.array(self.bar_mm)) ** 2
-            found = found - np.linalg.solve(2.0 * bars, left)
-        return found
+            bars = place[..., None, :] - foot
+            left = (bars**2).sum(axis=-1) - (BAR + np.array(self.bar_mm)) ** 2
+            step = np.linalg.solve(2.0 * bars, left[..., None])[..., 0]
+            place = place - step
+            if np.abs(step).max() < 1e-11:
+                break
+        return place
 
     def model(self) -> Model:
         """The same for the program, as docs/effects.md states the signs."""
@@ -129,7 +132,7 @@ def machine(**more: object) -> Machine:
 def errors(hidden: Hidden, firmware: Firmware) -> FloatArray:
     """Tool less where it was sent, less the same in the middle of the plate ``(n, 3)``."""
     zero = hidden.tool(firmware(np.zeros(3)))
-    return np.array([hidden.tool(firmware(place)) - place for place in GRID]) - zero
+    return hidden.tool(np.array([firmware(place) for place in GRID])) - GRID - zero
 
 
 def rms(errors_mm: FloatArray) -> float:

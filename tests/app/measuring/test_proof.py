@@ -52,7 +52,7 @@ Carriages = Callable[[list[float]], list[float]]
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("app.measuring.opening.STRICT", BUSY)
-    monkeypatch.setattr("app.measuring.gauges.LOST_S", 2.0)
+    monkeypatch.setattr("app.measuring.gauges.LOST_S", 20.0)
     monkeypatch.setattr("app.measuring.moving.FEED_MM_MIN", 3000.0)
 
 

@@ -152,8 +152,8 @@ def test_each_carriage_is_proved_before_anything_longer(controller: str, tmp_pat
 @pytest.mark.parametrize(
     ("wired", "words"),
     [
-        (exchanged(0, 2, 1), "Sent carriage Y 5 mm outward, .*carriage Z moves in its place"),
-        (exchanged(1, 0, 2), "Sent carriage X 5 mm outward, .*carriage Y moves in its place"),
+        (exchanged(0, 2, 1), "Sent carriage Y 5 mm outward, .*carriage Z move[sd] in its place"),
+        (exchanged(1, 0, 2), "Sent carriage X 5 mm outward, .*carriage Y move[sd] in its place"),
         (times(1.0, 1 / 25.4, 1.0), "Sent carriage Y .*(0.0. times as far|or none did)"),
         (times(1.0, 2.0, 2.0), "Sent carriage Y .*it goes too far"),
         (times(1.0, 1.0, 0.5), "Sent carriage Z .*0.5[01] times as far"),

@@ -132,7 +132,8 @@ def machine(**more: object) -> Machine:
 def errors(hidden: Hidden, firmware: Firmware) -> FloatArray:
     """Tool less where it was sent, less the same in the middle of the plate ``(n, 3)``."""
     zero = hidden.tool(firmware(np.zeros(3)))
-    return hidden.tool(np.array([firmware(place) for place in GRID])) - GRID - zero
+    travel_mm = np.array([firmware(place) for place in GRID])
+    return np.asarray(hidden.tool(travel_mm) - GRID - zero)
 
 
 def rms(errors_mm: FloatArray) -> float:

@@ -474,11 +474,13 @@ class Meddled:
     def gone(self, place_mm: Triple) -> None:
         """There in the end: on a busy computer a move may be too late, and is sent again."""
         for _ in range(TRIES):
-            with suppress(ControllerFault):
-                self.go(place_mm)
-                return
-            assert comes_true(lambda: self._line.state in (State.HELD, State.FAULT, State.STOPPED))
-            self._line.answered().exception(PATIENCE_S)
+            if self._line.state in (State.HELD, State.FAULT):
+                self._line.answered().exception(PATIENCE_S)
+            if comes_true(self._line.consent, SOON_S / TRIES):
+                with suppress(ControllerFault):
+                    self._line.go([place_mm], 6000.0).result(PATIENCE_S)
+                    self._line.release()
+                    return
         self.go(place_mm)
 
     def sent(self) -> None:

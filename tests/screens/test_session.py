@@ -138,7 +138,7 @@ async def test_whole_session_verify_and_compare(tmp_path: Path) -> None:
         known = solve_files([plan.path])  # as glidecal solve, home and replay have it
         same = solution_text(known)
         await until(pilot, "the same result", lambda: same in text(interface, "#details-text"))
-        await pilot.press("3")
+        await pilot.press("s", "3")
         await until(pilot, "both", lambda: "d_L_z" in text(interface, "#details-text"))
         await pilot.press("e")
         folder = plan.path.with_suffix("")

@@ -45,6 +45,7 @@ from calib.hexaslide.geometry import (
 from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings
 from protocols.documents import Document, Name, describe, read_text, read_toml
+from protocols.files import RECORD_START, open_to_read
 
 Metres = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -53,6 +54,7 @@ Vector = tuple[float, float, float]
 Length = Annotated[float, Field(ge=1e-3, le=1e6)]
 Angle = Annotated[float, Field(ge=-360.0, le=360.0)]
 Tolerance = Annotated[float, Field(gt=0.0, le=100.0)]
+Lead = Annotated[float, Field(ge=0.1, le=1000.0)]
 
 IN_METRES = 1
 """Number of the schema of machine files whose lengths were metres; they are read as millimetres."""
@@ -165,7 +167,8 @@ def _in_metres(key: str, unit: float) -> bool:
 class HexaSlideMachine(Document):
     """One Hexa Slide; checked to reach all of its box.
 
-    ``platform_tolerance_mm`` is by how much, r.m.s. over the box, the platform may be off.
+    ``platform_tolerance_mm`` is by how much, r.m.s. over the box, the platform may be off;
+    ``lead_mm`` is that of the drives' screws, of which a wave of a rail has its period.
     """
 
     schema_id: Literal["glidecal.hexaslide/2"] = Field(
@@ -173,6 +176,7 @@ class HexaSlideMachine(Document):
     )
     name: Name
     platform_tolerance_mm: Tolerance | None = None
+    lead_mm: Lead | None = None
     chain: tuple[Chain, ...]
     box: PostureBox
     constraint_link: LinkEnds | None = None
@@ -234,8 +238,9 @@ def machine_text(machine: HexaSlideMachine, comments: Iterable[str]) -> str:
         tables.append(("[constraint_link]", machine.constraint_link))
     tables.append(("[tolerances]", machine.tolerances))
     lines += [f'schema = "{machine.schema_id}"', f"name = {json.dumps(machine.name)}"]
-    if machine.platform_tolerance_mm is not None:
-        lines.append(f"platform_tolerance_mm = {machine.platform_tolerance_mm}")
+    for key in ("platform_tolerance_mm", "lead_mm"):
+        if (value := getattr(machine, key)) is not None:
+            lines.append(f"{key} = {value}")
     for heading, table in tables:
         values = table.model_dump(mode="json", exclude_none=True)
         lines += ["", heading, *(f"{key} = {json.dumps(value)}" for key, value in values.items())]
@@ -450,6 +455,26 @@ def _lines(header: dict[str, object]) -> str:
 def read_measurements(path: Path) -> HexaSlideMeasurements:
     """Raises RecordError naming the file, the place, the value and what is allowed."""
     return _read(path, HexaSlideMeasurements, "measurements")
+
+
+def measured_in(path: Path) -> HexaSlideMeasurements:
+    """Measured postures of a session, or of a file in metres and radians that older programs and
+    ``simulate`` write. Raises RecordError.
+    """
+    if not is_record(path):
+        return read_measurements(path)
+    from protocols.hexaslide_session import read_postures  # heavy, as records of all machines are
+
+    return read_postures(path)[0].measurements()
+
+
+def is_record(path: Path) -> bool:
+    """Whether a file begins as a record; False where it cannot be read."""
+    try:
+        with open_to_read(path) as file:
+            return file.read(len(RECORD_START)) == RECORD_START
+    except OSError:
+        return False
 
 
 def read_truth(path: Path, measured: HexaSlideMeasurements) -> HexaSlideMachine:

@@ -22,7 +22,6 @@ from calib.hexaslide.residuals import Readings
 from calib.hexaslide.simulation import SimulatedMachine, on_link
 from protocols.data_table import NUMBER
 from protocols.documents import Celsius, Count, Document, Name, Seed, Words, read_toml
-from protocols.files import RECORD_START, open_to_read
 from protocols.hexaslide import (
     MOST_POSTURES,
     SCHEMA,
@@ -36,7 +35,6 @@ from protocols.hexaslide import (
     NoiseFigure,
     load_postures,
     machine_like,
-    read_measurements,
 )
 from protocols.record import Record, RecordForm, read_record
 from protocols.session import Closed, Line, Noted, Skipped, Superseded
@@ -417,19 +415,3 @@ def read_postures(path: Path) -> tuple[PostureSession, Record]:
     """A session and its record. Raises RecordError as `read_record`."""
     record = read_record(path, POSTURE_FORM)
     return replace(fold_postures(record.events), name=path.name), record
-
-
-def measured_in(path: Path) -> HexaSlideMeasurements:
-    """Measured postures of a session, or of a file in metres and radians that older programs and
-    ``simulate`` write. Raises RecordError.
-    """
-    return read_postures(path)[0].measurements() if is_record(path) else read_measurements(path)
-
-
-def is_record(path: Path) -> bool:
-    """Whether a file begins as a record; False where it cannot be read."""
-    try:
-        with open_to_read(path) as file:
-            return file.read(len(RECORD_START)) == RECORD_START
-    except OSError:
-        return False

@@ -18,6 +18,7 @@ from app.machines.options import (
     say,
     working,
 )
+from app.machines.registry import family_of_files, typed
 from calib.errors import UsageError
 from protocols.machine_files import machine_names
 
@@ -25,7 +26,27 @@ if TYPE_CHECKING:
     from app.evaluating.diagnosis import AdoptedTool, SessionDiagnosis
 
 
+def _of_own_form(context: typer.Context, sessions: list[Path], *, as_json: bool) -> bool:
+    """Whether these are sessions of another form, then told. Raises UsageError for options."""
+    own = family_of_files(None, sessions).sessions
+    if own is None:
+        return False
+    if wrong := typed(context, OF_INDICATORS):
+        raise UsageError(wrong, f"session {sessions[0]}", "sessions of indicators on legs")
+    if len(sessions) > 1:
+        raise UsageError("diagnose", f"{len(sessions)} sessions", "one of this kind of machine")
+    typer.echo(own.diagnosed(sessions[0]).shown(as_json=as_json))
+    return True
+
+
+OF_INDICATORS = (
+    *("aliases", "model", "adopt", "candidate", "correct", "held_out"),
+    *("next_procedure", "procedure", "machine"),
+)
+
+
 def diagnose(
+    context: typer.Context,
     sessions: Annotated[list[Path] | None, argument("Session files.")] = None,
     model: Annotated[Path | None, file("Model with effects that are known already.")] = None,
     adopt: Annotated[Path | None, file("Write the model with what was named added.")] = None,
@@ -56,6 +77,8 @@ def diagnose(
     as_json: AsJson = False,
 ) -> None:
     """What is missing in the model, and where it shows. The gap before and after."""
+    if sessions and _of_own_form(context, sessions, as_json=as_json):
+        return
     from app.evaluating import diagnosis as evaluated
     from app.evaluating.diagnosis import diagnose_files
 

@@ -239,7 +239,8 @@ def _indicated(line: IndicatorLine) -> tuple[str, str]:
 
 def validated(path: Path) -> str:
     """Raises RecordError for a record that is not whole, or not closed."""
-    from protocols.hexaslide_session import is_record, read_postures
+    from protocols.hexaslide import is_record
+    from protocols.hexaslide_session import read_postures
 
     if not is_record(path):
         raise RecordError(f"session {path}", "a file of measurements", "a session")
@@ -305,4 +306,18 @@ def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Ans
     return answer, found.decision or "undecided"
 
 
-SESSIONS = SessionVerbs(run, imported, validated, replayed, exported, verified)
+def diagnosed(path: Path) -> Answer:
+    """What is missing in the model of the machine."""
+    from app.evaluating.hexaslide import diagnose_postures
+    from app.report.schema.hexaslide_diagnosis import HexaSlideDiagnosisReport
+    from app.report.text.hexaslide_diagnosis import diagnosis_text
+
+    with working("Diagnosing"):
+        found = diagnose_postures(path)
+    return Answer(
+        lambda: diagnosis_text(path.name, found),
+        lambda: HexaSlideDiagnosisReport.of(name=path.name, found=found),
+    )
+
+
+SESSIONS = SessionVerbs(run, imported, validated, replayed, exported, verified, diagnosed)

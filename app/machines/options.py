@@ -331,6 +331,7 @@ class SessionVerbs:
     replayed: Callable[[Path, Say], Answer]
     exported: Callable[[Path, str], tuple[Written, tuple[str, ...]]]
     verified: Callable[[Path, Path, float | None], tuple[Answer, str]]
+    diagnosed: Callable[[Path], Answer]
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from app.planning.hexaslide import CalibratedMachine
 from app.report.schema.document import (
@@ -26,7 +26,9 @@ from calib.hexaslide.geometry import unit_of
 from calib.hexaslide.planning import DIFFERENCE_STEP, UNITS, HexaSlideSeen
 from calib.hexaslide.procedures import ANGLES, ProcedureKind
 from calib.hexaslide.residuals import Residuals
-from protocols.hexaslide_session import PostureSession
+
+if TYPE_CHECKING:
+    from protocols.hexaslide_session import PostureSession
 
 
 class HexaSlideDirection(DirectionEntry):

@@ -259,6 +259,21 @@ def test_calibrate_enter_and_verify_as_a_person_would(tmp_path: Path) -> None:
     )
 
 
+def test_diagnose_names_the_posture_that_was_taken_wrong(pose: Path, tmp_path: Path) -> None:
+    """In words and as a document; a sound session agrees."""
+    sound = json.loads(glidecal("diagnose", pose, "--json").out)
+    assert (sound["schema"], sound["verdict"]) == ("glidecal.hexaslide-diagnosis/1", "agrees")
+    rows = table(tmp_path / "t.csv", pose)
+    rows[6][8] = repr(float(rows[6][8]) + 1.0)
+    write(tmp_path / "t.csv", rows)
+    import_postures(tmp_path / "t.csv", plan(tmp_path / "s.jsonl", "pose-forward"))
+    run = glidecal("diagnose", tmp_path / "s.jsonl")
+    assert run.status == 0, run.err
+    said = " ".join(run.out.split())
+    assert "posture 5 read or taken wrong" in said
+    assert "s.jsonl: explained" in said
+
+
 def test_what_departs_is_questioned_and_explained(tmp_path: Path) -> None:
     """Two sliders exchanged, the platform left in the posture before, a slip of the finger."""
     taking = PostureTaking.begin(plan(tmp_path / "s.jsonl", "position"))
@@ -410,10 +425,12 @@ def test_the_five_minutes_of_the_documentation(tmp_path: Path) -> None:
     assert found is not None
     stated = f"off by {float(found[1]):.2f} mm r.m.s. now, by at most {float(found[2]):.3f} mm"
     assert stated in words
-    verified = re.search(r"pass: the platform is off by ([\d.]+) mm .* take ([\d.]+) mm", said[-1])
+    verdict = next(text for text in said if text.startswith("pass"))
+    verified = re.search(r"is off by ([\d.]+) mm .* take ([\d.]+) mm", verdict)
     assert verified is not None
     off, bound = (f"{float(one):.3f} mm" for one in verified.groups())
     assert f"is off by {off} r.m.s., give or take {bound}" in words
+    assert "before.jsonl: agrees" in said[-1]
 
 
 def _in_terminal(verb: tuple[str, ...], lines: list[str]) -> tuple[str, int]:
@@ -457,7 +474,8 @@ def test_wrong_requests_are_told(pose: Path, tmp_path: Path) -> None:
     assert "--behind" in refused(2, *begin, "--protocol", "position", "--behind", pose)
     assert "a simulated one" in refused(2, *RUN, "position", "--behind", _imported(pose, tmp_path))
     assert "closed session" in refused(3, "run", "--continue", pose)
-    assert "this kind of machine" in refused(3, "diagnose", pose)
+    assert "this kind of machine" in refused(3, "report", pose, "-o", tmp_path / "r.html")
+    assert "--adopt" in refused(2, "diagnose", pose, "--adopt", tmp_path / "m.json")
     assert "--resolution" in refused(2, *IMPORT, "position", pose, "-o", out, "--resolution", "0.1")
     assert "--posture-file" in refused(2, "import", "x.csv", "-o", out, "--posture-file", pose)
     far = tmp_path / "far.csv"

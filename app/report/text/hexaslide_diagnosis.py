@@ -1,0 +1,58 @@
+"""What is missing in a Hexa Slide's model, in words."""
+
+from __future__ import annotations
+
+from app.report.text.tables import new_table, paragraphs
+from calib.diagnosis.hexaslide import HexaSlideDiagnosis, Names
+
+TITLES = {
+    "rail_scale": "scale of {}",
+    "rail_wave": "wave of {}",
+    "backlash": "play of the carriage on {}",
+    "joint_offset": "axes of the universal joint on {} that do not meet",
+    "straightness": "{} that is bowed",
+    "thermal_growth": "growth of {} with time",
+    "wrong_posture": "{} read or taken wrong",
+}
+VERDICTS = {
+    "agrees": "The readings agree with the calibrated machine; nothing is missing.",
+    "explained": "Something is missing, and these names explain it: {}.",
+    "ambiguous": "The readings do not tell which of these it is.",
+    "unexplained": "More is left than noise, and no cause that is known explains it.",
+    "cannot-tell": "Too few readings are over to tell what is missing: {} beyond the parameters. "
+    "Measure more postures.",
+}
+MOST_CLAIMS = 8
+
+
+def _title(causes: Names) -> str:
+    return " and ".join(TITLES[cause].format(where) for cause, where in causes) or "nothing"
+
+
+def diagnosis_text(name: str, found: HexaSlideDiagnosis) -> str:
+    """The verdict, what may be true, sizes, and what no reading shows."""
+    named = "; ".join(_title(claim.causes) for claim in found.named)
+    verdict = VERDICTS[found.verdict].format(
+        found.spare if found.verdict == "cannot-tell" else named
+    )
+    claims = new_table("what may be missing", "probability")
+    for claim in found.claims[:MOST_CLAIMS]:
+        claims.add_row(_title(claim.causes), f"{100.0 * claim.weight:.0f} %")
+    sizes = new_table("value", "size", "standard uncertainty", "unit")
+    for one in found.sizes:
+        sizes.add_row(one.name, f"{one.value:.4g}", f"{one.uncertainty:.2g}", one.unit)
+    lines = [
+        f"What is left, in variances of the noise: {found.gap_before:.3g} before (p = "
+        f"{found.p_before:.2g}), {found.gap_after:.3g} after (p = {found.p_after:.2g})."
+    ]
+    if found.sizes:
+        lines.append(
+            f"At the platform it does {1000.0 * found.platform_m:.3g} mm r.m.s. in these postures "
+            "that no parameter takes over."
+        )
+    if found.unidentifiable:
+        lines.append(f"No reading shows, so nothing is said of: {'; '.join(found.unidentifiable)}.")
+    parts: list[object] = [f"{name}: {found.verdict}", verdict]
+    parts += [claims] if found.claims else []
+    parts += [sizes] if found.sizes else []
+    return paragraphs(*parts, "\n".join(lines))  # type: ignore[arg-type]

@@ -1,0 +1,379 @@
+"""What is missing in a Hexa Slide's model: its own causes as columns, weighed by the one race.
+
+About the calibrated machine the readings are linear: parameters with their tolerances are the base,
+each cause adds a few columns. What a cause does to a carriage moves the platform by the inverse of
+the kinematics, and what is read with it. `calib.posterior.race` weighs models of up to three.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from calib.arrays import EXACT_BLIND, FloatArray, svd_of_all
+from calib.diagnosis.claims import AGREED, OPEN, SURE
+from calib.diagnosis.diagnose import UNLIKELY
+from calib.errors import NotIdentifiable
+from calib.hexaslide.calibration import calibrate
+from calib.hexaslide.derivatives import jacobian
+from calib.hexaslide.geometry import CHAINS, Geometry, HexaSlide, legs
+from calib.hexaslide.procedures import COMPONENTS, Procedure, ProcedureKind
+from calib.hexaslide.residuals import Readings, postures_of, read_at, residuals
+from calib.posterior.gaussian import About
+from calib.posterior.race import Products, Race, RaceEntry
+from calib.stats import variance_ratio_p_value
+
+FEWEST_SPARE = 8
+"""Readings beyond the parameters that they determine: fewer tell no cause from another."""
+
+UNIT_SCALE = 1e-4
+UNIT_GROWTH = 5e-5
+UNIT_LENGTH_M = 2e-5
+UNIT_WAVE_M = 1e-5
+UNIT_OF_NOISE = 10.0
+"""Unremarkable sizes: of a rail's scale and of growth (in 1), of play, offsets and crookedness, of
+a wave, and of a wrong reading in standard deviations of its noise."""
+
+BOW_M = 0.5
+"""A rail that is bowed is off by its size so far from the middle of its travel."""
+
+STEP = 1e-6
+"""Metres and radians, for slopes of what is read by the posture: central differences."""
+
+UNKNOWN = 10.0
+"""Standard deviation of a parameter without tolerance, metres or radians."""
+
+Names = tuple[tuple[str, str], ...]
+"""Ids of causes with their places, sorted."""
+
+Verdict = Literal["agrees", "explained", "ambiguous", "unexplained", "cannot-tell"]
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """What may be missing: its effect on what is read, ``columns`` ``(n, r)`` per unremarkable
+    size, and on places ``(3 p, r)``; ``names`` of its values, their ``unit`` and its ``size``.
+    """
+
+    id: str
+    where: str
+    names: tuple[str, ...]
+    unit: str
+    size: float
+    columns: FloatArray
+    places: FloatArray
+
+
+@dataclass(frozen=True)
+class CauseSize:
+    """A value of a cause in its unit, with standard uncertainty."""
+
+    name: str
+    value: float
+    uncertainty: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class HexaSlideClaim:
+    """Causes that may be missing together, none: nothing; and the weight of that."""
+
+    causes: Names
+    weight: float
+
+
+@dataclass(frozen=True, eq=False)
+class HexaSlideDiagnosis:
+    """The verdict; what is ``named``, each with the weight of all models that have it; what may be
+    true with its weight, the heaviest first, 99 % of all. Of what is named, else of the heaviest,
+    the sizes, and what it does at the platform that no parameter takes over, metres r.m.s.
+
+    ``gap_before`` and ``gap_after`` are mean squares of what is left in noise variances, with
+    p-values; ``unidentifiable`` are motions that no reading shows.
+    """
+
+    verdict: Verdict
+    named: tuple[HexaSlideClaim, ...]
+    claims: tuple[HexaSlideClaim, ...]
+    sizes: tuple[CauseSize, ...]
+    platform_m: float
+    gap_before: float
+    p_before: float
+    gap_after: float
+    p_after: float
+    spare: int
+    unidentifiable: tuple[str, ...]
+
+
+def diagnosed(
+    readings: Readings, nominal: HexaSlide, tolerances: FloatArray, lead_m: float | None = None
+) -> HexaSlideDiagnosis:
+    """Of readings in the order in which they were taken, noise stated; ``tolerances`` ``(k,)`` of
+    the procedure's parameters, ``lead_m`` of the drives' screws.
+
+    Raises NotIdentifiable without stated noise, and as `calibrate`.
+    """
+    if readings.noise_m is None:
+        raise NotIdentifiable(
+            "diagnosis", "no stated noise", "noise_mm and noise_deg in the procedure file"
+        )
+    if readings.procedure.kind is ProcedureKind.POSE_INVERSE:  # noise is in what is measured
+        readings = replace(readings, procedure=Procedure.of(ProcedureKind.POSE_FORWARD))
+    found = calibrate(readings, nominal)
+    machine, names = found.machine, readings.procedure.parameters
+    tolerances = np.minimum(tolerances, UNKNOWN)
+    postures = postures_of(readings, machine)
+    left, slopes = residuals(readings, machine, postures)
+    noise = readings.value_noise
+    base = (slopes / noise[:, None]).reshape(left.values.size, -1) * tolerances
+    expected = (nominal.parameters(names) - machine.parameters(names)) / tolerances
+    about = About.of(base, (left.values / noise).ravel(), expected)
+    causes = tuple(causes_of(readings, machine, postures, lead_m))
+    whitened = (left.values / noise).ravel()
+    axes, sizes, _ = svd_of_all(base)
+    seen = axes[:, : int((sizes > EXACT_BLIND * sizes[0]).sum())]
+    spare = len(whitened) - seen.shape[1]
+    gap = _mean_square(whitened, seen, spare)
+    result = HexaSlideDiagnosis(
+        verdict="cannot-tell",
+        named=(),
+        claims=(),
+        sizes=(),
+        platform_m=0.0,
+        gap_before=gap[0],
+        p_before=gap[1],
+        gap_after=gap[0],
+        p_after=gap[1],
+        spare=spare,
+        unidentifiable=found.unidentifiable,
+    )
+    if spare < FEWEST_SPARE:
+        return result
+    race = _race(about, causes, len(whitened))
+    entries = race.run()
+    weights = _weights(entries, causes)
+    named = _sure(weights)
+    claims = _claims(weights)
+    told = tuple(sorted(cause for one in named for cause in one.causes)) or claims[0].causes
+    best = next((one for one in entries if _names(one, causes) == told), entries[0])
+    mean, covariance = _sizes(race, best)
+    shown = np.hstack([np.zeros((len(base), 0)), *(causes[k].columns for k in best.members)])
+    after = _mean_square(whitened - shown @ mean, seen, spare)
+    return replace(
+        result,
+        verdict=_verdict(weights, named, after[1]),
+        named=named,
+        claims=claims,
+        sizes=tuple(_shown(best, causes, mean, covariance)),
+        platform_m=_at_platform(machine, postures, best, causes, mean),
+        gap_after=after[0],
+        p_after=after[1],
+    )
+
+
+def causes_of(
+    readings: Readings, machine: HexaSlide, postures: FloatArray, lead_m: float | None
+) -> Iterator[Cause]:
+    """Every cause of this kind of machine, at every place."""
+    effects = _Effects(readings, machine, postures)
+    sliders = readings.sliders
+    from_middle = sliders - sliders.mean(axis=0)
+    ways = np.sign(np.diff(sliders, axis=0, prepend=sliders[:1] - 1.0))
+    unit = legs(machine.geometry, postures).arms.unit
+    across = np.linalg.norm(unit - machine.geometry.rails, axis=-1)
+    bow = (from_middle / BOW_M) ** 2
+    for k in range(CHAINS):
+        of_rail, where = np.eye(CHAINS)[k], f"rail {k + 1}"
+        sides = _sides(machine.geometry, k)
+        yield effects.of_sliders(
+            "rail_scale", where, ("scale",), "mm/m", UNIT_SCALE, 1e3, [from_middle * of_rail]
+        )
+        yield effects.of_sliders(
+            "backlash", where, ("play",), "mm", UNIT_LENGTH_M, 1e3, [0.5 * ways * of_rail]
+        )
+        yield effects.of_sliders(
+            "joint_offset", where, ("offset",), "mm", UNIT_LENGTH_M, 1e3, [across * of_rail]
+        )
+        yield effects.of_sliders(
+            *("straightness", where, ("side 1", "side 2"), "mm", UNIT_LENGTH_M, 1e3),
+            [bow * (unit[:, k] @ side)[:, None] * of_rail for side in sides],
+        )
+        if lead_m is not None:
+            angle = 2.0 * np.pi * sliders / lead_m
+            waves = [np.sin(angle) * of_rail, np.cos(angle) * of_rail]
+            yield effects.of_sliders(
+                "rail_wave", where, ("sine", "cosine"), "mm", UNIT_WAVE_M, 1e3, waves
+            )
+    time = np.linspace(0.0, 1.0, len(sliders))[:, None]
+    yield effects.of_sliders(
+        "thermal_growth", "all rails", ("growth",), "mm/m", UNIT_GROWTH, 1e3, [time * sliders]
+    )
+    for row in range(len(sliders)):
+        yield effects.of_posture(row, f"posture {readings.number(row)}")
+
+
+class _Effects:
+    """What carriages and readings that are off do to what is read, in its noise."""
+
+    def __init__(self, readings: Readings, machine: HexaSlide, postures: FloatArray) -> None:
+        self._noise, self._names = readings.value_noise, readings.procedure.read
+        self._count = len(postures)
+        self._moved = np.linalg.inv(legs(machine.geometry, postures).arms.by_posture)
+        steps = [
+            (
+                read_at(readings.procedure, machine, postures + STEP * unit)
+                - read_at(readings.procedure, machine, postures - STEP * unit)
+            )
+            / (2.0 * STEP)
+            for unit in np.eye(len(COMPONENTS))
+        ]
+        self._by_posture = np.stack(steps, axis=-1)
+
+    def of_sliders(
+        self,
+        cause: str,
+        where: str,
+        names: tuple[str, ...],
+        unit: str,
+        size: float,
+        shown: float,
+        sliders: list[FloatArray],
+    ) -> Cause:
+        """Carriages off by these ``(p, 6)`` per 1; ``size`` is unremarkable, in 1 are ``shown``
+        units.
+        """
+        moved = [np.einsum("pij,pj->pi", self._moved, one) * size for one in sliders]
+        read = [np.einsum("pri,pi->pr", self._by_posture, one) / self._noise for one in moved]
+        columns = np.stack([one.ravel() for one in read], axis=1)
+        places = np.stack([one[:, :3].ravel() for one in moved], axis=1)
+        return Cause(cause, where, names, unit, size * shown, columns, places)
+
+    def of_posture(self, row: int, where: str) -> Cause:
+        """All values of a posture wrong: a mistake, which moves nothing."""
+        columns = np.zeros((self._count, len(self._noise), len(self._noise)))
+        columns[row] = UNIT_OF_NOISE * np.eye(len(self._noise))
+        flat = columns.reshape(-1, len(self._noise))
+        places = np.zeros((3 * self._count, flat.shape[1]))
+        names = tuple(f"{name} off" for name in self._names)
+        return Cause("wrong_posture", where, names, "noise", UNIT_OF_NOISE, flat, places)
+
+
+def _sides(geometry: Geometry, chain: int) -> tuple[FloatArray, FloatArray]:
+    """Two directions across a rail, the first level."""
+    rail = np.asarray(geometry.rails[chain])
+    level = np.cross(rail, [0.0, 0.0, 1.0])
+    length = np.linalg.norm(level)
+    first = level / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
+    return first, np.cross(rail, first)
+
+
+def _race(about: About, causes: tuple[Cause, ...], free: int) -> Race:
+    left = about.left_by(np.hstack([cause.columns for cause in causes]))
+    products = Products(left.T @ left, left.T @ about.left, float(about.left @ about.left))
+    widths = [cause.columns.shape[1] for cause in causes]
+    starts = np.cumsum([0, *widths[:-1]])
+    index = [np.arange(at, at + w, dtype=np.intp) for at, w in zip(starts, widths, strict=True)]
+    kinds = [cause.id for cause in causes]
+    # each kind is as likely, and so is each of its places
+    prior = [-math.log(len(set(kinds)) * kinds.count(kind)) for kind in kinds]
+    return Race(products, index, np.array(prior), free, math.inf)
+
+
+def _mean_square(rest: FloatArray, seen: FloatArray, spare: int) -> tuple[float, float]:
+    """What of a whitened rest ``(n,)`` parameters leave, ``seen`` ``(n, rank)`` being theirs: mean
+    square in variances of the noise and its p-value; 0 and 1 where nothing is over.
+    """
+    if spare < 1:
+        return 0.0, 1.0
+    left = rest - seen @ (seen.T @ rest)
+    ratio = float(left @ left) / spare
+    return ratio, variance_ratio_p_value(ratio, spare, np.inf)
+
+
+def _names(entry: RaceEntry, causes: tuple[Cause, ...]) -> Names:
+    return tuple(sorted((causes[k].id, causes[k].where) for k in entry.members))
+
+
+def _weights(entries: list[RaceEntry], causes: tuple[Cause, ...]) -> dict[Names, float]:
+    """Of every set of causes, summed over scales; together 1."""
+    weights: dict[Names, float] = {}
+    best = entries[0].log_weight
+    for entry in entries:
+        names = _names(entry, causes)
+        weights[names] = weights.get(names, 0.0) + math.exp(entry.log_weight - best)
+    total = sum(weights.values())
+    return {names: weight / total for names, weight in weights.items()}
+
+
+def _sure(weights: dict[Names, float]) -> tuple[HexaSlideClaim, ...]:
+    """Causes that nearly all models have, whatever else these have."""
+    each = sorted({cause for names in weights for cause in names})
+    sums = {one: sum(w for names, w in weights.items() if one in names) for one in each}
+    return tuple(HexaSlideClaim((one,), sums[one]) for one in each if sums[one] >= SURE)
+
+
+def _claims(weights: dict[Names, float]) -> tuple[HexaSlideClaim, ...]:
+    """The heaviest first, until little is left out."""
+    so_far, claims = 0.0, []
+    for names, weight in sorted(weights.items(), key=lambda one: (-one[1], one[0])):
+        claims.append(HexaSlideClaim(names, weight))
+        so_far += weight
+        if so_far >= 1.0 - OPEN:
+            break
+    return tuple(claims)
+
+
+def _verdict(
+    weights: dict[Names, float], named: tuple[HexaSlideClaim, ...], p_after: float
+) -> Verdict:
+    """By the constants of `calib.diagnosis.claims`."""
+    if p_after < UNLIKELY:
+        return "unexplained"
+    if weights.get((), 0.0) >= AGREED:
+        return "agrees"
+    return "explained" if named else "ambiguous"
+
+
+def _sizes(race: Race, entry: RaceEntry) -> tuple[FloatArray, FloatArray]:
+    """Mean ``(r,)`` and covariance ``(r, r)`` of a model's values, in unremarkable sizes."""
+    if not entry.members:
+        return np.zeros(0), np.zeros((0, 0))
+    index = np.concatenate([race.columns[k] for k in entry.members])
+    widths = [len(race.columns[k]) for k in entry.members]
+    scale = np.repeat(entry.scales, widths)
+    inner = race.products.inner[np.ix_(index, index)] + np.diag(scale**-2.0)
+    covariance = np.linalg.inv(inner)
+    return np.asarray(covariance @ race.products.along[index]), covariance
+
+
+def _shown(
+    entry: RaceEntry, causes: tuple[Cause, ...], mean: FloatArray, covariance: FloatArray
+) -> Iterator[CauseSize]:
+    values = iter(zip(mean.tolist(), np.sqrt(covariance.diagonal()).tolist(), strict=True))
+    for k in entry.members:
+        cause = causes[k]
+        for name in cause.names:
+            value, deviation = next(values)
+            words = f"{cause.where}, {name}"
+            yield CauseSize(words, cause.size * value, cause.size * deviation, cause.unit)
+
+
+def _at_platform(
+    machine: HexaSlide,
+    postures: FloatArray,
+    entry: RaceEntry,
+    causes: tuple[Cause, ...],
+    mean: FloatArray,
+) -> float:
+    """R.m.s. movement of the platform's origin by a model that no parameter takes over, metres."""
+    if not entry.members:
+        return 0.0
+    moved = np.hstack([causes[k].places for k in entry.members]) @ mean
+    every = jacobian(Procedure.of(ProcedureKind.POSE_FORWARD), machine.geometry, postures)
+    places = np.asarray(every[:, :3]).reshape(len(moved), -1)
+    rest = moved - places @ np.linalg.lstsq(places, moved, rcond=1e-10)[0]
+    return float(np.sqrt((rest**2).sum() / len(postures)))

@@ -19,7 +19,7 @@ from calib.errors import CalibrationError, RecordError, UsageError
 from calib.hexaslide.geometry import CHAINS, HexaSlide
 from calib.hexaslide.procedures import ANGLES, Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings
-from calib.hexaslide.simulation import SimulatedMachine, on_link
+from calib.hexaslide.simulation import SimulatedHexaSlide, on_link
 from protocols.data_table import NUMBER
 from protocols.documents import Celsius, Count, Document, Name, Seed, Words, read_toml
 from protocols.hexaslide import (
@@ -206,7 +206,7 @@ class SimulatedPostures:
         procedure = asked.procedure.whole()
         tolerances = machine.tolerances.of(procedure.parameters)
         true = None if truth is None else truth.whole()
-        self._machine = SimulatedMachine(procedure, machine.whole(), tolerances, seed, true)
+        self._machine = SimulatedHexaSlide(procedure, machine.whole(), tolerances, seed, true)
         self._asked = asked
         stated = asked.procedure
         self._noise = np.array([stated.noise_mm / 1000.0, np.radians(stated.noise_deg)])
@@ -218,7 +218,7 @@ class SimulatedPostures:
 
     def typed(self, posture: int, attempt: int) -> str:
         """What is typed in a posture, counted from 1, the first time or later. Raises as
-        `SimulatedMachine.read`.
+        `SimulatedHexaSlide.read`.
         """
         asked, procedure = self._asked, self._asked.procedure.whole()
         where = asked.procedure.in_metres()[posture - 1]
@@ -283,7 +283,7 @@ PostureEvent = Annotated[
 POSTURE_EVENT: TypeAdapter[PostureEvent] = TypeAdapter(PostureEvent)
 
 
-class _Meaning:
+class _OfPostures:
     """Readings count up, have the values that are measured, and name postures that there are."""
 
     def __init__(self, path: Path) -> None:
@@ -323,7 +323,7 @@ def _continued(program: str, torn_bytes: int) -> Line:
 
 
 POSTURE_FORM = RecordForm(
-    NAME, NUMBER_OF_SCHEMA, POSTURE_EVENT, PosturesOpened, _continued, _Meaning
+    NAME, NUMBER_OF_SCHEMA, POSTURE_EVENT, PosturesOpened, _continued, _OfPostures
 )
 """Of sessions of postures."""
 

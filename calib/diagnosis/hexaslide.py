@@ -54,7 +54,7 @@ Verdict = Literal["agrees", "explained", "ambiguous", "unexplained", "cannot-tel
 
 
 @dataclass(frozen=True, eq=False)
-class Cause:
+class HexaSlideCause:
     """What may be missing: its effect on what is read, ``columns`` ``(n, r)`` per unremarkable
     size, and on places ``(3 p, r)``; ``names`` of its values, their ``unit`` and its ``size``.
     """
@@ -177,7 +177,7 @@ def diagnosed(
 
 def causes_of(
     readings: Readings, machine: HexaSlide, postures: FloatArray, lead_m: float | None
-) -> Iterator[Cause]:
+) -> Iterator[HexaSlideCause]:
     """Every cause of this kind of machine, at every place."""
     effects = _Effects(readings, machine, postures)
     sliders = readings.sliders
@@ -242,7 +242,7 @@ class _Effects:
         size: float,
         shown: float,
         sliders: list[FloatArray],
-    ) -> Cause:
+    ) -> HexaSlideCause:
         """Carriages off by these ``(p, 6)`` per 1; ``size`` is unremarkable, in 1 are ``shown``
         units.
         """
@@ -250,16 +250,16 @@ class _Effects:
         read = [np.einsum("pri,pi->pr", self._by_posture, one) / self._noise for one in moved]
         columns = np.stack([one.ravel() for one in read], axis=1)
         places = np.stack([one[:, :3].ravel() for one in moved], axis=1)
-        return Cause(cause, where, names, unit, size * shown, columns, places)
+        return HexaSlideCause(cause, where, names, unit, size * shown, columns, places)
 
-    def of_posture(self, row: int, where: str) -> Cause:
+    def of_posture(self, row: int, where: str) -> HexaSlideCause:
         """All values of a posture wrong: a mistake, which moves nothing."""
         columns = np.zeros((self._count, len(self._noise), len(self._noise)))
         columns[row] = UNIT_OF_NOISE * np.eye(len(self._noise))
         flat = columns.reshape(-1, len(self._noise))
         places = np.zeros((3 * self._count, flat.shape[1]))
         names = tuple(f"{name} off" for name in self._names)
-        return Cause("wrong_posture", where, names, "noise", UNIT_OF_NOISE, flat, places)
+        return HexaSlideCause("wrong_posture", where, names, "noise", UNIT_OF_NOISE, flat, places)
 
 
 def _sides(geometry: Geometry, chain: int) -> tuple[FloatArray, FloatArray]:
@@ -271,7 +271,7 @@ def _sides(geometry: Geometry, chain: int) -> tuple[FloatArray, FloatArray]:
     return first, np.cross(rail, first)
 
 
-def _race(about: About, causes: tuple[Cause, ...], free: int) -> Race:
+def _race(about: About, causes: tuple[HexaSlideCause, ...], free: int) -> Race:
     left = about.left_by(np.hstack([cause.columns for cause in causes]))
     products = Products(left.T @ left, left.T @ about.left, float(about.left @ about.left))
     widths = [cause.columns.shape[1] for cause in causes]
@@ -294,11 +294,11 @@ def _mean_square(rest: FloatArray, seen: FloatArray, spare: int) -> tuple[float,
     return ratio, variance_ratio_p_value(ratio, spare, np.inf)
 
 
-def _names(entry: RaceEntry, causes: tuple[Cause, ...]) -> Names:
+def _names(entry: RaceEntry, causes: tuple[HexaSlideCause, ...]) -> Names:
     return tuple(sorted((causes[k].id, causes[k].where) for k in entry.members))
 
 
-def _weights(entries: list[RaceEntry], causes: tuple[Cause, ...]) -> dict[Names, float]:
+def _weights(entries: list[RaceEntry], causes: tuple[HexaSlideCause, ...]) -> dict[Names, float]:
     """Of every set of causes, summed over scales; together 1."""
     weights: dict[Names, float] = {}
     best = entries[0].log_weight
@@ -351,7 +351,7 @@ def _sizes(race: Race, entry: RaceEntry) -> tuple[FloatArray, FloatArray]:
 
 
 def _shown(
-    entry: RaceEntry, causes: tuple[Cause, ...], mean: FloatArray, covariance: FloatArray
+    entry: RaceEntry, causes: tuple[HexaSlideCause, ...], mean: FloatArray, covariance: FloatArray
 ) -> Iterator[CauseSize]:
     values = iter(zip(mean.tolist(), np.sqrt(covariance.diagonal()).tolist(), strict=True))
     for k in entry.members:
@@ -366,7 +366,7 @@ def _at_platform(
     machine: HexaSlide,
     postures: FloatArray,
     entry: RaceEntry,
-    causes: tuple[Cause, ...],
+    causes: tuple[HexaSlideCause, ...],
     mean: FloatArray,
 ) -> float:
     """R.m.s. movement of the platform's origin by a model that no parameter takes over, metres."""

@@ -112,7 +112,7 @@ def _measured(
     return np.asarray(stands + noise * generator.standard_normal(stands.shape))
 
 
-class SimulatedMachine:
+class SimulatedHexaSlide:
     """A machine that differs from its file by its tolerances ``(k,)``, behind who measures it.
 
     Its errors come from ``seed`` alone, unless the ``true`` machine is given; the noise of a

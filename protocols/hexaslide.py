@@ -457,17 +457,6 @@ def read_measurements(path: Path) -> HexaSlideMeasurements:
     return _read(path, HexaSlideMeasurements, "measurements")
 
 
-def measured_in(path: Path) -> HexaSlideMeasurements:
-    """Measured postures of a session, or of a file in metres and radians that older programs and
-    ``simulate`` write. Raises RecordError.
-    """
-    if not is_record(path):
-        return read_measurements(path)
-    from protocols.hexaslide_session import read_postures  # heavy, as records of all machines are
-
-    return read_postures(path)[0].measurements()
-
-
 def is_record(path: Path) -> bool:
     """Whether a file begins as a record; False where it cannot be read."""
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.diagnosis.hexaslide import HexaSlideDiagnosis, diagnosed
-from protocols.hexaslide import measured_in
+from protocols.hexaslide_measured import measured_in
 
 
 def diagnose_postures(path: Path) -> HexaSlideDiagnosis:

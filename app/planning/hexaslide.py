@@ -32,9 +32,9 @@ from protocols.hexaslide import (
     load_hexaslide,
     load_postures,
     machine_like,
-    measured_in,
     read_truth,
 )
+from protocols.hexaslide_measured import measured_in
 
 EXAMPLE = "hexaslide-h60.toml"
 

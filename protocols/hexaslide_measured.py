@@ -1,0 +1,19 @@
+"""Measured postures of a Hexa Slide, from a session or from the file of older programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from protocols.hexaslide import HexaSlideMeasurements, is_record, read_measurements
+
+
+def measured_in(path: Path) -> HexaSlideMeasurements:
+    """Measured postures of a session, or of a file in metres and radians that older programs and
+    ``simulate`` write. Raises RecordError.
+    """
+    if not is_record(path):
+        return read_measurements(path)
+    # records load the machines that are read on their legs, which a file needs not
+    from protocols.hexaslide_session import read_postures
+
+    return read_postures(path)[0].measurements()

@@ -33,8 +33,8 @@ def __dir__() -> list[str]:
 
 
 def _door() -> ModuleType:
-    if said := conflict():
-        raise ImportError(said)
+    if conflict_words := conflict():
+        raise ImportError(conflict_words)
     return import_module("glidecal.door")
 
 
@@ -53,7 +53,7 @@ def conflict() -> str:
             return _said(room, f"found in {place}" if place else "not found")
         if not ours:  # not installed from a wheel: the folder is the project's own
             continue
-        strange = [one.name for one in place.iterdir() if f"{room}/{one.name}" not in ours]
+        strange = [entry.name for entry in place.iterdir() if f"{room}/{entry.name}" not in ours]
         if strange:
             return _said(room, f"holds {min(strange)} of another package, in {home}")
         if place.joinpath("__init__.py").stat().st_size != ours[f"{room}/__init__.py"]:
@@ -63,14 +63,14 @@ def conflict() -> str:
 
 def _installed(home: Path) -> dict[str, int]:
     """Sizes of what pip installed in the rooms, by the two first parts of their paths."""
-    found = {f"{room}/__pycache__": 0 for room in ROOMS}
+    sizes = {f"{room}/__pycache__": 0 for room in ROOMS}
     for record in home.glob("glidecal-*.dist-info/RECORD"):
         for line in record.read_text(encoding="utf-8").splitlines():
             path, _, size = line.rsplit(",", 2)
-            room, *rest = path.split("/")
-            if room in ROOMS and rest:
-                found[f"{room}/{rest[0]}"] = int(size or 0)
-    return found if len(found) > len(ROOMS) else {}
+            room, *parts = path.split("/")
+            if room in ROOMS and parts:
+                sizes[f"{room}/{parts[0]}"] = int(size or 0)
+    return sizes if len(sizes) > len(ROOMS) else {}
 
 
 def _said(room: str, found: str) -> str:

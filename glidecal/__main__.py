@@ -9,8 +9,8 @@ from glidecal import conflict
 
 def main() -> None:
     """Run it; status 2 and one sentence where it cannot be run (docs/commands.md)."""
-    if said := conflict():
-        print(f"glidecal: {said}", file=sys.stderr)
+    if conflict_words := conflict():
+        print(f"glidecal: {conflict_words}", file=sys.stderr)
         sys.exit(2)
     from app.cli import main as run
 

@@ -58,8 +58,8 @@ def load(path: File, machine: File | None = None) -> Session:
         opened, events, unknown = opened_table(Path(path), load_machine(machine), program())
         _warn([f"columns kept but not used: {', '.join(unknown)}"] if unknown else [])
         return fold([opened, *events])
-    (session,), said = load_sessions([Path(path)])
-    _warn(said)
+    (session,), remarks = load_sessions([Path(path)])
+    _warn(remarks)
     return session
 
 
@@ -81,8 +81,8 @@ def solve(
     from protocols.model_file import read_model_file
 
     loaded = _given(sessions)
-    known = read_model_file(Path(model)) if model else None
-    return solve_sessions(loaded, subset=subset, method=method, model=known, frame=frame)
+    model_file = read_model_file(Path(model)) if model else None
+    return solve_sessions(loaded, subset=subset, method=method, model=model_file, frame=frame)
 
 
 def diagnose(
@@ -94,10 +94,10 @@ def diagnose(
     from app.evaluating.diagnosis import diagnose_sessions
 
     loaded = _given(sessions)
-    known = Path(model) if model else None
-    found = diagnose_sessions(loaded, model=known, held_out=_given(held_out))
-    _warn(found.warnings)
-    return found
+    model_path = Path(model) if model else None
+    diagnosed = diagnose_sessions(loaded, model=model_path, held_out=_given(held_out))
+    _warn(diagnosed.warnings)
+    return diagnosed
 
 
 def what_if(
@@ -117,8 +117,8 @@ def what_if(
 
     loaded = _given(sessions)
     values = [size] if isinstance(size, int | float) else list(size)
-    known = read_model_file(Path(model)) if model else None
-    return evaluated(loaded, effect, values, subset, known)
+    model_file = read_model_file(Path(model)) if model else None
+    return evaluated(loaded, effect, values, subset, model_file)
 
 
 def simulate(
@@ -166,11 +166,11 @@ def plan(
     from app.planning.tripod import next_measurement
 
     loaded = _given(sessions)
-    known = Path(model) if model else None
+    model_path = Path(model) if model else None
     return next_measurement(
         loaded,
         machine_file=machine,
-        model_file=known,
+        model_file=model_path,
         noise_mm=noise_mm,
         frame=frame,
         holds=holds,
@@ -219,16 +219,16 @@ def _given(sessions: Iterable[File | Session]) -> list[Session]:
     """Sessions by their files' names, or numbered; records may not be one session twice."""
     from app.evaluating.solution import load_sessions
 
-    given = list(sessions)
-    loaded, said = load_sessions([Path(one) for one in given if not isinstance(one, Session)])
-    _warn(said)
+    files = list(sessions)
+    loaded, remarks = load_sessions([Path(file) for file in files if not isinstance(file, Session)])
+    _warn(remarks)
     read = iter(loaded)
     return [
-        replace(one, name=f"session {k}") if isinstance(one, Session) else next(read)
-        for k, one in enumerate(given, start=1)
+        replace(file, name=f"session {k}") if isinstance(file, Session) else next(read)
+        for k, file in enumerate(files, start=1)
     ]
 
 
-def _warn(said: Iterable[str]) -> None:
-    for text in said:
+def _warn(remarks: Iterable[str]) -> None:
+    for text in remarks:
         warnings.warn(text, stacklevel=3)

@@ -72,8 +72,8 @@ def demo(
         from app.evaluating.diagnosis import diagnose_files
         from app.report.text.diagnosis import headline
 
-        found = headline(diagnose_files([plan.path]).diagnosis)
-        typer.echo(f"\n{NAMED.format(plan.path)}\n\n{found}")
+        verdict_words = headline(diagnose_files([plan.path]).diagnosis)
+        typer.echo(f"\n{NAMED.format(plan.path)}\n\n{verdict_words}")
     elif effect is not None:
         typer.echo("\n" + HIDDEN.format(plan.path))
 

@@ -93,37 +93,39 @@ def diagnose(
         check_new(correct)
     may = may_replace(force, adopt if adopt != model else None, next_procedure)
     with working("Diagnosing"):
-        found = diagnose_files(sessions, model=model, held_out=held_out or [])
-    for warning in found.warnings:
+        diagnosed = diagnose_files(sessions, model=model, held_out=held_out or [])
+    for warning in diagnosed.warnings:
         say(f"glidecal: {warning}")
     if next_procedure:
-        evaluated.write_procedure(found, next_procedure, replace=may)
+        evaluated.write_procedure(diagnosed, next_procedure, replace=may)
         say(f"next measurement: glidecal run --protocol {next_procedure}")
     adopted = None
     if adopt:
-        evaluated.adopt(found, adopt, known=model, candidate=candidate, replace=may)
+        evaluated.adopt(diagnosed, adopt, known=model, candidate=candidate, replace=may)
         say(f"model written: {adopt}")
-        adopted = found.adopted_tool(candidate)
-        if evaluated.left_behind(found, candidate):
+        adopted = diagnosed.adopted_tool(candidate)
+        if evaluated.left_behind(diagnosed, candidate):
             say("there is an unnamed effect too: --candidate empirical")
     if correct:
-        evaluated.correct(found, sessions[0], correct)
+        evaluated.correct(diagnosed, sessions[0], correct)
         say(f"corrected session written: {correct}")
-    _show(found, adopted, further=bool(next_procedure), as_json=as_json)
+    _show(diagnosed, adopted, further=bool(next_procedure), as_json=as_json)
 
 
 def _show(
-    found: SessionDiagnosis, adopted: AdoptedTool | None, *, further: bool, as_json: bool
+    diagnosed: SessionDiagnosis, adopted: AdoptedTool | None, *, further: bool, as_json: bool
 ) -> None:
     """The diagnosis, the tool with adopted names, and its bound after ``further`` set-ups."""
     from app.report.schema.diagnosis import DiagnosisReport
     from app.report.text.diagnosis import diagnosis_text
     from app.report.text.planning import further_text
 
-    reach = found.reach() if further else None
+    reach = diagnosed.reach() if further else None
     answer = Answer(
-        lambda: diagnosis_text(found, adopted) + (f"\n\n{further_text(reach)}" if reach else ""),
-        lambda: DiagnosisReport.of(found=found, reach=reach, adopted=adopted),
+        lambda: (
+            diagnosis_text(diagnosed, adopted) + (f"\n\n{further_text(reach)}" if reach else "")
+        ),
+        lambda: DiagnosisReport.of(found=diagnosed, reach=reach, adopted=adopted),
     )
     typer.echo(answer.shown(as_json=as_json))
 
@@ -135,8 +137,8 @@ def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> No
     from app.report.text.planning import alias_text
 
     with working("Comparing effects"):
-        found = alias_map(name, known_effects(), machine)
-    answer = Answer(lambda: alias_text(found), lambda: AliasReport.of(found=found))
+        aliases = alias_map(name, known_effects(), machine)
+    answer = Answer(lambda: alias_text(aliases), lambda: AliasReport.of(found=aliases))
     typer.echo(answer.shown(as_json=as_json))
 
 
@@ -153,7 +155,7 @@ def model(
 
     if remove and not why:
         raise UsageError("--remove", "no reason", "--why with the reason, for the history")
-    found = take_out(path, remove, why) if remove else read_model_file(path)
+    model_file = take_out(path, remove, why) if remove else read_model_file(path)
     if remove:
         say(f"{remove} removed from {path}")
-    typer.echo(found.text().rstrip("\n") if as_json else model_text(found))
+    typer.echo(model_file.text().rstrip("\n") if as_json else model_text(model_file))

@@ -44,24 +44,24 @@ def read(
     from drivers.profile import Evidence, Fault
     from drivers.profiles import profile_named
 
-    known = profile_named(profile)
-    if known.verified is Evidence.UNVERIFIED:
-        say(f"glidecal: profile {known.name} is unverified: {known.source}")
-    line = IndicatorLine(known, port, query=asked_for(unit, channel))
+    profile_known = profile_named(profile)
+    if profile_known.verified is Evidence.UNVERIFIED:
+        say(f"glidecal: profile {profile_known.name} is unverified: {profile_known.source}")
+    line = IndicatorLine(profile_known, port, query=asked_for(unit, channel))
     line.start()
     with closing(line):
         while True:
             outcome = line.ask().result()
             if as_json:
-                typer.echo(to_json(outcome_report(known.name, outcome)))
+                typer.echo(to_json(outcome_report(profile_known.name, outcome)))
             elif watch or not isinstance(outcome, Fault):
                 typer.echo(outcome_text(outcome))
             if not watch:
                 break
-            time.sleep(known.interval_s)
+            time.sleep(profile_known.interval_s)
     if isinstance(outcome, Fault):
         thing = f"indicator on {port}"
-        raise IndicatorError(thing, f"{outcome.kind}: {outcome.words}", "", known.hint)
+        raise IndicatorError(thing, f"{outcome.kind}: {outcome.words}", "", profile_known.hint)
 
 
 @indicator_verbs.command("doctor")
@@ -84,14 +84,14 @@ def doctor(
     from drivers.doctor import examine, examine_by_trial
     from drivers.profiles import PROFILES, profile_named
 
-    asked = asked_for(unit, channel)
+    query = asked_for(unit, channel)
     if profile is None:
         say(f"Trying profiles on {port}, up to a minute. Ctrl-C stops.")
         findings = examine_by_trial(
-            port, asked, PROFILES.values(), lambda *trial: say(trial_text(*trial))
+            port, query, PROFILES.values(), lambda *trial: say(trial_text(*trial))
         )
     else:
-        findings = examine(profile_named(profile), port, asked, PROFILES.values())
+        findings = examine(profile_named(profile), port, query, PROFILES.values())
     typer.echo(findings_text(findings))
     raise typer.Exit(Exit.DONE if all(f.well for f in findings) else Exit.INDICATOR)
 
@@ -104,19 +104,19 @@ def ports(as_json: AsJson = False) -> None:
     from app.report.schema.readings import PortsReport
     from drivers.profiles import PROFILES
 
-    found = PortsReport.of(
+    report = PortsReport.of(
         ports=tuple(sorted(list_ports.comports())), profiles=tuple(PROFILES.values())
     )
     if as_json:
-        typer.echo(to_json(found))
+        typer.echo(to_json(report))
         return
     typer.echo("Serial ports:")
-    for one in found.ports:
-        typer.echo(f"  {one.port}  {one.description}  {one.hardware}")
-    if not found.ports:
+    for port in report.ports:
+        typer.echo(f"  {port.port}  {port.description}  {port.hardware}")
+    if not report.ports:
         typer.echo("  none; plug the indicator in and try again")
     typer.echo("Indicator profiles:")
-    for profile in found.profiles:
+    for profile in report.profiles:
         typer.echo(f"  {profile.name}  {profile.title}  ({profile.verified})")
 
 
@@ -146,8 +146,8 @@ def simulate_indicator(
     from drivers.profiles import profile_named
     from drivers.twins import IndicatorTwin, TwinPort, default_transport, faults_of
 
-    known = profile_named(profile)
-    names = faults_of(known)
+    profile_known = profile_named(profile)
+    names = faults_of(profile_known)
     if fault == "list":
         typer.echo("\n".join(f"{name:<16}{words}" for name, words in names.items()))
         return
@@ -161,10 +161,10 @@ def simulate_indicator(
         _rehearse(profile, protocol, machine, seed, resolution, seconds)
         return
     transport = default_transport() if tcp is None else "tcp"
-    twin = IndicatorTwin(known, Spindle(swinging(), resolution, channel), fault)
-    with TwinPort(twin, transport, stream_s=known.stream_s, tcp_port=tcp or 0) as port:
+    twin = IndicatorTwin(profile_known, Spindle(swinging(), resolution, channel), fault)
+    with TwinPort(twin, transport, stream_s=profile_known.stream_s, tcp_port=tcp or 0) as port:
         typer.echo(port.url)
-        say(f"{known.title} listens there; Ctrl-C ends it.")
+        say(f"{profile_known.title} listens there; Ctrl-C ends it.")
         _wait(seconds)
 
 
@@ -188,13 +188,13 @@ def _rehearse(
 
     bench = replace(WATCHED, resolution_mm=resolution_mm)
     plan = demo_plan(Path(), protocol, seed, bench, [profile], machine)
-    asked = f"--protocol {protocol}" + f" --machine {machine}" * bool(machine)
+    options = f"--protocol {protocol}" + f" --machine {machine}" * bool(machine)
     steps = plan.procedure.steps(plan.machine.geometry(), plan.axes)
     # the name of the file is that of the run: a rehearsal scatters alike every time
     stand = SimulatedBench(replace(plan, path=Path("rehearsal")))
     with closing(stand):
         typer.echo("\n".join(stand.ports))
-        say(rehearsal_text(asked, plan, stand.ports))
+        say(rehearsal_text(options, plan, stand.ports))
 
         def follow() -> None:
             for step in rehearsed(steps, _pushing(stand.rig, _typed())):

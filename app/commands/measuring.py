@@ -131,31 +131,31 @@ def run(
     _check_macro(context)
     if motion is not None:
         check_controller(motion)
-    known = load_machine(machine)
+    machine_known = load_machine(machine)
     chosen = choose_indicators(
-        indicator or (), port or (), profile, machine=known, simulated=simulated
+        indicator or (), port or (), profile, machine=machine_known, simulated=simulated
     )
     if resume:
-        whole = until is not None and read_record(resume).end == "closed"
-        plan = plan_to_continue(resume, chosen, whole=whole)
+        is_whole = until is not None and read_record(resume).end == "closed"
+        plan = plan_to_continue(resume, chosen, whole=is_whole)
         plan = replace(plan, motion=motion, prove=prove)
-        measured_until(plan, until, headless=headless, done=whole)
+        measured_until(plan, until, headless=headless, done=is_whole)
         return
-    named = protocol or procedure_of(known, moving=motion is not None)
-    procedure = load_procedure(named, known.geometry())
+    named = protocol or procedure_of(machine_known, moving=motion is not None)
+    procedure = load_procedure(named, machine_known.geometry())
     if random_order is not None:
         procedure = shuffled(procedure, random_order)
     if macro is not None:
         from app.exports import macros
 
-        typer.echo(macros.macro(macro, procedure, known, printable_radius), nl=False)
+        typer.echo(macros.macro(macro, procedure, machine_known, printable_radius), nl=False)
         return
     if not (chosen or dry_run):
         allowed = "--indicator PROFILE:PORT, [[indicator]] in the machine file"
         raise UsageError("indicators", "none", allowed)
     plan = Plan(
         path=output or session_name(Path(), procedure.name),
-        machine=known,
+        machine=machine_known,
         procedure=procedure,
         instruments=chosen or simulated_indicators([profile]),
         operator=operator,
@@ -192,15 +192,15 @@ def refuse_beside_continue(context: typer.Context) -> None:
 
 def _check_macro(context: typer.Context) -> None:
     """Raises UsageError for what does not go with ``--macro``, or not without it."""
-    given = context.params
-    if given["macro"] is None:
-        if given["printable_radius"] is not None:
+    parameters = context.params
+    if parameters["macro"] is None:
+        if parameters["printable_radius"] is not None:
             raise UsageError("--printable-radius", "no --macro", "with --macro alone")
         return
-    if not given["dry_run"]:
+    if not parameters["dry_run"]:
         next_step = "The firmware of the printer measures it, and its log is imported."
         raise UsageError("--macro", "no --dry-run", "run --dry-run --macro", next_step)
-    if given["output"] is not None:
+    if parameters["output"] is not None:
         next_step = "glidecal plan --macro with -o writes a file."
         raise UsageError("--output", "beside --macro", "standard output", next_step)
 
@@ -212,9 +212,9 @@ def _all_of_it(plan: Plan) -> str:
     from app.report.text.planning import before_measuring_text
     from app.report.text.preparing import dry_run_text
 
-    asked = plan.procedure, plan.machine, plan.instruments
-    steps = plan_text(plan) if plan.motion else dry_run_text(*asked)
-    return f"{steps}\n\n{before_measuring_text(*before_measuring(*asked))}"
+    wanted_set_up = plan.procedure, plan.machine, plan.instruments
+    steps = plan_text(plan) if plan.motion else dry_run_text(*wanted_set_up)
+    return f"{steps}\n\n{before_measuring_text(*before_measuring(*wanted_set_up))}"
 
 
 def measured_until(plan: Plan, until: float | None, *, headless: bool, done: bool = False) -> None:
@@ -228,8 +228,8 @@ def measured_until(plan: Plan, until: float | None, *, headless: bool, done: boo
     if until is not None and (plan.motion is None or not headless):
         raise UsageError("--until", "no --motion, or a screen", "--motion … --headless")
     if until is not None and not of_legs:
-        found = f"procedure {plan.procedure.name} on machine {plan.machine.name}"
-        raise UsageError("--until", found, "readings of legs")
+        expected = f"procedure {plan.procedure.name} on machine {plan.machine.name}"
+        raise UsageError("--until", expected, "readings of legs")
     if not done:
         measure(plan, headless=headless)
     if plan.motion is None or not of_legs:
@@ -427,7 +427,7 @@ def align(
     from protocols.machine import load_machine, machine_text
     from protocols.procedure import ALL_AXES, load_procedure
 
-    rail = next((one for one in ALL_AXES if reference and one == reference.lower()), None)
+    rail = next((letter for letter in ALL_AXES if reference and letter == reference.lower()), None)
     if rail is None and reference is not None:
         raise UsageError("--reference", repr(reference), "x, y or z")
     if session is None and as_json:
@@ -446,13 +446,16 @@ def align(
         report = partial(AlignmentReport.of, name=session.name, found=aligned)
         typer.echo(Answer(lambda: aligned_text(aligned), report).shown(as_json=as_json))
         return
-    for name, given in (("--machine-file-out", machine_file_out is not None), ("--force", force)):
-        if given:
+    for name, is_given in (
+        ("--machine-file-out", machine_file_out is not None),
+        ("--force", force),
+    ):
+        if is_given:
             raise UsageError(name, "no session", "a session that was measured: align SESSION")
     refuse_beside_continue(context)
-    known = load_machine(machine)
+    machine_known = load_machine(machine)
     chosen = choose_indicators(
-        indicator or (), (), DEFAULT_PROFILE, machine=known, simulated=simulated
+        indicator or (), (), DEFAULT_PROFILE, machine=machine_known, simulated=simulated
     )
     if resume:
         plan = plan_to_continue(resume, chosen)
@@ -460,10 +463,10 @@ def align(
         if not chosen:
             allowed = "--indicator PROFILE:PORT once or twice, or --simulated"
             raise UsageError("indicators", "none", allowed)
-        procedure = load_procedure(protocol or "align", known.geometry())
-        check_procedure(procedure, known, rail or "x")
+        procedure = load_procedure(protocol or "align", machine_known.geometry())
+        check_procedure(procedure, machine_known, rail or "x")
         path = output or session_name(Path(), procedure.name)
-        plan = Plan(path, known, procedure, chosen, seed=seed, bench=WATCHED)
+        plan = Plan(path, machine_known, procedure, chosen, seed=seed, bench=WATCHED)
         check_indicators(plan.instruments, legs=bool(procedure.levels))
     otherwise = "a session that was measured: align SESSION"
     measure(aligning(plan, rail or plan.reference or "x"), headless=False, otherwise=otherwise)

@@ -52,9 +52,9 @@ def identifiability(
 ) -> None:
     """Which parameters a procedure can and cannot see. And what would help."""
     family = family_of(machine)
-    given = options_of(context, family, f"the machine {machine}", own)
+    options = options_of(context, family, f"the machine {machine}", own)
     its_file = machine_file_of(machine, NAMES, machine_file)
-    answer = family.identifiability(Question(machine, procedure or "", its_file), given)
+    answer = family.identifiability(Question(machine, procedure or "", its_file), options)
     if isinstance(answer, ScreenAnswer):
         from app.screens.start import open_screen
 
@@ -103,12 +103,12 @@ def postures(
     from calib.design.criteria import Criterion
 
     family = family_of(machine)
-    given = options_of(context, family, f"the machine {machine}", own)
+    options = options_of(context, family, f"the machine {machine}", own)
     search = PostureSearch(
         count, Criterion(criterion or family.criterion), seed, starts, output, force
     )
-    asked = Question(machine, procedure, machine_file_of(machine, NAMES, machine_file))
-    typer.echo(family.postures(asked, search, given, say).shown(as_json=as_json))
+    question = Question(machine, procedure, machine_file_of(machine, NAMES, machine_file))
+    typer.echo(family.postures(question, search, options, say).shown(as_json=as_json))
 
 
 @with_options_of_machines
@@ -127,8 +127,8 @@ def plan(
     With --macro the places of a plate, as G-code for the probe of a printer.
     """
     family, propose = family_with("plan", machine)
-    given = options_of(context, family, f"the machine {machine}", own)
-    answer = propose(machine, [*(sessions or ()), *(session or ())], given, say)
+    options = options_of(context, family, f"the machine {machine}", own)
+    answer = propose(machine, [*(sessions or ()), *(session or ())], options, say)
     typer.echo(answer.shown(as_json=as_json))
 
 
@@ -150,5 +150,5 @@ def workspace(
     as_json: AsJson = False,
 ) -> None:
     """Where the tool can be. How the drives move it there."""
-    _, told = family_with("workspace", machine)
-    typer.echo(told(machine, limit, at).shown(as_json=as_json))
+    _, name = family_with("workspace", machine)
+    typer.echo(name(machine, limit, at).shown(as_json=as_json))

@@ -62,8 +62,10 @@ def solve(
 ) -> None:
     """Parameters with uncertainties from sessions. Also differences and residuals."""
     family = family_of_files(machine, sessions)
-    given = options_of(context, family, family.measured, own, lambda other: other.measured)
-    typer.echo(family.solve(sessions, given, say).shown(as_json=as_json))
+    options = options_of(
+        context, family, family.measured, own, lambda family_beside: family_beside.measured
+    )
+    typer.echo(family.solve(sessions, options, say).shown(as_json=as_json))
 
 
 def compare(
@@ -76,8 +78,10 @@ def compare(
     from app.report.schema.solution import ComparisonReport
     from app.report.text.result import comparison_report
 
-    found = compare_files(before, after)
-    answer = Answer(lambda: comparison_report(found), lambda: ComparisonReport.of(found=found))
+    comparison = compare_files(before, after)
+    answer = Answer(
+        lambda: comparison_report(comparison), lambda: ComparisonReport.of(found=comparison)
+    )
     typer.echo(answer.shown(as_json=as_json))
 
 
@@ -103,12 +107,14 @@ def verify(
         if word != "pass":
             say(f"glidecal: the verification did not pass: {word}")
         raise typer.Exit(VERIFIED[word])
-    found = verify_files(before, after, tolerance)
-    answer = Answer(lambda: verification_text(found), lambda: VerificationReport.of(found=found))
+    verification = verify_files(before, after, tolerance)
+    answer = Answer(
+        lambda: verification_text(verification), lambda: VerificationReport.of(found=verification)
+    )
     typer.echo(answer.shown(as_json=as_json))
-    status = VERIFIED[found.decision or "undecided"]
+    status = VERIFIED[verification.decision or "undecided"]
     if status != Exit.DONE:
-        say(f"glidecal: the verification did not pass: {decided(found)}")
+        say(f"glidecal: the verification did not pass: {decided(verification)}")
     raise typer.Exit(status)
 
 
@@ -199,8 +205,8 @@ def export(
         _refuse_beside_table(table or "readings", format_name, {**told, "--frame": frame})
         if output != STANDARD_OUTPUT or format_name != "csv":
             force = may_replace(force, output)  # before long work
-        found = _table(source, table or "readings", subset, method, model)
-        deliver(output, {"": found.written(format_name)}, force=force)
+        table_found = _table(source, table or "readings", subset, method, model)
+        deliver(output, {"": table_found.written(format_name)}, force=force)
         return
     from app.exports import FORMATS
     from app.exports.linuxcnc_ini import read_controller
@@ -268,14 +274,14 @@ def history(
     from app.evaluating.history import read_history
 
     with working("Reading sessions"):
-        found = read_history(folder, effects=effects)
+        history_found = read_history(folder, effects=effects)
     if screen:
         from app.report.streams import need_terminal
         from app.screens.history import HistoryScreen
         from app.screens.start import open_screen
 
         need_terminal("history", "history without --screen")
-        raise typer.Exit(open_screen(HistoryScreen(found), LOOKS))
+        raise typer.Exit(open_screen(HistoryScreen(history_found), LOOKS))
     from app.report.schema.history import HistoryReport
     from app.report.text.history import history_text
 
@@ -284,20 +290,22 @@ def history(
         with extra("glidecal history -o", "report"):
             from app.report.pages.history import history_page
             from app.report.pages.report import html_of
-        deliver(output, {"": html_of(history_page(found, now))}, force=force)
+        deliver(output, {"": html_of(history_page(history_found, now))}, force=force)
         return
-    answer = Answer(lambda: history_text(found, now), lambda: HistoryReport.of(found=found))
+    answer = Answer(
+        lambda: history_text(history_found, now), lambda: HistoryReport.of(found=history_found)
+    )
     typer.echo(answer.shown(as_json=as_json))
 
 
-def _refuse_beside_table(name: str, format_name: str, told: dict[str, object]) -> None:
+def _refuse_beside_table(name: str, format_name: str, options: dict[str, object]) -> None:
     """Raises UsageError for what a table cannot be written as, or has no use for."""
     from protocols.data_table import FORMATS
 
     if format_name not in FORMATS:
         raise UsageError("--table", f"--format {format_name}", "csv, xlsx or parquet")
-    for option, given in told.items():
-        if given:
+    for option, value in options.items():
+        if value:
             raise UsageError(option, f"a table of {name}", "with offsets alone")
 
 
@@ -312,13 +320,13 @@ def _table(
 
     if name == "readings":
         (session,), warnings = load_sessions([source])
-        found = session.table()
+        data = session.table()
     else:
         solved = solve_files([source], subset=subset, method=method, model=model)
-        found, warnings = solved.table(name), [*solved.warnings]
+        data, warnings = solved.table(name), [*solved.warnings]
     for warning in warnings:
         say(f"glidecal: {warning}")
-    return found
+    return data
 
 
 def report(
@@ -359,8 +367,8 @@ def report(
 
         key = read_key(sign, _key_password)
     if streamed:
-        found = report_of(sessions, model=model, after=after, tolerance_mm=tolerance, head=head)
-        typer.echo(html_of(found), nl=False)
+        page = report_of(sessions, model=model, after=after, tolerance_mm=tolerance, head=head)
+        typer.echo(html_of(page), nl=False)
         return
     with working("Writing the report"):
         path = write_report(

@@ -60,8 +60,8 @@ def simulate(
     """A session of a simulated machine. The nominal one, or that of a model file."""
     name = machine or USUAL_MACHINE
     family = family_of(name)
-    given = options_of(context, family, f"the machine {name}", own)
-    family.simulate(Simulation(output, machine, seed, force), given, say)
+    options = options_of(context, family, f"the machine {name}", own)
+    family.simulate(Simulation(output, machine, seed, force), options, say)
 
 
 @with_options_of_machines
@@ -122,9 +122,9 @@ def import_table(
         _write_template(source, machine, protocol, force=force)
     else:
         if output is None or protocol is not None:
-            found = "none" if output is None else "--protocol without --template"
+            problem = "none" if output is None else "--protocol without --template"
             allowed = "-o SESSION, or --template to write an empty table"
-            raise UsageError("--output", found, allowed)
+            raise UsageError("--output", problem, allowed)
         import_files(
             source,
             output,
@@ -244,7 +244,7 @@ def _taken_from(
 
     beside = distances_of_table(distances) if distances else ()
     if are_of_printer(source):
-        held = imported_printer(
+        printer = imported_printer(
             source,
             program(),
             machine=load_machine(machine) if machine else None,
@@ -252,9 +252,11 @@ def _taken_from(
             repeatability_mm=stated.repeatability_mm,
             remarks=stated.remarks,
         )
-        told = [f"not used: {odd}" for odd in held.odd]
-        measured = checked((*held.distances, *beside), held.opened.machine.geometry(), deviation_mm)
-        return held.opened, (*held.contacts, *measured), held.machine_file, told
+        remarks = [f"not used: {odd}" for odd in printer.odd]
+        measured = checked(
+            (*printer.distances, *beside), printer.opened.machine.geometry(), deviation_mm
+        )
+        return printer.opened, (*printer.contacts, *measured), printer.machine_file, remarks
     opened, events, unknown = opened_table(
         source[0],
         load_machine(machine),
@@ -263,9 +265,9 @@ def _taken_from(
         repeatability_mm=stated.repeatability_mm,
         remarks=stated.remarks,
     )
-    told = [f"columns kept but not used: {', '.join(unknown)}"] if unknown else []
+    remarks = [f"columns kept but not used: {', '.join(unknown)}"] if unknown else []
     measured = checked(beside, opened.machine.geometry(), deviation_mm)
-    return opened, (*events, *measured), None, told
+    return opened, (*events, *measured), None, remarks
 
 
 def _cautions(session: Session, word: str) -> Iterator[str]:

@@ -59,13 +59,15 @@ def compare_files(before: Path, after: Path) -> Comparison:
         raise RecordError(
             f"sessions {before} and {after}", "the same session", "two different ones"
         )
-    one, two = earlier.opened.machine, later.opened.machine
+    machine, later_machine = earlier.opened.machine, later.opened.machine
     # entered offsets may differ, that is what is compared; the geometry may where firmware holds it
-    firmware = one.name == two.name and bool(one.position_endstop_mm and two.position_endstop_mm)
-    if one.geometry() != two.geometry() and not firmware:
+    firmware = machine.name == later_machine.name and bool(
+        machine.position_endstop_mm and later_machine.position_endstop_mm
+    )
+    if machine.geometry() != later_machine.geometry() and not firmware:
         raise CalibrationError(
             f"sessions {before} and {after}",
-            f"machines of different geometry, {one.name} and {two.name}",
+            f"machines of different geometry, {machine.name} and {later_machine.name}",
             "two sessions of one machine",
         )
     sessions = earlier.session, later.session
@@ -80,7 +82,7 @@ def compare_files(before: Path, after: Path) -> Comparison:
         )
     changed = sessions[0].adjusted != sessions[1].adjusted
     remarks = [MOVED] if changed else []
-    remarks += [IN_FIRMWARE] if _held(one) != _held(two) else []
+    remarks += [IN_FIRMWARE] if _held(machine) != _held(later_machine) else []
     remarks += [record.unfinished for record in (earlier, later) if record.unfinished]
     if not measured <= again:
         remarks.append(
@@ -97,20 +99,20 @@ def _held(machine: Machine) -> tuple[object, ...]:
 
 def _differences(solved: SessionSolution) -> set[str]:
     """Names of the tabulated differences that a session measured."""
-    found = solved.solution.differences
-    return {found.names[k] for k in found.published_rows}
+    measured = solved.solution.differences
+    return {measured.names[k] for k in measured.published_rows}
 
 
 def _order_remarks(earlier: Record, later: Record) -> list[str]:
     """Whether the later session is the one that verifies the earlier."""
-    said = []
+    remarks = []
     verifies = later.opened.verifies
     if verifies is not None and verifies != earlier.path.name:
-        said.append(f"{later.path.name} was measured to verify {verifies}.")
+        remarks.append(f"{later.path.name} was measured to verify {verifies}.")
     imported = "imported" in (earlier.opened.origin, later.opened.origin)
     if not imported and later.opened.at < earlier.opened.at:
-        said.append(f"{later.path.name} is older than {earlier.path.name}: is the order right?")
-    return said
+        remarks.append(f"{later.path.name} is older than {earlier.path.name}: is the order right?")
+    return remarks
 
 
 def partner_of(path: Path, verifies: str | None) -> Path | None:
@@ -186,11 +188,11 @@ def _remaining(
     before: SessionSolution, after: SessionSolution, *, common: bool
 ) -> tuple[RemainingOffset, ...]:
     """Joint offsets of both corrections; ``common`` is taken off where a plate does not show it."""
-    entered, left = (_offsets(solved, common=common) for solved in (before, after))
+    entered, remaining = (_offsets(solved, common=common) for solved in (before, after))
     return tuple(
         RemainingOffset(name, was, now, math.hypot(half, half_now), math.hypot(u, u_now))
         for name, (was, half, u), (now, half_now, u_now) in zip(
-            PARAMETER_NAMES[:3], entered, left, strict=True
+            PARAMETER_NAMES[:3], entered, remaining, strict=True
         )
     )
 

@@ -160,8 +160,8 @@ class ControllerCorrections:
         free: frozenset[tuple[Effect, str]] = frozenset(),
     ) -> Self:
         """``model`` has the effects of an adopted model; sizes of those that are ``free`` vary."""
-        known = Model(model.geometry).with_effects(model.effects)
-        cases = tuple(case_of(session, known, free) for session in sessions)
+        nominal = Model(model.geometry).with_effects(model.effects)
+        cases = tuple(case_of(session, nominal, free) for session in sessions)
         return cls(cases, frame, None if effects is None else tuple(effects))
 
     @cached_property
@@ -185,7 +185,9 @@ class ControllerCorrections:
     @cached_property
     def mistakes(self) -> tuple[LikelyMistake, ...]:
         """Mistakes of labels and readings that are likely, the likeliest first."""
-        return tuple(one for one in self.posterior.likely_mistakes if one.probability >= LIKELY)
+        return tuple(
+            mistake for mistake in self.posterior.likely_mistakes if mistake.probability >= LIKELY
+        )
 
     @cached_property
     def off_now(self) -> ToolOff:
@@ -273,11 +275,11 @@ class ControllerCorrections:
 
     def others(self, correction: SessionCorrection) -> tuple[Gain, ...]:
         """What the same controller would keep if it held something else, or all of the same."""
-        every = {holds: self.of(holds) for holds in HOLDS}
+        corrections = {holds: self.of(holds) for holds in HOLDS}
         return tuple(
-            Gain(holds, another.bound_mm, another.bound_mm < CLEARLY_BETTER * correction.bound_mm)
-            for holds, another in every.items()
-            if another is not correction
+            Gain(holds, answer.bound_mm, answer.bound_mm < CLEARLY_BETTER * correction.bound_mm)
+            for holds, answer in corrections.items()
+            if answer is not correction
         )
 
     @property

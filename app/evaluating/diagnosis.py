@@ -85,7 +85,7 @@ class SessionDiagnosis:
         """A row for each size of what was named, then of the other candidates, best first."""
         ranked: list[tuple[Finding | Contender, str]] = [
             *((effect, "named") for effect in self.diagnosis.effects),
-            *((each, each.reason_rejected) for each in self.diagnosis.candidates),
+            *((candidate, candidate.reason_rejected) for candidate in self.diagnosis.candidates),
         ]
         return DataTable(
             (
@@ -139,9 +139,9 @@ class SessionDiagnosis:
         return self._planner(ways).reach if ways else None
 
     def _planner(self, measurements: tuple[FurtherMeasurement, ...]) -> Planner:
-        known = self.corrections.posterior
-        entered = correction(known, "offsets", self.corrections.frame)
-        return Planner(known, entered, measurements)
+        weighted = self.corrections.posterior
+        entered = correction(weighted, "offsets", self.corrections.frame)
+        return Planner(weighted, entered, measurements)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,9 +186,11 @@ def diagnose_files(
 ) -> SessionDiagnosis:
     """As `diagnose_sessions`, of files, with their warnings. Raises RecordError, too."""
     sessions, warnings = load_sessions(paths)
-    others, more = load_sessions(held_out)
-    diagnosed = diagnose_sessions(sessions, model=model, held_out=others, effects=effects)
-    return replace(diagnosed, warnings=(*warnings, *more, *diagnosed.warnings))
+    held_out_sessions, more_warnings = load_sessions(held_out)
+    diagnosed = diagnose_sessions(
+        sessions, model=model, held_out=held_out_sessions, effects=effects
+    )
+    return replace(diagnosed, warnings=(*warnings, *more_warnings, *diagnosed.warnings))
 
 
 def diagnose_sessions(
@@ -208,16 +210,16 @@ def diagnose_sessions(
         raise NotIdentifiable("sessions", "none", "at least one session")
     _check(sessions, held_out)
     effects = known_effects() if effects is None else effects
-    known = Model(sessions[0].opened.machine.geometry())
+    nominal = Model(sessions[0].opened.machine.geometry())
     warnings: list[str] = []
     free: frozenset[tuple[Effect, str]] = frozenset()
     if model:
-        found = read_model_file(model)
-        known = to_model(found, f"model {model}", effects)
-        free = free_effects(found, effects)
-        warnings += [said] if (said := ambiguity(ambiguous_effects(found))) else []
+        model_file = read_model_file(model)
+        nominal = to_model(model_file, f"model {model}", effects)
+        free = free_effects(model_file, effects)
+        warnings += [doubt] if (doubt := ambiguity(ambiguous_effects(model_file))) else []
     frame = sessions[-1].opened.machine.frame
-    corrections = ControllerCorrections.of_sessions(sessions, known, frame, effects, free)
+    corrections = ControllerCorrections.of_sessions(sessions, nominal, frame, effects, free)
     for session, case in zip(sessions, corrections.cases, strict=True):
         if case.observed.over_plane.any():
             refuse_leaning_planes([session], Cells.of(case).model, case.observed)
@@ -225,28 +227,30 @@ def diagnose_sessions(
         sessions=tuple(sessions),
         others=tuple(held_out),
         corrections=corrections,
-        model=known,
+        model=nominal,
         diagnosis=diagnosis_of(
-            corrections.posterior, [case_of(session, known) for session in held_out]
+            corrections.posterior, [case_of(session, nominal) for session in held_out]
         ),
         warnings=tuple(warnings),
     )
 
 
-def _check(sessions: Sequence[Session], others: Sequence[Session]) -> None:
+def _check(sessions: Sequence[Session], held_out: Sequence[Session]) -> None:
     """One geometry for all, and no session on both sides."""
     # a copy has another path, but it began at the same moment
-    if {one.opened.at for one in sessions} & {one.opened.at for one in others}:
+    if {each_session.opened.at for each_session in sessions} & {
+        each_session.opened.at for each_session in held_out
+    }:
         raise UsageError(
             "--held-out",
             "a session that is also diagnosed",
             "sessions that the choice does not see",
             "Leave it out on one side.",
         )
-    if len({session.adjusted for session in (*sessions, *others)}) > 1:
+    if len({session.adjusted for session in (*sessions, *held_out)}) > 1:
         raise changed_between("sessions diagnosed together", "diagnose")
     geometries = {
-        replace(session.opened.machine.geometry(), load=1.0) for session in (*sessions, *others)
+        replace(session.opened.machine.geometry(), load=1.0) for session in (*sessions, *held_out)
     }
     if len(geometries) > 1:
         raise UsageError(
@@ -263,9 +267,9 @@ SETS: tuple[Subset, ...] = ("joint-offsets", "with-tolerances")
 
 def left_behind(diagnosed: SessionDiagnosis, candidate: str | None) -> bool:
     """Whether adopting this leaves an unnamed effect that could be adopted, too."""
-    found = diagnosed.diagnosis
-    named = any(one.effects for one in found.effects)
-    return candidate is None and named and found.left_over is not None
+    diagnosis = diagnosed.diagnosis
+    named = any(finding.effects for finding in diagnosis.effects)
+    return candidate is None and named and diagnosis.left_over is not None
 
 
 def adopt(
@@ -292,20 +296,20 @@ def adopt(
     source = Provenance(
         sessions=diagnosed.names,
         digests=tuple(session.digest for session in diagnosed.sessions),
-        measured=max(one.opened.at for one in diagnosed.sessions),
+        measured=max(item.opened.at for item in diagnosed.sessions),
         found=datetime.now(UTC),
         verdict=diagnosed.diagnosis.verdict,
     )
-    doubted = [one for one in chosen if isinstance(one, Finding) and one.indistinguishable_from]
-    for one in chosen:
-        sure = source.verdict == "ambiguous" and doubted and one not in doubted
+    doubted = [item for item in chosen if isinstance(item, Finding) and item.indistinguishable_from]
+    for item in chosen:
+        sure = source.verdict == "ambiguous" and doubted and item not in doubted
         found_as = source.model_copy(update={"verdict": "explained"}) if sure else source
         why = diagnosed.diagnosis.sentence
-        if isinstance(one, Finding) and one.id == EMPIRICAL:
-            why = f"an unnamed effect: {one.title}"
-        values = {v.name: (v.value, v.standard_uncertainty) for v in one.parameters}
-        entry = effect_entry(one.where, one.effects, values, found_as)
-        if held and (held.id, held.where) == (one.id, one.where):
+        if isinstance(item, Finding) and item.id == EMPIRICAL:
+            why = f"an unnamed effect: {item.title}"
+        values = {v.name: (v.value, v.standard_uncertainty) for v in item.parameters}
+        entry = effect_entry(item.where, item.effects, values, found_as)
+        if held and (held.id, held.where) == (item.id, item.where):
             entry = entry.model_copy(update={"parameters": held.parameters})
             why = f"{why} {HELD}"
         model = with_effect(model, entry, why)
@@ -322,8 +326,8 @@ def resize(sessions: Sequence[Session], target: Path, entry: EffectEntry) -> Mod
 
     Everything that is not held is fitted again to the sessions. Raises RecordError.
     """
-    held = any(one.held for one in entry.parameters.values())
-    model = with_sizes(read_model_file(target), entry, HELD if held else FREED)
+    is_held = any(parameter.held for parameter in entry.parameters.values())
+    model = with_sizes(read_model_file(target), entry, HELD if is_held else FREED)
     model = _fitted(model, sessions)
     write_files(target, {"": model.text()}, replace=True)
     return model
@@ -335,7 +339,7 @@ def _fitted(model: ModelFile, sessions: Sequence[Session]) -> ModelFile:
     With all parameters held by tolerances where the offsets alone are not determined. Where
     sessions had different offsets entered there are none to state: what nobody fitted is not 0.
     """
-    if len({one.opened.machine.entered_offsets_mm for one in sessions}) == 1:
+    if len({session.opened.machine.entered_offsets_mm for session in sessions}) == 1:
         for subset in SETS:
             try:
                 solved = solve_sessions(sessions, subset=subset, model=model)
@@ -348,7 +352,7 @@ def _fitted(model: ModelFile, sessions: Sequence[Session]) -> ModelFile:
 
 def mistakes_of(diagnosed: SessionDiagnosis) -> list[Finding]:
     """The gross errors that were named, in the order found."""
-    return [one for one in diagnosed.diagnosis.effects if one.kind == Kind.GROSS_ERROR]
+    return [effect for effect in diagnosed.diagnosis.effects if effect.kind == Kind.GROSS_ERROR]
 
 
 def correct(diagnosed: SessionDiagnosis, source: Path, target: Path) -> None:
@@ -360,8 +364,8 @@ def correct(diagnosed: SessionDiagnosis, source: Path, target: Path) -> None:
     """
     mistakes = mistakes_of(diagnosed)
     if len(diagnosed.sessions) != 1:
-        found = f"{len(diagnosed.sessions)} sessions"
-        raise UsageError("--correct", found, "one session", "Correct them one at a time.")
+        count_words = f"{len(diagnosed.sessions)} sessions"
+        raise UsageError("--correct", count_words, "one session", "Correct them one at a time.")
     if not mistakes:
         verdict = (
             f"no mistake in the readings was named; the verdict is '{diagnosed.diagnosis.verdict}'"
@@ -376,20 +380,20 @@ def correct(diagnosed: SessionDiagnosis, source: Path, target: Path) -> None:
             "Finish it first: glidecal run --continue.",
         )
     session, cleaned = diagnosed.sessions[0], diagnosed.diagnosis.cleaned[0]
-    why = "; ".join(f"{one.title} ({one.where})" for one in mistakes)
-    made = f"Corrected from {source.name}, digest {record.digest}: {why}."
-    changed = {one.reading: one for one in corrected_readings(session, cleaned)}
+    why = "; ".join(f"{item.title} ({item.where})" for item in mistakes)
+    origin = f"Corrected from {source.name}, digest {record.digest}: {why}."
+    changed = {item.reading: item for item in corrected_readings(session, cleaned)}
     events: list[Line] = [
-        changed.get(one.reading, one) if isinstance(one, Reading) else one
-        for one in record.events
-        if not isinstance(one, Opened | Closed)
+        changed.get(item.reading, item) if isinstance(item, Reading) else item
+        for item in record.events
+        if not isinstance(item, Opened | Closed)
     ]
-    kept = set(cleaned.rows.tolist())
-    gone = tuple(one.reading for row, one in enumerate(session.readings) if row not in kept)
+    kept_rows = set(cleaned.rows.tolist())
+    gone = tuple(item.reading for row, item in enumerate(session.readings) if row not in kept_rows)
     if gone:
         events.append(Superseded(readings=gone, reason=why))
     opened = record.opened
-    remarks = (*opened.remarks, made)
+    remarks = (*opened.remarks, origin)
     write_whole(target, opened.model_copy(update={"remarks": remarks}), events)
 
 
@@ -402,14 +406,14 @@ def remove(path: Path, effect: str, why: str) -> ModelFile:
 
 
 def _chosen(diagnosed: SessionDiagnosis, candidate: str | None) -> list[Finding | Contender]:
-    found = diagnosed.diagnosis
-    named: list[Finding | Contender] = [e for e in found.effects if e.effects]
-    unnamed: list[Finding | Contender] = [found.left_over.effect] if found.left_over else []
+    diagnosis = diagnosed.diagnosis
+    named: list[Finding | Contender] = [e for e in diagnosis.effects if e.effects]
+    unnamed: list[Finding | Contender] = [diagnosis.left_over.effect] if diagnosis.left_over else []
     if candidate is None:
         if not named and not unnamed:
             raise UsageError(
                 "--adopt",
-                f"the verdict '{found.verdict}' names no effect",
+                f"the verdict '{diagnosis.verdict}' names no effect",
                 "a named effect, or one of the candidates by --candidate ID:WHERE",
             )
         return named or unnamed
@@ -417,14 +421,14 @@ def _chosen(diagnosed: SessionDiagnosis, candidate: str | None) -> list[Finding 
     if name == EMPIRICAL and unnamed and where in ("", unnamed[0].where):
         return [*named, *unnamed]
     fitting = [
-        one
-        for one in found.candidates
-        if one.id == name and where in ("", one.where) and one.effects
+        choice
+        for choice in diagnosis.candidates
+        if choice.id == name and where in ("", choice.where) and choice.effects
     ]
     if not fitting:
-        offered = [*unnamed, *found.candidates[:MOST_OFFERED]]
-        shown = ", ".join(f"{one.id}:{one.where}" for one in offered)
-        raise UsageError("--candidate", repr(candidate), shown or "no candidate at all")
+        offered = [*unnamed, *diagnosis.candidates[:MOST_OFFERED]]
+        offered_words = ", ".join(f"{choice.id}:{choice.where}" for choice in offered)
+        raise UsageError("--candidate", repr(candidate), offered_words or "no candidate at all")
     return [fitting[0]]
 
 

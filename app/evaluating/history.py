@@ -117,8 +117,8 @@ def read_history(folder: Path, *, effects: bool = False, index: Path | None = No
             "Measure one first, or begin in the folder that has them.",
         )
     problems: list[tuple[Path, str]] = []
-    found: dict[tuple[str, str], list[tuple[Path, Entry]]] = {}
-    seen: dict[str, Path] = {}
+    files: dict[tuple[str, str], list[tuple[Path, Entry]]] = {}
+    path_by_digest: dict[str, Path] = {}
     with closing(Index(index or cache_path() / "history-2.sqlite")) as remembered:
         for path in paths:
             try:
@@ -126,15 +126,15 @@ def read_history(folder: Path, *, effects: bool = False, index: Path | None = No
             except GlidecalError as problem:
                 problems.append((path, str(problem)))
                 continue
-            if (same := seen.setdefault(digest, path)) != path:
-                problems.append((path, f"{path}: the same session as {same}, counted once."))
+            if (first_path := path_by_digest.setdefault(digest, path)) != path:
+                problems.append((path, f"{path}: the same session as {first_path}, counted once."))
                 continue
             if entry.problem:
                 problems.append((path, entry.problem))
             if entry.offsets_mm is not None and not entry.unfinished:
                 key = entry.machine.name, entry.origin
-                found.setdefault(key, []).append((path, entry))
-    groups = sorted(found.items(), key=lambda group: (ORIGINS.index(group[0][1]), group[0]))
+                files.setdefault(key, []).append((path, entry))
+    groups = sorted(files.items(), key=lambda group: (ORIGINS.index(group[0][1]), group[0]))
     machines = [history_of_machine(*key, entries) for key, entries in groups]
     return History(folder, tuple(machines), tuple(problems))
 
@@ -180,7 +180,7 @@ def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
     return Entry.model_validate(
         {
             **dict(entry),
-            "offsets_mm": tuple(entered + left for entered, left in totals),
+            "offsets_mm": tuple(entered + remaining for entered, remaining in totals),
             "expanded_mm": (x, y, z),
             "bound_before_mm": entered.now_mm,
             "bound_after_mm": entered.bound_mm,
@@ -193,17 +193,17 @@ def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
 def _named(session: Session) -> tuple[str, ...]:
     from app.evaluating.diagnosis import diagnose_sessions
 
-    found = diagnose_sessions([session]).diagnosis.effects
-    return tuple(f"{one.id}:{one.where}" for one in found)
+    effects = diagnose_sessions([session]).diagnosis.effects
+    return tuple(f"{effect.id}:{effect.where}" for effect in effects)
 
 
 def history_of_machine(
     name: str, origin: str, entries: Iterable[tuple[Path, Entry]]
 ) -> MachineHistory:
     """The sessions of one machine in turn, and what changed between neighbours."""
-    ordered = sorted(entries, key=lambda one: (one[1].began, one[0]))
+    ordered = sorted(entries, key=lambda pair: (pair[1].began, pair[0]))
     events = ["", *(_event(a, b) for (_, a), (_, b) in pairwise(ordered))]
-    points = tuple(Point(*one, event) for one, event in zip(ordered, events, strict=True))
+    points = tuple(Point(*pair, event) for pair, event in zip(ordered, events, strict=True))
     first = ordered[0][1].began
     days = [(entry.began - first).total_seconds() / DAY_S for _, entry in ordered]
     rebuilt = [event.startswith(MECHANICAL) for event in events]
@@ -221,22 +221,26 @@ MECHANICAL, ENTERED = "machine changed", "offsets entered"
 
 def _event(before: Entry, after: Entry) -> str:
     """What the records say was changed between two sessions."""
-    one, two = before.machine, after.machine
-    if one == two:
+    machine, later_machine = before.machine, after.machine
+    if machine == later_machine:
         return ""
-    if one.geometry() != two.geometry():
-        keys = [key for key in Machine.model_fields if getattr(one, key) != getattr(two, key)]
+    if machine.geometry() != later_machine.geometry():
+        keys = [
+            key
+            for key in Machine.model_fields
+            if getattr(machine, key) != getattr(later_machine, key)
+        ]
         return f"{MECHANICAL}: {', '.join(keys)}"
-    return ENTERED if one.entered_offsets_mm != two.entered_offsets_mm else ""
+    return ENTERED if machine.entered_offsets_mm != later_machine.entered_offsets_mm else ""
 
 
 def _due(last: Entry, joints: Sequence[Watched]) -> datetime | None:
-    shown = [one.drift.per_day if one.drift and one.drift.shown else 0.0 for one in joints]
+    rates = [joint.drift.per_day if joint.drift and joint.drift.shown else 0.0 for joint in joints]
     tolerance_mm = last.machine.tool_tolerance_mm
-    if tolerance_mm is None or not any(shown):
+    if tolerance_mm is None or not any(rates):
         return None
     # with the offsets of the last session entered
-    days = days_in_tolerance(last.machine.geometry(), shown, last.bound_after_mm, tolerance_mm)
+    days = days_in_tolerance(last.machine.geometry(), rates, last.bound_after_mm, tolerance_mm)
     return last.began + timedelta(days=days) if days < LONGEST_DAYS else None
 
 
@@ -266,9 +270,9 @@ class Index:
     def get(self, digest: str) -> Entry | None:
         """None where there is none that can be read."""
         with suppress(sqlite3.Error, ValidationError):
-            found = self._data.execute("SELECT said FROM entry WHERE digest = ?", (digest,))
-            for (said,) in found:
-                return Entry.model_validate_json(said)
+            rows = self._data.execute("SELECT said FROM entry WHERE digest = ?", (digest,))
+            for (text,) in rows:
+                return Entry.model_validate_json(text)
         return None
 
     def put(self, digest: str, entry: Entry) -> None:

@@ -33,13 +33,13 @@ def known_effects() -> tuple[Effect, ...]:
     Raises RecordError naming the file or entry point that cannot be used, and why.
     """
     effects = list(CATALOGUE)
-    for source, given in (*_from_files(), *_from_entry_points()):
-        for one in _run(source, partial(_each, given)):
-            fault = _run(source, partial(fault_of, one))
+    for source, offered in (*_from_files(), *_from_entry_points()):
+        for item in _run(source, partial(_each, offered)):
+            fault = _run(source, partial(fault_of, item))
             if fault:
                 raise _broken(source, fault)
-            effect = cast(Effect, one)
-            if effect.id in {known.id for known in (*effects, *BESIDE_CATALOGUE)}:
+            effect = cast(Effect, item)
+            if effect.id in {other.id for other in (*effects, *BESIDE_CATALOGUE)}:
                 raise _broken(source, f"the id '{effect.id}'", "an id that is not taken")
             effects.append(effect)
     return tuple(effects)
@@ -66,7 +66,7 @@ def _from_files() -> Iterator[tuple[str, object]]:
 
 
 def _from_entry_points() -> Iterator[tuple[str, object]]:
-    for point in sorted(entry_points(group=GROUP), key=lambda found: found.name):
+    for point in sorted(entry_points(group=GROUP), key=lambda point_of_name: point_of_name.name):
         source = f"entry point {point.name} = {point.value}"
         yield source, _run(source, point.load)
 
@@ -81,9 +81,9 @@ def _run(source: str, load: Callable[[], T]) -> T:
         raise _broken(source, _said(problem)) from problem
 
 
-def _each(given: object) -> tuple[object, ...]:
+def _each(offered: object) -> tuple[object, ...]:
     """What was given; a list of the user's own class runs strange code even here."""
-    return tuple(given) if isinstance(given, tuple | list) else (given,)
+    return tuple(offered) if isinstance(offered, tuple | list) else (offered,)
 
 
 def _said(problem: BaseException) -> str:
@@ -97,10 +97,10 @@ def _said(problem: BaseException) -> str:
     return words if isinstance(problem, GlidecalError) else f"{name}: {words:.300}{where}"
 
 
-def _broken(source: str, found: str, allowed: str = "") -> RecordError:
+def _broken(source: str, fault: str, allowed: str = "") -> RecordError:
     return RecordError(
         source,
-        found,
+        fault,
         allowed,
         "See docs/effects.md; move the file away to go on without it.",
     )

@@ -121,8 +121,11 @@ class PrinterChange:
     @property
     def endstops_alone(self) -> bool:
         """Whether lengths, radius and angles stay as they are."""
-        others = (self.radius, *(one for tower in self.towers for one in (tower.arm, tower.angle)))
-        return not self.travels and all(abs(one.change) < LEAST for one in others)
+        changes = (
+            self.radius,
+            *(change for tower in self.towers for change in (tower.arm, tower.angle)),
+        )
+        return not self.travels and all(abs(change.change) < LEAST for change in changes)
 
     @property
     def travels(self) -> bool:
@@ -182,8 +185,8 @@ def _uneven_mm(contacts: Sequence[Reading], best: TowerCorrection) -> ValueChang
     if not contacts:
         return None
     alike = [
-        (one.position_mm, one.value_mm)
-        for one in contacts
-        if one.mount == contacts[0].mount and one.position_mm is not None
+        (contact.position_mm, contact.value_mm)
+        for contact in contacts
+        if contact.mount == contacts[0].mount and contact.position_mm is not None
     ]
     return ValueChange(*best.values.uneven_mm(*zip(*alike, strict=True)))

@@ -126,13 +126,13 @@ class SessionSolution:
     @cached_property
     def lines(self) -> tuple[LineParameter, ...]:
         """Parameters of the drives' lines of which the machine file has tolerances."""
-        known = self.sessions[-1].opened.machine.geometry_tolerances()
-        every = []
-        for (law, place), tolerance in known.items():
+        tolerances = self.sessions[-1].opened.machine.geometry_tolerances()
+        parameters = []
+        for (law, place), tolerance in tolerances.items():
             value, deviation = self.posterior.value_of((law, place))
             unit = law.parameters[0].unit
-            every.append(LineParameter(law.id, place, unit, value, 2.0 * deviation, tolerance))
-        return tuple(every)
+            parameters.append(LineParameter(law.id, place, unit, value, 2.0 * deviation, tolerance))
+        return tuple(parameters)
 
     @property
     def entered(self) -> PrinterChange | SessionCorrection:
@@ -152,8 +152,8 @@ class SessionSolution:
     @cached_property
     def visits(self) -> tuple[tuple[str, Reading], ...]:
         """The readings, of those without a movement between them the first, with their sessions."""
-        known = _counting(self.sessions)
-        return tuple(known[row] for row in visit_starts(self.observed).tolist())
+        readings = _counting(self.sessions)
+        return tuple(readings[row] for row in visit_starts(self.observed).tolist())
 
     @cached_property
     def lacks_something(self) -> bool:
@@ -166,21 +166,23 @@ class SessionSolution:
     def suspects(self) -> tuple[Suspect, ...]:
         """Readings that do not fit their own repeats."""
         outliers = self.solution.noise.outliers
-        return tuple(Suspect(*self.visits[one.row], one.studentised) for one in outliers)
+        return tuple(
+            Suspect(*self.visits[outlier.row], outlier.studentised) for outlier in outliers
+        )
 
     @property
     def noisy(self) -> tuple[NoisyChannel, ...]:
         """Indicators that scatter more than the quietest."""
-        known = _counting(self.sessions)
-        found = noisy_indicators(self.observed, self.solution.noise)
-        return tuple(NoisyChannel(*known[one.row], one) for one in found)
+        readings = _counting(self.sessions)
+        indicators = noisy_indicators(self.observed, self.solution.noise)
+        return tuple(NoisyChannel(*readings[indicator.row], indicator) for indicator in indicators)
 
     @cached_property
     def isolated(self) -> tuple[IsolatedReadings, ...]:
         """Readings that have no other posture to compare with."""
-        known = _counting(self.sessions)
+        readings = _counting(self.sessions)
         return tuple(
-            IsolatedReadings(known[rows[0]][0], tuple(known[row][1] for row in rows))
+            IsolatedReadings(readings[rows[0]][0], tuple(readings[row][1] for row in rows))
             for rows in single_posture_rows(self.observed)
         )
 
@@ -197,9 +199,9 @@ class SessionSolution:
         """
         if subset not in self.choice.solutions:
             raise self.choice.refused[subset]
-        found = replace(self, subset=subset)
-        refuse_leaning_planes(self.sessions, found.solution.model, self.observed)
-        return found
+        view = replace(self, subset=subset)
+        refuse_leaning_planes(self.sessions, view.solution.model, self.observed)
+        return view
 
     @property
     def tool_maps(self) -> tuple[PlaneMap, ...]:
@@ -226,24 +228,26 @@ class SessionSolution:
     def budget(self) -> tuple[BudgetShare, ...]:
         """What each source gives to the uncertainties of the view, the largest first."""
         sources = self.solution.budget_mm
-        squares = {name: sum(mm * mm for mm in each.tolist()) for name, each in sources.items()}
-        whole, count = math.fsum(squares.values()), len(self.solution.names)
+        squares = {name: sum(mm * mm for mm in parts.tolist()) for name, parts in sources.items()}
+        total, count = math.fsum(squares.values()), len(self.solution.names)
         shares, together = [], 0.0
         for name in descending([*squares], squares.__getitem__):
             together += squares[name]
             root_mm = math.sqrt(squares[name] / count)
-            shares.append(BudgetShare(name, root_mm, together / whole if whole else 1.0))
+            shares.append(BudgetShare(name, root_mm, together / total if total else 1.0))
         return tuple(shares)
 
     @property
     def furthest_distance(self) -> FurthestDistance | None:
         """The distance between marks that is furthest off; None where none is beyond chance."""
-        every = [(session.name, line) for session in self.sessions for line in session.distances]
+        distances = [
+            (session.name, line) for session in self.sessions for line in session.distances
+        ]
         off = self.posterior.distances_left.tolist()
-        if not every or max(map(abs, off)) <= BEYOND_CHANCE:
+        if not distances or max(map(abs, off)) <= BEYOND_CHANCE:
             return None
         furthest = max(range(len(off)), key=lambda k: abs(off[k]))
-        return FurthestDistance(*every[furthest], off[furthest])
+        return FurthestDistance(*distances[furthest], off[furthest])
 
     @property
     def reads_tool(self) -> bool:
@@ -258,8 +262,8 @@ class SessionSolution:
     @property
     def residuals(self) -> list[tuple[str, Reading, float]]:
         """What the model leaves of each visit, mm, with its session and first reading."""
-        left = self.solution.residual_mm.tolist()
-        return [(*visit, mm) for visit, mm in zip(self.visits, left, strict=True)]
+        residuals_mm = self.solution.residual_mm.tolist()
+        return [(*visit, mm) for visit, mm in zip(self.visits, residuals_mm, strict=True)]
 
     def table(self, name: TableName) -> DataTable:
         """Parameters, differences or residuals, mm; the columns are those of docs/python.md."""
@@ -322,10 +326,15 @@ TableName = Literal["parameters", "differences", "residuals"]
 
 
 def _parameters(solved: SessionSolution) -> DataTable:
-    found = solved.solution
-    columns = (found.values_mm, found.uncertainty_mm, found.expanded_mm, found.coverage_factors)
+    solution = solved.solution
+    columns = (
+        solution.values_mm,
+        solution.uncertainty_mm,
+        solution.expanded_mm,
+        solution.coverage_factors,
+    )
     rows: list[tuple[Cell, ...]] = [
-        (*row, "mm") for row in zip(found.names, *(c.tolist() for c in columns), strict=True)
+        (*row, "mm") for row in zip(solution.names, *(c.tolist() for c in columns), strict=True)
     ]
     rows += [
         (
@@ -336,17 +345,21 @@ def _parameters(solved: SessionSolution) -> DataTable:
             f.coverage_factor,
             f.unit,
         )
-        for f in found.sizes
+        for f in solution.sizes
     ]
     measured = ("value", "standard_uncertainty", "expanded_uncertainty", "coverage_factor")
     return DataTable(("parameter", *measured, "unit"), tuple(rows))
 
 
 def _differences(solved: SessionSolution) -> DataTable:
-    found = solved.solution
-    measured = found.differences
-    u, predicted, left = found.difference_uncertainty_mm, found.predicted_mm, found.left_mm
-    columns = (measured.value_mm, u, predicted, left)
+    solution = solved.solution
+    measured = solution.differences
+    u, predicted, residuals_mm = (
+        solution.difference_uncertainty_mm,
+        solution.predicted_mm,
+        solution.left_mm,
+    )
+    columns = (measured.value_mm, u, predicted, residuals_mm)
     rows = list(zip(measured.names, *(column.tolist() for column in columns), strict=True))
     names = ("difference", "value_mm", "standard_uncertainty_mm", "predicted_mm", "residual_mm")
     return DataTable(names, tuple(rows[k] for k in measured.published_rows))
@@ -364,12 +377,18 @@ def _residuals(solved: SessionSolution) -> DataTable:
         (*PLACE, "residual_mm"),
         tuple(
             (
-                *(name, one.reading, one.leg, one.axis, one.displacement_mm),
-                *(one.position_mm or nowhere),
-                *(one.station, one.mount, one.cycle, one.time_s, one.temperature_c),
-                *(one.value_mm, left_mm),
+                *(name, reading.reading, reading.leg, reading.axis, reading.displacement_mm),
+                *(reading.position_mm or nowhere),
+                *(
+                    reading.station,
+                    reading.mount,
+                    reading.cycle,
+                    reading.time_s,
+                    reading.temperature_c,
+                ),
+                *(reading.value_mm, left_mm),
             )
-            for name, one, left_mm in solved.residuals
+            for name, reading, left_mm in solved.residuals
         ),
     )
 
@@ -412,15 +431,18 @@ def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
             raise RecordError(f"session {record.path}", "the same session twice", "each one once")
     warnings = [record.unfinished for record in records if record.unfinished]
     sessions = [record.session for record in records]
-    for one in sessions:
-        back = one.time_goes_back()
+    for session in sessions:
+        back = session.time_goes_back()
         if back:
             warnings.append(
-                f"{one.name}: time_s goes back at reading {back.reading}: the clock was set. Its "
+                f"{session.name}: time_s goes back at reading {back.reading}: the clock was "
+                "set. Its "
                 "times are not used, so drift with time cannot be told."
             )
-        if off_bar := off_bar_words(one.readings, one.opened.machine.geometry()):
-            warnings.append(f"{one.name}: {off_bar}. They are used as if the bar went on there.")
+        if off_bar := off_bar_words(session.readings, session.opened.machine.geometry()):
+            warnings.append(
+                f"{session.name}: {off_bar}. They are used as if the bar went on there."
+            )
     return sessions, warnings
 
 
@@ -462,12 +484,12 @@ def solve_sessions(
     corrections = ControllerCorrections.of_sessions(
         sessions, choice.fitted.model, frame or machine.frame, free=free
     )
-    found = SessionSolution(tuple(sessions), observed, choice, chosen, corrections, holds)
+    solved = SessionSolution(tuple(sessions), observed, choice, chosen, corrections, holds)
     if model is not None:
         from protocols.model_file import ambiguous_effects, held_sizes
 
-        found = replace(found, ambiguous=ambiguous_effects(model), held=held_sizes(model))
-    return found.with_subset(chosen)
+        solved = replace(solved, ambiguous=ambiguous_effects(model), held=held_sizes(model))
+    return solved.with_subset(chosen)
 
 
 def _of(
@@ -526,21 +548,21 @@ def solve_files(
     sessions, warnings = load_sessions(paths)
     if not sessions:
         raise NotIdentifiable("sessions", "none", "at least one session")
-    known = None
+    model_file = None
     if model:
         from protocols.model_file import read_model_file
 
-        known = read_model_file(model)
-    found = solve_sessions(
+        model_file = read_model_file(model)
+    solved = solve_sessions(
         sessions,
         subset=subset,
         method=method,
         weights=weights,
-        model=known,
+        model=model_file,
         frame=frame,
         holds=holds,
     )
-    return replace(found, warnings=tuple(warnings))
+    return replace(solved, warnings=tuple(warnings))
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ class Trial:
     @property
     def values(self) -> tuple[float, ...]:
         """The sizes of the entry, in its units."""
-        return tuple(one.value for one in self.entry.parameters.values())
+        return tuple(parameter.value for parameter in self.entry.parameters.values())
 
     def at(self, values: Sequence[float]) -> WhatIf:
         """With sizes held at these values, one for each, in its unit."""
@@ -80,14 +80,17 @@ class Trial:
     def parameters(self) -> tuple[EffectParameter, ...]:
         """What the effect says of each size."""
         kind = self.placed(self.entry)[0].effect
-        known = {one.name: one for one in kind.parameters}
-        return tuple(known[one.of or name] for name, one in self.entry.parameters.items())
+        parameter_of_name = {parameter.name: parameter for parameter in kind.parameters}
+        return tuple(
+            parameter_of_name[parameter.of or name]
+            for name, parameter in self.entry.parameters.items()
+        )
 
     @cached_property
     def fitted(self) -> tuple[FittedSize, ...]:
         """The sizes as they come out beside the parameters. Raises NotIdentifiable."""
-        found = self.solution(self.entry.freed())
-        return found.sizes[len(found.sizes) - len(self.entry.parameters) :]
+        solution = self.solution(self.entry.freed())
+        return solution.sizes[len(solution.sizes) - len(self.entry.parameters) :]
 
     def usual(self) -> Trial:
         """With the set of parameters that the readings determine beside the sizes, where they can.
@@ -108,12 +111,12 @@ class Trial:
 
         Where the readings do not tell it, a tenth of a size that nobody would remark on.
         """
-        tolerances = [0.1 * one.tolerance for one in self.parameters]
+        tolerances = [0.1 * parameter.tolerance for parameter in self.parameters]
         try:
-            known = [size.standard_uncertainty for size in self.fitted]
+            uncertainties = [size.standard_uncertainty for size in self.fitted]
         except NotIdentifiable:
-            known = tolerances
-        return tuple(_round(u or least) for u, least in zip(known, tolerances, strict=True))
+            uncertainties = tolerances
+        return tuple(_round(u or least) for u, least in zip(uncertainties, tolerances, strict=True))
 
     def begin(self) -> tuple[Solution, tuple[float, ...]]:
         """What is solved without it, and `steps`: worked out once. Raises NotIdentifiable."""
@@ -121,14 +124,16 @@ class Trial:
 
     def moved(self, values: Sequence[float], number: int, steps: int) -> tuple[float, ...]:
         """The sizes with one moved by so many of its steps, onto a multiple of them, in bounds."""
-        step, known = self.steps[number], self.parameters[number]
+        step, parameter = self.steps[number], self.parameters[number]
         at = values[number] / step
         near = round(at)
         if not math.isclose(at, near, abs_tol=1e-6):  # between two steps: onto the next one first
             near = math.floor(at) if steps > 0 else math.ceil(at)
-        most = min(max(FAR * known.tolerance, 4.0 * abs(self.values[number])), known.limit)
-        wanted = min(max((near + steps) * step, -most, known.least), most)
-        return (*values[:number], float(f"{wanted:.10g}"), *values[number + 1 :])
+        largest = min(
+            max(FAR * parameter.tolerance, 4.0 * abs(self.values[number])), parameter.limit
+        )
+        value = min(max((near + steps) * step, -largest, parameter.least), largest)
+        return (*values[:number], float(f"{value:.10g}"), *values[number + 1 :])
 
     @cached_property
     def _case(self) -> IdentificationCase:
@@ -144,17 +149,19 @@ class Trial:
         """With the effect of this trial as it stands there. Raises NotIdentifiable."""
         if self.subset is None:
             return self.solved(entry).solution
-        whole, effects = self._with(entry), self.effects
-        told = replace(
-            self._case, model=to_model(whole, "model", effects), sizes=sizes_of(whole, effects)
+        model_file, effects = self._with(entry), self.effects
+        case = replace(
+            self._case,
+            model=to_model(model_file, "model", effects),
+            sizes=sizes_of(model_file, effects),
         )
         tolerance_mm = self.sessions[0].opened.machine.tolerances_mm()
-        return identify(told, self.subset, tolerance_mm=tolerance_mm)
+        return identify(case, self.subset, tolerance_mm=tolerance_mm)
 
     def solved(self, entry: EffectEntry) -> SessionSolution:
         """The same with all other sets. Raises NotIdentifiable."""
-        whole = self._with(entry)
-        return solve_sessions(self.sessions, subset=self.subset, model=whole)
+        model_file = self._with(entry)
+        return solve_sessions(self.sessions, subset=self.subset, model=model_file)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,13 +174,13 @@ class WhatIf:
     @property
     def units(self) -> tuple[str, ...]:
         """Of the values."""
-        return tuple(one.unit for one in self.trial.entry.parameters.values())
+        return tuple(parameter.unit for parameter in self.trial.entry.parameters.values())
 
     @cached_property
     def solution(self) -> Solution:
         """That of `solved`, which need not be worked out for it. Raises NotIdentifiable."""
-        known = self.trial.subset is None or "solved" in vars(self)
-        return self.solved.solution if known else self.trial.solution(self._entry)
+        as_fitted = self.trial.subset is None or "solved" in vars(self)
+        return self.solved.solution if as_fitted else self.trial.solution(self._entry)
 
     @cached_property
     def solved(self) -> SessionSolution:
@@ -192,8 +199,8 @@ class WhatIf:
         """What the tool is off by if the effect is there and parameters found without it are
         entered, r.m.s. over the workspace.
         """
-        found, former = self.solution.model, self.trial.without.solution.model
-        machine = Model(self._geometry, found.parameters_mm, self.trial.placed(self._entry))
+        model, former = self.solution.model, self.trial.without.solution.model
+        machine = Model(self._geometry, model.parameters_mm, self.trial.placed(self._entry))
         return tool_error_mm(machine, commanded_with(self._geometry, former.parameters_mm))
 
     def work_out(self) -> tuple[float, float]:
@@ -232,34 +239,34 @@ def what_if(
     as `solve_sessions`.
     """
     beside = model or ModelFile(machine=sessions[0].opened.machine)
-    known = [*beside.effects, *_of_the_catalogue(sessions)]
-    wanted, _, where = effect.partition(":")
-    of_it = [one for one in known if one.id == wanted]
-    fitting = [one for one in of_it if one.where == where]
+    entries = [*beside.effects, *_of_the_catalogue(sessions)]
+    effect_id, _, where = effect.partition(":")
+    of_it = [entry for entry in entries if entry.id == effect_id]
+    fitting = [entry for entry in of_it if entry.where == where]
     if not fitting:
-        places = [f"{one.id}:{one.where}" for one in of_it or known]
+        places = [f"{entry.id}:{entry.where}" for entry in of_it or entries]
         raise UsageError("effect", repr(effect), ", ".join(dict.fromkeys(places)))
-    chosen = next((one for one in fitting if len(one.parameters) == len(values)), None)
+    chosen = next((entry for entry in fitting if len(entry.parameters) == len(values)), None)
     if chosen is None:
-        numbers = " or ".join(sorted({str(len(one.parameters)) for one in fitting}))
+        numbers = " or ".join(sorted({str(len(entry.parameters)) for entry in fitting}))
         raise UsageError(f"values of {effect}", f"{len(values)}", numbers)
     trial = trial_of(Choice(chosen, "undiagnosed"), sessions, beside, subset)
-    found = trial.at(values)
-    found.work_out_all()  # what cannot be worked out is said here
-    return found
+    outcome = trial.at(values)
+    outcome.work_out_all()  # what cannot be worked out is said here
+    return outcome
 
 
 def _of_the_catalogue(sessions: Sequence[Session]) -> Iterator[EffectEntry]:
     """What these readings could show, of size 0."""
     nominal = Model(sessions[0].opened.machine.geometry())
-    for one in candidates(nominal, to_observations(sessions), known_effects()):
-        yield _of_size_zero(one)
+    for candidate in candidates(nominal, to_observations(sessions), known_effects()):
+        yield _of_size_zero(candidate)
 
 
-def _of_size_zero(found: Candidate) -> EffectEntry:
-    shares = [(s, k, number) for s in found.shares for k, number in enumerate(s.values)]
+def _of_size_zero(candidate: Candidate) -> EffectEntry:
+    shares = [(s, k, number) for s in candidate.shares for k, number in enumerate(s.values)]
     parameters = {}
-    for number, parameter in enumerate(found.parameters):
+    for number, parameter in enumerate(candidate.parameters):
         acting = [(share, k) for share, k, at in shares if at == number]
         parameters[parameter.name] = ParameterEntry(
             value=0.0,
@@ -267,7 +274,9 @@ def _of_size_zero(found: Candidate) -> EffectEntry:
             of=acting[0][0].effect.parameters[acting[0][1]].name,
             places=tuple(share.place for share, _ in acting),
         )
-    return EffectEntry(id=found.id, where=found.where, title=found.title, parameters=parameters)
+    return EffectEntry(
+        id=candidate.id, where=candidate.where, title=candidate.title, parameters=parameters
+    )
 
 
 Standing = Literal["model", "named", "unnamed", "candidate", "undiagnosed"]
@@ -302,18 +311,18 @@ def choices(
     diagnosed: SessionDiagnosis | None = None,
 ) -> list[Choice]:
     """Effects to try: those of the model, then what was diagnosed, else all that could show."""
-    found: list[Choice] = []
+    every_choice: list[Choice] = []
     for entry in model.effects if model else ():
         unsure = entry.provenance is not None and entry.provenance.verdict == "ambiguous"
         alike = ("others that fitted as well",) if unsure else ()
-        found.append(Choice(entry, "model", alike))
+        every_choice.append(Choice(entry, "model", alike))
     if diagnosed is not None:
-        found += _of_the_diagnosis(diagnosed.diagnosis)
+        every_choice += _of_the_diagnosis(diagnosed.diagnosis)
     else:
-        found += [Choice(entry, "undiagnosed") for entry in _of_the_catalogue(sessions)]
+        every_choice += [Choice(entry, "undiagnosed") for entry in _of_the_catalogue(sessions)]
     first: dict[tuple[str, str], Choice] = {}
-    for one in found:
-        first.setdefault(one.key, one)
+    for choice in every_choice:
+        first.setdefault(choice.key, choice)
     return list(first.values())
 
 
@@ -324,36 +333,42 @@ def trial_of(
     subset: Subset | None = None,
 ) -> Trial:
     """The effect of this choice, to be moved beside the other effects of the model."""
-    known = model or ModelFile(machine=sessions[0].opened.machine)
-    others = [one for one in known.effects if (one.id, one.where) != choice.key]
-    beside = known.model_copy(update={"effects": (*others, *choice.beside)})
+    model_file = model or ModelFile(machine=sessions[0].opened.machine)
+    other_effects = [entry for entry in model_file.effects if (entry.id, entry.where) != choice.key]
+    beside = model_file.model_copy(update={"effects": (*other_effects, *choice.beside)})
     return Trial(tuple(sessions), beside, choice.entry, subset)
 
 
-def _of_the_diagnosis(found: Diagnosis) -> Iterator[Choice]:
+def _of_the_diagnosis(diagnosis: Diagnosis) -> Iterator[Choice]:
     """What was named, each beside the others; what it left; candidates in the place of all that."""
-    named = [(one, _entry_of(one)) for one in found.effects if one.effects]
+    named = [(finding, _entry_of(finding)) for finding in diagnosis.effects if finding.effects]
     alike: dict[tuple[str, str], tuple[str, ...]] = {}
-    for one, entry in named:
-        others = tuple(other for _, other in named if other is not entry)
-        rivals = one.indistinguishable_from
-        yield Choice(entry, "named", tuple(f"{r.id} ({r.where})" for r in rivals), others)
-        alike |= {(r.id, r.where): (f"{one.id} ({one.where})",) for r in rivals}
-    if found.left_over:
-        others = tuple(entry for _, entry in named)
-        yield Choice(_entry_of(found.left_over.effect), "unnamed", (), others)
-    for rival in found.candidates:
+    for finding, entry in named:
+        other_entries = tuple(
+            entry_of_other for _, entry_of_other in named if entry_of_other is not entry
+        )
+        rivals = finding.indistinguishable_from
+        yield Choice(entry, "named", tuple(f"{r.id} ({r.where})" for r in rivals), other_entries)
+        alike |= {(r.id, r.where): (f"{finding.id} ({finding.where})",) for r in rivals}
+    if diagnosis.left_over:
+        other_entries = tuple(entry for _, entry in named)
+        yield Choice(_entry_of(diagnosis.left_over.effect), "unnamed", (), other_entries)
+    for rival in diagnosis.candidates:
         if rival.effects and rival.effects[0].effect.kind != Kind.GROSS_ERROR:
             yield Choice(_entry_of(rival), "candidate", alike.get((rival.id, rival.where), ()))
 
 
-def _entry_of(one: Finding | Contender) -> EffectEntry:
-    values = {v.name: (v.value, v.standard_uncertainty) for v in one.parameters}
-    return effect_entry(one.where, one.effects, values)
+def _entry_of(finding: Finding | Contender) -> EffectEntry:
+    values = {v.name: (v.value, v.standard_uncertainty) for v in finding.parameters}
+    return effect_entry(finding.where, finding.effects, values)
 
 
 def _round(size: float) -> float:
     """1, 2 or 5 of a power of ten, the nearest one below."""
     decade = 10.0 ** math.floor(math.log10(size) + 1e-9)
-    factor = max(one for one in (1.0, 2.0, 5.0) if one * decade <= size * (1.0 + 1e-9))
+    factor = max(
+        factor_of_decade
+        for factor_of_decade in (1.0, 2.0, 5.0)
+        if factor_of_decade * decade <= size * (1.0 + 1e-9)
+    )
     return float(f"{factor * decade:.6g}")

@@ -52,10 +52,12 @@ def joint_includes(offsets: Offsets) -> Export:
     Raises UsageError where lengths cannot be held, ImpossibleRequest as `joint_entries`.
     """
     if offsets.lengths_mm:
-        shown = ", ".join(f"{name} {value:+.4f}" for name, value in offsets.lengths_mm.items())
+        lengths_words = ", ".join(
+            f"{name} {value:+.4f}" for name, value in offsets.lengths_mm.items()
+        )
         raise UsageError(
             "LinuxCNC joint includes",
-            f"leg length errors ({shown} mm)",
+            f"leg length errors ({lengths_words} mm)",
             "joint offsets alone: HOME_OFFSET cannot hold a length",
             "Export the session without --subset, or use --format linuxcnc-kins.",
         )
@@ -74,7 +76,7 @@ def for_joints(offsets: Offsets, holds: Holds) -> Offsets:
     """
     controller = offsets.controller
     absent: dict[str, str] = {}
-    if controller is None or any(one.latch_sign is None for one in controller.joints):
+    if controller is None or any(joint.latch_sign is None for joint in controller.joints):
         absent = dict.fromkeys(("play", "table"), NOT_HOMED)
     else:
         for moved in joints_of_drives(offsets):
@@ -93,13 +95,13 @@ def with_kinematics(offsets: Offsets) -> Export:
     unit = offsets.controller.mm_per_unit if offsets.controller else 1.0
     source = resources.files("app.exports").joinpath(f"{MODULE}.comp").read_text(encoding="utf-8")
     offsets = for_joints(offsets, "kinematics")
-    said = [line for text in origin(offsets) for line in short_lines(text)]
-    each = one_joint_a_drive(joints_of_drives(offsets), MODULE)
-    hal = "".join(f"# {line}\n" for line in said)
-    hal += pins(offsets.model, unit, [(moved.joint, moved.way) for moved in each])
-    own = {f"{MODULE}.comp": source, "calib.hal": hal}
+    comment_lines = [line for text in origin(offsets) for line in short_lines(text)]
+    by_joint = one_joint_a_drive(joints_of_drives(offsets), MODULE)
+    hal = "".join(f"# {line}\n" for line in comment_lines)
+    hal += pins(offsets.model, unit, [(moved.joint, moved.way) for moved in by_joint])
+    module_files = {f"{MODULE}.comp": source, "calib.hal": hal}
     joints = joint_files(offsets, kinematics=True)
-    return Export({**joints.files, **own}, joints.cautions)
+    return Export({**joints.files, **module_files}, joints.cautions)
 
 
 def joint_files(offsets: Offsets, *, kinematics: bool) -> Export:
@@ -112,18 +114,18 @@ def joint_files(offsets: Offsets, *, kinematics: bool) -> Export:
     within = list(_within(offsets.model, kinematics=kinematics))
     travels: list[str] = []
     for moved, entries in entries_of(offsets):
-        joint, drive, held = moved.joint, moved.drive, moved.now
+        joint, drive, joint_now = moved.joint, moved.drive, moved.now
         unit = controller.mm_per_unit if controller else 1.0
-        said = [*origin(offsets, joint, drive), *_of_joint(offsets, moved, entries)]
+        comment_lines = [*origin(offsets, joint, drive), *_of_joint(offsets, moved, entries)]
         moving = list(travel(offsets, moved, entries))
         travels += moving
-        said += [*moving, *within, *offsets.cautions]
+        comment_lines += [*moving, *within, *offsets.cautions]
         put = f"put '#INCLUDE calib_joint{joint}.inc' directly under [JOINT_{joint}]"
-        lines = [f"# {line}" for text in said for line in short_lines(text)]
+        lines = [f"# {line}" for text in comment_lines for line in short_lines(text)]
         lines.append(f"# {put}; LINEAR_UNITS = {UNITS.get(unit) or f'{1.0 / unit:g}'}")
-        if held:
+        if joint_now:
             lines.append(
-                f"HOME_OFFSET = {(held.home_offset_mm + entries.home_change_mm) / unit:.6f}"
+                f"HOME_OFFSET = {(joint_now.home_offset_mm + entries.home_change_mm) / unit:.6f}"
             )
         if entries.backlash_mm and entries.table is None:
             lines.append(f"BACKLASH = {entries.backlash_mm / unit:.6f}")
@@ -166,8 +168,8 @@ def _refuse_what_is_not_known(offsets: Offsets) -> None:
             "what they held when these readings were taken",
             "Measure again with what they hold now, or take the includes of that session out.",
         )
-    unknown = controller is None or any(one.latch_sign is None for one in controller.joints)
-    if unknown and any(one.stage == Stage.ACTUATOR for one in offsets.model.effects):
+    unknown = controller is None or any(joint.latch_sign is None for joint in controller.joints)
+    if unknown and any(joint.stage == Stage.ACTUATOR for joint in offsets.model.effects):
         raise UsageError(
             "LinuxCNC joint includes",
             "effects along the drives, but not where and how the joints home",
@@ -179,68 +181,71 @@ def _refuse_what_is_not_known(offsets: Offsets) -> None:
 def origin(offsets: Offsets, joint: int | None = None, drive: int = 0) -> list[str]:
     """Machine, session, when it was measured, digest, version."""
     of = "" if joint is None else f"joint {joint} ({LEG_NAMES[drive]}) of "
-    made = f", {one_line(offsets.made)}" if offsets.made else ""
+    date_words = f", {one_line(offsets.made)}" if offsets.made else ""
     return [
-        f"glidecal: {of}{one_line(offsets.machine.name)}, from {one_line(offsets.source)}{made}"
+        f"glidecal: {of}{one_line(offsets.machine.name)}, from "
+        f"{one_line(offsets.source)}{date_words}"
     ]
 
 
 def _of_joint(offsets: Offsets, moved: DriveJoint, entries: JointEntries) -> Iterator[str]:
     """How the value comes about, or what to add to one that nobody stated."""
-    drive, way, held = moved.drive, moved.way, moved.now
+    drive, way, joint_now = moved.drive, moved.way, moved.now
     name = f"d_rho_{LEG_NAMES[drive]}"
     offset = way * offsets.parameters[name].value
     if way < 0:
         yield f"this joint counts against its drive, as the machine file says: {name} is turned"
-    if held is None:
+    if joint_now is None:
         yield (
             f"nobody stated the present HOME_OFFSET: add {offset:+.6f} mm ({name}) to the value "
             "that the controller holds now, and enter the sum"
         )
     else:
-        yield f"old HOME_OFFSET {held.home_offset_mm:.6f} mm + {name} {offset:+.6f} mm"
+        yield f"old HOME_OFFSET {joint_now.home_offset_mm:.6f} mm + {name} {offset:+.6f} mm"
         fitted = way * offsets.model.parameters_mm[drive]
         if abs(fitted - offset) > NOTHING_MM:
             yield f"and {fitted - offset:+.6f} mm that goes with the kinematics in calib.hal"
-        more = entries.home_change_mm - fitted
-        if abs(more) > NOTHING_MM:
-            yield f"and {more:+.6f} mm that homing meets at the switch"
+        added_mm = entries.home_change_mm - fitted
+        if abs(added_mm) > NOTHING_MM:
+            yield f"and {added_mm:+.6f} mm that homing meets at the switch"
     yield from known_lines(name, offsets.parameters[name], lacks_fit=offsets.lacks_fit)
 
 
 def _within(model: Model, *, kinematics: bool) -> Iterator[str]:
     """Effects that these files hold."""
-    left = not_told(model, kinematics=kinematics)
-    held = dict.fromkeys(one.id for one in moves_the_tool(model) if one not in left.effects)
-    if held:
-        yield f"in these files: {', '.join(held)}"
+    not_held = not_told(model, kinematics=kinematics)
+    names_held = dict.fromkeys(
+        effect.id for effect in moves_the_tool(model) if effect not in not_held.effects
+    )
+    if names_held:
+        yield f"in these files: {', '.join(names_held)}"
     if kinematics and (misfit_mm := kinematics_of(model).misfit_mm) > INTERPOLATION_MM:
         yield f"the kinematics follow the drives within {misfit_mm:.4f} mm only"
 
 
-def known_lines(name: str, one: Offset, *, lacks_fit: bool) -> list[str]:
+def known_lines(name: str, offset: Offset, *, lacks_fit: bool) -> list[str]:
     """The figures of the result: the larger one first where it warns of what the model leaves."""
-    if one.standard_uncertainty is None or one.expanded_uncertainty is None:
+    if offset.standard_uncertainty is None or offset.expanded_uncertainty is None:
         return []
-    known = f"±{uncertain(one.expanded_uncertainty, 4)} mm"
-    noise = f"u = {uncertain(one.standard_uncertainty, 4)} mm"
-    wider = one.expanded_with_tolerances or 0.0
+    uncertainty_words = f"±{uncertain(offset.expanded_uncertainty, 4)} mm"
+    noise = f"u = {uncertain(offset.standard_uncertainty, 4)} mm"
+    wider = offset.expanded_with_tolerances or 0.0
     parts = (
         [
             f"with the other parts within their tolerances {name} is known to ±"
             f"{uncertain(wider, 4)} mm (95 %)"
         ]
-        if wider > one.expanded_uncertainty
+        if wider > offset.expanded_uncertainty
         else []
     )
-    if lacks_fit and one.expanded_with_lack_of_fit is not None:
-        larger = f"±{uncertain(one.expanded_with_lack_of_fit)} mm"
+    if lacks_fit and offset.expanded_with_lack_of_fit is not None:
+        larger = f"±{uncertain(offset.expanded_with_lack_of_fit)} mm"
         return [
             f"{name} is known to {larger} (95 %, residual counted as noise); with "
-            f"reading noise only {known}, {noise}",
+            f"reading noise only {uncertainty_words}, {noise}",
             *parts,
         ]
-    return [f"{name} is known to {known} (95 %), {noise}", *parts]
+    return [f"{name} is known to {uncertainty_words} (95 %), {noise}", *parts]
 
 
 def short_lines(text: str) -> list[str]:
@@ -257,14 +262,14 @@ def pins(
 
     ``joints`` are the joint of each drive and whether it counts with (1) or against (-1) it.
     """
-    found, geometry = kinematics_of(model), model.geometry
+    slopes, geometry = kinematics_of(model), model.geometry
     vectors = {
-        "origin": found.origin_mm / mm_per_unit,
-        "direction": found.direction,
-        "bend": found.bend_per_mm * mm_per_unit,
+        "origin": slopes.origin_mm / mm_per_unit,
+        "direction": slopes.direction,
+        "bend": slopes.bend_per_mm * mm_per_unit,
         "platform": geometry.platform / mm_per_unit,
     }
-    figures = {"zero": found.zero_mm, "length": found.length_mm, "sag": found.sag_mm}
+    figures = {"zero": slopes.zero_mm, "length": slopes.length_mm, "sag": slopes.sag_mm}
     values: dict[str, float] = {}
     for drive, (joint, way) in enumerate(joints):
         for name, rows in vectors.items():

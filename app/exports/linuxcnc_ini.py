@@ -116,10 +116,10 @@ class Entries:
 
     def measured(self) -> Iterator[datetime]:
         """When the sessions began whose offsets stand in includes of this program."""
-        said = " ".join(line.lstrip("# ") for line in self._lines if line.startswith("# "))
-        for found in re.finditer(r"measured (\d{4}-\d\d-\d\d \d\d:\d\d [+-]\d{4})", said):
+        comments = " ".join(line.lstrip("# ") for line in self._lines if line.startswith("# "))
+        for match in re.finditer(r"measured (\d{4}-\d\d-\d\d \d\d:\d\d [+-]\d{4})", comments):
             with suppress(ValueError):
-                yield datetime.strptime(found[1], MINUTE)
+                yield datetime.strptime(match[1], MINUTE)
 
     def find(self, section: str, key: str) -> str | None:
         """The first entry of the first section of this name; None where there is none."""
@@ -166,9 +166,9 @@ def _with_includes(path: Path) -> Iterator[str]:
     lines = read_text(path, "INI file").splitlines()
     expanded = any(line.startswith(INCLUDE) for line in lines)
     for line in lines:
-        first, _, rest = line.strip().partition(" ")
-        if expanded and first == INCLUDE and rest:
-            included = path.parent / _file_name(path, rest)
+        first, _, target = line.strip().partition(" ")
+        if expanded and first == INCLUDE and target:
+            included = path.parent / _file_name(path, target)
             if included.exists():  # the controller complains, and starts without it
                 yield from read_text(included, "INI file").splitlines()
         else:

@@ -121,13 +121,18 @@ def _held(entry: str, now: Sequence[float], drives: Sequence[int], unit: str = "
 
 
 def _export(
-    offsets: Offsets, values: Entered, put: str, held: str, drives: Sequence[int], lines: list[str]
+    offsets: Offsets,
+    values: Entered,
+    put: str,
+    controller_words: str,
+    drives: Sequence[int],
+    lines: list[str],
 ) -> Export:
     """The lines below what is to be known of them, M92 first: all lengths count from it."""
     steps = offsets.machine.steps_per_mm
     if steps is not None and values.stretch.any():
-        held += _held("M92", steps, drives, "steps per mm")
+        controller_words += _held("M92", steps, drives, "steps per mm")
         a_step = values.turns_mm([1.0 / one for one in steps])
         lines = [f"M92 {_words(TOWERS, [1.0 / a_step[drive] for drive in drives])}", *lines]
-    above = [f"; {line}" for line in comments(offsets, values, put, held)]
+    above = [f"; {line}" for line in comments(offsets, values, put, controller_words)]
     return Export({"": "\n".join([*above, *lines]) + "\n"}, offsets.cautions)

@@ -54,9 +54,9 @@ def macro(
         "Run it with a clean nozzle or probe, at the temperature that you print at. Save all that "
         "the firmware answers, and give that log to glidecal import",
     ]
-    told = CODE[dialect](cycles, max(plate.lift_mm, CLEAR_MM))
+    code = CODE[dialect](cycles, max(plate.lift_mm, CLEAR_MM))
     lines = [f"; {line}" for text in above for line in short_lines(text)]
-    return "\n".join([*lines, *told]) + "\n"
+    return "\n".join([*lines, *code]) + "\n"
 
 
 def _probed(procedure: Procedure) -> Plate:
@@ -68,8 +68,12 @@ def _probed(procedure: Procedure) -> Plate:
     off = [place for place in plate.places_mm() if place[2] != 0.0]
     if plate.axis != "z" or off:
         across = plate.axis != "z"
-        found = f"a plate across {plate.axis}" if across else f"position {position_words(off[0])}"
-        raise UsageError(thing, found, "positions on a plate at z = 0: there a probe meets it")
+        place_words = (
+            f"a plate across {plate.axis}" if across else f"position {position_words(off[0])}"
+        )
+        raise UsageError(
+            thing, place_words, "positions on a plate at z = 0: there a probe meets it"
+        )
     return plate
 
 

@@ -51,8 +51,8 @@ def endstops_now_mm(offsets: Offsets) -> list[float]:
 
     Raises UsageError where nobody stated them.
     """
-    held = offsets.controller
-    if held is None:
+    controller = offsets.controller
+    if controller is None:
         raise UsageError(
             "present heights of the switches",
             "none stated",
@@ -60,8 +60,8 @@ def endstops_now_mm(offsets: Offsets) -> list[float]:
             "position_endstop; H plus M666 of RepRapFirmware; H less M666 of Marlin; Z less M666 "
             "of Smoothieware",
         )
-    joints = [name.lower() for name in held.axes or "XYZ"]
-    home = [held.joints[joints.index(name)].home_offset_mm for name in LEG_NAMES]
+    joints = [name.lower() for name in controller.axes or "XYZ"]
+    home = [controller.joints[joints.index(name)].home_offset_mm for name in LEG_NAMES]
     zero = offsets.machine.geometry().zero_mm.tolist()
     return [at - below for at, below in zip(home, zero, strict=True)]
 
@@ -81,27 +81,27 @@ def fitted(
     ``steps_now`` is what it holds for the travel of each tower; None: that stays as it is. Raises
     UsageError where it has one length and holds unequal ones now.
     """
-    whole, solved = for_controller(offsets, "kinematics"), offsets.solved
+    kinematics, solved = for_controller(offsets, "kinematics"), offsets.solved
     if entries.travels and steps_now is None:
         entries = replace(entries, travels=False)
-        if any(effect.id == ActuatorScale.id for effect in whole.model.effects):
+        if any(effect.id == ActuatorScale.id for effect in kinematics.model.effects):
             offsets = replace(offsets, cautions=(*offsets.cautions, STEPS))
-            whole = replace(whole, cautions=(*whole.cautions, STEPS))
+            kinematics = replace(kinematics, cautions=(*kinematics.cautions, STEPS))
     if solved is None or offsets.view:
-        values = entered(whole.model, entries)
+        values = entered(kinematics.model, entries)
     else:
         made = solved.corrections.of_towers(entries)
         values, change = made.values, solved.printer_change
-        said = [
-            whole.bound,
+        remarks = [
+            kinematics.bound,
             *left_out_lines(made.left_out),
             *doubt_lines(solved),
             *([NOT_WORTH_IT] if change and not change.helps else []),
         ]
-        cautions = (*map(one_line, said), *offsets.cautions)
-        whole = replace(whole, model=made.model, cautions=cautions)
+        cautions = (*map(one_line, remarks), *offsets.cautions)
+        kinematics = replace(kinematics, model=made.model, cautions=cautions)
     _check_lengths(values)
-    return _bounded(whole, values), values
+    return _bounded(kinematics, values), values
 
 
 def _check_lengths(values: Entered) -> None:
@@ -128,7 +128,7 @@ SEEN_MM = 0.005
 """A change of the tool's height from which a file states it, with two decimals."""
 
 
-def comments(offsets: Offsets, values: Entered, put: str, held: str) -> list[str]:
+def comments(offsets: Offsets, values: Entered, put: str, controller_words: str) -> list[str]:
     """What stands above the values: where they go, what they are for, what they leave, cautions.
 
     First that the plate is to be touched again, and what becomes of the height of the tool there.
@@ -137,16 +137,20 @@ def comments(offsets: Offsets, values: Entered, put: str, held: str) -> list[str
     x, y, z = values.moved_mm.tolist()
     each_radius = values.entries.radii
     radius = f"radius {_three(now.radius_mm if each_radius else now.radius_mm[:1])} mm"
-    kept = "these values keep the height of the tool in the middle of the plate as it is now"
+    height_words = (
+        "these values keep the height of the tool in the middle of the plate as it is now"
+    )
     if abs(z) >= SEEN_MM:
         way = "higher" if z > 0.0 else "lower"
-        kept = f"with these values the tool at Zero stands about {abs(z):.2f} mm {way} than now"
+        height_words = (
+            f"with these values the tool at Zero stands about {abs(z):.2f} mm {way} than now"
+        )
     lines = [
-        f"{TOUCH}; {kept}",
+        f"{TOUCH}; {height_words}",
         *origin(offsets),
         put,
         f"made for a controller that now holds {radius}, lengths of the bars "
-        f"{_three(now.length_mm)} mm, towers at {_three(now.angle_deg)}°{held}; if it "
+        f"{_three(now.length_mm)} mm, towers at {_three(now.angle_deg)}°{controller_words}; if it "
         "holds others, these values are wrong",
         f"tool error over the workspace, if the model is right: {values.before_mm:.4f} mm r.m.s. "
         f"now, {values.after_mm:.4f} mm with these values",
@@ -157,13 +161,13 @@ def comments(offsets: Offsets, values: Entered, put: str, held: str) -> list[str
             "present place there: errors count from the new one"
         )
     alone = dict(each_alone(offsets.model, values.entries))
-    if whole := [name for name, left_mm in alone.items() if left_mm < LEAST_MM]:
-        lines.append(f"wholly in these values: {', '.join(whole)}")
+    if exact_entries := [name for name, left_mm in alone.items() if left_mm < LEAST_MM]:
+        lines.append(f"wholly in these values: {', '.join(exact_entries)}")
     if short := {name: mm for name, mm in alone.items() if mm >= LEAST_MM}:
-        each = ", ".join(f"{name} leaves {mm:.4f} mm" for name, mm in short.items())
+        shortfalls = ", ".join(f"{name} leaves {mm:.4f} mm" for name, mm in short.items())
         lines.append(
             f"not wholly: the firmware has no value for all of {', '.join(short)}. By itself "
-            f"{each}, together {values.after_mm:.4f} mm r.m.s. at the tool"
+            f"{shortfalls}, together {values.after_mm:.4f} mm r.m.s. at the tool"
         )
     for name, offset in offsets.parameters.items():
         lines += known_lines(name, offset, lacks_fit=offsets.lacks_fit)
@@ -195,8 +199,8 @@ def printer_cfg(offsets: Offsets) -> Export:
         "over what stands above and over saved values; then home. Later saved calibrations are "
         "refused while it is included"
     )
-    told = comments(offsets, values, put, "".join(steppers))
-    lines = [f"# {line}" for line in told]
+    comment_lines = comments(offsets, values, put, "".join(steppers))
+    lines = [f"# {line}" for line in comment_lines]
     lines += ["[printer]", f"delta_radius: {float(towers.radius_mm[0]):.6f}"]
     for name, drive in zip(FIRMWARE_TOWERS, drives, strict=True):
         lines += [
@@ -268,36 +272,38 @@ def joints_and_pins(offsets: Offsets) -> Export:
     change of L or R without it would move the tool), and as `joint_files`.
     """
     drives = drives_of_towers(offsets.machine, ANGLES_DEG, EXACT_DEG)
-    held = offsets.controller
-    if held is None:
+    controller = offsets.controller
+    if controller is None:
         raise UsageError(
             "present HOME_OFFSET",
             "none stated",
             "--ini, --home-offset, or home_offset_mm in the machine file",
         )
-    if sorted(held.axes or "XYZ") != ["X", "Y", "Z"]:
+    if sorted(controller.axes or "XYZ") != ["X", "Y", "Z"]:
         one_joint_a_drive(joints_of_drives(offsets), "lineardeltakins")
     of_joints = [LEG_NAMES[drive] for drive in drives]
-    if held.axes:  # by drives, else in the order of the joints already
-        named = [name.lower() for name in held.axes]
-        held = replace(
-            held, joints=tuple(held.joints[named.index(name)] for name in of_joints), axes=None
+    if controller.axes:  # by drives, else in the order of the joints already
+        named = [name.lower() for name in controller.axes]
+        controller = replace(
+            controller,
+            joints=tuple(controller.joints[named.index(name)] for name in of_joints),
+            axes=None,
         )
     machine = offsets.machine.model_copy(update={"joints": tuple(of_joints)})
-    offsets = for_joints(replace(offsets, machine=machine, controller=held), "kinematics")
-    along = tuple(one for one in offsets.model.effects if one.stage == Stage.ACTUATOR)
-    across = tuple(one for one in offsets.model.effects if one.stage != Stage.ACTUATOR)
+    offsets = for_joints(replace(offsets, machine=machine, controller=controller), "kinematics")
+    along = tuple(effect for effect in offsets.model.effects if effect.stage == Stage.ACTUATOR)
+    across = tuple(effect for effect in offsets.model.effects if effect.stage != Stage.ACTUATOR)
     values = entered(offsets.model.with_effects(across), ALL_ALIKE)
     _check_lengths(values)
     offsets = _bounded(offsets, values, along)
-    told = replace(offsets, model=tower_model(offsets.model, values.change_mm, along))
-    unit = held.mm_per_unit
+    told_offsets = replace(offsets, model=tower_model(offsets.model, values.change_mm, along))
+    unit = controller.mm_per_unit
     put = (
         "name this file as HALFILE after the one that loads lineardeltakins, and put the includes "
         "of the joints under their headings: neither is right without the other. Then home"
     )
-    homes = ", ".join(f"{joint.home_offset_mm:.6f}" for joint in held.joints[:3])
-    said = comments(
+    homes = ", ".join(f"{joint.home_offset_mm:.6f}" for joint in controller.joints[:3])
+    comment_lines = comments(
         replace(offsets, model=offsets.model.with_effects(across)),
         values,
         put,
@@ -307,6 +313,6 @@ def joints_and_pins(offsets: Offsets) -> Export:
         f"setp lineardeltakins.L {float(values.towers.length_mm[0]) / unit:.6f}",
         f"setp lineardeltakins.R {float(values.towers.radius_mm[0]) / unit:.6f}",
     ]
-    hal = "\n".join([*(f"# {line}" for line in said), *pins]) + "\n"
-    joints_written = joint_files(told, kinematics=False)
+    hal = "\n".join([*(f"# {line}" for line in comment_lines), *pins]) + "\n"
+    joints_written = joint_files(told_offsets, kinematics=False)
     return Export({**joints_written.files, "calib.hal": hal}, joints_written.cautions)

@@ -49,14 +49,14 @@ class Aligned:
 def align_session(session: Session, reference: Leg) -> Aligned:
     """Raises UsageError where legs cannot be read, NotIdentifiable and RecordError."""
     machine = session.opened.machine
-    found = alignment(
+    alignment_found = alignment(
         machine.geometry(),
         to_observations([session]),
         machine.tolerances_mm(),
         indicator_figures([session]),
     )
-    made = shims(found, ALL_AXES.index(reference), machine.rails_rest_mm())
-    return Aligned(machine, reference, found, tuple(made))
+    moves = shims(alignment_found, ALL_AXES.index(reference), machine.rails_rest_mm())
+    return Aligned(machine, reference, alignment_found, tuple(moves))
 
 
 def check_procedure(procedure: Procedure, machine: Machine, reference: Leg) -> None:
@@ -86,10 +86,10 @@ class Round:
         """The set-up that watches a screw, at Zero. Raises UsageError where no indicator may."""
         towards = ALL_AXES[shim.towards]
         instruments = self.guided.session.opened.instruments
-        fitting = [k for k, one in enumerate(instruments) if towards in one.axes]
+        fitting = [k for k, instrument in enumerate(instruments) if towards in instrument.axes]
         if not fitting:
-            shown = " and ".join(f"@{one.axes}" for one in instruments)
-            raise UsageError("indicator that watches", shown, f"one along {towards}")
+            options = " and ".join(f"@{instrument.axes}" for instrument in instruments)
+            raise UsageError("indicator that watches", options, f"one along {towards}")
         leg, station = ALL_AXES[shim.rail], self.station(shim)
         # as over a plane: nothing is subtracted, the stand was there before the rail moved
         return Step(0, leg, 0.0, 1, station, (towards,), over_plane=True, first=fitting[0])
@@ -132,9 +132,9 @@ class Round:
         )
         way = slope_at_zero_mm(self.aligned.found.model, shim.rail, shim.towards)
         for k, mm in moved.items():
-            other = self.aligned.shims[k]
-            if (other.rail, other.towards) == (shim.rail, shim.towards) and mm is not None:
-                way += mm * other.shown(self.aligned.machine.geometry(), 1.0)
+            opposite = self.aligned.shims[k]
+            if (opposite.rail, opposite.towards) == (shim.rail, shim.towards) and mm is not None:
+                way += mm * opposite.shown(self.aligned.machine.geometry(), 1.0)
         return way
 
     def done(self, *, watched: bool) -> Changed:

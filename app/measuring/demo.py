@@ -104,8 +104,8 @@ class Bench:
     """
 
     def __init__(self, plan: Plan) -> None:
-        known, settings = plan.machine, plan.bench
-        truth = hidden_machine(known.geometry(), plan.seed, known.entered_offsets_mm)
+        machine, settings = plan.machine, plan.bench
+        truth = hidden_machine(machine.geometry(), plan.seed, machine.entered_offsets_mm)
         lift_mm = plan.procedure.plate.lift_mm if plan.procedure.plate else 0.0
         self.machine = SimulatedMachine(
             truth.with_effects(settings.effects),
@@ -243,7 +243,7 @@ HURRIED_MM_MIN = 30_000.0
 
 def behind_linuxcnc(machine: Machine, *, hurried: bool) -> Machine:
     """The machine as a LinuxCNC of its own holds it: told joints, homed on a switch for each."""
-    told: Machine = machine.model_copy(
+    machine_of_controller: Machine = machine.model_copy(
         update={
             "mdi": "joint",
             "joints": None,
@@ -251,12 +251,14 @@ def behind_linuxcnc(machine: Machine, *, hurried: bool) -> Machine:
             "position_endstop_mm": None,
         }
     )
-    held: dict[str, object] = {"home_offset_mm": simulated_joints(told, None).home_offset_mm}
+    changes: dict[str, object] = {
+        "home_offset_mm": simulated_joints(machine_of_controller, None).home_offset_mm
+    }
     if hurried:
         fast = {"feed_mm_min": HURRIED_MM_MIN}
-        held["motion"] = (machine.motion or MotionLimits()).model_copy(update=fast)
-        held["fastest_feed_mm_min"] = max(HURRIED_MM_MIN, machine.fastest_feed_mm_min)
-    return told.model_copy(update=held)
+        changes["motion"] = (machine.motion or MotionLimits()).model_copy(update=fast)
+        changes["fastest_feed_mm_min"] = max(HURRIED_MM_MIN, machine.fastest_feed_mm_min)
+    return machine_of_controller.model_copy(update=changes)
 
 
 def simulated_joints(machine: Machine, exported: Path | None) -> SimulatedJoints:
@@ -269,12 +271,12 @@ def simulated_joints(machine: Machine, exported: Path | None) -> SimulatedJoints
     x, y, z = (a + b for a, b in zip(zero, machine.entered_offsets_mm, strict=True))
     files = sorted(exported.glob("calib_joint?.inc")) if exported else []
     switch = machine.travel_max_mm + SWITCH_MM
-    held = (zero[0] + switch, zero[1] + switch, zero[2] + switch)
+    home_mm = (zero[0] + switch, zero[1] + switch, zero[2] + switch)
     return SimulatedJoints(
         zero_mm=zero,
         low_mm=low,
         high_mm=high,
-        home_offset_mm=held if files else machine.home_offset_mm or held,
+        home_offset_mm=home_mm if files else machine.home_offset_mm or home_mm,
         switch_mm=switch,
         mounted_mm=(x, y, z),
         includes={path.name: read_text(path, "include of LinuxCNC") for path in files},

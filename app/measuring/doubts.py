@@ -95,37 +95,41 @@ class Circumstances:
 
 
 def examined(
-    taken: TakenStep, record: Sequence[Event], around: Circumstances
+    step_taken: TakenStep, record: Sequence[Event], around: Circumstances
 ) -> tuple[TakenStep, list[Line]]:
     """The readings with what is doubtful about them, and what to note behind them.
 
     ``record`` ends with the readings of the step.
     """
-    doubt, remarks = (None, []) if around.simulated else _movement_doubt(taken, around)
+    doubt, remarks = (None, []) if around.simulated else _movement_doubt(step_taken, around)
     if doubt:
-        taken = replace(taken, doubt=doubt)
-        if doubt is Doubt.UNCHANGED and (step := taken.due[0].before.step):  # or it was here early
+        step_taken = replace(step_taken, doubt=doubt)
+        if doubt is Doubt.UNCHANGED and (
+            step := step_taken.due[0].before.step
+        ):  # or it was here early
             earlier = tuple(r for r in around.before.readings if r.step == step)
-            taken = replace(taken, earlier=earlier)
-    elif taken.due:
-        taken = _compared(taken, record)
-    elif not around.simulated and (last := _unmoved_stand(taken, around)):
-        taken = replace(taken, doubt=Doubt.STAND, earlier=last)
-    if not taken.doubt:
-        return taken, remarks
-    numbers = tuple(r.reading for r in taken.questioned)
-    question = Superseded(readings=numbers, reason=QUESTIONED.format(taken.doubt))
-    return taken, [*(remarks if taken.doubt is Doubt.ODD else []), question]
+            step_taken = replace(step_taken, earlier=earlier)
+    elif step_taken.due:
+        step_taken = _compared(step_taken, record)
+    elif not around.simulated and (last := _unmoved_stand(step_taken, around)):
+        step_taken = replace(step_taken, doubt=Doubt.STAND, earlier=last)
+    if not step_taken.doubt:
+        return step_taken, remarks
+    numbers = tuple(r.reading for r in step_taken.questioned)
+    question = Superseded(readings=numbers, reason=QUESTIONED.format(step_taken.doubt))
+    return step_taken, [*(remarks if step_taken.doubt is Doubt.ODD else []), question]
 
 
-def _movement_doubt(taken: TakenStep, around: Circumstances) -> tuple[Doubt | None, list[Line]]:
+def _movement_doubt(
+    step_taken: TakenStep, around: Circumstances
+) -> tuple[Doubt | None, list[Line]]:
     """Whether it is doubtful that the machine moved, and what to note where nothing tells."""
-    step, due = taken.step, taken.due
+    step, due = step_taken.step, step_taken.due
     if not due:
         return None, []
-    time_s = taken.readings[0].time_s or 0.0
+    time_s = step_taken.readings[0].time_s or 0.0
     rests_mm = [around.gauges[number].rest_mm for number in step.indicators]
-    moved = movement(step, due, [r.value_mm for r in taken.readings], rests_mm, time_s)
+    moved = movement(step, due, [r.value_mm for r in step_taken.readings], rests_mm, time_s)
     if moved is Movement.UNCHANGED:
         return Doubt.UNCHANGED, []
     if moved is not Movement.UNKNOWN or around.controlled:
@@ -145,13 +149,15 @@ def _arrival_s(step: Step, before: Reading, session: Session) -> float:
     return (before.time_s or 0.0) + way_mm / fastest_mm_s
 
 
-def _unmoved_stand(taken: TakenStep, around: Circumstances) -> tuple[Reading, ...]:
+def _unmoved_stand(step_taken: TakenStep, around: Circumstances) -> tuple[Reading, ...]:
     """The last readings of the set-up before, where the first of a new one are the same.
 
     None where a spindle went far since: then somebody set it up, to the same zero.
     """
-    counting, step = around.before.readings, taken.step
-    elsewhere = [r for r in counting if r.set_up != taken.readings[0].set_up and r.step is not None]
+    counting, step = around.before.readings, step_taken.step
+    elsewhere = [
+        r for r in counting if r.set_up != step_taken.readings[0].set_up and r.step is not None
+    ]
     elsewhere = [r for r in elsewhere if r.posture_mm == step.posture_mm]
     if not elsewhere:
         return ()
@@ -159,7 +165,7 @@ def _unmoved_stand(taken: TakenStep, around: Circumstances) -> tuple[Reading, ..
     before = around.before.steps()[(last[0].step or 1) - 1]
     shown_mm = dict(zip(before.indicators, (r.value_mm for r in last), strict=False))
     stayed = counting[-1].step == before.number
-    for number, reading in zip(step.indicators, taken.readings, strict=True):
+    for number, reading in zip(step.indicators, step_taken.readings, strict=True):
         gauge = around.gauges[number]
         apart_mm = abs(reading.value_mm - shown_mm.get(number, math.inf))
         handled = stayed and gauge.travel_mm > HANDLED_MM
@@ -168,22 +174,22 @@ def _unmoved_stand(taken: TakenStep, around: Circumstances) -> tuple[Reading, ..
     return last
 
 
-def _compared(taken: TakenStep, record: Sequence[Event]) -> TakenStep:
+def _compared(step_taken: TakenStep, record: Sequence[Event]) -> TakenStep:
     """The readings with a doubt where they disagree with others of the session that has them.
 
     Odd ones that were kept although the others settled it are not doubted again.
     """
-    pairs = zip(taken.due, taken.readings, strict=True)
+    pairs = zip(step_taken.due, step_taken.readings, strict=True)
     beyond = any(due.is_beyond(reading.value_mm) for due, reading in pairs)
-    disagreement = contradiction(fold(record), taken.readings, beyond=beyond)
+    disagreement = contradiction(fold(record), step_taken.readings, beyond=beyond)
     if disagreement is None:
-        return taken
+        return step_taken
     doubt = Doubt.REPEATS if disagreement.repeats else Doubt.BEYOND
     if not disagreement.latest:
         if _asked_before(record) & {r.reading for r in disagreement.earlier}:
-            return taken
+            return step_taken
         doubt = Doubt.ODD
-    return replace(taken, doubt=doubt, earlier=disagreement.earlier)
+    return replace(step_taken, doubt=doubt, earlier=disagreement.earlier)
 
 
 def _asked_before(record: Sequence[Event]) -> set[int]:

@@ -231,15 +231,15 @@ class Gauge:
         with self._lock:
             moments = tuple(self._moments)
         slot = int(time.monotonic() / SLOT_S)
-        shown = tuple((slot - at, low, high) for at, low, high in moments if slot - at < SLOTS)
-        within = [m for m in shown if m[0] * SLOT_S <= self._window_s] or shown[-1:]
+        slots = tuple((slot - at, low, high) for at, low, high in moments if slot - at < SLOTS)
+        within = [m for m in slots if m[0] * SLOT_S <= self._window_s] or slots[-1:]
         if not within:
             return Trace()
         low, high = min(m[1] for m in within), max(m[2] for m in within)
         if high - low > self._still_mm:  # it moves: about the latest reading
             low, high = within[-1][1:]
         middle = (low + high) / 2.0
-        return Trace(shown, (middle - self._still_mm / 2.0, middle + self._still_mm / 2.0))
+        return Trace(slots, (middle - self._still_mm / 2.0, middle + self._still_mm / 2.0))
 
     def _motion(self, heard: Sequence[tuple[float, Outcome]], now: float) -> Motion:
         at, outcome = heard[-1]
@@ -317,14 +317,16 @@ class SpindleCheck:
 
     def look(self, states: Sequence[Live]) -> bool:
         """What the indicators show now. Returns whether a push came to its end."""
-        shown = [live.outcome for live in states]
-        values = tuple(one.value_mm for one in shown if isinstance(one, IndicatorReading))
-        if self.done or len(values) < len(shown):
+        outcomes = [live.outcome for live in states]
+        values = tuple(
+            outcome.value_mm for outcome in outcomes if isinstance(outcome, IndicatorReading)
+        )
+        if self.done or len(values) < len(outcomes):
             return False
         still = all(live.motion is Motion.STABLE for live in states)
         if not self._rest_mm:
             return self._at_rest(values)
-        now_mm = [value - rest for value, rest in zip(values, self._rest_mm, strict=True)]
+        now_mm = [value - rest_mm for value, rest_mm in zip(values, self._rest_mm, strict=True)]
         pairs = zip(self._away_mm, now_mm, strict=True)
         self._away_mm = tuple(max(pair, key=abs) for pair in pairs)
         if not still:
@@ -375,16 +377,16 @@ class SpindleCheck:
 
     def remark(self) -> str:
         """What goes into the record."""
-        said = ["ports exchanged"] if self.exchanged else []
-        for k, one in enumerate(self.instruments):
+        parts = ["ports exchanged"] if self.exchanged else []
+        for k, instrument in enumerate(self.instruments):
             way = self.found.get(k)
-            told = f"pushed by hand, read {way} pushed in" if way else "not pushed by hand"
-            said.append(f"{indicator_words(k, one)} {told}")
-        return "before the first reading: " + "; ".join(said)
+            push_words = f"pushed by hand, read {way} pushed in" if way else "not pushed by hand"
+            parts.append(f"{indicator_words(k, instrument)} {push_words}")
+        return "before the first reading: " + "; ".join(parts)
 
     def known(self) -> tuple[Instrument, ...]:
         """The indicators in their order, with what the pushes told of their sign."""
         return tuple(
-            one.model_copy(update={"pushed_in": self.found.get(k, one.pushed_in)})
-            for k, one in enumerate(self.instruments)
+            instrument.model_copy(update={"pushed_in": self.found.get(k, instrument.pushed_in)})
+            for k, instrument in enumerate(self.instruments)
         )

@@ -113,13 +113,13 @@ class PostureTaking:
     @staticmethod
     def begin(plan: PosturePlan) -> PostureTaking:
         """A new record. Raises RecordError for its place, or a posture that cannot be."""
-        asked = plan.commands()
+        planned = plan.commands()
         opened = PosturesOpened(
             program=program(),
             origin="measured" if plan.seed is None else "simulated",
             machine=plan.machine,
             machine_file=plan.machine_file,
-            procedure=asked.procedure,
+            procedure=planned.procedure,
             operator=plan.operator,
             temperature_c=plan.temperature_c,
             seed=plan.seed,
@@ -127,7 +127,7 @@ class PostureTaking:
             indicator=plan.indicator,
             remarks=(plan.note,) if plan.note else (),
         )
-        return PostureTaking(Journal.create(plan.path, opened, POSTURE_FORM), asked)
+        return PostureTaking(Journal.create(plan.path, opened, POSTURE_FORM), planned)
 
     @staticmethod
     def resume(path: Path) -> PostureTaking:
@@ -220,16 +220,18 @@ class PostureTaking:
     def _examined(self) -> PostureDoubt | None:
         """All readings up to now; the last one is asked about again where nobody answered."""
         session = self.session
-        kept = {note.partition(":")[0] for note in session.notes if note.endswith(KEPT)}
+        kept_numbers = {note.partition(":")[0] for note in session.notes if note.endswith(KEPT)}
         answered = [
-            one
-            for one in session.readings
-            if one != session.readings[-1] or f"reading {one.reading}" in kept
+            reading
+            for reading in session.readings
+            if reading != session.readings[-1] or f"reading {reading.reading}" in kept_numbers
         ]
-        possible = [one for one in answered if self._expectation.departure(session.only(one))]
+        possible = [
+            reading for reading in answered if self._expectation.departure(session.only(reading))
+        ]
         if possible:
-            known = replace(session, readings=tuple(possible)).measurements().readings()
-            self._expectation.learn(known)
+            answers = replace(session, readings=tuple(possible)).measurements().readings()
+            self._expectation.learn(answers)
         if len(answered) < len(session.readings):
             return self._departing(session.readings[-1])
         return None
@@ -240,12 +242,14 @@ class PostureTaking:
         departure = self._expectation.departure(only)
         if departure is None or departure.is_doubtful:
             sent = self.asked.sliders_mm / 1000.0
-            others = [
+            other_readings = [
                 (f"the platform in posture {number}", row)
                 for number, row in enumerate(sent, start=1)
                 if number != reading.posture and not holds(self.asked.procedure.whole())
             ]
-            return PostureDoubt(reading, departure, explanations(self._expectation, only, others))
+            return PostureDoubt(
+                reading, departure, explanations(self._expectation, only, other_readings)
+            )
         self._expectation.learn(only)
         return None
 
@@ -255,8 +259,8 @@ def measure_simulated(taking: PostureTaking, seed: int, say: Callable[[str], Non
     opened = taking.session.opened
     machine = SimulatedPostures(opened.machine, taking.asked, seed, opened.truth)
     while (task := taking.task) is not None:
-        every = taking.session.all_readings
-        attempt = sum(reading.posture == task.number for reading in every)
+        readings = taking.session.all_readings
+        attempt = sum(reading.posture == task.number for reading in readings)
         reading = taking.take(machine.typed(task.number, attempt))
         say(f"reading {reading.reading}: posture {reading.posture}: {reading.text}")
         if taking.doubt is not None:
@@ -292,8 +296,10 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
     Raises RecordError where a posture cannot be of this machine: it names the line, the column and
     what else would explain it, a frame before all.
     """
-    machine, whole = session.opened.machine, session.opened.procedure.whole()
-    expectation = Expectation(whole, machine.whole(), machine.tolerances.of(whole.parameters))
+    machine, procedure = session.opened.machine, session.opened.procedure.whole()
+    expectation = Expectation(
+        procedure, machine.whole(), machine.tolerances.of(procedure.parameters)
+    )
     odd: list[str] = []
     gross: list[tuple[int, PostureReading, Departure | None]] = []
     for line, reading in zip(lines, session.readings, strict=True):
@@ -311,7 +317,7 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
         subject = f"table {path}, line {line}, column {departure.names[departure.worst]}"
         allowed = f"what the machine file and its tolerances allow ({departed(departure)})"
     frame = None
-    if len(gross) > 1 and all(one is not None for _, _, one in gross):
+    if len(gross) > 1 and all(way is not None for _, _, way in gross):
         frame = other_frame(session.measurements().readings(), machine.whole())
     if frame is not None:
         x, y, z = (1000.0 * frame.shifted_m).tolist()
@@ -322,10 +328,10 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
             f"All {len(session.readings)} fit a frame that is turned by "
             f"{frame.turned_deg:.3g}° and whose origin lies off by ({x:.1f}, {y:.1f}, {z:.1f}) mm.",
         )
-    others = explanations(expectation, session.only(reading))
+    ways = explanations(expectation, session.only(reading))
     next_step = "Look for a wrong unit, another machine file, or tolerances that are too small."
-    if others:
-        next_step = f"As if: {'; '.join(others)}."
+    if ways:
+        next_step = f"As if: {'; '.join(ways)}."
     if len(gross) > 1:
         next_step += f" {len(gross)} of {len(session.readings)} rows are like that."
     raise RecordError(subject, reading.text, allowed, next_step)

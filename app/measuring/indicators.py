@@ -46,11 +46,11 @@ OWN_REQUEST = re.compile(r"(?:[ -~]{1,32}(?:\r\n|\r|\n)?)?")
 
 def parse_indicator(text: str) -> Instrument:
     """An indicator from the command line. Raises UsageError."""
-    found = SPEC.fullmatch(text)
-    axes = found["axes"] if found else None
-    if not found or (axes is not None and not re.fullmatch("[xyz]{1,3}", axes)):
+    match = SPEC.fullmatch(text)
+    axes = match["axes"] if match else None
+    if not match or (axes is not None and not re.fullmatch("[xyz]{1,3}", axes)):
         raise UsageError("--indicator", repr(text), FORM)
-    return Instrument(profile=found["profile"], port=found["port"], axes=axes or "xyz")
+    return Instrument(profile=match["profile"], port=match["port"], axes=axes or "xyz")
 
 
 def indicator_words(number: int, instrument: Instrument) -> str:
@@ -67,9 +67,9 @@ FORM_ALLOWED = {
 }
 
 
-def form_of(known: Instrument) -> dict[str, object]:
+def form_of(instrument: Instrument) -> dict[str, object]:
     """The values of an indicator as a form holds them."""
-    return known.model_dump(mode="json", exclude_none=True)
+    return instrument.model_dump(mode="json", exclude_none=True)
 
 
 def indicator_of(form: Mapping[str, object]) -> Instrument:
@@ -77,21 +77,21 @@ def indicator_of(form: Mapping[str, object]) -> Instrument:
 
     Raises UsageError naming the field, IndicatorError for a port that is none.
     """
-    given = {name: value for name, value in form.items() if value not in ("", None)}
-    if not given.get("port"):
+    fields = {name: value for name, value in form.items() if value not in ("", None)}
+    if not fields.get("port"):
         raise UsageError("port", "none", "a serial port, socket://HOST:PORT or rfc2217://HOST:PORT")
-    if not given.get("profile"):
-        raise UsageError(f"profile at {given['port']}", "none", FORM_ALLOWED["profile"])
-    if str(given.get("channel", "")).isdecimal():
-        given["channel"] = int(str(given["channel"]))
+    if not fields.get("profile"):
+        raise UsageError(f"profile at {fields['port']}", "none", FORM_ALLOWED["profile"])
+    if str(fields.get("channel", "")).isdecimal():
+        fields["channel"] = int(str(fields["channel"]))
     try:
-        known = Instrument.model_validate_json(json.dumps(given))
+        instrument = Instrument.model_validate_json(json.dumps(fields))
     except ValidationError as problem:
         name = str(problem.errors()[0]["loc"][0])
         allowed = FORM_ALLOWED.get(name, describe(problem))
-        raise UsageError(name.replace("_", " "), repr(given.get(name))[:60], allowed) from problem
-    check_port(known.port)
-    return known
+        raise UsageError(name.replace("_", " "), repr(fields.get(name))[:60], allowed) from problem
+    check_port(instrument.port)
+    return instrument
 
 
 def port_is_gone(port: str) -> bool:
@@ -105,7 +105,7 @@ def serial_ports() -> list[tuple[str, str]]:
     """The serial ports of this computer and what the system says of each; nothing is opened."""
     from serial.tools import list_ports
 
-    return [(one.device, one.description or "") for one in sorted(list_ports.comports())]
+    return [(port.device, port.description or "") for port in sorted(list_ports.comports())]
 
 
 def adapters() -> dict[str, str]:
@@ -170,15 +170,15 @@ def last_used(machine: str) -> tuple[Instrument, ...]:
 
 def remember(machine: str, instruments: Sequence[Instrument]) -> None:
     """Keep what is used for `last_used`. Raises RecordError, UsageError for a link."""
-    known = _last_used()
+    remembered = _last_used()
     ports, here = {instrument.port for instrument in instruments}, adapters()
     present = ports & {port for port, _ in serial_ports()}  # what is there now has no other number
-    before = {port: n for port, n in known.adapters.items() if port not in present}
+    before = {port: n for port, n in remembered.adapters.items() if port not in present}
     updated = RememberedIndicators(
-        machines=known.machines | {machine: tuple(instruments)},
+        machines=remembered.machines | {machine: tuple(instruments)},
         adapters=before | {port: number for port, number in here.items() if port in ports},
     )
-    if updated != known:
+    if updated != remembered:
         write_files(data_path(), {"": updated.model_dump_json(indent=1)}, replace=True)
 
 
@@ -263,10 +263,10 @@ def this_computer() -> str:
 
     Where there is no machine-id it is the name alone that counts. It is no signature.
     """
-    known = [platform.node()]
+    names = [platform.node()]
     with contextlib.suppress(OSError):
-        known.append(Path("/etc/machine-id").read_text(encoding="ascii", errors="replace"))
-    return hashlib.sha256("\n".join(["glidecal computer", *known]).encode()).hexdigest()[:16]
+        names.append(Path("/etc/machine-id").read_text(encoding="ascii", errors="replace"))
+    return hashlib.sha256("\n".join(["glidecal computer", *names]).encode()).hexdigest()[:16]
 
 
 def choose_indicators(
@@ -295,8 +295,8 @@ def choose_indicators(
 
 def simulated_indicators(profiles: Sequence[str] = (DEFAULT_PROFILE,)) -> tuple[Instrument, ...]:
     """Two simulated indicators, of one profile or of two."""
-    both = (*profiles, *profiles)[:2]
-    return tuple(Instrument(profile=name, port=SIMULATED) for name in both)
+    profiles_of_both = (*profiles, *profiles)[:2]
+    return tuple(Instrument(profile=name, port=SIMULATED) for name in profiles_of_both)
 
 
 def _misfits(instruments: Sequence[Instrument]) -> list[str]:
@@ -327,9 +327,11 @@ def asked_of(instrument: Instrument) -> Query:
 
 def asked_for(unit: str, channel: int) -> Query:
     """What to ask for, from the command line. Raises UsageError for an unknown unit."""
-    plain = {"um": Unit.MICROMETRE, "in": Unit.INCH} | {known.value: known for known in Unit}
+    plain = {"um": Unit.MICROMETRE, "in": Unit.INCH} | {
+        unit_known.value: unit_known for unit_known in Unit
+    }
     if unit not in plain:
-        raise UsageError("--unit", repr(unit), ", ".join(known.value for known in Unit))
+        raise UsageError("--unit", repr(unit), ", ".join(unit_known.value for unit_known in Unit))
     return Query(channel=channel, unit=plain[unit])
 
 

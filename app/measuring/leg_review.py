@@ -81,19 +81,19 @@ def _plane_rows(session: Session, step: Step) -> list[LegRow]:
         for mount, cycle in dict.fromkeys((r.mount, r.cycle) for r in here):
             members = [r for r in here if (r.mount, r.cycle) == (mount, cycle)]
             near_mm: dict[float, float] = {}
-            found: dict[float, list[float]] = {}
+            heights: dict[float, list[float]] = {}
             for r in members:
                 if r.station == ends[0]:
                     near_mm[r.displacement_mm] = r.value_mm
                 elif r.station == ends[-1] and r.displacement_mm in near_mm:
                     slope_mm = r.value_mm - near_mm[r.displacement_mm]
-                    found.setdefault(r.displacement_mm, []).append(slope_mm)
-            zeros = found.get(0.0, [])
+                    heights.setdefault(r.displacement_mm, []).append(slope_mm)
+            zeros = heights.get(0.0, [])
             back_mm = zeros[-1] - zeros[0] if len(zeros) > 1 else None
-            kept = [r.displacement_mm for r in members if r.reading in session.restored]
-            first = {level: of_it[0] for level, of_it in found.items()}
+            restored = [r.displacement_mm for r in members if r.reading in session.restored]
+            first = {level: of_it[0] for level, of_it in heights.items()}
             if first:
-                rows.append(LegRow(axis, cycle, first, back_mm, frozenset(kept)))
+                rows.append(LegRow(axis, cycle, first, back_mm, frozenset(restored)))
     return rows
 
 
@@ -106,11 +106,11 @@ def _row(
     zero = members[start].value_mm
     levels = {level(r) for r in members if r.cycle == cycle} - {0.0}
     differences = {level(r): r.value_mm - zero for r in members if r.cycle == cycle and level(r)}
-    seen: set[float] = set()
+    numbers: set[float] = set()
     for r in members[start + 1 :]:
         if level(r) != 0.0:
-            seen.add(level(r))
-        elif r.cycle != cycle or seen >= levels:
+            numbers.add(level(r))
+        elif r.cycle != cycle or numbers >= levels:
             return LegRow(axis, cycle, differences, r.value_mm - zero)
     return LegRow(axis, cycle, differences, None) if differences or start == 0 else None
 
@@ -221,20 +221,21 @@ def _usual(
     they nor its maker tell anything, and at least as much as readings may differ that are stable.
     """
     stated_mm = indicator_figures([session]).stated_mm
-    others = [
+    other_scatters = [
         repeats.standard_deviation_mm
-        for other in dict.fromkeys(r.set_up for r in session.readings)
-        if other != place and (repeats := _repeats(session, other)).standard_deviation_mm
+        for set_up_beside in dict.fromkeys(r.set_up for r in session.readings)
+        if set_up_beside != place
+        and (repeats := _repeats(session, set_up_beside)).standard_deviation_mm
     ]
-    known = {Usual.STATED: stated_mm} if stated_mm else {}
-    if len(others) > 1:
-        known[Usual.OTHERS] = max(median(mm for mm in others if mm), rest_mm)
-    if not known:
+    scatter_by_source = {Usual.STATED: stated_mm} if stated_mm else {}
+    if len(other_scatters) > 1:
+        scatter_by_source[Usual.OTHERS] = max(median(mm for mm in other_scatters if mm), rest_mm)
+    if not scatter_by_source:
         procedure = session.opened.procedure
         tolerance_mm = procedure.tolerance_mm if procedure else LEAST_REST_MM
-        known[Usual.AT_REST] = max(rest_mm, tolerance_mm)
-    usual = max(known, key=lambda one: scatter_mm / known[one])
-    return usual, known[usual]
+        scatter_by_source[Usual.AT_REST] = max(rest_mm, tolerance_mm)
+    usual = max(scatter_by_source, key=lambda source: scatter_mm / scatter_by_source[source])
+    return usual, scatter_by_source[usual]
 
 
 def _furthest(session: Session, place: SetUp) -> tuple[Reading | None, float]:
@@ -244,7 +245,7 @@ def _furthest(session: Session, place: SetUp) -> tuple[Reading | None, float]:
         if r.set_up == place:
             groups.setdefault((r.mount, r.posture_mm, r.station), []).append(r)
     apart = [
-        (r.value_mm - median(other.value_mm for other in group), r)
+        (r.value_mm - median(reading_beside.value_mm for reading_beside in group), r)
         for group in groups.values()
         for r in group
         if len(group) > 2  # of two nobody knows which

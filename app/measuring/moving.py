@@ -57,8 +57,8 @@ def ways_of(procedure: Procedure, machine: Machine, axes: Sequence[str]) -> Ways
             "a procedure without [plane]",
             "Measure it without --motion.",
         )
-    limits, found = limits_of(machine), all_ways(procedure, machine, axes)
-    ways = [way for _, way in found]
+    limits, step_ways = limits_of(machine), all_ways(procedure, machine, axes)
+    ways = [way for _, way in step_ways]
     for way in ways:
         for place in way:
             limits.check(place, feed_mm_min(machine))
@@ -69,7 +69,9 @@ def ways_of(procedure: Procedure, machine: Machine, axes: Sequence[str]) -> Ways
         allowed = f"{limits.longest_mm:g} mm, longest_mm under [motion] in the machine file"
         raise MotionError(thing, f"{longest:.1f} mm", allowed, "Nothing was sent.")
     moving_s = sum(moves) / feed_mm_min(machine) * 60.0
-    return Ways(tuple(step for step, _ in found), longest, moving_s, procedure.window_s * len(ways))
+    return Ways(
+        tuple(step for step, _ in step_ways), longest, moving_s, procedure.window_s * len(ways)
+    )
 
 
 @dataclass(frozen=True)
@@ -186,7 +188,9 @@ class Mover:
             there = self.is_there(step)
             to_zero = self._by_hand and not (there or self._stands_at_zero)
             places = [zero_mm(self._machine)] if to_zero else [] if there else self._way_to(step)
-            steps = sum(other.place == step.place for other in self._steps[step.number - 1 :])
+            steps = sum(
+                step_after.place == step.place for step_after in self._steps[step.number - 1 :]
+            )
             by_hand = self._by_hand and not (there or to_zero)
             from_mm = self.line.place_mm
             clears = to_zero and self.proof is not None and self.proof.stands

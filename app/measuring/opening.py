@@ -35,7 +35,7 @@ SIMULATED_WINDOW_S = 0.4
 def open_indicators(plan: Plan) -> Indicators:
     """Open every port, all or none. Raises UsageError before, IndicatorError at a port."""
     check_indicators(plan.instruments, legs=bool(plan.procedure.levels))
-    ports, told = tuple(instrument.port for instrument in plan.instruments), plan.motion
+    ports, address = tuple(instrument.port for instrument in plan.instruments), plan.motion
     interval_s, window_s = None, plan.procedure.window_s
     bench: SimulatedBench | SelfMovingBench | None = None
     with ExitStack() as undo:
@@ -44,28 +44,28 @@ def open_indicators(plan: Plan) -> Indicators:
             undo.callback(bench.close)
             ports, interval_s, window_s = bench.ports, plan.interval_s, SIMULATED_WINDOW_S
         if isinstance(bench, SelfMovingBench):
-            told = bench.controller.told
+            address = bench.controller.told
         gauges = tuple(
             Gauge(
-                profile_of(known),
+                profile_of(listed),
                 port,
-                asked_of(known),
+                asked_of(listed),
                 interval_s=interval_s,
                 window_s=plan.window_s or window_s,
                 tolerance_mm=plan.procedure.tolerance_mm,
             )
-            for port, known in zip(ports, plan.instruments, strict=True)
+            for port, listed in zip(ports, plan.instruments, strict=True)
         )
         for gauge in gauges:
             gauge.start()
             undo.callback(gauge.close)
         mover = None
-        if told is not None:  # an empty name is refused, or a person would have to move
+        if address is not None:  # an empty name is refused, or a person would have to move
             hurried = plan.bench.motion_s == 0.0 and bench is not None
             patience = HURRIED if hurried else STRICT
             proves: Proves = "never" if plan.simulated else "anew" if plan.prove else "once"
-            asked = plan.procedure, plan.machine, plan.instruments
-            mover = open_mover(told, *asked, patience, proves)
+            wanted_set_up = plan.procedure, plan.machine, plan.instruments
+            mover = open_mover(address, *wanted_set_up, patience, proves)
         undo.pop_all()
     if isinstance(bench, SimulatedBench):
         return Indicators(gauges, bench.go, bench.close, bench.turn)

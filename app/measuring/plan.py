@@ -94,13 +94,13 @@ def plan_to_continue(
     record = read_record(path)
     opened = record.opened
     if (record.end == "closed" and not whole) or opened.procedure is None:
-        found = "a closed session" if opened.procedure else "an imported table"
-        raise RecordError(f"session {path}", found, "an interrupted session to continue")
+        kind = "a closed session" if opened.procedure else "an imported table"
+        raise RecordError(f"session {path}", kind, "an interrupted session to continue")
     if instruments and [i.axes for i in instruments] != [i.axes for i in opened.instruments]:
         axes = " and ".join(f"@{i.axes}" for i in opened.instruments)
         raise UsageError("indicators of a continued session", "other axes", axes)
-    known = instruments or _known_here(path, opened)
-    plan = replace(_planned(path, opened, opened.procedure, known), continued=True)
+    instruments_known = instruments or _known_here(path, opened)
+    plan = replace(_planned(path, opened, opened.procedure, instruments_known), continued=True)
     return aligning(plan, opened.aligned_to) if opened.aligned_to else plan
 
 
@@ -114,10 +114,10 @@ def plan_to_repeat(path: Path) -> Plan | None:
     if opened.procedure is None or not opened.instruments:
         return None
     try:
-        known = _known_here(path, opened)
+        instruments = _known_here(path, opened)
     except (UsageError, RecordError):
         return None
-    return _planned(path, opened, opened.procedure, known)
+    return _planned(path, opened, opened.procedure, instruments)
 
 
 def _planned(
@@ -174,17 +174,21 @@ def _rail_moved(change: Changed, supports_mm: tuple[float, float]) -> RailMoved:
     low, high = supports_mm
     at_mm = change.support_mm or low
     moved_mm = change.asked_mm if change.moved_mm is None else change.moved_mm
-    rail, towards = (ALL_AXES.index(one) for one in (change.rail or "x", change.towards or "y"))
+    rail, towards = (
+        ALL_AXES.index(letter) for letter in (change.rail or "x", change.towards or "y")
+    )
     shim = Shim(rail, towards, at_mm, high if at_mm == low else low, 0.0, 0.0)
     return RailMoved.by_shim(shim, moved_mm or 0.0)
 
 
 def verification_plan(plan: Plan, before: SessionSolution) -> Plan:
     """The same procedure after the offsets were entered in the controller."""
-    found = before.joint_offsets_mm
-    entered = [old + new for old, new in zip(plan.machine.entered_offsets_mm, found, strict=True)]
-    held = plan.machine.home_at_mm()
-    home = held and [old + new for old, new in zip(held, found, strict=True)]
+    offsets_mm = before.joint_offsets_mm
+    entered = [
+        old + new for old, new in zip(plan.machine.entered_offsets_mm, offsets_mm, strict=True)
+    ]
+    home_mm = plan.machine.home_at_mm()
+    home = home_mm and [old + new for old, new in zip(home_mm, offsets_mm, strict=True)]
     machine: Machine = plan.machine.model_copy(
         update={
             "adjusted": before.sessions[0].adjusted,

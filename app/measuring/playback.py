@@ -91,8 +91,10 @@ def _together(group: Sequence[Event], event: Event) -> bool:
     if not isinstance(event, Reading | Faulted) or event.step is None:
         return False
     return all(
-        isinstance(other, type(event)) and other.step == event.step and other.axis != event.axis
-        for other in group
+        isinstance(earlier, type(event))
+        and earlier.step == event.step
+        and earlier.axis != event.axis
+        for earlier in group
     )
 
 
@@ -118,10 +120,10 @@ def _apart(
 ) -> bool:
     """Whether the readings are as far apart in time as a person measures; all need a time."""
     times = [when(group) for group in groups if isinstance(group[0], Reading)]
-    known = [time_s for time_s in times if time_s is not None]
-    if len(known) < max(len(times), 2):
+    times_known = [time_s for time_s in times if time_s is not None]
+    if len(times_known) < max(len(times), 2):
         return False
-    return (known[-1] - known[0]) / (len(known) - 1) >= AT_ONCE_S
+    return (times_known[-1] - times_known[0]) / (len(times_known) - 1) >= AT_ONCE_S
 
 
 def _play_gap_s(group: Sequence[Event], at_s: float | None, last_s: float | None) -> float:
@@ -245,14 +247,14 @@ class Playback:
             number = int(text)
         except ValueError as problem:
             raise UsageError(self.unit, repr(text), "a whole number") from problem
-        found = next(
+        place = next(
             (k for k, frame in enumerate(self.frames) if self._settles(frame, number)), None
         )
-        if found is None:
+        if place is None:
             last = self.steps[-1].number if self.steps else 0
             never = f"{number}, which was never taken" if 1 <= number <= last else str(number)
             raise UsageError(self.unit, never, f"1 … {last}, as far as the record goes")
-        self.go(found)
+        self.go(place)
 
     @property
     def unit(self) -> str:
@@ -281,8 +283,8 @@ class Playback:
         session = fold(self._events[: self.position]) if self.is_table else self.session
         if not session.mountings and session.all_readings:
             session = replace(session, mountings=(_mounting(session.all_readings),))
-        known = {field.name: getattr(session, field.name) for field in fields(Session)}
-        self.shown = ShownSession(**known, known_steps=self.steps)
+        values = {field.name: getattr(session, field.name) for field in fields(Session)}
+        self.shown = ShownSession(**values, known_steps=self.steps)
 
     @property
     def now(self) -> Step | None:
@@ -326,10 +328,10 @@ class Playback:
         now = self.now
         axes = now.axes if now else ()
         mounts = self._mounts(now) if now else {}
-        found = [self._fault(axis) or self._live(axis, mounts.get(axis)) for axis in axes]
+        live_values = [self._fault(axis) or self._live(axis, mounts.get(axis)) for axis in axes]
         waiting = Live(None, 0.0, Motion.WAITING)
-        shown = [waiting] * (now.first if now else 0) + found
-        return shown + [waiting] * (self.gauge_count - len(shown))
+        displays = [waiting] * (now.first if now else 0) + live_values
+        return displays + [waiting] * (self.gauge_count - len(displays))
 
     def _mounts(self, step: Step) -> dict[Leg, str]:
         """The present mounting of each axis; none where the stand is not at this step."""
@@ -341,8 +343,10 @@ class Playback:
         readings = [r for r in self.shown.all_readings if r.axis == axis and r.mount == mount]
         if not readings:
             return Live(None, 0.0, Motion.WAITING)
-        shown = readings[-SLOTS:]
-        moments = tuple((len(shown) - k, r.value_mm, r.value_mm) for k, r in enumerate(shown, 1))
+        last_readings = readings[-SLOTS:]
+        moments = tuple(
+            (len(last_readings) - k, r.value_mm, r.value_mm) for k, r in enumerate(last_readings, 1)
+        )
         age_s = self._age_s(readings[-1])
         return Live(
             _outcome(readings[-1]), age_s, Motion.STABLE, partial(Trace, moments, span_s=0.0)
@@ -352,8 +356,8 @@ class Playback:
         """The fault of this axis if the take shown last failed."""
         for event in self.frames[self._frame].events:
             if isinstance(event, Faulted) and event.axis == axis:
-                known = event.kind in list(FaultKind)
-                kind = FaultKind(event.kind) if known else FaultKind.NOT_UNDERSTOOD
+                is_known = event.kind in list(FaultKind)
+                kind = FaultKind(event.kind) if is_known else FaultKind.NOT_UNDERSTOOD
                 fault = Fault(kind, event.text, event.kind)
                 return Live(fault, self.time_s - self._times_s[self._frame], Motion.FAULT)
         return None

@@ -175,9 +175,13 @@ class Proof:
         if worst == move.clearest:
             reason, where = "it goes too far; an inch for a mm is 25.4 times", SCALE
         else:
-            others = {name: self._due_of(name, move) for name in ALL_AXES if name != move.carriage}
-            other = max(others, key=lambda name: abs(others[name][worst].nominal_mm))
-            reason, where = f"carriage {other.upper()} moves in its place", ORDER
+            due_of_others = {
+                name: self._due_of(name, move) for name in ALL_AXES if name != move.carriage
+            }
+            likeliest = max(
+                due_of_others, key=lambda name: abs(due_of_others[name][worst].nominal_mm)
+            )
+            reason, where = f"carriage {likeliest.upper()} moves in its place", ORDER
         self._fail(f"{reason}: {_shown(move, gone_mm)}", where)
         return True
 
@@ -203,8 +207,8 @@ class Proof:
         assert move is not None
         gone_mm = self._gone_mm(shown_mm)
         if any(abs(w) > due.within_mm for w, due in zip(gone_mm, move.due, strict=True)):
-            shown = ", ".join(f"{way:+.3f} mm" for way in gone_mm)
-            self._fail(f"back, the indicators are off by {shown}", "what holds it up, or its play")
+            ways = ", ".join(f"{way:+.3f} mm" for way in gone_mm)
+            self._fail(f"back, the indicators are off by {ways}", "what holds it up, or its play")
             return
         self.move = None
         if self._doubt:
@@ -243,22 +247,27 @@ class Proof:
             write_files(proved_path(), {"": text}, replace=True)
 
     def _gone_mm(self, shown_mm: Sequence[float]) -> list[float]:
-        return [shown - rest for shown, rest in zip(shown_mm, self._rest_mm, strict=True)]
+        return [
+            value_mm - rest_mm for value_mm, rest_mm in zip(shown_mm, self._rest_mm, strict=True)
+        ]
 
     def _reason(self, move: ProofMove, gone_mm: Sequence[float]) -> tuple[str, str]:
         """Why the indicators did not go far enough, and what is to be corrected."""
-        shown, best = _shown(move, gone_mm), move.clearest
-        for other in ALL_AXES:
-            if other != move.carriage and _near(self._due_of(other, move), gone_mm):
-                return f"carriage {other.upper()} moved in its place, or none did: {shown}", ORDER
+        ways, best = _shown(move, gone_mm), move.clearest
+        for name_beside in ALL_AXES:
+            if name_beside != move.carriage and _near(self._due_of(name_beside, move), gone_mm):
+                return (
+                    f"carriage {name_beside.upper()} moved in its place, or none did: {ways}",
+                    ORDER,
+                )
         if best is None:
-            return shown, ORDER
+            return ways, ORDER
         ratio = abs(gone_mm[best] / move.due[best].nominal_mm)
-        return f"it went {ratio:.2f} times as far: {shown}", SCALE
+        return f"it went {ratio:.2f} times as far: {ways}", SCALE
 
-    def _due_of(self, other: Leg, move: ProofMove) -> tuple[Change, ...]:
+    def _due_of(self, letter: Leg, move: ProofMove) -> tuple[Change, ...]:
         """What the indicators would show if another carriage moved in its place."""
-        to_mm = moved_alone(move.from_mm, other, move.way_mm, self._machine) or move.from_mm
+        to_mm = moved_alone(move.from_mm, letter, move.way_mm, self._machine) or move.from_mm
         return changes(move.step, move.from_mm, to_mm, self._machine)
 
     def _fail(self, words: str, where: str) -> None:
@@ -279,9 +288,9 @@ def _near(due: Sequence[Change], gone_mm: Sequence[float]) -> bool:
 
 def _shown(move: ProofMove, gone_mm: Sequence[float]) -> str:
     """How far the indicators went, and how far they were to."""
-    shown = ", ".join(f"{way:+.3f}" for way in gone_mm)
+    ways = ", ".join(f"{way:+.3f}" for way in gone_mm)
     due = ", ".join(f"{change.nominal_mm:+.3f}" for change in move.due)
-    return f"indicators {shown} mm, expected {due} mm"
+    return f"indicators {ways} mm, expected {due} mm"
 
 
 def proved_path() -> Path:

@@ -51,10 +51,10 @@ MOST_LISTED = 100
 def sessions_below(folder: Path) -> list[Path]:
     """Every session file of a folder and those below it, the newest first."""
     try:
-        found = [path for path in folder.rglob("*.jsonl") if path.is_file()]
+        paths = [path for path in folder.rglob("*.jsonl") if path.is_file()]
     except OSError:  # gone meanwhile, or not to be read
         return []
-    return sorted(found, key=_changed_at, reverse=True)
+    return sorted(paths, key=_changed_at, reverse=True)
 
 
 def _session_files(folder: Path) -> list[Path]:
@@ -65,8 +65,8 @@ def _session_files(folder: Path) -> list[Path]:
 
 
 def _changed_at(path: Path) -> float:
-    found = _stat(path)
-    return found.st_mtime if found else 0.0
+    status = _stat(path)
+    return status.st_mtime if status else 0.0
 
 
 def _stat(path: Path) -> os.stat_result | None:
@@ -80,8 +80,8 @@ def _stat(path: Path) -> os.stat_result | None:
 def look_at(path: Path) -> SessionFile:
     """The state of one session file."""
     try:
-        found = _stat(path)
-        large = found is not None and found.st_size > SMALL_BYTES
+        status = _stat(path)
+        large = status is not None and status.st_size > SMALL_BYTES
         return _state_by_ends(path) if large else _state(read_record(path))
     except GlidecalError as problem:
         return SessionFile(path, "unreadable", problem=str(problem))
@@ -114,8 +114,19 @@ def _state(record: Record) -> SessionFile:
 
 def follow_up(session: SessionFile, among: list[SessionFile]) -> SessionFile | None:
     """The session that verifies this one, if it is there."""
-    beside = (other for other in among if other.path.parent == session.path.parent)
-    return next((other for other in beside if other.verifies == session.path.name), None)
+    beside = (
+        session_beside
+        for session_beside in among
+        if session_beside.path.parent == session.path.parent
+    )
+    return next(
+        (
+            session_beside
+            for session_beside in beside
+            if session_beside.verifies == session.path.name
+        ),
+        None,
+    )
 
 
 Parser = Callable[[str], float | None]

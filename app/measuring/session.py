@@ -219,12 +219,12 @@ class GuidedSession:
             controlled=self.mover is not None,
         )
         record = [*self._journal.events, *events]
-        taken, remarks = examined(TakenStep(step, readings, (), due), record, around)
+        step_taken, remarks = examined(TakenStep(step, readings, (), due), record, around)
         self._append([*events, *remarks])
         for gauge in self.gauges:
             gauge.forget_travel()
         self.moved()  # what is due next is worked out in this thread, not in that of the pictures
-        return taken
+        return step_taken
 
     def _where(self, step: Step) -> Moved | None:
         """Where a machine that moves itself is; raises MotionError where that is elsewhere."""
@@ -257,18 +257,20 @@ class GuidedSession:
         rests_mm = [self.gauges[number].rest_mm for number in step.indicators]
         return movement(step, self._due[1], values_mm, rests_mm, time_s)
 
-    def keep(self, taken: TakenStep, reason: str) -> None:
+    def keep(self, step_taken: TakenStep, reason: str) -> None:
         """Questioned readings count after all."""
         with self._lock:
-            numbers = tuple(r.reading for r in taken.questioned)
+            numbers = tuple(r.reading for r in step_taken.questioned)
             self._append([Restored(readings=numbers, reason=reason)])
 
-    def measure_earlier(self, taken: TakenStep, reason: str) -> None:
+    def measure_earlier(self, step_taken: TakenStep, reason: str) -> None:
         """The new readings are right, the earlier ones wrong: their step becomes the next one."""
-        if taken.doubt is Doubt.ODD:  # they count no more as it is
+        if step_taken.doubt is Doubt.ODD:  # they count no more as it is
             return
         with self._lock:
-            latest, earlier = ([r.reading for r in g] for g in (taken.readings, taken.earlier))
+            latest, earlier = (
+                [r.reading for r in g] for g in (step_taken.readings, step_taken.earlier)
+            )
             right = Restored(readings=tuple(latest), reason=reason)
             self._append([right, Superseded(readings=tuple(earlier), reason=reason)])
 
@@ -324,8 +326,8 @@ class GuidedSession:
 
     def _taken_on(self, mounts: Collection[str]) -> frozenset[int]:
         """Steps whose counting readings were taken on these mountings."""
-        taken = (r.step for r in self.session.readings if r.mount in mounts)
-        return frozenset(number for number in taken if number is not None)
+        steps_taken = (r.step for r in self.session.readings if r.mount in mounts)
+        return frozenset(number for number in steps_taken if number is not None)
 
     def rest_of_place(self) -> tuple[Step, ...]:
         """The present step and the unsettled ones that follow it on the same mounting."""
@@ -401,8 +403,8 @@ class GuidedSession:
         Raises UsageError for the port of another indicator, IndicatorError where it does not open,
         RecordError.
         """
-        others = [gauge.port for k, gauge in enumerate(self.gauges) if k != number]
-        if port in others:
+        ports_beside = [gauge.port for k, gauge in enumerate(self.gauges) if k != number]
+        if port in ports_beside:
             raise UsageError(f"port of indicator {number + 1}", port, "a port of its own")
         before = self.name_of(number)
         self.gauges[number].go_on_at(port)

@@ -37,7 +37,7 @@ from protocols.session import Opened, Reading, Session, fold
 def hidden_effect(
     wanted: str,
     truth: Model,
-    taken: Conditions,
+    conditions: Conditions,
     *,
     seed: int,
     noise_mm: float,
@@ -52,26 +52,28 @@ def hidden_effect(
     if effect_id not in {effect.id for effect in effects}:
         raise UsageError("effect", repr(effect_id), ", ".join(dict.fromkeys(x.id for x in effects)))
     of_it = [
-        c for c in candidates(truth, taken, effects) if c.id == effect_id and "," not in c.where
+        c
+        for c in candidates(truth, conditions, effects)
+        if c.id == effect_id and "," not in c.where
     ]
     if not of_it:
-        raise _not_seen(effect_id, taken)
+        raise _not_seen(effect_id, conditions)
     here = [c for c in of_it if where in ("", c.where)]
     if not here:
         places = ", ".join(dict.fromkeys(c.where for c in of_it))
         raise UsageError(f"place of effect {effect_id}", repr(where), places)
-    found = hidden_among(here, truth, taken, seed=seed, noise_mm=noise_mm, size=size)
-    if not found:
-        raise _not_seen(wanted, taken)
-    return found
+    effect_hidden = hidden_among(here, truth, conditions, seed=seed, noise_mm=noise_mm, size=size)
+    if not effect_hidden:
+        raise _not_seen(wanted, conditions)
+    return effect_hidden
 
 
-def _not_seen(effect: str, taken: Conditions) -> UsageError:
+def _not_seen(effect: str, conditions: Conditions) -> UsageError:
     return UsageError(
         f"effect {effect}",
         "nothing to see of it beside offsets and lengths with this procedure",
         "a procedure that shows it",
-        "Give --size." if TOOL in taken.leg else "Try --protocol two-station, or give --size.",
+        "Give --size." if TOOL in conditions.leg else "Try --protocol two-station, or give --size.",
     )
 
 
@@ -165,23 +167,23 @@ def simulated_of_files(
     if model and machine:
         raise UsageError("--model and --machine", "both", "one: a model brings its own machine")
     if model:
-        real, known = read_model(model, known_effects())
+        real, machine_known = read_model(model, known_effects())
     else:
-        known = load_machine(machine)
-        real = Model(known.geometry())
-    planned = load_procedure(procedure or known.usual_procedure, known.geometry())
+        machine_known = load_machine(machine)
+        real = Model(machine_known.geometry())
+    planned = load_procedure(procedure or machine_known.usual_procedure, machine_known.geometry())
     if effect is not None:
         hidden = hidden_effect(
             effect,
             real,
-            planned_readings(planned, known),
+            planned_readings(planned, machine_known),
             seed=seed,
             noise_mm=max(scatter_mm, resolution_mm),
             size=size,
         )
         real = real.with_effects((*real.effects, *hidden))
     return simulated_session(
-        planned, known, real, seed=seed, scatter_mm=scatter_mm, resolution_mm=resolution_mm
+        planned, machine_known, real, seed=seed, scatter_mm=scatter_mm, resolution_mm=resolution_mm
     )
 
 
@@ -216,13 +218,17 @@ def short_travels(
     procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]
 ) -> list[tuple[Instrument, float, str]]:
     """Indicators whose travel may not do, with the most that is needed in mm, and where."""
-    if procedure.plate is not None or all(one.travel_mm is None for one in instruments):
+    if procedure.plate is not None or all(
+        instrument_axes.travel_mm is None for instrument_axes in instruments
+    ):
         return []
     geometry = machine.geometry()
     places: dict[tuple[Touched, float, tuple[Leg, ...]], list[Step]] = {}
-    for step in procedure.steps(geometry, [one.axes for one in instruments]):
+    for step in procedure.steps(
+        geometry, [instrument_axes.axes for instrument_axes in instruments]
+    ):
         places.setdefault(step.place, []).append(step)
-    tolerance_mm, found = machine.tolerances_mm(), []
+    tolerance_mm, short = machine.tolerances_mm(), []
     for k, instrument in enumerate(instruments):
         needed = []
         for steps in places.values():
@@ -237,10 +243,10 @@ def short_travels(
             moved_mm = excursion_mm(geometry, tolerance_mm, read, at, tilt)
             where += "over the plane" if first.over_plane else f"station {first.station:g}"
             needed.append((instrument, moved_mm, where))
-        worst = descending(needed, lambda one: one[1])[0]
+        worst = descending(needed, lambda instrument_axes: instrument_axes[1])[0]
         if instrument.travel_mm is not None and worst[1] > instrument.travel_mm:
-            found.append(worst)
-    return found
+            short.append(worst)
+    return short
 
 
 def planned_readings(procedure: Procedure, machine: Machine) -> Observations:

@@ -67,8 +67,8 @@ def measure_all(
             _take_simulated(guided)
             continue
         _go(guided, mover, step, confirm, saw)
-        taken = _taken(guided, step)
-        _check(taken)
+        step_taken = _taken(guided, step)
+        _check(step_taken)
         tell(f"step {step.number} of {len(guided.steps)}")
     guided.finish()
 
@@ -102,11 +102,11 @@ def home(mover: Mover, tell: Callable[[str], None]) -> None:
 
 
 def _take_simulated(guided: GuidedSession) -> None:
-    taken = guided.take()
-    if taken is not None and taken.faults:
-        raise IndicatorError("simulated indicator", taken.faults[0].words, "a reading")
-    if taken is not None and taken.doubt:
-        guided.keep(taken, "unattended: kept")
+    step_taken = guided.take()
+    if step_taken is not None and step_taken.faults:
+        raise IndicatorError("simulated indicator", step_taken.faults[0].words, "a reading")
+    if step_taken is not None and step_taken.doubt:
+        guided.keep(step_taken, "unattended: kept")
 
 
 def _go(
@@ -186,9 +186,9 @@ def _taken(guided: GuidedSession, step: Step) -> TakenStep:
     """The readings of a step; an indicator that answers late is asked again."""
     for tries_left in reversed(range(TRIES)):
         _at_rest(guided, step)
-        taken = guided.take()
-        if taken is not None and not (taken.faults and tries_left):
-            return taken
+        step_taken = guided.take()
+        if step_taken is not None and not (step_taken.faults and tries_left):
+            return step_taken
     raise MotionError(f"step {step.number}", "a closed session", "an open one")
 
 
@@ -204,11 +204,13 @@ def _at_rest(guided: GuidedSession, step: Step) -> None:
     raise IndicatorError("indicator", f"moving for {REST_S:g} s", "readings at rest")
 
 
-def _check(taken: TakenStep) -> None:
-    if taken.faults:
-        raise IndicatorError(f"step {taken.step.number}", sentence(taken.faults[0].words), "")
-    if taken.doubt:
-        number = taken.questioned[0].step
-        found = f"readings {taken.doubt}"
+def _check(step_taken: TakenStep) -> None:
+    if step_taken.faults:
+        raise IndicatorError(
+            f"step {step_taken.step.number}", sentence(step_taken.faults[0].words), ""
+        )
+    if step_taken.doubt:
+        number = step_taken.questioned[0].step
+        problem = f"readings {step_taken.doubt}"
         next_step = "They do not count. Look at stand and indicators, then continue the session."
-        raise IndicatorError(f"step {number}", found, "readings as expected", next_step)
+        raise IndicatorError(f"step {number}", problem, "readings as expected", next_step)

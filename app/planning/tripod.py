@@ -169,15 +169,15 @@ class MeasurementPlan:
         names = ("legs", "station", "displacements_mm", "cycles", "before", "minutes", "bound_mm")
         rows = [
             (
-                ", ".join(one.candidate.legs),
-                one.candidate.station,
-                ", ".join(f"{mm:g}" for mm in one.candidate.levels_mm),
-                one.candidate.cycles,
-                one.candidate.preparation.words,
-                one.candidate.minutes,
-                one.bound_mm,
+                ", ".join(proposal.candidate.legs),
+                proposal.candidate.station,
+                ", ".join(f"{mm:g}" for mm in proposal.candidate.levels_mm),
+                proposal.candidate.cycles,
+                proposal.candidate.preparation.words,
+                proposal.candidate.minutes,
+                proposal.bound_mm,
             )
-            for one in self.planner.proposals
+            for proposal in self.planner.proposals
         ]
         return DataTable(names, tuple(rows))
 
@@ -199,12 +199,16 @@ def further_session(first: Path) -> Path:
     return unused_path(first.with_name(f"{first.stem}{FURTHER}.jsonl"))
 
 
-def further_procedure(like: Procedure, one: FurtherSetUp) -> Procedure:
+def further_procedure(like: Procedure, set_up: FurtherSetUp) -> Procedure:
     """A proposed set-up as a procedure; timing and limits are those of the one ``like`` it."""
-    own = {"legs": one.legs, "stations": (one.station,), "levels": one.displacements_mm}
+    changes = {
+        "legs": set_up.legs,
+        "stations": (set_up.station,),
+        "levels": set_up.displacements_mm,
+    }
     once = {"cycles": 1, "return_to_zero": False, "order": "fixed", "random_seed": None}
-    said = {"name": "further", "title": "A further set-up, there and back", "description": ""}
-    planned: Procedure = like.model_copy(update={**own, **once, **said, "plane": None})
+    texts = {"name": "further", "title": "A further set-up, there and back", "description": ""}
+    planned: Procedure = like.model_copy(update={**changes, **once, **texts, "plane": None})
     return planned
 
 
@@ -226,16 +230,16 @@ def next_measurement(
     """
     machine, model = _machine_and_model(sessions, machine_file, model_file)
     stated, words = stated_noise(machine, noise_mm)
-    known = Model(model.geometry).with_effects(model.effects)
+    nominal = Model(model.geometry).with_effects(model.effects)
     free: frozenset[tuple[Effect, str]] = frozenset()
     if model_file:
         free = free_effects(read_model_file(model_file), known_effects())
-    cases = [case_of(session, known, free) for session in sessions] or [
-        nothing_measured(known, stated.standard_deviation_mm, machine.tolerances_mm())
+    cases = [case_of(session, nominal, free) for session in sessions] or [
+        nothing_measured(nominal, stated.standard_deviation_mm, machine.tolerances_mm())
     ]
-    found = posterior(cases)
-    every = candidates(found, Pace(minutes_per_mounting, _pace_s(machine, sessions)))
-    if not every:
+    weighted = posterior(cases)
+    measurements = candidates(weighted, Pace(minutes_per_mounting, _pace_s(machine, sessions)))
+    if not measurements:
         raise ImpossibleRequest(
             "touched points of the bars",
             "no displacement to both sides of Zero at any station",
@@ -243,8 +247,8 @@ def next_measurement(
             "Widen usable_bar in the machine file.",
         )
     asked_mm = None if sessions and noise_mm is None else stated.standard_deviation_mm
-    entered = correction(found, holds, frame or machine.frame)
-    planner = Planner(found, entered, tuple(every), asked_mm)
+    entered = correction(weighted, holds, frame or machine.frame)
+    planner = Planner(weighted, entered, tuple(measurements), asked_mm)
     words = words if asked_mm else f"{planner.forecast.noise_mm:.4g} mm, from the sessions"
     names = tuple(session.name for session in sessions)
     return MeasurementPlan(names, machine.name, words, planner)
@@ -270,15 +274,15 @@ def _machine_and_model(
         else (None, load_machine(machine_file))
     )
     if sessions:
-        own = sessions[0].opened.machine
-        if (model_file or machine_file) and own.geometry() != machine.geometry():
+        recorded = sessions[0].opened.machine
+        if (model_file or machine_file) and recorded.geometry() != machine.geometry():
             raise UsageError(
                 "machine of the sessions",
-                f"'{own.name}', other dimensions than '{machine.name}'",
+                f"'{recorded.name}', other dimensions than '{machine.name}'",
                 "a machine or model file of the same machine, or none",
             )
-        machine = own
-    of_tool = any(r.position_mm is not None for one in sessions for r in one.readings)
+        machine = recorded
+    of_tool = any(r.position_mm is not None for session in sessions for r in session.readings)
     next_step = "glidecal identifiability tells what a procedure of your own would see."
     if machine.position_endstop_mm is not None:
         next_step = (

@@ -141,17 +141,17 @@ def issue_number(calibration: Calibration) -> None:
     if calibration.head is None:
         return
     path = data_path().with_name("certificates.json")
-    known = read_remembered(path, IssuedNumbers, "numbers of certificates,").numbers
+    numbers = read_remembered(path, IssuedNumbers, "numbers of certificates,").numbers
     number = calibration.head.order.number
     digests = tuple(session.digest for session in calibration.sessions)
-    if known.get(number, digests) != digests:
+    if numbers.get(number, digests) != digests:
         raise UsageError(
             f"certificate {number}",
             "a number that another certificate has",
             "a number of its own, or the sessions and --after of that certificate",
         )
-    if number not in known:
-        issued = IssuedNumbers(numbers={**known, number: digests})
+    if number not in numbers:
+        issued = IssuedNumbers(numbers={**numbers, number: digests})
         write_files(path, {"": issued.model_dump_json(indent=1)}, replace=True)
 
 

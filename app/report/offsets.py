@@ -158,8 +158,10 @@ def for_controller(
         left_mm = _leave_mm(offsets.model, numbers)
         leaves = f"that leaves {left_mm:.4f} mm r.m.s. at the tool, if the model is right"
     else:
-        kept = [one for n, one in enumerate(offsets.model.effects) if n not in numbers]
-        off = solved.corrections.off(offsets.model.with_effects(tuple(kept)))
+        effects_kept = [
+            acting for n, acting in enumerate(offsets.model.effects) if n not in numbers
+        ]
+        off = solved.corrections.off(offsets.model.with_effects(tuple(effects_kept)))
         bound = bound_of_files(solved, off)
         leaves = "the bound of the tool includes what that leaves"
     names = ", ".join(dict.fromkeys(offsets.model.effects[number].id for number in sorted(numbers)))
@@ -169,8 +171,8 @@ def for_controller(
 
 def with_bound(offsets: Offsets, bound: str, *more: str) -> Offsets:
     """The offsets with the bound of the files in the place of that before, and further cautions."""
-    others = [text for text in offsets.cautions if text != offsets.bound]
-    return replace(offsets, bound=bound, cautions=tuple(filter(None, [*more, bound, *others])))
+    other_texts = [text for text in offsets.cautions if text != offsets.bound]
+    return replace(offsets, bound=bound, cautions=tuple(filter(None, [*more, bound, *other_texts])))
 
 
 def bound_of_files(solved: SessionSolution, off: ToolOff) -> str:
@@ -185,11 +187,11 @@ def entered_parameters(correction: SessionCorrection) -> dict[str, Offset]:
     if correction.half_widths_mm is None:
         return {name: Offset(values[name]) for name in names}
     # u is that of a normal distribution: few models would widen the deviation of all beyond it
-    known = [
+    entries = [
         (name, wide / coverage_factor(math.inf), wide)
         for name, wide in zip(names, correction.half_widths_mm.tolist(), strict=True)
     ]
-    return {name: Offset(values[name], u, wide, wide / u) for name, u, wide in known}
+    return {name: Offset(values[name], u, wide, wide / u) for name, u, wide in entries}
 
 
 def _leave_mm(model: Model, numbers: Collection[int]) -> float:
@@ -209,7 +211,7 @@ def offsets_from_solved(solved: SessionSolution, *, view: bool = False) -> Offse
         parameters={},
         model=Model(machine.geometry()),
         controller=_stated(machine),
-        measured=max(one.opened.at for one in solved.sessions),
+        measured=max(recorded.opened.at for recorded in solved.sessions),
         digests=tuple(session.digest for session in solved.sessions),
         cautions=tuple(map(one_line, caveats(solved))),
         solved=solved,
@@ -276,23 +278,29 @@ def offsets_from_file(
 
 
 def _offsets_from_model(path: Path) -> Offsets:
-    found = read_model_file(path)
-    model = to_model(found, f"model {path}", known_effects())
-    _all_stated(f"model {path}, parameters_mm", found.parameters_mm)
-    stated = [name for name in PARAMETER_NAMES if name in found.parameters_mm]
-    unsure = ambiguous_effects(found)
-    known = [one.provenance for one in found.effects if one.provenance]
-    said = [NOT_KNOWN, ambiguity(unsure), *(found.cautions or ())]
+    model_file = read_model_file(path)
+    model = to_model(model_file, f"model {path}", known_effects())
+    _all_stated(f"model {path}, parameters_mm", model_file.parameters_mm)
+    stated = [name for name in PARAMETER_NAMES if name in model_file.parameters_mm]
+    unsure = ambiguous_effects(model_file)
+    provenances = [
+        provenance.provenance for provenance in model_file.effects if provenance.provenance
+    ]
+    cautions = [NOT_KNOWN, ambiguity(unsure), *(model_file.cautions or ())]
     return Offsets(
         source=path.name,
-        machine=found.machine,
-        parameters={name: Offset(found.parameters_mm[name]) for name in stated},
+        machine=model_file.machine,
+        parameters={name: Offset(model_file.parameters_mm[name]) for name in stated},
         model=model,
-        controller=_stated(found.machine),
-        measured=max((one.measured for one in known if one.measured), default=None),
-        digests=tuple(dict.fromkeys(digest for one in known for digest in one.digests)),
-        cautions=tuple(dict.fromkeys(one for one in said if one)),
-        bound=next((one for one in said if one.startswith(BOUND)), ""),
+        controller=_stated(model_file.machine),
+        measured=max(
+            (provenance.measured for provenance in provenances if provenance.measured), default=None
+        ),
+        digests=tuple(
+            dict.fromkeys(digest for provenance in provenances for digest in provenance.digests)
+        ),
+        cautions=tuple(dict.fromkeys(provenance for provenance in cautions if provenance)),
+        bound=next((provenance for provenance in cautions if provenance.startswith(BOUND)), ""),
     )
 
 

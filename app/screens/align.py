@@ -59,8 +59,8 @@ class AlignScreen(Corrections):
 
     def on_mount(self) -> None:
         mode = f"align to rail {(self.plan.reference or 'x').upper()}"
-        said = progress_text(self.guided.session, self.guided.steps, mode)
-        self.query_one("#progress", Static).update(said)
+        text = progress_text(self.guided.session, self.guided.steps, mode)
+        self.query_one("#progress", Static).update(text)
         try:
             aligned = align_session(self.guided.session, self.plan.reference or "x")
         except GlidecalError as problem:
@@ -158,10 +158,10 @@ class AlignScreen(Corrections):
 
     def _done(self, *, watched: bool) -> None:
         assert self.round is not None
-        made = self.round
+        round_done = self.round
 
         def write() -> None:
-            change = made.done(watched=watched)
+            change = round_done.done(watched=watched)
             moved = "as asked" if change.moved_mm is None else f"{change.moved_mm:+.3f} mm"
             self.say(
                 f"In the record: end at {change.support_mm:.0f} mm of rail {change.rail}, {moved}. "

@@ -105,7 +105,11 @@ class CheckScreen(Screen[None]):
         if is_left(self):
             return
         self._problem = problem
-        self._gone = [k for k, one in enumerate(self._plan.instruments) if port_is_gone(one.port)]
+        self._gone = [
+            k
+            for k, instrument in enumerate(self._plan.instruments)
+            if port_is_gone(instrument.port)
+        ]
         words = refused_text(problem, self._plan.instruments, self._gone, self._moved_adapters())
         self.query_one("#words", Static).update(self.app.keyed(words))
         self.refresh_bindings()
@@ -182,22 +186,22 @@ class CheckScreen(Screen[None]):
     def action_port(self) -> None:
         """The first indicator whose port has gone is at another one: choose it, and try again."""
         number = self._gone[0]
-        known = self._plan.instruments
+        instruments = self._plan.instruments
         adapter = ""
         with suppress(GlidecalError):
-            adapter = adapter_before(known[number].port)
-        ports = ports_to_choose(adapter, [instrument.port for instrument in known])
+            adapter = adapter_before(instruments[number].port)
+        ports = ports_to_choose(adapter, [instrument.port for instrument in instruments])
         if not ports:
             self.say(NO_OTHER_PORT_HERE)
             return
-        question = port_question(indicator_words(number, known[number]))
+        question = port_question(indicator_words(number, instruments[number]))
         choices = port_choices(ports, adapters(), adapter)
         self.app.ask(ChoiceDialog(question, choices), lambda port: self._at_port(number, port))
 
     def _at_port(self, number: int, port: str) -> None:
-        known = list(self._plan.instruments)
-        known[number] = known[number].model_copy(update={"port": port})
-        self._plan = replace(self._plan, instruments=tuple(known))
+        instruments = list(self._plan.instruments)
+        instruments[number] = instruments[number].model_copy(update={"port": port})
+        self._plan = replace(self._plan, instruments=tuple(instruments))
         self.query_one(Gauges).name_them(self._plan.instruments)
         self.action_retry()
 
@@ -265,8 +269,8 @@ class DryRunScreen(Screen[None]):
 
     @work
     async def on_mount(self) -> None:
-        said = await apart(self, self._expected)
-        self.query_one("#expected", Static).update(f"\n{said}")
+        text = await apart(self, self._expected)
+        self.query_one("#expected", Static).update(f"\n{text}")
 
     def _expected(self) -> str:
         from app.planning.tripod import before_measuring

@@ -119,8 +119,8 @@ class Corrections(Screen[None]):
         """Choose any earlier step: measure it again, or let superseded readings count again."""
         self.automatic = False
         session = self.guided.session
-        known = {r.step for r in session.all_readings} | set(session.skipped)
-        points = [step for step in self.guided.steps if step.number in known]
+        steps = {r.step for r in session.all_readings} | set(session.skipped)
+        points = [step for step in self.guided.steps if step.number in steps]
         if self.busy or not points:
             return
         choices = [(step.number, texts.point_text(step, session)) for step in points]
@@ -137,8 +137,8 @@ class Corrections(Screen[None]):
             question = f"Why is step {step} {brought}? With a reason it becomes the next step."
             if gone > 1:
                 question += f" Its stand is gone: {gone} steps are measured, to share one zero."
-            said = f"Step {step} is measured again: {{}}"
-            self._with_reason(question, partial(self.guided.repeat, step), said)
+            answer = f"Step {step} is measured again: {{}}"
+            self._with_reason(question, partial(self.guided.repeat, step), answer)
         else:
             why = session.superseded[max(r.reading for r in session.all_readings if r.step == step)]
             question = questions.RESTORE_QUESTION.format(step, why)
@@ -173,17 +173,17 @@ class Corrections(Screen[None]):
         step = self.guided.step()
         if step is None or self.busy:
             return
-        rest = [s.number for s in self.guided.rest_of_place()]
+        steps = [s.number for s in self.guided.rest_of_place()]
         choices = [([step.number], f"Step {step.number} only")]
-        if len(rest) > 1:
-            choices.append((rest, f"The rest of leg {step.leg.upper()}: {len(rest)} steps"))
+        if len(steps) > 1:
+            choices.append((steps, f"The rest of leg {step.leg.upper()}: {len(steps)} steps"))
 
         def chosen(numbers: list[int] | None) -> None:
             if numbers:
                 question = "Why? The reason stays in the record."
-                said = self.app.keyed("{measure.earlier} brings it back.")
-                said = f"Skipped: {{}}. {said}"
-                self._with_reason(question, partial(self.guided.skip, numbers), said)
+                words = self.app.keyed("{measure.earlier} brings it back.")
+                words = f"Skipped: {{}}. {words}"
+                self._with_reason(question, partial(self.guided.skip, numbers), words)
 
         self.ask(ChoiceDialog("What do you want to skip?", choices), chosen)
 

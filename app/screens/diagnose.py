@@ -70,24 +70,24 @@ class DiagnoseScreen(PagedScreen[None]):
     @work(group="diagnose", exclusive=True)
     async def _diagnose(self) -> None:
         try:
-            self._known, found, at_tool = await apart(
+            self._known, diagnosed, at_tool = await apart(
                 self, _diagnosis, self.paths, self.model, self._adopted_words
             )
         except GlidecalError as problem:
             self.looking = False
             self.wait(texts.problem_text(problem))
             return
-        self.looking, self.diagnosed, adopted = False, found, ""
+        self.looking, self.diagnosed, adopted = False, diagnosed, ""
         self.refresh_bindings()
         if self.model is not None and self._gap_before_mm is not None:
-            now = found.diagnosis.gap_before.rms_mm
+            now = diagnosed.diagnosis.gap_before.rms_mm
             adopted = texts.ADOPTED.format(self.model.name, self._gap_before_mm, now)
             adopted = f"{adopted} {at_tool}".rstrip()
-        self.put("verdict", texts.verdict_text(found, adopted))
-        self.put("where", texts.where_text(found))
-        self.put("candidates", texts.ranking_text(found))
-        chart = residuals_before_and_after(found.diagnosis.residuals.cells)
-        self.put("change", texts.change_text(found), chart)
+        self.put("verdict", texts.verdict_text(diagnosed, adopted))
+        self.put("where", texts.where_text(diagnosed))
+        self.put("candidates", texts.ranking_text(diagnosed))
+        chart = residuals_before_and_after(diagnosed.diagnosis.residuals.cells)
+        self.put("change", texts.change_text(diagnosed), chart)
 
     def on_screen_resume(self) -> None:
         """The model may have been given another size on the screen that was above."""
@@ -97,46 +97,46 @@ class DiagnoseScreen(PagedScreen[None]):
                     self.begin()
 
     def why_not(self, action: str) -> str:
-        found = self.diagnosed
+        diagnosed = self.diagnosed
         if action in ("adopt", "next") and self.app.read_only:
             return ONLY_SHOWN
-        if action in ("adopt", "next", "what_if", "copy") and found is None:
+        if action in ("adopt", "next", "what_if", "copy") and diagnosed is None:
             return texts.NOT_YET if self.looking else texts.NOTHING_FOUND
-        if action == "adopt" and found and not texts.adopt_choices(found):
+        if action == "adopt" and diagnosed and not texts.adopt_choices(diagnosed):
             return texts.NOTHING_NAMED
-        return texts.NO_NEXT if action == "next" and found and not found.separation else ""
+        return texts.NO_NEXT if action == "next" and diagnosed and not diagnosed.separation else ""
 
     @work(exclusive=True, group="adopt")
     async def action_adopt(self) -> None:
         """Ask what becomes part of the model, then for the file."""
-        found = self.diagnosed
-        if found is not None:
-            choices = texts.adopt_choices(found)
+        diagnosed = self.diagnosed
+        if diagnosed is not None:
+            choices = texts.adopt_choices(diagnosed)
             answer = await self.ask(ChoiceDialog(texts.WHAT_TO_ADOPT, choices))
             if answer == texts.CORRECT:
-                await self._correct(found)
+                await self._correct(diagnosed)
             elif answer:
-                await self._adopt(found, answer)
+                await self._adopt(diagnosed, answer)
 
     @work(exclusive=True, group="adopt")
     async def action_what_if(self) -> None:
         """What an effect does at any size: one of the model gets it, another is adopted as by A."""
-        found = self.diagnosed
-        if found is None:
+        diagnosed = self.diagnosed
+        if diagnosed is None:
             return
         with self.app.complaining():
-            pair = await tried(self, found.sessions, self.model, diagnosed=found)
+            pair = await tried(self, diagnosed.sessions, self.model, diagnosed=diagnosed)
             if pair is None:
                 return
             choice, entry = pair
             if choice.standing != "model":
                 answer = "named" if choice.standing == "named" else f"{entry.id}:{entry.where}"
-                await self._adopt(found, answer, entry)
+                await self._adopt(diagnosed, answer, entry)
             elif self.model is not None:
-                await apart(self, resize, found.sessions, self.model, entry)
-                self._look_again(found, self.model)
+                await apart(self, resize, diagnosed.sessions, self.model, entry)
+                self._look_again(diagnosed, self.model)
 
-    async def _correct(self, found: SessionDiagnosis) -> None:
+    async def _correct(self, diagnosed: SessionDiagnosis) -> None:
         """Write the session without its mistakes and look again, at that."""
         source = self.paths[0]
         proposed = unused_path(source.with_name(f"{source.stem}_corrected.jsonl"))
@@ -144,13 +144,13 @@ class DiagnoseScreen(PagedScreen[None]):
         if target:
             with self.app.complaining():
                 path = Path(target).expanduser()
-                correct(found, source, path)
+                correct(diagnosed, source, path)
                 self.app.notify(texts.CORRECTED.format(path, source.name))
                 self.paths = (path,)
                 self.begin()
 
     async def _adopt(
-        self, found: SessionDiagnosis, answer: str, held: EffectEntry | None = None
+        self, diagnosed: SessionDiagnosis, answer: str, held: EffectEntry | None = None
     ) -> None:
         """Write the model and look again with it."""
         first = self.paths[0]
@@ -159,33 +159,33 @@ class DiagnoseScreen(PagedScreen[None]):
         if not target:
             return
         path, candidate = Path(target).expanduser(), None if answer == "named" else answer
-        job = partial(adopt, found, path, known=self.model, candidate=candidate, held=held)
+        job = partial(adopt, diagnosed, path, known=self.model, candidate=candidate, held=held)
         if await self.app.written(job):
             # a size that a person holds is no part of the posterior given the name
-            words = None if held else partial(texts.words_on_adopting, found, candidate)
-            self._look_again(found, path, words)
+            words = None if held else partial(texts.words_on_adopting, diagnosed, candidate)
+            self._look_again(diagnosed, path, words)
 
     def _look_again(
-        self, found: SessionDiagnosis, model: Path, words: Callable[[], str] | None = None
+        self, diagnosed: SessionDiagnosis, model: Path, words: Callable[[], str] | None = None
     ) -> None:
         self.app.notify(texts.MODEL_WRITTEN.format(model))
-        self.model, self._gap_before_mm = model, found.diagnosis.gap_before.rms_mm
+        self.model, self._gap_before_mm = model, diagnosed.diagnosis.gap_before.rms_mm
         self._adopted_words = words
         self.begin()
 
     def action_next(self) -> None:
         """The next measurement as a procedure file beside the session."""
-        found = self.diagnosed
-        if found is None or found.separation is None:
+        diagnosed = self.diagnosed
+        if diagnosed is None or diagnosed.separation is None:
             return
-        procedure = found.separation.candidate.text
+        procedure = diagnosed.separation.candidate.text
         if not procedure.startswith("schema"):
             self.app.notify(texts.NO_FILE_NEEDED.format(procedure))
             return
         first = self.paths[0]
         path = unused_path(first.with_name(f"{first.stem}_next.toml"))
         with self.app.complaining():
-            write_procedure(found, path)
+            write_procedure(diagnosed, path)
             self.app.notify(texts.NEXT_WRITTEN.format(path))
 
     @work(group="result", exclusive=True)
@@ -203,7 +203,7 @@ class DiagnoseScreen(PagedScreen[None]):
 def _diagnosis(
     paths: Sequence[Path], model: Path | None, adopted_words: Callable[[], str] | None
 ) -> tuple[ModelFile | None, SessionDiagnosis, str]:
-    known = read_model_file(model) if model else None
-    found = diagnose_files(paths, model=model)
-    _ = found.tool, found.separation  # worked out here, not while the page is drawn
-    return known, found, adopted_words() if adopted_words else ""
+    model_file = read_model_file(model) if model else None
+    diagnosed = diagnose_files(paths, model=model)
+    _ = diagnosed.tool, diagnosed.separation  # worked out here, not while the page is drawn
+    return model_file, diagnosed, adopted_words() if adopted_words else ""

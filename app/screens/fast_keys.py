@@ -57,7 +57,9 @@ class Palette(CommandPalette, LeftOnce[None]):
         if action not in ("command_list", "cursor_down"):
             return True
         lists, paging = self.query(OptionList), set(PAGES).intersection(parameters)
-        return bool(lists) and all(one.scrollable_content_region or not paging for one in lists)
+        return bool(lists) and all(
+            option_list.scrollable_content_region or not paging for option_list in lists
+        )
 
     def run_worker(  # its arguments are Textual's
         self,

@@ -92,14 +92,14 @@ class HexaSlideScreen(PagedScreen[None]):
         self._show_all()
 
     def _show_all(self) -> None:
-        view, found = self.view, self.found
+        view, postures_found = self.view, self.found
         if view is None:
             return
-        best = None if found is None else conditions_at(view, found.coordinates)
-        self.put("sees", texts.sees_text(view, found, best))
-        self.put("list", texts.list_text(found))
+        best = None if postures_found is None else conditions_at(view, postures_found.coordinates)
+        self.put("sees", texts.sees_text(view, postures_found, best))
+        self.put("list", texts.list_text(postures_found))
         self._show_search()
-        drawings = drawn_postures(view.machine, found)
+        drawings = drawn_postures(view.machine, postures_found)
         self.put("search", None, *drawings[:2])
         self.put("angles", None, *drawings[2:])
         self._draw_machine(view)
@@ -185,21 +185,21 @@ class HexaSlideScreen(PagedScreen[None]):
 
     @work(group="search")
     async def _search(self, view: HexaSlideSeen, count: int) -> None:
-        left = threading.Event()
+        stopped = threading.Event()
 
         def watch() -> None:
-            if left.is_set():
+            if stopped.is_set():
                 raise _Left
 
-        wanted = Search(seed=view.planned.seed)
+        search = Search(seed=view.planned.seed)
         try:
             with self.app.complaining():
-                starts = searches(view.procedure, view.machine, count, wanted, watch)
-                while found := await apart(self, next, starts, None):
-                    self.found = found
+                starts = searches(view.procedure, view.machine, count, search, watch)
+                while best := await apart(self, next, starts, None):
+                    self.found = best
                     self._show_all()
         finally:  # a search does not outlive its worker, and that not its screen
-            left.set()
+            stopped.set()
         self.searching = False
         self._show_search()
 

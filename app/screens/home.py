@@ -70,14 +70,14 @@ class HomeScreen(Screen[None]):
             if c[0] in texts.READING_ONLY or not self.app.read_only
         ]
         going_on: list[Option | None] = []
-        others: list[Option | None] = []
+        other_options: list[Option | None] = []
         for recent in self._recent:
             label = texts.session_label(recent)
             if recent.interrupted and not recent.empty and not self.app.read_only:
                 going_on.append(Option(f"Continue  {label}", f"continue {recent.path}"))
-            others.append(Option(label, f"session {recent.path}"))
+            other_options.append(Option(label, f"session {recent.path}"))
         options = [*going_on, *(Option(words, name) for name, words in able)]
-        return [*options, None, *others] if others else options
+        return [*options, None, *other_options] if other_options else options
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         if not self._working:
@@ -126,8 +126,8 @@ class HomeScreen(Screen[None]):
             self.app.push_screen(self.app.diagnosis([path]))
         elif what == "export":
             self._say_computing()
-            if said := await self.app.written(partial(_export, path)):
-                await self.app.push_screen_wait(HelpDialog(said))  # stays until it is read
+            if text := await self.app.written(partial(_export, path)):
+                await self.app.push_screen_wait(HelpDialog(text))  # stays until it is read
         else:
             screen, warnings = await self._computed(_result, path, self.app.read_only)
             self.app.push_screen(screen)
@@ -188,10 +188,10 @@ class HomeScreen(Screen[None]):
                 return
             pair = (partner, session.path) if answer == "both" else None
         if pair is None:
-            others = [one for one in self._recent if one != session]
+            other_sessions = [recent for recent in self._recent if recent != session]
             question = f"{session.path}\n{texts.WHICH['after']}"
             proposed = follow_up(session, self._recent)
-            after = await self.app.push_screen_wait(PickScreen(question, others, proposed))
+            after = await self.app.push_screen_wait(PickScreen(question, other_sessions, proposed))
             if after is None:
                 return
             pair = session.path, after.path
@@ -215,9 +215,9 @@ def _export(path: Path, *, replace: bool) -> str:
 
     folder = path.with_suffix("")
     solved = solve_files([path])
-    said = exported_text(folder, export_offsets(solved, folder, replace=replace))
+    text = exported_text(folder, export_offsets(solved, folder, replace=replace))
     caution = export_caution(solved)
-    return f"{said}\n\nWARNING: {caution}" if caution else said
+    return f"{text}\n\nWARNING: {caution}" if caution else text
 
 
 def _comparison(before: Path, after: Path) -> Screen[None]:

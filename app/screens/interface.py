@@ -204,7 +204,7 @@ class PrintableRows(LineFilter):
         if all(segment.text.isprintable() for segment in segments):
             return segments
         return [
-            Segment(HIDDEN.sub(lambda found: "�" * cell_len(found[0]), segment.text), segment.style)
+            Segment(HIDDEN.sub(lambda match: "�" * cell_len(match[0]), segment.text), segment.style)
             for segment in segments
         ]
 
@@ -283,11 +283,11 @@ class Interface(App[str]):
         if mover is None or not isinstance(event, Key | MouseDown | Paste):
             return False
         key = event.key if isinstance(event, Key) else ""
-        goes, views = (key in self._keys_of(known) for known in (GO, VIEW))
+        goes, views = (key in self._keys_of(keys) for keys in (GO, VIEW))
         return self._motion_keys.ends_here(mover, goes=goes, views=views) and key not in LEAVING
 
-    def _keys_of(self, known: tuple[str, str]) -> tuple[str, ...]:
-        return tuple(map(str.strip, self._settings.keys.get(*known).split(",")))
+    def _keys_of(self, binding: tuple[str, str]) -> tuple[str, ...]:
+        return tuple(map(str.strip, self._settings.keys.get(*binding).split(",")))
 
     def attend(self, look: Callable[[], object]) -> None:
         """Tell the thread of the controller that the screens run, and look at the indicators.
@@ -331,7 +331,7 @@ class Interface(App[str]):
 
     def get_css_variables(self) -> dict[str, str]:
         """Those of the theme, with colours of words that can be read in light themes, too."""
-        self.theme_variables = (found := super().get_css_variables()) | legible(found)
+        self.theme_variables = (variables := super().get_css_variables()) | legible(variables)
         return self.theme_variables
 
     def on_resize(self, event: Resize) -> None:
@@ -390,10 +390,10 @@ class Interface(App[str]):
         of_machines = "\n".join(look.words for look in self.looks)
         panels = (self.focused or self.screen).ancestors_with_self  # the screen is the last of them
         words = [p.HELP or str(p.tooltip or "") for p in panels if isinstance(p, Widget)]
-        said = "\n\n".join(dict.fromkeys(text for text in words if text))
-        said = self.keyed(said.replace(WORDS_OF_LOOKS, of_machines))
+        help_text = "\n\n".join(dict.fromkeys(text for text in words if text))
+        help_text = self.keyed(help_text.replace(WORDS_OF_LOOKS, of_machines))
         if not isinstance(self.screen, HelpDialog):
-            self.push_screen(HelpDialog(said or NO_HELP))
+            self.push_screen(HelpDialog(help_text or NO_HELP))
 
     def key(self, key_id: str) -> str | None:
         """The first key of a binding by its id, as in force now; None for what is no such id."""
@@ -415,8 +415,12 @@ class Interface(App[str]):
         markup: bool = True,
     ) -> None:
         """In the line that the screen has for it, once it is there; nothing lies over a table."""
-        whole = (one for one in reversed(self.screen_stack) if not isinstance(one, ModalScreen))
-        screen = next(whole, None)
+        screens = (
+            open_screen
+            for open_screen in reversed(self.screen_stack)
+            if not isinstance(open_screen, ModalScreen)
+        )
+        screen = next(screens, None)
         if screen is not None and not screen.is_mounted:
             self.set_timer(ATTEND_S, lambda: self.notify(message, severity=severity))
         elif isinstance(screen, Saying):
@@ -477,8 +481,8 @@ class Interface(App[str]):
     async def action_quit(self) -> None:
         """Quit; an open session is paused and can be continued."""
         self.notify("Finishing …", markup=False)
-        said = await self._leave()
-        self.exit(said, return_code=self._status)
+        text = await self._leave()
+        self.exit(text, return_code=self._status)
 
     def action_go_back(self) -> None:
         """To the screen below, or home: not for those who only look, it offers other files."""
@@ -489,9 +493,9 @@ class Interface(App[str]):
 
     async def pause_session(self) -> None:
         """Home; the open session can be continued."""
-        said = await self._leave()
+        text = await self._leave()
         self.go_to(self.home())
-        self.notify(said, timeout=10, markup=False)
+        self.notify(text, timeout=10, markup=False)
 
     async def action_interrupt(self) -> None:
         """Ctrl-C: as quit, with the exit status of an interruption."""

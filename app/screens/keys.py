@@ -33,15 +33,15 @@ class KnownKey:
 
 def known_keys() -> dict[str, KnownKey]:
     """Every binding that has an id, in the order of the ids."""
-    found: dict[str, KnownKey] = {}
+    by_id: dict[str, KnownKey] = {}
     for place in _places():
         for key, binding in place:
             if binding.id:
-                before = found.get(binding.id)
+                before = by_id.get(binding.id)
                 keys = dict.fromkeys([*(before.keys if before else ()), key])
                 words = binding.description or binding.action
-                found[binding.id] = KnownKey(binding.id, tuple(keys), words)
-    return dict(sorted(found.items()))
+                by_id[binding.id] = KnownKey(binding.id, tuple(keys), words)
+    return dict(sorted(by_id.items()))
 
 
 def settings_for_screens(path: Path) -> Settings:
@@ -63,8 +63,10 @@ def settings_for_screens(path: Path) -> Settings:
             if not is_key(key):
                 allowed = "a character, or a name such as space, enter, f2, ctrl+t"
                 raise _fault(path, ("keys", key_id), f"key {key!r}", allowed)
-    for key_id, key, other in clashes(settings.keys):
-        raise _fault(path, ("keys", key_id), f"{key!r}, which is {other} too", "a key of its own")
+    for key_id, key, key_beside in clashes(settings.keys):
+        raise _fault(
+            path, ("keys", key_id), f"{key!r}, which is {key_beside} too", "a key of its own"
+        )
     return settings
 
 
@@ -107,12 +109,12 @@ def is_key(key: str) -> bool:
 def clashes(chosen: Mapping[str, str]) -> Iterator[tuple[str, str, str]]:
     """Id, key and the other binding, wherever a chosen key does two things on one screen."""
     for place in _places():
-        taken: dict[str, tuple[str, Binding]] = {}
+        used: dict[str, tuple[str, Binding]] = {}
         usual = {(key, binding.id) for key, binding in place}
         for key, binding in _with_chosen(place, chosen):
             name = binding.id or binding.description or binding.action
-            other_name, other = taken.setdefault(key, (name, binding))
-            if _action(other) == _action(binding) or name == other_name:
+            other_name, earlier = used.setdefault(key, (name, binding))
+            if _action(earlier) == _action(binding) or name == other_name:
                 continue
             moved = [n for n in (name, other_name) if n in chosen and (key, n) not in usual]
             if moved:
@@ -128,7 +130,7 @@ def _with_chosen(
 ) -> Iterator[tuple[str, Binding]]:
     for key, binding in place:
         if binding.id in chosen:
-            yield from ((each, binding) for each in split(chosen[binding.id or ""]))
+            yield from ((chosen_key, binding) for chosen_key in split(chosen[binding.id or ""]))
         else:
             yield key, binding
 
@@ -139,7 +141,7 @@ def _places() -> tuple[tuple[tuple[str, Binding], ...], ...]:
         importlib.import_module(f"app.screens.{module.name}")
     everywhere = tuple(pair for kind in _ours(App) for pair in bindings_of(kind))
     screens = (tuple(bindings_of(kind)) for kind in _ours(Screen))
-    return tuple(own + everywhere for own in screens if own)
+    return tuple(of_screen + everywhere for of_screen in screens if of_screen)
 
 
 def _ours(kind: type[object]) -> Iterator[type[object]]:
@@ -151,10 +153,10 @@ def _ours(kind: type[object]) -> Iterator[type[object]]:
 
 def bindings_of(kind: type[object]) -> Iterator[tuple[str, Binding]]:
     """Key and binding, inherited ones included; a nearer one hides a farther one."""
-    seen: set[str] = set()
-    for each in kind.__mro__:
-        own = dict(BindingsMap(each.__dict__.get("BINDINGS", ())).key_to_bindings)
-        for key, bindings in own.items():
-            if key not in seen:
+    keys: set[str] = set()
+    for base in kind.__mro__:
+        own_bindings = dict(BindingsMap(base.__dict__.get("BINDINGS", ())).key_to_bindings)
+        for key, bindings in own_bindings.items():
+            if key not in keys:
                 yield from ((key, binding) for binding in bindings)
-        seen |= own.keys()
+        keys |= own_bindings.keys()

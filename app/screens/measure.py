@@ -343,8 +343,8 @@ class MeasureScreen(Corrections, Resting):
     def action_take(self) -> None:
         """Read the indicators for the present step; twice to take readings that still move."""
         now = time.monotonic()
-        held, self._pressed_at = now - self._pressed_at < HELD_KEY_S, now
-        if held or self.busy:
+        is_held, self._pressed_at = now - self._pressed_at < HELD_KEY_S, now
+        if is_held or self.busy:
             return
         mover, step = self.guided.mover, self.guided.step()
         if self.held:
@@ -373,48 +373,48 @@ class MeasureScreen(Corrections, Resting):
     @work
     async def _take(self) -> None:
         try:
-            taken = await apart(self, self.guided.take)
+            step_taken = await apart(self, self.guided.take)
         except GlidecalError as problem:
             self.refused(str(problem))
             return
         self.busy = False
-        if taken is None:
+        if step_taken is None:
             return
-        if taken.faults:
-            first, *others = (sentence(fault.words) for fault in taken.faults)
-            faults = [first, *(words[0].upper() + words[1:] for words in others)]
+        if step_taken.faults:
+            first, *more_faults = (sentence(fault.words) for fault in step_taken.faults)
+            faults = [first, *(words[0].upper() + words[1:] for words in more_faults)]
             self.refused(f"Not taken: {' '.join(faults)}")
             return
         self.app.bell()
         self.app.clear_notifications()
-        self.say(texts.taken_text(taken))
-        if taken.doubt:
+        self.say(texts.taken_text(step_taken))
+        if step_taken.doubt:
             self._by_hand()
             self._show_step()
             dialog = ChoiceDialog(
-                questions.question_text(taken, self.guided.session),
-                questions.question_choices(taken),
+                questions.question_text(step_taken, self.guided.session),
+                questions.question_choices(step_taken),
                 leaving="{dialog.cancel}: not kept.",
             )
-            self.ask(dialog, lambda answer: self._answered(answer or "", taken))
+            self.ask(dialog, lambda answer: self._answered(answer or "", step_taken))
         else:
-            self._go_on(taken.step)
+            self._go_on(step_taken.step)
 
-    def _answered(self, answer: str, taken: TakenStep) -> None:
+    def _answered(self, answer: str, step_taken: TakenStep) -> None:
         """What the operator says to readings in question; only "keep" lets them count."""
-        reason = questions.answer_reason(answer, taken)
+        reason = questions.answer_reason(answer, step_taken)
         unsure: tuple[int, ...] = ()
         if answer == "keep":
-            if self.write(lambda: self.guided.keep(taken, reason)):
-                self.say(questions.answered_text(answer, taken))
-                self._go_on(taken.step)
+            if self.write(lambda: self.guided.keep(step_taken, reason)):
+                self.say(questions.answered_text(answer, step_taken))
+                self._go_on(step_taken.step)
             return
-        self.write(lambda: self.guided.note(f"step {taken.step.number}: {reason}"))
+        self.write(lambda: self.guided.note(f"step {step_taken.step.number}: {reason}"))
         if answer == "stand":
             unsure = self._set_up_anew(reason)
         elif answer == "earlier":
-            self.write(lambda: self.guided.measure_earlier(taken, reason))
-        self.say(questions.answered_text(answer, taken, unsure))
+            self.write(lambda: self.guided.measure_earlier(step_taken, reason))
+        self.say(questions.answered_text(answer, step_taken, unsure))
         if answer == "read":  # without moving: what is stable stays so
             self._show_step()
         else:

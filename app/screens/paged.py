@@ -142,9 +142,9 @@ class PagedScreen(LeftOnce[ScreenResultType]):
         page = self.query_one(TabbedContent).active_pane
         if page is None:
             return
-        texts = [str(one.content) for one in page.query(Static) if one.content]
+        texts = [str(part.content) for part in page.query(Static) if part.content]
         if not texts:
-            charts = (one for one in page.query(ChartPlot) if one.region.area)
+            charts = (part for part in page.query(ChartPlot) if part.region.area)
             texts = [str(chart.render()).rstrip() for chart in charts]
         self.app.copy("\n\n".join(texts))
 

@@ -41,10 +41,10 @@ LEGIBLE = 4.5
 
 def signalled(text: str) -> Content:
     """The text with its signal words in their colours."""
-    found = Content(text)
+    content = Content(text)
     for word in re.finditer(rf"^({'|'.join(map(re.escape, SIGNALS))})", text, re.MULTILINE):
-        found = found.stylize(SIGNALS[word[0]], *word.span())
-    return found
+        content = content.stylize(SIGNALS[word[0]], *word.span())
+    return content
 
 
 def is_left(screen: Screen[Any]) -> bool:
@@ -134,11 +134,14 @@ class Resting(Widget):
         ):
             self.refresh()
             return
-        (whole, kept), self._beside = self._rows, self._beside or RowFrame(self, self._rows[1])
+        (region, kept_rows), self._beside = (
+            self._rows,
+            self._beside or RowFrame(self, self._rows[1]),
+        )
         for y in range(first, first + rows):
-            kept[self._beside.top + y] = self._beside.between(tuple(self.render_line(y)))
+            kept_rows[self._beside.top + y] = self._beside.between(tuple(self.render_line(y)))
         x, y = self.region.offset - parent.content_region.offset
-        Widget.refresh(parent, Region(x, y + self._beside.top + first, whole.width, rows))
+        Widget.refresh(parent, Region(x, y + self._beside.top + first, region.width, rows))
 
     def notify_style_update(self) -> None:
         """Other colours or another border."""
@@ -150,10 +153,10 @@ class RowFrame:
     """What stands left and right of the content of a widget, and what its rows pass through."""
 
     def __init__(self, widget: Widget, drawn: Sequence[Strip]) -> None:
-        left, self.top = widget.gutter.top_left
+        column, self.top = widget.gutter.top_left
         self._width, self._ground = widget.size.width, widget.visual_style.rich_style
         row = drawn[self.top]
-        self._before, self._behind = row.crop(0, left), row.crop(left + self._width)
+        self._before, self._behind = row.crop(0, column), row.crop(column + self._width)
         self._whole_width, self._background = row.cell_length, widget.background_colors[1]
         self._filters = widget.get_line_filters()
         # a last digit that flickers comes back to the same few rows
@@ -167,9 +170,9 @@ class RowFrame:
         return Strip([*self._before, *strip, *self._behind], self._whole_width)
 
 
-def contrast(one: Color, other: Color) -> float:
+def contrast(first: Color, second: Color) -> float:
     """Contrast of two colours, 1 to 21 (WCAG 2.1)."""
-    darker, lighter = sorted((_luminance(one), _luminance(other)))
+    darker, lighter = sorted((_luminance(first), _luminance(second)))
     return (lighter + 0.05) / (darker + 0.05)
 
 
@@ -183,11 +186,11 @@ def _luminance(colour: Color) -> float:
 def legible(variables: Mapping[str, str]) -> dict[str, str]:
     """Colours of words and points, nearer to that of text where a theme has them too pale."""
     text, *grounds = (Color.parse(variables[v]) for v in ("foreground", "background", "surface"))
-    found = {}
+    colours = {}
     for name in COLOURS_OF_WORDS:
         theirs = Color.parse(variables[name])
         nearer = (theirs.blend(text, tenth / 10.0, 1.0) for tenth in range(11))
         clear = (c for c in nearer if min(contrast(c, ground) for ground in grounds) >= LEGIBLE)
         if theirs.ansi is None:  # else the terminal chooses
-            found[name] = next(clear, text).hex
-    return found
+            colours[name] = next(clear, text).hex
+    return colours

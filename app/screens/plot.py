@@ -48,10 +48,10 @@ class ChartPlot(PlotextPlot):
         """The picture of before where chart, size and theme are those of before."""
         if self._chart is None:
             return ""
-        wanted = (self._chart, self.size)
-        if wanted != self._drawn:
+        key = (self._chart, self.size)
+        if key != self._drawn:
             Canvas(self.plt, *self.size, self._colour).draw(self._chart)
-            self._picture, self._drawn = super().render(), wanted
+            self._picture, self._drawn = super().render(), key
         return self._picture
 
     def _colour(self, variable: str) -> Colour:

@@ -78,21 +78,21 @@ class IndicatorScreen(LeftOnce[Form]):
         self._stop: Event | None = None
 
     def compose(self) -> ComposeResult:
-        known = USUAL | self._form
-        along = dict.fromkeys([*AXES, str(known["axes"])])
-        here = [(texts.port_label(*one, self._answered), one[0]) for one in serial_ports()]
+        values = USUAL | self._form
+        along = dict.fromkeys([*AXES, str(values["axes"])])
+        here = [(texts.port_label(*entry, self._answered), entry[0]) for entry in serial_ports()]
         profiles = texts.profile_rows(PROFILES.values())
         yield Title()
         with VerticalScroll(id="form"):
             yield Static(self._which, id="which", markup=False)
             yield from row("Ports here", choice("here", here, prompt=texts.ports_here(len(here))))
             yield from self._input("port")
-            chosen, prompt = known.get("profile"), self.app.keyed(texts.PROFILE_PROMPT)
+            chosen, prompt = values.get("profile"), self.app.keyed(texts.PROFILE_PROMPT)
             yield from row("Profile", choice("profile", profiles, chosen, prompt))
-            rows = [(texts.axes_words(one), one) for one in along]
-            yield from row("Measures along", choice("axes", rows, known["axes"]))
-            units = [(one.value, one.value) for one in Unit]
-            yield from row("Unit of the display", choice("unit", units, known["unit"]))
+            rows = [(texts.axes_words(entry), entry) for entry in along]
+            yield from row("Measures along", choice("axes", rows, values["axes"]))
+            units = [(entry.value, entry.value) for entry in Unit]
+            yield from row("Unit of the display", choice("unit", units, values["unit"]))
             for name in ("channel", "serial_number", "certificate", "certificate_date"):
                 yield from self._input(name)
             yield Static(self.app.keyed(texts.TRY_HINT), id="summary", markup=False)
@@ -139,14 +139,14 @@ class IndicatorScreen(LeftOnce[Form]):
         """Of what was typed; what is still to be typed is not wrong."""
         if self._stop is not None:
             return
-        port, said = str(self._form.get("port", "")), ""
+        port, text = str(self._form.get("port", "")), ""
         try:
             if port and self._form.get("profile"):
                 indicator_of(self._form)
-            said = texts.PORT_GONE.format(port) if port and port_is_gone(port) else ""
+            text = texts.PORT_GONE.format(port) if port and port_is_gone(port) else ""
         except GlidecalError as problem:
-            said = str(problem)
-        self._say(said or texts.TRY_HINT)
+            text = str(problem)
+        self._say(text or texts.TRY_HINT)
 
     def _say(self, text: str) -> None:
         self.query_one("#summary", Static).update(self.app.keyed(text))
@@ -164,9 +164,9 @@ class IndicatorScreen(LeftOnce[Form]):
             return
         with self.app.complaining():
             asking = {name: self._read().get(name) for name in ("port", "channel", "unit")}
-            known = indicator_of({"profile": DEFAULT_PROFILE, **asking})  # any: not asked for
+            instrument = indicator_of({"profile": DEFAULT_PROFILE, **asking})  # any: not asked for
             self._stop = Event()
-            self._try(known.port, asked_of(known), self._stop)
+            self._try(instrument.port, asked_of(instrument), self._stop)
 
     @work
     async def _try(self, port: str, asked: Query, stop: Event) -> None:
@@ -174,36 +174,40 @@ class IndicatorScreen(LeftOnce[Form]):
             self.app.call_from_thread(self._say, f"{texts.TRYING}\n{trial_text(*trial)}")  # type: ignore[arg-type]
 
         try:
-            known, left = PROFILES.values(), stop.is_set
-            found = await apart(self, try_profiles, known, port, asked, progress=tell, stopped=left)
+            profiles, stopped_now = PROFILES.values(), stop.is_set
+            trials = await apart(
+                self, try_profiles, profiles, port, asked, progress=tell, stopped=stopped_now
+            )
         except IndicatorError as problem:
-            said = findings_text([refused(port, problem)])
+            text = findings_text([refused(port, problem)])
         else:
-            self._propose(port, found)
-            stopped = stop.is_set() and not found.fits
-            said = texts.STOPPED if stopped else findings_text(findings_of(found))
+            self._propose(port, trials)
+            stopped = stop.is_set() and not trials.fits
+            text = texts.STOPPED if stopped else findings_text(findings_of(trials))
         finally:  # the screen may be gone, and its worker with it
             stop.set()
         self._stop = None
-        self._say(said)
+        self._say(text)
 
-    def _propose(self, port: str, found: Trials) -> None:
+    def _propose(self, port: str, trials: Trials) -> None:
         """Put the profiles that fit first; take one that somebody verified, unless one is taken."""
-        fitting = [fit.profile for fit in found.fits]
+        fitting = [fit.profile for fit in trials.fits]
         if not fitting:
             return
         self._answered[port] = ", ".join(profile.name for profile in fitting)
         best = min(fitting, key=lambda profile: profile.verified is Evidence.UNVERIFIED).name
         chosen = self._form.get("profile")
-        others = [profile for profile in PROFILES.values() if profile not in fitting]
+        other_profiles = [profile for profile in PROFILES.values() if profile not in fitting]
         profiles = self.query_one("#profile", Select)
-        rows = [*texts.profile_rows(fitting, "fits: "), *texts.profile_rows(others)]
-        taken = str(chosen) if chosen in [one.name for one in fitting] else best
-        if taken != chosen:
+        rows = [*texts.profile_rows(fitting, "fits: "), *texts.profile_rows(other_profiles)]
+        profile_chosen = (
+            str(chosen) if chosen in [profile_fitting.name for profile_fitting in fitting] else best
+        )
+        if profile_chosen != chosen:
             self._form = {k: v for k, v in self._form.items() if k not in OF_ITS_OWN}
-            self._form["profile"] = taken
+            self._form["profile"] = profile_chosen
         profiles.set_options((Content(words), name) for words, name in rows)
-        profiles.value = taken
+        profiles.value = profile_chosen
 
 
 def row(label: str, widget: Widget) -> ComposeResult:
@@ -224,8 +228,10 @@ def choice(
     name: str, rows: Iterable[tuple[str, str]], value: object = None, prompt: str = ""
 ) -> Select[str]:
     """A list to choose from; without a value nothing is chosen."""
-    options = [(Content(words), one) for words, one in rows]
-    chosen = next((one for _, one in options if one == value), Select.NULL)
+    options = [(Content(words), value_of_row) for words, value_of_row in rows]
+    chosen = next(
+        (value_of_row for _, value_of_row in options if value_of_row == value), Select.NULL
+    )
     return Select(
         options,
         prompt=prompt,
@@ -312,7 +318,7 @@ class PrepareScreen(Screen[None]):
         self.focus_next()
 
     def _summarise(self) -> None:
-        said, none = [], texts.NO_INDICATOR
+        parts, none = [], texts.NO_INDICATOR
         try:
             machine = self._machine()
             self._offer(machine)
@@ -321,14 +327,14 @@ class PrepareScreen(Screen[None]):
             procedure = self._procedure(machine)
             none = texts.NO_INDICATOR if procedure.plate is None else texts.NO_INDICATOR_AT_PLATE
             axes = [instrument.axes for instrument in self._some(procedure)]
-            said.append(procedure_sentence(procedure, machine.geometry(), axes))
+            parts.append(procedure_sentence(procedure, machine.geometry(), axes))
             if any(self._forms):
                 self._plan()
             else:
-                said.append(texts.CHOOSE_INDICATOR)
+                parts.append(texts.CHOOSE_INDICATOR)
         except GlidecalError as problem:
-            said.append(str(problem))
-        self.query_one("#summary", Static).update("\n".join(said))
+            parts.append(str(problem))
+        self.query_one("#summary", Static).update("\n".join(parts))
         for k, (name, form) in enumerate(zip(INDICATORS, self._forms, strict=True)):
             gone = port_is_gone(str(form.get("port", "")))
             words = texts.form_words(form, self._source, gone=gone)
@@ -358,13 +364,13 @@ class PrepareScreen(Screen[None]):
         if machine == self._proposed_for or (any(self._forms) and not self._source):
             return
         self._forms, self._source = [{}, {}], ""
-        known, source = from_file(machine.indicator, "the machine file"), "file"
+        instruments, source = from_file(machine.indicator, "the machine file"), "file"
         self._proposed_for = machine
-        if not known:
+        if not instruments:
             with self.app.complaining():
-                known, source = last_used(machine.name), "last"
-        if known:
-            self._forms, self._source = [*map(form_of, known), {}][:2], source
+                instruments, source = last_used(machine.name), "last"
+        if instruments:
+            self._forms, self._source = [*map(form_of, instruments), {}][:2], source
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Enter and Delete are for the lines of the indicators."""
@@ -398,8 +404,8 @@ class PrepareScreen(Screen[None]):
         with self.app.complaining():
             machine = self._machine()
             procedure = self._procedure(machine)
-            asked = procedure, machine, self._some(procedure), self._value("motion")
-            self.app.push_screen(DryRunScreen(*asked))
+            arguments = procedure, machine, self._some(procedure), self._value("motion")
+            self.app.push_screen(DryRunScreen(*arguments))
 
     def _value(self, name: str) -> str:
         return self.query_one(f"#{name}", Input).value.strip()

@@ -58,8 +58,8 @@ class ReplayScreen(Screen[None]):
         super().__init__()
         self.path = path
         self.playback = Playback(read_record(path))
-        known = self.playback.session.opened.instruments
-        self.view = SessionView((*known, None, None)[: self.playback.gauge_count])
+        instruments = self.playback.session.opened.instruments
+        self.view = SessionView((*instruments, None, None)[: self.playback.gauge_count])
         self._listed: list[str] = []
         self._looked_at_s = time.monotonic()
         self._solving = False
@@ -108,12 +108,12 @@ class ReplayScreen(Screen[None]):
         if not self.has_class("listing"):
             return
         lines = texts.reading_lines(self.playback.session)
-        shown = len(self._listed)
+        count = len(self._listed)
         listing = self.query_one("#taken", Log)
-        if lines[:shown] != self._listed:
+        if lines[:count] != self._listed:
             listing.clear()
-            shown = 0
-        listing.write_lines(lines[shown:])
+            count = 0
+        listing.write_lines(lines[count:])
         self._listed = lines
 
     def action_play(self) -> None:

@@ -115,8 +115,8 @@ class Pages(Server):
 
     async def _own_styles_only(self, _: web.Request, answer: web.StreamResponse) -> None:
         """The page of the library asks the internet for a font; a workshop need not tell it."""
-        own = f"style-src 'self' 'unsafe-inline' {self.public_url}"
-        answer.headers.setdefault("Content-Security-Policy", own)
+        policy = f"style-src 'self' 'unsafe-inline' {self.public_url}"
+        answer.headers.setdefault("Content-Security-Policy", policy)
 
     async def on_startup(self, _: web.Application) -> None:
         """Everything was said before."""

@@ -135,28 +135,28 @@ class ReportPages:
         return await self._page_of("history", folder)
 
     async def _page_of(self, verb: str, path: Path) -> web.Response:
-        status, made = await self._made(verb, "-o", "-", "--", str(path))
+        status, output = await self._made(verb, "-o", "-", "--", str(path))
         if status:
-            return _page(f"No {verb}", status=422, text=made)
-        return web.Response(text=made, content_type="text/html", charset="utf-8", headers=HEADERS)
+            return _page(f"No {verb}", status=422, text=output)
+        return web.Response(text=output, content_type="text/html", charset="utf-8", headers=HEADERS)
 
     def _folders(self) -> list[Path]:
         return [path for path in self._paths if path.is_dir()]
 
     def _listed(self) -> list[Listed]:
         alone = [path for path in self._paths if not path.is_dir()]
-        found = [Listed("Sessions", "", _names(alone, None))] if alone else []
+        lists = [Listed("Sessions", "", _names(alone, None))] if alone else []
         for folder in self._folders():
             sessions = sessions_below(folder)
             names = _names(sessions[:MOST_LISTED], folder)
-            rest = max(0, len(sessions) - MOST_LISTED)
-            found.append(Listed(printable(folder.name), _key(folder), names, rest))
-        return found
+            remaining = max(0, len(sessions) - MOST_LISTED)
+            lists.append(Listed(printable(folder.name), _key(folder), names, remaining))
+        return lists
 
     def _session(self, key: str) -> Path:
-        found = [path for path in self._paths if not path.is_dir()]
-        found += [path for folder in self._folders() for path in sessions_below(folder)]
-        return _named(key, found)
+        paths = [path for path in self._paths if not path.is_dir()]
+        paths += [path for folder in self._folders() for path in sessions_below(folder)]
+        return _named(key, paths)
 
     async def _made(self, *words: str) -> tuple[int, str]:
         """Exit status and text of a verb: what it printed, or what it complained of."""
@@ -173,9 +173,9 @@ class ReportPages:
                 env={**os.environ, "PYTHONUTF8": "1"},
             )
             try:
-                async with asyncio.timeout(MAKING_S), asyncio.TaskGroup() as both:
+                async with asyncio.timeout(MAKING_S), asyncio.TaskGroup() as tasks:
                     streams = process.stdout, process.stderr
-                    said, complained = (both.create_task(_read(one)) for one in streams)
+                    output, complained = (tasks.create_task(_read(stream)) for stream in streams)
                 status = await process.wait()
             except TimeoutError:
                 raise web.HTTPGatewayTimeout(text=SLOW) from None
@@ -187,17 +187,17 @@ class ReportPages:
                     await process.communicate()
         finally:
             self._making -= 1
-        return status, (complained if status else said).result().decode(errors="replace")
+        return status, (complained if status else output).result().decode(errors="replace")
 
 
 async def _read(stream: asyncio.StreamReader | None) -> bytes:
     assert stream is not None
-    found = bytearray()
+    content = bytearray()
     while part := await stream.read(65536):
-        found += part
-        if len(found) > MOST_BYTES:
+        content += part
+        if len(content) > MOST_BYTES:
             raise web.HTTPInsufficientStorage(text=LARGE)
-    return bytes(found)
+    return bytes(content)
 
 
 def _refuse_from_elsewhere(request: web.Request) -> None:
@@ -228,11 +228,11 @@ def _named(key: str, among: Iterable[Path]) -> Path:
 def _page(
     title: str, *, status: int = 200, text: str = "", folders: Sequence[Listed] = ()
 ) -> web.Response:
-    shown = _template().render(
+    html = _template().render(
         title=printable(title), text=printable(text, keep="\n"), folders=folders
     )
     return web.Response(
-        text=shown, status=status, content_type="text/html", charset="utf-8", headers=HEADERS
+        text=html, status=status, content_type="text/html", charset="utf-8", headers=HEADERS
     )
 
 

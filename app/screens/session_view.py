@@ -138,8 +138,8 @@ class GaugeDisplay(Resting):
             return Strip([Segment(rows[y] if y < len(rows) else "", ground)])
         if y < DIGIT_ROWS:
             row, width = big_digits(self.number)[y], self.size.width
-            left = max(0, width - len(row)) // 2
-            return Strip([Segment((" " * left + row).ljust(width), ground)])
+            indent = max(0, width - len(row)) // 2
+            return Strip([Segment((" " * indent + row).ljust(width), ground)])
         if y == STATE_ROW:
             return Strip([Segment(self._state_rows()[0], ground)])
         chart = self.strip[y - STRIP_ROW :][:1]
@@ -181,7 +181,7 @@ class Gauges(SideBySide):
     """The indicators side by side."""
 
     def __init__(self, instruments: Sequence[Instrument | None]) -> None:
-        self._displays = [GaugeDisplay(k, one) for k, one in enumerate(instruments)]
+        self._displays = [GaugeDisplay(k, instrument) for k, instrument in enumerate(instruments)]
         super().__init__(*self._displays, id="gauges")
 
     def show(self, states: Sequence[Live]) -> None:
@@ -192,8 +192,10 @@ class Gauges(SideBySide):
     def name_them(self, instruments: Sequence[Instrument | None], step: Step | None = None) -> None:
         """Which they are, and along which axes they measure in a step."""
         axes = dict(zip(step.indicators, step.axes, strict=True)) if step else {}
-        for number, (display, known) in enumerate(zip(self._displays, instruments, strict=True)):
-            display.name_it(known, axes.get(number, ""))
+        for number, (display, instrument) in enumerate(
+            zip(self._displays, instruments, strict=True)
+        ):
+            display.name_it(instrument, axes.get(number, ""))
 
 
 class Words(Static, Resting):
@@ -294,17 +296,17 @@ class SessionView(Vertical, Resting):
     def rename(self, number: int, port: str) -> None:
         """An indicator, counted from 0, is at another port now."""
         names = list(self._instruments)
-        known = names[number]
-        names[number] = known and known.model_copy(update={"port": port})
+        name = names[number]
+        names[number] = name and name.model_copy(update={"port": port})
         self._instruments = tuple(names)
         self._gauges.name_them(self._instruments)
 
     def say(self, text: str) -> None:
         """What happened last, in one line; only a longer text moves what stands below it."""
-        said = self.query_one("#said", Static)
-        room = said.content_size.width
-        grows = max(len(text), len(str(said.content))) > room or "\n" in text
-        said.update(signalled(text), layout=grows)
+        line = self.query_one("#said", Static)
+        room = line.content_size.width
+        grows = max(len(text), len(str(line.content))) > room or "\n" in text
+        line.update(signalled(text), layout=grows)
 
     def turn_page(self) -> None:
         """Below the panels the table, then the plot, then larger strip charts in their place.

@@ -123,16 +123,16 @@ class WhatIfScreen(PagedScreen[EffectEntry | None]):
             return
         self._following = True
         while not self.ready:
-            found = self.trial.at(self.values)
+            outcome = self.trial.at(self.values)
             try:
-                await apart(self, found.work_out)
+                await apart(self, outcome.work_out)
             except GlidecalError as problem:
-                if found.values == self.values:
+                if outcome.values == self.values:
                     self._why_not = str(problem)
                     self._show_words()
                     break
             else:
-                self.now = found
+                self.now = outcome
                 self._show()
             finally:
                 self.looking = False
@@ -172,7 +172,7 @@ class WhatIfScreen(PagedScreen[EffectEntry | None]):
     def action_best(self) -> None:
         """The sizes that fit best; where the readings do not tell them, why."""
         if self.fitted:
-            self._moved_to([one.value for one in self.fitted], best=True)
+            self._moved_to([size.value for size in self.fitted], best=True)
         else:
             self.app.complain(self._why_not or texts.NOT_YET)
 
@@ -202,7 +202,7 @@ class WhatIfScreen(PagedScreen[EffectEntry | None]):
         """All of the words, whatever page is shown."""
         if self.ready:
             parts = (self.query_one(f"#{name}", Static) for name in COPIED)
-            self.app.copy("\n\n".join(str(one.content) for one in parts))
+            self.app.copy("\n\n".join(str(part.content) for part in parts))
         else:
             self.app.complain(texts.NOT_YET)
 
@@ -222,16 +222,19 @@ async def tried(
 
     Raises RecordError for a model that cannot be read.
     """
-    known = await apart(screen, read_model_file, model) if model else None
-    listed = await apart(screen, choices, sessions, known, diagnosed)
+    model_file = await apart(screen, read_model_file, model) if model else None
+    listed = await apart(screen, choices, sessions, model_file, diagnosed)
     if not listed:
         screen.app.complain(texts.NOTHING_TO_TRY)
         return None
-    dialog = ChoiceDialog(texts.WHICH, [(one, texts.choice_words(one)) for one in listed])
+    dialog = ChoiceDialog(
+        texts.WHICH,
+        [(listed_choice, texts.choice_words(listed_choice)) for listed_choice in listed],
+    )
     choice = await screen.ask(dialog)
     if choice is None:
         return None
-    trial = trial_of(choice, sessions, known, subset)
+    trial = trial_of(choice, sessions, model_file, subset)
     mistakes = diagnosed is not None and bool(mistakes_of(diagnosed))
     entry = await screen.ask(WhatIfScreen(choice, trial, model=model, mistakes=mistakes))
     return (choice, entry) if entry else None

@@ -49,9 +49,9 @@ class Turn:
         """
         moments = np.repeat(moment[:, None], 3, axis=1)
         if bent is not None:
-            own = cross(self.axes, bent)
-            moments[:, 0] += own[:, 1] + own[:, 2]
-            moments[:, 1] += own[:, 2]
+            own_moment = cross(self.axes, bent)
+            moments[:, 0] += own_moment[:, 1] + own_moment[:, 2]
+            moments[:, 1] += own_moment[:, 2]
         return np.asarray((self.axes * moments).sum(axis=-1))
 
 

@@ -89,9 +89,9 @@ class _Seen:
 
     @staticmethod
     def of(design: FloatArray) -> _Seen:
-        left, singular, right = svd_of_all(design)
+        left_vectors, singular, right = svd_of_all(design)
         rank = int((singular > EXACT_BLIND * singular[0]).sum())
-        return _Seen(left[:, :rank], singular[:rank], right[:rank], right[rank:].T)
+        return _Seen(left_vectors[:, :rank], singular[:rank], right[:rank], right[rank:].T)
 
     def step(self, residual: FloatArray) -> FloatArray:
         """The shortest change ``(k,)`` that takes out most of a residual ``(n,)``."""
@@ -134,10 +134,10 @@ def _at(
 ) -> _Point:
     near = None if guess is None else guess.postures
     postures = postures_of(readings, machine, near)
-    found, slopes = residuals(readings, machine, postures)
-    residual = np.einsum("prs,ps->pr", white, found.values).ravel()
+    left_over, slopes = residuals(readings, machine, postures)
+    residual = np.einsum("prs,ps->pr", white, left_over.values).ravel()
     design = np.einsum("prs,psk->prk", white, slopes)
-    return _Point(machine, found, residual, design.reshape(residual.size, -1))
+    return _Point(machine, left_over, residual, design.reshape(residual.size, -1))
 
 
 def _taken(
@@ -168,13 +168,13 @@ def _taken(
 
 def _result(readings: Readings, first: _Point, point: _Point, steps: int) -> Calibration:
     names = readings.procedure.parameters
-    seen = _Seen.of(point.design)
-    rank, count = len(seen.singular), point.residual.size
+    parts_seen = _Seen.of(point.design)
+    rank, count = len(parts_seen.singular), point.residual.size
     spare = count - rank
     square = float(point.residual @ point.residual)
     stated = readings.noise_m
     variance = stated**2 if stated else square / spare if spare else None
-    inverse = seen.right.T / seen.singular
+    inverse = parts_seen.right.T / parts_seen.singular
     # papers/001 has the condition number of the bare derivatives, metres and radians
     bare = residuals(readings, point.machine, point.residuals.postures)[1]
     lost = motions(point.machine, names)
@@ -183,10 +183,10 @@ def _result(readings: Readings, first: _Point, point: _Point, steps: int) -> Cal
         names=names,
         parameters=point.machine.parameters(names),
         covariance=None if variance is None else np.asarray(variance * (inverse @ inverse.T)),
-        known=names_outside(seen.null, names),
-        unidentifiable=tuple(name for _, name in named_inside(seen.null, lost)[0]),
+        known=names_outside(parts_seen.null, names),
+        unidentifiable=tuple(name for _, name in named_inside(parts_seen.null, lost)[0]),
         unidentifiable_count=len(names) - rank,
-        null=seen.null,
+        null=parts_seen.null,
         rank=rank,
         condition_number=condition(bare.reshape(count, -1), rank),
         before=first.residuals,
@@ -211,12 +211,12 @@ def residuals_of(readings: Readings, machine: HexaSlide) -> Residuals:
 
 
 def corrected(
-    nominal: HexaSlide, found: HexaSlide, wanted: FloatArray
+    nominal: HexaSlide, calibrated: HexaSlide, which: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """How to reach postures ``(p, 6)`` on the calibrated machine: what to command ``(p, 6)`` a
     controller that keeps the nominal geometry, and where the sliders then are ``(p, 6)``.
 
     Raises as `HexaSlide.sliders_at`.
     """
-    sliders = found.sliders_at(wanted, " on the calibrated machine")
-    return np.asarray(forward_near(nominal.geometry, sliders, wanted)), sliders
+    sliders = calibrated.sliders_at(which, " on the calibrated machine")
+    return np.asarray(forward_near(nominal.geometry, sliders, which)), sliders

@@ -130,8 +130,8 @@ class Checked:
         if self.found.covariance is None:
             return None
         slopes = inner_slopes(self.found.machine.geometry)
-        own = self.found.covariance[: len(NAMES), : len(NAMES)]
-        return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", slopes, own, slopes)))
+        covariance = self.found.covariance[: len(NAMES), : len(NAMES)]
+        return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)))
 
 
 def checked_calibration(
@@ -144,26 +144,30 @@ def checked_calibration(
     fewest = fewest_postures(readings.procedure, nominal)
     out = _kept_out(len(readings.sliders), fewest, share)
     fitted = readings.take(~out)
-    found = calibrate(fitted, nominal, fewest=fewest)
-    by_column, by_posture = shares(fitted, found.machine.geometry, found.after)
+    calibrated = calibrate(fitted, nominal, fewest=fewest)
+    by_column, by_posture = shares(fitted, calibrated.machine.geometry, calibrated.after)
     checked = readings.take(out) if out.any() else None
-    p_value, free = None, found.free_values
-    if found.square_sum is not None and free:
-        p_value = variance_ratio_p_value(found.square_sum / free, free, np.inf)
+    p_value, free = None, calibrated.free_values
+    if calibrated.square_sum is not None and free:
+        p_value = variance_ratio_p_value(calibrated.square_sum / free, free, np.inf)
     result = Checked(
-        start=nominal.parameters(found.names),
-        found=found,
+        start=nominal.parameters(calibrated.names),
+        found=calibrated,
         fewest=fewest,
         numbers=fitted.numbers,
         by_column=by_column,
         by_posture=by_posture,
-        factor=None if found.covariance is None else coverage_factor(found.degrees_of_freedom),
+        factor=None
+        if calibrated.covariance is None
+        else coverage_factor(calibrated.degrees_of_freedom),
         p_value=p_value,
         held_out=None,
         truth=None,
     )
     if checked is not None:
-        before, after = (residuals_of(checked, one) for one in (nominal, found.machine))
+        before, after = (
+            residuals_of(checked, machine) for machine in (nominal, calibrated.machine)
+        )
         result = replace(result, held_out=HeldOut(checked.numbers, before, after))
     if true is None:
         return result
@@ -173,8 +177,8 @@ def checked_calibration(
 
 def _kept_out(count: int, fewest: int, share: float) -> NDArray[np.bool_]:
     """Which postures ``(p,)`` stay out of the fit: evenly spread, none where all are needed."""
-    most = max(count - int(np.ceil(SPARE * fewest)), 0)
-    chosen = min(int(share * count), most)
+    most_kept_out = max(count - int(np.ceil(SPARE * fewest)), 0)
+    chosen = min(int(share * count), most_kept_out)
     out = np.zeros(count, dtype=np.bool_)
     # each from the middle of an equal part: those that are fitted reach both ends of the list
     out[[int((k + 0.5) * count / chosen) for k in range(chosen)]] = True
@@ -185,31 +189,31 @@ def _against(
     result: Checked, readings: Readings, nominal: HexaSlide, true: HexaSlide, *, kept_out: bool
 ) -> AgainstTruth:
     """Everything that is known better than the measurements tell."""
-    found, sliders = result.found, readings.sliders
+    calibrated, sliders = result.found, readings.sliders
     stand = [
         np.asarray(forward(machine.geometry, sliders, machine.box))
-        for machine in (nominal, found.machine, true)
+        for machine in (nominal, calibrated.machine, true)
     ]
-    known = [found.names.index(name) for name in found.known]
-    misses = (found.parameters - true.parameters(found.names))[known]
+    numbers = [calibrated.names.index(name) for name in calibrated.known]
+    misses = (calibrated.parameters - true.parameters(calibrated.names))[numbers]
     within = None
     if result.uncertainty is not None and result.factor is not None:
-        within = int((np.abs(misses) <= result.factor * result.uncertainty[known]).sum())
-    lengths = inner_lengths(found.machine.geometry) - inner_lengths(true.geometry)
+        within = int((np.abs(misses) <= result.factor * result.uncertainty[numbers]).sum())
+    lengths = inner_lengths(calibrated.machine.geometry) - inner_lengths(true.geometry)
     return AgainstTruth(
         kept_out=kept_out,
-        before=frames_apart(stand[0], stand[2], found.unidentifiable),
-        after=frames_apart(stand[1], stand[2], found.unidentifiable),
+        before=frames_apart(stand[0], stand[2], calibrated.unidentifiable),
+        after=frames_apart(stand[1], stand[2], calibrated.unidentifiable),
         misses=misses,
         within=within,
         inner_m=np.asarray(lengths),
     )
 
 
-def frames_apart(found: FloatArray, true: FloatArray, free: tuple[str, ...]) -> FramesApart:
+def frames_apart(calibrated: FloatArray, true: FloatArray, free: tuple[str, ...]) -> FramesApart:
     """Compare postures ``(p, 6)`` of two machines at the same sliders; ``free`` of `MOTIONS`."""
     columns = [k for k, name in enumerate(MOTIONS) if name in free]
-    places, turns = found[:, :3], rotation(found[:, 3:])
+    places, turns = calibrated[:, :3], rotation(calibrated[:, 3:])
     true_turns = rotation(true[:, 3:])
     total = np.zeros(7)
     for _ in range(ROUNDS if columns else 0):
@@ -268,9 +272,9 @@ def inner_lengths(geometry: Geometry) -> Numbers:
 
 def inner_slopes(geometry: Geometry) -> FloatArray:
     """Derivatives of `inner_lengths` by the 49 parameters ``(26, 49)``."""
-    own = values(geometry)
+    parameter_values = values(geometry)
     columns = [
-        inner_lengths(with_values(geometry, own + 1j * STEP * unit)).imag / STEP
-        for unit in np.eye(len(own))
+        inner_lengths(with_values(geometry, parameter_values + 1j * STEP * unit)).imag / STEP
+        for unit in np.eye(len(parameter_values))
     ]
     return np.stack(columns, axis=1)

@@ -71,8 +71,8 @@ class Chains:
             -at.sliders[..., None] * tilt,
             -(geometry.links / at.lean)[..., None],
         ]
-        own = np.concatenate(parts, axis=-1)
-        return Chains(geometry, at, tilt, own, at.arms.by_posture)
+        own_slopes = np.concatenate(parts, axis=-1)
+        return Chains(geometry, at, tilt, own_slopes, at.arms.by_posture)
 
     @property
     def whole(self) -> Numbers:
@@ -162,11 +162,13 @@ class Joints:
         lead = np.sign(rails[:, 2:]) / (1.0 + np.abs(rails[:, 2:]))
         level[:, :, 0] -= lead * rails[:, 1::-1] * [1.0, -1.0]
         turned = by_end @ at.arms.turn.rotation[:, None]
-        own = np.concatenate([turned, -by_end, level, np.zeros_like(by_end[..., :1])], axis=-1)
+        own_slopes = np.concatenate(
+            [turned, -by_end, level, np.zeros_like(by_end[..., :1])], axis=-1
+        )
         count = len(by_end)
         ends = by_end.reshape(count, -1, 3)
         arms = Arms.of(at.arms.turn, ends, np.repeat(at.arms.arm, 2, axis=1))
-        return Joints(arms.by_posture, own.reshape(count, -1, own.shape[-1]))
+        return Joints(arms.by_posture, own_slopes.reshape(count, -1, own_slopes.shape[-1]))
 
 
 def _across(unit: Numbers, rails: Numbers) -> tuple[Numbers, Numbers]:
@@ -216,18 +218,22 @@ class RowMaker:
         self.geometry = geometry
         self.link = link
         # what is fixed or known takes part as zeros: chains stay blocks of nine
-        every: tuple[str, ...] = ALL_NAMES
+        names: tuple[str, ...] = ALL_NAMES
         if procedure.kind is ProcedureKind.CONSTRAINT_LINK:
-            every += (*END_NAMES, LENGTH_NAME)
+            names += (*END_NAMES, LENGTH_NAME)
         encoders = [name for name in procedure.measured if name in ENCODERS]
-        every += tuple(f"zero_{name}" for name in encoders)
+        names += tuple(f"zero_{name}" for name in encoders)
         self._encoders = [ENCODERS.index(name) for name in encoders]
-        made = ["length", *(name for name in procedure.measured if name in COMPONENTS), *encoders]
-        made = [name for name in made if name in procedure.read]
-        self._order = [made.index(name) for name in procedure.read if name in made]
+        columns = [
+            "length",
+            *(name for name in procedure.measured if name in COMPONENTS),
+            *encoders,
+        ]
+        columns = [name for name in columns if name in procedure.read]
+        self._order = [columns.index(name) for name in procedure.read if name in columns]
         self._at: tuple[Numbers, Chains] | None = None
-        self._basis = np.zeros((len(every), basis.shape[1]))
-        self._basis[[every.index(name) for name in procedure.parameters]] = basis
+        self._basis = np.zeros((len(names), basis.shape[1]))
+        self._basis[[names.index(name) for name in procedure.parameters]] = basis
 
     @property
     def width(self) -> int:
@@ -265,67 +271,67 @@ class RowMaker:
         return chains.whole @ self._basis, pull
 
     def _moved(self, chains: Chains, postures: Numbers) -> tuple[Numbers, Pull]:
-        """The sliders keep their places, so the posture moves by ``-held own``, ``held`` the
-        inverse of ``by_posture``; what is read moves with it, the link by its own ends, too.
+        """The sliders keep their places, so the posture moves by ``-inverses own``, ``inverses``
+        those of ``by_posture``; what is read moves with it, the link by its own ends, too.
         """
-        held = _inverse(chains.by_posture, postures)
+        inverses = _inverse(chains.by_posture, postures)
         places = [COMPONENTS.index(name) for name in self.procedure.measured if name in COMPONENTS]
-        bar, parts = None, [held[:, places]]
+        bar, parts = None, [inverses[:, places]]
         if self.procedure.kind is ProcedureKind.CONSTRAINT_LINK:
             bar = Bar.at(present(self.link), postures, chains.legs.arms.turn)
-            parts.insert(0, bar.by_posture[:, None] @ held)
+            parts.insert(0, bar.by_posture[:, None] @ inverses)
         joints = Joints.at(chains) if self._encoders else None
         if joints is not None:
-            parts.append(joints.by_posture[:, self._encoders] @ held)
-        some = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
-        moving = -some[..., None] * chains.own[:, None]
-        count, rows = some.shape[:2]
+            parts.append(joints.by_posture[:, self._encoders] @ inverses)
+        together = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+        moving = -together[..., None] * chains.own[:, None]
+        count, rows = together.shape[:2]
         full = moving.reshape(count, rows, ALL)
         if bar is not None or joints is not None:
-            more = np.zeros((count, rows, len(self._basis) - ALL), dtype=held.dtype)
-            full = np.concatenate([full, more], axis=-1)
+            beside = np.zeros((count, rows, len(self._basis) - ALL), dtype=inverses.dtype)
+            full = np.concatenate([full, beside], axis=-1)
         if bar is not None:
             full[:, 0, ALL : ALL + OF_ENDS], full[:, 0, ALL + OF_ENDS] = bar.by_ends, -1.0
         if joints is not None:
             first = len(self._encoders)
             for number, k in enumerate(self._encoders):
-                own = full[:, number - first, :ALL].reshape(count, CHAINS, -1)  # a view
-                own[:, k // 2] += joints.own[:, k]
+                own_columns = full[:, number - first, :ALL].reshape(count, CHAINS, -1)  # a view
+                own_columns[:, k // 2] += joints.own[:, k]
                 full[:, number - first, number - first] = 1.0
             full = full[:, self._order]
 
         def pull(weights: FloatArray) -> FloatArray:
-            blocks, others = self._blocks(weights)
-            by_own = -(some[..., None] * blocks).sum(axis=1)
+            blocks, blocks_beside = self._blocks(weights)
+            by_own = -(together[..., None] * blocks).sum(axis=1)
             by_some = -(blocks * chains.own[:, None]).sum(axis=-1)
             # d(inverse) = -inverse · d(matrix) · inverse
-            by_slopes = by_some @ transposed(held)
-            moved = chains.pull(by_own, -transposed(some) @ by_slopes)
+            by_slopes = by_some @ transposed(inverses)
+            moved = chains.pull(by_own, -transposed(together) @ by_slopes)
             if bar is None:
                 return moved
-            return moved + bar.pull(by_slopes[:, 0], others[:, 0, :OF_ENDS])
+            return moved + bar.pull(by_slopes[:, 0], blocks_beside[:, 0, :OF_ENDS])
 
         return full @ self._basis, pull
 
     def _stepped(self, postures: FloatArray, weights: FloatArray) -> FloatArray:
         """The pull where rows have encoders: by a complex step of each coordinate, exact, too."""
         steps = (postures + 1j * STEP * unit for unit in np.eye(6))
-        slopes = [self._moved(Chains.at(self.geometry, one), one)[0].imag for one in steps]
-        return np.stack([(weights * one).sum(axis=(1, 2)) for one in slopes], axis=-1) / STEP
+        slopes = [self._moved(Chains.at(self.geometry, slope), slope)[0].imag for slope in steps]
+        return np.stack([(weights * slope).sum(axis=(1, 2)) for slope in slopes], axis=-1) / STEP
 
     def _blocks(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Weights by chains ``(p, r, 6, 9)``, and by what link and encoders add."""
-        whole = weights @ self._basis.T
-        return whole[..., :ALL].reshape(*weights.shape[:2], CHAINS, -1), whole[..., ALL:]
+        blocks = weights @ self._basis.T
+        return blocks[..., :ALL].reshape(*weights.shape[:2], CHAINS, -1), blocks[..., ALL:]
 
 
 def _inverse(by_posture: Numbers, postures: Numbers) -> Numbers:
     """Raises CalibrationError for a posture at which the platform can move, sliders kept."""
     with suppress(np.linalg.LinAlgError):
-        held = np.asarray(np.linalg.inv(by_posture))
+        inverses = np.asarray(np.linalg.inv(by_posture))
         # largest entries tell enough in a search, and cost a tenth of the condition numbers
-        if np.abs(by_posture).max() * np.abs(held).max() < SINGULAR:
-            return held
+        if np.abs(by_posture).max() * np.abs(inverses).max() < SINGULAR:
+            return inverses
     loose = np.nan_to_num(np.linalg.cond(by_posture), nan=np.inf)
     raise CalibrationError(
         f"posture {words(postures[int(loose.argmax())])}",
@@ -342,5 +348,5 @@ def jacobian(
 
     Raises as `RowMaker`.
     """
-    every = np.eye(len(procedure.parameters))
-    return RowMaker(procedure, geometry, link, every)(postures)[0]
+    identity = np.eye(len(procedure.parameters))
+    return RowMaker(procedure, geometry, link, identity)(postures)[0]

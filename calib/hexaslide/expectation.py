@@ -87,15 +87,15 @@ class Expectation:
 
     def departure(self, readings: Readings) -> Departure | None:
         """Of the first posture of readings; None where the machine has no such posture."""
-        one = replace(_first(readings), procedure=self.procedure)
+        first = replace(_first(readings), procedure=self.procedure)
         try:
-            left, slopes = residuals(one, self._machine, postures_of(one, self._machine))
+            residual, slopes = residuals(first, self._machine, postures_of(first, self._machine))
         except CalibrationError:
             return None
-        off, row = left.values[0], slopes[0]
+        off, row = residual.values[0], slopes[0]
         spread = np.sqrt((row @ self._covariance * row).sum(axis=1))
         curved = (spread * min(float(spread.max()) / CURVED_M, 1.0)) ** 2
-        covariance = row @ self._covariance @ row.T + np.diag(curved + _noise(one) ** 2)
+        covariance = row @ self._covariance @ row.T + np.diag(curved + _noise(first) ** 2)
         joint = float(off @ np.linalg.solve(covariance, off)) / len(off)
         return Departure(
             self.procedure.read,
@@ -110,22 +110,22 @@ class Expectation:
         Raises UnreachablePosture, CalibrationError for a posture that this machine has not.
         """
         new = replace(readings, procedure=self.procedure)
-        known = self._learnt
-        if known is not None:
-            sliders = np.concatenate([known.sliders, new.sliders])
+        learnt = self._learnt
+        if learnt is not None:
+            sliders = np.concatenate([learnt.sliders, new.sliders])
             new = replace(
-                new, sliders=sliders, measured=np.concatenate([known.measured, new.measured])
+                new, sliders=sliders, measured=np.concatenate([learnt.measured, new.measured])
             )
         machine, off = self._machine, self._off
         fresh = replace(readings, procedure=self.procedure)
         postures = np.concatenate([self._stood, postures_of(fresh, machine)])
         for _ in range(STEPS):
             postures = postures_of(new, machine, postures)
-            left, slopes = residuals(new, machine, postures)
+            residual, slopes = residuals(new, machine, postures)
             weights = np.tile(_noise(new), len(new.sliders)) ** -2
             rows = slopes.reshape(len(weights), -1)
             information = (rows.T * weights) @ rows + np.diag(self._tolerances**-2.0)
-            pull = rows.T @ (weights * left.values.ravel()) - off / self._tolerances**2
+            pull = rows.T @ (weights * residual.values.ravel()) - off / self._tolerances**2
             off = off + np.linalg.solve(information, pull)
             machine = self._nominal.with_parameters(self.procedure.parameters, self._begin + off)
         self._learnt, self._machine, self._off, self._stood = new, machine, off, postures
@@ -145,22 +145,22 @@ def _first(readings: Readings) -> Readings:
 
 def other_ways(readings: Readings) -> Iterator[tuple[str, Readings]]:
     """The first posture as it would be after one mistake of who measured, with its words."""
-    one = _first(readings)
-    names = one.procedure.measured
+    first = _first(readings)
+    names = first.procedure.measured
     for i in range(CHAINS):
         for j in range(i + 1, CHAINS):
-            sliders = one.sliders.copy()
+            sliders = first.sliders.copy()
             sliders[:, [i, j]] = sliders[:, [j, i]]
-            yield f"sliders {i + 1} and {j + 1} exchanged", replace(one, sliders=sliders)
+            yield f"sliders {i + 1} and {j + 1} exchanged", replace(first, sliders=sliders)
     for k, name in enumerate(names):
-        flipped = one.measured.copy()
+        flipped = first.measured.copy()
         flipped[:, k] *= -1.0
-        yield f"{name} with the other sign", replace(one, measured=flipped)
+        yield f"{name} with the other sign", replace(first, measured=flipped)
         for m in range(k + 1, len(names)):
             if (name in ANGLES) == (names[m] in ANGLES):
-                swapped = one.measured.copy()
+                swapped = first.measured.copy()
                 swapped[:, [k, m]] = swapped[:, [m, k]]
-                yield f"{name} and {names[m]} exchanged", replace(one, measured=swapped)
+                yield f"{name} and {names[m]} exchanged", replace(first, measured=swapped)
 
 
 def explanations(
@@ -171,13 +171,13 @@ def explanations(
     """Mistakes, each of which alone would make a doubtful posture an expected one; ``elsewhere``
     are other sliders ``(6,)`` in which the machine may have stood, with their words.
     """
-    one, found = _first(readings), []
-    stood = ((words, replace(one, sliders=row[None])) for words, row in elsewhere)
-    for words, other in chain(other_ways(one), stood):
-        departure = expectation.departure(other)
+    first, ways = _first(readings), []
+    stood = ((words, replace(first, sliders=row[None])) for words, row in elsewhere)
+    for words, readings_beside in chain(other_ways(first), stood):
+        departure = expectation.departure(readings_beside)
         if departure is not None and departure.p_value > PLAUSIBLE:
-            found.append(words)
-    return tuple(found)
+            ways.append(words)
+    return tuple(ways)
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,18 +195,18 @@ def other_frame(readings: Readings, machine: HexaSlide) -> OtherFrame | None:
     frame explains them. Places alone are looked at. Raises UnreachablePosture.
     """
     names = readings.procedure.measured
-    columns = [k for name in COMPONENTS[:3] for k, other in enumerate(names) if other == name]
+    columns = [k for name in COMPONENTS[:3] for k, name_at in enumerate(names) if name_at == name]
     if len(columns) < 3 or len(readings.sliders) < 4:
         return None
     forward = replace(readings, procedure=Procedure.of(ProcedureKind.POSE_FORWARD, names))
     expected = postures_of(forward, machine)[:, :3]
     places = readings.measured[:, columns]
     centre, far = expected.mean(axis=0), places.mean(axis=0)
-    left, _, right = np.linalg.svd((places - far).T @ (expected - centre))
-    mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    turn = right.T @ mirror @ left.T
-    rest = places @ turn.T + (centre - turn @ far) - expected
-    if (rest**2).sum() > FRAME_MOST * ((places - expected) ** 2).sum():
+    left_vectors, _, right = np.linalg.svd((places - far).T @ (expected - centre))
+    mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(left_vectors @ right))])
+    turn = right.T @ mirror @ left_vectors.T
+    remainder = places @ turn.T + (centre - turn @ far) - expected
+    if (remainder**2).sum() > FRAME_MOST * ((places - expected) ** 2).sum():
         return None
     cosine = (np.trace(turn) - 1.0) / 2.0
     shift = far - turn.T @ centre

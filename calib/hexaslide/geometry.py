@@ -209,57 +209,58 @@ class HexaSlide:
 
     def parameters(self, names: tuple[str, ...]) -> FloatArray:
         """Their values ``(k,)`` in metres and radians; components of rails have no unit."""
-        known = self._by_name()
-        return np.array([known[name] for name in names])
+        by_name = self._by_name()
+        return np.array([by_name[name] for name in names])
 
     def _by_name(self) -> dict[str, float]:
-        found = dict(zip(NAMES, values(self.geometry).tolist(), strict=True))
-        found |= zip(ZERO_NAMES, self.zeros_rad.tolist(), strict=True)
+        by_name = dict(zip(NAMES, values(self.geometry).tolist(), strict=True))
+        by_name |= zip(ZERO_NAMES, self.zeros_rad.tolist(), strict=True)
         if self.link is not None:
             ends = np.concatenate([self.link.platform_end, self.link.base_end])
-            found |= zip(END_NAMES, ends.tolist(), strict=True)
-            found[LENGTH_NAME] = self.link.length_m
-        return found
+            by_name |= zip(END_NAMES, ends.tolist(), strict=True)
+            by_name[LENGTH_NAME] = self.link.length_m
+        return by_name
 
     def with_parameters(self, names: tuple[str, ...], parameters: FloatArray) -> HexaSlide:
         """The same with these ``(k,)``. Raises CalibrationError for what is no machine."""
-        found = self._by_name() | dict(zip(names, parameters.tolist(), strict=True))
+        by_name = self._by_name() | dict(zip(names, parameters.tolist(), strict=True))
         with np.errstate(invalid="ignore"):  # a rail longer than 1: refused by the geometry
-            geometry = with_values(self.geometry, np.array([found[name] for name in NAMES]))
+            geometry = with_values(self.geometry, np.array([by_name[name] for name in NAMES]))
         link = self.link
         if link is not None:
-            ends = np.array([found[name] for name in END_NAMES])
-            link = ConstraintLink(ends[:3], ends[3:], found[LENGTH_NAME])
-        zeros = np.array([found[name] for name in ZERO_NAMES])
+            ends = np.array([by_name[name] for name in END_NAMES])
+            link = ConstraintLink(ends[:3], ends[3:], by_name[LENGTH_NAME])
+        zeros = np.array([by_name[name] for name in ZERO_NAMES])
         return replace(self, geometry=geometry, link=link, zeros_rad=zeros)
 
     def within(self, sliders: FloatArray) -> NDArray[np.bool_]:
         """Which of the sliders ``(p, 6)`` are between the ends of their rails."""
-        least, most = self.travel_m
-        return np.asarray((least - ROUNDING <= sliders) & (sliders <= most + ROUNDING))
+        least, greatest = self.travel_m
+        return np.asarray((least - ROUNDING <= sliders) & (sliders <= greatest + ROUNDING))
 
     def random(self, count: int, generator: np.random.Generator) -> FloatArray:
         """Postures ``(count, 6)``, evenly in the part of the box that the rails reach.
 
         Raises CalibrationError where that is too little.
         """
-        found, drawn = np.zeros((0, 6)), 0
-        while len(found) < count and drawn < MOST_DRAWN * count:
-            more = self.box.random(count, generator)
-            reached = self.within(inverse(self.geometry, more)).all(axis=1)
-            found, drawn = np.concatenate([found, more[reached]]), drawn + count
-        if len(found) < count:
+        postures, drawn = np.zeros((0, 6)), 0
+        while len(postures) < count and drawn < MOST_DRAWN * count:
+            candidates = self.box.random(count, generator)
+            reached = self.within(inverse(self.geometry, candidates)).all(axis=1)
+            postures, drawn = np.concatenate([postures, candidates[reached]]), drawn + count
+        if len(postures) < count:
             needed = inverse(self.geometry, self.box.grid())
             chain = int((~self.within(needed)).sum(axis=0).argmax())
             low, high = needed[:, chain].min(), needed[:, chain].max()
             raise CalibrationError(
                 "travel of the sliders",
-                f"rails that reach {len(found)} of {drawn} random postures of the box; all of it "
+                f"rails that reach {len(postures)} of {drawn} random postures of the box; all "
+                "of it "
                 f"takes {1000.0 * low:.0f} to {1000.0 * high:.0f} mm of chain {chain + 1}",
                 "rails that reach a good part of the box",
                 "Correct travel_mm or [box] in the machine file.",
             )
-        return found[:count]
+        return postures[:count]
 
     def inside(self, postures: FloatArray) -> FloatArray:
         """As `Box.inside`, also for what the sliders reach."""
@@ -276,11 +277,11 @@ class HexaSlide:
         beyond = np.argwhere(~self.within(sliders))
         if len(beyond):
             row, chain = beyond[0].tolist()
-            least, most = self.travel_m[:, chain]
+            least, greatest = self.travel_m[:, chain]
             raise CalibrationError(
                 f"posture {row + 1}{which}, slider {chain + 1}",
                 f"{1000.0 * sliders[row, chain]:.3f} mm",
-                f"{1000.0 * least:g} to {1000.0 * most:g} mm, its travel_mm",
+                f"{1000.0 * least:g} to {1000.0 * greatest:g} mm, its travel_mm",
             )
         return sliders
 
@@ -315,10 +316,10 @@ def motions(machine: HexaSlide, names: tuple[str, ...]) -> tuple[tuple[str, Floa
         """By how much points move, as a change of the parameters."""
         full = np.zeros((CHAINS, len(PER_CHAIN)))
         full[:, :3], full[:, 3:6], full[:, 6:8] = platform, base, rails[..., :2]
-        known = dict(zip(ALL_NAMES, full.ravel(), strict=True))
-        known |= zip(END_NAMES, (*c, *d), strict=True)
-        known |= zip(ZERO_NAMES[::2], zeros, strict=True)
-        vector = np.array([known.get(name, 0.0) for name in names])
+        by_name = dict(zip(ALL_NAMES, full.ravel(), strict=True))
+        by_name |= zip(END_NAMES, (*c, *d), strict=True)
+        by_name |= zip(ZERO_NAMES[::2], zeros, strict=True)
+        vector = np.array([by_name.get(name, 0.0) for name in names])
         return np.asarray(vector / np.linalg.norm(vector))
 
     def turned(unit: FloatArray, centre: FloatArray) -> FloatArray:
@@ -326,15 +327,20 @@ def motions(machine: HexaSlide, names: tuple[str, ...]) -> tuple[tuple[str, Floa
         return moved(np.cross(unit, geometry.platform - centre), np.cross(unit, end - centre))
 
     axes = np.eye(3)
-    own = [*(turned(unit, still) for unit in axes), *(moved(unit, unit) for unit in axes)]
-    found = list(zip(MOTIONS[:-1], own, strict=True))
+    motions_of_base = [
+        *(turned(unit, still) for unit in axes),
+        *(moved(unit, unit) for unit in axes),
+    ]
+    named_motions = list(zip(MOTIONS[:-1], motions_of_base, strict=True))
     if link is not None and "cx" not in names:
         about = "platform frame turned about the link's end"
-        found += [(f"{about}, {a}", turned(u, end)) for a, u in zip("XYZ", axes, strict=True)]
-    base, rails, other = (np.cross(axes[0], one) for one in (geometry.base, geometry.rails, far))
+        named_motions += [
+            (f"{about}, {a}", turned(u, end)) for a, u in zip("XYZ", axes, strict=True)
+        ]
+    base, rails, ends = (np.cross(axes[0], point) for point in (geometry.base, geometry.rails, far))
     lag = _lag(geometry.rails, rails)
-    found.append((MOTIONS[-1], moved(base=base, rails=rails, d=other, zeros=lag)))
-    return tuple(found)
+    named_motions.append((MOTIONS[-1], moved(base=base, rails=rails, d=ends, zeros=lag)))
+    return tuple(named_motions)
 
 
 def _lag(rails: Numbers, moved: Numbers) -> Numbers:
@@ -428,7 +434,7 @@ def forward_near(geometry: Geometry, sliders: Numbers, postures: Numbers) -> Num
 
 
 def _converged(geometry: Geometry, sliders: Numbers, postures: Numbers) -> Numbers:
-    more = 2
+    extra = 2
     for _ in range(MOST_STEPS):
         step = _newton_step(geometry, sliders, postures, sliders)
         postures = postures + step
@@ -436,14 +442,14 @@ def _converged(geometry: Geometry, sliders: Numbers, postures: Numbers) -> Numbe
         if not (size < FAR).all():
             break
         if (size < SMALL_STEP).all():
-            more -= 1
-        if more < 0:
+            extra -= 1
+        if extra < 0:
             return postures
     raise _no_posture(sliders[int(np.nan_to_num(size, nan=np.inf).argmax())], "none")
 
 
 def _newton_step(
-    geometry: Geometry, sliders: Numbers, postures: Numbers, wanted: Numbers
+    geometry: Geometry, sliders: Numbers, postures: Numbers, sliders_wanted: Numbers
 ) -> Numbers:
     """A step towards sliders on the way to those that are wanted.
 
@@ -455,11 +461,11 @@ def _newton_step(
     miss = ((link * link).sum(axis=-1) - geometry.links**2) / 2.0
     far = ~(np.abs(postures).max(axis=1, initial=0.0) < FAR)
     if far.any():
-        raise _no_posture(wanted[int(far.argmax())], "none")
+        raise _no_posture(sliders_wanted[int(far.argmax())], "none")
     try:
         return np.linalg.solve(Arms.of(turn, link, arm).by_posture, -miss[..., None])[..., 0]
     except np.linalg.LinAlgError as problem:
-        raise _no_posture(wanted[0], "a singular posture on the way") from problem
+        raise _no_posture(sliders_wanted[0], "a singular posture on the way") from problem
 
 
 def _on_branch(geometry: Geometry, sliders: Numbers, postures: Numbers, near: Numbers) -> Numbers:
@@ -473,10 +479,10 @@ def _on_branch(geometry: Geometry, sliders: Numbers, postures: Numbers, near: Nu
     return postures
 
 
-def _no_posture(sliders: Numbers, found: str) -> UnreachablePosture:
+def _no_posture(sliders: Numbers, reason: str) -> UnreachablePosture:
     places = ", ".join(f"{place:g}" for place in sliders.real)
     return UnreachablePosture(
-        f"posture of the sliders ({places}) m", found, "sliders of a reachable posture", NEXT_STEP
+        f"posture of the sliders ({places}) m", reason, "sliders of a reachable posture", NEXT_STEP
     )
 
 

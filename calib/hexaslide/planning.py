@@ -81,13 +81,13 @@ def reachable(procedure: Procedure, machine: HexaSlide) -> Identifiability:
 def fewest_postures(procedure: Procedure, machine: HexaSlide) -> int:
     """How many random postures are needed to see what the procedure can see at all."""
     full = at_enough(procedure, machine).jacobian
-    each, wanted = len(procedure.read), rank_of(full, EXACT_BLIND)
-    low, high = 1, len(full) // each
+    rows_each, wanted_rank = len(procedure.read), rank_of(full, EXACT_BLIND)
+    low, high = 1, len(full) // rows_each
     # another posture never lowers the rank: halving finds the first that is enough
     while low < high:
         middle = (low + high) // 2
-        rank = rank_of(full[: middle * each], EXACT_BLIND)
-        low, high = (low, middle) if rank == wanted else (middle + 1, high)
+        rank = rank_of(full[: middle * rows_each], EXACT_BLIND)
+        low, high = (low, middle) if rank == wanted_rank else (middle + 1, high)
     return low
 
 
@@ -121,13 +121,13 @@ def rows_seen(procedure: Procedure, machine: HexaSlide, *, scaled: bool = False)
 
     What is unidentifiable with postures enough is a motion of a frame, the same at every posture.
     """
-    found = reachable(procedure, machine)
-    unseen = found.unseen_vectors.reshape(-1, len(found.names))
+    postures = reachable(procedure, machine)
+    unseen = postures.unseen_vectors.reshape(-1, len(postures.names))
     if not scaled:
         return RowMaker(procedure, machine.geometry, machine.link, null_space(unseen))
     scale = Scale.of(procedure, machine)
-    seen = scale.parameters[:, None] * null_space(unseen / scale.parameters)
-    return RowMaker(procedure, machine.geometry, machine.link, seen, scale.read)
+    visible = scale.parameters[:, None] * null_space(unseen / scale.parameters)
+    return RowMaker(procedure, machine.geometry, machine.link, visible, scale.read)
 
 
 KINDS = tuple(ProcedureKind)
@@ -201,15 +201,17 @@ class HexaSlidePlanning:
         """What the procedure sees at the postures."""
         postures = self.postures()
         # nothing is left out of what is told to be lost
-        seen = replace(sensitivity(self.procedure, self.machine, postures), whole_shares=True)
+        sensitivity_seen = replace(
+            sensitivity(self.procedure, self.machine, postures), whole_shares=True
+        )
         kind = self.procedure.kind
         return Examination(
             procedure=kind.value,
-            sensitivity=seen,
-            bare=seen.jacobian,
+            sensitivity=sensitivity_seen,
+            bare=sensitivity_seen.jacobian,
             measured=self.procedure.read,
             posture_count=len(postures),
-            independent_count=len(seen.jacobian),
+            independent_count=len(sensitivity_seen.jacobian),
             minutes=0.0,
             units=UNITS,
             noise_words="not known, it decides nothing here",
@@ -239,8 +241,10 @@ def conditions_by_units(
     """Condition number of what is seen in each unit and scaled, from rows ``(n, k)``, metres and
     radians.
     """
-    found = {units.words: condition(in_units(procedure, rows, units), rank) for units in ALL_UNITS}
-    return found | {SCALED: condition(scale.applied(rows), rank)}
+    conditions = {
+        units.words: condition(in_units(procedure, rows, units), rank) for units in ALL_UNITS
+    }
+    return conditions | {SCALED: condition(scale.applied(rows), rank)}
 
 
 def conditions_at(view: HexaSlideSeen, postures: FloatArray) -> dict[str, float]:
@@ -320,7 +324,9 @@ class HexaSlideSeen:
         never = basis_of(all_seen.unseen_vectors.T, EXACT_BLIND)
         lost = self.seen.found.unseen
         return tuple(
-            one.combination for one in lost if np.linalg.norm(without(never, one.vector)) < BLIND
+            direction.combination
+            for direction in lost
+            if np.linalg.norm(without(never, direction.vector)) < BLIND
         )
 
     @cached_property
@@ -333,22 +339,24 @@ class HexaSlideSeen:
         sets = [(postures, self.seen.found.rank)]
         few = PUBLISHED_SETS[procedure.kind].count
         if self.planned.usual and len(postures) > few:
-            some = postures[:few]
-            sets.append((some, analyse(sensitivity(procedure, self.machine, some)).rank))
-        found = []
-        for some, rank in sets:
+            subset = postures[:few]
+            sets.append((subset, analyse(sensitivity(procedure, self.machine, subset)).rank))
+        rules_found = []
+        for subset, rank in sets:
             with suppress(CalibrationError):  # a step leaves the workspace: nothing to show
-                rows = differenced(procedure, self.machine, some)
-                found.append(_rule(rows, procedure.parameters, rank, all_seen))
-        return tuple(found)
+                rows = differenced(procedure, self.machine, subset)
+                rules_found.append(_rule(rows, procedure.parameters, rank, all_seen))
+        return tuple(rules_found)
 
 
 def look_at(planned: HexaSlidePlanning) -> HexaSlideSeen:
     """Raises CalibrationError for postures that cannot be."""
-    seen = seen_by(planned)
+    seen_parts = seen_by(planned)
     scale = Scale.of(planned.procedure, planned.machine)
-    conditions = conditions_by_units(planned.procedure, seen.examined.bare, seen.found.rank, scale)
-    return HexaSlideSeen(planned, seen, conditions)
+    conditions = conditions_by_units(
+        planned.procedure, seen_parts.examined.bare, seen_parts.found.rank, scale
+    )
+    return HexaSlideSeen(planned, seen_parts, conditions)
 
 
 DIFFERENCE_STEP = 1e-7

@@ -40,22 +40,22 @@ class PlatformError:
     left_open: int
 
 
-def platform_error(reference: HexaSlide, found: Calibration) -> PlatformError:
+def platform_error(reference: HexaSlide, calibrated: Calibration) -> PlatformError:
     """Of a controller that holds ``reference``. Raises UnreachablePosture, CalibrationError."""
-    machine, free = found.machine, found.unidentifiable
+    machine, free = calibrated.machine, calibrated.unidentifiable
     postures = held_postures(reference, PLACES, SEED)
     sliders = reference.sliders_at(postures)
     stands = np.asarray(forward_near(machine.geometry, sliders, postures))
     motions = [k for k, name in enumerate(MOTIONS) if name in free]
-    left_open = found.unidentifiable_count - len(motions)
+    left_open = calibrated.unidentifiable_count - len(motions)
     bound = None
-    if found.covariance is not None and left_open == 0:
-        own = found.covariance[: len(NAMES), : len(NAMES)]
-        bound = _bound_m(machine, stands, own, motions)
+    if calibrated.covariance is not None and left_open == 0:
+        covariance = calibrated.covariance[: len(NAMES), : len(NAMES)]
+        bound = _bound_m(machine, stands, covariance, motions)
         # one coverage factor counts that the noise itself is known from few degrees of freedom
-        bound *= coverage_factor(found.degrees_of_freedom) / coverage_factor(np.inf)
-        if found.lack_of_fit is not None:  # more is left than noise: at least so much is wrong
-            bound *= max(1.0, found.lack_of_fit) ** 0.5
+        bound *= coverage_factor(calibrated.degrees_of_freedom) / coverage_factor(np.inf)
+        if calibrated.lack_of_fit is not None:  # more is left than noise: at least so much is wrong
+            bound *= max(1.0, calibrated.lack_of_fit) ** 0.5
     return PlatformError(frames_apart(postures, stands, free), bound, left_open)
 
 
@@ -73,9 +73,9 @@ def _bound_m(
     if motions:  # what frames take over is no error: both ways of moving are known by places alone
         frames = frame_motions(postures[:, :3], rotation(postures[:, 3:]))[:, :3]
         basis = frames.reshape(-1, frames.shape[-1])[:, motions]
-        left, size, _ = np.linalg.svd(basis, full_matrices=False)
-        left = left[:, size > 1e-9 * size[0]] if size[0] > 0.0 else left[:, :0]
-        places = places - left @ (left.T @ places)
+        vectors, size, _ = np.linalg.svd(basis, full_matrices=False)
+        vectors = vectors[:, size > 1e-9 * size[0]] if size[0] > 0.0 else vectors[:, :0]
+        places = places - vectors @ (vectors.T @ places)
     squares = covariance @ (places.T @ places) / len(postures)
     mean, spread = float(np.trace(squares)), float(np.trace(squares @ squares))
     if mean <= 0.0:

@@ -127,8 +127,8 @@ class Procedure:
         """Names of the values of one posture."""
         if self.kind is ProcedureKind.POSE_INVERSE:
             return tuple(f"lambda{chain}" for chain in range(1, CHAINS + 1))
-        held = self.kind is ProcedureKind.CONSTRAINT_LINK and not self.reads_length
-        return (LINK_LENGTH, *self.measured) if held else self.measured
+        holds_link = self.kind is ProcedureKind.CONSTRAINT_LINK and not self.reads_length
+        return (LINK_LENGTH, *self.measured) if holds_link else self.measured
 
 
 def _list(names: Iterable[str]) -> str:
@@ -147,8 +147,8 @@ def held_postures(machine: HexaSlide, count: int, seed: int) -> FloatArray:
     while (worst < WELL_HELD).sum() < count and len(drawn) < MOST_DRAWN * count:
         drawn = np.concatenate([drawn, machine.random(count, generator)])
         worst = np.append(worst, looseness(machine.geometry, drawn[-count:]))
-    held = np.flatnonzero(worst < WELL_HELD)
-    chosen = held if len(held) >= count else np.argsort(worst, kind="stable")
+    rows_held = np.flatnonzero(worst < WELL_HELD)
+    chosen = rows_held if len(rows_held) >= count else np.argsort(worst, kind="stable")
     return np.asarray(drawn[chosen[:count]])
 
 
@@ -182,7 +182,7 @@ ALL_UNITS = (METRES, MILLIMETRES, DEGREES)
 def in_units(procedure: Procedure, rows: FloatArray, units: Units) -> FloatArray:
     """Derivatives ``(n, k)`` in metres and radians, of whole postures, as they are in ``units``."""
     read = [units.angle_rad if name in ANGLES else units.length_m for name in procedure.read]
-    each = np.resize(read, len(rows))
+    units_of_rows = np.resize(read, len(rows))
     sizes = {"m": units.length_m, "rad": units.angle_rad, "m/m": 1.0}
-    own = np.array([sizes[unit_of(name)] for name in procedure.parameters])
-    return np.asarray(rows * own / each[:, None])
+    sizes_of_parameters = np.array([sizes[unit_of(name)] for name in procedure.parameters])
+    return np.asarray(rows * sizes_of_parameters / units_of_rows[:, None])

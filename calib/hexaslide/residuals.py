@@ -129,7 +129,7 @@ def postures_of(
     try:
         return standing(machine, readings.sliders, near)
     except UnreachablePosture as problem:
-        _name_posture(readings, readings.sliders, lambda one: standing(machine, one, None))
+        _name_posture(readings, readings.sliders, lambda sliders: standing(machine, sliders, None))
         raise UnreachablePosture(
             "postures", "sliders that hold no platform", "reachable ones", CHECK
         ) from problem
@@ -150,9 +150,9 @@ def _name_posture(
     readings: Readings, rows: FloatArray, reach: Callable[[FloatArray], object]
 ) -> None:
     """Raises UnreachablePosture naming the first of the postures that cannot be reached."""
-    for row, one in enumerate(rows):
+    for row, row_values in enumerate(rows):
         try:
-            reach(one[None])
+            reach(row_values[None])
         except UnreachablePosture as problem:
             raise UnreachablePosture(
                 f"posture {readings.number(row)}, {problem.thing}",
@@ -187,7 +187,7 @@ def _inverse(readings: Readings, geometry: Geometry) -> FloatArray:
     try:
         return np.asarray(inverse(geometry, readings.measured))
     except UnreachablePosture:
-        _name_posture(readings, readings.measured, lambda one: inverse(geometry, one))
+        _name_posture(readings, readings.measured, lambda posture: inverse(geometry, posture))
         raise
 
 
@@ -220,12 +220,12 @@ def variances(readings: Readings, geometry: Geometry) -> FloatArray:
     With pose-inverse the measured posture carries the noise, the sliders differ by what it does
     to them: ``C = J S Jᵀ``.
     """
-    own = np.diag(readings.value_noise**2)
+    of_values = np.diag(readings.value_noise**2)
     if readings.procedure.kind is not ProcedureKind.POSE_INVERSE:
-        return np.tile(own, (len(readings.sliders), 1, 1))
+        return np.tile(of_values, (len(readings.sliders), 1, 1))
     _inverse(readings, geometry)  # names the posture that cannot be
     slope = legs(geometry, readings.measured).arms.by_posture
-    return np.asarray(slope @ own @ np.swapaxes(slope, 1, 2))
+    return np.asarray(slope @ of_values @ np.swapaxes(slope, 1, 2))
 
 
 def whitening(readings: Readings, geometry: Geometry) -> FloatArray:
@@ -236,13 +236,13 @@ def whitening(readings: Readings, geometry: Geometry) -> FloatArray:
 
 
 def shares(
-    readings: Readings, geometry: Geometry, found: Residuals
+    readings: Readings, geometry: Geometry, residual: Residuals
 ) -> tuple[FloatArray, FloatArray]:
     """Of the squares of residuals, each in units of its own noise: by column ``(r,)`` and by
     posture ``(p,)``; zeros where all are zero.
     """
-    own = np.diagonal(variances(readings, geometry), axis1=1, axis2=2)
-    squares = found.values**2 / own
+    of_rows = np.diagonal(variances(readings, geometry), axis1=1, axis2=2)
+    squares = residual.values**2 / of_rows
     total = float(squares.sum())
     if total <= 0.0:
         return np.zeros(squares.shape[1]), np.zeros(len(squares))

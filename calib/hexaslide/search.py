@@ -165,12 +165,12 @@ class Space:
         if not self._limited:
             return 0.0, np.zeros_like(coordinates)
         chains = self._maker.chains(coordinates)
-        least, most = self.machine.travel_m
-        passed = chains.legs.sliders - np.clip(chains.legs.sliders, least, most)
+        least, greatest = self.machine.travel_m
+        passed = chains.legs.sliders - np.clip(chains.legs.sliders, least, greatest)
         if not passed.any():
             return 0.0, np.zeros_like(coordinates)
-        share = passed / (most - least)
-        by_slider = 2.0 * STEEP * share / (most - least)
+        share = passed / (greatest - least)
+        by_slider = 2.0 * STEEP * share / (greatest - least)
         slopes = np.einsum("pk,pkx->px", by_slider, chains.by_posture)
         return STEEP * float((share**2).sum()), slopes
 
@@ -203,7 +203,9 @@ class JointSpace(Space):
 
     def postures(self, coordinates: FloatArray) -> FloatArray:
         """Of sliders. Raises UnreachablePosture."""
-        sliders, near = min(self._known, key=lambda one: float(np.abs(one[0] - coordinates).max()))
+        sliders, near = min(
+            self._known, key=lambda known_pair: float(np.abs(known_pair[0] - coordinates).max())
+        )
         if np.array_equal(sliders, coordinates):
             return near
         geometry = self.machine.geometry
@@ -227,12 +229,12 @@ class JointSpace(Space):
         """The condition number in Frobenius' norm is smooth and no less than the usual one."""
         chains = self._maker.chains(self.postures(coordinates))
         slopes = chains.by_posture / self._size
-        held = np.linalg.inv(slopes)
-        squares = [(one**2).sum(axis=(1, 2)) for one in (slopes, held)]
+        inverses = np.linalg.inv(slopes)
+        squares = [(matrices**2).sum(axis=(1, 2)) for matrices in (slopes, inverses)]
         over = np.maximum(0.5 * np.log(squares[0] * squares[1]) - np.log(WELL_HELD), 0.0)
-        back = transposed(held)
+        back = transposed(inverses)
         by_slopes = slopes / squares[0][:, None, None]
-        by_slopes -= back @ held @ back / squares[1][:, None, None]
+        by_slopes -= back @ inverses @ back / squares[1][:, None, None]
         by_slopes *= (2.0 * HOLD * over)[:, None, None] / self._size
         moved = chains.pull(np.zeros_like(chains.own), by_slopes)
         return HOLD * float((over**2).sum()), _by_sliders(chains.by_posture, moved)
@@ -273,13 +275,13 @@ def searches(
 
     def refined(part: tuple[int, FloatArray]) -> tuple[FloatArray, RefinedPostures]:
         number, begin = part[0], space.begin(part[1])
-        told = clusters.on_part.get()
+        progress = clusters.on_part.get()
 
         def watched(coordinates: FloatArray) -> tuple[FloatArray, Pull]:
             watch()
             return space.rows(coordinates)
 
-        found = refine(
+        refined_postures = refine(
             watched,
             begin,
             space.lower,
@@ -287,10 +289,10 @@ def searches(
             aim,
             sharpness=SHARPNESS,
             beside=space.beyond,
-            progress=lambda done, parts: told(number + done / parts, search.starts),
+            progress=lambda done, parts: progress(number + done / parts, search.starts),
         )
-        found = _taken_back(space, begin, found, aim)
-        return space.postures(found.coordinates), found
+        refined_postures = _taken_back(space, begin, refined_postures, aim)
+        return space.postures(refined_postures.coordinates), refined_postures
 
     sign = 1.0 if search.criterion.larger_is_better else -1.0
     best: BestPostures | None = None
@@ -361,24 +363,24 @@ def _space(procedure: Procedure, machine: HexaSlide, count: int, search: Search)
 
 
 def _taken_back(
-    space: Space, begin: FloatArray, found: RefinedPostures, aim: Aim
+    space: Space, begin: FloatArray, refined: RefinedPostures, aim: Aim
 ) -> RefinedPostures:
     """Coordinates that pass a limit moved back towards where they began until they do not."""
-    way = found.coordinates - begin
-    whole = space.allowed(found.coordinates)
-    if whole.all():
-        return found
+    way = refined.coordinates - begin
+    allowed = space.allowed(refined.coordinates)
+    if allowed.all():
+        return refined
     within, beyond = np.zeros((len(begin), 1)), np.ones((len(begin), 1))
     for _ in range(HALVINGS):
         middle = (within + beyond) / 2.0
         fits = space.allowed(begin + middle * way)[:, None]
         within, beyond = np.where(fits, middle, within), np.where(fits, beyond, middle)
-    moved = np.where(whole[:, None], found.coordinates, begin + within * way)
+    moved = np.where(allowed[:, None], refined.coordinates, begin + within * way)
     value = judged(space.rows(moved)[0], aim)
-    if (value <= found.start_value) == aim.criterion.larger_is_better:
-        moved, value = begin, found.start_value
+    if (value <= refined.start_value) == aim.criterion.larger_is_better:
+        moved, value = begin, refined.start_value
     on_bound = count_on_bound(moved, space.lower, space.upper)
-    return RefinedPostures(moved, value, found.start_value, on_bound)
+    return RefinedPostures(moved, value, refined.start_value, on_bound)
 
 
 def _described(

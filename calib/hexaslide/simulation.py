@@ -58,8 +58,10 @@ def disturbed(
     Raises CalibrationError where that is no machine any more.
     """
     names = procedure.parameters
-    own = machine.parameters(names)
-    return machine.with_parameters(names, own + generator.normal(0.0, size_m, len(own)))
+    parameters = machine.parameters(names)
+    return machine.with_parameters(
+        names, parameters + generator.normal(0.0, size_m, len(parameters))
+    )
 
 
 def measure(
@@ -105,8 +107,8 @@ def _measured(
     names = procedure.measured
     if not names:
         return np.zeros((len(reached), 0))
-    whole = procedure.kind is ProcedureKind.POSE_INVERSE
-    stands = reached if whole else read_at(procedure, truth, reached)
+    is_whole = procedure.kind is ProcedureKind.POSE_INVERSE
+    stands = reached if is_whole else read_at(procedure, truth, reached)
     noise = [angle_noise_rad if name in ANGLES else length_noise_m for name in names]
     stands = stands[:, stands.shape[1] - len(names) :]
     return np.asarray(stands + noise * generator.standard_normal(stands.shape))
@@ -176,25 +178,25 @@ def _on_link(
     link = present(truth.link)
     if not isinstance(postures, int):
         play = play_m * generator.standard_normal(len(postures))
-        given = _held(truth.box, link, postures, play)
-        if len(given) < len(postures):
+        postures_given = _held(truth.box, link, postures, play)
+        if len(postures_given) < len(postures):
             raise CalibrationError(
                 "postures on the constraint link",
-                f"{len(given)} of {len(postures)} that the link holds inside the box",
+                f"{len(postures_given)} of {len(postures)} that the link holds inside the box",
                 "postures whose ends can be as far apart as the link is long",
                 "Give other postures, or none: then random ones are held.",
             )
-        return given
-    count, held = postures, np.zeros((0, 6))
+        return postures_given
+    count, postures_held = postures, np.zeros((0, 6))
     for _ in range(MOST_ROUNDS):
         play = play_m * generator.standard_normal(count)
         free = truth.box.random(count, generator)
-        held = np.vstack([held, _held(truth.box, link, free, play)])
-        if len(held) >= count:
-            return held[:count]
+        postures_held = np.vstack([postures_held, _held(truth.box, link, free, play)])
+        if len(postures_held) >= count:
+            return postures_held[:count]
     raise CalibrationError(
         "constraint link",
-        f"a length of {link.length_m:g} m that {len(held)} of "
+        f"a length of {link.length_m:g} m that {len(postures_held)} of "
         f"{MOST_ROUNDS * count} random postures keep",
         "ends and a length that let the platform move in the box",
     )
@@ -206,8 +208,8 @@ def _held(box: Box, link: ConstraintLink, free: FloatArray, play_m: FloatArray) 
     apart = ends - link.base_end
     side = np.sign(box.centre[2] + link.platform_end[2] - link.base_end[2])
     square = (link.length_m + play_m) ** 2 - (apart[:, :2] ** 2).sum(axis=1)
-    held = free[square > 0.0]
+    postures_held = free[square > 0.0]
     height = side * np.sqrt(square[square > 0.0])
-    held[:, 2] += height - apart[square > 0.0, 2]
-    inside = (held[:, 2] >= box.lower[2]) & (held[:, 2] <= box.upper[2])
-    return np.asarray(held[inside])
+    postures_held[:, 2] += height - apart[square > 0.0, 2]
+    inside = (postures_held[:, 2] >= box.lower[2]) & (postures_held[:, 2] <= box.upper[2])
+    return np.asarray(postures_held[inside])

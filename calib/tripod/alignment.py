@@ -97,26 +97,28 @@ def alignment(
     x = np.zeros(12)
     for _ in range(ROUNDS):
         model = _model(geometry, x)
-        found = place_columns(model, visited, (SQUARENESS, DISTANCE))
-        columns = [found[0][pair] for pair in PAIRS] + [found[1][pair] for pair in AROUND]
+        columns_of_laws = place_columns(model, visited, (SQUARENESS, DISTANCE))
+        columns = [columns_of_laws[0][pair] for pair in PAIRS] + [
+            columns_of_laws[1][pair] for pair in AROUND
+        ]
         base = derivatives(geometry, x[:6], visited, model.effects)
         rows = without_zeros(visited, root**2, np.hstack([base, *columns])) * root[:, None]
         off = without_zeros(visited, root**2, visited.value_mm - model.readings(visited)) * root
         covariance = np.linalg.inv(rows.T @ rows + hold)
         x = x + covariance @ (rows.T @ off - hold @ x)
-    seen = np.sqrt(covariance.diagonal())[6:] < np.array(limits) / FINE_ENOUGH
-    if not seen.all():
+    seen_figures = np.sqrt(covariance.diagonal())[6:] < np.array(limits) / FINE_ENOUGH
+    if not seen_figures.all():
         names = [f"squareness {p}" for p in PAIRS] + [f"distance {p}" for p in AROUND]
-        unseen = [name for name, known in zip(names, seen, strict=True) if not known]
+        unseen = [name for name, is_seen in zip(names, seen_figures, strict=True) if not is_seen]
         raise NotIdentifiable(
             "alignment",
             f"readings that do not tell {', '.join(unseen)}",
             "all three legs along both axes at Zero, Max, Min, and over a plane: procedure align",
         )
     model = _model(geometry, x)
-    left = without_zeros(visited, root**2, visited.value_mm - model.readings(visited))
+    residual_mm = without_zeros(visited, root**2, visited.value_mm - model.readings(visited))
     noise_mm = float(np.sqrt(np.mean(root**-2.0)))
-    left_mm = float(np.sqrt(np.mean(left**2)))
+    left_mm = float(np.sqrt(np.mean(residual_mm**2)))
     spread = np.asarray(covariance[6:, 6:], dtype=np.float64)
     lean_mrad, distance_mm = figures_of(geometry)
     figures = x[6:9] + lean_mrad, x[9:] + distance_mm
@@ -145,7 +147,7 @@ def _model(geometry: Geometry, x: FloatArray) -> Model:
     return Model(geometry, tuple(x[:6].tolist()), (*leans, *apart))
 
 
-def aligned_geometry(geometry: Geometry, found: Alignment, reference: int) -> Geometry:
+def aligned_geometry(geometry: Geometry, alignment_found: Alignment, reference: int) -> Geometry:
     """The machine with its drives as they lie, for a controller that is told of them.
 
     The reference drive stays, the next one stays in the plane of both, as `shims` have it. Raises
@@ -153,7 +155,7 @@ def aligned_geometry(geometry: Geometry, found: Alignment, reference: int) -> Ge
     """
     order = [(reference + k) % 3 for k in range(3)]
     lean = np.zeros((3, 3))
-    for (i, j), value in zip(map(numbers, PAIRS), found.lean_mrad.tolist(), strict=True):
+    for (i, j), value in zip(map(numbers, PAIRS), alignment_found.lean_mrad.tolist(), strict=True):
         lean[i, j] = lean[j, i] = math.sin(PER_THOUSAND * value)
     cosines = (lean + np.eye(3))[np.ix_(order, order)]
     axes = geometry.directions[reference], geometry.read_along[reference, order[1]]
@@ -162,17 +164,19 @@ def aligned_geometry(geometry: Geometry, found: Alignment, reference: int) -> Ge
     directions[order] = np.linalg.cholesky(cosines) @ frame  # rows of these products
     anchors = np.zeros((3, 3))
     anchors[reference] = geometry.anchors[reference]
-    distance = dict(zip(AROUND, found.distance_mm.tolist(), strict=True))
+    distance = dict(zip(AROUND, alignment_found.distance_mm.tolist(), strict=True))
     for k, drive in enumerate(order[1:], start=1):
         rows, far = [directions[drive]], [0.0]
-        for other in order[:k]:
-            cyclic = (drive - other) % 3 == 1  # the pair is named from the other one
-            first, second = (other, drive) if cyclic else (drive, other)
+        for earlier in order[:k]:
+            cyclic = (drive - earlier) % 3 == 1  # the pair is named from the other one
+            first, second = (earlier, drive) if cyclic else (drive, earlier)
             across = np.cross(directions[first], directions[second])
             across = across / np.linalg.norm(across)
             name = LEG_NAMES[first] + LEG_NAMES[second]
             rows.append(across)
-            far.append(float(anchors[other] @ across) + (-1.0 if cyclic else 1.0) * distance[name])
+            far.append(
+                float(anchors[earlier] @ across) + (-1.0 if cyclic else 1.0) * distance[name]
+            )
         anchors[drive] = np.linalg.lstsq(np.array(rows), np.array(far))[0]
     origins = anchors + geometry.platform
     return replace(geometry, origin_mm=_triples(origins), direction=_triples(directions))
@@ -209,12 +213,14 @@ class Shim:
         return float(station * share)
 
 
-def shims(found: Alignment, reference: int, supports_mm: tuple[float, float]) -> list[Shim]:
+def shims(
+    alignment_found: Alignment, reference: int, supports_mm: tuple[float, float]
+) -> list[Shim]:
     """Moves of both ends of the two other rails, in every direction that is told; see the module.
 
     ``supports_mm`` are the two places along every rail where it rests.
     """
-    figures = np.concatenate([found.lean_mrad, found.distance_mm])
+    figures = np.concatenate([alignment_found.lean_mrad, alignment_found.distance_mm])
     second, third = (reference + 1) % 3, (reference + 2) % 3
     turned = [
         (second, reference, _lean(second, reference), np.zeros(6)),
@@ -222,15 +228,17 @@ def shims(found: Alignment, reference: int, supports_mm: tuple[float, float]) ->
         (third, reference, _lean(third, reference), _distance(second, third)),
         (third, second, _lean(third, second), -_distance(third, reference)),
     ]
-    made = []
+    moves = []
     for rail, towards, lean, shift in turned:
         fine = abs(float(lean @ figures)) < FINE_MRAD and abs(float(shift @ figures)) < FINE_MM
-        for support, other in (supports_mm, supports_mm[::-1]):
+        for support, opposite in (supports_mm, supports_mm[::-1]):
             row = shift - PER_THOUSAND * support * lean
-            half = coverage_factor(math.inf) * math.sqrt(float(row @ found.covariance @ row))
+            half = coverage_factor(math.inf) * math.sqrt(
+                float(row @ alignment_found.covariance @ row)
+            )
             move = float(row @ figures)
-            made.append(Shim(rail, towards, support, other, move, half, not fine))
-    return made
+            moves.append(Shim(rail, towards, support, opposite, move, half, not fine))
+    return moves
 
 
 def _lean(first: int, second: int) -> FloatArray:
@@ -245,9 +253,13 @@ def _distance(first: int, second: int) -> FloatArray:
 
 def slope_at_zero_mm(model: Model, leg: int, towards: int) -> float:
     """How much further along an axis the foot of a leg is than its tool end, at Zero."""
-    taken = conditions([leg], [towards], [0.0])
+    conditions_at_zero = conditions([leg], [towards], [0.0])
     flow = posture(
-        model.geometry, model.parameters_mm, taken, command(model.geometry, taken), model.effects
+        model.geometry,
+        model.parameters_mm,
+        conditions_at_zero,
+        command(model.geometry, conditions_at_zero),
+        model.effects,
     )
     bar_mm = flow.foot_mm[0, leg] - flow.tool_mm[0] - model.geometry.platform[leg]
     return float(bar_mm @ model.geometry.read_along[leg, towards])

@@ -96,8 +96,8 @@ class ControllerJoints:
     ) -> ControllerJoints:
         """One of which nothing else is known: by the drives x, y, z that its ``joints`` move."""
         drives = [name[-1] for name in joints or LEG_NAMES]
-        held = (ControllerJoint(home_offset_mm[LEG_NAMES.index(name)]) for name in drives)
-        return cls(tuple(held), axes="".join(drives).upper())
+        homed = (ControllerJoint(home_offset_mm[LEG_NAMES.index(name)]) for name in drives)
+        return cls(tuple(homed), axes="".join(drives).upper())
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,8 +149,8 @@ def carriage_error_mm(model: Model, joint_mm: FloatArray, way: float) -> FloatAr
 
     ``way`` -1 is downwards. Includes d_rho.
     """
-    taken = reached(len(joint_mm), way)
-    flow = driven(model.geometry, model.parameters_mm, taken, joint_mm, model.effects)
+    conditions = reached(len(joint_mm), way)
+    flow = driven(model.geometry, model.parameters_mm, conditions, joint_mm, model.effects)
     return np.asarray(flow.carriage_mm - joint_mm)
 
 
@@ -167,8 +167,11 @@ def table_of(model: Model, joint: int) -> Table | None:
     for count in range(2, MOST_POINTS + 1):
         points = np.linspace(fine[0], fine[-1], count)
         at = [np.interp(points, fine, error) for error in (up, down)]
-        shown = [np.interp(fine, points, error) for error in at]
-        if max(np.abs(shown[0] - up).max(), np.abs(shown[1] - down).max()) < INTERPOLATION_MM:
+        error_between = [np.interp(fine, points, error) for error in at]
+        if (
+            max(np.abs(error_between[0] - up).max(), np.abs(error_between[1] - down).max())
+            < INTERPOLATION_MM
+        ):
             return Table(points, *at)
     raise ImpossibleRequest(
         f"compensation table of joint {LEG_NAMES[joint]}",
@@ -177,18 +180,18 @@ def table_of(model: Model, joint: int) -> Table | None:
     )
 
 
-def joint_entries(model: Model, drive: int, held: ControllerJoint, way: int = 1) -> JointEntries:
+def joint_entries(model: Model, drive: int, joint: ControllerJoint, way: int = 1) -> JointEntries:
     """Entries of a drive's joint that now holds this; with ``way`` -1 it counts against the drive.
 
     Raises ImpossibleRequest for what a joint cannot take.
     """
     if way < 0:
-        return joint_entries(model, drive, held.turned()).turned()
+        return joint_entries(model, drive, joint.turned()).turned()
     offset = model.parameters_mm[drive]
     table = table_of(model, drive)
     if table is None:
         return JointEntries(offset)
-    if held.compensated:
+    if joint.compensated:
         raise ImpossibleRequest(
             f"compensation table of joint {LEG_NAMES[drive]}",
             "another one in the INI file, with which the machine was measured",
@@ -203,26 +206,26 @@ def joint_entries(model: Model, drive: int, held: ControllerJoint, way: int = 1)
             "play that is not negative",
             "It is no play: take the effect out with glidecal model --remove.",
         )
-    most = float(max(abs(table.error_up_mm).max(), abs(table.error_down_mm).max()))
+    largest = float(max(abs(table.error_up_mm).max(), abs(table.error_down_mm).max()))
     travel_mm = model.geometry.travel_max_mm - model.geometry.travel_min_mm
-    if not most < travel_mm:
+    if not largest < travel_mm:
         raise ImpossibleRequest(
             f"error of joint {LEG_NAMES[drive]} along its drive",
-            f"{most:.4g} mm",
+            f"{largest:.4g} mm",
             f"less than its travel, {travel_mm:g} mm",
             "Look at the values in the model: glidecal model.",
         )
     # what homing meets at the switch is in the old value; an encoder meets nothing
     change = offset
-    if not held.absolute_encoder:
-        switch = np.full((1, 3), held.home_offset_mm)
-        change = float(carriage_error_mm(model, switch, held.latch_sign or 1)[0, drive])
+    if not joint.absolute_encoder:
+        switch = np.full((1, 3), joint.home_offset_mm)
+        change = float(carriage_error_mm(model, switch, joint.latch_sign or 1)[0, drive])
     play = float(table.error_down_mm.mean())
     if max(abs(table.error_up_mm).max(), abs(table.error_down_mm - play).max()) < PLAY_ALONE_MM:
-        return JointEntries(change, held.backlash_mm + play)
-    half = held.backlash_mm / 2.0  # the controller adds it upwards and takes it off downwards
-    both = Table(table.joint_mm, table.error_up_mm - half, table.error_down_mm + half)
-    return JointEntries(change, table=both)
+        return JointEntries(change, joint.backlash_mm + play)
+    half = joint.backlash_mm / 2.0  # the controller adds it upwards and takes it off downwards
+    with_play = Table(table.joint_mm, table.error_up_mm - half, table.error_down_mm + half)
+    return JointEntries(change, table=with_play)
 
 
 def kinematics_of(model: Model) -> Kinematics:
@@ -230,17 +233,17 @@ def kinematics_of(model: Model) -> Kinematics:
     geometry = model.geometry
     travel = np.linspace(geometry.travel_min_mm, geometry.travel_max_mm, 33)
     flow = machine_at(model, geometry.zero_mm + travel[:, None] * np.ones(3), 1.0)
-    found, misfit = np.empty((3, 3, 3)), 0.0
+    slopes, misfit = np.empty((3, 3, 3)), 0.0
     for k, zero in enumerate(geometry.zero_mm):
         place = flow.carriage_mm[:, k] - zero
         powers = np.stack([np.ones_like(place), place, place**2], axis=1)
-        found[k] = np.linalg.lstsq(powers, flow.foot_mm[:, k], rcond=None)[0]
-        misfit = max(misfit, float(np.abs(powers @ found[k] - flow.foot_mm[:, k]).max()))
-    direction = np.where(np.abs(found[:, 1]) < 1e-15, 0.0, found[:, 1])
+        slopes[k] = np.linalg.lstsq(powers, flow.foot_mm[:, k], rcond=None)[0]
+        misfit = max(misfit, float(np.abs(powers @ slopes[k] - flow.foot_mm[:, k]).max()))
+    direction = np.where(np.abs(slopes[:, 1]) < 1e-15, 0.0, slopes[:, 1])
     return Kinematics(
-        origin_mm=found[:, 0] - direction * geometry.zero_mm[:, None],
+        origin_mm=slopes[:, 0] - direction * geometry.zero_mm[:, None],
         direction=direction,
-        bend_per_mm=np.where(np.abs(found[:, 2]) < 1e-15, 0.0, found[:, 2]),
+        bend_per_mm=np.where(np.abs(slopes[:, 2]) < 1e-15, 0.0, slopes[:, 2]),
         zero_mm=geometry.zero_mm,
         length_mm=geometry.lengths + np.array(model.parameters_mm[3:]) + _sum_mm(model, LegLength),
         sag_mm=geometry.load * _sum_mm(model, GravitySag),
@@ -316,7 +319,7 @@ def _added_mm(model: Model) -> tuple[FloatArray, FloatArray]:
     Where the corrected controller believes the places of `_judged_mm`.
     """
     believed, offset = _judged_mm(model.geometry), np.array(model.parameters_mm[:3])
-    found = []
+    parts = []
     for way in (1.0, -1.0):
         added = np.zeros_like(believed)
         for _ in range(PASSES):
@@ -324,18 +327,18 @@ def _added_mm(model: Model) -> tuple[FloatArray, FloatArray]:
             added = carriage_error_mm(model, believed - offset - former, way) - offset
             if np.abs(added - former).max() < SETTLED_MM:
                 break
-        found.append(added)
-    up, down = found
+        parts.append(added)
+    up, down = parts
     return up, down
 
 
 def _sum_mm(model: Model, kind: type) -> FloatArray:
     """The values of an effect of each bar ``(3,)``."""
-    found = np.zeros(3)
+    total_mm = np.zeros(3)
     for effect in model.effects:
         if _of_bar(effect, kind):
-            found[LEG_NAMES.index(effect.place)] += float(np.real(effect.values[0]))
-    return found
+            total_mm[LEG_NAMES.index(effect.place)] += float(np.real(effect.values[0]))
+    return total_mm
 
 
 def _of_bar(effect: StageEffect, *kinds: type) -> TypeGuard[EffectInstance]:

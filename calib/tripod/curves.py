@@ -53,50 +53,50 @@ def leg_curves(model: Model, observed: Observations, left_mm: FloatArray) -> lis
     sessions share a curve, each about a zero of its own.
     """
     visited = observed.take(visit_starts(observed))
-    shown = model.readings(visited) + left_mm
+    points_mm = model.readings(visited) + left_mm
     plane = visited.over_plane
     if plane.any():  # their mountings have a tilt, too, which is in what is left
         fitted = visited.value_mm - left_mm
         mean = np.bincount(visited.mount, fitted) / np.bincount(visited.mount)
-        shown = np.where(plane, visited.value_mm - mean[visited.mount], shown)
+        points_mm = np.where(plane, visited.value_mm - mean[visited.mount], points_mm)
     station = np.where(plane, 0.0, visited.station)
     groups = rows_of(numbered(visited.leg, visited.axis, plane, station))
-    return [_curve(model, visited.take(rows), shown[rows], left_mm[rows]) for rows in groups]
+    return [_curve(model, visited.take(rows), points_mm[rows], left_mm[rows]) for rows in groups]
 
 
 def _curve(
-    model: Model, taken: Observations, value_mm: FloatArray, left_mm: FloatArray
+    model: Model, visits: Observations, value_mm: FloatArray, left_mm: FloatArray
 ) -> LegCurve:
     """Of readings of one leg, axis and station."""
-    plane = bool(taken.over_plane[0])
-    if taken.leg[0] == TOOL or plane:
-        at = np.asarray(taken.along_mm if plane else 1.0 + taken.level, dtype=np.float64)
-        lines = tuple(_joined(at, value_mm - left_mm, taken, plane=plane))
+    plane = bool(visits.over_plane[0])
+    if visits.leg[0] == TOOL or plane:
+        at = np.asarray(visits.along_mm if plane else 1.0 + visits.level, dtype=np.float64)
+        lines = tuple(_joined(at, value_mm - left_mm, visits, plane=plane))
     else:
-        at, level_mm = taken.displacement_mm, 0.0
-        drawn = _drawn(model, taken)
+        at, level_mm = visits.displacement_mm, 0.0
+        drawn = _drawn(model, visits)
         level_mm = float(np.mean([np.interp(0.0, *line.T) for line in drawn]))
         value_mm = value_mm - level_mm
         lines = tuple(line - [0.0, level_mm] for line in drawn)
     return LegCurve(
-        leg=int(taken.leg[0]),
-        axis=int(taken.axis[0]),
-        station=float(taken.station[0]),
+        leg=int(visits.leg[0]),
+        axis=int(visits.axis[0]),
+        station=float(visits.station[0]),
         over_plane=plane,
         at_mm=at,
         value_mm=value_mm,
         left_mm=left_mm,
-        approach=taken.approach,
-        mount=taken.mount,
+        approach=visits.approach,
+        mount=visits.mount,
         model_mm=lines,
     )
 
 
-def _drawn(model: Model, taken: Observations) -> list[FloatArray]:
+def _drawn(model: Model, visits: Observations) -> list[FloatArray]:
     """The model over the travel, once for each direction of approach where these differ."""
-    places = np.linspace(taken.displacement_mm.min(), taken.displacement_mm.max(), STEPS + 1)
-    middle = np.argsort(taken.time_s, kind="stable")[len(taken) // 2]
-    between = taken.take(np.full(len(places), middle))
+    places = np.linspace(visits.displacement_mm.min(), visits.displacement_mm.max(), STEPS + 1)
+    middle = np.argsort(visits.time_s, kind="stable")[len(visits) // 2]
+    between = visits.take(np.full(len(places), middle))
     lines: list[FloatArray] = []
     for approach in (1.0, -1.0):
         way = replace(between, displacement_mm=places, approach=np.full(len(places), approach))
@@ -106,10 +106,10 @@ def _drawn(model: Model, taken: Observations) -> list[FloatArray]:
 
 
 def _joined(
-    at: FloatArray, fitted_mm: FloatArray, taken: Observations, *, plane: bool
+    at: FloatArray, fitted_mm: FloatArray, visits: Observations, *, plane: bool
 ) -> Iterator[FloatArray]:
     """Fitted values ``(n,)`` of each posture over a plane, or of all positions of the tool."""
-    for rows in rows_of(numbered(taken.displacement_mm)) if plane else [np.arange(len(at))]:
+    for rows in rows_of(numbered(visits.displacement_mm)) if plane else [np.arange(len(at))]:
         places = numbered(at[rows])
-        means = [np.bincount(places, each[rows]) for each in (at, fitted_mm)]
+        means = [np.bincount(places, values[rows]) for values in (at, fitted_mm)]
         yield np.column_stack([total / np.bincount(places) for total in means])

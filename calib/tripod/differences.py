@@ -69,10 +69,10 @@ class Differences:
         Those over a plane, which the papers only describe, are among them. Without any of these it
         is every displacement at one station.
         """
-        rows = list(enumerate(self.names))
-        shown = [k for k, name in rows if "@" not in name or OVER_PLANE in name]
-        shown = shown or [k for k, name in rows if "@s" not in name]
-        return np.array(shown, dtype=np.intp)
+        named = list(enumerate(self.names))
+        rows = [k for k, name in named if "@" not in name or OVER_PLANE in name]
+        rows = rows or [k for k, name in named if "@s" not in name]
+        return np.array(rows, dtype=np.intp)
 
 
 def differences(geometry: Geometry, observed: Observations) -> Differences:
@@ -143,11 +143,11 @@ def _differences_of_mount(
 
 def _unlike(names: Iterable[str]) -> tuple[str, ...]:
     """The names, numbered where one comes again: two mountings met the plate at one place."""
-    seen: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     unlike = []
     for name in names:
-        seen[name] += 1
-        unlike.append(name if seen[name] == 1 else f"{name} {seen[name]}")
+        counts[name] += 1
+        unlike.append(name if counts[name] == 1 else f"{name} {counts[name]}")
     return tuple(unlike)
 
 
@@ -158,12 +158,12 @@ def _about_their_mean(
     if len(cells) < 2:
         return
     means = [_mean(observed, cell) for cell in cells]
-    every = np.concatenate([rows for rows, _ in means])
+    all_rows = np.concatenate([rows for rows, _ in means])
     all_weights = np.concatenate([weight for _, weight in means]) / len(cells)
     first = int(cells[0][0])
     where = (int(observed.leg[first]), int(observed.axis[first]), float(observed.station[first]))
     for level, (rows, weight) in zip(levels, means, strict=True):
-        terms = np.concatenate([rows, every]), np.concatenate([weight, -all_weights])
+        terms = np.concatenate([rows, all_rows]), np.concatenate([weight, -all_weights])
         yield (*where, False, level, CONTACT), terms
 
 
@@ -187,7 +187,9 @@ def _over_plane(observed: Observations, members: NDArray[np.intp]) -> Iterable[t
             share = (along[k] - along[near]) / (along[far] - along[near])
             weights = ((k, 1.0), (near, share - 1.0), (far, -share))
             terms = [
-                (rows, w * each) for j, w in weights for rows, each in [_mean(observed, cells[j])]
+                (rows, w * mean_rows)
+                for j, w in weights
+                for rows, mean_rows in [_mean(observed, cells[j])]
             ]
             index, weight = zip(*terms, strict=True)
             key = (*where, float(station[k]), True, (float(level[k]),), (reference,))
@@ -218,9 +220,9 @@ def _order_of_11(geometry: Geometry, key: Key) -> tuple[float, ...]:
 def _names(geometry: Geometry, keys: list[Key]) -> Iterable[str]:
     """Names in the order of the keys; the first station of a leg and axis keeps the short names."""
     stations: dict[tuple[int, int], float] = {}
-    for leg, axis, station, over, (level, *more), of_reference in keys:
+    for leg, axis, station, over, (level, *levels_beside), of_reference in keys:
         if leg == TOOL:
-            parts, decimals = [level, *more], 3
+            parts, decimals = [level, *levels_beside], 3
             if of_reference == CONTACT:  # as rings and firmware have them, however steps round
                 parts, decimals = [v for k, v in enumerate(parts) if k != axis], 1
             place = ", ".join(f"{round(v, decimals) + 0.0:g}" for v in parts)
@@ -241,7 +243,7 @@ def _names(geometry: Geometry, keys: list[Key]) -> Iterable[str]:
             yield f"{short}@{level!r}{from_reference}{at_station}"
 
 
-def reading_matrix(geometry: Geometry, taken: Conditions) -> FloatArray:
+def reading_matrix(geometry: Geometry, conditions: Conditions) -> FloatArray:
     """Derivatives of the readings by d_rho and d_L at the nominal machine, ``(n_readings, 6)``.
 
     A reading along axis j on leg i: ``b d_rho_i + a d_rho_j - b d_L_i - c d_L_j`` with a, b, c of
@@ -252,16 +254,16 @@ def reading_matrix(geometry: Geometry, taken: Conditions) -> FloatArray:
     several micrometres at offsets of 2 mm. Other tripods, readings of the tool and those over a
     plane have no such form: there it is the derivative of the pipeline.
     """
-    if not geometry.of_papers or TOOL in taken.leg or taken.over_plane.any():
-        return derivatives(geometry, np.zeros(len(PARAMETER_NAMES)), taken)
-    sine, weight = taken.displacement_mm / geometry.leg_length_mm[0], 1.0 - taken.station
+    if not geometry.of_papers or TOOL in conditions.leg or conditions.over_plane.any():
+        return derivatives(geometry, np.zeros(len(PARAMETER_NAMES)), conditions)
+    sine, weight = conditions.displacement_mm / geometry.leg_length_mm[0], 1.0 - conditions.station
     cosine = np.sqrt(1.0 - sine**2)
     b = (weight + sine) * sine / cosine
     c = (weight + sine) / cosine - weight
-    rows = np.arange(len(taken))
-    matrix = np.zeros((len(taken), 6))
-    matrix[rows, taken.leg] = b
-    matrix[rows, taken.axis] = sine
-    matrix[rows, 3 + taken.leg] = -b
-    matrix[rows, 3 + taken.axis] = -c
+    rows = np.arange(len(conditions))
+    matrix = np.zeros((len(conditions), 6))
+    matrix[rows, conditions.leg] = b
+    matrix[rows, conditions.axis] = sine
+    matrix[rows, 3 + conditions.leg] = -b
+    matrix[rows, 3 + conditions.axis] = -c
     return matrix

@@ -198,11 +198,13 @@ class Geometry:
         along = ((tool_mm[..., None, :] - self.anchors) * self.directions).sum(axis=-1)
         travel = along + slope * self.lengths - self.zero_mm
         limits = self.travel_min_mm - UNIT, self.travel_max_mm + UNIT
-        kept = ((travel >= limits[0]) & (travel <= limits[1]) & (slope >= LEAST_SLOPE)).all(axis=-1)
-        same = float(np.sign(np.linalg.det(self.bars(np.zeros(3)))))
-        volume = np.zeros(kept.shape)
-        volume[kept] = same * np.linalg.det(bars[kept])
-        return np.asarray(kept & (volume >= LEAST_VOLUME))
+        within = ((travel >= limits[0]) & (travel <= limits[1]) & (slope >= LEAST_SLOPE)).all(
+            axis=-1
+        )
+        sign_at_zero = float(np.sign(np.linalg.det(self.bars(np.zeros(3)))))
+        volume = np.zeros(within.shape)
+        volume[within] = sign_at_zero * np.linalg.det(bars[within])
+        return np.asarray(within & (volume >= LEAST_VOLUME))
 
     def goes(self, leg: int, displacement_mm: float) -> bool:
         """Whether the tool stands at this displacement from the Zero of a leg."""
@@ -255,8 +257,8 @@ class Geometry:
 
         Across the leg's drive, towards that of the axis; with its own axis along the drive.
         """
-        every = [[self.towards(leg, axis) for axis in range(3)] for leg in range(3)]
-        return np.array(every)
+        directions = [[self.towards(leg, axis) for axis in range(3)] for leg in range(3)]
+        return np.array(directions)
 
     @cached_property
     def lengths(self) -> FloatArray:
@@ -307,12 +309,12 @@ class Geometry:
         if self.common_zero:
             pairs = permutations(range(3), 2)
             return {LEG_NAMES[i] + LEG_NAMES[j]: self.read_along[i, j] for i, j in pairs}
-        found = {}
+        drives_across = {}
         for i, name in enumerate(LEG_NAMES):
             radial = self._radial(i)
-            found[name + "r"] = radial
-            found[name + "t"] = np.array(cross(self.directions[i], radial))
-        return found
+            drives_across[name + "r"] = radial
+            drives_across[name + "t"] = np.array(cross(self.directions[i], radial))
+        return drives_across
 
     def towards(self, first: int, second: int) -> FloatArray:
         """Unit vector ``(3,)`` across one drive in which it leans towards another.
@@ -378,8 +380,8 @@ class Geometry:
 
     def _radial(self, drive: int) -> FloatArray:
         """Across a drive, away from the tool; where it goes through it, away from the others."""
-        others = self.directions.sum(axis=0) - self.directions[drive]
-        for way in (self.anchors[drive], -others, *np.eye(3)):
+        sum_of_others = self.directions.sum(axis=0) - self.directions[drive]
+        for way in (self.anchors[drive], -sum_of_others, *np.eye(3)):
             across = self._across(drive, way)
             size = float(np.linalg.norm(across))
             if size > UNIT:
@@ -439,8 +441,8 @@ def trilaterate(
     normal = cross(to_second, to_third)
     normal_square = _square(normal)
     in_plane = [
-        (along_second * across + along_third * other) / normal_square
-        for across, other in zip(cross(to_third, normal), cross(normal, to_second), strict=True)
+        (along_second * across + along_third * crossed) / normal_square
+        for across, crossed in zip(cross(to_third, normal), cross(normal, to_second), strict=True)
     ]
     height_square = square[..., 0] - _square(in_plane)
     if not refuse:
@@ -450,8 +452,8 @@ def trilaterate(
         feet = np.broadcast_to(foot_mm, (*height_square.shape, 3, 3))[bad]
         raise _unreachable(feet.real.ravel(), "feet at")
     height = side * np.sqrt(height_square / normal_square)
-    each = zip(origin, in_plane, normal, strict=True)
-    return np.stack([start + flat + up * height for start, flat, up in each], axis=-1)
+    coordinates = zip(origin, in_plane, normal, strict=True)
+    return np.stack([start + flat + up * height for start, flat, up in coordinates], axis=-1)
 
 
 def tool_jacobians(
@@ -477,14 +479,14 @@ def tool_jacobians(
     return np.linalg.solve(bars, along), np.linalg.solve(bars, stretch)
 
 
-def dot(left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
+def dot(first: NDArray[Any], second: NDArray[Any]) -> NDArray[Any]:
     """Products ``(...)`` of vectors ``(..., 3)``, real or complex, none conjugated."""
-    return np.asarray(np.einsum("...i,...i->...", left, right))
+    return np.asarray(np.einsum("...i,...i->...", first, second))
 
 
-def cross(left: Coordinates, right: Coordinates) -> list[NDArray[Any]]:
+def cross(first: Coordinates, second: Coordinates) -> list[NDArray[Any]]:
     """Cross products, coordinate by coordinate."""
-    (x, y, z), (u, v, w) = left, right
+    (x, y, z), (u, v, w) = first, second
     return [y * w - z * v, z * u - x * w, x * v - y * u]
 
 
@@ -494,10 +496,10 @@ def _square(vector: Coordinates) -> NDArray[Any]:
 
 
 def _unreachable(position: NDArray[Any], what: str) -> UnreachablePosture:
-    shown = ", ".join(f"{float(v):.3f}" for v in position)
+    position_words = ", ".join(f"{float(v):.3f}" for v in position)
     return UnreachablePosture(
         "unreachable posture",
-        f"{what} ({shown}) mm",
+        f"{what} ({position_words}) mm",
         "positions for which the three legs can meet",
         "Check the displacement, the leg length and the joint limits of the machine file.",
     )

@@ -81,6 +81,6 @@ def _switch(joint: ControllerJoint, at_mm: float, search: int) -> Switch:
     limits = {-1: joint.min_limit_mm, 1: joint.max_limit_mm}
     if limits[search] is None:
         return Switch(at_mm, search, None, None)
-    known = [(side, limit) for side, limit in limits.items() if limit is not None]
-    side, limit = min(known, key=lambda place: abs(at_mm - place[1]))
+    sides = [(side, limit) for side, limit in limits.items() if limit is not None]
+    side, limit = min(sides, key=lambda place: abs(at_mm - place[1]))
     return Switch(at_mm, side, side * (joint.home_offset_mm - limit), side * (at_mm - limit))

@@ -44,9 +44,11 @@ def move_off_grid(
         rows = moves.at(coordinates).rows / noise_mm
         return rows, lambda weights: moves.pulled(coordinates, weights / noise_mm)
 
-    found = refine(rows_and_pull, moves.start, moves.lower, moves.upper, aim, sharpness=SHARPNESS)
-    rounded = moves.at(moves.rounded(found.coordinates))
-    before, after = (judged(one.rows / noise_mm, aim) for one in (postures, rounded))
+    refined = refine(rows_and_pull, moves.start, moves.lower, moves.upper, aim, sharpness=SHARPNESS)
+    rounded = moves.at(moves.rounded(refined.coordinates))
+    before, after = (
+        judged(judged_postures.rows / noise_mm, aim) for judged_postures in (postures, rounded)
+    )
     better = after > before if aim.criterion.larger_is_better else after < before
     better &= _different(rounded) == _different(postures)  # a short travel has few tenths
     on_bar = grid.geometry.on_bar(rounded.leg, rounded.station, rounded.displacement_mm)
@@ -174,7 +176,7 @@ def _legs_alike(postures: LegPool) -> bool:
         )
         for leg in np.unique(postures.leg)
     ]
-    return all(one == visits[0] for one in visits)
+    return all(visit == visits[0] for visit in visits)
 
 
 def _different(postures: LegPool) -> int:

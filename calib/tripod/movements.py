@@ -30,7 +30,7 @@ def carriage_movement(geometry: Geometry, from_mm: FloatArray, to_mm: FloatArray
     return np.asarray(np.where(np.abs(moved) < STILL_MM, 0.0, np.sign(moved)))
 
 
-def last_movement(geometry: Geometry, taken: Conditions) -> FloatArray:
+def last_movement(geometry: Geometry, conditions: Conditions) -> FloatArray:
     """Sign of the last movement of each carriage ``(n, 3)``; 0 where it is not known.
 
     Readings of the tool tell it themselves. Along the drive of a touched leg its carriage follows
@@ -39,8 +39,8 @@ def last_movement(geometry: Geometry, taken: Conditions) -> FloatArray:
     at Zero. Across drives that are not square they also go along with the tool, and turn back a
     little before Zero or behind it; by less than `TURNED_MM` that does not count.
     """
-    way = geometry.directions[np.where(taken.leg == TOOL, 0, taken.leg)]
-    tool = geometry.leg_zero_mm[taken.leg] + taken.displacement_mm[:, None] * way
+    way = geometry.directions[np.where(conditions.leg == TOOL, 0, conditions.leg)]
+    tool = geometry.leg_zero_mm[conditions.leg] + conditions.displacement_mm[:, None] * way
     ray = tool[:, None] - geometry.anchors
     along, slope = dot(ray, geometry.directions), way @ geometry.directions.T
     covered = np.sqrt(geometry.lengths**2 - (dot(ray, ray) - along**2))
@@ -48,10 +48,10 @@ def last_movement(geometry: Geometry, taken: Conditions) -> FloatArray:
     speed = slope - inward / covered
     bent = (1.0 - slope**2) / covered + inward**2 / covered**3  # minus the derivative of the speed
     turning = speed**2 < 2.0 * TURNED_MM * bent  # there a carriage is as far up as it goes
-    approach = taken.approach[:, None]
+    approach = conditions.approach[:, None]
     movement = np.where(turning, np.abs(approach), np.sign(speed) * approach)
-    told = (taken.leg == TOOL) | taken.movement.any(axis=1)
-    return np.where(told[:, None], taken.movement, movement)
+    stated = (conditions.leg == TOOL) | conditions.movement.any(axis=1)
+    return np.where(stated[:, None], conditions.movement, movement)
 
 
 def departures_mm(observed: Observations, least: float = DEPARTS) -> dict[int, float]:
@@ -62,16 +62,16 @@ def departures_mm(observed: Observations, least: float = DEPARTS) -> dict[int, f
     """
     repeats = Repeats.of(observed)
     scatter = repeats.standard_deviation_mm
-    known, departures = observed.approach_known, {}
+    with_approach, departures = observed.approach_known, {}
     if scatter is None:
         return {}
-    for row in np.flatnonzero(~known).tolist():
-        alike = np.flatnonzero(known & (observed.posture == observed.posture[row]))
+    for row in np.flatnonzero(~with_approach).tolist():
+        alike = np.flatnonzero(with_approach & (observed.posture == observed.posture[row]))
         if not len(alike):
             continue
         sides = [alike[rows] for rows in rows_of(numbered(repeats.cell[alike]))]
-        off_mm = [float(observed.value_mm[row] - observed.value_mm[one].mean()) for one in sides]
-        least_mm = [least * scatter * math.sqrt(1.0 + 1.0 / len(one)) for one in sides]
+        off_mm = [float(observed.value_mm[row] - observed.value_mm[side].mean()) for side in sides]
+        least_mm = [least * scatter * math.sqrt(1.0 + 1.0 / len(side)) for side in sides]
         if all(abs(off) > far for off, far in zip(off_mm, least_mm, strict=True)):
             departures[row] = min(off_mm, key=abs)
     return departures

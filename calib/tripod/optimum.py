@@ -96,14 +96,14 @@ def optimum_postures(
     aim = Aim(criterion, FREE, metric)
     begin = time.perf_counter()
     search = _Search(machine, count, aim, seed, starts, repeats=repeats, common=common)
-    pool, found = search.within(pool, budget_min)
-    chosen: Sequence[int] = found.chosen
+    pool, best = search.within(pool, budget_min)
+    chosen: Sequence[int] = best.chosen
     if refine:
         noise_mm = machine.noise.standard_deviation_mm
-        moved, every = move_off_grid(pool, chosen, noise_mm, aim), range(len(chosen))
+        moved, numbers = move_off_grid(pool, chosen, noise_mm, aim), range(len(chosen))
         # unless the way there would turn more often than there is time for
-        if budget_min is None or not search.minutes(moved, every) > budget_min:
-            pool, chosen = moved, every
+        if budget_min is None or not search.minutes(moved, numbers) > budget_min:
+            pool, chosen = moved, numbers
     seconds = time.perf_counter() - begin
     whitened = examined.sensitivity.jacobian
     information = search.candidates(pool).information(np.array(chosen, dtype=np.intp))
@@ -115,14 +115,14 @@ def optimum_postures(
         criterion=criterion,
         before=_figures(whitened.T @ whitened, plain, examined.minutes, examined.posture_count),
         after=_figures(remaining, plain, search.minutes(pool, chosen), count),
-        grid_value=found.value if refine else None,
-        start_condition_number=found.start_condition_number,
+        grid_value=best.value if refine else None,
+        start_condition_number=best.start_condition_number,
         postures=tuple(_coordinates(pool, chosen)),
         coordinates_on_bound=_on_bound(pool, chosen),
         seconds=seconds,
         starts=starts,
         seed=seed,
-        exchanges=found.exchanges,
+        exchanges=best.exchanges,
         noise_words=examined.noise_words,
         orders=_orders(pool, chosen),
     )
@@ -154,9 +154,9 @@ class _Search:
 
     def within(self, pool: LegPool, budget_min: float | None) -> tuple[LegPool, ChosenCandidates]:
         """Set-ups are given up, the least used first, until the time is enough."""
-        found = self.best_of(pool)
+        best = self.best_of(pool)
         while budget_min is not None:
-            needed_min = self.minutes(pool, found.chosen)
+            needed_min = self.minutes(pool, best.chosen)
             if not needed_min > budget_min:
                 break
             too_little = ImpossibleRequest(
@@ -165,16 +165,16 @@ class _Search:
                 f"about {needed_min:.0f} min for {self.count} postures",
                 "Ask for fewer postures or give more time.",
             )
-            used, counts = np.unique(pool.place[list(found.chosen)], return_counts=True)
-            kept = np.flatnonzero(np.isin(pool.place, np.delete(used, counts.argmin())))
-            if len(used) < 2 or (len(kept) < self.count and not self.repeats):
+            used, counts = np.unique(pool.place[list(best.chosen)], return_counts=True)
+            pool_rows = np.flatnonzero(np.isin(pool.place, np.delete(used, counts.argmin())))
+            if len(used) < 2 or (len(pool_rows) < self.count and not self.repeats):
                 raise too_little
-            pool = pool.take(kept)
+            pool = pool.take(pool_rows)
             try:
-                found = self.best_of(pool)
+                best = self.best_of(pool)
             except NotIdentifiable as problem:
                 raise too_little from problem
-        return pool, found
+        return pool, best
 
     def best_of(self, pool: LegPool) -> ChosenCandidates:
         """Raises ImpossibleRequest where no common set has this size."""
@@ -188,7 +188,7 @@ class _Search:
                 seed=self.seed,
                 starts=self.starts,
                 repeats=self.repeats,
-                begin_with=[np.array(one.chosen, dtype=np.intp) for one in symmetric],
+                begin_with=[np.array(choice.chosen, dtype=np.intp) for choice in symmetric],
             )
         if not symmetric:
             raise ImpossibleRequest(
@@ -197,7 +197,7 @@ class _Search:
                 "a multiple of the number of legs that determines the parameters",
             )
         sign = 1.0 if self.aim.criterion.larger_is_better else -1.0
-        return descending(symmetric, lambda one: sign * one.value)[0]
+        return descending(symmetric, lambda choice: sign * choice.value)[0]
 
     def _symmetric(self, pool: LegPool, rows: FloatArray) -> Iterator[ChosenCandidates]:
         """Displacements common to all legs, at each station alone.
@@ -205,15 +205,15 @@ class _Search:
         Single swaps rarely empty a mounting, so these serve as starts, too.
         """
         legs = np.unique(pool.leg)
-        each, rest = divmod(self.count, len(legs))
-        if rest:
+        count_of_leg, remainder = divmod(self.count, len(legs))
+        if remainder:
             return
         for station in np.unique(pool.station):
             together = _visits_of_all(pool, legs, station)
-            if each <= len(together):
+            if count_of_leg <= len(together):
                 merged = Candidates(rows[together].reshape(len(together), -1, rows.shape[2]))
                 try:
-                    best = choose(merged, each, self.aim, seed=self.seed, starts=2)
+                    best = choose(merged, count_of_leg, self.aim, seed=self.seed, starts=2)
                 except NotIdentifiable:
                     continue
                 yield replace(best, chosen=tuple(together[list(best.chosen)].ravel().tolist()))
@@ -223,8 +223,11 @@ def _visits_of_all(pool: LegPool, legs: IntArray, station: float) -> IntArray:
     """Candidates at a station ``(k, legs)``, of displacements that all legs allow."""
     visits = list(zip(pool.displacement_mm, pool.approach, strict=True))
     of_legs = [np.flatnonzero((pool.leg == leg) & (pool.station == station)) for leg in legs]
-    common = set.intersection(*({visits[k] for k in one} for one in of_legs))
-    members = [np.array([k for k in one if visits[k] in common], np.intp) for one in of_legs]
+    common = set.intersection(*({visits[k] for k in members_of_leg} for members_of_leg in of_legs))
+    members = [
+        np.array([k for k in members_of_leg if visits[k] in common], np.intp)
+        for members_of_leg in of_legs
+    ]
     return np.stack(members, axis=1)
 
 
@@ -275,7 +278,7 @@ def visiting_order(visits: Sequence[Visit], ends_mm: Pair) -> list[float]:
     """
     passes: list[list[Visit]] = []  # without repeats, then the second ones of those, and so on
     for visit in visits:
-        free = next((one for one in passes if visit not in one), None)
+        free = next((walk for walk in passes if visit not in walk), None)
         if free is None:
             free = []
             passes.append(free)
@@ -285,9 +288,9 @@ def visiting_order(visits: Sequence[Visit], ends_mm: Pair) -> list[float]:
 
 def _walked(passes: list[list[Visit]], ends_mm: Pair, *, up_first: bool) -> list[float]:
     chain: list[Visit] = []
-    for one in passes:
-        up = sorted(visit for visit in one if visit[1] > 0)
-        down = sorted((visit for visit in one if visit[1] <= 0), reverse=True)
+    for walk in passes:
+        up = sorted(visit for visit in walk if visit[1] > 0)
+        down = sorted((visit for visit in walk if visit[1] <= 0), reverse=True)
         chain += up + down if up_first else down + up
     position, walked = 0.0, []
     for level, side in chain:

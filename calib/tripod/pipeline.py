@@ -87,7 +87,7 @@ class Flow:
 def simulate(
     geometry: Geometry,
     parameters_mm: ArrayLike,
-    taken: Conditions,
+    conditions: Conditions,
     effects: Sequence[StageEffect] = (),
 ) -> NDArray[Any]:
     """Readings ``(..., n_readings)`` in mm for parameters ``(..., 6)`` in mm.
@@ -97,21 +97,21 @@ def simulate(
     the unknown zero of each mounting is not added. Over a plane it is the coordinate itself. Raises
     UnreachablePosture.
     """
-    with_zero = _append_zero_rows(geometry, taken)
+    with_zero = _append_zero_rows(geometry, conditions)
     flow = posture(geometry, parameters_mm, with_zero, command(geometry, with_zero), effects)
     flow = replace(flow, fraction=touched_fraction(flow))
-    return reading(flow, touched_point(flow))[..., : len(taken)]
+    return reading(flow, touched_point(flow))[..., : len(conditions)]
 
 
 def posture(
     geometry: Geometry,
     parameters_mm: ArrayLike,
-    taken: Conditions,
+    conditions: Conditions,
     command_mm: FloatArray,
     effects: Sequence[StageEffect] = (),
 ) -> Flow:
     """The machine as far as the tool, for joint coordinates ``(n, 3)``; see `simulate`."""
-    flow = driven(geometry, parameters_mm, taken, command_mm, effects)
+    flow = driven(geometry, parameters_mm, conditions, command_mm, effects)
     flow = replace(flow, foot_mm=foot(flow))
     return replace(flow, tool_mm=tool(flow))
 
@@ -119,7 +119,7 @@ def posture(
 def driven(
     geometry: Geometry,
     parameters_mm: ArrayLike,
-    taken: Conditions,
+    conditions: Conditions,
     command_mm: FloatArray,
     effects: Sequence[StageEffect] = (),
 ) -> Flow:
@@ -127,7 +127,7 @@ def driven(
     parameters, none = np.asarray(parameters_mm), np.empty(0)
     flow = Flow(
         geometry=geometry,
-        taken=taken,
+        taken=conditions,
         effects=effects,
         joint_offset_mm=parameters[..., None, :3],
         length_error_mm=parameters[..., None, 3:],
@@ -140,20 +140,20 @@ def driven(
     return replace(flow, carriage_mm=actuator(flow))
 
 
-def command(geometry: Geometry, taken: Conditions) -> FloatArray:
+def command(geometry: Geometry, conditions: Conditions) -> FloatArray:
     """Joint coordinates ``(n, 3)`` that the controller commands: nominal inverse kinematics.
 
     On an Orthoglide Zero commands (L, L, L); displacement s along axis i commands ``L + s`` on
     joint i and ``sqrt(L^2 - s^2)`` on the others (papers/000, section 2.4). Raises
     UnreachablePosture.
     """
-    return inverse(geometry, commanded_tool(geometry, taken))
+    return inverse(geometry, commanded_tool(geometry, conditions))
 
 
-def commanded_tool(geometry: Geometry, taken: Conditions) -> FloatArray:
+def commanded_tool(geometry: Geometry, conditions: Conditions) -> FloatArray:
     """Tool positions ``(n, 3)`` from Zero that the controller is told, mm."""
-    along = taken.displacement_mm[:, None] * geometry.directions[taken.leg]
-    return np.asarray(geometry.leg_zero_mm[taken.leg] + taken.position_mm + along)
+    along = conditions.displacement_mm[:, None] * geometry.directions[conditions.leg]
+    return np.asarray(geometry.leg_zero_mm[conditions.leg] + conditions.position_mm + along)
 
 
 def actuator(flow: Flow) -> NDArray[Any]:
@@ -190,8 +190,8 @@ def touched_fraction(flow: Flow) -> NDArray[Any]:
     end_along, foot_along = dot(_own_end(flow), along), dot(_own_foot(flow), along)
     end_zero = dot(_own_end_at_zero(flow), along)
     foot_zero = dot(_own_foot_at_zero(flow), along)
-    kept = end_zero + flow.taken.station * (foot_zero - end_zero)
-    fraction = (kept - end_along) / (foot_along - end_along)
+    point = end_zero + flow.taken.station * (foot_zero - end_zero)
+    fraction = (point - end_along) / (foot_along - end_along)
     if flow.taken.over_plane.any():
         fraction = np.where(flow.taken.over_plane, flow.taken.station, fraction)
     return np.where(leg == TOOL, 0.0, fraction) if TOOL in leg else np.asarray(fraction)
@@ -219,40 +219,42 @@ def moved_along(flow: Flow, touched_mm: NDArray[Any], along: FloatArray) -> NDAr
     return np.asarray(dot(touched_mm, along) - zero)
 
 
-def measuring_directions(geometry: Geometry, taken: Conditions) -> FloatArray:
+def measuring_directions(geometry: Geometry, conditions: Conditions) -> FloatArray:
     """Unit vectors ``(n, 3)`` along which indicators read.
 
     On a leg across its drive, towards the one that the axis names; at the tool along that
     coordinate.
     """
     ways = np.concatenate([geometry.read_along, np.eye(3)[None]])
-    return np.asarray(ways[taken.leg, taken.axis])
+    return np.asarray(ways[conditions.leg, conditions.axis])
 
 
 def derivatives(
     geometry: Geometry,
     parameters_mm: ArrayLike,
-    taken: Conditions,
+    conditions: Conditions,
     effects: Sequence[StageEffect] = (),
 ) -> FloatArray:
     """Derivatives of the readings by the parameters ``(n_readings, 6)``, to machine precision.
 
     Complex step through `simulate`: the imaginary part of f(x + i h) divided by h.
     """
-    return readings_and_derivatives(geometry, parameters_mm, taken, effects)[1]
+    return readings_and_derivatives(geometry, parameters_mm, conditions, effects)[1]
 
 
 def readings_and_derivatives(
     geometry: Geometry,
     parameters_mm: ArrayLike,
-    taken: Conditions,
+    conditions: Conditions,
     effects: Sequence[StageEffect] = (),
 ) -> tuple[FloatArray, FloatArray]:
     """Readings ``(n_readings,)`` and `derivatives`: the step is too small for the real part."""
     base = np.asarray(parameters_mm, dtype=np.complex128)
     stepped = base + 1j * COMPLEX_STEP_MM * np.eye(len(base))
-    found = simulate(geometry, stepped, taken, effects)
-    return np.asarray(found[0].real), np.asarray(found.imag.T / COMPLEX_STEP_MM)
+    stepped_readings = simulate(geometry, stepped, conditions, effects)
+    return np.asarray(stepped_readings[0].real), np.asarray(
+        stepped_readings.imag.T / COMPLEX_STEP_MM
+    )
 
 
 def _touched_at_zero(flow: Flow, along: FloatArray) -> NDArray[Any]:
@@ -335,9 +337,9 @@ class Model:
                 f"{len(PARAMETER_NAMES)} finite numbers: {', '.join(PARAMETER_NAMES)}",
             )
 
-    def readings(self, taken: Conditions) -> FloatArray:
+    def readings(self, conditions: Conditions) -> FloatArray:
         """Simulated readings ``(n_readings,)`` in mm, without the zeros of the mountings."""
-        return np.asarray(simulate(self.geometry, self.parameters_mm, taken, self.effects))
+        return np.asarray(simulate(self.geometry, self.parameters_mm, conditions, self.effects))
 
     def with_effects(self, effects: tuple[StageEffect, ...]) -> Model:
         """The same model with other effects."""
@@ -357,7 +359,7 @@ TILT_SPREAD = 1e-3
 
 def measure(
     model: Model,
-    taken: Conditions,
+    conditions: Conditions,
     *,
     scatter_mm: float,
     resolution_mm: float,
@@ -369,12 +371,12 @@ def measure(
     display (0 for none). The generator, or its seed, draws zeros, tilts of planes and scatter.
     """
     generator = np.random.default_rng(generator)
-    zeros = generator.normal(scale=ZERO_SPREAD_MM, size=taken.mount_count)
-    values = model.readings(taken) + zeros[taken.mount]
-    values = values + generator.normal(scale=1.0, size=len(taken)) * scatter_mm
-    if taken.over_plane.any():
-        tilt = generator.normal(scale=TILT_SPREAD, size=taken.mount_count)
-        values = values + np.nan_to_num(tilt[taken.mount] * taken.along_mm)
+    zeros = generator.normal(scale=ZERO_SPREAD_MM, size=conditions.mount_count)
+    values = model.readings(conditions) + zeros[conditions.mount]
+    values = values + generator.normal(scale=1.0, size=len(conditions)) * scatter_mm
+    if conditions.over_plane.any():
+        tilt = generator.normal(scale=TILT_SPREAD, size=conditions.mount_count)
+        values = values + np.nan_to_num(tilt[conditions.mount] * conditions.along_mm)
     return round_to(values, resolution_mm)
 
 

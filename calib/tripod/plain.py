@@ -31,11 +31,11 @@ class PlainDesign(Protocol):
         """
 
 
-def plain_design(geometry: Geometry, taken: Conditions) -> PlainDesign:
+def plain_design(geometry: Geometry, conditions: Conditions) -> PlainDesign:
     """The design of these readings. Raises UnreachablePosture."""
-    if geometry.of_papers and TOOL not in taken.leg and not taken.over_plane.any():
-        return PapersDesign.of(geometry, taken)
-    return TripodDesign.of(geometry, taken)
+    if geometry.of_papers and TOOL not in conditions.leg and not conditions.over_plane.any():
+        return PapersDesign.of(geometry, conditions)
+    return TripodDesign.of(geometry, conditions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,21 +56,21 @@ class TripodDesign:
     joint_mm: FloatArray
 
     @classmethod
-    def of(cls, geometry: Geometry, taken: Conditions) -> TripodDesign:
+    def of(cls, geometry: Geometry, conditions: Conditions) -> TripodDesign:
         """The design of these readings. Raises UnreachablePosture."""
-        of_tool = (taken.leg == TOOL)[:, None]
+        of_tool = (conditions.leg == TOOL)[:, None]
         zeros: FloatArray = geometry.zero_mm[None]
         zero: slice | IntArray = slice(-1, None)
         if not geometry.common_zero:
-            zeros, zero = inverse(geometry, geometry.leg_zero_mm), own_zero_rows(taken)
+            zeros, zero = inverse(geometry, geometry.leg_zero_mm), own_zero_rows(conditions)
         return cls(
             geometry,
-            taken,
-            np.vstack([command(geometry, taken), zeros]),
+            conditions,
+            np.vstack([command(geometry, conditions), zeros]),
             zero,
-            geometry.directions[taken.leg],
-            measuring_directions(geometry, taken),
-            np.where(of_tool, 0.0, geometry.platform[taken.leg]),
+            geometry.directions[conditions.leg],
+            measuring_directions(geometry, conditions),
+            np.where(of_tool, 0.0, geometry.platform[conditions.leg]),
         )
 
     def readings(self, parameters_mm: FloatArray) -> FloatArray:
@@ -90,9 +90,9 @@ class TripodDesign:
         along, measured = self.along[:, :, None], self.measured[:, :, None]
         station = self.taken.station[:, None]
         end_along, foot_along = (here * along).sum(axis=-2), (by_foot * along).sum(axis=-2)
-        kept = (zero * along).sum(axis=-2) * (1.0 - station) + station * foot_along
+        point_along = (zero * along).sum(axis=-2) * (1.0 - station) + station * foot_along
         part = fraction[..., None]
-        slide = (kept - end_along - part * (foot_along - end_along)) / reach[..., None]
+        slide = (point_along - end_along - part * (foot_along - end_along)) / reach[..., None]
         bar = self._bar(carriage, tool)
         over = self.taken.over_plane
         slide = np.where(((legs == TOOL) | over)[:, None], 0.0, slide)
@@ -121,9 +121,11 @@ class TripodDesign:
         zero = tool[:, self.zero] + self.joint_mm
         bar, bar_zero = self._bar(carriage, tool), self._foot(carriage[:, self.zero]) - zero
         reach = (bar * self.along).sum(axis=-1)
-        kept = ((zero + station[:, None] * bar_zero - end) * self.along).sum(axis=-1)
+        point_along = ((zero + station[:, None] * bar_zero - end) * self.along).sum(axis=-1)
         over = self.taken.over_plane
-        fraction = np.where(self.taken.leg == TOOL, 0.0, np.where(over, station, kept / reach))
+        fraction = np.where(
+            self.taken.leg == TOOL, 0.0, np.where(over, station, point_along / reach)
+        )
         before = np.where(over[:, None], 0.0, zero + station[:, None] * bar_zero)
         moved = end - before + fraction[..., None] * bar
         return (moved * self.measured).sum(axis=-1), fraction, reach
@@ -135,12 +137,12 @@ class TripodDesign:
 
     def _foot(self, carriage: NDArray[Any]) -> NDArray[Any]:
         """Foot of the touched leg ``(b, n, 3)``."""
-        own = np.take_along_axis(
+        foot_of_leg = np.take_along_axis(
             np.broadcast_to(carriage, (len(carriage), len(self.taken), 3)),
             np.broadcast_to(self.taken.leg[:, None] % 3, (len(carriage), len(self.taken), 1)),
             axis=-1,
         )
-        return np.asarray(self.geometry.origins[self.taken.leg] + own * self.along)
+        return np.asarray(self.geometry.origins[self.taken.leg] + foot_of_leg * self.along)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,22 +165,22 @@ class PapersDesign:
     weight: FloatArray
 
     @classmethod
-    def of(cls, geometry: Geometry, taken: Conditions) -> PapersDesign:
+    def of(cls, geometry: Geometry, conditions: Conditions) -> PapersDesign:
         """The design of these readings. Raises UnreachablePosture."""
-        commands = np.vstack([command(geometry, taken), geometry.zero_mm])
+        commands = np.vstack([command(geometry, conditions), geometry.zero_mm])
         postures, index = np.unique(commands, axis=0, return_inverse=True)
         index = index.ravel()
         count = len(postures)
         return cls(
             geometry=geometry,
             command_mm=np.ascontiguousarray(postures.T[:, :, None]),
-            leg=taken.leg,
-            axis=taken.axis,
-            along=taken.leg * count + index[:-1],
-            across=taken.axis * count + index[:-1],
-            zero_along=taken.leg * count + index[-1],
-            zero_across=taken.axis * count + index[-1],
-            weight=(1.0 - taken.station)[:, None],
+            leg=conditions.leg,
+            axis=conditions.axis,
+            along=conditions.leg * count + index[:-1],
+            across=conditions.axis * count + index[:-1],
+            zero_along=conditions.leg * count + index[-1],
+            zero_across=conditions.axis * count + index[-1],
+            weight=(1.0 - conditions.station)[:, None],
         )
 
     def readings(self, parameters_mm: FloatArray) -> FloatArray:

@@ -135,7 +135,7 @@ LEAST_GAIN = 1e-6
 
 
 def _information(
-    design: FloatArray, weight: FloatArray, taken: Conditions, pool: LegPool
+    design: FloatArray, weight: FloatArray, conditions: Conditions, pool: LegPool
 ) -> FloatArray:
     """Information ``(6 + n_zeros, ...)`` of readings that stand at places of the pool.
 
@@ -143,11 +143,14 @@ def _information(
     share the zero of the pool's mounting at their leg, station and axis.
     """
     number = {place: k for k, place in enumerate(pool.places)}
-    rows = np.zeros((len(taken), pool.rows.shape[2]))
+    rows = np.zeros((len(conditions), pool.rows.shape[2]))
     rows[:, :PARAMETERS] = design
-    place = [number[int(leg), float(s)] for leg, s in zip(taken.leg, taken.station, strict=True)]
-    second = ACROSS[taken.leg, 1] == taken.axis
-    rows[np.arange(len(taken)), PARAMETERS + 2 * np.array(place) + second] = 1.0
+    place = [
+        number[int(leg), float(s)]
+        for leg, s in zip(conditions.leg, conditions.station, strict=True)
+    ]
+    second = ACROSS[conditions.leg, 1] == conditions.axis
+    rows[np.arange(len(conditions)), PARAMETERS + 2 * np.array(place) + second] = 1.0
     return np.asarray((rows.T * weight) @ rows)
 
 
@@ -181,10 +184,10 @@ def excursion_mm(
         at_mm = np.append(np.linspace(at_mm.min(), at_mm.max(), WAY_POINTS), 0.0)
         station = np.full(len(at_mm), station[0])
     count, along = len(at_mm), at_mm + station * geometry.covered_mm[leg]
-    taken = conditions([leg] * count, [axis] * count, at_mm.tolist(), station=station.tolist())
+    planned = conditions([leg] * count, [axis] * count, at_mm.tolist(), station=station.tolist())
     if tilt_mrad is not None:
-        taken = replace(taken, along_mm=along)
-    moved = derivatives(geometry, np.zeros(PARAMETERS), taken) * tolerance_mm
+        planned = replace(planned, along_mm=along)
+    moved = derivatives(geometry, np.zeros(PARAMETERS), planned) * tolerance_mm
     moved = np.hstack([moved, 1e-3 * (tilt_mrad or 0.0) / 2.0 * along[:, None]])
     return 2.0 * float(np.linalg.norm(moved[:, None] - moved, axis=-1).max())
 

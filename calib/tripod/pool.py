@@ -57,10 +57,10 @@ class LegPool:
     def __len__(self) -> int:
         return len(self.leg)
 
-    def take(self, kept: IntArray) -> LegPool:
+    def take(self, chosen: IntArray) -> LegPool:
         """Only these candidates; the zeros stay."""
         arrays = ("leg", "displacement_mm", "approach", "station", "place", "rows")
-        return replace(self, **{name: getattr(self, name)[kept] for name in arrays})
+        return replace(self, **{name: getattr(self, name)[chosen] for name in arrays})
 
     def moved(self, displacement_mm: FloatArray, station: FloatArray) -> LegPool:
         """The same candidates elsewhere ``(n,)``; those of one mounting keep a common station."""
@@ -74,26 +74,29 @@ class LegPool:
 
     def with_rows(self, parameters_mm: ArrayLike) -> LegPool:
         """The same with rows of a machine: derivatives by the six, 1 for the mounting's zero."""
-        rows, every = np.zeros((len(self), 2, PARAMETERS + 2 * len(self.places))), range(len(self))
+        rows, numbers = (
+            np.zeros((len(self), 2, PARAMETERS + 2 * len(self.places))),
+            range(len(self)),
+        )
         for k, axis in enumerate(ACROSS[self.leg].T):
-            taken = conditions(
+            planned = conditions(
                 self.leg.tolist(),
                 axis.tolist(),
                 self.displacement_mm.tolist(),
                 station=self.station.tolist(),
             )
-            rows[:, k, :PARAMETERS] = derivatives(self.geometry, parameters_mm, taken)
-            rows[every, k, PARAMETERS + 2 * self.place + k] = 1.0
+            rows[:, k, :PARAMETERS] = derivatives(self.geometry, parameters_mm, planned)
+            rows[numbers, k, PARAMETERS + 2 * self.place + k] = 1.0
         return replace(self, rows=rows)
 
     def index(self, leg: int, displacement_mm: float, station: float) -> int:
         """The first candidate there."""
-        found = (
+        matches = (
             (self.leg == leg)
             & (self.displacement_mm == displacement_mm)
             & (self.station == station)
         )
-        return int(np.flatnonzero(found)[0])
+        return int(np.flatnonzero(matches)[0])
 
 
 def levels_mm(geometry: Geometry) -> tuple[float, ...]:

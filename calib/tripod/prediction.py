@@ -60,29 +60,37 @@ class CorrelatedReadings:
         cls,
         geometry: Geometry,
         tolerance_mm: FloatArray,
-        taken: Conditions,
+        conditions: Conditions,
         value_mm: FloatArray,
         tilt_mrad: float = 0.0,
     ) -> CorrelatedReadings:
         """How readings taken like this hang together on a machine of these tolerances.
 
-        ``taken`` has m rows, in time; every mounting has one among the first n. ``value_mm``
+        ``conditions`` has m rows, in time; every mounting has one among the first n. ``value_mm``
         ``(n,)`` are what was read, ``tolerance_mm`` ``(6,)`` standard deviations of the parameters,
         ``tilt_mrad`` the most that a reference plane leans. The first derivatives at the nominal
         machine serve as its model.
         """
-        first = np.unique(taken.mount, return_index=True)[1][taken.mount]
-        since_s = taken.time_s - taken.time_s[first]
+        first = np.unique(conditions.mount, return_index=True)[1][conditions.mount]
+        since_s = conditions.time_s - conditions.time_s[first]
         nominal = (0.0,) * len(PARAMETER_NAMES)
-        by_tolerance = derivatives(geometry, nominal, taken) * tolerance_mm
-        exact = Model(geometry).readings(taken)
+        by_tolerance = derivatives(geometry, nominal, conditions) * tolerance_mm
+        exact = Model(geometry).readings(conditions)
         worn = [EffectInstance(Backlash(), carriage, (PLAY_MM,)) for carriage in "xyz"]
         by_play = np.array(
-            [Model(geometry, effects=(play,)).readings(taken) - exact for play in worn]
+            [Model(geometry, effects=(play,)).readings(conditions) - exact for play in worn]
         )
-        one_mount = taken.mount[:, None] == taken.mount
-        place = numbered(taken.leg, taken.axis, taken.station, taken.level, taken.over_plane)
-        leaning_mm = 1e-3 * tilt_mrad / 2.0 * np.nan_to_num(taken.along_mm - taken.along_mm[first])
+        one_mount = conditions.mount[:, None] == conditions.mount
+        place = numbered(
+            conditions.leg,
+            conditions.axis,
+            conditions.station,
+            conditions.level,
+            conditions.over_plane,
+        )
+        leaning_mm = (
+            1e-3 * tilt_mrad / 2.0 * np.nan_to_num(conditions.along_mm - conditions.along_mm[first])
+        )
         drifted_mm = DRIFT_MM_S / 2.0 * since_s
         since_first = np.outer(drifted_mm, drifted_mm) + np.outer(leaning_mm, leaning_mm)
         sure = (
@@ -100,8 +108,8 @@ class CorrelatedReadings:
         """
         n = len(self.value_mm)
         covariance = (self.worn_mm2 if worn else self.sure_mm2) + np.diag(noise_mm**2)
-        known, between = covariance[:n, :n], covariance[:n, n:]
-        gain = np.linalg.solve(known, between)
+        of_taken, between = covariance[:n, :n], covariance[:n, n:]
+        gain = np.linalg.solve(of_taken, between)
         mean = self.expected_mm[n:] + gain.T @ (self.value_mm - self.expected_mm[:n])
         variance = np.diag(covariance[n:, n:] - between.T @ gain)
         return mean, np.sqrt(np.maximum(variance, noise_mm[n:] ** 2))
@@ -125,8 +133,10 @@ class CorrelatedReadings:
             precision = np.linalg.inv(self.worn_mm2[:n, :n] + np.diag(noise_mm2))
             weighed = precision @ off_mm
             likely = {}
-            own = np.diag(precision)  # of a row by itself: quick, and near to that of its group
-            far = np.abs(weighed) / own > 0.5 * np.maximum(limit_mm, reach / np.sqrt(own))
+            diagonal = np.diag(
+                precision
+            )  # of a row by itself: quick, and near to that of its group
+            far = np.abs(weighed) / diagonal > 0.5 * np.maximum(limit_mm, reach / np.sqrt(diagonal))
             for candidate in np.unique(group[far & (noise_mm2 < ZERO_MM**2)]).tolist():
                 rows = np.flatnonzero(group == candidate)
                 alone_mm2 = np.linalg.inv(precision[np.ix_(rows, rows)])

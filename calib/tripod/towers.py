@@ -91,10 +91,12 @@ class Towers:
         across = geometry.anchors[:, :2]
         radii = np.hypot(*across.T)
         if not upright or (one_circle and np.ptp(radii) > ON_CIRCLE_MM):
-            shown = ", ".join(f"{radius:.3f}" for radius in radii)
+            radii_words = ", ".join(f"{radius:.3f}" for radius in radii)
             raise ImpossibleRequest(
                 "kinematics of upright towers",
-                f"towers at {shown} mm from the tool" if upright else "drives along other lines",
+                f"towers at {radii_words} mm from the tool"
+                if upright
+                else "drives along other lines",
                 "three drives along +z" + " at one distance from it" * one_circle,
                 "Is this the machine file of what the controller believes?",
             )
@@ -115,8 +117,8 @@ class Towers:
     def apart_deg(self, angles_deg: Sequence[float]) -> list[list[float]]:
         """How far each of these places is from the tower of each drive, degrees."""
         turn = self.angle_deg - np.array(angles_deg)[:, None]
-        found: list[list[float]] = np.abs((turn + 180.0) % 360.0 - 180.0).tolist()
-        return found
+        apart: list[list[float]] = np.abs((turn + 180.0) % 360.0 - 180.0).tolist()
+        return apart
 
     def carriages_mm(self, tool_mm: FloatArray) -> FloatArray:
         """Heights of the carriages ``(n, 3)`` that the firmware commands for tools ``(n, 3)``."""
@@ -174,14 +176,16 @@ class Entered:
         way up to the switch its steps are longer.
         """
         up = (1.0 + self.stretch) * np.array(now_mm)
-        found = up + self.now.span_mm + self.change_mm - self.towers.span_mm
-        stops: list[float] = found.tolist()
+        endstops = up + self.now.span_mm + self.change_mm - self.towers.span_mm
+        stops: list[float] = endstops.tolist()
         return stops
 
 
-def tower_model(model: Model, change_mm: FloatArray, kept: Sequence[StageEffect]) -> Model:
+def tower_model(model: Model, change_mm: FloatArray, kept_effects: Sequence[StageEffect]) -> Model:
     """What joints are to hold of a model whose towers went into the kinematics."""
-    return model.with_parameters(np.concatenate([change_mm, np.zeros(3)])).with_effects(tuple(kept))
+    return model.with_parameters(np.concatenate([change_mm, np.zeros(3)])).with_effects(
+        tuple(kept_effects)
+    )
 
 
 def entered(model: Model, entries: TowerEntries) -> Entered:
@@ -224,28 +228,28 @@ def entered(model: Model, entries: TowerEntries) -> Entered:
     def at_zero_mm(values: FloatArray, way: float) -> FloatArray:
         return np.asarray(machine_at(model, believed_mm(values, zero), way).tool_mm[0])
 
-    nothing, own = np.zeros(ends[-1]), _of_model(model, now, entries, travels=travels)
+    nothing, own_values = np.zeros(ends[-1]), _of_model(model, now, entries, travels=travels)
     sizes = (1.0, now.radius_mm.mean(), np.abs(points[:, 2]).max())
     across = np.repeat(sizes, [sum(counts[1:3]), *counts[3:]])
     across *= RESTRAINT * entries.lengths  # one length, or one radius, follows what it must
-    kept = slice(0, 3) if entries.radii and entries.angles else slice(2, 3)
+    free_shift = slice(0, 3) if entries.radii and entries.angles else slice(2, 3)
     ways = (1.0, -1.0) if model.effects else (1.0,)
     standing = {way: at_zero_mm(nothing, way) for way in ways}
 
     def off_mm(values: FloatArray) -> FloatArray:
-        apart = across * (values - own)[3:]
+        apart = across * (values - own_values)[3:]
         rows = [math.sqrt(len(ways) * len(points)) * apart]
         for way in ways:
             off = machine_at(model, believed_mm(values, points), way).tool_mm - points
             if geometry.set_at_zero:
                 at_zero = at_zero_mm(values, way)
                 # as heavy as all places together squared: it is no part of the bargain
-                rows.append(len(points) * (at_zero - standing[way])[kept])
+                rows.append(len(points) * (at_zero - standing[way])[free_shift])
                 off = off - at_zero
             rows.append(off.ravel())
         return np.concatenate(rows)
 
-    solution = least_squares(off_mm, own, xtol=STEP, ftol=None, gtol=None).x
+    solution = least_squares(off_mm, own_values, xtol=STEP, ftol=None, gtol=None).x
     towers, change, stretch = read(solution)
     moved_mm = at_zero_mm(solution, 1.0) - standing[1.0]
     after_mm = tool_error_mm(model, lambda tool_mm: believed_mm(solution, tool_mm))
@@ -292,5 +296,5 @@ def each_alone(model: Model, entries: TowerEntries) -> Iterator[tuple[str, float
         if values.any():
             yield name, entered(nominal.with_parameters(values), entries).after_mm
     for effect_id in dict.fromkeys(effect.id for effect in model.effects):
-        same = tuple(effect for effect in model.effects if effect.id == effect_id)
-        yield effect_id, entered(nominal.with_effects(same), entries).after_mm
+        alike = tuple(effect for effect in model.effects if effect.id == effect_id)
+        yield effect_id, entered(nominal.with_effects(alike), entries).after_mm

@@ -56,8 +56,8 @@ def workspace_points(
     if near_zero:
         low, high = np.maximum(low, -NEAR_ZERO_MM), np.minimum(high, NEAR_ZERO_MM)
     points = _grid(_middles(low, high, cells_per_axis))
-    kept = points[geometry.stands(points)]
-    if not len(kept):
+    reached_points = points[geometry.stands(points)]
+    if not len(reached_points):
         limits = f"{geometry.travel_min_mm:g} … {geometry.travel_max_mm:g} mm"
         raise CalibrationError(
             "workspace",
@@ -65,8 +65,8 @@ def workspace_points(
             f"places that the joint limits {limits} and the bars allow",
             "Change workspace_mm or the joint limits in the machine file.",
         )
-    kept.flags.writeable = False
-    return kept
+    reached_points.flags.writeable = False
+    return reached_points
 
 
 def _grid(axes: Sequence[FloatArray]) -> FloatArray:
@@ -95,14 +95,14 @@ def machine_at(model: Model, joint_mm: FloatArray, way: float) -> Flow:
 
     1 is upwards, -1 downwards. Raises UnreachablePosture.
     """
-    taken = reached(len(joint_mm), way)
-    return posture(model.geometry, model.parameters_mm, taken, joint_mm, model.effects)
+    conditions = reached(len(joint_mm), way)
+    return posture(model.geometry, model.parameters_mm, conditions, joint_mm, model.effects)
 
 
 def reached(count: int, way: float) -> Conditions:
     """Conditions of so many postures of the tool, all carriages having come one way."""
-    taken = tool_conditions(np.zeros((count, 3)))
-    return replace(taken, movement=np.full((count, 3), way))
+    planned = tool_conditions(np.zeros((count, 3)))
+    return replace(planned, movement=np.full((count, 3), way))
 
 
 PLANES = ((0, 1), (1, 2), (0, 2))
@@ -140,9 +140,9 @@ def plane_map(
     tool = np.zeros((points, points, 3))
     tool[:, :, plane[0]] = across[None, :]
     tool[:, :, plane[1]] = up[:, None]
-    found, stands = np.full((points, points), np.nan), geometry.stands(tool)
-    found[stands] = values(tool[stands])
-    return PlaneMap("xyz"[plane[0]], "xyz"[plane[1]], across, up, found)
+    on_plane, stands = np.full((points, points), np.nan), geometry.stands(tool)
+    on_plane[stands] = values(tool[stands])
+    return PlaneMap("xyz"[plane[0]], "xyz"[plane[1]], across, up, on_plane)
 
 
 def transmission(geometry: Geometry, tool_mm: FloatArray) -> FloatArray:
@@ -172,10 +172,10 @@ def passive_angles(geometry: Geometry, tool_mm: FloatArray) -> FloatArray:
     names = list(geometry.across)
     angles = np.empty((*bars.shape[:-1], 2))
     for leg, name in enumerate(LEG_NAMES):
-        of_leg = sorted(one for one in names if one[0] == name)
+        of_leg = sorted(drive for drive in names if drive[0] == name)
         cyclic = [name + LEG_NAMES[(leg + k) % 3] for k in (1, 2)]
         first, second = (
-            geometry.across[one] for one in (cyclic if geometry.common_zero else of_leg)
+            geometry.across[drive] for drive in (cyclic if geometry.common_zero else of_leg)
         )
         bar = bars[..., leg, :]
         angles[..., leg, 0] = np.arctan2(bar @ first, -bar @ geometry.directions[leg])
@@ -218,7 +218,7 @@ def posture_of_tool(geometry: Geometry, tool_mm: Triple) -> PostureOfTool:
     tool = np.array(tool_mm)
     carriage = inverse(geometry, tool)
     covered = np.sqrt(geometry.reach_mm2(tool))
-    others = carriage + (np.array(WORKING_MODES) - 1.0) * covered - geometry.zero_mm
+    travels = carriage + (np.array(WORKING_MODES) - 1.0) * covered - geometry.zero_mm
     feet = geometry.anchors + geometry.directions * carriage[:, None]
     theta, beta = np.degrees(passive_angles(geometry, tool)).T
     return PostureOfTool(
@@ -228,8 +228,8 @@ def posture_of_tool(geometry: Geometry, tool_mm: Triple) -> PostureOfTool:
         beta,
         transmission(geometry, tool),
         tuple(
-            WorkingMode(signs, tuple(one))
-            for signs, one in zip(WORKING_MODES, others.tolist(), strict=True)
+            WorkingMode(signs, tuple(travel))
+            for signs, travel in zip(WORKING_MODES, travels.tolist(), strict=True)
         ),
         trilaterate(feet, geometry.lengths, -geometry.side),
     )
@@ -345,9 +345,9 @@ def largest_cube(geometry: Geometry, limit: float) -> LargestCube | None:
             low, side = grown[best], side + step
             continue
         moved = low + step * BESIDE  # to where the next step may fit
-        same = _worst(geometry, moved, side)
-        best = int(same.argmin())
-        if same[best] < same[HERE] - CLEARER:
+        moved_worst = _worst(geometry, moved, side)
+        best = int(moved_worst.argmin())
+        if moved_worst[best] < moved_worst[HERE] - CLEARER:
             low = moved[best]
         else:
             step /= 2.0
@@ -364,6 +364,6 @@ def _worst(geometry: Geometry, low: FloatArray, side: float) -> FloatArray:
     along = np.concatenate([ends, near], axis=1)[:, : 5 if side else 1]  # (n, nodes, 3)
     index = np.array(list(product(range(along.shape[1]), repeat=3)))
     tool = low[:, None, :] + np.stack([along[:, index[:, k], k] for k in range(3)], axis=-1)
-    found, stands = np.full(tool.shape[:2], np.inf), geometry.stands(tool)
-    found[stands] = distortion(geometry, tool[stands])
-    return np.asarray(found.max(axis=1))
+    worst, stands = np.full(tool.shape[:2], np.inf), geometry.stands(tool)
+    worst[stands] = distortion(geometry, tool[stands])
+    return np.asarray(worst.max(axis=1))

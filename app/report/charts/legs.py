@@ -56,13 +56,13 @@ def leg_figures(solved: SessionSolution) -> tuple[LegFigure, ...]:
     curves = solved.curves
     several = len({curve.station for curve in curves if not curve.over_plane}) > 1
     readings = [_readings(curve) for curve in curves]
-    left = [_left(curve) for curve in curves]
+    figures_left = [_left(curve) for curve in curves]
     noise = solved.solution.noise  # of residuals it is what the pictures show
-    known = noise.source != "residuals"
-    noise_um = NOISE_ROOM * UM_PER_MM * noise.standard_deviation_mm if known else 0.0
-    readings, left = _on_one_scale(readings), _on_one_scale(left, noise_um)
+    noise_known = noise.source != "residuals"
+    noise_um = NOISE_ROOM * UM_PER_MM * noise.standard_deviation_mm if noise_known else 0.0
+    readings, figures_left = _on_one_scale(readings), _on_one_scale(figures_left, noise_um)
     figures = []
-    for curve, above, below in zip(curves, readings, left, strict=True):
+    for curve, above, below in zip(curves, readings, figures_left, strict=True):
         title = leg_words(curve, several=several)
         enlarged = UM_PER_MM * _height(above) / _height(below)
         words = f"{left_by(solved)}, {enlarged:.3g} times enlarged"
@@ -117,7 +117,9 @@ def _left(curve: LegCurve) -> Chart:
     for mount, *point in zip(mounts, at_mm, left_um, strict=True):
         ways.setdefault(mount, []).append((point[0], point[1]))
     lines = tuple(Stroke(StrokeStyle.DOTTED, tuple(points)) for points in ways.values())
-    series = tuple(replace(one, name="") for one in _series(curve, left_um))  # named above
+    series = tuple(
+        replace(series_part, name="") for series_part in _series(curve, left_um)
+    )  # named above
     words = "displacement, mm"
     if curve.leg == TOOL:
         words = "number of the position"
@@ -134,7 +136,11 @@ def _series(curve: LegCurve, values: Sequence[float]) -> tuple[Series, ...]:
     for row, (at, value, approach) in enumerate(rows):
         mark = FIRST if row in first else UP if approach > 0 else DOWN if approach < 0 else OTHER
         points[mark].append((at, value))
-    return tuple(series_of(NAMES[mark], some, mark) for mark, some in points.items() if some)
+    return tuple(
+        series_of(NAMES[mark], points_of_mark, mark)
+        for mark, points_of_mark in points.items()
+        if points_of_mark
+    )
 
 
 def _on_one_scale(charts: Sequence[Chart], least: float = 0.0) -> list[Chart]:

@@ -59,7 +59,7 @@ def predictions_with(without: Solution, now: Solution) -> Chart:
     rows, names = _published(now)
     values = (now.differences.value_mm, without.predicted_mm, now.predicted_mm)
     series = zip(("measured", "without", "with it"), values, strict=True)
-    return _differences(names, *((name, one[rows]) for name, one in series))
+    return _differences(names, *((name, column[rows]) for name, column in series))
 
 
 def residuals_with(without: Solution, now: Solution) -> Chart:
@@ -68,7 +68,7 @@ def residuals_with(without: Solution, now: Solution) -> Chart:
     The scale has room for as much with the other sign: that is left at twice the size that fits.
     """
     rows, names = _published(now)
-    before_um, now_um = (1000.0 * one.left_mm[rows] for one in (without, now))
+    before_um, now_um = (1000.0 * solution.left_mm[rows] for solution in (without, now))
     chart = _differences(names, ("without", before_um), ("with it", now_um))
     room = tuple((-before_um).tolist())
     return replace(chart, title="Left of the differences", y_words="µm", room=room)
@@ -76,15 +76,15 @@ def residuals_with(without: Solution, now: Solution) -> Chart:
 
 def before_and_after(before: Solution, after: Solution) -> Chart:
     """The differences before and after the offsets were entered."""
-    found, again = before.differences, after.differences
-    later = {name: k for k, name in enumerate(again.names)}
-    rows = [k for k in found.published_rows if found.names[k] in later]
-    names = [found.names[k] for k in rows]
+    differences, differences_after = before.differences, after.differences
+    later = {name: k for k, name in enumerate(differences_after.names)}
+    rows = [k for k in differences.published_rows if differences.names[k] in later]
+    names = [differences.names[k] for k in rows]
     partners = [later[name] for name in names]
     return _differences(
         names,
-        ("before", found.value_mm[rows], before.difference_uncertainty_mm[rows]),
-        ("after", again.value_mm[partners], after.difference_uncertainty_mm[partners]),
+        ("before", differences.value_mm[rows], before.difference_uncertainty_mm[rows]),
+        ("after", differences_after.value_mm[partners], after.difference_uncertainty_mm[partners]),
     )
 
 
@@ -194,7 +194,7 @@ def residuals_over_time(solved: SessionSolution) -> Chart:
             if several:
                 name = f"session {1 + solved.names.index(session)}"
             points.setdefault(name, []).append((reading.time_s / 60.0, 1000.0 * residual_mm))
-    series = tuple(series_of(name, found) for name, found in points.items())
+    series = tuple(series_of(name, points_of_name) for name, points_of_name in points.items())
     return Chart("Residuals", "minutes", "residual, µm", series)
 
 
@@ -217,23 +217,23 @@ def residuals_over_normal(solved: SessionSolution) -> Chart:
     )
 
 
-def control_charts(found: MachineHistory) -> tuple[LegFigure, ...]:
+def control_charts(machine: MachineHistory) -> tuple[LegFigure, ...]:
     """A control chart of each joint offset, and below it what the tool was off by.
 
     With centre and limits of each phase, and lines where the records tell of a change.
     """
-    started_mm = found.points[0].entry.offsets_mm or ()
-    marks = tuple(d for d, point in zip(found.days, found.points, strict=True) if point.event)
-    tool_um = [1000.0 * point.entry.bound_before_mm for point in found.points]
-    tolerance_mm = found.last.machine.tool_tolerance_mm
+    started_mm = machine.points[0].entry.offsets_mm or ()
+    marks = tuple(d for d, point in zip(machine.days, machine.points, strict=True) if point.event)
+    tool_um = [1000.0 * point.entry.bound_before_mm for point in machine.points]
+    tolerance_mm = machine.last.machine.tool_tolerance_mm
     limit = [
-        Stroke(StrokeStyle.DOTTED, tuple((d, 1000.0 * (tolerance_mm or 0.0)) for d in found.days))
+        Stroke(StrokeStyle.DOTTED, tuple((d, 1000.0 * (tolerance_mm or 0.0)) for d in machine.days))
     ]
     tool = Chart(
         "tool error, at most, as found; dotted: tolerance",
         "days since the first session",
         "µm",
-        (series_of("", list(zip(found.days, tool_um, strict=True)), FIRST),),
+        (series_of("", list(zip(machine.days, tool_um, strict=True)), FIRST),),
         marks=marks,
         strokes=tuple(limit if tolerance_mm else []),
     )
@@ -241,21 +241,25 @@ def control_charts(found: MachineHistory) -> tuple[LegFigure, ...]:
         LegFigure(
             title,
             f"Joint {LEG_NAMES[k]}",
-            replace(_control_chart(found, k, start_mm), title=title, marks=marks),
+            replace(_control_chart(machine, k, start_mm), title=title, marks=marks),
             tool,
         )
         for k, start_mm in enumerate(started_mm)
-        for title in [f"{found.machine}, joint {LEG_NAMES[k]}, change of the offset"]
+        for title in [f"{machine.machine}, joint {LEG_NAMES[k]}, change of the offset"]
     )
 
 
-def _control_chart(found: MachineHistory, joint: int, start_mm: float) -> Chart:
-    one = found.joints[joint]
-    values = list(zip(found.days, (1000.0 * one.change).tolist(), strict=True))
-    chart = one.chart
-    told = [new or bool(rules) for new, rules in zip(chart.changed, chart.signals, strict=True)]
+def _control_chart(machine: MachineHistory, joint: int, start_mm: float) -> Chart:
+    joint_history = machine.joints[joint]
+    values = list(zip(machine.days, (1000.0 * joint_history.change).tolist(), strict=True))
+    chart = joint_history.chart
+    marks_shown = [
+        new or bool(rules) for new, rules in zip(chart.changed, chart.signals, strict=True)
+    ]
     phases: dict[tuple[float, float], list[float]] = {}
-    for day, centre, limit in zip(found.days, one.chart.centre, one.chart.limit, strict=True):
+    for day, centre, limit in zip(
+        machine.days, joint_history.chart.centre, joint_history.chart.limit, strict=True
+    ):
         phases.setdefault((float(centre), float(limit)), []).append(day)
     strokes = []
     for (centre, limit), days in phases.items():
@@ -268,9 +272,15 @@ def _control_chart(found: MachineHistory, joint: int, start_mm: float) -> Chart:
             if not math.isnan(um):  # a phase of one session has no limits
                 strokes.append(Stroke(style, tuple((day, um) for day in days)))
     parts = {
-        "session": [value for value, new in zip(values, told, strict=True) if not new],
-        "changed, or a rule": [value for value, new in zip(values, told, strict=True) if new],
+        "session": [value for value, new in zip(values, marks_shown, strict=True) if not new],
+        "changed, or a rule": [
+            value for value, new in zip(values, marks_shown, strict=True) if new
+        ],
     }
     marked = zip(parts.items(), (FIRST, OTHER), strict=True)
-    series = tuple(series_of(name, some, mark) for (name, some), mark in marked if some)
+    series = tuple(
+        series_of(name, points_of_mark, mark)
+        for (name, points_of_mark), mark in marked
+        if points_of_mark
+    )
     return Chart("", "", "µm", series, strokes=tuple(strokes))

@@ -159,7 +159,7 @@ def _entered(calibration: Calibration) -> tuple[str, list[Quantity]]:
         ]
         radius = Quantity("radius", change.radius.then, UNITS["mm"])
         return "Values that the firmware of the printer is to hold.", [*towers, radius]
-    standard, expanded = (each.tolist() for each in solved.corrections.uncertainties_mm())
+    standard, expanded = (column.tolist() for column in solved.corrections.uncertainties_mm())
     values = zip(LEG_NAMES, solved.joint_offsets_mm, expanded, standard, strict=True)
     return (
         "True position of a joint = believed position + d_rho; added to what was entered before.",

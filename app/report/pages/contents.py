@@ -185,34 +185,35 @@ def _sessions(sessions: Sequence[Session]) -> list[Table]:
     """Who measured what, when, how warm and with what; some sessions beside each other."""
     if len(sessions) > BESIDE:
         return [*_sessions(sessions[:BESIDE]), *_sessions(sessions[BESIDE:])]
-    table = new_table("session", *(one.name for one in sessions), left=1 + len(sessions))
+    table = new_table("session", *(record.name for record in sessions), left=1 + len(sessions))
     opened = [session.opened for session in sessions]
     contacts = all(session.of_contacts for session in sessions)
     rows: dict[str, list[str]] = {
-        "origin": [one.origin for one in opened],
-        "began": [f"{one.at:%Y-%m-%d %H:%M %Z}" for one in opened],
-        "operator": [one.operator for one in opened],
+        "origin": [record.origin for record in opened],
+        "began": [f"{record.at:%Y-%m-%d %H:%M %Z}" for record in opened],
+        "operator": [record.operator for record in opened],
         "temperature": [
-            "" if one.temperature_c is None else f"{one.temperature_c:g} °C" for one in opened
+            "" if record.temperature_c is None else f"{record.temperature_c:g} °C"
+            for record in opened
         ],
-        "procedure": [one.procedure.name if one.procedure else "" for one in opened],
+        "procedure": [record.procedure.name if record.procedure else "" for record in opened],
         "probe" if contacts else "indicators": [
-            "\n".join(map(indicator_words, one.instruments)) for one in opened
+            "\n".join(map(indicator_words, record.instruments)) for record in opened
         ],
-        "measured with": [one.program for one in opened],
+        "measured with": [record.program for record in opened],
         "contacts that count" if contacts else "readings that count": [
-            f"{len(one.readings)} of {len(one.all_readings)}" for one in sessions
+            f"{len(record.readings)} of {len(record.all_readings)}" for record in sessions
         ],
         **(
-            {"distances between marks": [f"{len(one.distances)}" for one in sessions]}
-            if any(one.distances for one in sessions)
+            {"distances between marks": [f"{len(record.distances)}" for record in sessions]}
+            if any(record.distances for record in sessions)
             else {}
         ),
-        "SHA-256 of the last line": [one.digest for one in sessions],
+        "SHA-256 of the last line": [record.digest for record in sessions],
     }
     for heading, values in rows.items():
         table.add_row(heading, *(value or "not stated" for value in values))
-    notes = ["\n".join((*one.opened.remarks, *one.notes)) for one in sessions]
+    notes = ["\n".join((*record.opened.remarks, *record.notes)) for record in sessions]
     if any(notes):
         table.add_row("notes", *notes)
     return [table]
@@ -224,9 +225,9 @@ def _set_ups(session: Session) -> list[Picture]:
     for step in session.steps():
         first.setdefault(step.leg, step)
     drawn = [drawn_set_up(session, step, session.opened.instruments) for step in first.values()]
-    shown = [one for one in drawn if one is not None]
+    drawings = [drawing for drawing in drawn if drawing is not None]
     caption = "Where the indicators stood; + is where readings grow."
-    return [Picture(drawings_svg(shown), caption)] if shown else []
+    return [Picture(drawings_svg(drawings), caption)] if drawings else []
 
 
 def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Section:
@@ -236,10 +237,15 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
     table = new_table("joint", "entered when measured, mm", "add, mm", "± U (95 %)", "together, mm")
     held_mm, added_mm = machine.entered_offsets_mm, solved.joint_offsets_mm
     wide_mm = solved.corrections.half_widths_mm().tolist()
-    for name, held, added, wide in zip(LEG_NAMES, held_mm, added_mm, wide_mm, strict=True):
-        row = shown_value(held), shown_value(added), uncertain(wide, 4), shown_value(held + added)
+    for name, now_mm, added, wide in zip(LEG_NAMES, held_mm, added_mm, wide_mm, strict=True):
+        row = (
+            shown_value(now_mm),
+            shown_value(added),
+            uncertain(wide, 4),
+            shown_value(now_mm + added),
+        )
         table.add_row(name, *row)
-    said = (
+    sentence = (
         "True position of a joint = believed position + offset. These are the values that glidecal "
         "export writes for a controller that holds joint offsets, on top of those entered when it "
         f"was measured. They leave least of the tool's error, {FRAME_WORDS[correction.frame]}."
@@ -253,7 +259,7 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
                 *doubt_lines(solved),
                 *change_parts(solved, change),
                 bound_table(correction.frame, correction.off_now, change.off),
-                *(effect_words(one, machine) for one in named),
+                *(effect_words(effect, machine) for effect in named),
             ],
         )
     return Section(
@@ -261,7 +267,7 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
         [
             judged,
             DECISION_RULE,
-            said,
+            sentence,
             *warning_lines(solved, correction),
             table,
             bound_table(correction.frame, correction.off_now, correction.off),
@@ -269,7 +275,7 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
             "" if solved.reads_tool else UNSEEN,
             gains_table(solved),
             *left_out_lines(correction.left_out),
-            *(effect_words(one, machine) for one in named),
+            *(effect_words(effect, machine) for effect in named),
         ],
     )
 
@@ -311,17 +317,17 @@ def _budget(solved: SessionSolution) -> Section:
     """What the uncertainties of the view are made of."""
     solution = solved.solution
     sources = solution.budget_mm
-    together, left = solution.expanded_with_tolerances_mm, solution.inflated_expanded_mm
+    together, inflated = solution.expanded_with_tolerances_mm, solution.inflated_expanded_mm
     of_values = new_table("± in mm (95 %)", *sources, "± U together", "if what is left is noise")
-    columns = (*sources.values(), together, left)
-    for name, *row in zip(solution.names, *(one.tolist() for one in columns), strict=True):
+    columns = (*sources.values(), together, inflated)
+    for name, *row in zip(solution.names, *(column.tolist() for column in columns), strict=True):
         of_values.add_row(name, *(uncertain(mm, 4) if mm > LEAST_MM else "0" for mm in row))
-    said = (
+    sentence = (
         "The sources are independent; U is the root of the sum of their squares. The last column "
         "is for the case that what the parameters leave is noise. The bound at the tool is not "
         "made of these: it is over everything that may be true of the machine."
     )
-    return Section("Uncertainty budget of these parameters", [said, of_values])
+    return Section("Uncertainty budget of these parameters", [sentence, of_values])
 
 
 def _again(verified: Verification) -> Section:
@@ -343,36 +349,36 @@ def _again(verified: Verification) -> Section:
 
 def _missing(diagnosed: SessionDiagnosis) -> Section:
     """The diagnosis: where readings and model disagree, and which effects explain it."""
-    found = diagnosed.diagnosis
-    residuals = svg_of(residuals_before_and_after(found.residuals.cells))
+    diagnosis = diagnosed.diagnosis
+    residuals = svg_of(residuals_before_and_after(diagnosis.residuals.cells))
     return Section(
         "What is missing from the model",
         [
-            gap_text(found),
-            effects_text(found.effects, tower_names(diagnosed.sessions[0].opened.machine)),
-            *_evidence(found),
+            gap_text(diagnosis),
+            effects_text(diagnosis.effects, tower_names(diagnosed.sessions[0].opened.machine)),
+            *_evidence(diagnosis),
             Picture(residuals, "Mean residual of each posture; grey: twice its noise."),
         ],
     )
 
 
-def _evidence(found: Diagnosis) -> Sequence[Table | Picture]:
+def _evidence(diagnosis: Diagnosis) -> Sequence[Table | Picture]:
     """What speaks for the names, and for those that were not given."""
-    if not (candidates := shown_candidates(found)):
+    if not (candidates := shown_candidates(diagnosis)):
         return ()
     bars = [
         (
-            printable(f"{one.id} ({one.where})"),
-            1000.0 * one.gap_rms_after_mm,
-            not one.reason_rejected,
+            printable(f"{candidate.id} ({candidate.where})"),
+            1000.0 * candidate.gap_rms_after_mm,
+            not candidate.reason_rejected,
         )
-        for one in candidates
+        for candidate in candidates
     ]
-    said = (
+    sentence = (
         "Evidence: what each candidate leaves of the gap. The shorter its bar, the more the "
         "readings speak for it; it is named where nothing else explains them as well."
     )
-    picture = Picture(evidence_svg(bars, 1000.0 * found.gap_before.rms_mm), said)
+    picture = Picture(evidence_svg(bars, 1000.0 * diagnosis.gap_before.rms_mm), sentence)
     return candidates_table(candidates), picture
 
 
@@ -393,7 +399,7 @@ def _fit(solved: SessionSolution) -> Section:
 
 def _legs(legs: tuple[LegFigure, ...]) -> Section:
     """Each leg and axis over its travel."""
-    said = (
+    sentence = (
         "Readings over the displacement, the fit of offsets and lengths as a line, and below, "
         "enlarged, what it leaves. A thin line joins the readings in time. All have the same "
         "scales. Play is a split between the directions, a tilt a slope, a screw a wave, a bow a "
@@ -401,14 +407,17 @@ def _legs(legs: tuple[LegFigure, ...]) -> Section:
     )
     rows = leg_rows(legs)
     pictures = [Picture(legs_svg(row), "; ".join(leg.title for leg in row)) for row in rows]
-    return Section("Each leg over its travel", [said, *pictures])
+    return Section("Each leg over its travel", [sentence, *pictures])
 
 
 def _doubted(solved: SessionSolution, sessions: Sequence[Session]) -> Section:
     """Readings that were questioned, superseded or do not fit their repeats; steps left out."""
-    suspects = {(one.session, one.reading.reading): one.studentised for one in solved.suspects}
+    suspects = {
+        (suspect.session, suspect.reading.reading): suspect.studentised
+        for suspect in solved.suspects
+    }
     table = new_table("session", "no.", "at", "value, mm", "", left=3)
-    said = []
+    lines = []
     for session in sessions:
         for reading in session.all_readings:
             why = [_state(session, reading)]
@@ -417,36 +426,36 @@ def _doubted(solved: SessionSolution, sessions: Sequence[Session]) -> Section:
             if words := "; ".join(filter(None, why)):
                 of = (session.name, f"{reading.reading}", reading.place_words)
                 table.add_row(*of, signed(reading.value_mm, 4), words)
-        said += [f"{session.name}: {words}" for words in left_out_words(session)]
+        lines += [f"{session.name}: {words}" for words in left_out_words(session)]
     none = "No reading was questioned or superseded, and all fit their repeats."
-    return Section("Questioned and superseded readings", [*said, table if table.rows else none])
+    return Section("Questioned and superseded readings", [*lines, table if table.rows else none])
 
 
 def _readings(session: Session) -> Section:
     """Every reading that was taken, those that do not count too; those of one posture in a row."""
     readings = session.all_readings
-    axes = sorted({one.axis for one in readings})
+    axes = sorted({reading.axis for reading in readings})
     values = [f"{axis}, mm" for axis in axes]
     table = new_table("no.", "mounting", "at", "station", *values, "time, min", "°C", "", left=3)
-    several = len({one.station for one in readings}) > 1
+    several = len({reading.station for reading in readings}) > 1
     rows: list[tuple[tuple[str, ...], dict[str, Reading]]] = []
-    for one in readings:
+    for reading in readings:
         state = (
-            one.place_words,
-            f"{one.station:g}" if several else "",
-            f"{one.cycle}",
-            "" if one.time_s is None else f"{one.time_s / 60.0:.1f}",
-            "" if one.temperature_c is None else f"{one.temperature_c:g}",
-            _state(session, one),
+            reading.place_words,
+            f"{reading.station:g}" if several else "",
+            f"{reading.cycle}",
+            "" if reading.time_s is None else f"{reading.time_s / 60.0:.1f}",
+            "" if reading.temperature_c is None else f"{reading.temperature_c:g}",
+            _state(session, reading),
         )
-        if not rows or rows[-1][0] != state or one.axis in rows[-1][1]:
+        if not rows or rows[-1][0] != state or reading.axis in rows[-1][1]:
             rows.append((state, {}))
-        rows[-1][1][one.axis] = one
-    for (place, station, _, *others), taken in rows:
-        numbers = ", ".join(f"{one.reading}" for one in taken.values())
-        mounts = ", ".join(dict.fromkeys(one.mount for one in taken.values()))
-        shown = [signed(taken[axis].value_mm, 4) if axis in taken else "" for axis in axes]
-        table.add_row(numbers, mounts, place, station, *shown, *others)
+        rows[-1][1][reading.axis] = reading
+    for (place, station, _, *more_places), by_axis in rows:
+        numbers = ", ".join(f"{reading.reading}" for reading in by_axis.values())
+        mounts = ", ".join(dict.fromkeys(reading.mount for reading in by_axis.values()))
+        texts = [signed(by_axis[axis].value_mm, 4) if axis in by_axis else "" for axis in axes]
+        table.add_row(numbers, mounts, place, station, *texts, *more_places)
     return Section(
         f"{'Contacts' if session.of_contacts else 'Readings'} of {session.name}", [table]
     )

@@ -88,8 +88,8 @@ WHOLE_UM = 20.0
 
 def svg_of(chart: Chart) -> str:
     """A chart of points; a grey field is noise."""
-    shown = [series for series in chart.series if series.name != NOISE]
-    more_in = ROW_IN * ((len(shown) - 1) // IN_A_ROW)
+    visible = [series for series in chart.series if series.name != NOISE]
+    more_in = ROW_IN * ((len(visible) - 1) // IN_A_ROW)
     with _figure(WIDTH_IN, HEIGHT_IN + more_in, top_in=TOP_IN + more_in) as ((axes,), out):
         for series in chart.series:
             if series.name == NOISE:
@@ -97,7 +97,7 @@ def svg_of(chart: Chart) -> str:
         for stroke in chart.strokes:
             axes.plot(*zip(*stroke.points, strict=True), **CURVES[stroke.style])
         points: list[Line2D] = []
-        for number, series in enumerate(shown):
+        for number, series in enumerate(visible):
             marker, colour = MARKERS[number % len(MARKERS)], COLOURS[number % len(COLOURS)]
             points += axes.plot(series.x, series.y, marker, ms=3, label=series.name, color=colour)
         axes.axhline(0.0, color="0.4", lw=0.6)
@@ -110,18 +110,20 @@ def svg_of(chart: Chart) -> str:
 
 def legs_svg(figures: Sequence[LegFigure]) -> str:
     """One or two legs or axes beside each other, what is left of the readings below each."""
-    with _figure(WIDTH_IN, LEGS_IN, 2, rows=2, top_in=TOP_IN + 1.2 * ROW_IN) as (every, out):
-        for column, axes in enumerate(every[:2]):
-            below = every[2 + column]
+    with _figure(WIDTH_IN, LEGS_IN, 2, rows=2, top_in=TOP_IN + 1.2 * ROW_IN) as (all_axes, out):
+        for column, axes in enumerate(all_axes[:2]):
+            below = all_axes[2 + column]
             if column < len(figures):
                 draw_leg(figures[column], axes, below)
                 for part in (axes, below):
-                    _merge_points(part, [one for one in part.lines if one.get_marker() in POINTS])
+                    _merge_points(
+                        part, [line for line in part.lines if line.get_marker() in POINTS]
+                    )
             else:
                 axes.set_axis_off()
                 below.set_axis_off()
-        every[0].figure.legend(
-            *every[0].get_legend_handles_labels(),
+        all_axes[0].figure.legend(
+            *all_axes[0].get_legend_handles_labels(),
             frameon=False,
             ncols=IN_A_ROW,
             loc="upper left",
@@ -137,15 +139,15 @@ def leg_sheet_svg(figures: Sequence[LegFigure]) -> str:
 
     Scales stand at the edges of the sheet alone: all pictures have the same.
     """
-    most = FEW_COLUMNS if len(figures) <= 2 * FEW_COLUMNS else MANY_COLUMNS
-    columns = min(len(figures), most)
+    most_columns = FEW_COLUMNS if len(figures) <= 2 * FEW_COLUMNS else MANY_COLUMNS
+    columns = min(len(figures), most_columns)
     rows = 2 * math.ceil(len(figures) / columns)
     room = {"left_in": 0.5, "top_in": 0.14, "bottom_in": 0.3, "beside_in": 0.12, "below_in": 0.16}
     height_in = room["top_in"] + room["bottom_in"] + rows * SMALL_IN
-    with _figure(WIDTH_IN, height_in, columns, rows, **room) as (every, out):
+    with _figure(WIDTH_IN, height_in, columns, rows, **room) as (all_axes, out):
         for number in range(rows // 2 * columns):
             row, column = divmod(number, columns)
-            above, below = (every[(2 * row + k) * columns + column] for k in (0, 1))
+            above, below = (all_axes[(2 * row + k) * columns + column] for k in (0, 1))
             if number >= len(figures):
                 above.set_axis_off()
                 below.set_axis_off()
@@ -156,7 +158,7 @@ def leg_sheet_svg(figures: Sequence[LegFigure]) -> str:
             below.set_title("", loc="left")
             lowest = number + columns >= len(figures)
             for axes in (above, below):
-                _merge_points(axes, [one for one in axes.lines if one.get_marker() in POINTS])
+                _merge_points(axes, [line for line in axes.lines if line.get_marker() in POINTS])
                 if not (lowest and axes is below):
                     axes.set_xticks([])  # most of the time of a small picture goes into its ticks
                 axes.tick_params(labelsize=6.0, labelleft=column == 0, pad=1.0)
@@ -174,8 +176,8 @@ def draw_leg(leg: LegFigure, above: Axes, below: Axes) -> None:
         for stroke in chart.strokes:
             if len(stroke.points) <= MOST_POINTS:
                 axes.plot(*zip(*stroke.points, strict=True), **CURVES[stroke.style])
-        for whole in chart.series:
-            series = whole if len(whole.x) <= MOST_POINTS else thinned(whole, MOST_POINTS // 2)
+        for part in chart.series:
+            series = part if len(part.x) <= MOST_POINTS else thinned(part, MOST_POINTS // 2)
             axes.plot(series.x, series.y, **POINTS[series.mark], label=series.name or None)
         axes.axhline(0.0, color="0.4", lw=0.6)
         for place in chart.marks:
@@ -219,24 +221,24 @@ def bars_svg(chart: Chart) -> str:
     crowded = longest * len(chart.x_names) > MOST_LETTERS
     more_in = LETTER_IN * longest if crowded else 0.0
     size_in = WIDTH_IN, 1.6 * HEIGHT_IN + more_in
-    with _figure(*size_in, rows=2, bottom_in=BOTTOM_IN + more_in) as ((both, alone), out):
+    with _figure(*size_in, rows=2, bottom_in=BOTTOM_IN + more_in) as ((together, alone), out):
         for series, colour in zip(chart.series, COLOURS, strict=False):
-            _bars(both, series, colour)
+            _bars(together, series, colour)
         in_um = replace(
             second,
             y=tuple(1000.0 * mm for mm in second.y),
             u=tuple(1000.0 * mm for mm in second.u),
         )
         _bars(alone, in_um, COLOURS[1])
-        both.set(ylabel=f"{chart.title}, mm")
+        together.set(ylabel=f"{chart.title}, mm")
         alone.set(ylabel=f"{second.name}, µm")
-        for axes in (both, alone):
+        for axes in (together, alone):
             axes.axhline(0.0, color="0.4", lw=0.6)
             _name_places(axes, chart)
         if crowded:
-            both.tick_params(labelbottom=False)
+            together.tick_params(labelbottom=False)
             alone.tick_params(axis="x", rotation=90)
-        _legend(both)
+        _legend(together)
     return out.getvalue()
 
 
@@ -255,8 +257,8 @@ def _bars(axes: Axes, series: Series, colour: str) -> None:
     axes.plot(*_as_one(lines), color="0.1", lw=0.8)
 
 
-def _rectangle(left: float, right: float, low: float, high: float) -> tuple[Point, ...]:
-    return (left, low), (right, low), (right, high), (left, high)
+def _rectangle(first: float, last: float, low: float, high: float) -> tuple[Point, ...]:
+    return (first, low), (last, low), (last, high), (first, high)
 
 
 def _as_one(shapes: Iterable[Sequence[Point]]) -> tuple[list[float], list[float]]:
@@ -287,8 +289,8 @@ def _legend(axes: Axes) -> None:
 def _band(axes: Axes, series: Series) -> None:
     """Noise: a grey field at each place, as wide as its points."""
     points, fields = sorted(zip(series.x, series.y, strict=True)), []
-    for _, some in groupby(points, key=lambda point: round(point[0])):
-        x, y = zip(*some, strict=True)
+    for _, column_points in groupby(points, key=lambda point: round(point[0])):
+        x, y = zip(*column_points, strict=True)
         fields.append(_rectangle(min(x), max(x), min(y), max(y)))
     axes.fill(*_as_one(fields), color="0.88", lw=0)
 
@@ -297,12 +299,12 @@ def evidence_svg(left_um: Sequence[tuple[str, float, bool]], gap_um: float) -> s
     """What each candidate, named or not, leaves of the gap, best first; the line is the gap."""
     height_in = BOTTOM_IN + TOP_IN + ROW_IN * len(left_um)
     with _figure(WIDTH_IN, height_in, left_in=1.9) as ((axes,), out):
-        for told in (True, False):
-            places = [k for k, (_, _, named) in enumerate(left_um) if named == told]
+        for is_named in (True, False):
+            places = [k for k, (_, _, named) in enumerate(left_um) if named == is_named]
             if places:
-                label = "named" if told else "not named"
+                label = "named" if is_named else "not named"
                 widths = [left_um[k][1] for k in places]
-                axes.barh(places, widths, 0.6, label=label, color=COLOURS[1 if told else 0])
+                axes.barh(places, widths, 0.6, label=label, color=COLOURS[1 if is_named else 0])
         axes.axvline(gap_um, color="0.1", lw=1.0, ls="--", label="gap without any of them")
         axes.set_yticks(range(len(left_um)), [name for name, _, _ in left_um])
         axes.grid(visible=False, axis="y")
@@ -318,22 +320,27 @@ def maps_svg(maps: Sequence[PlaneMap]) -> str:
 
     All have one scale, from 0. A dash stands where the tool does not reach.
     """
-    told = [v for one in maps for row in one.value.tolist() for v in row if math.isfinite(v)]
-    most_um = 1000.0 * max(told)
+    values = [v for plane in maps for row in plane.value.tolist() for v in row if math.isfinite(v)]
+    most_um = 1000.0 * max(values)
     decimals = 0 if most_um >= WHOLE_UM else 1
     height_in = WIDTH_IN / len(maps)
-    with _figure(WIDTH_IN, height_in, len(maps), top_in=0.06) as (every, out):
-        for axes, one in zip(every, maps, strict=True):
-            grid = [[1000.0 * value for value in row] for row in one.value.tolist()]
+    with _figure(WIDTH_IN, height_in, len(maps), top_in=0.06) as (all_axes, out):
+        for axes, plane in zip(all_axes, maps, strict=True):
+            grid = [[1000.0 * value for value in row] for row in plane.value.tolist()]
             axes.pcolormesh(
-                one.coordinate_mm, one.up_mm, grid, cmap="YlOrRd", vmin=0.0, vmax=DARKEST * most_um
+                plane.coordinate_mm,
+                plane.up_mm,
+                grid,
+                cmap="YlOrRd",
+                vmin=0.0,
+                vmax=DARKEST * most_um,
             )
-            for up_mm, row in zip(one.up_mm.tolist(), grid, strict=True):
-                for across_mm, value in zip(one.coordinate_mm.tolist(), row, strict=True):
-                    shown = f"{value:.{decimals}f}" if math.isfinite(value) else "–"
-                    axes.text(across_mm, up_mm, shown, ha="center", va="center", size=6)
+            for up_mm, row in zip(plane.up_mm.tolist(), grid, strict=True):
+                for across_mm, value in zip(plane.coordinate_mm.tolist(), row, strict=True):
+                    value_words = f"{value:.{decimals}f}" if math.isfinite(value) else "–"
+                    axes.text(across_mm, up_mm, value_words, ha="center", va="center", size=6)
             axes.grid(visible=False)
-            axes.set(xlabel=f"{one.across}, mm", ylabel=f"{one.up}, mm", aspect="equal")
+            axes.set(xlabel=f"{plane.across}, mm", ylabel=f"{plane.up}, mm", aspect="equal")
     return out.getvalue()
 
 
@@ -369,16 +376,16 @@ def pareto_svg(shares: Sequence[BudgetShare]) -> str:
         axes.grid(visible=False, axis="y")
         axes.set(xlabel="± (95 %), µm, r.m.s. of the parameters")
         axes.set_xlim(0.0, 1150.0 * shares[0].expanded_mm)
-        whole = axes.twiny()
+        share_axes = axes.twiny()
         together = [100.0 * share.cumulative for share in shares]
-        whole.plot(together, rows, "o-", color=COLOURS[1], ms=3, lw=1.0)
+        share_axes.plot(together, rows, "o-", color=COLOURS[1], ms=3, lw=1.0)
         for row, percent in zip(rows, together, strict=True):
             words = f"{percent:.0f} %"
             ground = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
             place = (percent, row), (6, -3)
-            whole.annotate(words, *place, textcoords="offset points", bbox=ground)
-        whole.grid(visible=False)
-        whole.set(xlim=(0.0, 115.0), xlabel="share of the square of U together, %")
+            share_axes.annotate(words, *place, textcoords="offset points", bbox=ground)
+        share_axes.grid(visible=False)
+        share_axes.set(xlim=(0.0, 115.0), xlabel="share of the square of U together, %")
     return out.getvalue()
 
 
@@ -388,22 +395,24 @@ def vectors_svg(maps: Sequence[tuple[str, Sequence[VectorMap]]]) -> str:
     Length and colour have one scale; the colour is the length of the whole error, also of the part
     that points out of the plane.
     """
-    told = [mm for _, row in maps for one in row for some in one.length.tolist() for mm in some]
-    most_um = 1000.0 * max(mm for mm in told if math.isfinite(mm))
+    lengths = [
+        mm for _, row in maps for plane in row for row_mm in plane.length.tolist() for mm in row_mm
+    ]
+    most_um = 1000.0 * max(mm for mm in lengths if math.isfinite(mm))
     columns = max(len(row) for _, row in maps)
     height_in = 0.95 * WIDTH_IN / columns * len(maps)
-    with _figure(WIDTH_IN, height_in, columns, len(maps), right_in=SCALE_IN) as (every, out):
+    with _figure(WIDTH_IN, height_in, columns, len(maps), right_in=SCALE_IN) as (all_axes, out):
         arrows: list[Quiver] = []
-        for number, axes in enumerate(every):
+        for number, axes in enumerate(all_axes):
             words, row = maps[number // columns]
-            one = row[number % columns]
-            across, up = one.along_across, one.along_up
+            plane = row[number % columns]
+            across, up = plane.along_across, plane.along_up
             quiver = axes.quiver(
                 across.coordinate_mm,
                 across.up_mm,
                 1000.0 * across.value,
                 1000.0 * up.value,
-                1000.0 * one.length,
+                1000.0 * plane.length,
                 cmap=mpl.colormaps["plasma"].resampled(STEPS_OF_COLOUR),
                 clim=(0.0, PALEST * most_um),
                 angles="xy",
@@ -417,8 +426,8 @@ def vectors_svg(maps: Sequence[tuple[str, Sequence[VectorMap]]]) -> str:
             axes.margins(0.15)
             if number % columns == 0:
                 axes.set_title(words, loc="left", size=7.5)
-        beside = every[0].figure.add_axes((1.0 - 0.8 * SCALE_IN / WIDTH_IN, 0.2, 0.012, 0.6))
-        every[0].figure.colorbar(arrows[0], cax=beside, label="µm")
+        beside = all_axes[0].figure.add_axes((1.0 - 0.8 * SCALE_IN / WIDTH_IN, 0.2, 0.012, 0.6))
+        all_axes[0].figure.colorbar(arrows[0], cax=beside, label="µm")
     return out.getvalue()
 
 
@@ -435,16 +444,16 @@ def drawings_svg(drawings: Sequence[Drawing]) -> str:
     """Pictures without scales beside each other."""
     columns = max(3, len(drawings))
     height_in = WIDTH_IN / columns
-    with _figure(WIDTH_IN, height_in, columns, bottom_in=0.02, left_in=0.02) as (every, out):
-        for axes, one in zip(every, drawings, strict=False):
-            for stroke in one.strokes:
+    with _figure(WIDTH_IN, height_in, columns, bottom_in=0.02, left_in=0.02) as (all_axes, out):
+        for axes, drawing in zip(all_axes, drawings, strict=False):
+            for stroke in drawing.strokes:
                 axes.plot(*zip(*stroke.points, strict=True), **STROKES[stroke.style])
-            for label in one.labels:
+            for label in drawing.labels:
                 ground = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
                 axes.text(*label.at, label.words, ha="center", va="center", size=7, bbox=ground)
             axes.set_aspect("equal")
-            axes.set_title(one.title, size=7)
-        for axes in every:
+            axes.set_title(drawing.title, size=7)
+        for axes in all_axes:
             axes.set_axis_off()
     return out.getvalue()
 

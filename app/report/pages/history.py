@@ -52,14 +52,14 @@ def history_page(history: History, now: datetime) -> HistoryPage:
     )
 
 
-def _section(one: MachineHistory, now: datetime) -> Section:
-    table, notes = texts.sessions_table(one)
-    figures = control_charts(one)
+def _section(machine: MachineHistory, now: datetime) -> Section:
+    table, notes = texts.sessions_table(machine)
+    figures = control_charts(machine)
     pictures = [Picture(legs_svg(figures[k : k + 2]), CAPTION) for k in range(0, len(figures), 2)]
-    heading = f"{one.machine}{texts.ORIGIN_WORDS[one.origin]}"
+    heading = f"{machine.machine}{texts.ORIGIN_WORDS[machine.origin]}"
     parts: list[str | Table | Picture] = [
-        texts.machine_sentence(one, now),
-        *texts.drift_lines(one),
+        texts.machine_sentence(machine, now),
+        *texts.drift_lines(machine),
         *pictures,
         table,
         texts.BELOW_TABLE,

@@ -92,14 +92,14 @@ def widths_em(columns: Sequence[Column]) -> list[float]:
 
     Whoever shows the page then measures no cell, and one word of 300 letters squeezes no column.
     """
-    wanted = [GAP_EM + LETTER_EM * _letters(column) for column in columns]
+    widths = [GAP_EM + LETTER_EM * _letters(column) for column in columns]
     texts = [k for k, column in enumerate(columns) if _kind(column) == "text"]
-    numbers = sum(wanted) - sum(wanted[k] for k in texts)
-    left = max(WIDTH_EM - numbers, LEAST_EM * len(texts))
-    for number, k in enumerate(sorted(texts, key=wanted.__getitem__)):
-        wanted[k] = min(wanted[k], left / (len(texts) - number))
-        left -= wanted[k]
-    return wanted
+    numbers = sum(widths) - sum(widths[k] for k in texts)
+    remaining = max(WIDTH_EM - numbers, LEAST_EM * len(texts))
+    for number, k in enumerate(sorted(texts, key=widths.__getitem__)):
+        widths[k] = min(widths[k], remaining / (len(texts) - number))
+        remaining -= widths[k]
+    return widths
 
 
 def _letters(column: Column) -> float:
@@ -125,8 +125,8 @@ def _css(text: str) -> str:
 
     A page box takes no text of the page itself in Chromium, and no text can end the style so.
     """
-    shown = printable(text)
-    return "".join(c if c.isascii() and c.isalnum() else f"\\{ord(c):06x}" for c in shown)
+    characters = printable(text)
+    return "".join(c if c.isascii() and c.isalnum() else f"\\{ord(c):06x}" for c in characters)
 
 
 def pdf_of(html: str) -> bytes:

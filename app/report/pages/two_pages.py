@@ -69,9 +69,9 @@ def second_page(calibration: Calibration, legs: Sequence[LegFigure]) -> list[Sec
         "Sources of the uncertainty of the identified parameters, the largest first. The line is "
         "their share of the square of U so far.",
     )
-    taken = f"{taken_word(solved).capitalize()}s"
+    heading = f"{taken_word(solved).capitalize()}s"
     caption = (
-        f"{taken} with the fit, in mm, and below each what the fit leaves, in µm. All have the "
+        f"{heading} with the fit, in mm, and below each what the fit leaves, in µm. All have the "
         "same scales."
     )
     if len(legs) > MOST_LEGS:
@@ -80,7 +80,7 @@ def second_page(calibration: Calibration, legs: Sequence[LegFigure]) -> list[Sec
     return [
         Section("Entered and verified", _verified(calibration.verified)),
         Section("Uncertainty budget", [budget]),
-        *([Section(taken, sheet)] if sheet else []),
+        *([Section(heading, sheet)] if sheet else []),
         Section("Limits of this result", _limits(calibration)),
     ]
 
@@ -198,19 +198,19 @@ def _verified(verified: Verification | None) -> list[str | Table]:
 
 def _limits(calibration: Calibration) -> list[str]:
     limits = limits_of(calibration)
-    more = len(limits) - MOST_LIMITS
+    more_count = len(limits) - MOST_LIMITS
     named = [_short_sentence(words) for words in limits[:MOST_LIMITS]]
     return [
         *named,
-        *([f"{more} more in the annex."] if more > 0 else []),
+        *([f"{more_count} more in the annex."] if more_count > 0 else []),
         "The results are of this machine as it was when it was measured.",
     ]
 
 
-def shortened(text: str, most: int = LONGEST_ENTRY) -> str:
+def shortened(text: str, longest: int = LONGEST_ENTRY) -> str:
     """A text of a stranger in one line for which there is room."""
     line = " ".join(printable(text).split())
-    return line if len(line) <= most else f"{line[:most]} …"
+    return line if len(line) <= longest else f"{line[:longest]} …"
 
 
 def _short_sentence(text: str) -> str:

@@ -68,8 +68,8 @@ class UnnamedEffectEntry(FindingEntry):
     held_out_gap: HeldOutGap | None
 
 
-def _unnamed(left: ModelDiscrepancy) -> SimpleNamespace:
-    return SimpleNamespace(**vars(left.effect), held_out_gap=left.held_out)
+def _unnamed(discrepancy: ModelDiscrepancy) -> SimpleNamespace:
+    return SimpleNamespace(**vars(discrepancy.effect), held_out_gap=discrepancy.held_out)
 
 
 class ContenderEntry(Report):

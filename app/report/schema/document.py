@@ -56,12 +56,12 @@ def schema(name: str) -> Any:  # noqa: ANN401 (a Literal)
 
 def made(make: Callable[[Any], object]) -> BeforeValidator:
     """The value is made of what stands there; None stays None."""
-    return BeforeValidator(lambda found: None if found is None else make(found))
+    return BeforeValidator(lambda value: None if value is None else make(value))
 
 
 def called(name: str) -> BeforeValidator:
     """The part reads its fields off this result by a name, as the document does."""
-    return made(lambda found: SimpleNamespace(**{name: found}))
+    return made(lambda value: SimpleNamespace(**{name: value}))
 
 
 def rows(kind: Callable[..., R], names: Iterable[str], *columns: FloatArray) -> dict[str, R]:

@@ -37,10 +37,10 @@ class HexaSlideDirection(DirectionEntry):
     at_every_posture: bool
 
 
-def _lost(found: HexaSlideSeen) -> tuple[SimpleNamespace, ...]:
+def _lost(view: HexaSlideSeen) -> tuple[SimpleNamespace, ...]:
     return tuple(
-        SimpleNamespace(**vars(one), at_every_posture=one.name in found.always)
-        for one in found.seen.unidentifiable
+        SimpleNamespace(**vars(parameter), at_every_posture=parameter.name in view.always)
+        for parameter in view.seen.unidentifiable
     )
 
 
@@ -119,9 +119,9 @@ class Rms:
     angle_mrad: float | None
 
 
-def _rms(found: Residuals) -> Rms:
-    both = (found.rms(angles=False), found.rms(angles=True))
-    return Rms(*(None if size is None else 1000.0 * size for size in both))
+def _rms(residuals: Residuals) -> Rms:
+    values = (residuals.rms(angles=False), residuals.rms(angles=True))
+    return Rms(*(None if size is None else 1000.0 * size for size in values))
 
 
 RmsOf = Annotated[Rms, made(_rms)]
@@ -149,16 +149,16 @@ class MeasuringNoiseEntry:
 
 
 def _noise(solved: CalibratedMachine) -> MeasuringNoiseEntry:
-    found, own = solved.found, solved.source.noise
-    stated = math.isinf(found.degrees_of_freedom)
-    length = None if found.noise_m is None else 1000.0 * found.noise_m
+    calibrated, noise = solved.found, solved.source.noise
+    stated = math.isinf(calibrated.degrees_of_freedom)
+    length = None if calibrated.noise_m is None else 1000.0 * calibrated.noise_m
     angles = any(name in ANGLES for name in solved.source.measured)
-    ratio = own.angle_mrad / own.length_mm if stated else 1.0
+    ratio = noise.angle_mrad / noise.length_mm if stated else 1.0
     return MeasuringNoiseEntry(
         length,
         length * ratio if angles and length is not None else None,
         "stated" if stated else "residuals",
-        None if stated else found.degrees_of_freedom,
+        None if stated else calibrated.degrees_of_freedom,
     )
 
 
@@ -183,14 +183,14 @@ class HexaSlideParameter:
 
 
 def _parameters(solved: CalibratedMachine) -> dict[str, HexaSlideParameter]:
-    found, u, factor = solved.found, solved.uncertainty, solved.factor
+    calibrated, u, factor = solved.found, solved.uncertainty, solved.factor
     parameters = {}
-    for k, name in enumerate(found.names):
-        known = name in found.known
-        own = float(u[k]) if known and u is not None else None
-        uncertain = () if own is None else (own, own * (factor or 0.0), factor)
-        value, nominal = float(found.parameters[k]), float(solved.start[k])
-        parameters[name] = HexaSlideParameter(value, nominal, unit_of(name), known, *uncertain)
+    for k, name in enumerate(calibrated.names):
+        is_known = name in calibrated.known
+        deviation = float(u[k]) if is_known and u is not None else None
+        uncertain = () if deviation is None else (deviation, deviation * (factor or 0.0), factor)
+        value, nominal = float(calibrated.parameters[k]), float(solved.start[k])
+        parameters[name] = HexaSlideParameter(value, nominal, unit_of(name), is_known, *uncertain)
     return parameters
 
 
@@ -335,13 +335,13 @@ class ReplayedPosture:
 def _replayed(session: PostureSession) -> tuple[ReplayedPosture, ...]:
     return tuple(
         ReplayedPosture(
-            one.reading,
-            one.posture,
-            one.sliders_mm,
-            one.values,
-            session.superseded.get(one.reading),
+            reading.reading,
+            reading.posture,
+            reading.sliders_mm,
+            reading.values,
+            session.superseded.get(reading.reading),
         )
-        for one in session.all_readings
+        for reading in session.all_readings
     )
 
 

@@ -67,8 +67,8 @@ def record_forms() -> dict[str, RecordForm]:
     """By the names of their schema files; imports all modules that define documents."""
     forms: dict[str, RecordForm] = {}
     for room in ROOMS:
-        for found in iter_modules(room.__path__, f"{room.__name__}."):
-            for value in vars(import_module(found.name)).values():
+        for module in iter_modules(room.__path__, f"{room.__name__}."):
+            for value in vars(import_module(module.name)).values():
                 if isinstance(value, RecordForm):
                     name = ID.sub(r"\1", value.schema).replace("/", "-")
                     forms[f"{name}.json"] = value
@@ -91,8 +91,8 @@ def _asked(part: Any) -> Any:  # noqa: ANN401 (JSON)
     if not isinstance(part, dict):
         return part
     # a key of this name is a schema, a description a text
-    kept = {key: _asked(value) for key, value in part.items()}
-    return {key: v for key, v in kept.items() if key != "description" or not isinstance(v, str)}
+    parts = {key: _asked(value) for key, value in part.items()}
+    return {key: v for key, v in parts.items() if key != "description" or not isinstance(v, str)}
 
 
 def write_schemas(folder: Path) -> None:
@@ -119,9 +119,9 @@ def _documents(above: type[Document]) -> Iterator[type[Document]]:
 def _text(name: str, kind: Any, *, written: bool) -> str:  # noqa: ANN401 (class or union)
     mode: JsonSchemaMode = "serialization" if written else "validation"
     adapter = kind if isinstance(kind, TypeAdapter) else TypeAdapter(kind)
-    found = adapter.json_schema(mode=mode, schema_generator=_Untitled)
+    schema = adapter.json_schema(mode=mode, schema_generator=_Untitled)
     head = {"$schema": _Untitled.schema_dialect, "title": f"glidecal.{name}"}
-    return json.dumps(head | (found | head), indent=1, ensure_ascii=False) + "\n"
+    return json.dumps(head | (schema | head), indent=1, ensure_ascii=False) + "\n"
 
 
 if __name__ == "__main__":

@@ -59,8 +59,8 @@ class Difference:
 def _differences(solution: Solution) -> dict[str, Difference]:
     measured, u = solution.differences, solution.difference_uncertainty_mm
     columns = (measured.value_mm, u, solution.predicted_mm, solution.left_mm)
-    every = rows(Difference, measured.names, *columns)
-    return {name: every[name] for name in (measured.names[k] for k in measured.published_rows)}
+    entries = rows(Difference, measured.names, *columns)
+    return {name: entries[name] for name in (measured.names[k] for k in measured.published_rows)}
 
 
 class Covariance(Report):
@@ -313,11 +313,11 @@ class BothValues:
     after: float | None
 
 
-def _both(found: Comparison) -> dict[str, BothValues]:
-    later = _differences(found.after.solution)
+def _both(comparison: Comparison) -> dict[str, BothValues]:
+    later = _differences(comparison.after.solution)
     return {
-        name: BothValues(one.value, later[name].value if name in later else None)
-        for name, one in _differences(found.before.solution).items()
+        name: BothValues(difference.value, later[name].value if name in later else None)
+        for name, difference in _differences(comparison.before.solution).items()
     }
 
 

@@ -28,12 +28,14 @@ decides is where the end of the rail is when you press {align.watch}."""
 
 def aligned_text(aligned: Aligned) -> str:
     """Squareness and distances, then the moves."""
-    found, half = aligned.found, aligned.found.expanded.tolist()
+    figure, half = aligned.found, aligned.found.expanded.tolist()
     figures = new_table("axes", "from square, mrad", "±", "miss each other, mm", "±", left=1)
-    by_pair = dict(zip(AROUND, zip(found.distance_mm.tolist(), half[3:], strict=True), strict=True))
+    by_pair = dict(
+        zip(AROUND, zip(figure.distance_mm.tolist(), half[3:], strict=True), strict=True)
+    )
     for k, pair in enumerate(PAIRS):
         mm, wide = by_pair[pair if pair in by_pair else pair[::-1]]
-        lean = signed(float(found.lean_mrad[k]))
+        lean = signed(float(figure.lean_mrad[k]))
         figures.add_row(pair.upper(), lean, uncertain(half[k]), signed(mm), uncertain(wide))
     moves = new_table("move the end of", "at, mm", "towards", "by, mm", "±", "", left=1)
     for shim in aligned.shims:
@@ -46,8 +48,8 @@ def aligned_text(aligned: Aligned) -> str:
         moves,
         "An end lies so far along its rail from where the axes meet; rails rest at rail_mm of the "
         "machine file. " + UNSEEN.format(aligned.reference.upper()),
-        f"Left by the fit {found.left_mm:.4f} mm r.m.s., noise of a reading "
-        f"{found.noise_mm:.4f} mm.",
+        f"Left by the fit {figure.left_mm:.4f} mm r.m.s., noise of a reading "
+        f"{figure.noise_mm:.4f} mm.",
     )
 
 
@@ -73,12 +75,14 @@ def round_text(work: Round, chosen: int) -> str:
     for k, shim in enumerate(work.aligned.shims):
         rail, at, towards, by = _cells(shim)
         moved = live if work.watching == k else work.moved_mm.get(k)
-        known = work.watching == k or k in work.moved_mm
-        shown, left = "as asked" if known else "" if shim.needed else "fine", ""
-        if known and moved is not None:
-            shown, left = signed(moved), signed(shim.move_mm - moved)
+        as_asked = work.watching == k or k in work.moved_mm
+        moved_words, to_go = "as asked" if as_asked else "" if shim.needed else "fine", ""
+        if as_asked and moved is not None:
+            moved_words, to_go = signed(moved), signed(shim.move_mm - moved)
         mark = ">" if k == chosen else "+" if k in work.moved_mm else " "
-        lines.append(f"{mark} {rail[5:]:<5}{at:>4} mm  {towards:<8}{by:>6} {shown:>8} {left:>8}")
+        lines.append(
+            f"{mark} {rail[5:]:<5}{at:>4} mm  {towards:<8}{by:>6} {moved_words:>8} {to_go:>8}"
+        )
     return "\n".join(lines)
 
 
@@ -92,9 +96,9 @@ def screw_text(work: Round, number: int) -> str:
     parallel = f"Leg {leg} at Zero: its foot {slope} mm along {axis} from its tool end."
     if work.watching == number:
         moved = work.live_mm()
-        left = "nothing is shown" if moved is None else f"{signed(shim.move_mm - moved)} mm to go"
+        to_go = "nothing is shown" if moved is None else f"{signed(shim.move_mm - moved)} mm to go"
         return (
-            f"Turn: {rail}, {by} mm towards {towards} under the end at {at} mm. {left}.\n"
+            f"Turn: {rail}, {by} mm towards {towards} under the end at {at} mm. {to_go}.\n"
             f"{parallel}\n{{align.watch}} when it is there."
         )
     if not shim.needed:

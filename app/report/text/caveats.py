@@ -25,16 +25,16 @@ MOST_NAMED = 8
 
 def caveats(solved: SessionSolution) -> list[str]:
     """What to know of the readings and the model, one line each, the gravest first."""
-    said = []
+    lines = []
     if solved.ambiguous:
         from protocols.model_file import ambiguity  # with a model only
 
-        said.append(f"WARNING: {ambiguity(solved.ambiguous)}")
+        lines.append(f"WARNING: {ambiguity(solved.ambiguous)}")
     if solved.held:
-        said.append(f"Held as a person stated it, not fitted: {'; '.join(solved.held)}.")
+        lines.append(f"Held as a person stated it, not fitted: {'; '.join(solved.held)}.")
     for part in (_of_noise, _of_readings, _of_the_measurement):
-        said += part(solved)
-    return said
+        lines += part(solved)
+    return lines
 
 
 def caveats_of_view(solved: SessionSolution) -> list[str]:
@@ -66,12 +66,13 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
             "nor what it does at the tool."
         )
     if solution.beyond_tolerance:
-        found = ", ".join(
+        parts_beyond = ", ".join(
             f"{name} {signed(value, 2)} mm (tolerance {within:g})"
             for name, value, within in solution.beyond_tolerance
         )
         yield (
-            f"WARNING: far beyond the tolerance that the machine file states: {found}. Either the "
+            f"WARNING: far beyond the tolerance that the machine file states: {parts_beyond}. "
+            "Either the "
             "tolerance is wrong, or these values stand for something that is missing from the "
             "model (glidecal diagnose)."
         )
@@ -96,11 +97,11 @@ def _of_noise(solved: SessionSolution) -> Iterator[str]:
             f"rounding. State the resolution and repeatability of the {gauge_word(solved)}s."
         )
     if solved.noisy:
-        shown = "; ".join(map(_noisy, solved.noisy[:MOST_NAMED]))
-        rest = len(solved.noisy) - MOST_NAMED
+        noisy_words = "; ".join(map(_noisy, solved.noisy[:MOST_NAMED]))
+        remaining = len(solved.noisy) - MOST_NAMED
         yield (
-            f"NOTE: the {gauge_word(solved)}s scatter differently: {shown}"
-            f"{f'; {rest} more' if rest > 0 else ''}; the others "
+            f"NOTE: the {gauge_word(solved)}s scatter differently: {noisy_words}"
+            f"{f'; {remaining} more' if remaining > 0 else ''}; the others "
             f"{uncertain(math.sqrt(noise.quiet_mm2), 4)} mm. Each is weighted by its own scatter. "
             "Check the one that scatters most."
         )
@@ -118,26 +119,27 @@ def _of_weak_directions(solved: SessionSolution) -> Iterator[str]:
     """Combinations of parameters that the noise hides."""
     solution = solved.solution
     factor = solution.coverage_factor
-    for one in solution.weak_directions:
+    for direction in solution.weak_directions:
         against = ""
-        if one.against:
-            name, uncertainty = one.against
+        if direction.against:
+            name, uncertainty = direction.against
             against = f" ({name} to ±{uncertain(uncertainty * factor)})"
         yield (
-            f"WEAK: {one.combination} known only to "
-            f"±{uncertain(one.standard_uncertainty_mm * factor, 2)} mm{against}; at the tool that "
-            f"is {uncertain(one.tool_mm * factor, 2)} mm."
+            f"WEAK: {direction.combination} known only to "
+            f"±{uncertain(direction.standard_uncertainty_mm * factor, 2)} mm{against}; at the "
+            "tool that "
+            f"is {uncertain(direction.tool_mm * factor, 2)} mm."
         )
     if solution.weak_directions and not solved.reads_tool:
         yield "What to measure to improve this: glidecal plan."
 
 
 def _noisy(channel: NoisyChannel) -> str:
-    r, found = channel.reading, channel.indicator
+    r, indicator = channel.reading, channel.indicator
     touched = f"leg {r.leg.upper()}" if r.leg != "tool" else "the tool"
     place = f"{touched} along {r.axis.upper()}, set-up {r.mount} of {channel.session}"
-    where = place if found.mounting else f"indicator {found.number}"
-    return f"{where} {uncertain(found.scatter_mm, 4)} mm"
+    where = place if indicator.mounting else f"indicator {indicator.number}"
+    return f"{where} {uncertain(indicator.scatter_mm, 4)} mm"
 
 
 def _of_readings(solved: SessionSolution) -> Iterator[str]:
@@ -150,11 +152,11 @@ def _of_readings(solved: SessionSolution) -> Iterator[str]:
             "repeats. It is used. Measure it again."
         )
     yield from _more("SUSPECT", len(solved.suspects) - MOST_NAMED)
-    for one in solved.isolated[:MOST_NAMED]:
-        numbers = ", ".join(str(reading.reading) for reading in one.readings)
+    for isolated in solved.isolated[:MOST_NAMED]:
+        numbers = ", ".join(str(reading.reading) for reading in isolated.readings)
         yield (
-            f"NOT USED: {taken_word(solved)} {numbers} of {one.session} "
-            f"({_place(one.readings[0])}) is alone with its zero: without a second posture it "
+            f"NOT USED: {taken_word(solved)} {numbers} of {isolated.session} "
+            f"({_place(isolated.readings[0])}) is alone with its zero: without a second posture it "
             "gives no difference. Measure at least two postures between two breaks."
         )
     yield from _more("NOT USED", len(solved.isolated) - MOST_NAMED)

@@ -69,8 +69,8 @@ def correction_table(correction: SessionCorrection) -> Table:
     )
     for name, entry in correction.values.items():
         half = wide.get(name[-1]) if name.startswith("d_rho") else None
-        shown = "" if half is None else uncertain(float(half), 4)
-        table.add_row(name, shown_value(entry.value), entry.unit, shown)
+        width_words = "" if half is None else uncertain(float(half), 4)
+        table.add_row(name, shown_value(entry.value), entry.unit, width_words)
     return table
 
 
@@ -81,7 +81,7 @@ def shown_value(value: float) -> str:
 
 def frames_of(frame: Frame) -> list[Frame]:
     """The chosen frame, then the others."""
-    return [frame, *(other for other in FRAMES if other != frame)]
+    return [frame, *(frame_beside for frame_beside in FRAMES if frame_beside != frame)]
 
 
 def bound_table(first: Frame, off_now: ToolOff, off: ToolOff) -> Table:
@@ -103,8 +103,10 @@ def gains_table(solved: SessionSolution) -> Table:
 
 def off_line(frame: Frame, off_now: ToolOff, off: ToolOff) -> str:
     """The bound as one line, the chosen frame first."""
-    first, *others = frames_of(frame)
-    beside = ", ".join(f"{FRAME_WORDS[name]} {uncertain(off.bound_mm[name])} mm" for name in others)
+    first, *frames_beside = frames_of(frame)
+    beside = ", ".join(
+        f"{FRAME_WORDS[name]} {uncertain(off.bound_mm[name])} mm" for name in frames_beside
+    )
     return (
         f"{BOUND}at most {uncertain(off_now.bound_mm[first])} mm now, at most "
         f"{uncertain(off.bound_mm[first])} mm with these values, {FRAME_WORDS[first]}; {beside}."
@@ -164,9 +166,12 @@ def doubt_lines(solved: SessionSolution) -> Iterator[str]:
     """Mistakes of the readings that may be there."""
     mistakes = solved.corrections.mistakes
     if mistakes:
-        each = ", or ".join(f"{one.title} ({one.where}), {one.probability:.2f}" for one in mistakes)
+        mistake_words = ", or ".join(
+            f"{mistake.title} ({mistake.where}), {mistake.probability:.2f}" for mistake in mistakes
+        )
         yield (
-            f"WARNING: likely a mistake in the readings, with its probability: {each}. The values "
+            "WARNING: likely a mistake in the readings, with its probability: "
+            f"{mistake_words}. The values "
             "count with it put right, as far as it is likely; the record is not changed. Look, and "
             "measure again."
         )

@@ -98,73 +98,73 @@ WITH: dict[Holds, str] = {
 }
 
 
-def headline(found: Diagnosis) -> str:
+def headline(diagnosis: Diagnosis) -> str:
     """The verdict in a sentence."""
-    return wrapped(f"{found.verdict.upper()}. {found.sentence}")
+    return wrapped(f"{diagnosis.verdict.upper()}. {diagnosis.sentence}")
 
 
 def diagnosis_text(diagnosed: SessionDiagnosis, adopted: AdoptedTool | None = None) -> str:
     """The verdict first, then what supports it; ``adopted`` is the tool with adopted names."""
-    found = diagnosed.diagnosis
+    diagnosis = diagnosed.diagnosis
     return paragraphs(
-        headline(found),
-        open_text(found),
-        gap_text(found),
-        effects_text(found.effects, tower_names(diagnosed.sessions[0].opened.machine)),
+        headline(diagnosis),
+        open_text(diagnosis),
+        gap_text(diagnosis),
+        effects_text(diagnosis.effects, tower_names(diagnosed.sessions[0].opened.machine)),
         _pattern(diagnosed),
         *_support(diagnosed),
         tool_text(diagnosed.tool),
         adopted_text(adopted, diagnosed.tool) if adopted else "",
-        f"Where readings and model disagree\n{shares_text(found.where)}",
-        candidates_text(found),
-        *_detectable(found),
-        *(f"Remark: {remark}" for remark in found.remarks),
+        f"Where readings and model disagree\n{shares_text(diagnosis.where)}",
+        candidates_text(diagnosis),
+        *_detectable(diagnosis),
+        *(f"Remark: {remark}" for remark in diagnosis.remarks),
     )
 
 
 def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
     """The first page of the screen; ``adopted`` says what a step before did."""
-    found = diagnosed.diagnosis
+    diagnosis = diagnosed.diagnosis
     return paragraphs(
-        headline(found),
+        headline(diagnosis),
         adopted,
         _next(diagnosed),
-        open_text(found),
-        effects_text(found.effects, tower_names(diagnosed.sessions[0].opened.machine)),
+        open_text(diagnosis),
+        effects_text(diagnosis.effects, tower_names(diagnosed.sessions[0].opened.machine)),
         tool_text(diagnosed.tool),
-        gap_text(found),
+        gap_text(diagnosis),
         _pattern(diagnosed),
         *_support(diagnosed, " {diagnose.next} writes it."),
-        *_detectable(found),
-        *(f"Remark: {remark}" for remark in (*diagnosed.warnings, *found.remarks)),
+        *_detectable(diagnosis),
+        *(f"Remark: {remark}" for remark in (*diagnosed.warnings, *diagnosis.remarks)),
     )
 
 
 def _next(diagnosed: SessionDiagnosis) -> str:
     """What to do with such a verdict."""
-    found = diagnosed.diagnosis
-    said = "{page.2} shows where the gap lies. Look at the machine and the set-up there."
+    diagnosis = diagnosed.diagnosis
+    advice = "{page.2} shows where the gap lies. Look at the machine and the set-up there."
     if mistakes_of(diagnosed):
-        said = "{diagnose.adopt} writes a corrected session and diagnoses that."
-    elif found.verdict == "agrees":
-        said = "{diagnose.result} shows the result."
-    elif found.verdict == "explained":
-        said = "{diagnose.adopt} adopts what was named. Then {diagnose.result} shows the result."
-    elif found.verdict == "partly-explained":
-        said = "{diagnose.adopt} adopts what was named, and looks again for the rest."
+        advice = "{diagnose.adopt} writes a corrected session and diagnoses that."
+    elif diagnosis.verdict == "agrees":
+        advice = "{diagnose.result} shows the result."
+    elif diagnosis.verdict == "explained":
+        advice = "{diagnose.adopt} adopts what was named. Then {diagnose.result} shows the result."
+    elif diagnosis.verdict == "partly-explained":
+        advice = "{diagnose.adopt} adopts what was named, and looks again for the rest."
     elif diagnosed.separation:
-        said = "measure what is proposed below, then diagnose both sessions together."
-    elif found.left_over:
-        said += " {diagnose.adopt} adopts the law without a name that is stated below."
-    return f"Next: {said}"
+        advice = "measure what is proposed below, then diagnose both sessions together."
+    elif diagnosis.left_over:
+        advice += " {diagnose.adopt} adopts the law without a name that is stated below."
+    return f"Next: {advice}"
 
 
 def _support(diagnosed: SessionDiagnosis, key: str = "") -> list[str]:
     """What held-out readings say, what has no name, and what to measure next."""
-    found, proposed = diagnosed.diagnosis, diagnosed.separation
+    diagnosis, proposed = diagnosed.diagnosis, diagnosed.separation
     return [
-        held_out_words(found.held_out) if found.held_out else "",
-        discrepancy_text(found.left_over) if found.left_over else "",
+        held_out_words(diagnosis.held_out) if diagnosis.held_out else "",
+        discrepancy_text(diagnosis.left_over) if diagnosis.left_over else "",
         f"Next measurement: {proposed.words}.{key}" if proposed else "",
     ]
 
@@ -194,13 +194,13 @@ def adopted_text(adopted: AdoptedTool, all_models: DiagnosedTool) -> str:
     """What the tool is off by at most if the adopted names are true, beside all models."""
     tool = adopted.tool
     names = " and ".join(f"{name.id} ({name.where})" for name in adopted.names)
-    some: dict[Holds, str] = {"offsets": "joint offsets entered"}
+    words_of_holds: dict[Holds, str] = {"offsets": "joint offsets entered"}
     if best := _worth_holding(tool):
-        some[best] = WITH[best]
+        words_of_holds[best] = WITH[best]
     bounds = ", ".join(
         f"at most {uncertain(tool.entered_mm[holds])} mm with {words} (over all models "
         f"{uncertain(all_models.entered_mm[holds])} mm)"
-        for holds, words in some.items()
+        for holds, words in words_of_holds.items()
     )
     frame = FRAME_WORDS[tool.frame]
     return f"Given {names}: tool over the workspace, r.m.s. (95 %), {frame}, {bounds}."
@@ -218,7 +218,7 @@ def _pattern(diagnosed: SessionDiagnosis) -> list[str]:
     if pattern is None:
         return []
     names = (*diagnosed.names, *diagnosed.held_out)
-    said = (
+    sentence = (
         f"{'One pattern' if pattern.reproducible else 'No common pattern'} in what is left of"
         f" {len(pattern.sessions)} sessions: {pattern.common_share:.1%} in one of"
         f" {pattern.directions} directions; by chance {once_in(pattern.p_value_directions)},"
@@ -226,43 +226,45 @@ def _pattern(diagnosed: SessionDiagnosis) -> list[str]:
     )
     pairs = [
         hanging(
-            f"{INDENT}{names[one.second]} less {one.scale:.2f} × {names[one.first]} (cosine"
-            f" {one.cosine:.3f}): {one.before_rms_mm:.4f} → {one.after_rms_mm:.4f} mm, noise alone"
-            f" {one.noise_rms_mm:.4f} mm",
+            f"{INDENT}{names[pair.second]} less {pair.scale:.2f} × {names[pair.first]} (cosine"
+            f" {pair.cosine:.3f}): {pair.before_rms_mm:.4f} → {pair.after_rms_mm:.4f} mm, "
+            "noise alone"
+            f" {pair.noise_rms_mm:.4f} mm",
             INDENT,
         )
-        for one in pattern.pairs
+        for pair in pattern.pairs
     ]
-    return [wrapped(said), *pairs]
+    return [wrapped(sentence), *pairs]
 
 
-def gap_text(found: Diagnosis) -> str:
+def gap_text(diagnosis: Diagnosis) -> str:
     """The gap in the readings and its chance, before and after what was named or guessed."""
-    before, after, noise_mm = found.gap_before, found.gap_after, found.known_noise_mm
+    before, after, noise_mm = diagnosis.gap_before, diagnosis.gap_after, diagnosis.known_noise_mm
     if noise_mm is None:
         return (
             f"Gap {before.rms_mm:.4f} mm r.m.s., {freedom_words(before)}; "
             "without repeats or a stated noise nothing tells whether that is chance."
         )
-    said = (
+    sentence = (
         f"Gap {before.rms_mm:.4f} mm r.m.s. beyond the scatter of repeats (noise of a reading "
         f"{noise_mm:.4f} mm), {freedom_words(before)}; it {by_chance(before.p_value)}."
     )
     if after != before:
-        added = "what was named" if found.effects else "the best guess"
-        said += f"\nWith {added}: {after.rms_mm:.4f} mm; that {by_chance(after.p_value)}."
-    return said
+        added = "what was named" if diagnosis.effects else "the best guess"
+        sentence += f"\nWith {added}: {after.rms_mm:.4f} mm; that {by_chance(after.p_value)}."
+    return sentence
 
 
-def open_text(found: Diagnosis) -> str:
+def open_text(diagnosis: Diagnosis) -> str:
     """How likely it is that anything is missing, and that it has no name, where that is open."""
-    if found.verdict in ("agrees", "explained"):
+    if diagnosis.verdict in ("agrees", "explained"):
         return ""
-    if found.verdict != "cannot-tell" and found.something_else < BESIDE_AGREEMENT:
+    if diagnosis.verdict != "cannot-tell" and diagnosis.something_else < BESIDE_AGREEMENT:
         return ""
-    unnamed = probability_words(found.something_else)
+    unnamed = probability_words(diagnosis.something_else)
     return (
-        f"Probability that anything is missing: {probability_words(found.missing)}; that something "
+        f"Probability that anything is missing: {probability_words(diagnosis.missing)}; that "
+        "something "
         f"without a name acts: {unnamed}."
     )
 
@@ -276,8 +278,8 @@ def freedom_words(gap: Gap) -> str:
 def by_chance(p_value: float) -> str:
     """A p-value in a sentence."""
     often = f"1 of {float(f'{1.0 / max(p_value, RAREST):.2g}'):,.10g}"
-    said = "most" if p_value > 0.5 else often if p_value > RAREST else f"fewer than {often}"
-    return f"would happen by chance in {said} sessions"
+    share_words = "most" if p_value > 0.5 else often if p_value > RAREST else f"fewer than {often}"
+    return f"would happen by chance in {share_words} sessions"
 
 
 def p_words(p_value: float) -> str:
@@ -293,36 +295,38 @@ def effects_text(findings: tuple[Finding, ...], towers: Mapping[str, str]) -> st
     ``towers`` names those of a printer by drive.
     """
     lines = []
-    for one in findings:
-        likely = probability_words(one.probability)
-        lines.append(wrapped(f"{one.id} ({one.where}), {one.kind}, {likely}: {one.title}"))
-        below = [*_values_and_gap(one), *tower_remedies(one.effects, towers)]
-        if rivals := _rivals(one):
+    for finding in findings:
+        likely = probability_words(finding.probability)
+        lines.append(
+            wrapped(f"{finding.id} ({finding.where}), {finding.kind}, {likely}: {finding.title}")
+        )
+        below = [*_values_and_gap(finding), *tower_remedies(finding.effects, towers)]
+        if rivals := _rivals(finding):
             below.append(f"these readings cannot distinguish it from: {rivals}")
-        lines += [hanging(INDENT + said, INDENT) for said in below]
+        lines += [hanging(INDENT + line, INDENT) for line in below]
     return "\n".join(lines)
 
 
-def _rivals(one: Finding) -> str:
-    return ", ".join(f"{r.id} ({r.where})" for r in one.indistinguishable_from)
+def _rivals(finding: Finding) -> str:
+    return ", ".join(f"{r.id} ({r.where})" for r in finding.indistinguishable_from)
 
 
-def _values_and_gap(one: Finding) -> list[str]:
+def _values_and_gap(finding: Finding) -> list[str]:
     """Parameters to two figures of their standard uncertainty, then the gap before and after."""
-    said = []
-    for value in one.parameters:
+    lines = []
+    for value in finding.parameters:
         u = value.standard_uncertainty
         places = decimals(u)
-        said.append(f"{value.name} = {value.value:+.{places}f} ± {u:.{places}f} {value.unit}")
-    return [*said, f"gap {one.gap_rms_before_mm:.4f} → {one.gap_rms_after_mm:.4f} mm"]
+        lines.append(f"{value.name} = {value.value:+.{places}f} ± {u:.{places}f} {value.unit}")
+    return [*lines, f"gap {finding.gap_rms_before_mm:.4f} → {finding.gap_rms_after_mm:.4f} mm"]
 
 
-def discrepancy_text(found: ModelDiscrepancy) -> str:
+def discrepancy_text(discrepancy: ModelDiscrepancy) -> str:
     """The unnamed effect of the residuals, its values, and what it would take away."""
-    effect = found.effect
+    effect = discrepancy.effect
     below = _values_and_gap(effect)
-    if found.held_out:
-        below.append(held_out_words(found.held_out))
+    if discrepancy.held_out:
+        below.append(held_out_words(discrepancy.held_out))
     begin = "What has no name is most likely this"
     return "\n".join([f"{begin}: {effect.title}.", *(hanging(INDENT + v, INDENT) for v in below)])
 
@@ -334,15 +338,15 @@ def held_out_words(gap: HeldOutGap) -> str:
             f"Held out ({gap.how}): {gap.before_rms_mm:.4f} mm, noise {gap.noise_rms_mm:.4f} mm. "
             "No effect was named that could reduce it."
         )
-    said = (
+    sentence = (
         f"Held out ({gap.how}): {gap.before_rms_mm:.4f} → {gap.after_rms_mm:.4f} mm, "
         f"noise {gap.noise_rms_mm:.4f} mm."
     )
     if gap.before_rms_mm < SHOWN_MM:
-        return said + " There is no gap to reduce."
+        return sentence + " There is no gap to reduce."
     if gap.after_rms_mm >= gap.before_rms_mm:
-        said += " Only the gap of the readings that were used is smaller."
-    return said
+        sentence += " Only the gap of the readings that were used is smaller."
+    return sentence
 
 
 def shares_text(shares: tuple[GapPart, ...]) -> str:
@@ -365,41 +369,50 @@ def part_words(share: GapPart) -> str:
     return f"axis {share.axis.upper()}" if share.axis else share.pattern
 
 
-def shown_candidates(found: Diagnosis) -> list[Contender]:
+def shown_candidates(diagnosis: Diagnosis) -> list[Contender]:
     """The likely candidates, and the one that does most for readings that it never saw.
 
     By probability, the largest first; none where there are not two to choose from.
     """
-    least = BESIDE_AGREEMENT if found.verdict == "agrees" else LIKELY
-    likely = [one for one in found.candidates if one.probability >= least][:SHOWN_CANDIDATES]
-    judged = [one for one in found.candidates if one.held_out_gap_rms_mm is not None]
+    least = BESIDE_AGREEMENT if diagnosis.verdict == "agrees" else LIKELY
+    likely = [candidate for candidate in diagnosis.candidates if candidate.probability >= least][
+        :SHOWN_CANDIDATES
+    ]
+    judged = [
+        candidate for candidate in diagnosis.candidates if candidate.held_out_gap_rms_mm is not None
+    ]
     # through ties: every processor must show the same one
-    best = descending(judged, lambda one: -(one.held_out_gap_rms_mm or 0.0))[:1]
-    if found.verdict != "agrees":
-        likely += [one for one in best if one not in likely]
-    return descending(likely, lambda one: one.probability) if len(likely) > 1 else []
+    best = descending(judged, lambda candidate: -(candidate.held_out_gap_rms_mm or 0.0))[:1]
+    if diagnosis.verdict != "agrees":
+        likely += [candidate for candidate in best if candidate not in likely]
+    return descending(likely, lambda candidate: candidate.probability) if len(likely) > 1 else []
 
 
 def candidates_table(candidates: Sequence[Contender]) -> Table:
     """The candidates, each with the part of the gap that it explains alone and what it leaves."""
-    held_out = any(one.held_out_gap_rms_mm is not None for one in candidates)
+    held_out = any(candidate.held_out_gap_rms_mm is not None for candidate in candidates)
     last = "held out" if held_out else "explains"
     table = new_table("effect", "where", "likely", "gap, mm", last, "why", left=2)
     table.columns[-1].justify = "left"
-    for one in candidates:
-        likely = probability_words(one.probability)
-        unseen_mm = one.held_out_gap_rms_mm
+    for candidate in candidates:
+        likely = probability_words(candidate.probability)
+        unseen_mm = candidate.held_out_gap_rms_mm
         unseen = "" if unseen_mm is None else f"{unseen_mm:.4f}"
-        gaps = f"{one.gap_rms_after_mm:.4f}", unseen if held_out else f"{one.explained:.0%}"
-        table.add_row(one.id, one.where, likely, *gaps, one.reason_rejected or "named")
+        gaps = (
+            f"{candidate.gap_rms_after_mm:.4f}",
+            unseen if held_out else f"{candidate.explained:.0%}",
+        )
+        table.add_row(
+            candidate.id, candidate.where, likely, *gaps, candidate.reason_rejected or "named"
+        )
     return table
 
 
-def candidates_text(found: Diagnosis) -> str:
+def candidates_text(diagnosis: Diagnosis) -> str:
     """The candidates that are shown, the likeliest first; empty where there is no choice."""
-    shown = shown_candidates(found)
+    candidates = shown_candidates(diagnosis)
     words = "Candidates, the likeliest first, and the gap that each alone leaves"
-    return f"{words}\n{table_text(candidates_table(shown))}" if shown else ""
+    return f"{words}\n{table_text(candidates_table(candidates))}" if candidates else ""
 
 
 def probability_words(probability: float) -> str:
@@ -409,12 +422,12 @@ def probability_words(probability: float) -> str:
     return f"{probability:.2f}" if probability < 0.995 else "> 0.99"
 
 
-def _detectable(found: Diagnosis) -> list[Table]:
+def _detectable(diagnosis: Diagnosis) -> list[Table]:
     """What would have been found, where readings and model agree."""
     table = new_table("would have been found", "from", "")
-    for one in found.smallest_detectable:
-        table.add_row(one.id, figures(one.size), one.unit)
-    return [table] if found.verdict == "agrees" else []
+    for effect in diagnosis.smallest_detectable:
+        table.add_row(effect.id, figures(effect.size), effect.unit)
+    return [table] if diagnosis.verdict == "agrees" else []
 
 
 def heading_text(names: Sequence[str], model: Path | None) -> str:
@@ -447,19 +460,19 @@ def where_text(diagnosed: SessionDiagnosis) -> str:
 
 def _map_text(cells: Sequence[Cell]) -> str:
     columns = list(dict.fromkeys((cell.leg, cell.axis) for cell in cells))
-    both = _both_ways(cells)
+    cells_both_ways = _both_ways(cells)
     table = new_table("at, mm", left=0)
     for leg, axis in columns:
         touched = "tool" if leg == "tool" else f"leg {leg.upper()}"
         table.add_column(f"{touched}\nalong {axis.upper()}", justify="right")
     at = {(c.leg, c.axis, c.displacement_mm, c.approach, c.position_mm or ()): c for c in cells}
     for displacement, approach, position in sorted({key[2:] for key in at}, reverse=True):
-        arrow = {1: " ↑", -1: " ↓"}.get(approach, "  ") if displacement in both else ""
+        arrow = {1: " ↑", -1: " ↓"}.get(approach, "  ") if displacement in cells_both_ways else ""
         row = [at.get((*column, displacement, approach, position)) for column in columns]
         place = f"{displacement:+.0f}" if displacement else "Zero"
         if any(position):
             place = ", ".join(f"{part:g}" for part in position)
-        table.add_row(f"{place}{arrow}", *(_cell_text(one) for one in row))
+        table.add_row(f"{place}{arrow}", *(_cell_text(mean) for mean in row))
     return table_text(table)
 
 
@@ -480,30 +493,30 @@ def _cell_text(cell: Cell | None) -> str:
 
 def ranking_text(diagnosed: SessionDiagnosis) -> str:
     """The candidates with what each explains alone; then what looks the same."""
-    found = diagnosed.diagnosis
+    diagnosis = diagnosed.diagnosis
     none = "No effect of the catalogue is likely in these readings."
-    if found.effects:
+    if diagnosis.effects:
         none = "There is no choice: the verdict names the only likely effects."
-    parts = [candidates_text(found) or none]
-    for finding in (finding for finding in found.effects if finding.effects):
+    parts = [candidates_text(diagnosis) or none]
+    for finding in (finding for finding in diagnosis.effects if finding.effects):
         named = f"{finding.id} ({finding.where})"
-        said = f"In these readings no other effect looks like {named}."
+        sentence = f"In these readings no other effect looks like {named}."
         if rivals := _rivals(finding):
-            said = f"These readings cannot distinguish {named} from: {rivals}."
-        parts.append(said)
+            sentence = f"These readings cannot distinguish {named} from: {rivals}."
+        parts.append(sentence)
     return paragraphs(*parts)
 
 
 def change_text(diagnosed: SessionDiagnosis) -> str:
     """The chart in one line."""
-    found = diagnosed.diagnosis.residuals
+    residuals = diagnosed.diagnosis.residuals
     after, last = "", " This diagnosis names nothing to adopt."
-    if found.after_rms_mm is not None:
-        after_um, last = 1000.0 * found.after_rms_mm, ""
+    if residuals.after_rms_mm is not None:
+        after_um, last = 1000.0 * residuals.after_rms_mm, ""
         after = f" before, {after_um:.1f} µm after adopting what was named"
     return wrapped(
-        f"Mean residuals {1000.0 * found.before_rms_mm:.1f} µm r.m.s.{after}; their noise "
-        f"{1000.0 * found.noise_rms_mm:.1f} µm, x marks twice the noise.{last}"
+        f"Mean residuals {1000.0 * residuals.before_rms_mm:.1f} µm r.m.s.{after}; their noise "
+        f"{1000.0 * residuals.noise_rms_mm:.1f} µm, x marks twice the noise.{last}"
     )
 
 
@@ -513,20 +526,22 @@ def adopt_choices(diagnosed: SessionDiagnosis) -> list[tuple[str, str]]:
     An answer is `CORRECT`, ``named``, ``empirical`` (what was named and the unnamed effect of the
     rest), or a candidate as ``id:where``.
     """
-    found = diagnosed.diagnosis
-    named = [one for one in found.effects if one.effects]
-    words = " and ".join(f"{one.id} ({one.where})" for one in named)
-    rivals = {(r.id, r.where) for one in named for r in one.indistinguishable_from}
-    others = [c for c in found.candidates if (c.id, c.where) in rivals and c.effects]
-    mistakes = ", ".join(f"{one.id} ({one.where})" for one in mistakes_of(diagnosed))
+    diagnosis = diagnosed.diagnosis
+    named = [finding for finding in diagnosis.effects if finding.effects]
+    words = " and ".join(f"{finding.id} ({finding.where})" for finding in named)
+    rivals = {(r.id, r.where) for finding in named for r in finding.indistinguishable_from}
+    rival_candidates = [c for c in diagnosis.candidates if (c.id, c.where) in rivals and c.effects]
+    mistakes = ", ".join(f"{finding.id} ({finding.where})" for finding in mistakes_of(diagnosed))
     choices = [(CORRECT, f"correct the readings in a new session: {mistakes}")] if mistakes else []
     choices += [("named", f"adopt {words}")] if named else []
-    if found.left_over:
-        where = found.left_over.effect.where
-        said = f"adopt {f'{words} and ' if named else ''}the rest as an unnamed effect ({where})"
-        choices.append((EMPIRICAL, said))
+    if diagnosis.left_over:
+        where = diagnosis.left_over.effect.where
+        words_of_rest = (
+            f"adopt {f'{words} and ' if named else ''}the rest as an unnamed effect ({where})"
+        )
+        choices.append((EMPIRICAL, words_of_rest))
     choices += [
-        (f"{one.id}:{one.where}", f"adopt {one.id} ({one.where}) instead")
-        for one in others[:MOST_RIVALS]
+        (f"{finding.id}:{finding.where}", f"adopt {finding.id} ({finding.where}) instead")
+        for finding in rival_candidates[:MOST_RIVALS]
     ]
     return choices

@@ -30,55 +30,55 @@ PUBLISHED_WORDS = {
 """The criteria of papers/001, section 4, in its order; the larger the better."""
 
 
-def postures_text(found: BestPostures) -> str:
+def postures_text(best: BestPostures) -> str:
     """Before and after, then the postures and how they were found."""
-    postures = new_table(*found.postures[0], left=0)
-    for posture in found.postures:
+    postures = new_table(*best.postures[0], left=0)
+    for posture in best.postures:
         postures.add_row(*(f"{value + 0.0:.4f}" for value in posture.values()))
-    procedure, moved = found.procedure, bool(found.values)
+    procedure, moved = best.procedure, bool(best.values)
     criteria = new_table("criteria of papers/001", *(["start", "found"] if moved else ["value"]))
-    sets = (found.start, found.found) if moved else (found.found,)
+    sets = (best.start, best.found) if moved else (best.found,)
     for name, words in PUBLISHED_WORDS.items():
-        criteria.add_row(words, *(f"{getattr(one, name):.4g}" for one in sets))
-    before = f" (start {found.refined.start_value:.4g})" if moved else ""
-    condition = f"{found.condition_number:.4g}"
-    condition += f", at the start {found.start_condition_number:.4g}" if moved else ""
-    said = (
+        criteria.add_row(words, *(f"{getattr(posture_set, name):.4g}" for posture_set in sets))
+    before = f" (start {best.refined.start_value:.4g})" if moved else ""
+    condition = f"{best.condition_number:.4g}"
+    condition += f", at the start {best.start_condition_number:.4g}" if moved else ""
+    sentence = (
         f"hexaslide, {procedure.kind.value}, reading {', '.join(procedure.read)}: "
-        f"{len(found.postures)} postures for the {found.search.criterion.value} criterion, "
-        f"{found.refined.value:.5g}{before}. "
-        f"Condition number {condition} ({found.units}; of the {found.rank} combinations that are "
+        f"{len(best.postures)} postures for the {best.search.criterion.value} criterion, "
+        f"{best.refined.value:.5g}{before}. "
+        f"Condition number {condition} ({best.units}; of the {best.rank} combinations that are "
         "identifiable)."
     )
-    if found.rank < found.reachable_rank:
-        said += (
-            f"\nWARNING: so few postures show {found.rank} of the {found.reachable_rank} "
+    if best.rank < best.reachable_rank:
+        sentence += (
+            f"\nWARNING: so few postures show {best.rank} of the {best.reachable_rank} "
             "combinations that more of them show: which are lost depends on the postures, no "
             "calibration comes of them, and their condition number compares only with that of as "
             "few."
         )
-    return paragraphs(said, criteria, postures, _search(found))
+    return paragraphs(sentence, criteria, postures, _search(best))
 
 
-def _search(found: BestPostures) -> str:
-    size = found.coordinates.size
+def _search(best: BestPostures) -> str:
+    size = best.coordinates.size
     where = "stand on a bound of the box"
     kind = "coordinates"
-    if found.space == "joints":
+    if best.space == "joints":
         where, kind = "stand at an end of their rails; the box was left out", "sliders"
-    share = f"{100.0 * found.refined.on_bound / size:.0f} % of the {kind} {where}"
-    if not found.values:
-        return f"{share}. From {found.search.source}."
+    share = f"{100.0 * best.refined.on_bound / size:.0f} % of the {kind} {where}"
+    if not best.values:
+        return f"{share}. From {best.search.source}."
     return (
-        f"{share}, at the start {100.0 * found.start_on_bound / size:.0f} %. {_starts(found)}, "
-        f"seed {found.search.seed}, {found.seconds:.1f} s."
+        f"{share}, at the start {100.0 * best.start_on_bound / size:.0f} %. {_starts(best)}, "
+        f"seed {best.search.seed}, {best.seconds:.1f} s."
     )
 
 
-def _starts(found: BestPostures) -> str:
-    values, source = found.values, found.search.source
-    random, left = source == "random", found.search.starts - len(found.values)
-    stopped = f"; stopped, {left} more were asked for" if left else ""
+def _starts(best: BestPostures) -> str:
+    values, source = best.values, best.search.source
+    random, remaining = source == "random", best.search.starts - len(best.values)
+    stopped = f"; stopped, {remaining} more were asked for" if remaining else ""
     if len(values) == 1:
         return f"One start, {'random' if random else source}{stopped}"
     first = "" if random else f", the first of them {source}"
@@ -98,26 +98,30 @@ MOST_TOLD = 4
 """So many long sums are written out."""
 
 
-def seen_text(found: HexaSlideSeen) -> str:
+def seen_text(view: HexaSlideSeen) -> str:
     """What is seen and lost, the condition number with its units, then the paper's rule."""
-    examined = found.seen.examined
+    examined = view.seen.examined
     return paragraphs(
         f"hexaslide, {examined.procedure}: {examined.posture_count} postures ({examined.source}) "
         f"reading {', '.join(examined.measured)}. Derivatives are exact; noise plays no part.",
-        _verdict(found),
-        _lost(found),
-        _known(found),
-        _conditions(found),
-        _rule(found),
+        _verdict(view),
+        _lost(view),
+        _known(view),
+        _conditions(view),
+        _rule(view),
     )
 
 
-def _verdict(found: HexaSlideSeen) -> str:
-    seen, examined = found.seen.found, found.seen.examined
-    count, reachable = len(seen.names), examined.reachable_rank or seen.rank
-    words = f"{seen.rank} of {count} combinations of the parameters are identifiable"
-    words += ", all of them." if seen.rank == count else f", {count - seen.rank} not."
-    if found.seen.limited_by == "nothing":
+def _verdict(view: HexaSlideSeen) -> str:
+    identifiability, examined = view.seen.found, view.seen.examined
+    count, reachable = len(identifiability.names), examined.reachable_rank or identifiability.rank
+    words = f"{identifiability.rank} of {count} combinations of the parameters are identifiable"
+    words += (
+        ", all of them."
+        if identifiability.rank == count
+        else f", {count - identifiability.rank} not."
+    )
+    if view.seen.limited_by == "nothing":
         words += f" Fewest postures that show so many: {examined.fewest_postures}."
     elif examined.posture_count < (examined.fewest_postures or 0):
         words += (
@@ -132,21 +136,21 @@ def _verdict(found: HexaSlideSeen) -> str:
     return words + (f"\n{examined.remark}" if examined.remark else "")
 
 
-def _lost(found: HexaSlideSeen) -> str:
-    names = [one.name for one in found.seen.unidentifiable]
+def _lost(view: HexaSlideSeen) -> str:
+    names = [parameter.name for parameter in view.seen.unidentifiable]
     lines = []
-    for motion, axes in grouped([name for name in names if name in found.always]).items():
+    for motion, axes in grouped([name for name in names if name in view.always]).items():
         before = f"{', '.join(axes[:-1])} and " if len(axes) > 1 else ""
         lines.append(f"NOT IDENTIFIABLE ({len(axes)}): {motion} {before}{axes[-1]}.")
     if lines:
         lines.append("  No posture shows this: nothing that is read depends on it.")
-    others = [name for name in names if name not in found.always]
-    lines += [f"NOT IDENTIFIABLE (1): {name}." for name in others[:MOST_TOLD]]
-    if len(others) > MOST_TOLD:
+    other_names = [name for name in names if name not in view.always]
+    lines += [f"NOT IDENTIFIABLE (1): {name}." for name in other_names[:MOST_TOLD]]
+    if len(other_names) > MOST_TOLD:
         lines.append(
-            f"NOT IDENTIFIABLE ({len(others) - MOST_TOLD}): more such sums; --json lists them."
+            f"NOT IDENTIFIABLE ({len(other_names) - MOST_TOLD}): more such sums; --json lists them."
         )
-    if others:
+    if other_names:
         lines.append("  Other postures show this.")
     return "\n".join(lines)
 
@@ -160,23 +164,23 @@ def grouped(names: list[str]) -> dict[str, list[str]]:
     return groups
 
 
-def _known(found: HexaSlideSeen) -> str:
-    known = found.seen.found.individually_known
-    if len(known) == len(found.seen.found.names):
+def _known(view: HexaSlideSeen) -> str:
+    known_names = view.seen.found.individually_known
+    if len(known_names) == len(view.seen.found.names):
         return "Every parameter is known by itself."
-    if not known:
+    if not known_names:
         return "No parameter is known by itself: each is part of what is not identifiable."
-    return f"Known by themselves ({len(known)}): {', '.join(known)}."
+    return f"Known by themselves ({len(known_names)}): {', '.join(known_names)}."
 
 
-def _conditions(found: HexaSlideSeen) -> str:
-    own, scaled = found.seen.found.condition_number, found.conditions[SCALED]
-    told = {
+def _conditions(view: HexaSlideSeen) -> str:
+    plain, scaled = view.seen.found.condition_number, view.conditions[SCALED]
+    conditions = {
         units: value
-        for k, (units, value) in enumerate(found.conditions.items())
-        if units != SCALED and (k == 0 or not math.isclose(value, own))  # no angles, no °
+        for k, (units, value) in enumerate(view.conditions.items())
+        if units != SCALED and (k == 0 or not math.isclose(value, plain))  # no angles, no °
     }
-    figures = "; ".join(f"{value:.4g} in {units}" for units, value in told.items())
+    figures = "; ".join(f"{value:.4g} in {units}" for units, value in conditions.items())
     return (
         f"Condition number of the identifiable combinations: {figures} (columns not scaled; 1 is "
         "the least possible). It depends on the units: compare only equal ones. Scaled "
@@ -184,23 +188,23 @@ def _conditions(found: HexaSlideSeen) -> str:
     )
 
 
-def _rule(found: HexaSlideSeen) -> str:
-    seen, qr = found.seen.found, found.seen.qr
-    counted = len(seen.names) - len(qr.flagged)
+def _rule(view: HexaSlideSeen) -> str:
+    identifiability, qr = view.seen.found, view.seen.qr
+    counted = len(identifiability.names) - len(qr.flagged)
     lines = [
         f"Rule of papers/001, QR in the order of the parameters, |r_ii| ≤ {qr.tolerance:.2g}: "
         f"counts {counted} with exact derivatives, flags {', '.join(qr.flagged) or 'none'}."
     ]
-    if counted != seen.rank:
+    if counted != identifiability.rank:
         lines.append(
             f"WARNING: {counted} is wrong: without exchange of columns the rule needs more rows "
-            f"than {seen.row_count}."
+            f"than {identifiability.row_count}."
         )
     elif qr.flagged:
         lines.append(
             "Which ones it flags is a choice of frame and of their order, no fact about them."
         )
-    return "\n".join([*lines, *(_on_differences(rule) for rule in found.rules)])
+    return "\n".join([*lines, *(_on_differences(rule) for rule in view.rules)])
 
 
 def _on_differences(rule: PaperRule) -> str:
@@ -271,17 +275,17 @@ def sees_text(
     view: HexaSlideSeen, found: BestPostures | None, best: dict[str, float] | None
 ) -> str:
     """Rank, what is lost, what is known, how many postures it takes; the paper beside it."""
-    seen = view.seen
-    rank, count = seen.found.rank, len(seen.found.names)
-    published = seen.examined.published_rank
+    seen_by = view.seen
+    rank, count = seen_by.found.rank, len(seen_by.found.names)
+    published = seen_by.examined.published_rank
     paper = "" if published is None else f" (papers/001: {published})"
-    known = seen.found.individually_known
-    one_by_one = f" ({len(known)}): {', '.join(known) or 'none'}."
-    if len(known) == count:
+    known_names = seen_by.found.individually_known
+    one_by_one = f" ({len(known_names)}): {', '.join(known_names) or 'none'}."
+    if len(known_names) == count:
         one_by_one = f": all {count} parameters."
     table = new_table("condition number", *view.conditions)
     conditions = map(_number, view.conditions.values())
-    table.add_row(f"{seen.examined.posture_count} random postures", *conditions)
+    table.add_row(f"{seen_by.examined.posture_count} random postures", *conditions)
     if found is not None and best is not None:
         start = found.start_condition_number
         table.add_row(f"{len(found.begin)} random, the start of the search", _number(start))
@@ -291,11 +295,11 @@ def sees_text(
         table.add_row(f"papers/001: {paper_set.count} optimum", _number(paper_set.best))
     return paragraphs(
         f"{PROCEDURE_WORDS[view.procedure.kind].capitalize()}: reads "
-        f"{', '.join(seen.examined.measured)}.\n"
+        f"{', '.join(seen_by.examined.measured)}.\n"
         f"IDENTIFIABLE: {rank} of {count} combinations of the parameters{paper}.\n"
         f"NOT IDENTIFIABLE by any posture: {lost_words(view)}.\n"
         f"FEWEST POSTURES: {view.fewest}.",
-        seen.examined.remark,
+        seen_by.examined.remark,
         f"{table_text(table)}\nColumns not scaled, so the number depends on the units.",
         f"KNOWN ONE BY ONE{one_by_one}",
     )
@@ -304,12 +308,12 @@ def sees_text(
 def lost_words(view: HexaSlideSeen) -> str:
     """Motions of one frame in one breath; other combinations are long and only counted."""
     motions = {name for name, _ in view.seen.examined.sensitivity.motions}
-    named = [one.name for one in view.seen.unidentifiable if one.name in motions]
-    others = len(view.seen.unidentifiable) - len(named)
-    said = [f"{motion} {', '.join(axes)}" for motion, axes in grouped(named).items()]
-    if others:
-        said.append(f"{others} other combination{'s' if others > 1 else ''}")
-    return "; ".join(said) or "nothing"
+    named = [parameter.name for parameter in view.seen.unidentifiable if parameter.name in motions]
+    other_count = len(view.seen.unidentifiable) - len(named)
+    motion_words = [f"{motion} {', '.join(axes)}" for motion, axes in grouped(named).items()]
+    if other_count:
+        motion_words.append(f"{other_count} other combination{'s' if other_count > 1 else ''}")
+    return "; ".join(motion_words) or "nothing"
 
 
 def _number(value: float) -> str:
@@ -326,13 +330,13 @@ def search_text(
         return waiting if searching else change
     share = found.refined.on_bound / found.refined.coordinates.size
     paper = f", papers/001 {_number(view.published.best)}" if view.published else ""
-    said = (
+    sentence = (
         f"{len(found.begin)} postures, start {len(found.values)} of {found.search.starts}: "
         f"condition number {_number(found.start_condition_number)} → "
         f"{_number(found.condition_number)} (m, rad){paper}; {share:.0%} of the coordinates on a "
         "bound."
     )
-    return wrapped(f"{said} {{page.back}} stops." if searching else said)
+    return wrapped(f"{sentence} {{page.back}} stops." if searching else sentence)
 
 
 def list_text(found: BestPostures | None) -> str:
@@ -362,6 +366,6 @@ def count_question(fewest: int) -> str:
     return f"How many postures? {fewest} or more."
 
 
-def count_problem(found: str, fewest: int, most: int) -> str:
+def count_problem(found: str, fewest: int, largest: int) -> str:
     """A number that is none, too small or too large."""
-    return f"number of postures: found '{found}'; allowed: {fewest} to {most}"
+    return f"number of postures: found '{found}'; allowed: {fewest} to {largest}"

@@ -12,8 +12,10 @@ MOST_EXPLANATIONS = 3
 
 
 def _posture(posture: PostureMmDeg) -> str:
-    shown = [f"{name} {value:.3f}" for name, value in zip(COORDINATES, posture, strict=True)]
-    return f"{'  '.join(shown[:3])} mm  {'  '.join(shown[3:])} °"
+    coordinate_words = [
+        f"{name} {value:.3f}" for name, value in zip(COORDINATES, posture, strict=True)
+    ]
+    return f"{'  '.join(coordinate_words[:3])} mm  {'  '.join(coordinate_words[3:])} °"
 
 
 def task_text(task: PostureTask) -> str:
@@ -48,15 +50,15 @@ def doubt_text(doubt: PostureDoubt) -> str:
     return "\n".join(lines)
 
 
-def plan_text(asked: PostureCommands) -> str:
+def plan_text(planned: PostureCommands) -> str:
     """Every posture of a procedure, with the sliders for it."""
     table = new_table("posture", *COORDINATES, *(f"slider {k}" for k in range(1, 7)))
-    for number, posture in enumerate(asked.procedure.postures, start=1):
-        values = (*posture, *asked.of(number))
+    for number, posture in enumerate(planned.procedure.postures, start=1):
+        values = (*posture, *planned.of(number))
         table.add_row(str(number), *(f"{value:.2f}" for value in values))
     return paragraphs(
-        f"{asked.procedure.name}: {len(asked.procedure.postures)} postures, mm and degrees. "
-        f"{asked.procedure.attach}",
+        f"{planned.procedure.name}: {len(planned.procedure.postures)} postures, mm and degrees. "
+        f"{planned.procedure.attach}",
         table,
     )
 
@@ -66,10 +68,10 @@ def replay_text(session: PostureSession) -> str:
     opened, measured = session.opened, session.opened.procedure.whole().measured
     heads = [f"{name}, °" if name in ANGLES else f"{name}, mm" for name in measured]
     table = new_table("reading", "posture", *(f"slider {k}" for k in range(1, 7)), *heads, "")
-    for one in session.all_readings:
-        numbers = (*one.sliders_mm, *one.values)
-        why = session.superseded.get(one.reading, "")
-        row = (str(one.reading), str(one.posture), *(f"{value:.4f}" for value in numbers))
+    for reading in session.all_readings:
+        numbers = (*reading.sliders_mm, *reading.values)
+        why = session.superseded.get(reading.reading, "")
+        row = (str(reading.reading), str(reading.posture), *(f"{value:.4f}" for value in numbers))
         table.add_row(*row, why)
     skipped = [f"Posture {number} left out: {why}." for number, why in session.skipped.items()]
     return paragraphs(

@@ -38,64 +38,72 @@ BELOW_TABLE = (
 )
 
 
-def history_text(found: History, now: datetime) -> str:
+def history_text(history: History, now: datetime) -> str:
     """Files that cannot be used first, then each machine."""
-    said = [hanging(f"WARNING: {text}", "  ") for _, text in found.problems]
-    return paragraphs(said, *([machine_text(one, now)] for one in found.machines))
+    warnings = [hanging(f"WARNING: {text}", "  ") for _, text in history.problems]
+    return paragraphs(warnings, *([machine_text(machine, now)] for machine in history.machines))
 
 
-def machine_text(found: MachineHistory, now: datetime) -> str:
+def machine_text(machine: MachineHistory, now: datetime) -> str:
     """Due when, drift, then a row for each session and what changed before it."""
-    table, notes = sessions_table(found)
-    return paragraphs(machine_sentence(found, now), drift_lines(found), table, BELOW_TABLE, notes)
-
-
-def machine_sentence(found: MachineHistory, now: datetime) -> str:
-    """How many sessions, how long ago the last, and when the next is due."""
-    ago, count = max(0, (now - found.last.began).days), len(found.points)
-    when = "today" if ago == 0 else f"{ago} day{'s' * (ago > 1)} ago"
-    return (
-        f"{found.machine}{ORIGIN_WORDS[found.origin]}: {count} session{'s' * (count > 1)}. Last "
-        f"calibrated {when}: {found.points[-1].path.name}. {due_words(found)}"
+    table, notes = sessions_table(machine)
+    return paragraphs(
+        machine_sentence(machine, now), drift_lines(machine), table, BELOW_TABLE, notes
     )
 
 
-def due_words(found: MachineHistory) -> str:
+def machine_sentence(machine: MachineHistory, now: datetime) -> str:
+    """How many sessions, how long ago the last, and when the next is due."""
+    ago, count = max(0, (now - machine.last.began).days), len(machine.points)
+    when = "today" if ago == 0 else f"{ago} day{'s' * (ago > 1)} ago"
+    return (
+        f"{machine.machine}{ORIGIN_WORDS[machine.origin]}: {count} session{'s' * (count > 1)}. "
+        "Last "
+        f"calibrated {when}: {machine.points[-1].path.name}. {due_words(machine)}"
+    )
+
+
+def due_words(machine: MachineHistory) -> str:
     """When the next calibration is due, or why that cannot be told."""
-    if found.due is not None:
-        return f"Due in {found.due:%B %Y}: by then drift will have used up the tolerance."
-    if not any(one.drift for one in found.joints):
+    if machine.due is not None:
+        return f"Due in {machine.due:%B %Y}: by then drift will have used up the tolerance."
+    if not any(joint.drift for joint in machine.joints):
         return TOO_EARLY
-    if not any(one.drift and one.drift.shown for one in found.joints):
+    if not any(joint.drift and joint.drift.shown for joint in machine.joints):
         return "No drift beyond its uncertainty."
-    if found.last.machine.tool_tolerance_mm is None:
+    if machine.last.machine.tool_tolerance_mm is None:
         return "When it is due cannot be told: the machine file states no tool_tolerance_mm."
     return "Drift does not use up the tolerance within a hundred years."
 
 
-def drift_lines(found: MachineHistory) -> list[str]:
+def drift_lines(machine: MachineHistory) -> list[str]:
     """Each drift that is beyond its uncertainty."""
-    said = []
-    for name, one in zip(LEG_NAMES, found.joints, strict=True):
-        if one.drift is not None and one.drift.shown:
-            um, wide = (1000.0 * DAYS_A_MONTH * v for v in (one.drift.per_day, one.drift.expanded))
-            said.append(f"Drift of joint {name}: {signed(um, 1)} ± {wide:.1f} µm a month")
-    return said
+    lines = []
+    for name, joint in zip(LEG_NAMES, machine.joints, strict=True):
+        if joint.drift is not None and joint.drift.shown:
+            um, wide = (
+                1000.0 * DAYS_A_MONTH * v for v in (joint.drift.per_day, joint.drift.expanded)
+            )
+            lines.append(f"Drift of joint {name}: {signed(um, 1)} ± {wide:.1f} µm a month")
+    return lines
 
 
-def sessions_table(found: MachineHistory) -> tuple[Table, list[str]]:
+def sessions_table(machine: MachineHistory) -> tuple[Table, list[str]]:
     """A row for each session, and a note below."""
     table = new_table(
         "", "began", *(f"{n}, mm" for n in LEG_NAMES), "±, mm", "tool, mm", "°C", left=2
     )
     notes = []
-    for number, point in enumerate(found.points, start=1):
+    for number, point in enumerate(machine.points, start=1):
         entry = point.entry
         offsets, expanded = entry.offsets_mm or (), entry.expanded_mm or ()
-        changed = [bool(one.chart.changed[number - 1]) for one in found.joints]
-        rules = [one.chart.signals[number - 1] for one in found.joints]
+        changed = [bool(joint.chart.changed[number - 1]) for joint in machine.joints]
+        rules = [joint.chart.signals[number - 1] for joint in machine.joints]
         marks = zip(rules, changed, strict=True)
-        signs = ["".join(RULE_MARKS[n] for n in each) or "!" * new for each, new in marks]
+        signs = [
+            "".join(RULE_MARKS[n] for n in joint_signals) or "!" * new
+            for joint_signals, new in marks
+        ]
         marked = zip(offsets, signs, strict=True)
         table.add_row(
             f"{number}",
@@ -105,11 +113,11 @@ def sessions_table(found: MachineHistory) -> tuple[Table, list[str]]:
             f"{entry.bound_before_mm:.3f}",
             "" if entry.temperature_c is None else f"{entry.temperature_c:.1f}",
         )
-        said = [point.path.name, point.event, *(entry.effects or ())]
+        remarks = [point.path.name, point.event, *(entry.effects or ())]
         if any(changed):
             joints = ", ".join(name for name, new in zip(LEG_NAMES, changed, strict=True) if new)
-            said.append(f"joint {joints} changed beyond uncertainty")
-        for name, each in zip(LEG_NAMES, rules, strict=True):
-            said += [f"joint {name}: rule {n}, {RULES[n - 1][3]}" for n in each]
-        notes.append(hanging(f"{number}  {'; '.join(filter(None, said))}", "   "))
+            remarks.append(f"joint {joints} changed beyond uncertainty")
+        for name, joint_signals in zip(LEG_NAMES, rules, strict=True):
+            remarks += [f"joint {name}: rule {n}, {RULES[n - 1][3]}" for n in joint_signals]
+        notes.append(hanging(f"{number}  {'; '.join(filter(None, remarks))}", "   "))
     return table, notes

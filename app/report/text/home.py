@@ -184,7 +184,8 @@ def port_label(port: str, description: str, answered: Mapping[str, str]) -> str:
 def profile_rows(profiles: Iterable[Profile], before: str = "") -> list[tuple[str, str]]:
     """Words and name of each profile for a list."""
     return [
-        (f"{before}{one.name}  {one.title}{UNSURE[one.verified]}", one.name) for one in profiles
+        (f"{before}{profile.name}  {profile.title}{UNSURE[profile.verified]}", profile.name)
+        for profile in profiles
     ]
 
 

@@ -42,9 +42,9 @@ def effect_words(effect: EffectEntry, machine: Machine) -> str:
     for name, value in effect.parameters.items():
         spread = value.standard_uncertainty
         about = "" if spread is None else f" ± {spread:.2g}"
-        held = ", held" if value.held else ""
-        lines.append(f"    {name} = {value.value:+.4g}{about} {value.unit}{held}")
-    lines += [hanging(f"    {said}", "    ") for said in _remedies(effect, machine)]
+        held_words = ", held" if value.held else ""
+        lines.append(f"    {name} = {value.value:+.4g}{about} {value.unit}{held_words}")
+    lines += [hanging(f"    {remedy}", "    ") for remedy in _remedies(effect, machine)]
     if effect.provenance:
         sessions = ", ".join(effect.provenance.sessions)
         lines.append(wrapped(f"    found in {sessions}, verdict {effect.provenance.verdict}"))

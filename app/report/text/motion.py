@@ -22,20 +22,20 @@ QUESTION = "Guards closed, emergency stop at hand, nobody at the machine: may it
 MOVED_BY = {None: "", "twin": "A simulated controller", "linuxcnc": "LinuxCNC on this computer"}
 
 
-def plan_text(plan: Plan, said: tuple[str, ...] = ()) -> str:
+def plan_text(plan: Plan, remarks: tuple[str, ...] = ()) -> str:
     """All that will move, every posture of it: shown before anything does.
 
-    ``said`` is what the controller says of itself. Raises as `ways_of`.
+    ``remarks`` are what the controller says of itself. Raises as `ways_of`.
     """
-    return f"{_postures_text(plan)}\n\n{_limits_text(plan, said)}"
+    return f"{_postures_text(plan)}\n\n{_limits_text(plan, remarks)}"
 
 
 def _postures_text(plan: Plan) -> str:
     return dry_run_text(plan.procedure, plan.machine, plan.instruments).replace("G53 G0", "G53 G1")
 
 
-def _limits_text(plan: Plan, said: tuple[str, ...]) -> str:
-    """How fast and how far, what is checked, and what the controller ``said`` of itself."""
+def _limits_text(plan: Plan, remarks: tuple[str, ...]) -> str:
+    """How fast and how far, what is checked, and the ``remarks`` of the controller on itself."""
     ways = ways_of(plan.procedure, plan.machine, plan.axes)
     limits, motion = limits_of(plan.machine), plan.machine.motion or MotionLimits()
     places = [step.place for step in ways.steps]
@@ -51,7 +51,7 @@ def _limits_text(plan: Plan, said: tuple[str, ...]) -> str:
         f"steps at {feed_mm_min(plan.machine):g} mm/min, longest move {ways.longest_mm:.1f} mm, "
         f"{minutes:.1f} minutes of moving and rest. {set_ups} set-ups: each way to Zero and each "
         f"set-up begins with your consent. It comes from {motion.preroll_mm:g} mm below.",
-        f"It reports: {', '.join(said)}." if said else "",
+        f"It reports: {', '.join(remarks)}." if remarks else "",
         f"Never outside {place_words(limits.low_mm)} … {place_words(limits.high_mm)}, no move over "
         f"{limits.longest_mm:g} mm, no feed over {limits.fastest_mm_min:g} mm/min. A reading is "
         f"taken where the position that is read back is within {limits.reached_mm:g} mm of the "
@@ -187,23 +187,23 @@ def further_text(
 
     Where no bound was asked for, how to go on.
     """
-    said = f"Tool over the workspace: at most {uncertain(reach.bound_mm)} mm r.m.s. (95 %)."
+    sentence = f"Tool over the workspace: at most {uncertain(reach.bound_mm)} mm r.m.s. (95 %)."
     if chosen is not None:
-        return wrapped(f"{said} Next, {_set_up_words(chosen)}.")
+        return wrapped(f"{sentence} Next, {_set_up_words(chosen)}.")
     if until_mm is not None and reach.bound_mm <= until_mm:
-        return wrapped(f"{said} That is within the {until_mm:g} mm asked for.")
+        return wrapped(f"{sentence} That is within the {until_mm:g} mm asked for.")
     if until_mm is not None or not reach.further:
-        return wrapped(f"{said} More set-ups on legs would not help: see glidecal plan.")
+        return wrapped(f"{sentence} More set-ups on legs would not help: see glidecal plan.")
     command = (
         f"{continue_command(plan.path, plan.motion, headless=True)} "
         f"--until {uncertain(reach.further[-1].bound_mm)}"
     )
-    return f"{wrapped(f'{said} Next, {_set_up_words(reach.further[0])}. To go on:')}\n{command}"
+    return f"{wrapped(f'{sentence} Next, {_set_up_words(reach.further[0])}. To go on:')}\n{command}"
 
 
-def _set_up_words(one: FurtherSetUp) -> str:
-    count = len(one.legs) * len(one.displacements_mm)
+def _set_up_words(set_up: FurtherSetUp) -> str:
+    count = len(set_up.legs) * len(set_up.displacements_mm)
     return (
-        f"leg {', '.join(one.legs)} at station {one.station:g}, {count} postures in "
-        f"{one.minutes:.0f} minutes: {uncertain(one.bound_mm)} mm expected"
+        f"leg {', '.join(set_up.legs)} at station {set_up.station:g}, {count} postures in "
+        f"{set_up.minutes:.0f} minutes: {uncertain(set_up.bound_mm)} mm expected"
     )

@@ -34,19 +34,19 @@ CRITERION_WORDS = {
 }
 
 
-def identifiability_text(seen: SeenBy) -> str:
+def identifiability_text(seen_by: SeenBy) -> str:
     """The sentence that matters, combinations with added measurements, then the classical test."""
-    examined, found = seen.examined, seen.found
+    examined, identifiability = seen_by.examined, seen_by.found
     steps = "steps" if examined.fewest_postures is None else "postures"
     return paragraphs(
-        f"{seen.machine}, {examined.procedure}: {examined.posture_count} {steps} reading "
+        f"{seen_by.machine}, {examined.procedure}: {examined.posture_count} {steps} reading "
         f"{', '.join(examined.measured)}; noise {examined.noise_words}",
-        _verdict(seen),
-        _combinations(seen),
-        f"Condition number {found.condition_number:.1f} of the identifiable combinations "
+        _verdict(seen_by),
+        _combinations(seen_by),
+        f"Condition number {identifiability.condition_number:.1f} of the identifiable combinations "
         f"({examined.units}; 1 is the least possible).\n"
-        f"Classical QR (papers/001), |r_ii| ≤ {seen.qr.tolerance:.2g}: flags "
-        f"{', '.join(seen.qr.flagged) or 'none'}. "
+        f"Classical QR (papers/001), |r_ii| ≤ {seen_by.qr.tolerance:.2g}: flags "
+        f"{', '.join(seen_by.qr.flagged) or 'none'}. "
         "WARNING: that test uses neither noise nor tolerance and depends on the order of the "
         "parameters; the lines above decide.",
     )
@@ -55,9 +55,12 @@ def identifiability_text(seen: SeenBy) -> str:
 def expected_text(expected: ExpectedResult) -> str:
     """What each parameter and the tool will be known to, once this is measured."""
     table = new_table("± (95 %), mm, to expect", "its kind alone", "all six", "within tolerances")
-    for one in expected.parameters:
-        free = ("not told" if v is None else uncertain(v) for v in (one.alone_mm, one.all_mm))
-        table.add_row(one.name, *free, uncertain(one.held_mm))
+    for parameter in expected.parameters:
+        free = (
+            "not told" if v is None else uncertain(v)
+            for v in (parameter.alone_mm, parameter.all_mm)
+        )
+        table.add_row(parameter.name, *free, uncertain(parameter.held_mm))
     because = f", most of it because of {' ('.join(expected.worst)})" if expected.worst else ""
     return paragraphs(
         table,
@@ -71,44 +74,45 @@ def before_measuring_text(expected: ExpectedResult, noise_words: str) -> str:
     return f"Before measuring, noise {noise_words}:\n\n{expected_text(expected)}"
 
 
-def _verdict(seen: SeenBy) -> str:
-    count, rank = len(seen.found.names), seen.found.rank
+def _verdict(seen_by: SeenBy) -> str:
+    count, rank = len(seen_by.found.names), seen_by.found.rank
     if rank == count:
         words = f"All {count} combinations of the {count} parameters are identifiable"
-        words += f", {len(seen.weak)} of them weakly." if seen.weak else "."
+        words += f", {len(seen_by.weak)} of them weakly." if seen_by.weak else "."
     else:
         words = f"{rank} of {count} combinations of the parameters are identifiable"
         words += f", {count - rank} not."
-    known = ", ".join(seen.found.individually_known) or "none"
-    words += f"\nParameters identifiable by themselves: {known}."
-    words += f"\n{seen.examined.remark}" if seen.examined.remark else ""
-    fewest = seen.examined.fewest_postures
-    if seen.limited_by == "too-few-postures" and fewest is not None:
+    known_names = ", ".join(seen_by.found.individually_known) or "none"
+    words += f"\nParameters identifiable by themselves: {known_names}."
+    words += f"\n{seen_by.examined.remark}" if seen_by.examined.remark else ""
+    fewest = seen_by.examined.fewest_postures
+    if seen_by.limited_by == "too-few-postures" and fewest is not None:
         words += f"\nToo few postures: {fewest} or more are needed. Measure more postures."
-    elif seen.limited_by == "too-few-postures":
+    elif seen_by.limited_by == "too-few-postures":
         words += (
-            f"\nOnly {seen.examined.independent_count} differences for {count} parameters: "
+            f"\nOnly {seen_by.examined.independent_count} differences for {count} parameters: "
             "measure more postures."
         )
     return words
 
 
-def _combinations(seen: SeenBy) -> str:
+def _combinations(seen_by: SeenBy) -> str:
     lines = []
-    enough = seen.limited_by == "nothing"
+    enough = seen_by.limited_by == "nothing"
     without = "No posture of this procedure shows" if enough else "More postures may show"
-    for one in (*seen.unidentifiable, *seen.weak):
-        u, tool_mm = one.standard_uncertainty, one.tool_mm
-        said = f"NOT IDENTIFIABLE: {one.name}."
+    for direction in (*seen_by.unidentifiable, *seen_by.weak):
+        u, tool_mm = direction.standard_uncertainty, direction.tool_mm
+        sentence = f"NOT IDENTIFIABLE: {direction.name}."
         if u is not None and tool_mm is not None:
             half, tool = COVERAGE * u, COVERAGE * tool_mm
-            said = (
-                f"WEAK: {one.name} known only to ±{half:.3f} mm (95 %), ±{tool:.3f} mm at the tool."
+            sentence = (
+                f"WEAK: {direction.name} known only to ±{half:.3f} mm (95 %), "
+                f"±{tool:.3f} mm at the tool."
             )
-        lines.append(said)
-        if one.added is not None:
-            half = COVERAGE * one.added.standard_uncertainty
-            lines.append(f"  Best single addition: {one.added.where}; then ±{half:.3f} mm.")
+        lines.append(sentence)
+        if direction.added is not None:
+            half = COVERAGE * direction.added.standard_uncertainty
+            lines.append(f"  Best single addition: {direction.added.where}; then ±{half:.3f} mm.")
         elif u is None:
             lines.append(f"  {without} it.")
     return "\n".join(lines)
@@ -125,13 +129,18 @@ def postures_text(chosen: ChosenPostures) -> str:
         ("tool error from noise, r.m.s. mm", "tool_mm"),
         ("minutes with set-up", "minutes"),
     ):
-        values = (getattr(one, kind) for one in (chosen.before, chosen.after))
+        values = (getattr(posture_value, kind) for posture_value in (chosen.before, chosen.after))
         figures.add_row(name, *("not identifiable" if v is None else f"{v:.4g}" for v in values))
     names = list(chosen.postures[0])
     table = new_table(*(name.replace("_mm", ", mm") for name in names))
     for posture in chosen.postures:
         coordinates = (posture[name] for name in names)
-        table.add_row(*(one if isinstance(one, str) else f"{one:g}" for one in coordinates))
+        table.add_row(
+            *(
+                posture_value if isinstance(posture_value, str) else f"{posture_value:g}"
+                for posture_value in coordinates
+            )
+        )
     grid, value = chosen.grid_value, chosen.after.value
     if grid is None:  # a file holds just what is judged here
         moved = "The postures keep to the grid: --no-refine."
@@ -157,10 +166,16 @@ def postures_text(chosen: ChosenPostures) -> str:
 
 def plan_text(plan: MeasurementPlan) -> str:
     """One sentence, then the runners-up; set-ups in turn, names, and instruments outside."""
-    known = f"after {', '.join(plan.sessions)}" if plan.sessions else "with nothing measured yet"
+    basis_words = (
+        f"after {', '.join(plan.sessions)}" if plan.sessions else "with nothing measured yet"
+    )
     table = new_table("next best", "minutes", "tool at most, mm")
-    for one in plan.runners_up:
-        table.add_row(one.candidate.words, f"{one.candidate.minutes:.1f}", uncertain(one.bound_mm))
+    for runner_up in plan.runners_up:
+        table.add_row(
+            runner_up.candidate.words,
+            f"{runner_up.candidate.minutes:.1f}",
+            uncertain(runner_up.bound_mm),
+        )
     planner, best = plan.planner, plan.best
     entered = planner.correction
     after = (
@@ -170,7 +185,7 @@ def plan_text(plan: MeasurementPlan) -> str:
         f"{plan.noise_words})."
     )
     return paragraphs(
-        f"Next, {known}: {best.candidate.words}, both axes. {after}",
+        f"Next, {basis_words}: {best.candidate.words}, both axes. {after}",
         table,
         further_text(planner.reach),
         separation_text(planner.separation),
@@ -198,9 +213,9 @@ def further_text(reach: Reach) -> str:
     """What bound each further set-up reaches, and when more would not help."""
     table = new_table("further set-ups", "minutes in all", "tool at most, mm")
     table.add_row("none", "0", uncertain(reach.bound_mm))
-    for one in reach.further:
-        where = f"leg {', '.join(one.legs)} at station {one.station:g}"
-        table.add_row(where, f"{one.minutes:.0f}", uncertain(one.bound_mm))
+    for set_up in reach.further:
+        where = f"leg {', '.join(set_up.legs)} at station {set_up.station:g}"
+        table.add_row(where, f"{set_up.minutes:.0f}", uncertain(set_up.bound_mm))
     stop = "More set-ups would lower it further."
     if reach.is_last:
         stop = (
@@ -217,57 +232,58 @@ def further_text(reach: Reach) -> str:
     )
 
 
-def alias_text(found: AliasMap) -> str:
+def alias_text(aliases: AliasMap) -> str:
     """For each effect the ones that imitate it; what no reading shows."""
     by_effect: dict[tuple[str, str], list[str]] = {}
-    for one in found.imitations:
-        by_effect.setdefault(one.effect, []).append(f"{one.by[0]} ({one.by[1]})")
+    for imitation in aliases.imitations:
+        by_effect.setdefault(imitation.effect, []).append(f"{imitation.by[0]} ({imitation.by[1]})")
     lines = [
-        f"{len(found.effects)} effects and places; {len(by_effect)} of them can be imitated by "
+        f"{len(aliases.effects)} effects and places; {len(by_effect)} of them can be imitated by "
         "another effect, offsets and zeros free, lengths within their tolerance:"
     ]
     lines += [
-        f"{name} ({where}): {', '.join(dict.fromkeys(others))}"
-        for (name, where), others in by_effect.items()
+        f"{name} ({where}): {', '.join(dict.fromkeys(imitators))}"
+        for (name, where), imitators in by_effect.items()
     ]
-    if found.invisible:
-        shown = ", ".join(f"{name} ({where})" for name, where in found.invisible)
-        lines.append(f"No reading shows: {shown}")
+    if aliases.invisible:
+        invisible_words = ", ".join(f"{name} ({where})" for name, where in aliases.invisible)
+        lines.append(f"No reading shows: {invisible_words}")
     return wrapped("\n".join(lines))
 
 
-def workspace_text(machine: Machine, found: Workspace) -> str:
+def workspace_text(machine: Machine, workspace: Workspace) -> str:
     """The box and how much of it is reached, the factors, the cut, the angles, then maps."""
     low, high = machine.travel_min_mm, machine.travel_max_mm
-    whose = "stated in the machine file" if found.stated else "all that joint limits allow"
+    whose = "stated in the machine file" if workspace.stated else "all that joint limits allow"
     box = ", ".join(
         f"{axis} {a:.0f} … {b:.0f}"
-        for axis, a, b in zip(LEG_NAMES, found.low_mm, found.high_mm, strict=True)
+        for axis, a, b in zip(LEG_NAMES, workspace.low_mm, workspace.high_mm, strict=True)
     )
     joints = new_table("leg", "θ, °", "β, °")
-    for leg, theta, beta in zip(LEG_NAMES, found.theta_deg, found.beta_deg, strict=True):
+    for leg, theta, beta in zip(LEG_NAMES, workspace.theta_deg, workspace.beta_deg, strict=True):
         joints.add_row(leg, *(f"{a:+.1f} … {b:+.1f}" for a, b in (theta, beta)))
     return paragraphs(
         f"{machine.name}: workspace {box} mm, {whose} (carriages {low:g} … {high:g} mm from Zero). "
-        f"{found.reached:.0%} of this box is reached, {1e-6 * found.volume_mm3:.2f} dm³.",
-        f"Velocity transmission factors, tool over carriages: {found.lowest_factor:.2f} … "
-        f"{found.highest_factor:.2f}; at Zero {_factors(found.at_zero)}. "
-        f"{found.inside:.1%} of the workspace keeps 1/{found.limit:g} … {found.limit:g}.",
-        _cube_words(found),
+        f"{workspace.reached:.0%} of this box is reached, {1e-6 * workspace.volume_mm3:.2f} dm³.",
+        f"Velocity transmission factors, tool over carriages: {workspace.lowest_factor:.2f} … "
+        f"{workspace.highest_factor:.2f}; at Zero {_factors(workspace.at_zero)}. "
+        f"{workspace.inside:.1%} of the workspace keeps 1/{workspace.limit:g} … "
+        f"{workspace.limit:g}.",
+        _cube_words(workspace),
         "Passive joints over the workspace:",
         joints,
         "The factor furthest from 1, or its inverse, on planes through Zero (–: not reached)",
-        *(map_table(one, lambda factor: f"{factor:.2f}") for one in found.maps),
+        *(map_table(plane, lambda factor: f"{factor:.2f}") for plane in workspace.maps),
     )
 
 
-def _cube_words(found: Workspace) -> str:
-    limits = f"within 1/{found.limit:g} … {found.limit:g}"
-    if found.cube is None:
+def _cube_words(workspace: Workspace) -> str:
+    limits = f"within 1/{workspace.limit:g} … {workspace.limit:g}"
+    if workspace.cube is None:
         return (
             f"No cube that the joint limits allow has its factors {limits}: take a larger --limit."
         )
-    side, lowest = found.cube.side_mm, found.cube.low_mm
+    side, lowest = workspace.cube.side_mm, workspace.cube.low_mm
     corners = [[float(f"{v:.1f}") for v in corner] for corner in (lowest, lowest + side)]
     return (
         f"Largest cube found that the joint limits allow, factors {limits}: {side:.1f} mm. For the "
@@ -278,9 +294,11 @@ def _cube_words(found: Workspace) -> str:
 def posture_text(machine: Machine, posture: PostureOfTool) -> str:
     """Angles and factors at a place of the tool, then the other solutions."""
     stands = "allow" if posture.stands else "do NOT allow"
-    own = posture.modes[0]
+    own_mode = posture.modes[0]
     joints = new_table("leg", "carriage from Zero, mm", "θ, °", "β, °")
-    for row in zip(LEG_NAMES, own.carriage_mm, posture.theta_deg, posture.beta_deg, strict=True):
+    for row in zip(
+        LEG_NAMES, own_mode.carriage_mm, posture.theta_deg, posture.beta_deg, strict=True
+    ):
         joints.add_row(row[0], f"{row[1]:+.3f}", f"{row[2]:+.3f}", f"{row[3]:+.3f}")
     modes = new_table("working mode", *(f"carriage {leg}, mm" for leg in LEG_NAMES))
     for mode in posture.modes:

@@ -39,10 +39,11 @@ def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[
 def _short(procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]) -> list[str]:
     """A paragraph for each indicator whose travel may not be enough."""
     return [
-        f"Travel: {one.profile} moves up to {needed_mm:.1f} mm {where}, on a machine within its "
-        f"tolerances; it has {one.travel_mm:g} mm. Take one with more travel, or smaller "
+        f"Travel: {instrument.profile} moves up to {needed_mm:.1f} mm {where}, on a machine "
+        "within its "
+        f"tolerances; it has {instrument.travel_mm:g} mm. Take one with more travel, or smaller "
         "displacements."
-        for one, needed_mm, where in short_travels(procedure, machine, instruments)
+        for instrument, needed_mm, where in short_travels(procedure, machine, instruments)
     ]
 
 
@@ -50,12 +51,12 @@ def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[I
     """Every step of a procedure with the line to type at the controller."""
     geometry, axes = machine.geometry(), [instrument.axes for instrument in instruments]
     steps = procedure.steps(geometry, axes)
-    same = {"leg", "station", "axes"} if procedure.plate else set()  # of every step
+    repeated = {"leg", "station", "axes"} if procedure.plate else set()  # of every step
     columns = ("step", "leg", "posture", "cycle", "station", "axes", "controller")
-    headings = [name for name in columns if name not in same]
+    headings = [name for name in columns if name not in repeated]
     table = new_table(*headings, left=len(headings))
     used = instruments[: max(step.indicators.stop for step in steps)]
-    names = [f"{k} {one.profile} ({one.port})" for k, one in enumerate(used, start=1)]
+    names = [f"{k} {entry.profile} ({entry.port})" for k, entry in enumerate(used, start=1)]
     order = " Axes stand in this order." if len(names) > 1 else ""
     if procedure.plane is not None:
         order += " p: the stand is on the plane." + " 2: the second one reads." * (len(names) > 1)
@@ -64,7 +65,9 @@ def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[I
         station = f"p {step.station:g}" if step.over_plane else f"{step.station:g}"
         axes_words = f"{step.axes[0]} 2" if step.first else " ".join(step.axes)
         cells = (*place, station, axes_words, mdi_line(step, machine))
-        table.add_row(*(one for name, one in zip(columns, cells, strict=True) if name not in same))
+        table.add_row(
+            *(entry for name, entry in zip(columns, cells, strict=True) if name not in repeated)
+        )
     return paragraphs(
         procedure_sentence(procedure, geometry, axes),
         f"Indicators: {', '.join(names)}.{order}",
@@ -146,19 +149,23 @@ def trial_text(trial: SpindleCheck, step: Step) -> str:
     """Which spindle is to be pushed before ``step`` is measured, and what the last push told."""
     if trial.done:
         return "Each spindle was found at its place. {check.begin} begins."
-    named = [indicator_words(k, one) for k, one in enumerate(trial.instruments)]
-    which, other = named[trial.asked], named[trial.asked - 1]
-    one = trial.instruments[trial.asked]
+    named = [indicator_words(k, instrument) for k, instrument in enumerate(trial.instruments)]
+    which, second_name = named[trial.asked], named[trial.asked - 1]
+    instrument = trial.instruments[trial.asked]
     reads = trial.asked in step.indicators
-    axis = step.axes[step.indicators.index(trial.asked)] if reads else one.axes[0]
+    axis = step.axes[step.indicators.index(trial.asked)] if reads else instrument.axes[0]
     axis = f"along {axis.upper()}"
-    told = {
-        PushResult.OTHER: f"{other.capitalize()} moved. Was it the one {axis}? Then "
+    findings = {
+        PushResult.OTHER: f"{second_name.capitalize()} moved. Was it the one {axis}? Then "
         "{check.exchange} exchanges the ports. Else: ",
         PushResult.BOTH: "More than one moved. One at a time: ",
-        PushResult.SIGN: f"Pushed in it reads {trial.last}, {one.pushed_in} is stated: turn its "
+        PushResult.SIGN: f"Pushed in it reads {trial.last}, {instrument.pushed_in} is stated: "
+        "turn its "
         "sign, or pushed_in in the machine file. Then: ",
     }
     where = "at the tool" if step.leg == "tool" else f"of {step.touched}"
-    said = told.get(trial.finding, "") + f"push in the spindle {axis} {where}"
-    return f"{said[0].upper()}{said[1:]} and let it go: {which}. {{check.begin}} begins without."
+    sentence = findings.get(trial.finding, "") + f"push in the spindle {axis} {where}"
+    return (
+        f"{sentence[0].upper()}{sentence[1:]} and let it go: {which}. {{check.begin}} "
+        "begins without."
+    )

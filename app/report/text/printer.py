@@ -55,16 +55,16 @@ def change_tables(change: PrinterChange) -> list[Table]:
 def _change_table(change: PrinterChange) -> Table:
     if change.endstops_alone:
         table = new_table("tower", "endstop now, mm", "enter", "or move the switch by, mm")
-        for one in change.towers:
-            stop = one.endstop
+        for tower in change.towers:
+            stop = tower.endstop
             moved = signed(-stop.change)
-            table.add_row(one.tower, f"{stop.now:.3f}", f"{stop.then:.3f}", moved)
+            table.add_row(tower.tower, f"{stop.now:.3f}", f"{stop.then:.3f}", moved)
         return table
     table = new_table("mm", "endstop", "enter", "arm", "enter", "angle, °", "enter")
-    for one in change.towers:
-        pairs = (one.endstop, one.arm, one.angle)
+    for tower in change.towers:
+        pairs = (tower.endstop, tower.arm, tower.angle)
         row = [f"{value:.3f}" for entry in pairs for value in (entry.now, entry.then)]
-        table.add_row(f"tower {one.tower}", *row)
+        table.add_row(f"tower {tower.tower}", *row)
     radius = change.radius
     if abs(radius.change) >= LEAST:
         table.add_row("radius", f"{radius.now:.3f}", f"{radius.then:.3f}", *[""] * 4)
@@ -72,14 +72,14 @@ def _change_table(change: PrinterChange) -> Table:
 
 
 def _travel_table(change: PrinterChange) -> Table:
-    held = "rotation_distance, mm" if change.turns else "steps per mm, M92"
-    table = new_table("belt", held, "enter", "travels further by, mm/m")
-    for one in change.towers:
-        if travel := one.travel:
+    entry_name = "rotation_distance, mm" if change.turns else "steps per mm, M92"
+    table = new_table("belt", entry_name, "enter", "travels further by, mm/m")
+    for tower in change.towers:
+        if travel := tower.travel:
             part = travel.then / travel.now if change.turns else travel.now / travel.then
             further = signed(1000.0 * (part - 1.0))
             figures = f"{travel.now:.4f}", f"{travel.then:.4f}", further
-            table.add_row(f"belt {one.tower}", *figures)
+            table.add_row(f"belt {tower.tower}", *figures)
     return table
 
 
@@ -116,7 +116,7 @@ def change_answers(solved: SessionSolution, change: PrinterChange) -> Iterator[s
                 "flat, or anything else without an entry. glidecal diagnose looks for it."
             )
     if change.bound_mm > SIZE_SHOWS * uneven.then and not any(
-        one.distances for one in solved.sessions
+        session.distances for session in solved.sessions
     ):
         yield SIZE_IS_OPEN
 
@@ -126,14 +126,14 @@ def tower_remedies(effects: Sequence[EffectInstance], towers: Mapping[str, str])
 
     Where a printer has no words of its own, or ``towers`` is empty, those of any machine.
     """
-    words = [_remedy(one, towers) for one in effects] if towers else [None]
+    words = [_remedy(effect, towers) for effect in effects] if towers else [None]
     return tuple(filter(None, words)) if all(words) else remedies(effects)
 
 
-def _remedy(one: EffectInstance, towers: Mapping[str, str]) -> str | None:
-    value = float(one.values[0].real)
-    named = [towers.get(letter, "") for letter in one.place]
-    law, tower = one.effect, named[0]
+def _remedy(effect: EffectInstance, towers: Mapping[str, str]) -> str | None:
+    value = float(effect.values[0].real)
+    named = [towers.get(letter, "") for letter in effect.place]
+    law, tower = effect.effect, named[0]
     if isinstance(law, ActuatorScale):
         times = 1.0 + value / 1000.0
         return (
@@ -145,8 +145,8 @@ def _remedy(one: EffectInstance, towers: Mapping[str, str]) -> str | None:
         return f"belt or joints of tower {tower} are slack by {value:.3f} mm: tighten them"
     if isinstance(law, LegLength):
         return f"arm of tower {tower}: {value:+.3f} mm, in the exported values"
-    if type(law) is AxisOffset and one.place[1:] in ("r", "t"):
-        out, back = ("out", "in") if one.place[1:] == "r" else ("anticlockwise", "clockwise")
+    if type(law) is AxisOffset and effect.place[1:] in ("r", "t"):
+        out, back = ("out", "in") if effect.place[1:] == "r" else ("anticlockwise", "clockwise")
         way, against = (out, back) if value > 0.0 else (back, out)
         return (
             f"foot of tower {tower} stands {abs(value):.3f} mm too far {way}: the exported values "

@@ -13,39 +13,41 @@ from protocols.procedure import posture_words
 from protocols.session import Session
 
 
-def question_text(taken: TakenStep, session: Session) -> str:
+def question_text(step_taken: TakenStep, session: Session) -> str:
     """Why readings are questioned: what was read, what was expected, what its repeats show."""
-    rows, odd = _repeat_rows(taken, session), taken.doubt is Doubt.ODD
-    if taken.earlier:
-        other = step_name(session.steps()[(taken.earlier[0].step or 1) - 1], session)
+    rows, odd = _repeat_rows(step_taken, session), step_taken.doubt is Doubt.ODD
+    if step_taken.earlier:
+        earlier_step = step_name(session.steps()[(step_taken.earlier[0].step or 1) - 1], session)
     if odd:
         agree = "The others agree with each other. Was the machine in another posture then?"
-        return "\n".join([f"The odd one is {other}:", *rows, agree])
-    if taken.doubt is Doubt.REPEATS:
-        same_zero = len({r.mount for r in (*taken.readings, *taken.earlier)}) <= len(taken.readings)
+        return "\n".join([f"The odd one is {earlier_step}:", *rows, agree])
+    if step_taken.doubt is Doubt.REPEATS:
+        same_zero = len({r.mount for r in (*step_taken.readings, *step_taken.earlier)}) <= len(
+            step_taken.readings
+        )
         zeros = [] if same_zero else ["Each set-up has a zero of its own: compare from there."]
-        first = f"Step {taken.step.number} does not agree with {other}:"
-        asked = "Which of these two is wrong? Look at posture, unit and sign now."
-        return "\n".join([first, *rows, *zeros, asked])
-    name = step_name(taken.step, session)
-    lines = [f"{name[0].upper()}{name[1:]}:", *_off_lines(taken, session)]
+        first = f"Step {step_taken.step.number} does not agree with {earlier_step}:"
+        question = "Which of these two is wrong? Look at posture, unit and sign now."
+        return "\n".join([first, *rows, *zeros, question])
+    name = step_name(step_taken.step, session)
+    lines = [f"{name[0].upper()}{name[1:]}:", *_off_lines(step_taken, session)]
     if len(rows) > 2:  # a heading and more than the step itself
         lines += ["Its repeats agree with each other:", *rows]
-    if _same_again(taken, session):
+    if _same_again(step_taken, session):
         lines.append("It shows the same again. If all is right now, the stand has moved.")
         return "\n".join(lines)
-    return "\n".join([*lines, _asked(taken, session)])
+    return "\n".join([*lines, _asked(step_taken, session)])
 
 
-def _off_lines(taken: TakenStep, session: Session) -> list[str]:
+def _off_lines(step_taken: TakenStep, session: Session) -> list[str]:
     """For each axis what was read, and how it is off."""
-    before = _before(taken, session)
-    shown = [f"along {r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in taken.readings]
-    if not taken.due:
-        return shown
+    before = _before(step_taken, session)
+    readings = [f"along {r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in step_taken.readings]
+    if not step_taken.due:
+        return readings
     lines = []
-    for line, reading, due in zip(shown, taken.readings, taken.due, strict=True):
-        if taken.doubt is not Doubt.BEYOND:
+    for line, reading, due in zip(readings, step_taken.readings, step_taken.due, strict=True):
+        if step_taken.doubt is not Doubt.BEYOND:
             line += f", {signed(reading.value_mm - due.before.value_mm, 4)} mm since {before}"
         elif due.is_beyond(reading.value_mm):
             line += f" where {signed(due.mean_mm)} ± {uncertain(due.limit_mm)} mm is expected"
@@ -53,64 +55,70 @@ def _off_lines(taken: TakenStep, session: Session) -> list[str]:
     return lines
 
 
-def _before(taken: TakenStep, session: Session) -> str:
+def _before(step_taken: TakenStep, session: Session) -> str:
     """The posture before the step."""
-    if not taken.due:
+    if not step_taken.due:
         return ""
-    before = taken.due[0].before
+    before = step_taken.due[0].before
     posture = posture_words(before.posture_mm, session.opened.machine.geometry())
-    return f"{posture} {before.station:g}" if taken.step.over_plane else posture
+    return f"{posture} {before.station:g}" if step_taken.step.over_plane else posture
 
 
-def _asked(taken: TakenStep, session: Session) -> str:
+def _asked(step_taken: TakenStep, session: Session) -> str:
     """The question itself."""
-    before, mover = _before(taken, session), "the machine"
-    if taken.step.over_plane:
+    before, mover = _before(step_taken, session), "the machine"
+    if step_taken.step.over_plane:
         mover = "machine or stand"
-    if taken.doubt is Doubt.STAND:
-        last = step_name(session.steps()[(taken.earlier[0].step or 1) - 1], session)
-        return f"Unchanged since {last}: was the stand set up anew, at {taken.step.touched}?"
-    asked = {
+    if step_taken.doubt is Doubt.STAND:
+        last = step_name(session.steps()[(step_taken.earlier[0].step or 1) - 1], session)
+        return f"Unchanged since {last}: was the stand set up anew, at {step_taken.step.touched}?"
+    questions = {
         Doubt.UNCHANGED: f"Unchanged since {before}: did {mover} move?",
         Doubt.TOO_SOON: f"So soon after {before} the machine cannot be there: did it move?",
     }
-    beyond = f"Other {'position' if taken.step.position_mm else 'leg'}, other unit, other direction"
-    return asked.get(taken.doubt or Doubt.BEYOND, f"{beyond}? Or did the stand move?")
+    beyond = (
+        f"Other {'position' if step_taken.step.position_mm else 'leg'}, other unit, other direction"
+    )
+    return questions.get(step_taken.doubt or Doubt.BEYOND, f"{beyond}? Or did the stand move?")
 
 
-def _repeat_rows(taken: TakenStep, session: Session) -> list[str]:
+def _repeat_rows(step_taken: TakenStep, session: Session) -> list[str]:
     """The readings of this posture on this leg, a row a step, under a heading of the axes."""
-    now, superseded = taken.readings[0], session.superseded
-    asked = {r.reading for r in (*taken.readings, *taken.earlier)}
-    shown = [
+    now, superseded = step_taken.readings[0], session.superseded
+    asked_numbers = {r.reading for r in (*step_taken.readings, *step_taken.earlier)}
+    repeats = [
         r
         for r in session.all_readings
         if (r.leg, r.station, r.posture_mm) == (now.leg, now.station, now.posture_mm)
-        and (r.reading in asked or r.reading not in superseded)
+        and (r.reading in asked_numbers or r.reading not in superseded)
     ]
-    axes = taken.step.axes
+    axes = step_taken.step.axes
     heading = f"{'':<24}" + "".join(f"{f'along {axis.upper()}, mm':>14}" for axis in axes)
     rows = [heading]
-    for number, of_step in groupby(sorted(shown, key=lambda r: r.step or 0), lambda r: r.step):
+    for number, of_step in groupby(sorted(repeats, key=lambda r: r.step or 0), lambda r: r.step):
         values = {r.axis: r.value_mm for r in of_step}
         step = session.steps()[(number or 1) - 1]
         name = f"step {number}, {cycle_words(step, session.steps())}"
-        name += " (now)" if number == taken.step.number else ""
+        name += " (now)" if number == step_taken.step.number else ""
         cells = "".join(f"{signed(values[a], 4) if a in values else '':>14}" for a in axes)
-        odd = "  odd" if taken.doubt is Doubt.ODD and number == taken.earlier[0].step else ""
+        odd = (
+            "  odd"
+            if step_taken.doubt is Doubt.ODD and number == step_taken.earlier[0].step
+            else ""
+        )
         rows.append(f"{name:<24}{cells}{odd}")
     return rows
 
 
-def _same_again(taken: TakenStep, session: Session) -> bool:
+def _same_again(step_taken: TakenStep, session: Session) -> bool:
     """Whether the step shows what it showed when it was questioned before, and was not kept."""
-    if taken.doubt is not Doubt.BEYOND or taken.earlier:
+    if step_taken.doubt is not Doubt.BEYOND or step_taken.earlier:
         return False
-    now = {r.axis: r for r in taken.readings}
+    now = {r.axis: r for r in step_taken.readings}
     before = {
         r.axis: r
         for r in session.all_readings
-        if r.step == taken.step.number and r.reading < taken.readings[0].reading
+        if r.step == step_taken.step.number and r.reading < step_taken.readings[0].reading
         if r.mount == now[r.axis].mount
     }
     limit_mm = session.opened.procedure.repeat_limit_mm if session.opened.procedure else 0.0
@@ -129,10 +137,10 @@ MOVED_QUESTION = "Was the stand moved or touched? If so, readings get a new zero
 MOVED_CHOICES = (("no", "No, continue as before"), ("moved", "Yes, start a new zero"))
 
 
-def question_choices(taken: TakenStep) -> tuple[tuple[str, str], ...]:
+def question_choices(step_taken: TakenStep) -> tuple[tuple[str, str], ...]:
     """What can be done about questioned readings."""
-    doubt, number = taken.doubt, taken.step.number
-    earlier = taken.earlier[0].step if taken.earlier else 0
+    doubt, number = step_taken.doubt, step_taken.step.number
+    earlier = step_taken.earlier[0].step if step_taken.earlier else 0
     if doubt is Doubt.ODD:
         return (
             ("earlier", f"Measure step {earlier} again"),
@@ -168,32 +176,32 @@ ANSWERED = {
 }
 
 
-def answer_reason(answer: str, taken: TakenStep) -> str:
+def answer_reason(answer: str, step_taken: TakenStep) -> str:
     """What goes into the record with the answer to a question."""
-    if taken.doubt is Doubt.STAND:
-        return f"{taken.doubt}: {ANSWERED[answer]}"
-    if taken.doubt in (Doubt.REPEATS, Doubt.ODD):
-        before_mm = {r.axis: r.value_mm for r in taken.earlier}
-        apart = (r.value_mm - before_mm.get(r.axis, r.value_mm) for r in taken.readings)
-        earlier = taken.earlier[0].step
+    if step_taken.doubt is Doubt.STAND:
+        return f"{step_taken.doubt}: {ANSWERED[answer]}"
+    if step_taken.doubt in (Doubt.REPEATS, Doubt.ODD):
+        before_mm = {r.axis: r.value_mm for r in step_taken.earlier}
+        apart = (r.value_mm - before_mm.get(r.axis, r.value_mm) for r in step_taken.readings)
+        earlier = step_taken.earlier[0].step
         return (
-            f"{taken.doubt}, {signed(max(apart, key=abs), 4)} mm from step {earlier}: "
+            f"{step_taken.doubt}, {signed(max(apart, key=abs), 4)} mm from step {earlier}: "
             f"{ANSWERED[answer]}"
         )
-    pairs = zip(taken.readings, taken.due, strict=True)
+    pairs = zip(step_taken.readings, step_taken.due, strict=True)
     worst_mm = max((r.value_mm - due.mean_mm for r, due in pairs), key=abs)
-    return f"{taken.doubt}, {signed(worst_mm, 4)} mm from expected: {ANSWERED[answer]}"
+    return f"{step_taken.doubt}, {signed(worst_mm, 4)} mm from expected: {ANSWERED[answer]}"
 
 
-def answered_text(answer: str, taken: TakenStep, unsure: Sequence[int] = ()) -> str:
+def answered_text(answer: str, step_taken: TakenStep, unsure: Sequence[int] = ()) -> str:
     """What comes next after the answer; ``unsure`` are steps that are measured again with it."""
-    number = taken.questioned[0].step
+    number = step_taken.questioned[0].step
     if answer == "keep":
         return f"Step {number} is kept; the table marks it."
-    if answer == "earlier" or taken.doubt is Doubt.ODD:
-        return f"Next is step {taken.earlier[0].step}: move there, and take it again."
-    if taken.doubt is Doubt.STAND:
-        return f"Not kept. Set the stand up at {taken.step.touched}, then take step {number}."
+    if answer == "earlier" or step_taken.doubt is Doubt.ODD:
+        return f"Next is step {step_taken.earlier[0].step}: move there, and take it again."
+    if step_taken.doubt is Doubt.STAND:
+        return f"Not kept. Set the stand up at {step_taken.step.touched}, then take step {number}."
     if unsure:
         names = ", ".join(map(str, unsure))
         again = f"step{'s' * (len(unsure) > 1)} {names} {'are' if len(unsure) > 1 else 'is'}"
@@ -233,6 +241,10 @@ def port_choices(
     ports: Sequence[tuple[str, str]], numbers: Mapping[str, str], adapter: str
 ) -> list[tuple[str, str]]:
     """Ports with what the system says of them; the one of the same ``adapter`` is named."""
-    same = {port: f", the same adapter, no. {adapter}" for port in numbers if adapter}
-    same = {port: words for port, words in same.items() if numbers[port] == adapter}
-    return [(port, f"{port}  {words}{same.get(port, '')}".rstrip()) for port, words in ports]
+    words_of_port = {port: f", the same adapter, no. {adapter}" for port in numbers if adapter}
+    words_of_port = {
+        port: words for port, words in words_of_port.items() if numbers[port] == adapter
+    }
+    return [
+        (port, f"{port}  {words}{words_of_port.get(port, '')}".rstrip()) for port, words in ports
+    ]

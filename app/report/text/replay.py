@@ -54,9 +54,9 @@ def progress_line(name: str, place: str, speed: int, state: str) -> str:
 def said_text(playback: Playback) -> str:
     """One line for what is shown last; at both ends also what is wrong with the record."""
     events = playback.events_shown_last
-    taken = [event for event in events if isinstance(event, Reading)]
+    readings = [event for event in events if isinstance(event, Reading)]
     faults = [event for event in events if isinstance(event, Faulted)]
-    text = _taken(taken) if taken else "; ".join(map(_event, faults or events[:1]))
+    text = _taken(readings) if readings else "; ".join(map(_event, faults or events[:1]))
     return f"{text} {playback.warning}" if playback.warning and playback.at_either_end else text
 
 
@@ -66,31 +66,33 @@ def _event(event: Event) -> str:
         case Opened():
             by = f" by {event.operator}" if event.operator else ""
             begun = f"Begun {event.at:%Y-%m-%d %H:%M %Z}{by}, {event.origin}."
-            said = " ".join([begun, *event.remarks])
+            sentence = " ".join([begun, *event.remarks])
         case Mounted():
             axes = " and ".join(axis.upper() for axis in event.mounts)
-            said = f"Mounted on leg {event.leg.upper()} along {axes}: a new zero."
+            sentence = f"Mounted on leg {event.leg.upper()} along {axes}: a new zero."
         case Faulted():
             step = "" if event.step is None else f", step {event.step}"
             text = f" (received {event.text!r})" if event.text else ""
-            said = f"Fault of the indicator along {event.axis.upper()}{step}: {event.kind}{text}"
+            sentence = (
+                f"Fault of the indicator along {event.axis.upper()}{step}: {event.kind}{text}"
+            )
         case Superseded():
-            said = f"Superseded readings {_numbers(event.readings)}: {event.reason}"
+            sentence = f"Superseded readings {_numbers(event.readings)}: {event.reason}"
         case Skipped():
-            said = f"Skipped steps {_numbers(event.steps)}: {event.reason}"
+            sentence = f"Skipped steps {_numbers(event.steps)}: {event.reason}"
         case Restored():
-            said = _restored(event)
+            sentence = _restored(event)
         case Noted():
-            said = f"Note: {event.text}"
+            sentence = f"Note: {event.text}"
         case Continued():
             torn = f"; {event.torn_bytes} torn bytes set aside" if event.torn_bytes else ""
-            said = f"Continued after an interruption{torn}."
+            sentence = f"Continued after an interruption{torn}."
         case Closed():
-            whole = "complete" if event.complete else "not complete"
-            said = f"Closed with {event.readings} readings, {whole}."
+            complete_word = "complete" if event.complete else "not complete"
+            sentence = f"Closed with {event.readings} readings, {complete_word}."
         case _:
-            said = _changed(event) if isinstance(event, Changed) else event.event
-    return one_line(said)
+            sentence = _changed(event) if isinstance(event, Changed) else event.event
+    return one_line(sentence)
 
 
 def _changed(event: Changed) -> str:
@@ -102,13 +104,13 @@ def _changed(event: Changed) -> str:
 
 def _taken(readings: Sequence[Reading]) -> str:
     first = readings[0]
-    shown = ", ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in readings)
+    values = ", ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in readings)
     if first.step is not None:
-        return f"Taken, step {first.step}: {shown}"
+        return f"Taken, step {first.step}: {values}"
     where = f"leg {first.leg.upper()} at {first.displacement_mm:+.2f} mm"
     if first.position_mm is not None:
         where = first.place_words
-    return f"Reading {first.reading}, {where}: {shown}"
+    return f"Reading {first.reading}, {where}: {values}"
 
 
 def _restored(event: Restored) -> str:

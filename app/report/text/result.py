@@ -104,9 +104,9 @@ def line_parts(solved: SessionSolution) -> list[str | Table]:
     if not solved.lines:
         return []
     table = new_table("line of a drive", "at", "value", "", "± U (k = 2)", "tolerance", left=2)
-    for one in solved.lines:
-        figures = shown_value(one.value), one.unit, uncertain(one.expanded)
-        table.add_row(one.id, one.place, *figures, f"{one.tolerance:g}")
+    for line in solved.lines:
+        figures = shown_value(line.value), line.unit, uncertain(line.expanded)
+        table.add_row(line.id, line.place, *figures, f"{line.tolerance:g}")
     return [table]
 
 
@@ -139,20 +139,20 @@ def _measured_words(session: Session) -> str:
     words += [] if opened.temperature_c is None else [f"at {opened.temperature_c:g} °C"]
     indicators = dict.fromkeys(map(indicator_words, opened.instruments))
     unnamed = "contacts" if session.of_contacts else "indicators not named"
-    taken = [", ".join(indicators) or unnamed]
+    parts = [", ".join(indicators) or unnamed]
     if session.distances:
         count = len(session.distances)
-        taken.append(f"{count} distance{'s' if count > 1 else ''} between marks")
-    return "; ".join([" ".join(words), *taken]) + "."
+        parts.append(f"{count} distance{'s' if count > 1 else ''} between marks")
+    return "; ".join([" ".join(words), *parts]) + "."
 
 
-def indicator_words(one: Instrument) -> str:
+def indicator_words(instrument: Instrument) -> str:
     """Which indicator, and who calibrated it."""
-    known = [f"no. {one.serial_number}"] if one.serial_number else []
-    of = f"of {one.certificate_date}" if one.certificate_date else ""
-    certificate = " ".join(filter(None, [one.certificate, of]))
-    known += [f"certificate {certificate}"] if certificate else []
-    return f"{one.profile} ({', '.join(known)})" if known else one.profile
+    details = [f"no. {instrument.serial_number}"] if instrument.serial_number else []
+    of = f"of {instrument.certificate_date}" if instrument.certificate_date else ""
+    certificate = " ".join(filter(None, [instrument.certificate, of]))
+    details += [f"certificate {certificate}"] if certificate else []
+    return f"{instrument.profile} ({', '.join(details)})" if details else instrument.profile
 
 
 def _method_words(solution: Solution) -> str:
@@ -181,20 +181,20 @@ def _known_words(solved: SessionSolution) -> str:
         source = f"95 %, {taken_word(solved)} noise and tolerances of the parts"
     elif solution.noise.source == "residuals":
         source = "95 %, residual taken as noise"
-    whole = uncertain(float(solution.expanded_with_tolerances_mm.max()))
+    width = uncertain(float(solution.expanded_with_tolerances_mm.max()))
     difference_mm = solution.expanded_of_difference_mm
     if difference_mm is not None:
         return (
             f"The readings determine d_rho − d_L to ±{uncertain(float(difference_mm.max()))} mm "
-            f"({source}). A joint offset alone is uncertain by ±{whole} mm, because each bar may "
+            f"({source}). A joint offset alone is uncertain by ±{width} mm, because each bar may "
             "be off within its tolerance."
         )
-    known = f"{VALUE_WORDS[solution.subset]} are known to ±{whole} mm"
+    sentence = f"{VALUE_WORDS[solution.subset]} are known to ±{width} mm"
     if solution.subset in ("both", "with-tolerances"):
-        return f"{known} ({source})."
+        return f"{sentence} ({source})."
     noise = uncertain(float(solution.expanded_mm.max()))
     return (
-        f"{known} (95 %) if the others are within their tolerances. Noise alone gives "
+        f"{sentence} (95 %) if the others are within their tolerances. Noise alone gives "
         f"±{noise} mm ({source})."
     )
 
@@ -260,9 +260,9 @@ def noise_words(solved: SessionSolution) -> str:
     solution, noise = solved.solution, solved.solution.noise
     mean = "" if noise.pooled else f" r.m.s. over the {gauge_word(solved)}s"
     value, first, second = solution.strongest_correlation or (0.0, "", "")
-    shown = signed(value, 2)
-    correlation = f"strongest correlation {shown}, {first} and {second}."
-    if float(shown) == 0.0:
+    value_words = signed(value, 2)
+    correlation = f"strongest correlation {value_words}, {first} and {second}."
+    if float(value_words) == 0.0:
         correlation = "no correlation to state."
     return (
         f"Noise of a single {taken_word(solved)} "
@@ -347,16 +347,25 @@ def maps_text(maps: tuple[PlaneMap, ...], frame: Frame) -> str:
     """Expected tool error in µm on planes through Zero."""
     with_these = f"with the values of this view, {FRAME_WORDS[frame]}"
     title = f"Expected tool error {with_these}, µm (–: beyond the joint limits)"
-    return paragraphs(title, *(map_table(one, lambda mm: f"{1000.0 * mm:.0f}") for one in maps))
+    return paragraphs(title, *(map_table(plane, lambda mm: f"{1000.0 * mm:.0f}") for plane in maps))
 
 
-def monte_carlo_text(found: MonteCarlo) -> str:
+def monte_carlo_text(monte_carlo: MonteCarlo) -> str:
     """Stated against true uncertainty."""
     table = new_table("parameter", "stated u, mm", "true, mm", "95 % held")
-    rows = zip(found.names, found.stated_mm, found.true_mm, found.covered, strict=True)
+    rows = zip(
+        monte_carlo.names,
+        monte_carlo.stated_mm,
+        monte_carlo.true_mm,
+        monte_carlo.covered,
+        strict=True,
+    )
     for name, stated, true, covered in rows:
         table.add_row(name, f"{stated:.4f}", f"{true:.4f}", f"{covered:.1%}")
-    return f"{found.sessions} simulated sessions, {found.failed} failed\n{table_text(table)}"
+    return (
+        f"{monte_carlo.sessions} simulated sessions, {monte_carlo.failed} "
+        f"failed\n{table_text(table)}"
+    )
 
 
 def comparison_text(before: Solution, after: Solution, *, changed: bool = False) -> str:
@@ -365,12 +374,14 @@ def comparison_text(before: Solution, after: Solution, *, changed: bool = False)
     later = dict(zip(after.differences.names, after.differences.value_mm, strict=True))
     for k in before.differences.published_rows:
         name = before.differences.names[k]
-        shown = signed(float(later[name])) if name in later else "not measured"
-        table.add_row(name, signed(float(before.differences.value_mm[k])), shown)
-    said = comparison_sentence(before, after)
+        value_words = signed(float(later[name])) if name in later else "not measured"
+        table.add_row(name, signed(float(before.differences.value_mm[k])), value_words)
+    sentence = comparison_sentence(before, after)
     if changed:
-        said = said.partition(";")[0] + ".\nThe machine was mechanically changed between them."
-    return paragraphs(said, table)
+        sentence = (
+            sentence.partition(";")[0] + ".\nThe machine was mechanically changed between them."
+        )
+    return paragraphs(sentence, table)
 
 
 def comparison_sentence(before: Solution, after: Solution) -> str:
@@ -410,9 +421,9 @@ WHICH_SET = "Which set of parameters? It is a view: the values to enter stay."
 
 def result_heading(solved: SessionSolution, path: Path, model: Path | None) -> str:
     """Which session, in which folder, on a line."""
-    others = f" and {len(solved.names) - 1} more" if len(solved.names) > 1 else ""
+    others_words = f" and {len(solved.names) - 1} more" if len(solved.names) > 1 else ""
     beside = f"   with model {model.name}" if model else ""
-    return f"{path.name}{others}   in {path.absolute().parent.name or '/'}{beside}"
+    return f"{path.name}{others_words}   in {path.absolute().parent.name or '/'}{beside}"
 
 
 ONLY_SHOWN = "This program only shows sessions: nothing is written and nothing is measured."
@@ -459,47 +470,51 @@ WRONG = {
 }
 
 
-def verification_text(found: Verification) -> str:
+def verification_text(verification: Verification) -> str:
     """The decision first, then what was expected and found, then what to do."""
-    before, after = found.compared.before, found.compared.after
+    before, after = verification.compared.before, verification.compared.after
     expected = before.entered
     return paragraphs(
         [f"before: {before.names[0]}", f"after:  {after.names[0]}"],
-        f"{decided(found)} Tool over the workspace, r.m.s. (95 %), {FRAME_WORDS[after.frame]}: at "
+        f"{decided(verification)} Tool over the workspace, r.m.s. (95 %), "
+        f"{FRAME_WORDS[after.frame]}: at "
         f"most {uncertain(expected.bound_mm)} mm was expected, at most "
         f"{uncertain(after.correction.now_mm)} mm is left.",
-        offsets_table(found),
-        "\n".join(what_to_do(found)),
-        *(f"Remark: {remark}" for remark in found.compared.remarks),
+        offsets_table(verification),
+        "\n".join(what_to_do(verification)),
+        *(f"Remark: {remark}" for remark in verification.compared.remarks),
     )
 
 
-def offsets_table(found: Verification) -> Table:
+def offsets_table(verification: Verification) -> Table:
     """Joint offsets of both sessions, and whether they were entered."""
     table = new_table("joint offset", "before, mm", "remaining, mm", "± U (95 %), mm", "")
-    for one in found.offsets:
-        decimals = decimals_for(one.expanded_mm, 4)
-        shown = (signed(one.before_mm, decimals), signed(one.found_mm, decimals))
-        table.add_row(one.name, *shown, uncertain(one.expanded_mm, 4), one.entered)
+    for offset in verification.offsets:
+        decimals = decimals_for(offset.expanded_mm, 4)
+        values = (signed(offset.before_mm, decimals), signed(offset.found_mm, decimals))
+        table.add_row(offset.name, *values, uncertain(offset.expanded_mm, 4), offset.entered)
     return table
 
 
-def decided(found: Verification) -> str:
+def decided(verification: Verification) -> str:
     """The decision in a sentence."""
-    if found.decision is None or found.tolerance_mm is None:
+    if verification.decision is None or verification.tolerance_mm is None:
         return "NOT JUDGED: there is no --tolerance, and no tool_tolerance_mm in the machine file."
-    return _against(found.tolerance_mm, found.decision)
+    return _against(verification.tolerance_mm, verification.decision)
 
 
-def what_to_do(found: Verification) -> list[str]:
+def what_to_do(verification: Verification) -> list[str]:
     """What went wrong at the controller, or in the model."""
-    after = found.compared.after
-    wrong = {kind: [one.name for one in found.offsets if one.entered == kind] for kind in WRONG}
-    said = [f"{', '.join(names)}: {WRONG[kind]}" for kind, names in wrong.items() if names]
+    after = verification.compared.after
+    wrong = {
+        kind: [offset.name for offset in verification.offsets if offset.entered == kind]
+        for kind in WRONG
+    }
+    lines = [f"{', '.join(names)}: {WRONG[kind]}" for kind, names in wrong.items() if names]
     if after.lacks_something:
-        said.append(f"Something is missing from the model: glidecal diagnose {after.names[0]}")
-    if not said and found.decision in ("fail", "undecided"):
-        said.append(
+        lines.append(f"Something is missing from the model: glidecal diagnose {after.names[0]}")
+    if not lines and verification.decision in ("fail", "undecided"):
+        lines.append(
             "The offsets are as expected. Measure more (glidecal plan), or fit the lengths too."
         )
-    return said
+    return lines

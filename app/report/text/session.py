@@ -76,12 +76,12 @@ def progress_text(session: Session, steps: Sequence[Step], mode: str) -> str:
     )
 
 
-def taken_text(taken: TakenStep) -> str:
+def taken_text(step_taken: TakenStep) -> str:
     """What was written to the disk."""
-    shown = ", ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in taken.readings)
-    waits = taken.questioned == taken.readings and taken.doubt
+    values = ", ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in step_taken.readings)
+    waits = step_taken.questioned == step_taken.readings and step_taken.doubt
     state = "WAIT: on the disk, in question" if waits else "Taken and on the disk"
-    return f"{state}, step {taken.step.number}: {shown}"
+    return f"{state}, step {step_taken.step.number}: {values}"
 
 
 class TakenBy(StrEnum):
@@ -183,7 +183,9 @@ def step_text(step: Step, session: Session, by: TakenBy = TakenBy.HAND) -> str:
             first += ". {measure.where} shows it"
         if of_tool:
             first = f"indicator at the tool, plate under it; + is towards +{step.axes[0].upper()}"
-        if of_tool and any(one.profile == "probe" for one in session.opened.instruments):
+        if of_tool and any(
+            instrument.profile == "probe" for instrument in session.opened.instruments
+        ):
             first = "the tool, or a probe beside it, comes down on the plate"
         lines.insert(1, f"First, at Zero: {first}.")
     elif session.needs_new_zero(step):
@@ -251,15 +253,15 @@ def so_far_text(session: Session, steps: Sequence[Step], step: Step) -> str:
         here = [s for s in steps if (s.leg, s.over_plane) == (step.leg, step.over_plane)]
         levels_mm = [s.displacement_mm for s in here]
         return leg_table_text(rows, levels_mm, geometry, over_plane=step.over_plane)
-    places, shown = positions(session), rows[-PLATE_CYCLES:]
+    places, last_rows = positions(session), rows[-PLATE_CYCLES:]
     first = min(places.index(step.position_mm) - 2, len(places) - PLATE_POSITIONS)
-    heading = "".join(f"{f'cycle {row.cycle}':>10}" for row in shown)
-    marked = "  *kept" if any(row.kept_mm for row in shown) else ""
+    heading = "".join(f"{f'cycle {row.cycle}':>10}" for row in last_rows)
+    marked = "  *kept" if any(row.kept_mm for row in last_rows) else ""
     lines = [f"{'minus Zero':<24}{heading}{marked}"]
     for k in range(max(1, first), len(places))[:PLATE_POSITIONS]:  # the first place is Zero itself
-        values = (_cell(row.minus_zero_mm.get(k), 10, kept=k in row.kept_mm) for row in shown)
+        values = (_cell(row.minus_zero_mm.get(k), 10, kept=k in row.kept_mm) for row in last_rows)
         lines.append(f"{position_words(places[k]):<24}{''.join(values)}")
-    back = "".join(_cell(row.back_at_zero_mm, 10) for row in shown)
+    back = "".join(_cell(row.back_at_zero_mm, 10) for row in last_rows)
     return "\n".join([*lines, f"{'back at Zero':<24}{back}"])
 
 
@@ -346,10 +348,10 @@ def point_text(step: Step, session: Session) -> str:
     if step.number in session.skipped:
         return f"{where}   skipped: {session.skipped[step.number]}"
     counting = [r for r in session.readings if r.step == step.number]
-    shown = counting or [r for r in session.all_readings if r.step == step.number]
-    latest = shown[-len(step.axes) :]  # of what was taken again and again
+    readings = counting or [r for r in session.all_readings if r.step == step.number]
+    latest = readings[-len(step.axes) :]  # of what was taken again and again
     values = "  ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)}" for r in latest)
-    reason = session.superseded.get(shown[-1].reading) if shown and not counting else None
+    reason = session.superseded.get(readings[-1].reading) if readings and not counting else None
     return f"{where}   {values}" + (f"   superseded: {reason}" if reason else "")
 
 

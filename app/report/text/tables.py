@@ -53,13 +53,13 @@ def _paragraph(part: str | list[str] | Table) -> str:
     return "\n".join(part) if isinstance(part, list) else wrapped(part)
 
 
-def map_table(one: PlaneMap, shown: Callable[[float], str]) -> Table:
+def map_table(plane: PlaneMap, value_words: Callable[[float], str]) -> Table:
     """Values on a plane through Zero; a dash where the tool does not reach."""
-    places = (f"{v:+.0f}" for v in one.coordinate_mm)
-    table = new_table(f"{one.up} \\ {one.across}, mm", *places)
-    for k in range(len(one.up_mm) - 1, -1, -1):
-        row = ("–" if math.isnan(v) else shown(v) for v in one.value[k])
-        table.add_row(f"{one.up_mm[k]:+.0f}", *row)
+    places = (f"{v:+.0f}" for v in plane.coordinate_mm)
+    table = new_table(f"{plane.up} \\ {plane.across}, mm", *places)
+    for k in range(len(plane.up_mm) - 1, -1, -1):
+        row = ("–" if math.isnan(v) else value_words(v) for v in plane.value[k])
+        table.add_row(f"{plane.up_mm[k]:+.0f}", *row)
     return table
 
 
@@ -108,8 +108,8 @@ def signed(value: float, decimals: int = 3) -> str:
 
 def free_words(degrees: float) -> str:
     """Degrees of freedom: all digits of the whole ones, however many."""
-    shown = f"{degrees:.0f}" if degrees >= 100.0 else f"{degrees:.3g}"
-    return f"{shown} degrees of freedom"
+    degrees_words = f"{degrees:.0f}" if degrees >= 100.0 else f"{degrees:.3g}"
+    return f"{degrees_words} degrees of freedom"
 
 
 PAGE_HELP = """\

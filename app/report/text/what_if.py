@@ -63,27 +63,29 @@ STANDING = {
 }
 
 
-def choice_words(one: Choice) -> str:
+def choice_words(choice: Choice) -> str:
     """A line of the list of effects."""
-    return f"{one.entry.id} ({one.entry.where}){STANDING[one.standing]}: {one.entry.title}"
+    return (
+        f"{choice.entry.id} ({choice.entry.where}){STANDING[choice.standing]}: {choice.entry.title}"
+    )
 
 
 def heading_text(choice: Choice, trial: Trial, model: Path | None) -> str:
     """What is tried, on which readings, beside what."""
     beside = f"model {model.name}" if model else "nominal machine"
-    others = "".join(f", {one.id} ({one.where})" for one in choice.beside)
+    beside_words = "".join(f", {entry.id} ({entry.where})" for entry in choice.beside)
     what = f"{choice.entry.id} ({choice.entry.where})"
     names = ", ".join(session.name for session in trial.sessions)
-    return f"What if {what}   {names}   beside: {beside}{others}"
+    return f"What if {what}   {names}   beside: {beside}{beside_words}"
 
 
 def doubt_text(choice: Choice, *, mistakes: bool) -> str:
     """What to beware of; empty where there is nothing."""
-    said = [MISTAKES] if mistakes else []
+    lines = [MISTAKES] if mistakes else []
     if choice.alike:
         alike = ", ".join(choice.alike)
-        said.append(f"WARNING: these readings cannot distinguish it from: {alike}.")
-    return wrapped("\n".join(said))
+        lines.append(f"WARNING: these readings cannot distinguish it from: {alike}.")
+    return wrapped("\n".join(lines))
 
 
 def sizes_text(
@@ -134,10 +136,12 @@ def numbers_text(without: WhatIf, now: WhatIf) -> str:
     rows = (solution.names, former.values_mm, solution.values_mm, solution.expanded_mm)
     for name, before, after, expanded in zip(*rows, strict=True):
         table.add_row(name, signed(before, 4), signed(after, 4), uncertain(expanded, 4))
-    found = solution.differences
+    differences = solution.differences
     listed = new_table("difference", "measured, mm", "without, mm", "with it, mm", "left, mm")
-    for k in found.published_rows:
-        shown = found.value_mm[k], former.predicted_mm[k], solution.predicted_mm[k]
-        left = solution.left_mm[k]
-        listed.add_row(found.names[k], *(signed(float(mm), 4) for mm in (*shown, left)))
+    for k in differences.published_rows:
+        values = differences.value_mm[k], former.predicted_mm[k], solution.predicted_mm[k]
+        residual_mm = solution.left_mm[k]
+        listed.add_row(
+            differences.names[k], *(signed(float(mm), 4) for mm in (*values, residual_mm))
+        )
     return paragraphs(table, listed)

@@ -71,16 +71,18 @@ def candidates_together(
 
     Places are those of all sessions: one that a session did not reach is zero there.
     """
-    return tuple(c for c, seen in _all_candidates(sessions, effects) if seen)
+    return tuple(c for c, is_seen in _all_candidates(sessions, effects) if is_seen)
 
 
 def invisible(
     model: Model, observed: Conditions, effects: Sequence[Effect] = CATALOGUE
 ) -> tuple[tuple[str, str], ...]:
     """Id and place of what changes no reading of these, or only zeros of mountings."""
-    found = list(_all_candidates([(model, observed)], effects))
-    seen = {(c.id, c.where) for c, is_seen in found if is_seen}
-    return tuple(dict.fromkeys((c.id, c.where) for c, _ in found if (c.id, c.where) not in seen))
+    every_candidate = list(_all_candidates([(model, observed)], effects))
+    visible = {(c.id, c.where) for c, is_seen in every_candidate if is_seen}
+    return tuple(
+        dict.fromkeys((c.id, c.where) for c, _ in every_candidate if (c.id, c.where) not in visible)
+    )
 
 
 @dataclass(frozen=True)
@@ -108,14 +110,14 @@ def place_columns(
 
     One simulation for each stage; what comes before the stage is computed once for all.
     """
-    found: list[dict[str, list[FloatArray]]] = [{} for _ in effects]
+    by_effect: list[dict[str, list[FloatArray]]] = [{} for _ in effects]
     for stage in Stage:
         stepped = [
-            (rows.setdefault(place, []), one)
-            for effect, rows in zip(effects, found, strict=True)
+            (rows.setdefault(place, []), by_place)
+            for effect, rows in zip(effects, by_effect, strict=True)
             if effect.stage == stage
             for place in effect.places(observed)
-            for one in _steps(effect, place)
+            for by_place in _steps(effect, place)
         ]
         if stepped:
             together = _Together(tuple(placed for _, placed in stepped), stage)
@@ -123,7 +125,10 @@ def place_columns(
             readings = simulate(model.geometry, model.parameters_mm, observed, acting)
             for (rows, _), row in zip(stepped, readings.imag / COMPLEX_STEP_MM, strict=True):
                 rows.append(row)
-    return [{place: np.stack(rows, axis=1) for place, rows in one.items()} for one in found]
+    return [
+        {place: np.stack(rows, axis=1) for place, rows in by_place.items()}
+        for by_place in by_effect
+    ]
 
 
 def tool_columns(
@@ -138,14 +143,14 @@ def tool_columns(
     Zero is set by hand, less what it does there. Raises UnreachablePosture.
     """
     points = np.vstack([tool_mm, np.zeros(3)])  # the last one tells what is done at Zero
-    joint_mm, taken = inverse(geometry, points), reached(len(points), way)
-    stepped = [one for effect, place in placed for one in _steps(effect, place)]
+    joint_mm, conditions = inverse(geometry, points), reached(len(points), way)
+    stepped = [instance for effect, place in placed for instance in _steps(effect, place)]
     moved = np.zeros((len(points), 3, len(stepped)))
     for stage in (Stage.ACTUATOR, Stage.FOOT, Stage.TOOL):
-        index = [k for k, one in enumerate(stepped) if one.stage == stage]
+        index = [k for k, instance in enumerate(stepped) if instance.stage == stage]
         if index:
             together = _Together(tuple(stepped[k] for k in index), stage)
-            flow = posture(geometry, (0.0,) * 6, taken, joint_mm, (together,))
+            flow = posture(geometry, (0.0,) * 6, conditions, joint_mm, (together,))
             moved[:, :, index] = np.moveaxis(flow.tool_mm.imag / COMPLEX_STEP_MM, 0, -1)
     return np.asarray(moved[:-1] - moved[-1] if geometry.set_at_zero else moved[:-1])
 
@@ -155,21 +160,23 @@ def _all_candidates(
 ) -> Iterable[tuple[Candidate, bool]]:
     """Every candidate and whether it is seen."""
     geometry = sessions[0][0].geometry
-    known = effects_of(effects, geometry)
+    placed_effects = effects_of(effects, geometry)
     mount = joined([observed for _, observed in sessions]).mount
-    places = stacked_columns(sessions, known)
+    places = stacked_columns(sessions, placed_effects)
     alone = [
         [_one(effect, columns, place) for place in columns]
-        for effect, columns in zip(known, places, strict=True)
+        for effect, columns in zip(placed_effects, places, strict=True)
     ]
-    shown = iter(_are_seen(mount, [one for some in alone for one in some]))
-    every: list[Candidate] = []
-    for effect, some in zip(known, alone, strict=True):
-        each = [(one, next(shown)) for one in some]
-        every += [one for one, seen in each if not seen]
-        by_place = {one.where: one.columns for one, seen in each if seen}
-        every += _arrangements(effect, by_place, geometry)
-    return zip(every, _are_seen(mount, every), strict=True)
+    visibility = iter(
+        _are_seen(mount, [candidate for alone_of_effect in alone for candidate in alone_of_effect])
+    )
+    candidates: list[Candidate] = []
+    for effect, alone_of_effect in zip(placed_effects, alone, strict=True):
+        pairs = [(candidate, next(visibility)) for candidate in alone_of_effect]
+        candidates += [candidate for candidate, is_seen in pairs if not is_seen]
+        by_place = {candidate.where: candidate.columns for candidate, is_seen in pairs if is_seen}
+        candidates += _arrangements(effect, by_place, geometry)
+    return zip(candidates, _are_seen(mount, candidates), strict=True)
 
 
 def stacked_columns(
@@ -177,104 +184,123 @@ def stacked_columns(
 ) -> list[dict[str, FloatArray]]:
     """`place_columns` of several sessions below each other, zero where one has no such place."""
     parts = [place_columns(model, observed, effects) for model, observed in sessions]
-    found = []
-    for effect, *each in zip(effects, *parts, strict=True):
+    stacked = []
+    for effect, *of_sessions in zip(effects, *parts, strict=True):
         nothing = [np.zeros((len(o), len(effect.parameters))) for _, o in sessions]
-        places = dict.fromkeys(place for one in each for place in one)
-        found.append(
+        places = dict.fromkeys(place for by_place in of_sessions for place in by_place)
+        stacked.append(
             {
-                place: np.vstack([o.get(place, z) for o, z in zip(each, nothing, strict=True)])
+                place: np.vstack(
+                    [o.get(place, z) for o, z in zip(of_sessions, nothing, strict=True)]
+                )
                 for place in places
             }
         )
-    return found
+    return stacked
 
 
-def _are_seen(mount: IntArray, some: Sequence[Candidate]) -> list[bool]:
+def _are_seen(mount: IntArray, candidates: Sequence[Candidate]) -> list[bool]:
     """Whether an unremarkable size of each changes more than zeros of mountings."""
-    if not some:
+    if not candidates:
         return []
-    columns = np.hstack([one.columns for one in some])
-    sizes = np.array([parameter.tolerance for one in some for parameter in one.parameters])
+    columns = np.hstack([candidate.columns for candidate in candidates])
+    sizes = np.array(
+        [parameter.tolerance for candidate in candidates for parameter in candidate.parameters]
+    )
     member = incidence(mount)
     mean = (member / member.sum(axis=0)).T @ columns  # a product: columns are many
-    left = np.abs(columns - mean[mount]).max(axis=0, initial=0.0)
-    starts = np.cumsum([0, *(len(one.parameters) for one in some[:-1])])
-    return list(np.maximum.reduceat(left * sizes, starts) > VANISHES_MM)
+    centred = np.abs(columns - mean[mount]).max(axis=0, initial=0.0)
+    starts = np.cumsum([0, *(len(candidate.parameters) for candidate in candidates[:-1])])
+    return list(np.maximum.reduceat(centred * sizes, starts) > VANISHES_MM)
 
 
 def _arrangements(
-    effect: Effect, seen: dict[str, FloatArray], geometry: Geometry
+    effect: Effect, by_place_seen: dict[str, FloatArray], geometry: Geometry
 ) -> Iterator[Candidate]:
-    lateral = _is_lateral(seen, geometry)
+    lateral = _is_lateral(by_place_seen, geometry)
     if not lateral or effect.stage in (Stage.TOUCH, Stage.READING):
-        yield from (_one(effect, seen, place) for place in seen)
-    if lateral or set(seen) == set(AROUND):
-        yield from _by_leg(effect, seen)
-    if len(seen) > 1:
+        yield from (_one(effect, by_place_seen, place) for place in by_place_seen)
+    if lateral or set(by_place_seen) == set(AROUND):
+        yield from _by_leg(effect, by_place_seen)
+    if len(by_place_seen) > 1:
         if geometry.common_zero or not lateral:
-            yield _grouped(effect, seen, "same", {"": tuple(seen)})
-        if set(seen) == set(geometry.across):
-            yield from _symmetric(effect, seen, geometry)
-        legs = {place[0] for place in seen}
+            yield _grouped(effect, by_place_seen, "same", {"": tuple(by_place_seen)})
+        if set(by_place_seen) == set(geometry.across):
+            yield from _symmetric(effect, by_place_seen, geometry)
+        legs = {place[0] for place in by_place_seen}
         if not lateral or len(legs) > 1:
-            yield _each(effect, seen, seen, ",".join(_listed(seen, lateral=lateral)))
+            yield _each(
+                effect,
+                by_place_seen,
+                by_place_seen,
+                ",".join(_listed(by_place_seen, lateral=lateral)),
+            )
 
 
-def _is_lateral(seen: Iterable[str], geometry: Geometry) -> bool:
+def _is_lateral(places_seen: Iterable[str], geometry: Geometry) -> bool:
     """Whether these places are directions across drives, not pairs of drives of like names."""
-    if not set(seen) <= set(geometry.across):
+    if not set(places_seen) <= set(geometry.across):
         return False
-    return any(place[::-1] in seen or place[1] not in LEG_NAMES for place in seen)
+    return any(place[::-1] in places_seen or place[1] not in LEG_NAMES for place in places_seen)
 
 
 def _symmetric(
-    effect: Effect, seen: dict[str, FloatArray], geometry: Geometry
+    effect: Effect, columns_by_place: dict[str, FloatArray], geometry: Geometry
 ) -> Iterator[Candidate]:
     """Two values that all drives share, as the machine is symmetric.
 
     Drives whose legs are read: each the mirror image of itself when two axes are exchanged; going
     round with the axes, towards the next one and the one before. Else radial and tangential.
     """
-    first, second = list(seen)[0::2], list(seen)[1::2]
+    first, second = list(columns_by_place)[0::2], list(columns_by_place)[1::2]
     if not geometry.common_zero:
-        yield _grouped(effect, seen, "turning", {"_r": tuple(first), "_t": tuple(second)})
+        yield _grouped(
+            effect, columns_by_place, "turning", {"_r": tuple(first), "_t": tuple(second)}
+        )
         return
-    yield _grouped(effect, seen, "mirror", {"_first": tuple(first), "_second": tuple(second)})
+    yield _grouped(
+        effect, columns_by_place, "mirror", {"_first": tuple(first), "_second": tuple(second)}
+    )
     following = (first[0], second[1], first[2])
     before = (second[0], first[1], second[2])
-    yield _grouped(effect, seen, "turning", {"_next": following, "_before": before})
+    yield _grouped(effect, columns_by_place, "turning", {"_next": following, "_before": before})
 
 
-def _listed(seen: Iterable[str], *, lateral: bool) -> list[str]:
+def _listed(places_seen: Iterable[str], *, lateral: bool) -> list[str]:
     """Places for a reader: legs where both directions across every one of them are there."""
-    by_leg = {leg: [place for place in seen if place[0] == leg] for leg in LEG_NAMES}
+    by_leg = {leg: [place for place in places_seen if place[0] == leg] for leg in LEG_NAMES}
     legs = [leg for leg, places in by_leg.items() if places]
-    whole = lateral and all(len(by_leg[leg]) == 2 for leg in legs)
-    return legs if whole else list(seen)
+    complete = lateral and all(len(by_leg[leg]) == 2 for leg in legs)
+    return legs if complete else list(places_seen)
 
 
-def _by_leg(effect: Effect, seen: dict[str, FloatArray]) -> Iterator[Candidate]:
+def _by_leg(effect: Effect, columns_by_place: dict[str, FloatArray]) -> Iterator[Candidate]:
     """Both directions across one leg, or both pairs of an axis, each with its own value."""
     for leg in LEG_NAMES:
-        both = [place for place in seen if leg in (place if set(seen) == set(AROUND) else place[0])]
-        if len(both) == 2:
-            yield _each(effect, seen, both, leg)
+        places_of_leg = [
+            place
+            for place in columns_by_place
+            if leg in (place if set(columns_by_place) == set(AROUND) else place[0])
+        ]
+        if len(places_of_leg) == 2:
+            yield _each(effect, columns_by_place, places_of_leg, leg)
 
 
-def _one(effect: Effect, seen: dict[str, FloatArray], place: str) -> Candidate:
-    return _grouped(effect, seen, "one", {"": (place,)}, place)
+def _one(effect: Effect, columns_by_place: dict[str, FloatArray], place: str) -> Candidate:
+    return _grouped(effect, columns_by_place, "one", {"": (place,)}, place)
 
 
 def _each(
-    effect: Effect, seen: dict[str, FloatArray], places: Iterable[str], where: str
+    effect: Effect, columns_by_place: dict[str, FloatArray], places: Iterable[str], where: str
 ) -> Candidate:
-    return _grouped(effect, seen, "each", {f"_{place}": (place,) for place in places}, where)
+    return _grouped(
+        effect, columns_by_place, "each", {f"_{place}": (place,) for place in places}, where
+    )
 
 
 def _grouped(
     effect: Effect,
-    seen: dict[str, FloatArray],
+    columns_by_place: dict[str, FloatArray],
     arrangement: str,
     groups: dict[str, tuple[str, ...]],
     where: str = "all",
@@ -293,7 +319,10 @@ def _grouped(
             for parameter in effect.parameters
         ),
         columns=np.hstack(
-            [np.sum([seen[one] for one in places], axis=0) for places in groups.values()]
+            [
+                np.sum([columns_by_place[member] for member in places], axis=0)
+                for places in groups.values()
+            ]
         ),
         shares=tuple(
             Share(effect, place, tuple(range(number * count, (number + 1) * count)))

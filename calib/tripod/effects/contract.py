@@ -22,24 +22,24 @@ TRIED_MM = (1.0, -0.7, 0.5, 0.1, -0.1, 0.05)
 LEAST_TOLERANCE, MOST_TOLERANCE = 1e-9, 1e9
 
 
-def fault_of(given: object) -> str:
+def fault_of(offered: object) -> str:
     """Why it is no law that can be used, tried at every place; empty if nothing.
 
     Raises whatever the code of the law raises.
     """
-    fault = _fault_of_form(given)
+    fault = _fault_of_form(offered)
     if fault:
         return fault
-    effect = cast(Effect, given)
+    effect = cast(Effect, offered)
     fault = _fault_of_change(effect)
     return f"{effect.id}: {fault}" if fault else ""
 
 
-def _fault_of_form(given: object) -> str:
+def _fault_of_form(offered: object) -> str:
     """What it lacks to be a law; empty if nothing."""
-    if not all(isinstance(getattr(given, name, None), str) for name in WORDS):
-        return f"{given!r:.80}, which lacks one of the texts {', '.join(WORDS)}"
-    effect = cast(Effect, given)
+    if not all(isinstance(getattr(offered, name, None), str) for name in WORDS):
+        return f"{offered!r:.80}, which lacks one of the texts {', '.join(WORDS)}"
+    effect = cast(Effect, offered)
     if not ID.fullmatch(effect.id):
         return f"the id {effect.id!r}, not of small letters, digits and _"
     if not isinstance(effect.kind, Kind) or not isinstance(effect.stage, Stage):
@@ -56,24 +56,26 @@ def _fault_of_form(given: object) -> str:
 def _fault_of_change(effect: Effect) -> str:
     """What is wrong with the readings that it makes; empty if nothing."""
     legs, axes = [0, 0, 1, 1, 2, 2] * 3, [1, 2, 0, 2, 0, 1] * 3
-    taken = conditions(legs, axes, [0.0] * 6 + [60.0] * 6 + [-100.0] * 6)
-    places = effect.places(taken)
+    conditions_tried = conditions(legs, axes, [0.0] * 6 + [60.0] * 6 + [-100.0] * 6)
+    places = effect.places(conditions_tried)
     if not places or not all(isinstance(place, str) for place in places):
         return "places that are no texts, or none"
-    faults = (_fault_at(effect, place, taken) for place in places)
+    faults = (_fault_at(effect, place, conditions_tried) for place in places)
     return next((fault for fault in faults if fault), "")
 
 
-def _fault_at(effect: Effect, place: str, taken: Conditions) -> str:
+def _fault_at(effect: Effect, place: str, conditions: Conditions) -> str:
     def readings(step: complex, size: float = 1.0) -> NDArray[Any]:
         """Of a machine that is a little off, with every value, and the machine, a step further."""
         values = tuple(size * p.tolerance * (1 + step) for p in effect.parameters)
         parameters = np.array(TRIED_MM) * (1 + step)
-        return simulate(Geometry(), parameters, taken, (EffectInstance(effect, place, values),))
+        return simulate(
+            Geometry(), parameters, conditions, (EffectInstance(effect, place, values),)
+        )
 
-    plain, shown = simulate(Geometry(), TRIED_MM, taken), readings(0.0)
-    if shown.shape != plain.shape or not np.all(np.isfinite(shown)):
-        return f"readings of shape {shown.shape} or not finite at {place}"
+    plain, with_effect = simulate(Geometry(), TRIED_MM, conditions), readings(0.0)
+    if with_effect.shape != plain.shape or not np.all(np.isfinite(with_effect)):
+        return f"readings of shape {with_effect.shape} or not finite at {place}"
     if np.abs(readings(0.0, size=0.0) - plain).max() > 1e-12:
         return f"a value of 0 changes readings at {place}"
     exact = readings(1e-20j).imag / 1e-20

@@ -142,9 +142,9 @@ class AxisSquareness(Law):
         """Each foot of the pair towards the other axis in proportion to its coordinate."""
         first, second = numbers(at.place)
         towards, carriage = at.flow.geometry.towards, at.flow.carriage_mm
-        one = moved_foot(first, towards(first, second), off_mm * carriage[..., first])
-        other = moved_foot(second, towards(second, first), off_mm * carriage[..., second])
-        return np.asarray(one + other)
+        first_foot = moved_foot(first, towards(first, second), off_mm * carriage[..., first])
+        second_foot = moved_foot(second, towards(second, first), off_mm * carriage[..., second])
+        return np.asarray(first_foot + second_foot)
 
 
 @dataclass(frozen=True)
@@ -262,27 +262,27 @@ def geometry_tolerances(
     """
     of_two = math.sqrt(2.0)
     across = tuple(geometry.across)
-    every: tuple[tuple[Effect, tuple[str, ...], float], ...] = (
+    laws: tuple[tuple[Effect, tuple[str, ...], float], ...] = (
         (AxisDistance(), AROUND, of_two * across_mm),
         (AxisSquareness(), PAIRS, of_two * lean_mrad),
     )
     if not geometry.common_zero:
-        every = (
+        laws = (
             (AxisOffset(across), across, across_mm),
             (AxisLean(across), across, lean_mrad),
         )
-    every = (*every, (ActuatorScale(), LEG_NAMES, scale_mm_m))
-    return {(law, place): size for law, places, size in every if size for place in places}
+    laws = (*laws, (ActuatorScale(), LEG_NAMES, scale_mm_m))
+    return {(law, place): size for law, places, size in laws if size for place in places}
 
 
 def cyclic_of(names: Iterable[str]) -> ActuatorCyclic | None:
     """The law of any lead whose parameters have these names; None where there is none."""
-    wanted = set(names)
-    leads = {found[1] for found in map(LEAD.fullmatch, wanted) if found}
+    ids = set(names)
+    leads = {match[1] for match in map(LEAD.fullmatch, ids) if match}
     if len(leads) != 1 or not float(next(iter(leads))) > 0.0:  # a lead of 0 has the form, too
         return None
     law = ActuatorCyclic(float(leads.pop()))
-    return law if wanted == {parameter.name for parameter in law.parameters} else None
+    return law if ids == {parameter.name for parameter in law.parameters} else None
 
 
 def effects_of(effects: Iterable[Effect], geometry: Geometry) -> tuple[Effect, ...]:
@@ -293,9 +293,9 @@ def effects_of(effects: Iterable[Effect], geometry: Geometry) -> tuple[Effect, .
     """
     not_here = AxisOffset if geometry.common_zero else AxisDistance
     here = [effect for effect in effects if not isinstance(effect, not_here)]
-    others = [effect for effect in here if not isinstance(effect, ActuatorCyclic)]
-    if geometry.screw_lead_mm is not None and len(others) < len(here):
-        here = [*others, ActuatorCyclic(geometry.screw_lead_mm)]
+    other_effects = [effect for effect in here if not isinstance(effect, ActuatorCyclic)]
+    if geometry.screw_lead_mm is not None and len(other_effects) < len(here):
+        here = [*other_effects, ActuatorCyclic(geometry.screw_lead_mm)]
     across = tuple(geometry.across)
     return tuple(
         replace(effect, where=across) if isinstance(effect, OfFoot) else effect for effect in here

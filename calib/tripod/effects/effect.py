@@ -75,7 +75,7 @@ class Effect(Protocol):
         for the axis that a pair does not name, the name of a parameter for its value and unit.
         """
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
+    def places(self, conditions: Conditions) -> tuple[str, ...]:
         """Where it may act: legs, pairs, directions of legs or mounts (``"xy"``)."""
 
     def change(
@@ -119,15 +119,19 @@ class EffectInstance:
 def remedies(placed: Sequence[EffectInstance]) -> tuple[str, ...]:
     """What to do against an effect that acts at these places, once for those of equal values."""
     alike: dict[tuple[float | complex, ...], list[EffectInstance]] = {}
-    for one in placed:
-        alike.setdefault(one.values, []).append(one)
+    for placed_effect in placed:
+        alike.setdefault(placed_effect.values, []).append(placed_effect)
     return tuple(
-        dict.fromkeys(_remedy(some) for some in alike.values() if some[0].effect.controller)
+        dict.fromkeys(
+            _remedy(alike_effects)
+            for alike_effects in alike.values()
+            if alike_effects[0].effect.controller
+        )
     )
 
 
 def _remedy(alike: Sequence[EffectInstance]) -> str:
-    effect, places = alike[0].effect, [one.place for one in alike]
+    effect, places = alike[0].effect, [placed_effect.place for placed_effect in alike]
     words = {
         "place": ", ".join(places),
         "axis": ", ".join(dict.fromkeys(place[0] for place in places)),
@@ -138,7 +142,7 @@ def _remedy(alike: Sequence[EffectInstance]) -> str:
         if value.real < parameter.least:
             return f"nothing to enter: no machine has {value.real:+.4g} {parameter.unit} of this"
         words[parameter.name] = f"{value.real:+.4g} {parameter.unit}"
-    return re.sub(r"\{(\w+)\}", lambda found: words.get(found[1], found[0]), effect.controller)
+    return re.sub(r"\{(\w+)\}", lambda match: words.get(match[1], match[0]), effect.controller)
 
 
 def _third(place: str) -> str:
@@ -157,16 +161,16 @@ PER_THOUSAND = 1e-3
 """mm in a µm, rad in a mrad, mm per mm in a mm/m."""
 
 
-def mounts(taken: Conditions) -> tuple[str, ...]:
+def mounts(conditions: Conditions) -> tuple[str, ...]:
     """Leg and measuring axis of every kind of mounting of an indicator; a contact has none."""
-    read = ~taken.contact
-    found = set(zip(taken.leg[read].tolist(), taken.axis[read].tolist(), strict=True))
-    return tuple(place for place in DIRECTIONS + AT_TOOL if numbers(place) in found)
+    read = ~conditions.contact
+    touched = set(zip(conditions.leg[read].tolist(), conditions.axis[read].tolist(), strict=True))
+    return tuple(place for place in DIRECTIONS + AT_TOOL if numbers(place) in touched)
 
 
-def on_legs(taken: Conditions) -> tuple[str, ...]:
+def on_legs(conditions: Conditions) -> tuple[str, ...]:
     """Those of `mounts` that touch a leg."""
-    return tuple(place for place in mounts(taken) if place not in AT_TOOL)
+    return tuple(place for place in mounts(conditions) if place not in AT_TOOL)
 
 
 def numbers(place: str) -> tuple[int, int]:
@@ -182,29 +186,29 @@ def travel_mm(flow: Flow, leg: int) -> FloatArray:
 
 def at_mount(flow: Flow, place: str) -> FloatArray:
     """1 for the readings of this leg and measuring axis, 0 for others and contacts ``(n,)``."""
-    (leg, axis), taken = numbers(place), flow.taken
-    read = (taken.leg == leg) & (taken.axis == axis) & ~taken.contact
+    (leg, axis), conditions = numbers(place), flow.taken
+    read = (conditions.leg == leg) & (conditions.axis == axis) & ~conditions.contact
     return np.asarray(read, dtype=np.float64)
 
 
-def hours(taken: Conditions) -> FloatArray:
+def hours(conditions: Conditions) -> FloatArray:
     """From the start of the session ``(n,)``; NaN where not known."""
-    return np.asarray(taken.time_s / 3600.0)
+    return np.asarray(conditions.time_s / 3600.0)
 
 
-def kelvins(taken: Conditions) -> FloatArray:
+def kelvins(conditions: Conditions) -> FloatArray:
     """Temperature of each reading above 20 °C ``(n,)``; NaN where not known."""
-    return np.asarray(taken.temperature_c - 20.0)  # the reference of ISO 1
+    return np.asarray(conditions.temperature_c - 20.0)  # the reference of ISO 1
 
 
-def machine_kelvins(taken: Conditions) -> FloatArray:
+def machine_kelvins(conditions: Conditions) -> FloatArray:
     """The same for parts of the machine: 0 where not all readings have one.
 
     At Zero, where an indicator is mounted, it is 0.
     """
-    mounted = taken.mount >= 0
-    known = np.isfinite(taken.temperature_c[mounted]).all()
-    return np.where(mounted & known, np.nan_to_num(kelvins(taken)), 0.0)
+    mounted = conditions.mount >= 0
+    temperatures_known = np.isfinite(conditions.temperature_c[mounted]).all()
+    return np.where(mounted & temperatures_known, np.nan_to_num(kelvins(conditions)), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,9 +234,9 @@ class Law:
     kind = Kind.MACHINE
     where: tuple[str, ...] = ()
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
+    def places(self, conditions: Conditions) -> tuple[str, ...]:
         """All of ``where``, whatever was measured."""
-        return self.where if len(taken) else ()
+        return self.where if len(conditions) else ()
 
     def change(
         self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
@@ -287,9 +291,9 @@ class OfTouch(Law):
 
     stage = Stage.TOUCH
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
+    def places(self, conditions: Conditions) -> tuple[str, ...]:
         """Every leg and measuring axis that was measured."""
-        return on_legs(taken)
+        return on_legs(conditions)
 
     def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
         """Touched points ``(..., n, 3)``."""
@@ -303,9 +307,9 @@ class OfReading(Law):
     kind = Kind.INDICATOR
     stage = Stage.READING
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
+    def places(self, conditions: Conditions) -> tuple[str, ...]:
         """Every leg and measuring axis that was measured, and those of the tool."""
-        return mounts(taken)
+        return mounts(conditions)
 
     def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
         """Readings ``(..., n)``."""

@@ -101,9 +101,9 @@ class Empirical(Law):
     def _sort(self) -> Law:
         return OfReading() if self.stage == Stage.READING else OfCarriage()
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
+    def places(self, conditions: Conditions) -> tuple[str, ...]:
         """Every leg and measuring axis that was measured, or every carriage."""
-        return self._sort.places(taken)
+        return self._sort.places(conditions)
 
     def off(self, at: Acting) -> NDArray[Any]:
         """By each value times its basis."""
@@ -121,16 +121,16 @@ def _column(name: str, at: Acting) -> FloatArray:
 
     Half the sign of the approach; hours; kelvins above 20 °C; powers of displacement or travel.
     """
-    taken, basis = at.flow.taken, BASES[name]
+    conditions, basis = at.flow.taken, BASES[name]
     match name:
         case "up_less_down":
-            return np.asarray(taken.approach / 2.0)
+            return np.asarray(conditions.approach / 2.0)
         case "per_hour":
-            return np.nan_to_num(hours(taken))
+            return np.nan_to_num(hours(conditions))
         case "per_kelvin":
-            return np.nan_to_num(kelvins(taken))
+            return np.nan_to_num(kelvins(conditions))
     of_reading = basis.stage == Stage.READING
-    way_mm = taken.displacement_mm if of_reading else travel_mm(at.flow, at.leg)
+    way_mm = conditions.displacement_mm if of_reading else travel_mm(at.flow, at.leg)
     return np.asarray((way_mm / AT_MM) ** basis.power)
 
 
@@ -151,8 +151,8 @@ class Coupling(OfCarriage):
 
     def off(self, at: Acting) -> NDArray[Any]:
         """The value times both travels / 100 mm."""
-        leg, other = map(LEG_NAMES.index, at.place)
-        part = travel_mm(at.flow, leg) * travel_mm(at.flow, other) / AT_MM**2
+        leg, neighbour = map(LEG_NAMES.index, at.place)
+        part = travel_mm(at.flow, leg) * travel_mm(at.flow, neighbour) / AT_MM**2
         return PER_THOUSAND * (at.values[0] * part)
 
 
@@ -166,9 +166,9 @@ def empirical_effect(names: Iterable[str]) -> Empirical | Coupling | None:
 
     None where one of them is not known, or where some belong to readings and some to carriages.
     """
-    wanted = set(names)
-    if wanted == {parameter.name for parameter in Coupling.parameters}:
+    ids = set(names)
+    if ids == {parameter.name for parameter in Coupling.parameters}:
         return Coupling()
-    if not wanted or not wanted <= set(BASES) or len({BASES[n].stage for n in wanted}) > 1:
+    if not ids or not ids <= set(BASES) or len({BASES[n].stage for n in ids}) > 1:
         return None
-    return Empirical(tuple(name for name in BASES if name in wanted))
+    return Empirical(tuple(name for name in BASES if name in ids))

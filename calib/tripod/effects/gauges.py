@@ -66,10 +66,10 @@ class GaugeTilt(OfTouch):
         """The touched point along a plunger that is turned by the value towards the third axis."""
         leg, axis = numbers(at.place)
         across = at.flow.geometry.read_along[leg]
-        own = (at.stage_input * across[axis]).sum(axis=-1)
+        along_indicator = (at.stage_input * across[axis]).sum(axis=-1)
         third = (at.stage_input * across[3 - leg - axis]).sum(axis=-1)
         tilt_rad = PER_THOUSAND * at.values[0]
-        return np.asarray(np.sin(tilt_rad) * third + (np.cos(tilt_rad) - 1.0) * own)
+        return np.asarray(np.sin(tilt_rad) * third + (np.cos(tilt_rad) - 1.0) * along_indicator)
 
 
 @dataclass(frozen=True)
@@ -89,9 +89,9 @@ class PlateTilt(OfTouch):
     )
     controller = "nothing to enter: level the plate, or seat the indicator anew"
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
+    def places(self, conditions: Conditions) -> tuple[str, ...]:
         """The tool along every coordinate that was measured."""
-        return tuple(place for place in mounts(taken) if place in AT_TOOL)
+        return tuple(place for place in mounts(conditions) if place in AT_TOOL)
 
     def off(self, at: Acting) -> NDArray[Any]:
         """The way across the coordinate is read in proportion."""
@@ -109,15 +109,17 @@ class TiltOfTouchedPlate(PlateTilt):
     kind = Kind.MACHINE
     controller = "nothing to enter: level the plate"
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
+    def places(self, conditions: Conditions) -> tuple[str, ...]:
         """The tool along every coordinate that it met a plate along."""
-        return tuple(f"t{LEG_NAMES[axis]}" for axis in np.unique(taken.axis[taken.contact]))
+        return tuple(
+            f"t{LEG_NAMES[axis]}" for axis in np.unique(conditions.axis[conditions.contact])
+        )
 
     def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
         """Touched points ``(..., n, 3)``."""
-        taken = at.flow.taken
-        met = taken.contact & (taken.axis == numbers(at.place)[1])
-        along = measuring_directions(at.flow.geometry, taken)
+        conditions = at.flow.taken
+        met = conditions.contact & (conditions.axis == numbers(at.place)[1])
+        along = measuring_directions(at.flow.geometry, conditions)
         return np.asarray((off_mm * met)[..., None] * along)
 
 
@@ -153,9 +155,9 @@ class GaugeHysteresis(OfReading):
     parameters = (EffectParameter("lag", "µm", 3.0, 20.0),)
     controller = "nothing to enter: check the indicator at {place}, it lags by {lag}"
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
+    def places(self, conditions: Conditions) -> tuple[str, ...]:
         """Every leg and measuring axis that was measured."""
-        return on_legs(taken)
+        return on_legs(conditions)
 
     def off(self, at: Acting) -> NDArray[Any]:
         """Half of the value either way, by the carriage's last movement; 0 where nobody saw it."""
@@ -177,14 +179,14 @@ class DriftOfStand(OfReading):
 
         Where one reading of a mounting has none, by nothing in all of it: so nothing jumps.
         """
-        taken = at.flow.taken
-        figure = self.wanders_with(taken)
-        unknown = np.isin(taken.mount, taken.mount[np.isnan(figure)])
+        conditions = at.flow.taken
+        figure = self.wanders_with(conditions)
+        unknown = np.isin(conditions.mount, conditions.mount[np.isnan(figure)])
         return PER_THOUSAND * at.values[0] * np.where(unknown, 0.0, figure)
 
-    def wanders_with(self, taken: Conditions) -> FloatArray:
+    def wanders_with(self, conditions: Conditions) -> FloatArray:
         """Hours ``(n,)``."""
-        return hours(taken)
+        return hours(conditions)
 
 
 @dataclass(frozen=True)
@@ -195,9 +197,9 @@ class DriftWithTime(DriftOfStand):
     title = "readings drift steadily with time"
     controller = "nothing to enter: let the machine and the stand come to rest in temperature"
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
+    def places(self, conditions: Conditions) -> tuple[str, ...]:
         """Every measuring axis."""
-        return tuple(name for k, name in enumerate(LEG_NAMES) if k in taken.axis)
+        return tuple(name for k, name in enumerate(LEG_NAMES) if k in conditions.axis)
 
     def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
         """Readings ``(..., n)``."""
@@ -211,6 +213,6 @@ class DriftWithTemperature(DriftWithTime):
     title = "readings drift with the temperature"
     parameters = (EffectParameter("per_kelvin", "µm/K", 5.0),)
 
-    def wanders_with(self, taken: Conditions) -> FloatArray:
+    def wanders_with(self, conditions: Conditions) -> FloatArray:
         """Kelvins ``(n,)``."""
-        return kelvins(taken)
+        return kelvins(conditions)

@@ -32,9 +32,9 @@ ONE_SIDED = ("backlash", "gravity_sag", "joint_clearance")
 
 
 def hidden_among(
-    known: Sequence[Candidate],
+    candidates: Sequence[Candidate],
     truth: Model,
-    taken: Conditions,
+    conditions: Conditions,
     *,
     seed: int,
     noise_mm: float,
@@ -47,7 +47,7 @@ def hidden_among(
     show it.
     """
     generator = np.random.default_rng([seed, 5])
-    choices = _plain_ones(known, truth, taken)
+    choices = _plain_ones(candidates, truth, conditions)
     choice = choices[int(generator.integers(len(choices)))]
     draws = [choice.tolerance * _direction(generator, len(choice.tolerance)) for _ in range(DRAWS)]
     values = max(draws, key=choice.signal_mm)
@@ -58,8 +58,8 @@ def hidden_among(
     signal_mm = noise_mm * generator.uniform(LEAST_SIGNAL, MOST_SIGNAL)
     factor = signal_mm / choice.signal_mm(values)
     values = values * min(factor, MOST_TOLERANCES / np.abs(values / choice.tolerance).max())
-    seen = choice.signal_mm(values) >= FAINTEST_SIGNAL * noise_mm
-    return choice.candidate.effects(values) if seen else ()
+    visible = choice.signal_mm(values) >= FAINTEST_SIGNAL * noise_mm
+    return choice.candidate.effects(values) if visible else ()
 
 
 def _direction(generator: np.random.Generator, count: int) -> FloatArray:
@@ -89,10 +89,12 @@ class _Choice:
         return float(np.sqrt(((self.left @ values) ** 2).mean()))
 
 
-def _plain_ones(known: Sequence[Candidate], truth: Model, taken: Conditions) -> list[_Choice]:
+def _plain_ones(
+    candidates: Sequence[Candidate], truth: Model, conditions: Conditions
+) -> list[_Choice]:
     """Those that show about as well as the plainest."""
-    base = derivatives(truth.geometry, truth.parameters_mm, taken)
-    basis = basis_of(np.hstack([incidence(taken.mount), tilts(taken), base]), DEPENDENT)
-    found = [_Choice(c, without(basis, c.columns)) for c in known]
-    best = max(choice.plain_mm for choice in found)
-    return [choice for choice in found if choice.plain_mm >= NEARLY_AS_PLAIN * best]
+    base = derivatives(truth.geometry, truth.parameters_mm, conditions)
+    basis = basis_of(np.hstack([incidence(conditions.mount), tilts(conditions), base]), DEPENDENT)
+    choices = [_Choice(c, without(basis, c.columns)) for c in candidates]
+    best = max(choice.plain_mm for choice in choices)
+    return [choice for choice in choices if choice.plain_mm >= NEARLY_AS_PLAIN * best]

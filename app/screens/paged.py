@@ -1,4 +1,4 @@
-"""Screens of numbered pages: results, diagnoses, what-if, comparisons, history, the Hexa Slide."""
+"""Screens of numbered pages: results, diagnoses, what-if, comparisons, history, postures."""
 
 from __future__ import annotations
 

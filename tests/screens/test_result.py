@@ -290,12 +290,16 @@ async def test_export_names_what_it_wrote(
 
 
 async def test_what_was_written_lies_over_nothing(
-    published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
+    published: tuple[SessionSolution, Path],
 ) -> None:
-    """After E the first page with its caution still fits the smallest terminal, above the line."""
-    solved, path = published
-    monkeypatch.chdir(path.parent)  # as one works, where the session is
-    screen = ResultScreen(solved, quick_plan(path.parent), Path(path.name))
+    """After E the first page with its caution still fits the smallest terminal, above the line.
+
+    In a doubtful session, whose path takes more than a line.
+    """
+    folder = published[1].parent / ("a folder with a long name " * 4).strip()
+    folder.mkdir()
+    path = published[1].rename(folder / published[1].name)
+    screen = ResultScreen(published[0], quick_plan(folder), path)
     interface = Glidecal(screen)
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.press("e")

@@ -59,7 +59,7 @@ def settings() -> None:
 
     path = settings_path()
     present = settings_for_screens(path)
-    rows = [(known.key_id, known.keys, known.words) for known in known_keys().values()]
+    rows = [(key.key_id, key.keys, key.words) for key in known_keys().values()]
     typer.echo(settings_text(path, path.exists(), present, rows))
 
 

@@ -86,9 +86,9 @@ def save_theme(path: Path, theme: str) -> None:
     """
     from protocols.files import write_files
 
-    wanted = read_settings(path).model_copy(update={"theme": theme})
+    settings = read_settings(path).model_copy(update={"theme": theme})
     text = with_theme(read_text(path, WHAT) if path.exists() else "", theme)
-    if _settings_in(text) != wanted:
+    if _settings_in(text) != settings:
         raise RecordError(
             f"{WHAT} {path}", "a form that cannot be changed safely", f'theme = "{theme}" by hand'
         )
@@ -107,5 +107,5 @@ def with_theme(text: str, theme: str) -> str:
     first_table = TABLE_LINE.search(text)
     end = first_table.start() if first_table else len(text)
     quoted = json.dumps(theme, ensure_ascii=False)
-    head, found = THEME_LINE.subn(lambda match: match[1] + quoted, text[:end], count=1)
-    return head + text[end:] if found else f"theme = {quoted}\n{text}"
+    head, count = THEME_LINE.subn(lambda match: match[1] + quoted, text[:end], count=1)
+    return head + text[end:] if count else f"theme = {quoted}\n{text}"

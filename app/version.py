@@ -30,7 +30,7 @@ def version() -> str:
     from importlib.metadata import distributions
 
     installed = distributions(name="glidecal", path=[str(HOME)])
-    return next((this.version for this in installed), f"{NEXT_RELEASE}+unknown")
+    return next((distribution.version for distribution in installed), f"{NEXT_RELEASE}+unknown")
 
 
 def program() -> str:

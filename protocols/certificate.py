@@ -26,7 +26,7 @@ Country = Annotated[str, Field(pattern="^[A-Z]{2}$")]
 """As ISO 3166-1 writes it: DE, FR."""
 
 
-class Contact(Document):
+class Organisation(Document):
     """A laboratory or a customer with its address."""
 
     name: Entry
@@ -44,7 +44,7 @@ class Contact(Document):
         return tuple(filter(None, [self.street, ", ".join(filter(None, [city, self.country]))]))
 
 
-class Laboratory(Contact):
+class Laboratory(Organisation):
     """The head of a certificate.
 
     ``accreditation`` is the number that the accreditation body gave; ``logo`` is a PNG or JPEG
@@ -55,7 +55,7 @@ class Laboratory(Contact):
     logo: str | None = None
 
 
-class CalibratedMachine(Document):
+class MachineIdentity(Document):
     """What tells the machine from others of its kind."""
 
     manufacturer: Entry | None = None
@@ -78,8 +78,8 @@ class CertificateOrder(Document):
     performed_at: Literal["laboratory", "customer", "other"] = "other"
     issued: Day | None = None
     signed_by: Entry | None = None
-    customer: Contact
-    machine: CalibratedMachine = CalibratedMachine()
+    customer: Organisation
+    machine: MachineIdentity = MachineIdentity()
 
 
 def read_order(path: Path) -> CertificateOrder:

@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 def _of_own_form(context: typer.Context, sessions: list[Path], *, as_json: bool) -> bool:
     """Whether these are sessions of another form, then told. Raises UsageError for options."""
-    own = family_of_files(None, sessions).sessions
-    if own is None:
+    verbs = family_of_files(None, sessions).sessions
+    if verbs is None:
         return False
     if wrong := typed(context, OF_INDICATORS):
         raise UsageError(wrong, f"session {sessions[0]}", "sessions of indicators on legs")
     if len(sessions) > 1:
         raise UsageError("diagnose", f"{len(sessions)} sessions", "one of this kind of machine")
-    typer.echo(own.diagnosed(sessions[0]).shown(as_json=as_json))
+    typer.echo(verbs.diagnosed(sessions[0]).shown(as_json=as_json))
     return True
 
 

@@ -118,15 +118,15 @@ def run(
 
     refuse_beside_continue(context)
     family = family_of(machine) if machine else family_of_files(None, [resume] if resume else [])
-    given = options_of(context, family, f"the machine {machine or family.name}", own)
+    options = options_of(context, family, f"the machine {machine or family.name}", own)
     if family.sessions is not None:
         if wrong := typed(context, OF_INDICATORS):
             raise UsageError(wrong, f"the machine {family.name}", "machines read on their legs")
-        asked = Running(
+        running = Running(
             *(machine, protocol, output, resume, operator, temperature, note, seed),
             *(simulated, dry_run, tuple(indicator or ())),
         )
-        family.sessions.run(asked, given, say)
+        family.sessions.run(running, options, say)
         return
     _check_macro(context)
     if motion is not None:

@@ -100,9 +100,9 @@ def verify(
     from app.report.schema.solution import VerificationReport
     from app.report.text.result import decided, verification_text
 
-    own = family_of_files(None, [before, after]).sessions
-    if own is not None:
-        answer, word = own.verified(before, after, tolerance)
+    verbs = family_of_files(None, [before, after]).sessions
+    if verbs is not None:
+        answer, word = verbs.verified(before, after, tolerance)
         typer.echo(answer.shown(as_json=as_json))
         if word != "pass":
             say(f"glidecal: the verification did not pass: {word}")
@@ -196,13 +196,13 @@ def export(
     """
     from protocols.files import STANDARD_OUTPUT
 
-    if (own := family_of_files(None, [source]).sessions) is not None:
-        _export_of_machine(own, context, source, output, force=force)
+    if (verbs := family_of_files(None, [source]).sessions) is not None:
+        _export_of_machine(verbs, context, source, output, force=force)
         return
     if table or format_name in ("xlsx", "parquet"):
-        told: dict[str, object] = {"--home-offset": home_offset, "--endstops": endstops}
-        told |= {"--steps": steps, "--ini": ini}
-        _refuse_beside_table(table or "readings", format_name, {**told, "--frame": frame})
+        beside: dict[str, object] = {"--home-offset": home_offset, "--endstops": endstops}
+        beside |= {"--steps": steps, "--ini": ini}
+        _refuse_beside_table(table or "readings", format_name, {**beside, "--frame": frame})
         if output != STANDARD_OUTPUT or format_name != "csv":
             force = may_replace(force, output)  # before long work
         table_found = _table(source, table or "readings", subset, method, model)
@@ -237,19 +237,19 @@ def _check_joints(
     home_offset: str | None, endstops: str | None, ini: Path | None, format_name: str
 ) -> None:
     """Raises UsageError for what the joints hold, where it is said twice or for no format."""
-    if sum(one is not None for one in (home_offset, endstops, ini)) > 1:
+    if sum(option is not None for option in (home_offset, endstops, ini)) > 1:
         raise UsageError("--home-offset, --endstops and --ini", "more than one", "one of them")
     if ini and format_name in ("klipper", "reprapfirmware", "marlin", "smoothieware", "p-3z"):
         raise UsageError("--ini", f"--format {format_name}", "a LinuxCNC format, or --endstops")
 
 
 def _export_of_machine(
-    own: SessionVerbs, context: typer.Context, source: Path, output: Path, *, force: bool
+    verbs: SessionVerbs, context: typer.Context, source: Path, output: Path, *, force: bool
 ) -> None:
     """A session of its own form. Raises UsageError for options that are not of it."""
     if wrong := typed(context, OF_INDICATORS):
         raise UsageError(wrong, f"session {source}", "sessions of indicators on legs")
-    files, cautions = own.exported(source, context.params["format_name"])
+    files, cautions = verbs.exported(source, context.params["format_name"])
     for text in cautions:
         say(f"glidecal: {text}")
     deliver(output, files, force=force)

@@ -112,12 +112,12 @@ def import_table(
     """
     name = machine or USUAL_MACHINE
     family = family_of(name)
-    given = options_of(context, family, f"the machine {name}", own)
+    options = options_of(context, family, f"the machine {name}", own)
     if family.sessions is not None:
         _check_postures(context, name, source)
         remarks = tuple(remark or ())
         asked_for = Importing(source[0], output, machine, protocol, template, remarks, force)
-        family.sessions.imported(asked_for, given, say)
+        family.sessions.imported(asked_for, options, say)
     elif template:
         _write_template(source, machine, protocol, force=force)
     else:
@@ -162,7 +162,7 @@ def import_files(
 
     may = may_replace(force, machine_file_out)
     stated = Stated(resolution, repeatability, remarks)
-    opened, events, machine_file, told = _taken_from(
+    opened, events, machine_file, notes = _taken_from(
         source, machine, stated, distances, distance_deviation
     )
     if distance_deviation is not None and not any(e.event == "distance" for e in events):
@@ -181,7 +181,7 @@ def import_files(
         say(f"written: {machine_file_out}")
     session = fold([opened, *events])
     word = "contacts" if session.of_contacts else "readings"
-    for words in [*told, *_cautions(session, word)]:
+    for words in [*notes, *_cautions(session, word)]:
         say(f"glidecal: {words}")
     if session.distances:
         word += f" and {len(session.distances)} distances between marks"
@@ -206,11 +206,13 @@ def _write_template(
 
     if len(source) > 1:
         raise UsageError("--template", f"{len(source)} files", "one table to write")
-    known = load_machine(machine)
-    asked = load_procedure(protocol or known.usual_procedure, known.geometry())
-    empty = empty_table(asked, known.geometry(), source[0])
+    machine_known = load_machine(machine)
+    procedure_asked = load_procedure(
+        protocol or machine_known.usual_procedure, machine_known.geometry()
+    )
+    empty = empty_table(procedure_asked, machine_known.geometry(), source[0])
     write_files(source[0], {"": empty}, replace=may_replace(force, source[0]))
-    say(f"{asked.name} to be filled in, column value_mm: {source[0]}")
+    say(f"{procedure_asked.name} to be filled in, column value_mm: {source[0]}")
 
 
 OF_INDICATORS = (
@@ -294,10 +296,10 @@ def validate(sessions: Sessions) -> None:
 
     status = Exit.DONE
     for path in sessions:
-        own = family_of_files(None, [path]).sessions
+        verbs = family_of_files(None, [path]).sessions
         try:
-            if own is not None:
-                typer.echo(own.validated(path))
+            if verbs is not None:
+                typer.echo(verbs.validated(path))
                 continue
             record = read_record(path)
             check_values(record)
@@ -329,8 +331,10 @@ def replay(
     verbs = family_of_files(None, session).sessions
     if verbs is not None:
         if len(session) > 1 or not (headless or as_json):
-            found = "a screen" if len(session) == 1 else f"{len(session)} sessions"
-            raise UsageError("replay of postures", found, "one session with --headless or --json")
+            sessions_words = "a screen" if len(session) == 1 else f"{len(session)} sessions"
+            raise UsageError(
+                "replay of postures", sessions_words, "one session with --headless or --json"
+            )
         typer.echo(verbs.replayed(session[0], say).shown(as_json=as_json))
         return
     if not headless and not as_json:

@@ -220,17 +220,17 @@ class ControllerCorrections:
             from calib.tripod.towers import entered  # of printers only
 
             def best(absent: dict[str, str], entries: TowerEntries) -> TowerCorrection:
-                made = self._projected("kinematics", absent, tabled=False)
-                values = entered(made.model, entries)
+                projected = self._projected("kinematics", absent, tabled=False)
+                values = entered(projected.model, entries)
                 off = self.off_with_towers(values)
-                return TowerCorrection(made.model, made.left_out, values, off)
+                return TowerCorrection(projected.model, projected.left_out, values, off)
 
-            found = best({}, entries)
+            best_entries = best({}, entries)
             plain = best({"table": NO_GAIN}, replace(entries, travels=False))
             errors = self.posterior.tool_errors[self.frame]
-            if doubt(errors, found.off.values, plain.off.values):
-                found = plain
-            self._towers[entries] = found
+            if doubt(errors, best_entries.off.values, plain.off.values):
+                best_entries = plain
+            self._towers[entries] = best_entries
         return self._towers[entries]
 
     def of(self, holds: Holds, absent: Mapping[str, str] | None = None) -> SessionCorrection:

@@ -39,7 +39,7 @@ def known_effects() -> tuple[Effect, ...]:
             if fault:
                 raise _broken(source, fault)
             effect = cast(Effect, item)
-            if effect.id in {other.id for other in (*effects, *BESIDE_CATALOGUE)}:
+            if effect.id in {effect_beside.id for effect_beside in (*effects, *BESIDE_CATALOGUE)}:
                 raise _broken(source, f"the id '{effect.id}'", "an id that is not taken")
             effects.append(effect)
     return tuple(effects)

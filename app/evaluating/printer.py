@@ -156,10 +156,12 @@ def printer_change(
     stops_mm = values.endstops_mm(held_mm)
     now, then = values.now, values.towers
     travels: list[ValueChange | None] = [None] * 3
-    if values.stretch.any() and (held := turns or steps):
+    if values.stretch.any() and (travels_now := turns or steps):
         changed = values.stretch if turns else 1.0 / (1.0 + values.stretch) - 1.0
-        parts = zip(held, changed.tolist(), strict=True)
-        travels = [ValueChange(one, one + one * part) for one, part in parts]
+        parts = zip(travels_now, changed.tolist(), strict=True)
+        travels = [
+            ValueChange(value_now, value_now + value_now * part) for value_now, part in parts
+        ]
     return PrinterChange(
         tuple(
             TowerChange(

@@ -53,16 +53,16 @@ def as_csv(offsets: Offsets) -> Export:
             "expanded_with_lack_of_fit_mm",
         )
     ]
-    for name, one in offsets.parameters.items():
-        known = (
-            one.value,
-            one.standard_uncertainty,
-            one.expanded_uncertainty,
-            one.expanded_with_lack_of_fit,
+    for name, parameter in offsets.parameters.items():
+        figures_mm = (
+            parameter.value,
+            parameter.standard_uncertainty,
+            parameter.expanded_uncertainty,
+            parameter.expanded_with_lack_of_fit,
         )
-        rows.append((name, *("" if mm is None else f"{mm:.6f}" for mm in known)))
-    made = [f"{offsets.source}, {offsets.made}"] if offsets.made else []
-    return Export({"": csv_text(rows, [*made, *offsets.cautions])}, offsets.cautions)
+        rows.append((name, *("" if mm is None else f"{mm:.6f}" for mm in figures_mm)))
+    origin_line = [f"{offsets.source}, {offsets.made}"] if offsets.made else []
+    return Export({"": csv_text(rows, [*origin_line, *offsets.cautions])}, offsets.cautions)
 
 
 FORMATS = {

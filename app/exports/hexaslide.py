@@ -31,24 +31,24 @@ def calibrated_files(solved: CalibratedMachine, wanted: Path | None) -> Written:
 
     Raises RecordError for that file, CalibrationError for postures that cannot be reached.
     """
-    said = HexaSlideCalibrationReport.of(solved=solved)
+    document = HexaSlideCalibrationReport.of(solved=solved)
     head = [
-        f"Calibrated from {said.measurements}, {said.procedure.value}: {said.rank} of "
-        f"{said.parameter_count} combinations identified."
+        f"Calibrated from {document.measurements}, {document.procedure.value}: {document.rank} of "
+        f"{document.parameter_count} combinations identified."
     ]
-    head = [line for text in [*head, *caveats(said)] for line in short_lines(text)]
-    found, own = solved.found.machine, solved.source.machine
-    file = machine_like(own, f"{own.name}, calibrated", found)
+    head = [line for text in [*head, *caveats(document)] for line in short_lines(text)]
+    calibrated, source_machine = solved.found.machine, solved.source.machine
+    file = machine_like(source_machine, f"{source_machine.name}, calibrated", calibrated)
     source = resources.files("app.exports").joinpath(f"{MODULE}.comp").read_text(encoding="utf-8")
     files = {
         "machine.toml": machine_text(file, head),
         f"{MODULE}.comp": source,
-        "calib.hal": "".join(f"# {line}\n" for line in [*head, "Millimetres."]) + pins(found),
+        "calib.hal": "".join(f"# {line}\n" for line in [*head, "Millimetres."]) + pins(calibrated),
     }
     if wanted is None:
         return files
-    nominal = own.whole()
-    commands, sliders = corrected(nominal, found, inside_box(load_postures(wanted), nominal))
+    nominal = source_machine.whole()
+    commands, sliders = corrected(nominal, calibrated, inside_box(load_postures(wanted), nominal))
     names = [f"slider{chain}_m" for chain in range(1, sliders.shape[1] + 1)]
     moved = {"postures.csv": posture_table(commands), "sliders.csv": table(names, sliders.tolist())}
     return {**files, **moved}

@@ -132,7 +132,7 @@ def _export(
     steps = offsets.machine.steps_per_mm
     if steps is not None and values.stretch.any():
         controller_words += _held("M92", steps, drives, "steps per mm")
-        a_step = values.turns_mm([1.0 / one for one in steps])
+        a_step = values.turns_mm([1.0 / steps_of_tower for steps_of_tower in steps])
         lines = [f"M92 {_words(TOWERS, [1.0 / a_step[drive] for drive in drives])}", *lines]
     above = [f"; {line}" for line in comments(offsets, values, put, controller_words)]
     return Export({"": "\n".join([*above, *lines]) + "\n"}, offsets.cautions)

@@ -90,16 +90,16 @@ def fitted(
     if solved is None or offsets.view:
         values = entered(kinematics.model, entries)
     else:
-        made = solved.corrections.of_towers(entries)
-        values, change = made.values, solved.printer_change
+        best = solved.corrections.of_towers(entries)
+        values, change = best.values, solved.printer_change
         remarks = [
             kinematics.bound,
-            *left_out_lines(made.left_out),
+            *left_out_lines(best.left_out),
             *doubt_lines(solved),
             *([NOT_WORTH_IT] if change and not change.helps else []),
         ]
         cautions = (*map(one_line, remarks), *offsets.cautions)
-        kinematics = replace(kinematics, model=made.model, cautions=cautions)
+        kinematics = replace(kinematics, model=best.model, cautions=cautions)
     _check_lengths(values)
     return _bounded(kinematics, values), values
 

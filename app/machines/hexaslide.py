@@ -71,7 +71,7 @@ class IdentifiabilityOptions:
     ] = False
 
 
-def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer | ScreenAnswer:
+def identifiability(question: Question, options: IdentifiabilityOptions) -> Answer | ScreenAnswer:
     """What the procedure sees, with what papers/001 says of it; on a screen where that is wished.
 
     Measured components alone are those of a posture. Raises UsageError without either.
@@ -83,28 +83,28 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer | Sc
     from calib.hexaslide.planning import look_at
 
     request = Request(
-        asked.procedure or "pose-forward",
-        asked.machine_file,
-        measured=parts(own.measured),
-        known=_known(own.known),
-        postures=own.postures,
-        posture_file=own.posture_file,
-        seed=own.seed,
+        question.procedure or "pose-forward",
+        question.machine_file,
+        measured=parts(options.measured),
+        known=_known(options.known),
+        postures=options.postures,
+        posture_file=options.posture_file,
+        seed=options.seed,
     )
-    if not (asked.procedure or request.measured):
+    if not (question.procedure or request.measured):
         raise UsageError(
             "--procedure", "none", "the name of a procedure", "For hexaslide --measured also does."
         )
-    if own.screen:
+    if options.screen:
         need_terminal("--screen", "the verb without it")
     planned = hexaslide_planning(request)
-    if own.screen:
+    if options.screen:
         return ScreenAnswer(lambda: _screen(request))
     with working("Looking at the postures"):
-        found = look_at(planned)
+        planning_view = look_at(planned)
     return Answer(
-        lambda: seen_text(found),
-        lambda: HexaSlideIdentifiabilityReport.of(seen=found.seen, found=found),
+        lambda: seen_text(planning_view),
+        lambda: HexaSlideIdentifiabilityReport.of(seen=planning_view.seen, found=planning_view),
     )
 
 
@@ -149,7 +149,9 @@ class PostureOptions:
     ] = False
 
 
-def postures(asked: Question, search: PostureSearch, own: PostureOptions, say: Say) -> Answer:
+def postures(
+    question: Question, search: PostureSearch, options: PostureOptions, say: Say
+) -> Answer:
     """Postures anywhere in the box, or between the ends of the rails."""
     from app.planning.hexaslide import Request, asked_postures, posture_table
     from app.report.schema.hexaslide import HexaSlidePosturesReport
@@ -158,27 +160,27 @@ def postures(asked: Question, search: PostureSearch, own: PostureOptions, say: S
     from protocols.files import write_files
 
     request = Request(
-        asked.procedure,
-        asked.machine_file,
-        measured=parts(own.measured),
-        known=_known(own.known),
-        posture_file=own.posture_file,
+        question.procedure,
+        question.machine_file,
+        measured=parts(options.measured),
+        known=_known(options.known),
+        posture_file=options.posture_file,
         seed=search.seed,
     )
-    wanted = Search(
+    search_wanted = Search(
         search.criterion,
         starts=search.starts,
-        in_joints=own.space == "joints",
-        scaled=own.scaled,
-        few=own.few,
+        in_joints=options.space == "joints",
+        scaled=options.scaled,
+        few=options.few,
     )
     may = may_write(search.output, ".csv", force=search.force)
     with working("Looking for postures"):
-        found = asked_postures(request, search.count, wanted, as_is=own.as_is)
+        best = asked_postures(request, search.count, search_wanted, as_is=options.as_is)
     if search.output:
-        write_files(search.output, {"": posture_table(found.coordinates)}, replace=may)
+        write_files(search.output, {"": posture_table(best.coordinates)}, replace=may)
         say(f"postures written to {search.output}")
-    return Answer(lambda: postures_text(found), lambda: HexaSlidePosturesReport.of(best=found))
+    return Answer(lambda: postures_text(best), lambda: HexaSlidePosturesReport.of(best=best))
 
 
 @dataclass(frozen=True)
@@ -209,44 +211,44 @@ class SimulateOptions:
     truth: Annotated[Path | None, file("Hexa Slide: file for the true machine.")] = None
 
 
-def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
+def simulate(simulation: Simulation, options: SimulateOptions, say: Say) -> None:
     """Measured postures into a file."""
     from app.planning.hexaslide import Request, write_simulated
     from app.report.text.hexaslide_calibration import simulated_text
     from protocols.files import STANDARD_OUTPUT
 
-    if own.procedure is None or (own.posture_file is None) == (own.postures is None):
+    if options.procedure is None or (options.posture_file is None) == (options.postures is None):
         raise UsageError(
             "--procedure, --postures, --posture-file",
             "too few or too many",
             "with --machine hexaslide a procedure and either a number or a file of postures",
         )
-    wanted = Request(
-        own.procedure,
-        machine_file_of(asked.machine or NAMES[0], NAMES, own.machine_file),
-        parts(own.measured),
-        postures=own.postures,
-        posture_file=own.posture_file,
-        seed=asked.seed,
+    request = Request(
+        options.procedure,
+        machine_file_of(simulation.machine or NAMES[0], NAMES, options.machine_file),
+        parts(options.measured),
+        postures=options.postures,
+        posture_file=options.posture_file,
+        seed=simulation.seed,
     )
-    printed = asked.output == STANDARD_OUTPUT
-    output = None if printed else asked.output
-    may = may_replace(asked.force, output, own.truth)
+    printed = simulation.output == STANDARD_OUTPUT
+    output = None if printed else simulation.output
+    may = may_replace(simulation.force, output, options.truth)
     measured = write_simulated(
-        wanted,
+        request,
         output,
-        own.truth,
-        noise_mm=own.noise,
-        angle_noise_mrad=own.angle_noise,
-        errors_mm=own.errors,
+        options.truth,
+        noise_mm=options.noise,
+        angle_noise_mrad=options.angle_noise,
+        errors_mm=options.errors,
         replace=may,
     )
     if printed:
         typer.echo(measured.text(), nl=False)
     else:
-        say(f"{simulated_text(measured)}, written to {asked.output}")
-    if own.truth is not None:
-        say(f"the true machine written to {own.truth}")
+        say(f"{simulated_text(measured)}, written to {simulation.output}")
+    if options.truth is not None:
+        say(f"the true machine written to {options.truth}")
 
 
 @dataclass(frozen=True)
@@ -269,7 +271,7 @@ class SolveOptions:
     ] = False
 
 
-def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
+def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
     """Identify from one file of measured postures."""
     from app.planning.hexaslide import calibrate_file
     from app.report.schema.hexaslide import HexaSlideCalibrationReport
@@ -277,15 +279,17 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
 
     if len(files) != 1:
         raise UsageError(FAMILY.measured, f"{len(files)} files", "one file")
-    if own.posture_file is not None and own.corrected is None:
+    if options.posture_file is not None and options.corrected is None:
         raise UsageError("--posture-file", "no --corrected", "both, or none")
-    share = SHARE if own.held_out is None else own.held_out
+    share = SHARE if options.held_out is None else options.held_out
     with working("Solving"):
-        solved = calibrate_file(files[0], own.truth, share)
-    if own.corrected is not None:
+        solved = calibrate_file(files[0], options.truth, share)
+    if options.corrected is not None:
         from app.exports.hexaslide import NOT_GENHEXKINS, calibrated_files
 
-        deliver(own.corrected, calibrated_files(solved, own.posture_file), force=own.force)
+        deliver(
+            options.corrected, calibrated_files(solved, options.posture_file), force=options.force
+        )
         say(NOT_GENHEXKINS)
     return Answer(
         lambda: calibration_text(solved), lambda: HexaSlideCalibrationReport.of(solved=solved)

@@ -71,7 +71,7 @@ def _plan(
     )
 
 
-def imported(asked: Importing, own: ImportOptions, say: Say) -> None:
+def imported(importing: Importing, options: ImportOptions, say: Say) -> None:
     """A session of a table, or the table to be filled in."""
     from dataclasses import replace
 
@@ -79,36 +79,38 @@ def imported(asked: Importing, own: ImportOptions, say: Say) -> None:
     from protocols.files import write_files
     from protocols.hexaslide_table import empty_table
 
-    output = asked.source if asked.template else asked.output
+    output = importing.source if importing.template else importing.output
     if output is None:
         raise UsageError("--output", "none", "-o SESSION, or --template to write an empty table")
-    plan = _plan(output, asked.machine, asked.protocol, own.posture_file)
-    if asked.template:
-        may = may_replace(asked.force, output)
+    plan = _plan(output, importing.machine, importing.protocol, options.posture_file)
+    if importing.template:
+        may = may_replace(importing.force, output)
         write_files(output, {"": empty_table(plan.commands())}, replace=may)
         say(f"{plan.procedure.name} to be filled in, units in the second row: {output}")
         return
-    if own.posture_file is not None:
+    if options.posture_file is not None:
         raise UsageError("--posture-file", "no --template", "with --template, or with run")
-    session, odd = import_postures(asked.source, replace(plan, note=" ".join(asked.remarks)))
+    session, odd = import_postures(
+        importing.source, replace(plan, note=" ".join(importing.remarks))
+    )
     for words in odd:
         say(f"glidecal: {words}")
     say(f"{len(session.readings)} postures written to {output}")
 
 
-def run(asked: Running, own: RunOptions, say: Say) -> None:
+def run(running: Running, options: RunOptions, say: Say) -> None:
     """Posture after posture: simulated, or typed in a terminal."""
     from app.measuring.hexaslide import PostureTaking, measure_simulated
     from app.report.streams import need_terminal
     from app.report.text.hexaslide_session import plan_text
 
-    if asked.resume is not None:
-        if own != RunOptions():
+    if running.resume is not None:
+        if options != RunOptions():
             raise UsageError("--posture-file, --behind", "beside --continue", "--continue alone")
-        taking = PostureTaking.resume(asked.resume)
+        taking = PostureTaking.resume(running.resume)
     else:
-        plan = _begun(asked, own)
-        if asked.dry_run:
+        plan = _begun(running, options)
+        if running.dry_run:
             typer.echo(plan_text(plan.commands()))
             return
         if plan.seed is None:
@@ -129,35 +131,35 @@ def run(asked: Running, own: RunOptions, say: Say) -> None:
     say(f"{len(taking.session.readings)} postures in {taking.path}")
 
 
-def _begun(asked: Running, own: RunOptions) -> PosturePlan:
+def _begun(running: Running, options: RunOptions) -> PosturePlan:
     from dataclasses import replace
 
     from app.measuring.hexaslide import INDICATED
     from protocols.hexaslide_session import read_postures, simulated_truth
 
-    named = Path(asked.protocol).stem if asked.protocol else NAME
-    path = asked.output or Path(f"{date.today():%Y-%m-%d}-{named}.jsonl")
-    plan = _plan(path, asked.machine, asked.protocol, own.posture_file)
-    if len(asked.indicators) > 1:
-        raise UsageError("--indicator", f"{len(asked.indicators)}", "one, in the link")
-    if asked.indicators:
-        if asked.simulated or plan.procedure.whole().measured != INDICATED:
-            found = "--simulated" if asked.simulated else f"procedure {plan.procedure.name}"
-            raise UsageError("--indicator", found, "a procedure that measures length alone")
-        _profile(asked.indicators[0])
+    named = Path(running.protocol).stem if running.protocol else NAME
+    path = running.output or Path(f"{date.today():%Y-%m-%d}-{named}.jsonl")
+    plan = _plan(path, running.machine, running.protocol, options.posture_file)
+    if len(running.indicators) > 1:
+        raise UsageError("--indicator", f"{len(running.indicators)}", "one, in the link")
+    if running.indicators:
+        if running.simulated or plan.procedure.whole().measured != INDICATED:
+            given_words = "--simulated" if running.simulated else f"procedure {plan.procedure.name}"
+            raise UsageError("--indicator", given_words, "a procedure that measures length alone")
+        _profile(running.indicators[0])
     truth = None
-    if own.behind is not None:
-        if not asked.simulated:
+    if options.behind is not None:
+        if not running.simulated:
             raise UsageError("--behind", "no --simulated", "with --simulated alone")
-        truth = simulated_truth(read_postures(own.behind)[0])
+        truth = simulated_truth(read_postures(options.behind)[0])
     return replace(
         plan,
         truth=truth,
-        operator=asked.operator,
-        temperature_c=asked.temperature_c,
-        note=asked.note,
-        seed=asked.seed if asked.simulated else None,
-        indicator="".join(asked.indicators),
+        operator=running.operator,
+        temperature_c=running.temperature_c,
+        note=running.note,
+        seed=running.seed if running.simulated else None,
+        indicator="".join(running.indicators),
     )
 
 
@@ -208,7 +210,7 @@ def _ask_all(taking: PostureTaking, line: IndicatorLine | None, say: Say) -> Non
 
 def _answer(taking: PostureTaking, typed: str) -> bool:
     """Whether a word was typed, which is then done. Raises Abort for a pause."""
-    word, _, rest = typed.partition(" ")
+    word, _, remainder = typed.partition(" ")
     if word == "pause":
         raise typer.Abort
     if word == "keep" and taking.doubt is not None:
@@ -216,7 +218,7 @@ def _answer(taking: PostureTaking, typed: str) -> bool:
     elif word == "again" and taking.session.readings:
         taking.take_again()
     elif word == "skip" and taking.doubt is None:
-        taking.skip(rest.strip() or "left out by the operator")
+        taking.skip(remainder.strip() or "left out by the operator")
     else:
         return False
     return True
@@ -298,12 +300,12 @@ def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Ans
     from app.report.text.hexaslide_calibration import verification_text
 
     with working("Solving"):
-        found = verify_sessions(before, after, tolerance_mm)
+        verification = verify_sessions(before, after, tolerance_mm)
     answer = Answer(
-        lambda: verification_text(found),
-        lambda: HexaSlideVerificationReport.of(found=found),
+        lambda: verification_text(verification),
+        lambda: HexaSlideVerificationReport.of(found=verification),
     )
-    return answer, found.decision or "undecided"
+    return answer, verification.decision or "undecided"
 
 
 def diagnosed(path: Path) -> Answer:
@@ -313,10 +315,10 @@ def diagnosed(path: Path) -> Answer:
     from app.report.text.hexaslide_diagnosis import diagnosis_text
 
     with working("Diagnosing"):
-        found = diagnose_postures(path)
+        diagnosis = diagnose_postures(path)
     return Answer(
-        lambda: diagnosis_text(path.name, found),
-        lambda: HexaSlideDiagnosisReport.of(name=path.name, found=found),
+        lambda: diagnosis_text(path.name, diagnosis),
+        lambda: HexaSlideDiagnosisReport.of(name=path.name, found=diagnosis),
     )
 
 

@@ -60,8 +60,8 @@ def file(help_text: str, *names: str, default: str | bool = True) -> OptionInfo:
 
 def argument(help_text: str) -> ArgumentInfo:
     """A file, or several, without an option's name."""
-    found: ArgumentInfo = typer.Argument(help=help_text, show_default=False, readable=False)
-    return found
+    information: ArgumentInfo = typer.Argument(help=help_text, show_default=False, readable=False)
+    return information
 
 
 def machine_option(help_text: str) -> OptionInfo:

@@ -66,13 +66,15 @@ def family_of(name: str) -> Family:
     except RecordError:
         return FAMILIES[0]
     kind = schema.partition("/")[0]  # older files of a machine are of the same kind
-    return next((one for one in FAMILIES if one.schema.partition("/")[0] == kind), FAMILIES[0])
+    return next(
+        (family for family in FAMILIES if family.schema.partition("/")[0] == kind), FAMILIES[0]
+    )
 
 
 def family_of_files(name: str | None, files: Sequence[Path]) -> Family:
     """That of a name, else the one that reads these. Raises UsageError for an unknown name."""
     if name is None:
-        return next((one for one in FAMILIES if any(map(one.reads, files))), FAMILIES[0])
+        return next((family for family in FAMILIES if any(map(family.reads, files))), FAMILIES[0])
     if name not in NAMES:
         raise UsageError("--machine", repr(name), f"{', '.join(NAMES)}, or none: by the file")
     return family_of(name)
@@ -86,7 +88,7 @@ def family_with(verb: str, name: str | None) -> tuple[Family, Any]:
     able = [family for family in FAMILIES if getattr(family, verb) is not None]
     family = able[0] if name is None else family_of(name)
     if family not in able:
-        listed = ", ".join(each for one in able for each in one.names)
+        listed = ", ".join(name_of_family for family in able for name_of_family in family.names)
         allowed = f"{listed}, or the path of a file of such a machine"
         none = f"There is no glidecal {verb} for a {family.name}."
         raise UsageError("machine", repr(name), allowed, none)
@@ -96,21 +98,25 @@ def family_with(verb: str, name: str | None) -> tuple[Family, Any]:
 def with_options_of_machines(command: C) -> C:
     """A command whose ``**own`` is filled with the options of every kind of machine."""
     plain = inspect.signature(command, eval_str=True)
-    shared = [one for one in plain.parameters.values() if one.kind is not one.VAR_KEYWORD]
-    own: dict[str, inspect.Parameter] = {}
+    shared = [
+        parameter
+        for parameter in plain.parameters.values()
+        if parameter.kind is not parameter.VAR_KEYWORD
+    ]
+    parameters_of_machines: dict[str, inspect.Parameter] = {}
     verb = command.__name__.removesuffix("_table")  # import is no name of a function
     for kind in (family.options.get(verb) for family in FAMILIES):
         if kind is None:
             continue
         hints = get_type_hints(kind, include_extras=True)
         for field in fields(kind):
-            own[field.name] = inspect.Parameter(
+            parameters_of_machines[field.name] = inspect.Parameter(
                 field.name,
                 inspect.Parameter.KEYWORD_ONLY,
                 default=field.default,
                 annotation=hints[field.name],
             )
-    signature = plain.replace(parameters=[*shared, *own.values()])
+    signature = plain.replace(parameters=[*shared, *parameters_of_machines.values()])
     vars(command)["__signature__"] = signature  # what typer makes the options of
     return command
 
@@ -121,12 +127,12 @@ class CommandOfMachines(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 (typer's own)
         """As any command; the help, asked for or not, is then of the machine that is named."""
         words = {word for part in args for word in (part, part.partition("=")[2])}
-        named = next((one for one in FAMILIES if words.intersection(one.names)), None)
-        every = {name for family in FAMILIES for name in _own(family, self.name or "")}
-        others = every - _own(named, self.name or "") if named else set()
+        named = next((family for family in FAMILIES if words.intersection(family.names)), None)
+        all_options = {name for family in FAMILIES for name in _own(family, self.name or "")}
+        other_options = all_options - _own(named, self.name or "") if named else set()
         for option in self.params:
             if isinstance(option, TyperOption):
-                option.hidden = option.name in others
+                option.hidden = option.name in other_options
         return super().parse_args(ctx, args)
 
 
@@ -135,7 +141,7 @@ def options_of(
     family: Family,
     found: str,
     given: dict[str, Any],
-    words: Callable[[Family], str] = lambda other: f"the machine {other.name}",
+    words: Callable[[Family], str] = lambda family_beside: f"the machine {family_beside.name}",
 ) -> Any:  # noqa: ANN401 (of the class that the kind names)
     """What was given of the options of a kind. Raises UsageError for those of others alone.
 
@@ -143,9 +149,9 @@ def options_of(
     """
     verb = context.command.name or ""
     ours = _own(family, verb)
-    for other in FAMILIES:
-        if wrong := typed(context, _own(other, verb) - ours):
-            raise UsageError(wrong, found, words(other))
+    for family_beside in FAMILIES:
+        if wrong := typed(context, _own(family_beside, verb) - ours):
+            raise UsageError(wrong, found, words(family_beside))
     kind = family.options.get(verb)
     return None if kind is None else kind(**{name: given[name] for name in ours})
 
@@ -159,10 +165,10 @@ def _own(family: Family, verb: str) -> set[str]:
 
 def typed(context: typer.Context, names: Container[str]) -> str:
     """Those of these parameters that stand on the command line: ``--a, --b and --c``."""
-    found = [
+    types = [
         (option.opts if context.params[option.name] is not False else option.secondary_opts)[0]
         for option in context.command.params
         if option.name in names
         and getattr(context.get_parameter_source(option.name), "name", "") == "COMMANDLINE"
     ]
-    return " and ".join([", ".join(found[:-1]), found[-1]] if len(found) > 1 else found)
+    return " and ".join([", ".join(types[:-1]), types[-1]] if len(types) > 1 else types)

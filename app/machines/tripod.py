@@ -57,7 +57,7 @@ class IdentifiabilityOptions:
     noise: Noise = None
 
 
-def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer:
+def identifiability(question: Question, options: IdentifiabilityOptions) -> Answer:
     """What the procedure sees."""
     from app.planning.tripod import tripod_planning
     from app.report.schema.planning import IdentifiabilityReport
@@ -65,23 +65,25 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer:
     from calib.design.identifiability import seen_by
     from calib.posterior.expected import expected_of
 
-    machine, procedure = _asked(asked)
-    planned = tripod_planning(machine, procedure, own.noise)
-    seen = seen_by(planned)
+    machine, procedure = _asked(question)
+    planned = tripod_planning(machine, procedure, options.noise)
+    seen_parts = seen_by(planned)
     expected = expected_of(planned, machine.tolerances_mm())
     return Answer(
-        lambda: f"{identifiability_text(seen)}\n\n{expected_text(expected)}",
-        lambda: IdentifiabilityReport.of(seen=seen, expected=expected),
+        lambda: f"{identifiability_text(seen_parts)}\n\n{expected_text(expected)}",
+        lambda: IdentifiabilityReport.of(seen=seen_parts, expected=expected),
     )
 
 
-def _asked(asked: Question) -> tuple[Machine, Procedure]:
+def _asked(question: Question) -> tuple[Machine, Procedure]:
     """A machine, with its usual procedure where none is named."""
     from protocols.machine import load_machine
     from protocols.procedure import load_procedure
 
-    machine = load_machine(asked.machine_file or asked.machine)
-    return machine, load_procedure(asked.procedure or machine.usual_procedure, machine.geometry())
+    machine = load_machine(question.machine_file or question.machine)
+    return machine, load_procedure(
+        question.procedure or machine.usual_procedure, machine.geometry()
+    )
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,9 @@ class PostureOptions:
     ] = True
 
 
-def postures(asked: Question, search: PostureSearch, own: PostureOptions, say: Say) -> Answer:
+def postures(
+    question: Question, search: PostureSearch, options: PostureOptions, say: Say
+) -> Answer:
     """Postures from a list, and procedures that visit them."""
     from app.planning.tripod import procedure_files, tripod_planning
     from app.report.schema.planning import PosturesReport
@@ -113,20 +117,20 @@ def postures(asked: Question, search: PostureSearch, own: PostureOptions, say: S
     if search.count is None:
         raise UsageError("--count", "none", "how many postures to choose")
     may = may_write(search.output, ".toml", force=search.force)  # run --protocol takes no other
-    minutes = own.mounting_seconds / 60.0
-    machine, like = _asked(asked)
-    planned = tripod_planning(machine, like, own.noise, minutes)
+    minutes = options.mounting_seconds / 60.0
+    machine, like = _asked(question)
+    planned = tripod_planning(machine, like, options.noise, minutes)
     with working("Looking for postures"):
         chosen = optimum_postures(
             planned,
             search.count,
             criterion=search.criterion,
-            budget_min=own.budget,
+            budget_min=options.budget,
             seed=search.seed,
             starts=search.starts,
-            repeats=own.repeats,
-            common=own.common,
-            refine=own.refine,
+            repeats=options.repeats,
+            common=options.common,
+            refine=options.refine,
         )
     if search.output:
         target, written = procedure_files(chosen.orders, like, search.output)
@@ -152,23 +156,23 @@ class SimulateOptions:
     ] = None
 
 
-def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
+def simulate(simulation: Simulation, options: SimulateOptions, say: Say) -> None:
     """A session of the nominal machine, or of that of a model file."""
     from app.measuring.simulated import simulated_of_files
     from protocols.journal import write_whole
 
-    made = simulated_of_files(
-        own.protocol,
-        asked.machine,
-        own.model,
-        effect=own.effect,
-        size=own.size,
-        seed=asked.seed,
-        scatter_mm=own.scatter,
-        resolution_mm=own.resolution,
+    simulated = simulated_of_files(
+        options.protocol,
+        simulation.machine,
+        options.model,
+        effect=options.effect,
+        size=options.size,
+        seed=simulation.seed,
+        scatter_mm=options.scatter,
+        resolution_mm=options.resolution,
     )
-    write_whole(asked.output, made.opened, [*made.readings])
-    say(f"{len(made.readings)} simulated readings written to {asked.output}")
+    write_whole(simulation.output, simulated.opened, [*simulated.readings])
+    say(f"{len(simulated.readings)} simulated readings written to {simulation.output}")
 
 
 @dataclass(frozen=True)
@@ -204,34 +208,34 @@ class SolveOptions:
     seed: Seed = 1
 
 
-def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
+def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
     """Parameters with uncertainties from sessions. Raises UsageError for what they do not allow."""
     from app.evaluating.solution import solve_files
 
     with working("Solving"):
         solved = solve_files(
             files,
-            subset=own.subset,
-            method=own.method,
-            weights=own.weights,
-            model=own.model,
-            frame=own.frame,
-            holds=own.holds,
+            subset=options.subset,
+            method=options.method,
+            weights=options.weights,
+            model=options.model,
+            frame=options.frame,
+            holds=options.holds,
         ).work_out()
     for warning in solved.warnings:
         say(f"glidecal: {warning}")
     judged = mapped = simulated = None
-    if own.tolerance is not None:
+    if options.tolerance is not None:
         from app.evaluating.solution import judge
 
-        judged = judge(solved, own.tolerance)
-    if own.show_map:
+        judged = judge(solved, options.tolerance)
+    if options.show_map:
         mapped = solved.tool_maps
-    if own.monte_carlo:
+    if options.monte_carlo:
         from app.evaluating.solution import monte_carlo
 
         with working("Simulating sessions"):
-            simulated = monte_carlo(solved, own.monte_carlo, own.seed)
+            simulated = monte_carlo(solved, options.monte_carlo, options.seed)
 
     def text() -> str:
         from app.report.text.result import judged_text, maps_text, monte_carlo_text, solution_text
@@ -239,7 +243,7 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
         parts = [solution_text(solved)]
         parts += [judged_text(judged)] if judged else []
         parts += [maps_text(mapped, solved.frame)] if mapped else []
-        if own.show_figures:
+        if options.show_figures:
             from app.report.charts.characters import legs_text
             from app.report.charts.legs import leg_figures
 
@@ -250,7 +254,7 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
     def document() -> Report:
         from app.report.schema.solution import SolutionReport
 
-        if own.show_figures:
+        if options.show_figures:
             raise UsageError("--json", "beside --figures, which are text", "one of them")
         sizes = solved.solution.sizes or None
         return SolutionReport.of(
@@ -278,37 +282,37 @@ class PlanOptions:
     force: Force = False
 
 
-def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: Say) -> Answer:
+def plan(machine: str | None, sessions: Sequence[Path], options: PlanOptions, say: Say) -> Answer:
     """The measurement that is worth its minutes most; or the places of a plate as a macro."""
     from app.evaluating.solution import load_sessions
     from app.planning.tripod import next_measurement
     from app.report.schema.diagnosis import PlanReport
     from app.report.text.planning import plan_text
 
-    if own.macro:
-        return _macro(own.macro, machine, sessions, own)
+    if options.macro:
+        return _macro(options.macro, machine, sessions, options)
     for option in ("protocol", "printable_radius", "output", "force"):
-        if getattr(own, option):
+        if getattr(options, option):
             raise UsageError(f"--{option.replace('_', '-')}", "no --macro", "with --macro alone")
     with working("Looking for the next measurement"):
         measured, warnings = load_sessions(sessions)
-        found = next_measurement(
+        measurement = next_measurement(
             measured,
             machine_file=machine,
-            model_file=own.model,
-            noise_mm=own.noise,
-            minutes_per_mounting=own.mounting_seconds / 60.0,
-            frame=own.frame,
-            holds=own.holds,
+            model_file=options.model,
+            noise_mm=options.noise,
+            minutes_per_mounting=options.mounting_seconds / 60.0,
+            frame=options.frame,
+            holds=options.holds,
         )
-        text = plan_text(found)  # works out all that the document has, too
+        text = plan_text(measurement)  # works out all that the document has, too
     for warning in warnings:
         say(f"glidecal: {warning}")
-    return Answer(lambda: text, lambda: PlanReport.of(plan=found))
+    return Answer(lambda: text, lambda: PlanReport.of(plan=measurement))
 
 
 def _macro(
-    dialect: Dialect, machine: str | None, sessions: Sequence[Path], own: PlanOptions
+    dialect: Dialect, machine: str | None, sessions: Sequence[Path], options: PlanOptions
 ) -> Answer:
     """The places of a procedure on the machine of the last session, or on this one."""
     from app.exports.macros import macro
@@ -319,14 +323,16 @@ def _macro(
 
     if sessions and machine is not None:
         raise UsageError("--machine", "beside a session, which has its own", "one of them")
-    known = read_record(sessions[-1]).opened.machine if sessions else load_machine(machine)
-    procedure = load_procedure(own.protocol or known.usual_procedure, known.geometry())
-    text = macro(dialect, procedure, known, own.printable_radius)
+    machine_known = read_record(sessions[-1]).opened.machine if sessions else load_machine(machine)
+    procedure = load_procedure(
+        options.protocol or machine_known.usual_procedure, machine_known.geometry()
+    )
+    text = macro(dialect, procedure, machine_known, options.printable_radius)
 
     def shown() -> str:
-        if own.output in (None, STANDARD_OUTPUT):
+        if options.output in (None, STANDARD_OUTPUT):
             return text.removesuffix("\n")
-        deliver(own.output, {"": text}, force=own.force)
+        deliver(options.output, {"": text}, force=options.force)
         return "Run it on the printer, save all that the firmware answers, and import that log."
 
     def document() -> Report:
@@ -351,10 +357,10 @@ def workspace(name: str, limit: float, at_mm: Place | None) -> Answer:
             lambda: PostureReport.of(machine=machine, posture=posture),
         )
     with working("Looking at the workspace"):
-        found = workspace_of(geometry, limit)
+        workspace_found = workspace_of(geometry, limit)
     return Answer(
-        lambda: workspace_text(machine, found),
-        lambda: WorkspaceReport.of(machine=machine, found=found),
+        lambda: workspace_text(machine, workspace_found),
+        lambda: WorkspaceReport.of(machine=machine, found=workspace_found),
     )
 
 

@@ -65,10 +65,10 @@ def hexaslide_planning(request: Request) -> HexaSlidePlanning:
     file = request.posture_file
     if file is not None and request.postures is not None:
         raise UsageError("--posture-file and --postures", "both", "one of them")
-    own = load_hexaslide(request.machine_file)
+    machine_file = load_hexaslide(request.machine_file)
     return HexaSlidePlanning(
-        procedure_on(own, request.procedure, request.measured, request.known),
-        own.whole(),
+        procedure_on(machine_file, request.procedure, request.measured, request.known),
+        machine_file.whole(),
         request.seed,
         request.postures,
         None if file is None else load_postures(file),
@@ -77,14 +77,14 @@ def hexaslide_planning(request: Request) -> HexaSlidePlanning:
 
 
 def procedure_on(
-    own: HexaSlideMachine,
+    machine_file: HexaSlideMachine,
     name: str,
     measured: tuple[str, ...] = (),
     known: tuple[str, ...] | None = None,
 ) -> Procedure:
     """Raises UsageError for a machine without link, ImpossibleRequest for a name or component."""
     procedure = Procedure.of(name, measured, known)
-    if procedure.kind is ProcedureKind.CONSTRAINT_LINK and own.constraint_link is None:
+    if procedure.kind is ProcedureKind.CONSTRAINT_LINK and machine_file.constraint_link is None:
         raise UsageError("machine file", "no [constraint_link]", "one for constraint-link")
     return procedure
 
@@ -122,8 +122,8 @@ def asked_postures(
 def _searched(planned: HexaSlidePlanning, count: int, search: Search) -> BestPostures:
     best: BestPostures | None = None
     try:
-        for found in searches(planned.procedure, planned.machine, count, search):
-            best = found
+        for postures_found in searches(planned.procedure, planned.machine, count, search):
+            best = postures_found
     except KeyboardInterrupt:
         if best is None:
             raise
@@ -152,7 +152,7 @@ def table(names: Sequence[str], rows: Sequence[Sequence[float]]) -> str:
 
 
 def write_simulated(
-    asked: Request,
+    request: Request,
     output: Path | None,
     truth: Path | None,
     *,
@@ -171,20 +171,20 @@ def write_simulated(
     """
     if truth is not None and output is not None and truth.resolve() == output.resolve():
         raise UsageError("--truth and --output", f"{output} twice", "two files")
-    own = load_hexaslide(asked.machine_file)
-    procedure = procedure_on(own, asked.procedure, asked.measured)
+    machine_file = load_hexaslide(request.machine_file)
+    procedure = procedure_on(machine_file, request.procedure, request.measured)
     length_mm = 0.01 if noise_mm is None else noise_mm
     angle_mrad = length_mm if angle_noise_mrad is None else angle_noise_mrad
     if (angle_mrad == 0.0) != (length_mm == 0.0):
         raise UsageError(
             "--noise and --angle-noise", f"{length_mm:g} and {angle_mrad:g}", "both 0, or neither"
         )
-    nominal, file = own.whole(), asked.posture_file
+    nominal, file = machine_file.whole(), request.posture_file
     readings, true = simulate(
         procedure,
         nominal,
-        (asked.postures or 0) if file is None else inside_box(load_postures(file), nominal),
-        asked.seed,
+        (request.postures or 0) if file is None else inside_box(load_postures(file), nominal),
+        request.seed,
         errors_m=(1.0 if errors_mm is None else errors_mm) / 1000.0,
         length_noise_m=length_mm / 1000.0,
         angle_noise_rad=angle_mrad / 1000.0,
@@ -194,13 +194,13 @@ def write_simulated(
         schema=SCHEMA,
         program=program(),
         origin="simulated",
-        seed=asked.seed,
+        seed=request.seed,
         procedure=procedure.kind,
         measured=procedure.measured,
         units=FileUnits(),
         noise=MeasuringNoise(length_mm=length_mm, angle_mrad=angle_mrad),
-        machine_file=asked.machine_file.name if asked.machine_file else EXAMPLE,
-        machine=own,
+        machine_file=request.machine_file.name if request.machine_file else EXAMPLE,
+        machine=machine_file,
         postures=tuple(MeasuredPosture(sliders=tuple(s), values=tuple(v)) for s, v in rows),
     )
     if output is not None:
@@ -209,7 +209,7 @@ def write_simulated(
         hidden = HexaSlideTruth(
             schema=TRUTH_SCHEMA,
             measurements_sha256=measured.digest(),
-            machine=machine_like(own, f"{own.name}, as it truly is", true),
+            machine=machine_like(machine_file, f"{machine_file.name}, as it truly is", true),
         )
         write_files(truth, {"": hidden.text()}, replace=replace)
     return measured
@@ -273,5 +273,5 @@ def verify_sessions(before: Path, after: Path, tolerance_mm: float | None) -> Ve
             decision = "pass"
         elif bound is not None and off - bound > tolerance:
             decision = "fail"
-    same = earlier.source.machine == later.source.machine
-    return VerifiedMachine(earlier, later, tolerance, decision, same)
+    is_same = earlier.source.machine == later.source.machine
+    return VerifiedMachine(earlier, later, tolerance, decision, is_same)

@@ -45,7 +45,7 @@ class CertificateHead:
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class CertifiedCalibration:
     """The results of sessions, and of a later one with the values entered.
 
     ``model`` is the file of effects that were fitted, too. Without ``head`` nobody certifies it.
@@ -114,7 +114,7 @@ def calibration_of(
     after: Path | None = None,
     tolerance_mm: float | None = None,
     head: CertificateHead | None = None,
-) -> Calibration:
+) -> CertifiedCalibration:
     """The results of sessions, with what a later one says of the offsets of the last.
 
     Raises as `solve_files`, `diagnose_sessions` and `verify_files`.
@@ -124,7 +124,7 @@ def calibration_of(
     verified = verify_files(paths[-1], after, tolerance_mm) if after else None
     if tolerance_mm is None:
         tolerance_mm = solved.sessions[0].opened.machine.tool_tolerance_mm
-    return Calibration(solved, diagnosed, verified, tolerance_mm, head, model)
+    return CertifiedCalibration(solved, diagnosed, verified, tolerance_mm, head, model)
 
 
 class IssuedNumbers(Document):
@@ -133,7 +133,7 @@ class IssuedNumbers(Document):
     numbers: dict[Name, tuple[str, ...]] = Field(default_factory=dict)
 
 
-def issue_number(calibration: Calibration) -> None:
+def issue_number(calibration: CertifiedCalibration) -> None:
     """Remember the number of a certificate; the same records may have it in every format.
 
     Raises UsageError for the number of other records, and as `read_remembered` and `write_files`.

@@ -22,7 +22,10 @@ from app.screens.plot import ChartPlot
 Answer = TypeVar("Answer")
 
 PAGE_KEYS: tuple[BindingType, ...] = (
-    *(Binding(f"{n}", f"turn_to({n})", "", show=False, id=f"page.{n}") for n in range(1, 10)),
+    *(
+        Binding(f"{n}", f"turn_to({n})", f"Page {n}", show=False, id=f"page.{n}")
+        for n in range(1, 10)
+    ),
     Binding("tab,right", "turn(1)", "Next page", show=False, id="page.next"),
     Binding("shift+tab,left", "turn(-1)", "Page before", show=False, id="page.before"),
     Binding("y", "copy", "Copy", show=False, id="page.copy"),

@@ -15,7 +15,10 @@ from app.exports.hexaslide import calibrated_files, pins
 from app.planning.hexaslide import Request, calibrate_file, write_simulated
 from protocols.hexaslide import load_hexaslide, read_measurements, read_truth
 from tests.app.exports.test_hexaslide_files import Array, Plain, plain
+from tests.conftest import LONG
 from tests.controller.running import SimulatedJoint, need_linuxcnc, run
+
+pytestmark = LONG
 
 CENTRE = np.array([0.0, -0.8, -1.15, 0.0, 0.0, 0.0])
 PLACES = 10

@@ -137,8 +137,8 @@ class Canvas:
     def _legend(self, chart: Chart) -> str:
         marked = zip(marks_of(chart.series, MARKERS), chart.series, strict=True)
         legend = "   ".join(f"{marker} {series.name}" for marker, series in marked if series.name)
-        whole = f"{chart.x_words}   {legend}" if chart.x_words else legend
-        return whole if len(whole) <= self.width else legend
+        legend_line = f"{chart.x_words}   {legend}" if chart.x_words else legend
+        return legend_line if len(legend_line) <= self.width else legend
 
     def _scale_upright(self, chart: Chart) -> None:
         plot, ticks = self.plot, chart.y_ticks()
@@ -210,4 +210,4 @@ class Canvas:
 
 def marks_of(several: Sequence[Series], usual: Sequence[str]) -> list[str]:
     """The mark of each series: its own, or the next one of the usual."""
-    return [one.mark or usual[k % len(usual)] for k, one in enumerate(several)]
+    return [series.mark or usual[k % len(usual)] for k, series in enumerate(several)]

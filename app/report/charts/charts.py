@@ -202,10 +202,10 @@ def turned(chart: Chart, rows: int) -> Chart:
 
     Series stand on rows of their own below each other where there are enough.
     """
-    last, each = len(chart.x_names) + 1, rows // len(chart.x_names)
+    last, rows_each = len(chart.x_names) + 1, rows // len(chart.x_names)
     on_side = []
     for number, series in enumerate(chart.series):
-        below = min(number, each - 1) / each
+        below = min(number, rows_each - 1) / rows_each
         on_side.append(
             replace(series, x=series.y, y=tuple(last - round(x) - below for x in series.x))
         )
@@ -214,16 +214,16 @@ def turned(chart: Chart, rows: int) -> Chart:
 
 def turned_limits(names: int, rows: int) -> Limits:
     """Lower and upper end of the axis on which every name falls on the middle of a row."""
-    each = rows // names
-    free = rows - 1 - (names - 1) * each
-    lower = 1.0 - math.ceil(free / 2) / each
-    return lower, lower + (rows - 1) / each
+    rows_each = rows // names
+    free = rows - 1 - (names - 1) * rows_each
+    lower = 1.0 - math.ceil(free / 2) / rows_each
+    return lower, lower + (rows - 1) / rows_each
 
 
 def round_ticks(values: Iterable[float]) -> tuple[float, ...]:
     """At most eight round numbers that hold all values and zero between them."""
-    shown = [0.0, *values]
-    lower, upper = min(shown), max(shown)
+    tick_values = [0.0, *values]
+    lower, upper = min(tick_values), max(tick_values)
     span = upper - lower
     if span < LEAST_SPAN_MM:
         room = (LEAST_SPAN_MM - span) / 2
@@ -240,19 +240,19 @@ def even_limits(ticks: Sequence[float], cells: int) -> Limits:
     Where there are fewer cells than ticks: the first and the last tick.
     """
     steps = len(ticks) - 1
-    each = (cells - 1) // steps
-    if each < 1:
+    cells_each = (cells - 1) // steps
+    if cells_each < 1:
         return ticks[0], ticks[-1]
-    cell = (ticks[-1] - ticks[0]) / steps / each
-    lower = ticks[0] - (cells - 1 - steps * each) // 2 * cell
+    cell = (ticks[-1] - ticks[0]) / steps / cells_each
+    lower = ticks[0] - (cells - 1 - steps * cells_each) // 2 * cell
     return lower, lower + (cells - 1) * cell
 
 
 def spread(ticks: Sequence[float], room: int, each: int) -> tuple[float, ...]:
     """Those of round ticks that get a label: each takes so many cells of the room; zero is kept."""
-    every = max(1, math.ceil((len(ticks) - 1) * each / max(1, room - 1)))
+    step = max(1, math.ceil((len(ticks) - 1) * each / max(1, room - 1)))
     zero = ticks.index(0.0) if 0.0 in ticks else 0
-    return tuple(tick for k, tick in enumerate(ticks) if (k - zero) % every == 0)
+    return tuple(tick for k, tick in enumerate(ticks) if (k - zero) % step == 0)
 
 
 def tick_labels(ticks: Sequence[float]) -> list[str]:

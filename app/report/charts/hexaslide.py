@@ -42,9 +42,9 @@ def _seen_from(
     carriages: FloatArray,
 ) -> Drawing:
     """Lines in space ``(n, 3)`` seen along the axis that is left out."""
-    seen = list(axes)
-    flat = [Stroke(look, points_of(line[:, seen])) for look, line in strokes]
-    numbers = enumerate(points_of(carriages[:, seen]), start=1)
+    axes_seen = list(axes)
+    flat = [Stroke(look, points_of(line[:, axes_seen])) for look, line in strokes]
+    numbers = enumerate(points_of(carriages[:, axes_seen]), start=1)
     return Drawing(
         title=title,
         x_words=f"{'xyz'[axes[0]]}, m",
@@ -56,9 +56,9 @@ def _seen_from(
     )
 
 
-def drawn_postures(machine: HexaSlide, found: BestPostures | None) -> tuple[Drawing, ...]:
+def drawn_postures(machine: HexaSlide, best: BestPostures | None) -> tuple[Drawing, ...]:
     """The four projections of start and optimum in the box."""
-    sets = () if found is None else (("start", found.begin), ("optimum", found.coordinates))
+    sets = () if best is None else (("start", best.begin), ("optimum", best.coordinates))
     return tuple(_projected(machine.box, axes, sets) for axes in PROJECTIONS)
 
 

@@ -32,8 +32,8 @@ def drawn_set_up(
         return None
     axes = [leg_number(axis) for axis in step.axes]
     numbers = list(step.indicators)
-    known = [*instruments, None, None]
-    sides = [side_of(known[number]) for number in numbers]
+    instruments_or_none = [*instruments, None, None]
+    sides = [side_of(instruments_or_none[number]) for number in numbers]
     station = step.station
     if step.over_plane:  # in the posture itself; the picture is told the station at Zero
         station += step.displacement_mm / float(geometry.covered_mm[leg])

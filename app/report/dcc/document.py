@@ -10,7 +10,7 @@ from importlib import resources
 
 from jinja2 import Environment, StrictUndefined, Template
 
-from app.report.certificate import Calibration, CertificateHead
+from app.report.certificate import CertificateHead, CertifiedCalibration
 from app.report.text.correction import FREE_WORDS, frames_of
 from app.version import version
 from calib.arrays import LEG_NAMES
@@ -78,7 +78,7 @@ def check_head(head: CertificateHead | None) -> CertificateHead:
     return head
 
 
-def certificate_xml(calibration: Calibration) -> str:
+def certificate_xml(calibration: CertifiedCalibration) -> str:
     """The certificate, not signed. Raises as `check_head`."""
     head = check_head(calibration.head)
     text = _template().render(
@@ -100,7 +100,7 @@ def certificate_xml(calibration: Calibration) -> str:
     return "".join(line for line in text.splitlines(keepends=True) if not line.isspace())
 
 
-def results_of(calibration: Calibration) -> Iterator[Result]:
+def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
     """Values to enter, errors of the tool, and what a later session says of the values."""
     solved, frame = calibration.solved, calibration.solved.frame
     yield Result("Values to enter", *_entered(calibration))
@@ -144,7 +144,7 @@ def results_of(calibration: Calibration) -> Iterator[Result]:
     )
 
 
-def _entered(calibration: Calibration) -> tuple[str, list[Quantity]]:
+def _entered(calibration: CertifiedCalibration) -> tuple[str, list[Quantity]]:
     """What they are, and the values: those of a printer's firmware, else joint offsets."""
     solved = calibration.solved
     if change := solved.printer_change:
@@ -177,13 +177,13 @@ def _bounds(first: Frame, bound_mm: dict[Frame, float], when: str) -> Iterator[Q
         yield Quantity(name, bound_mm[frame], UNITS["mm"], words="Upper 95 % bound.")
 
 
-def _procedures(calibration: Calibration) -> list[str]:
+def _procedures(calibration: CertifiedCalibration) -> list[str]:
     procedures = (session.opened.procedure for session in calibration.sessions)
     names = (procedure.name if procedure else "table of readings" for procedure in procedures)
     return list(dict.fromkeys(names))
 
 
-def _temperatures(calibration: Calibration) -> list[Quantity]:
+def _temperatures(calibration: CertifiedCalibration) -> list[Quantity]:
     return [
         Quantity(f"temperature, {session.name}", session.opened.temperature_c, UNITS["°C"])
         for session in calibration.sessions
@@ -191,7 +191,7 @@ def _temperatures(calibration: Calibration) -> list[Quantity]:
     ]
 
 
-def _conformities(calibration: Calibration) -> Iterator[tuple[str, str]]:
+def _conformities(calibration: CertifiedCalibration) -> Iterator[tuple[str, str]]:
     """What was judged, and the decision; undecided is none of the words of the schema."""
     judged = calibration.judged
     if judged is None:

@@ -69,7 +69,17 @@ def read_key(path: Path, password: Callable[[], str]) -> SigningKey:
     if not first <= datetime.now(UTC) <= until:
         reason = f"a certificate from {first:%Y-%m-%d} to {until:%Y-%m-%d}"
         raise RecordError(thing, reason, "one that is valid today")
-    return SigningKey(key, [mine[0], *(other for other in certificates if other is not mine[0])])
+    return SigningKey(
+        key,
+        [
+            mine[0],
+            *(
+                certificate_above
+                for certificate_above in certificates
+                if certificate_above is not mine[0]
+            ),
+        ],
+    )
 
 
 def signed(xml: str, key: SigningKey) -> bytes:

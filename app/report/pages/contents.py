@@ -12,7 +12,7 @@ from app.evaluating.comparison import Verification
 from app.evaluating.diagnosis import SessionDiagnosis
 from app.evaluating.printer import tower_names
 from app.evaluating.solution import SessionSolution
-from app.report.certificate import Calibration, CertificateHead, calibration_of
+from app.report.certificate import CertificateHead, CertifiedCalibration, calibration_of
 from app.report.charts.legs import LegFigure, leg_figures
 from app.report.charts.results import (
     before_and_after,
@@ -120,7 +120,7 @@ def report_of(
     return report_from(calibration)
 
 
-def report_from(calibration: Calibration) -> CalibrationReport:
+def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
     """The report of results that are there."""
     solved, verified = calibration.solved, calibration.verified
     diagnosis = calibration.diagnosed.diagnosis

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from app.evaluating.comparison import Verification
 from app.evaluating.solution import SessionSolution
-from app.report.certificate import Calibration
+from app.report.certificate import CertifiedCalibration
 from app.report.charts.legs import LegFigure
 from app.report.pages.figures import leg_sheet_svg, pareto_svg
 from app.report.text.caveats import caveats, caveats_of_view, gauge_word, taken_word
@@ -51,7 +51,7 @@ class Section:
     parts: Sequence[str | Table | Picture]
 
 
-def first_page(calibration: Calibration) -> list[Section]:
+def first_page(calibration: CertifiedCalibration) -> list[Section]:
     """What was calibrated for whom, how and with what, and the result."""
     solved = calibration.solved
     return [
@@ -61,7 +61,7 @@ def first_page(calibration: Calibration) -> list[Section]:
     ]
 
 
-def second_page(calibration: Calibration, legs: Sequence[LegFigure]) -> list[Section]:
+def second_page(calibration: CertifiedCalibration, legs: Sequence[LegFigure]) -> list[Section]:
     """Whether the values were entered, the uncertainty, the pictures of legs, and what limits."""
     solved = calibration.solved
     budget = Picture(
@@ -85,7 +85,7 @@ def second_page(calibration: Calibration, legs: Sequence[LegFigure]) -> list[Sec
     ]
 
 
-def limits_of(calibration: Calibration) -> list[str]:
+def limits_of(calibration: CertifiedCalibration) -> list[str]:
     """What a reader must know before using the numbers, the gravest first."""
     solved, diagnosed = calibration.solved, calibration.diagnosed
     return [
@@ -97,7 +97,7 @@ def limits_of(calibration: Calibration) -> list[str]:
     ]
 
 
-def _object(calibration: Calibration) -> Table:
+def _object(calibration: CertifiedCalibration) -> Table:
     """The machine, the customer, and the sessions that were measured."""
     machine, sessions, head = calibration.machine, calibration.sessions, calibration.head
     opened = [session.opened for session in sessions]
@@ -137,14 +137,14 @@ def _temperature(value_c: float | None) -> str:
     return "" if value_c is None else f"{value_c:g} °C"
 
 
-def _not_measured(calibration: Calibration) -> list[str]:
+def _not_measured(calibration: CertifiedCalibration) -> list[str]:
     """A simulation is no calibration."""
     if not any(session.opened.origin == "simulated" for session in calibration.sessions):
         return []
     return ["SIMULATED: no machine was measured. These readings were computed by the program."]
 
 
-def _traceability(calibration: Calibration) -> list[str | Table]:
+def _traceability(calibration: CertifiedCalibration) -> list[str | Table]:
     """The certificates of the indicators; without one nothing is traceable."""
     instruments = calibration.instruments
     gauge = gauge_word(calibration.solved)
@@ -196,7 +196,7 @@ def _verified(verified: Verification | None) -> list[str | Table]:
     return [*map(_short_sentence, words), offsets_table(verified)]
 
 
-def _limits(calibration: Calibration) -> list[str]:
+def _limits(calibration: CertifiedCalibration) -> list[str]:
     limits = limits_of(calibration)
     more_count = len(limits) - MOST_LIMITS
     named = [_short_sentence(words) for words in limits[:MOST_LIMITS]]

@@ -33,12 +33,16 @@ class MoveEntry(Report):
     needed: bool
 
 
-def _leans(found: Alignment) -> tuple[FigureEntry, ...]:
-    return tuple(map(FigureEntry, PAIRS, found.lean_mrad.tolist(), found.expanded[:3].tolist()))
+def _leans(alignment: Alignment) -> tuple[FigureEntry, ...]:
+    return tuple(
+        map(FigureEntry, PAIRS, alignment.lean_mrad.tolist(), alignment.expanded[:3].tolist())
+    )
 
 
-def _distances(found: Alignment) -> tuple[FigureEntry, ...]:
-    return tuple(map(FigureEntry, AROUND, found.distance_mm.tolist(), found.expanded[3:].tolist()))
+def _distances(alignment: Alignment) -> tuple[FigureEntry, ...]:
+    return tuple(
+        map(FigureEntry, AROUND, alignment.distance_mm.tolist(), alignment.expanded[3:].tolist())
+    )
 
 
 class AlignmentReport(Report):

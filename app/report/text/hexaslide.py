@@ -339,9 +339,9 @@ def search_text(
     return wrapped(f"{sentence} {{page.back}} stops." if searching else sentence)
 
 
-def list_text(found: BestPostures | None) -> str:
+def list_text(best: BestPostures | None) -> str:
     """The best postures as a table."""
-    return NOT_YET if found is None else postures_table(found.coordinates)
+    return NOT_YET if best is None else postures_table(best.coordinates)
 
 
 def postures_table(postures: FloatArray) -> str:

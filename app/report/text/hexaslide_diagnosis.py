@@ -29,30 +29,33 @@ def _title(causes: Names) -> str:
     return " and ".join(TITLES[cause].format(where) for cause, where in causes) or "nothing"
 
 
-def diagnosis_text(name: str, found: HexaSlideDiagnosis) -> str:
+def diagnosis_text(name: str, diagnosis: HexaSlideDiagnosis) -> str:
     """The verdict, what may be true, sizes, and what no reading shows."""
-    named = "; ".join(_title(claim.causes) for claim in found.named)
-    verdict = VERDICTS[found.verdict].format(
-        found.spare if found.verdict == "cannot-tell" else named
+    named = "; ".join(_title(claim.causes) for claim in diagnosis.named)
+    verdict = VERDICTS[diagnosis.verdict].format(
+        diagnosis.spare if diagnosis.verdict == "cannot-tell" else named
     )
     claims = new_table("what may be missing", "probability")
-    for claim in found.claims[:MOST_CLAIMS]:
+    for claim in diagnosis.claims[:MOST_CLAIMS]:
         claims.add_row(_title(claim.causes), f"{100.0 * claim.weight:.0f} %")
     sizes = new_table("value", "size", "standard uncertainty", "unit")
-    for one in found.sizes:
-        sizes.add_row(one.name, f"{one.value:.4g}", f"{one.uncertainty:.2g}", one.unit)
+    for size in diagnosis.sizes:
+        sizes.add_row(size.name, f"{size.value:.4g}", f"{size.uncertainty:.2g}", size.unit)
     lines = [
-        f"What is left, in variances of the noise: {found.gap_before:.3g} before (p = "
-        f"{found.p_before:.2g}), {found.gap_after:.3g} after (p = {found.p_after:.2g})."
+        f"What is left, in variances of the noise: {diagnosis.gap_before:.3g} before (p = "
+        f"{diagnosis.p_before:.2g}), {diagnosis.gap_after:.3g} after (p = {diagnosis.p_after:.2g})."
     ]
-    if found.sizes:
+    if diagnosis.sizes:
         lines.append(
-            f"At the platform it does {1000.0 * found.platform_m:.3g} mm r.m.s. in these postures "
+            f"At the platform it does {1000.0 * diagnosis.platform_m:.3g} mm r.m.s. in these "
+            "postures "
             "that no parameter takes over."
         )
-    if found.unidentifiable:
-        lines.append(f"No reading shows, so nothing is said of: {'; '.join(found.unidentifiable)}.")
-    parts: list[object] = [f"{name}: {found.verdict}", verdict]
-    parts += [claims] if found.claims else []
-    parts += [sizes] if found.sizes else []
+    if diagnosis.unidentifiable:
+        lines.append(
+            f"No reading shows, so nothing is said of: {'; '.join(diagnosis.unidentifiable)}."
+        )
+    parts: list[object] = [f"{name}: {diagnosis.verdict}", verdict]
+    parts += [claims] if diagnosis.claims else []
+    parts += [sizes] if diagnosis.sizes else []
     return paragraphs(*parts, "\n".join(lines))  # type: ignore[arg-type]

@@ -11,8 +11,42 @@ from tests.conftest import ROOT
 ROOMS = ("app", "calib", "drivers", "protocols", "glidecal")
 
 NO_NOUNS = frozenset(
-    "found one said told held own known asked shown given other left rest it them taken wanted made "
-    "seen kept every some both each more most whole these those that this others another same".split()
+    [
+        "found",
+        "one",
+        "said",
+        "told",
+        "held",
+        "own",
+        "known",
+        "asked",
+        "shown",
+        "given",
+        "other",
+        "left",
+        "rest",
+        "it",
+        "them",
+        "taken",
+        "wanted",
+        "made",
+        "seen",
+        "kept",
+        "every",
+        "some",
+        "both",
+        "each",
+        "more",
+        "most",
+        "whole",
+        "these",
+        "those",
+        "that",
+        "this",
+        "others",
+        "another",
+        "same",
+    ]
 )
 """Participles and pronouns, which say nothing of what a value is."""
 

@@ -11,42 +11,11 @@ from tests.conftest import ROOT
 ROOMS = ("app", "calib", "drivers", "protocols", "glidecal")
 
 NO_NOUNS = frozenset(
-    [
-        "found",
-        "one",
-        "said",
-        "told",
-        "held",
-        "own",
-        "known",
-        "asked",
-        "shown",
-        "given",
-        "other",
-        "left",
-        "rest",
-        "it",
-        "them",
-        "taken",
-        "wanted",
-        "made",
-        "seen",
-        "kept",
-        "every",
-        "some",
-        "both",
-        "each",
-        "more",
-        "most",
-        "whole",
-        "these",
-        "those",
-        "that",
-        "this",
-        "others",
-        "another",
-        "same",
-    ]
+    (
+        "found one said told held own known asked shown given other left rest it them taken wanted "
+        "made seen kept every some both each more most whole these those that this others another "
+        "same"
+    ).split()
 )
 """Participles and pronouns, which say nothing of what a value is."""
 

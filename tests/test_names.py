@@ -10,13 +10,11 @@ from tests.conftest import ROOT
 
 ROOMS = ("app", "calib", "drivers", "protocols", "glidecal")
 
-NO_NOUNS = frozenset(
-    (
-        "found one said told held own known asked shown given other left rest it them taken wanted "
-        "made seen kept every some both each more most whole these those that this others another "
-        "same"
-    ).split()
+LIST = (
+    "found one said told held own known asked shown given other left rest it them taken wanted "
+    "made seen kept every some both each more most whole these those that this others another same"
 )
+NO_NOUNS = frozenset(LIST.split())
 """Participles and pronouns, which say nothing of what a value is."""
 
 MOST = 0.01

@@ -87,7 +87,7 @@ def test_simulate_and_solve_as_a_person_would(tmp_path: Path) -> None:
     assert max(map(len, said.out.splitlines())) <= 80
 
 
-PLACES = {"B": ("joint_m", "joint"), "A": ("start_m", "start"), "a": ("rail", "rail")}
+PLACES = {"B": ("joint_mm", "joint"), "A": ("start_mm", "start"), "a": ("rail", "rail")}
 """Of the letter of a parameter its key in the machine file and its pin; ``l`` is a number alone."""
 
 
@@ -107,11 +107,12 @@ def test_what_is_printed_is_what_is_written(
     assert len(rows) == count
     for letter, axis, chain, shown in rows:
         file = chains[int(chain) - 1]
-        key, pin = PLACES.get(letter, ("link_m", "link"))
+        key, pin = PLACES.get(letter, ("link_mm", "link"))
         value = file[key] if letter == "l" else file[key]["xyz".index(axis)]
-        assert 1000.0 * value == pytest.approx(float(shown), abs=5.01e-5)
+        in_thousandths = 1000.0 if letter == "a" else 1.0  # directions have no unit
+        assert in_thousandths * value == pytest.approx(float(shown), abs=5.01e-5)
         pinned = float(pins["-".join(filter(None, (pin, str(int(chain) - 1), axis)))])
-        assert (1.0 if letter == "a" else 1e-3) * pinned == pytest.approx(value, rel=1e-12)
+        assert pinned == pytest.approx(value, rel=1e-12)
 
 
 @pytest.mark.parametrize(

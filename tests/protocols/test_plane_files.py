@@ -20,6 +20,7 @@ from protocols.procedure import Plane, load_procedure
 from protocols.table import empty_table, off_bar_words
 from tests.app.cli import glidecal
 from tests.builders import read_table
+from tests.conftest import ROOT
 
 ALONE = load_procedure("plane", Geometry())
 FILE = """schema = "glidecal.procedure/1"
@@ -53,10 +54,16 @@ def test_planes_that_cannot_be_measured(tmp_path: Path, line: str, said: str) ->
         load_procedure(str(path), Geometry())
 
 
-def test_a_machine_whose_bars_lie_askew_has_no_such_legs() -> None:
-    done = glidecal("identifiability", "linear-delta", "--procedure", "plane")
+def test_a_machine_whose_bars_stay_askew_has_no_such_legs(tmp_path: Path) -> None:
+    """Towers stand 215 mm from each other: a bar of 212 mm is upright over no place."""
+    text = (ROOT / "protocols" / "machines" / "linear-delta.toml").read_text(encoding="utf-8")
+    text = re.sub("(?m)^leg_length_mm = .*", "leg_length_mm = 212.0", text)
+    box = "workspace_mm = [[-20.0, -20.0, 0.0], [20.0, 20.0, 50.0]]"
+    short = tmp_path / "short.toml"
+    short.write_text(re.sub("(?m)^workspace_mm = .*", box, text), encoding="utf-8")
+    done = glidecal("identifiability", short, "--procedure", "plane")
     assert done.status == 2
-    assert "do not lie along their drives" in done.err
+    assert "do not reach to lie along their drives" in " ".join(done.err.split())
 
 
 def test_a_table_that_was_filled_in_is_the_procedure(tmp_path: Path) -> None:

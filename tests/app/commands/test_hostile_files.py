@@ -22,7 +22,8 @@ from tests.app.commands.hostile_files import KINDS, hostile_case
 SEEDS = int(os.environ.get("GLIDECAL_FUZZ", "0")) or 2 * len(KINDS)
 AT_ONCE = 10
 DOCUMENTED = {0, 2, 3, 4, 5, 6, 7, 130}
-MOST_CPU_S = 5.0
+MOST_CPU_S = 60.0
+"""No file of this size takes a quiet machine more than a few; a busy one counts them several times."""
 NOT_FINITE = re.compile(r"(?<![\w'\"])[+-]?(nan|inf|infinity)\b", re.IGNORECASE)
 
 

@@ -423,6 +423,7 @@ def align(
     from app.measuring.plan import Plan, aligning, plan_to_continue, session_name
     from app.report.schema.alignment import AlignmentReport
     from app.report.text.alignment import aligned_text, lines_of_drives
+    from calib.tripod.alignment import check_common_zero
     from protocols.files import write_files
     from protocols.machine import load_machine, machine_text
     from protocols.procedure import ALL_AXES, load_procedure
@@ -463,6 +464,7 @@ def align(
         if not chosen:
             allowed = "--indicator PROFILE:PORT once or twice, or --simulated"
             raise UsageError("indicators", "none", allowed)
+        check_common_zero(machine_known.geometry())
         procedure = load_procedure(protocol or "align", machine_known.geometry())
         check_procedure(procedure, machine_known, rail or "x")
         path = output or session_name(Path(), procedure.name)

@@ -68,6 +68,16 @@ class Alignment:
         return np.asarray(coverage_factor(math.inf) * np.sqrt(self.covariance.diagonal()))
 
 
+def check_common_zero(geometry: Geometry) -> None:
+    """Raises UsageError for a machine of which no rail can be aligned by its legs."""
+    if not geometry.common_zero:
+        raise UsageError(
+            "alignment",
+            "bars that do not lie along their drives at one Zero",
+            "a machine whose legs are read at one, such as an Orthoglide",
+        )
+
+
 def alignment(
     geometry: Geometry,
     observed: Observations,
@@ -79,12 +89,7 @@ def alignment(
     Raises UsageError for a machine whose legs cannot be read and NotIdentifiable without noise or
     readings that tell all six.
     """
-    if not geometry.common_zero:
-        raise UsageError(
-            "alignment",
-            "bars that do not lie along their drives at one Zero",
-            "a machine whose legs are read, such as an Orthoglide",
-        )
+    check_common_zero(geometry)
     visited = with_first_movements(geometry, visits(observed))
     noise = reading_noise(visited, indicator)
     if noise is None:

@@ -23,7 +23,7 @@ SEEDS = int(os.environ.get("GLIDECAL_FUZZ", "0")) or 2 * len(KINDS)
 AT_ONCE = 10
 DOCUMENTED = {0, 2, 3, 4, 5, 6, 7, 130}
 MOST_CPU_S = 60.0
-"""No file of this size takes a quiet machine more than a few; a busy one counts them several times."""
+"""A quiet computer needs a few; a busy one counts them several times."""
 NOT_FINITE = re.compile(r"(?<![\w'\"])[+-]?(nan|inf|infinity)\b", re.IGNORECASE)
 
 

@@ -194,7 +194,7 @@ class AlignScreen(Corrections):
         """Close the record, on to the result."""
         if self.guided.step() is not None:
             self.say(
-                "WAIT: something was moved. {align.again} measures again; {align.home} pauses."
+                "WAIT: something was moved since. {align.again} measures; {align.home} pauses."
             )
         elif not self.busy:
             self.busy = True

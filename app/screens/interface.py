@@ -426,7 +426,7 @@ class Interface(App[str]):
         elif isinstance(screen, Saying):
             screen.say(message)
         elif screen is not None and (lines := screen.query(Message)):
-            lines.first().tell(message)
+            lines.first().tell(message, wrong=severity == "error")
         else:
             super().notify(message, title=title, severity=severity, timeout=timeout, markup=markup)
 

@@ -78,8 +78,9 @@ class Message(Static):
     def __init__(self) -> None:
         super().__init__("", id="message", markup=False)
 
-    def tell(self, text: str) -> None:
+    def tell(self, text: str, *, wrong: bool = False) -> None:
         """In the place of what was said before; nothing hides the line."""
+        self.set_class(wrong, "wrong")
         if self._fading is not None:
             self._fading.stop()
         self.update(text)

@@ -40,6 +40,7 @@ from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialo
 from app.screens.measure import MeasureScreen
 from app.screens.motion_dialog import MotionDialog
 from app.screens.paged import PagedScreen
+from app.screens.pages import Message
 from app.screens.prepare import IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
@@ -212,6 +213,10 @@ async def test_nothing_is_cut(
         assert not screen.query(Toast), "a message lies over nothing"
         below = [one for one in interface.screen_stack if one.query(Footer)][-1]
         assert "what happened last" in "".join(str(one.content) for one in below.query(Static))
+        interface.complain("what went wrong")
+        await pilot.pause()
+        for line in below.query(Message):
+            assert line.has_class("wrong"), "in the colour of errors"
 
 
 async def test_nothing_is_cut_while_measuring(tmp_path: Path) -> None:

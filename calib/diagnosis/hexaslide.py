@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from calib.arrays import EXACT_BLIND, FloatArray, svd_of_all
+from calib.arrays import EXACT_BLIND, FloatArray, svd_of_all, without
 from calib.diagnosis.claims import AGREED, OPEN, SURE
 from calib.diagnosis.diagnose import UNLIKELY
 from calib.errors import NotIdentifiable
@@ -289,7 +289,7 @@ def _mean_square(rest: FloatArray, seen: FloatArray, spare: int) -> tuple[float,
     """
     if spare < 1:
         return 0.0, 1.0
-    left = rest - seen @ (seen.T @ rest)
+    left = without(seen, rest)
     ratio = float(left @ left) / spare
     return ratio, variance_ratio_p_value(ratio, spare, np.inf)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-from calib.arrays import FloatArray
+from calib.arrays import FloatArray, without
 from calib.hexaslide.calibration import Calibration
 from calib.hexaslide.checked import FramesApart, frame_motions, frames_apart
 from calib.hexaslide.derivatives import jacobian
@@ -75,7 +75,7 @@ def _bound_m(
         basis = frames.reshape(-1, frames.shape[-1])[:, motions]
         vectors, size, _ = np.linalg.svd(basis, full_matrices=False)
         vectors = vectors[:, size > 1e-9 * size[0]] if size[0] > 0.0 else vectors[:, :0]
-        places = places - vectors @ (vectors.T @ places)
+        places = without(vectors, places)
     squares = covariance @ (places.T @ places) / len(postures)
     mean, spread = float(np.trace(squares)), float(np.trace(squares @ squares))
     if mean <= 0.0:

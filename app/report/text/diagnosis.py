@@ -372,7 +372,7 @@ def part_words(share: GapPart) -> str:
 def shown_candidates(diagnosis: Diagnosis) -> list[Contender]:
     """The likely candidates, and the one that does most for readings that it never saw.
 
-    By probability, the largest first; none where there are not two to choose from.
+    By probability, the largest first.
     """
     least = BESIDE_AGREEMENT if diagnosis.verdict == "agrees" else LIKELY
     likely = [candidate for candidate in diagnosis.candidates if candidate.probability >= least][
@@ -385,7 +385,7 @@ def shown_candidates(diagnosis: Diagnosis) -> list[Contender]:
     best = descending(judged, lambda candidate: -(candidate.held_out_gap_rms_mm or 0.0))[:1]
     if diagnosis.verdict != "agrees":
         likely += [candidate for candidate in best if candidate not in likely]
-    return descending(likely, lambda candidate: candidate.probability) if len(likely) > 1 else []
+    return descending(likely, lambda candidate: candidate.probability)
 
 
 def candidates_table(candidates: Sequence[Contender]) -> Table:
@@ -412,7 +412,7 @@ def candidates_text(diagnosis: Diagnosis) -> str:
     """The candidates that are shown, the likeliest first; empty where there is no choice."""
     candidates = shown_candidates(diagnosis)
     words = "Candidates, the likeliest first, and the gap that each alone leaves"
-    return f"{words}\n{table_text(candidates_table(candidates))}" if candidates else ""
+    return f"{words}\n{table_text(candidates_table(candidates))}" if len(candidates) > 1 else ""
 
 
 def probability_words(probability: float) -> str:

@@ -116,7 +116,7 @@ def test_the_documented_effect_in_the_demonstration(folder: Path, tmp_path: Path
         (documented().replace("stage_input**2", "abs(stage_input)"), "complex values do not pass"),
         (documented().replace("values[0]", "(1 + values[0])"), "a value of 0 changes readings"),
         (documented().replace("values[0]", "values[7]"), "IndexError"),
-        (documented().replace("mounts(taken)", "()"), "places"),
+        (documented().replace("mounts(conditions)", "()"), "places"),
     ],
 )
 def test_a_broken_effect_is_named(folder: Path, text: str, said: str) -> None:

@@ -68,7 +68,11 @@ def test_the_touched_point_is_where_the_machine_says(
     assert feet == pytest.approx(geometry.origins + along[:, None] * geometry.directions)
     tool = now.platform[0, 0]
     assert tool == pytest.approx(direct(geometry, along), abs=1e-6)
-    assert tool == pytest.approx(mm * geometry.directions[leg], abs=1e-6)
+    own_zero = np.zeros(3)  # a tripod without a common one: the bar lies along its drive there
+    if not geometry.common_zero:
+        across = geometry.anchors[leg] @ geometry.directions[leg] * geometry.directions[leg]
+        own_zero = geometry.anchors[leg] - across
+    assert tool == pytest.approx(own_zero + mm * geometry.directions[leg], abs=1e-6)
     # at Zero the station from the tool end; then the stand keeps its place along the drive
     zero_bar = zero.bars[leg]
     assert zero.touched == pytest.approx(zero_bar[0] + station * (zero_bar[1] - zero_bar[0]))

@@ -36,7 +36,7 @@ def prompt_text(task: PostureTask, *, indicated: bool) -> str:
     sliders = ["slider 1 … 6 as they stand"] if task.reads_sliders else []
     names = [f"{name} °" if name in ANGLES else f"{name} mm" for name in task.measured]
     typed = ", ".join((*sliders, *names))
-    return f"{typed}; Enter reads the indicator" if indicated else typed
+    return f"{typed}; an empty line reads the indicator" if indicated else typed
 
 
 def doubt_text(doubt: PostureDoubt) -> str:

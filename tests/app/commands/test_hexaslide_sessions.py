@@ -405,7 +405,7 @@ def test_an_indicator_in_the_link_is_read(tmp_path: Path) -> None:
     (reading,) = read_postures(path)[0].readings
     assert reading.values == (0.123,)
     assert "0.123" in reading.text
-    assert "Enter reads the indicator" in shown
+    assert "an empty line reads the indicator" in shown
 
 
 def test_the_five_minutes_of_the_documentation(tmp_path: Path) -> None:

@@ -474,14 +474,21 @@ class Meddled:
     def gone(self, place_mm: Triple) -> None:
         """There in the end: on a busy computer a move may be too late, and is sent again."""
         for _ in range(TRIES):
-            if self._line.state in (State.HELD, State.FAULT):
-                self._line.answered().exception(PATIENCE_S)
+            self._answer()
             if comes_true(self._line.consent, SOON_S / TRIES):
                 with suppress(ControllerFault):
                     self._line.go([place_mm], 6000.0).result(PATIENCE_S)
                     self._line.release()
                     return
         self.go(place_mm)
+
+    def _answer(self) -> None:
+        """The operator looked; who told the controller a word may have control for a moment yet."""
+        for _ in range(TRIES):
+            if self._line.state not in (State.HELD, State.FAULT):
+                return
+            self._line.answered().exception(PATIENCE_S)
+            time.sleep(0.2)
 
     def sent(self) -> None:
         assert comes_true(self._line.consent)
@@ -531,8 +538,7 @@ class Meddled:
         elif mending:
             real.followed.tell(mending)
         time.sleep(0.3)
-        if line.state not in (State.READY, State.STOPPED):
-            line.answered().result(PATIENCE_S)
+        self._answer()
         found |= {"after_mm": real.axes.at_mm[0]}
         self.gone((-5.0, 0.0, 0.0))
         self.gone((0.0, 0.0, 0.0))

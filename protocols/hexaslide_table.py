@@ -23,6 +23,7 @@ from protocols.data_table import NUMBER, csv_text
 from protocols.documents import read_text
 from protocols.hexaslide import MOST_POSTURES, HexaSlideMachine
 from protocols.hexaslide_session import (
+    LARGEST,
     PostureCommands,
     PostureProcedure,
     PostureReading,
@@ -34,9 +35,6 @@ SLIDERS = tuple(f"slider{chain}" for chain in range(1, CHAINS + 1))
 NUMBERED = re.compile(r"slider\d+", re.ASCII)
 LENGTHS = {"mm": 1.0, "m": 1000.0}
 ANGLE_UNITS = {"deg": 1.0, "rad": degrees(1.0), "mrad": degrees(1e-3)}
-LARGEST = 1e6
-"""Of a value, mm or degrees."""
-
 UNIT_ROW = "Below the header comes a row of units; import --template writes both."
 
 

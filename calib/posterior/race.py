@@ -12,11 +12,14 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calib.arrays import FloatArray, IntArray
-from calib.posterior.library import Component
+
+if TYPE_CHECKING:  # its library is of tripods, and a race of any machine
+    from calib.posterior.library import Component
 
 SCALES = (1.0, 4.0, 16.0, 64.0)
 """Of an unremarkable size: the standard deviations that a size may have."""

@@ -20,7 +20,12 @@ from calib.printable import printable
 
 COVERAGE_PROBABILITY = 0.95
 
-UNITS = {"mm": r"\milli\metre", "°": r"\degree", "°C": r"\degreecelsius"}
+UNITS = {
+    "mm": r"\milli\metre",
+    "1/mm": r"\milli\metre\tothe{-1}",
+    "°": r"\degree",
+    "°C": r"\degreecelsius",
+}
 """As D-SI writes them."""
 
 
@@ -158,7 +163,14 @@ def _entered(calibration: CertifiedCalibration) -> tuple[str, list[Quantity]]:
             )
         ]
         radius = Quantity("radius", change.radius.then, UNITS["mm"])
-        return "Values that the firmware of the printer is to hold.", [*towers, radius]
+        held = ("rotation_distance", "mm") if change.turns else ("steps per mm", "1/mm")
+        travels = [
+            Quantity(f"tower {tower.tower}: {held[0]}", tower.travel.then, UNITS[held[1]])
+            for tower in change.towers
+            if tower.travel
+        ]
+        words = "Values that the firmware of the printer is to hold."
+        return words, [*towers, radius, *travels]
     standard, expanded = (column.tolist() for column in solved.corrections.uncertainties_mm())
     values = zip(LEG_NAMES, solved.joint_offsets_mm, expanded, standard, strict=True)
     return (

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.report.certificate import calibration_of
+from app.report.dcc.document import results_of
 from app.report.text.printer import tower_remedies
 from calib.tripod.effects.bars import GravitySag, LegLength
 from calib.tripod.effects.drives import ActuatorScale, AxisOffset, AxisSquareness, Backlash
@@ -157,3 +159,6 @@ def test_a_stretched_belt_is_named_with_what_to_turn(tmp_path: Path) -> None:
     belt = known["actuator_scale", "y"]
     assert belt["value"] == pytest.approx(12.0, abs=3.0 * belt["expanded_uncertainty"])
     assert (belt["unit"], belt["tolerance"]) == ("mm/m", 1.0)
+    certified = next(results_of(calibration_of([tmp_path / "s.jsonl"]))).quantities
+    (entry,) = (each for each in certified if each.name == "tower b: steps per mm")
+    assert entry.value == pytest.approx(float(steps), abs=5.1e-5), "no certificate drops a part"

@@ -50,6 +50,11 @@ END_BYTES = 131_072
 COUNTED = re.compile(rb'"indicators":[12],')
 """A key of the first hours of schema 1: how many there are, which ``instruments`` tells."""
 
+OF_ANOTHER_KIND = (
+    "It is a session of another kind of machine: validate, replay, solve, diagnose, export and "
+    "verify take it."
+)
+
 SCHEMA_NAME_NUMBER = re.compile(r"(.+)/([1-9][0-9]{0,8})")
 
 
@@ -351,12 +356,14 @@ def _check_not_newer(path: Path, line: dict[str, object], form: RecordForm) -> N
 def _check_schema(path: Path, first: dict[str, object], form: RecordForm) -> None:
     schema = first.get("schema")
     if schema not in {f"{form.name}/{number}" for number in range(1, form.number + 1)}:
+        match = SCHEMA_NAME_NUMBER.fullmatch(str(schema))
+        is_other = match and match[1] != form.name and match[1].endswith("session")
         requirement = f"{form.name}/1 … {form.number}" if form.number > 1 else form.schema
         raise RecordError(
             f"session {path}, schema",
             repr(schema),
             requirement,
-            "Not a session file of this kind of machine.",
+            OF_ANOTHER_KIND if is_other else "Not a session file.",
         )
 
 

@@ -498,6 +498,11 @@ def _imported(pose: Path, folder: Path) -> Path:
     return folder / "i.jsonl"
 
 
+def test_what_takes_no_postures_says_who_does(pose: Path, tmp_path: Path) -> None:
+    for verb in (("report", pose, "-o", tmp_path / "r.html"), ("compare", pose, pose)):
+        assert "session of another kind of machine: validate" in refused(3, *verb)
+
+
 def test_a_changed_record_is_found(pose: Path, tmp_path: Path) -> None:
     lines = pose.read_text("utf-8").split("\n")
     cut = tmp_path / "cut.jsonl"

@@ -109,8 +109,10 @@ def load_posture_procedure(named: str, posture_file: Path | None = None) -> Post
         path = PROCEDURES / f"{named}.toml"
     elif not path.suffix:
         raise UsageError("procedure", repr(named), f"{', '.join(procedure_names())}, or a file")
-    found = read_toml(path, PostureProcedure, "procedure file")
-    return found if posture_file is None else found.with_postures(load_postures(posture_file))
+    procedure = read_toml(path, PostureProcedure, "procedure file")
+    return (
+        procedure if posture_file is None else procedure.with_postures(load_postures(posture_file))
+    )
 
 
 def commands(machine: HexaSlideMachine, procedure: PostureProcedure) -> PostureCommands:
@@ -120,15 +122,15 @@ def commands(machine: HexaSlideMachine, procedure: PostureProcedure) -> PostureC
     long: a rigid one holds it there, and an indicator in it has little travel. Raises RecordError
     naming the posture that cannot be.
     """
-    whole, postures = machine.whole(), procedure.in_metres()
+    hexaslide, postures = machine.whole(), procedure.in_metres()
     try:
         linked = procedure.kind is ProcedureKind.CONSTRAINT_LINK
-        if linked and whole.link is None:
+        if linked and hexaslide.link is None:
             raise RecordError("machine file", "no [constraint_link]", "one for this procedure")
-        postures = whole.inside(postures)
+        postures = hexaslide.inside(postures)
         if linked and len(postures):
-            postures = on_link(whole, postures)
-        sliders = whole.sliders_at(postures)
+            postures = on_link(hexaslide, postures)
+        sliders = hexaslide.sliders_at(postures)
     except CalibrationError as problem:
         raise RecordError(
             f"procedure {procedure.name}, {problem.thing}",
@@ -187,8 +189,8 @@ def simulated_truth(before: PostureSession) -> HexaSlideMachine:
         return opened.truth
     if opened.seed is None:
         raise UsageError(f"session {before.name}", opened.origin, "a simulated one")
-    asked = commands(opened.machine, opened.procedure)
-    true = SimulatedPostures(opened.machine, asked, opened.seed).truth
+    planned = commands(opened.machine, opened.procedure)
+    true = SimulatedPostures(opened.machine, planned, opened.seed).truth
     nominal = opened.machine
     return machine_like(nominal, nominal.name, replace(true, box=nominal.whole().box))
 
@@ -220,13 +222,13 @@ class SimulatedPostures:
         """What is typed in a posture, counted from 1, the first time or later. Raises as
         `SimulatedHexaSlide.read`.
         """
-        asked, procedure = self._asked, self._asked.procedure.whole()
-        where = asked.procedure.in_metres()[posture - 1]
-        sent = np.array(asked.of(posture)) / 1000.0
+        planned, procedure = self._asked, self._asked.procedure.whole()
+        where = planned.procedure.in_metres()[posture - 1]
+        sent = np.array(planned.of(posture)) / 1000.0
         sliders, values = self._machine.read(where, sent, posture, attempt, self._noise)
         angular = np.array([name in ANGLES for name in procedure.measured], dtype=bool)
-        shown = np.where(angular, np.degrees(values), 1000.0 * values)
-        numbers = [*(1000.0 * sliders if holds(procedure) else []), *shown]
+        values_shown = np.where(angular, np.degrees(values), 1000.0 * values)
+        numbers = [*(1000.0 * sliders if holds(procedure) else []), *values_shown]
         return " ".join(f"{number:.5f}" for number in numbers)
 
 
@@ -346,8 +348,8 @@ class PostureSession:
     def next_posture(self) -> int | None:
         """The first posture that is neither measured nor left out, from 1; None: all are done."""
         settled = {reading.posture for reading in self.readings} | self.skipped.keys()
-        every = range(1, len(self.opened.procedure.postures) + 1)
-        return next((number for number in every if number not in settled), None)
+        numbers = range(1, len(self.opened.procedure.postures) + 1)
+        return next((number for number in numbers if number not in settled), None)
 
     def only(self, reading: PostureReading) -> Readings:
         """One reading for the mathematics."""
@@ -376,7 +378,9 @@ class PostureSession:
             machine=opened.machine,
             postures=tuple(
                 MeasuredPosture(
-                    sliders=cast("SixMm", tuple(one / 1000.0 for one in reading.sliders_mm)),
+                    sliders=cast(
+                        "SixMm", tuple(slider_mm / 1000.0 for slider_mm in reading.sliders_mm)
+                    ),
                     values=tuple(
                         unit * value for unit, value in zip(units, reading.values, strict=True)
                     ),
@@ -388,26 +392,26 @@ class PostureSession:
 
 def fold_postures(events: Iterable[object]) -> PostureSession:
     """The state after these events; the first one must be `PosturesOpened`."""
-    every = cast("Sequence[PostureEvent]", tuple(events))
-    opened = every[0]
+    recorded = cast("Sequence[PostureEvent]", tuple(events))
+    opened = recorded[0]
     assert isinstance(opened, PosturesOpened)
     superseded: dict[int, str] = {}
     skipped: dict[int, str] = {}
-    for event in every:
+    for event in recorded:
         if isinstance(event, Superseded):
             superseded |= dict.fromkeys(event.readings, event.reason)
         elif isinstance(event, Skipped):
             skipped |= dict.fromkeys(event.steps, event.reason)
         elif isinstance(event, PostureReading):
             skipped.pop(event.posture, None)
-    readings = tuple(event for event in every if isinstance(event, PostureReading))
+    readings = tuple(event for event in recorded if isinstance(event, PostureReading))
     return PostureSession(
         opened,
-        tuple(one for one in readings if one.reading not in superseded),
+        tuple(reading for reading in readings if reading.reading not in superseded),
         readings,
         superseded,
         skipped,
-        tuple(event.text for event in every if isinstance(event, Noted)),
+        tuple(event.text for event in recorded if isinstance(event, Noted)),
     )
 
 

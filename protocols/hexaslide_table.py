@@ -38,16 +38,20 @@ ANGLE_UNITS = {"deg": 1.0, "rad": degrees(1.0), "mrad": degrees(1e-3)}
 UNIT_ROW = "Below the header comes a row of units; import --template writes both."
 
 
-def empty_table(asked: PostureCommands) -> str:
+def empty_table(planned: PostureCommands) -> str:
     """The table of a procedure, to be filled in: what is measured, and with a rigid link the
     sliders; else these stand where they are sent to.
     """
-    procedure = asked.procedure.whole()
+    procedure = planned.procedure.whole()
     names = procedure.measured
     units = ["", *["mm"] * CHAINS, *("deg" if name in ANGLES else "mm" for name in names)]
     rows = [["posture", *SLIDERS, *names], units]
-    for number in range(1, len(asked.procedure.postures) + 1):
-        sent = [""] * CHAINS if holds(procedure) else [f"{one:.4f}" for one in asked.of(number)]
+    for number in range(1, len(planned.procedure.postures) + 1):
+        sent = (
+            [""] * CHAINS
+            if holds(procedure)
+            else [f"{slider_mm:.4f}" for slider_mm in planned.of(number)]
+        )
         rows.append([str(number), *sent, *[""] * len(names)])
     return csv_text(rows)
 
@@ -84,8 +88,10 @@ def readings_of_table(
     empty = 0
     for line, row in rows[2:]:
         if len(row) > len(header):
-            found = f"{len(row)} cells"
-            raise RecordError(f"table {path}, line {line}", found, f"{len(header)}, one a column")
+            count_words = f"{len(row)} cells"
+            raise RecordError(
+                f"table {path}, line {line}", count_words, f"{len(header)}, one a column"
+            )
         cells = dict(zip(header, [*row, *[""] * len(header)], strict=False))
         if not any(cells[name] for name in measured or SLIDERS):
             empty += 1
@@ -107,26 +113,26 @@ def readings_of_table(
     if not readings:
         raise RecordError(f"table {path}", "no row with values", "a posture at least")
     unused = [name for name in header if name not in factors and name != "posture"]
-    told = [f"columns that are not used: {', '.join(unused)}"] if unused else []
-    told += [f"rows without values, left out: {empty}"] if empty else []
-    return PostureTable(tuple(readings), tuple(read_lines), tuple(told))
+    remarks = [f"columns that are not used: {', '.join(unused)}"] if unused else []
+    remarks += [f"rows without values, left out: {empty}"] if empty else []
+    return PostureTable(tuple(readings), tuple(read_lines), tuple(remarks))
 
 
 def _header(path: Path, line: int, names: list[str], measured: Sequence[str]) -> list[str]:
     """Raises RecordError for a column that is missing, doubled, or of a seventh joint."""
     subject = f"table {path}, line {line}"
-    wanted = ", ".join((*SLIDERS, *measured))
+    columns = ", ".join((*SLIDERS, *measured))
     for name in names:
         if NUMBERED.fullmatch(name) and name not in SLIDERS:
-            found = f"a joint more than the {CHAINS} of the machine"
-            raise RecordError(f"{subject}, column {name}", found, wanted)
+            fault = f"a joint more than the {CHAINS} of the machine"
+            raise RecordError(f"{subject}, column {name}", fault, columns)
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
         raise RecordError(f"{subject}, column {twice[0] or '(no name)'}", "twice", "each once")
     missing = [name for name in (*SLIDERS, *measured) if name not in names]
     if missing:
-        found = f"no such column among {', '.join(names)}"
-        raise RecordError(f"{subject}, column {missing[0]}", found, wanted)
+        fault = f"no such column among {', '.join(names)}"
+        raise RecordError(f"{subject}, column {missing[0]}", fault, columns)
     return names
 
 
@@ -139,10 +145,10 @@ def _factors(path: Path, line: int, cells: list[str], header: list[str]) -> dict
             continue
         units = ANGLE_UNITS if name in ANGLES else LENGTHS
         if unit not in units:
-            found = f"{unit}, where the unit is expected" if NUMBER.fullmatch(unit) else unit
+            fault = f"{unit}, where the unit is expected" if NUMBER.fullmatch(unit) else unit
             raise RecordError(
                 f"table {path}, line {line}, column {name}",
-                found or "no unit",
+                fault or "no unit",
                 " or ".join(units),
                 UNIT_ROW,
             )
@@ -174,10 +180,10 @@ def _check_travel(
 ) -> None:
     """Raises RecordError for a slider beyond the ends of its rail."""
     for name, chain in zip(SLIDERS, machine.chain, strict=True):
-        least, most = chain.travel_mm or (-LARGEST, LARGEST)
-        if not least - 1e-3 <= values[name] <= most + 1e-3:
+        least, greatest = chain.travel_mm or (-LARGEST, LARGEST)
+        if not least - 1e-3 <= values[name] <= greatest + 1e-3:
             raise RecordError(
                 f"table {path}, line {line}, column {name}",
                 f"{values[name]:g} mm",
-                f"{least:g} to {most:g} mm, its travel_mm in the machine file",
+                f"{least:g} to {greatest:g} mm, its travel_mm in the machine file",
             )

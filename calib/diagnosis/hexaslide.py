@@ -123,21 +123,21 @@ def diagnosed(
         )
     if readings.procedure.kind is ProcedureKind.POSE_INVERSE:  # noise is in what is measured
         readings = replace(readings, procedure=Procedure.of(ProcedureKind.POSE_FORWARD))
-    found = calibrate(readings, nominal)
-    machine, names = found.machine, readings.procedure.parameters
+    calibrated = calibrate(readings, nominal)
+    machine, names = calibrated.machine, readings.procedure.parameters
     tolerances = np.minimum(tolerances, UNKNOWN)
     postures = postures_of(readings, machine)
-    left, slopes = residuals(readings, machine, postures)
+    residual, slopes = residuals(readings, machine, postures)
     noise = readings.value_noise
-    base = (slopes / noise[:, None]).reshape(left.values.size, -1) * tolerances
+    base = (slopes / noise[:, None]).reshape(residual.values.size, -1) * tolerances
     expected = (nominal.parameters(names) - machine.parameters(names)) / tolerances
-    about = About.of(base, (left.values / noise).ravel(), expected)
+    whitened = (residual.values / noise).ravel()
+    about = About.of(base, whitened, expected)
     causes = tuple(causes_of(readings, machine, postures, lead_m))
-    whitened = (left.values / noise).ravel()
     axes, sizes, _ = svd_of_all(base)
-    seen = axes[:, : int((sizes > EXACT_BLIND * sizes[0]).sum())]
-    spare = len(whitened) - seen.shape[1]
-    gap = _mean_square(whitened, seen, spare)
+    directions = axes[:, : int((sizes > EXACT_BLIND * sizes[0]).sum())]
+    spare = len(whitened) - directions.shape[1]
+    gap = _mean_square(whitened, directions, spare)
     result = HexaSlideDiagnosis(
         verdict="cannot-tell",
         named=(),
@@ -149,7 +149,7 @@ def diagnosed(
         gap_after=gap[0],
         p_after=gap[1],
         spare=spare,
-        unidentifiable=found.unidentifiable,
+        unidentifiable=calibrated.unidentifiable,
     )
     if spare < FEWEST_SPARE:
         return result
@@ -158,11 +158,15 @@ def diagnosed(
     weights = _weights(entries, causes)
     named = _sure(weights)
     claims = _claims(weights)
-    told = tuple(sorted(cause for one in named for cause in one.causes)) or claims[0].causes
-    best = next((one for one in entries if _names(one, causes) == told), entries[0])
+    heaviest_names = (
+        tuple(sorted(cause for claim in named for cause in claim.causes)) or claims[0].causes
+    )
+    best = next((entry for entry in entries if _names(entry, causes) == heaviest_names), entries[0])
     mean, covariance = _sizes(race, best)
-    shown = np.hstack([np.zeros((len(base), 0)), *(causes[k].columns for k in best.members)])
-    after = _mean_square(whitened - shown @ mean, seen, spare)
+    model_columns = np.hstack(
+        [np.zeros((len(base), 0)), *(causes[k].columns for k in best.members)]
+    )
+    after = _mean_square(whitened - model_columns @ mean, directions, spare)
     return replace(
         result,
         verdict=_verdict(weights, named, after[1]),
@@ -246,10 +250,10 @@ class _Effects:
         """Carriages off by these ``(p, 6)`` per 1; ``size`` is unremarkable, in 1 are ``shown``
         units.
         """
-        moved = [np.einsum("pij,pj->pi", self._moved, one) * size for one in sliders]
-        read = [np.einsum("pri,pi->pr", self._by_posture, one) / self._noise for one in moved]
-        columns = np.stack([one.ravel() for one in read], axis=1)
-        places = np.stack([one[:, :3].ravel() for one in moved], axis=1)
+        moved = [np.einsum("pij,pj->pi", self._moved, change) * size for change in sliders]
+        read = [np.einsum("pri,pi->pr", self._by_posture, change) / self._noise for change in moved]
+        columns = np.stack([change.ravel() for change in read], axis=1)
+        places = np.stack([change[:, :3].ravel() for change in moved], axis=1)
         return HexaSlideCause(cause, where, names, unit, size * shown, columns, places)
 
     def of_posture(self, row: int, where: str) -> HexaSlideCause:
@@ -272,8 +276,8 @@ def _sides(geometry: Geometry, chain: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _race(about: About, causes: tuple[HexaSlideCause, ...], free: int) -> Race:
-    left = about.left_by(np.hstack([cause.columns for cause in causes]))
-    products = Products(left.T @ left, left.T @ about.left, float(about.left @ about.left))
+    columns = about.left_by(np.hstack([cause.columns for cause in causes]))
+    products = Products(columns.T @ columns, columns.T @ about.left, float(about.left @ about.left))
     widths = [cause.columns.shape[1] for cause in causes]
     starts = np.cumsum([0, *widths[:-1]])
     index = [np.arange(at, at + w, dtype=np.intp) for at, w in zip(starts, widths, strict=True)]
@@ -283,14 +287,14 @@ def _race(about: About, causes: tuple[HexaSlideCause, ...], free: int) -> Race:
     return Race(products, index, np.array(prior), free, math.inf)
 
 
-def _mean_square(rest: FloatArray, seen: FloatArray, spare: int) -> tuple[float, float]:
-    """What of a whitened rest ``(n,)`` parameters leave, ``seen`` ``(n, rank)`` being theirs: mean
-    square in variances of the noise and its p-value; 0 and 1 where nothing is over.
+def _mean_square(whitened: FloatArray, directions: FloatArray, spare: int) -> tuple[float, float]:
+    """What parameters leave of residuals ``(n,)``, with ``directions`` ``(n, rank)`` of theirs: the
+    mean square in variances of the noise and its p-value; 0 and 1 where nothing is over.
     """
     if spare < 1:
         return 0.0, 1.0
-    left = without(seen, rest)
-    ratio = float(left @ left) / spare
+    remainder = without(directions, whitened)
+    ratio = float(remainder @ remainder) / spare
     return ratio, variance_ratio_p_value(ratio, spare, np.inf)
 
 
@@ -311,15 +315,19 @@ def _weights(entries: list[RaceEntry], causes: tuple[HexaSlideCause, ...]) -> di
 
 def _sure(weights: dict[Names, float]) -> tuple[HexaSlideClaim, ...]:
     """Causes that nearly all models have, whatever else these have."""
-    each = sorted({cause for names in weights for cause in names})
-    sums = {one: sum(w for names, w in weights.items() if one in names) for one in each}
-    return tuple(HexaSlideClaim((one,), sums[one]) for one in each if sums[one] >= SURE)
+    causes_listed = sorted({cause for names in weights for cause in names})
+    sums = {
+        cause: sum(w for names, w in weights.items() if cause in names) for cause in causes_listed
+    }
+    return tuple(
+        HexaSlideClaim((cause,), sums[cause]) for cause in causes_listed if sums[cause] >= SURE
+    )
 
 
 def _claims(weights: dict[Names, float]) -> tuple[HexaSlideClaim, ...]:
     """The heaviest first, until little is left out."""
     so_far, claims = 0.0, []
-    for names, weight in sorted(weights.items(), key=lambda one: (-one[1], one[0])):
+    for names, weight in sorted(weights.items(), key=lambda item: (-item[1], item[0])):
         claims.append(HexaSlideClaim(names, weight))
         so_far += weight
         if so_far >= 1.0 - OPEN:
@@ -373,7 +381,7 @@ def _at_platform(
     if not entry.members:
         return 0.0
     moved = np.hstack([causes[k].places for k in entry.members]) @ mean
-    every = jacobian(Procedure.of(ProcedureKind.POSE_FORWARD), machine.geometry, postures)
-    places = np.asarray(every[:, :3]).reshape(len(moved), -1)
-    rest = moved - places @ np.linalg.lstsq(places, moved, rcond=1e-10)[0]
-    return float(np.sqrt((rest**2).sum() / len(postures)))
+    derivatives = jacobian(Procedure.of(ProcedureKind.POSE_FORWARD), machine.geometry, postures)
+    places = np.asarray(derivatives[:, :3]).reshape(len(moved), -1)
+    remainder = moved - places @ np.linalg.lstsq(places, moved, rcond=1e-10)[0]
+    return float(np.sqrt((remainder**2).sum() / len(postures)))

@@ -130,9 +130,9 @@ class SimulatedHexaSlide:
         seed: int,
         true: HexaSlide | None = None,
     ) -> None:
-        own = nominal.parameters(procedure.parameters)
+        parameters = nominal.parameters(procedure.parameters)
         errors = np.random.default_rng(seed).normal(0.0, np.minimum(tolerances, MOST_ERROR))
-        true = true or nominal.with_parameters(procedure.parameters, own + errors)
+        true = true or nominal.with_parameters(procedure.parameters, parameters + errors)
         # the true machine reaches a little farther than the box that its file allows
         around = Box(nominal.box.lower - AROUND, nominal.box.upper + AROUND)
         self.procedure, self.seed, self.truth = procedure, seed, replace(true, box=around)
@@ -145,12 +145,12 @@ class SimulatedHexaSlide:
         """
         generator = np.random.default_rng([self.seed, number, attempt])
         length_m, angle_rad = noise.tolist()
-        procedure, wanted = self.procedure, posture[None]
+        procedure, commanded = self.procedure, posture[None]
         if procedure.kind is ProcedureKind.CONSTRAINT_LINK and not procedure.reads_length:
-            reached = _on_link(self.truth, wanted, generator, length_m)
+            reached = _on_link(self.truth, commanded, generator, length_m)
             sliders = np.asarray(inverse(self.truth.geometry, reached))[0]
         else:
-            reached = standing(self.truth, sliders[None], wanted)
+            reached = standing(self.truth, sliders[None], commanded)
         values = _measured(procedure, self.truth, reached, generator, length_m, angle_rad)
         return sliders, values[0]
 

@@ -123,13 +123,13 @@ def imported_printer(
         resolution_mm=resolution_mm,
         repeatability_mm=repeatability_mm,
     )
-    told = tuple(f"not used: {words}" for words in held.odd[:MOST_REMARKS])
+    unused = tuple(f"not used: {words}" for words in held.odd[:MOST_REMARKS])
     opened = Opened(
         program=program,
         origin="imported",
         machine=machine,
         instruments=(instrument,),
-        remarks=(*remarks, *told),
+        remarks=(*remarks, *unused),
     )
     return ImportedPrinter(opened, _readings(held.contacts), text, held.odd, held.distances)
 

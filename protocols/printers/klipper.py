@@ -93,9 +93,9 @@ class Config:
                 "lines that begin with #*#, as Klipper wrote them",
                 "Klipper does not read this block either: remove the line.",
             )
-        kept = "\n".join(line.removeprefix(SAVED).removeprefix(" ") for line in lines)
+        block = "\n".join(line.removeprefix(SAVED).removeprefix(" ") for line in lines)
         below = _parser()
-        config._parse(path, re.sub(r"^DO NOT EDIT.*$", "", kept, flags=re.MULTILINE), below)
+        config._parse(path, re.sub(r"^DO NOT EDIT.*$", "", block, flags=re.MULTILINE), below)
         for section in below.sections():  # what stands above, or is included there, wins
             if not config.parser.has_section(section):
                 config.parser.add_section(section)
@@ -107,8 +107,8 @@ class Config:
     def _add(self, path: Path, text: str, inside: list[Path]) -> None:
         """A text and, in their places, the files that it includes."""
         buffered: list[str] = []
-        for whole in text.splitlines():
-            line = whole.partition("#")[0]  # here Klipper ends a line, spaces before or not
+        for whole_line in text.splitlines():
+            line = whole_line.partition("#")[0]  # here Klipper ends a line, spaces before or not
             include = re.match(r"\[include\s+([^\]]+)\]", line)
             if include is None:
                 buffered.append(line)
@@ -120,18 +120,18 @@ class Config:
 
     def _include(self, path: Path, name: str, inside: list[Path]) -> None:
         try:
-            found = sorted(path.parent.glob(name))
+            targets = sorted(path.parent.glob(name))
         except (ValueError, NotImplementedError):  # nothing, or from the root of the disk
-            found = []
-        if not found:
+            targets = []
+        if not targets:
             self.odd.append(f"[include {name}] of {path.name}: there is no such file")
-        for each in found:
-            other = each.resolve()
+        for target in targets:
+            resolved = target.resolve()
             self.included += 1
-            if other in inside or self.included > MOST_INCLUDES:
+            if resolved in inside or self.included > MOST_INCLUDES:
                 allowed = f"no file inside itself, {MOST_INCLUDES} files together"
                 raise RecordError(f"{WHAT} {path}", f"[include {name}]", allowed)
-            self._add(each, read_printed(each, WHAT, MOST_WRITTEN_BYTES), [*inside, other])
+            self._add(target, read_printed(target, WHAT, MOST_WRITTEN_BYTES), [*inside, resolved])
 
     def _parse(
         self, path: Path, text: str, parser: configparser.RawConfigParser | None = None
@@ -289,8 +289,8 @@ def _measured(
         distances.append(_distance(config, printer, step_mm, key))
     for key in keys:
         if key not in used and key not in KNOWN:
-            known = OF_CALIBRATION.match(key)
-            why = "a number before it is missing" if known else "not known"
+            match = OF_CALIBRATION.match(key)
+            why = "a number before it is missing" if match else "not known"
             odd.append(f"[{CALIBRATION}] {key}: {why}")
     return tuple(contacts), tuple(distances)
 

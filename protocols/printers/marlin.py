@@ -120,9 +120,9 @@ def _contacts(texts: Texts, beside_mm: Three, odd: list[str]) -> list[Contact]:
 
     ``beside_mm`` is where the probe trips from the tool. What is not used goes to ``odd``.
     """
-    every = [(where, PREFIX.sub("", text, count=1)) for where, text in lines(texts)]
-    contacts = list(_of_g30(every, beside_mm, odd))
-    tables = _tables(every)
+    all_lines = [(where, PREFIX.sub("", text, count=1)) for where, text in lines(texts)]
+    contacts = list(_of_g30(all_lines, beside_mm, odd))
+    tables = _tables(all_lines)
     for number, table in tables:
         if why := table.why_not():
             odd.append(f"{table.where}: heights of G33: {why}")
@@ -130,7 +130,7 @@ def _contacts(texts: Texts, beside_mm: Three, odd: list[str]) -> list[Contact]:
             contacts += [(number, contact) for contact in table.contacts(beside_mm)]
     contacts.sort(key=itemgetter(0))
     read_at = max(
-        (n for n, (_, text) in enumerate(every) if re.match(r"M665\b.*L", text)), default=0
+        (n for n, (_, text) in enumerate(all_lines) if re.match(r"M665\b.*L", text)), default=0
     )
     calibrated = [number for number, table in tables if table.calibrates]
     since = [[n for n in calibrated if (n < at) != (n < read_at)] for at, _ in contacts]
@@ -139,10 +139,10 @@ def _contacts(texts: Texts, beside_mm: Three, odd: list[str]) -> list[Contact]:
     return [contact for (_, contact), runs in zip(contacts, since, strict=True) if not runs]
 
 
-def _of_g30(every: Lines, beside_mm: Three, odd: list[str]) -> Iterator[tuple[int, Contact]]:
+def _of_g30(all_lines: Lines, beside_mm: Three, odd: list[str]) -> Iterator[tuple[int, Contact]]:
     """Number of the line and contact of each answer."""
     x_beside, y_beside, z_beside = beside_mm
-    for number, (where, text) in enumerate(every):
+    for number, (where, text) in enumerate(all_lines):
         if match := ANSWER.search(text):
             x, y, z = (float(part) for part in match.groups())
             decimals = len(match[3].partition(".")[2])
@@ -152,17 +152,19 @@ def _of_g30(every: Lines, beside_mm: Three, odd: list[str]) -> Iterator[tuple[in
             odd.append(f"{where}: {text!r}: no place of G30")
 
 
-def _tables(every: Lines) -> list[tuple[int, HeightTable]]:
+def _tables(all_lines: Lines) -> list[tuple[int, HeightTable]]:
     """Number of the line and table of each run of G33."""
-    asked: str | None = None
+    command: str | None = None
     tables: list[tuple[int, HeightTable]] = []
-    for number, (where, text) in enumerate(every):
+    for number, (where, text) in enumerate(all_lines):
         if match := BEGINS.search(text):
             radius_mm = float(match[1]) if match[1] else None
-            tables.append((number, HeightTable(where, asked, radius_mm, "DRY-RUN" not in match[2])))
-            asked = None
+            tables.append(
+                (number, HeightTable(where, command, radius_mm, "DRY-RUN" not in match[2]))
+            )
+            command = None
         elif match := SENT.search(text):
-            asked = match[1]
+            command = match[1]
         elif tables and HEIGHTS.match(text):
             heights_mm = {name: float(height) for name, height in HEIGHT.findall(text)}
             tables[-1][1].heights_mm.update(heights_mm)
@@ -195,7 +197,7 @@ def _printer(texts: Texts, odd: list[str]) -> TowerPrinter | None:
     trimmed = {"A", "C"} <= words.keys()  # older programs show another value as B
     arms = [words["L"] + (words.get(trim, 0.0) if trimmed else 0.0) for trim in TRIMS]
     turned = (words.get(tower, 0.0) for tower in TOWERS)
-    a, b, c = (usual + more for usual, more in zip(USUAL_ANGLES_DEG, turned, strict=True))
+    a, b, c = (usual + turn for usual, turn in zip(USUAL_ANGLES_DEG, turned, strict=True))
     x, y, z = (words["H"] - adjusted[tower] for tower in TOWERS)
     return TowerPrinter(
         f"file of a printer, {first}",

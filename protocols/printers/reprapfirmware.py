@@ -72,9 +72,9 @@ def _printer(texts: Texts, odd: list[str]) -> TowerPrinter | None:
                 odd.append(f"{line.where}: {line.text!r}: the tilt A B of the bed")
     for where, text in lines(texts):
         if answer := HELD.search(text):
-            lengths, *others = answer.groups()
+            lengths, *figures = answer.groups()
             words |= {"L": tuple(map(float, lengths.strip(":").split(":")))}
-            words |= {letter: (float(v),) for letter, v in zip("RHBXYZ", others, strict=True)}
+            words |= {letter: (float(v),) for letter, v in zip("RHBXYZ", figures, strict=True)}
             first = first or where
         elif answer := ADJUSTED.search(text):
             adjusted = dict(zip(TOWERS, map(float, answer.groups()), strict=True))
@@ -99,7 +99,7 @@ def _printer(texts: Texts, odd: list[str]) -> TowerPrinter | None:
     lengths = (*words["L"], *words["L"][:1] * 3)
     (radius, *_), (height, *_) = words["R"], words["H"]
     turned = [words.get(tower, (0.0,))[0] for tower in TOWERS]
-    a, b, c = (usual + more for usual, more in zip(USUAL_ANGLES_DEG, turned, strict=True))
+    a, b, c = (usual + turn for usual, turn in zip(USUAL_ANGLES_DEG, turned, strict=True))
     x, y, z = (height + adjusted[tower] for tower in TOWERS)
     return TowerPrinter(
         f"file of a printer, {first}",

@@ -92,8 +92,8 @@ class TowerPrinter:
     steps_per_mm: Three | None = None
 
     def __post_init__(self) -> None:
-        every = (*self.length_mm, *self.radius_mm, *self.endstop_mm, *self.angle_deg)
-        for value in (*every, self.printable_mm or 0.0, self.turn_mm or 0.0):
+        values = (*self.length_mm, *self.radius_mm, *self.endstop_mm, *self.angle_deg)
+        for value in (*values, self.printable_mm or 0.0, self.turn_mm or 0.0):
             if not abs(value) <= LARGEST:
                 raise RecordError(
                     self.thing, f"{value:g}", f"lengths in mm and angles, up to {LARGEST:g}"

@@ -14,6 +14,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 from textual.pilot import Pilot
+from textual.widgets import Static
 
 from app.evaluating.solution import solve_files
 from app.machines.options import Simulation
@@ -21,6 +22,7 @@ from app.machines.tripod import SimulateOptions, simulate
 from app.measuring.demo import demo_plan
 from app.measuring.gauges import Gauge
 from app.planning.hexaslide import Request
+from app.report.text.result import WORKING_OUT
 from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.hexaslide import HexaSlideScreen
@@ -174,6 +176,12 @@ async def what_if(folder: Path) -> None:
         await save(pilot, "what_if")
 
 
+def working(screen: ResultScreen) -> bool:
+    """Whether the first page is not there yet."""
+    texts = (str(part.content) for part in screen.query(Static))
+    return any(words.startswith(WORKING_OUT) for words in texts)
+
+
 async def printer(folder: Path) -> None:
     """The result of a printer, from its configuration and a log of its probe."""
     session, files = folder / "printer.jsonl", ("printer.cfg", "probe.log")
@@ -183,7 +191,7 @@ async def printer(folder: Path) -> None:
     interface = Glidecal(screen)
     interface.animation_level = "none"
     async with interface.run_test(size=NARROW) as pilot:
-        await until(pilot, "the values", lambda: screen.solved.is_worked_out)
+        await until(pilot, "the values", lambda: not working(screen))
         await save(pilot, "printer")
         await pilot.press("f10")
 
@@ -204,8 +212,10 @@ async def hexaslide() -> None:
 if __name__ == "__main__":
     quick_fingers = patch("app.screens.measure.HELD_KEY_S", 0.0)
     with quick_fingers, tempfile.TemporaryDirectory() as temporary:
-        asyncio.run(pictures(Path(temporary)))
-        asyncio.run(diagnosis(Path(temporary)))
-        asyncio.run(what_if(Path(temporary)))
+        folder = Path(temporary, "measurements")  # its name is on the pictures
+        folder.mkdir()
+        asyncio.run(pictures(folder))
+        asyncio.run(diagnosis(folder))
+        asyncio.run(what_if(folder))
         asyncio.run(hexaslide())
-        asyncio.run(printer(Path(temporary)))
+        asyncio.run(printer(folder))

@@ -69,10 +69,19 @@ def wrapped(text: str) -> str:
 
 
 def hanging(line: str, indent: str) -> str:
-    """A long line broken at the same width, later lines set in; names stay whole."""
-    return fill(
-        line, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    """A long line broken at the same width, later lines set in; names stay whole.
+
+    The id of a key has the width of a letter: that is what most keys have that take its place.
+    """
+    ids = iter(KEY_ID.findall(line))
+    broken = fill(
+        KEY_ID.sub(ONE_LETTER, line),
+        WIDTH,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
     )
+    return re.sub(ONE_LETTER, lambda _: f"{{{next(ids)}}}", broken)
 
 
 LEAST_MM = 1e-6
@@ -118,6 +127,9 @@ PAGE_HELP = """\
 {page.back}, {page.quit}  back, quit
 Up and down, Page up and Page down scroll a text."""
 """What keys do on every screen of pages; ids of bindings in braces."""
+
+ONE_LETTER = "\ue000"
+"""Of private use: no text has it."""
 
 KEY_ID = re.compile(r"\{([a-z_-]+\.[a-z0-9_-]+)\}")
 """A key in a text for people, by the id of its binding."""

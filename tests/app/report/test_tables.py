@@ -22,3 +22,11 @@ def test_paragraphs_break_sentences_and_keep_lines() -> None:
     assert len(said.splitlines()) == 2
     assert kept == line
     assert shown.splitlines()[0].split() == ["name", "value"]
+
+
+def test_an_id_takes_the_room_of_the_key_in_its_place() -> None:
+    words = "{diagnose.adopt} adopts what was named. Then {diagnose.result} shows the result of it."
+    assert wrapped(words) == words, "with A and R it is 58 letters"
+    both = wrapped(f"{words} {words}")
+    assert both.count("\n") == 1
+    assert both.replace("\n", " ") == f"{words} {words}"

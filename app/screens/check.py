@@ -150,11 +150,11 @@ class CheckScreen(Screen[None]):
                 self.app.bell()
             if ended or (unready and trial.ready):
                 if self._first:
-                    self.say(trial_text(trial, self._first))
+                    self._show_trial(trial_text(trial, self._first))
                 self.refresh_bindings()
 
-    def say(self, text: str) -> None:
-        """What went wrong, above the panels: nothing lies over them."""
+    def _show_trial(self, text: str) -> None:
+        """What came of a trial, above the panels: nothing lies over them."""
         self.query_one("#trial", Static).update(self.app.keyed(text))
 
     def action_exchange(self) -> None:
@@ -192,7 +192,7 @@ class CheckScreen(Screen[None]):
             adapter = adapter_before(instruments[number].port)
         ports = ports_to_choose(adapter, [instrument.port for instrument in instruments])
         if not ports:
-            self.say(NO_OTHER_PORT_HERE)
+            self._show_trial(NO_OTHER_PORT_HERE)
             return
         question = port_question(indicator_words(number, instruments[number]))
         choices = port_choices(ports, adapters(), adapter)

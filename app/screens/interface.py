@@ -335,8 +335,11 @@ class Interface(App[str]):
         return self.theme_variables
 
     def on_resize(self, event: Resize) -> None:
-        """Smaller than every screen is made for: said, and again when it is still too small."""
-        columns, rows = event.size
+        """Smaller than every screen is made for: said after each change of its size."""
+        self.set_timer(ATTEND_S, self._say_too_small)
+
+    def _say_too_small(self) -> None:
+        columns, rows = self.size
         if columns < LEAST_SIZE.width or rows < LEAST_SIZE.height:
             here = f"This window has {columns} × {rows} characters, and words are cut. "
             needed = f"glidecal needs {LEAST_SIZE.width} × {LEAST_SIZE.height}: make it larger."

@@ -177,7 +177,7 @@ def _exchanged(rows: Rows) -> None:
         (_cell(5, 9, "1,5"), ["line 5, column z", "Write decimals with a point"]),
         (_cell(5, 9, ""), ["line 5, column z", "an empty cell"]),
         (_cell(6, 3, "1400"), ["line 6, column slider3", "0 to 1050 mm"]),
-        (_cell(7, 7, "9e9"), ["line 7, column x", "up to 1e+06"]),
+        (_cell(7, 7, "9e9"), ["line 7, column x", "up to 100000"]),
         (_other_frame, ["line 3, column", "a pose of another frame", "turned by", "off by (100."]),
         (
             _exchanged,
@@ -474,7 +474,7 @@ def test_wrong_requests_are_told(pose: Path, tmp_path: Path) -> None:
     assert "--behind" in refused(2, *begin, "--protocol", "position", "--behind", pose)
     assert "a simulated one" in refused(2, *RUN, "position", "--behind", _imported(pose, tmp_path))
     assert "closed session" in refused(3, "run", "--continue", pose)
-    assert "this kind of machine" in refused(3, "report", pose, "-o", tmp_path / "r.html")
+    assert "another kind of machine" in refused(3, "report", pose, "-o", tmp_path / "r.html")
     assert "--adopt" in refused(2, "diagnose", pose, "--adopt", tmp_path / "m.json")
     assert "--resolution" in refused(2, *IMPORT, "position", pose, "-o", out, "--resolution", "0.1")
     assert "--posture-file" in refused(2, "import", "x.csv", "-o", out, "--posture-file", pose)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import socket
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
@@ -13,17 +14,15 @@ import serial
 from calib.errors import IndicatorError
 from drivers.profile import LineSettings, Profile
 
-try:
+PORT_ERRORS: tuple[type[Exception], ...] = (
+    serial.SerialException,
+    OSError,
+    ValueError,  # pyserial for an impossible URL or setting
+)
+if sys.platform != "win32":
     import termios
 
-    PORT_ERRORS: tuple[type[Exception], ...] = (
-        serial.SerialException,
-        OSError,
-        ValueError,  # pyserial for an impossible URL or setting
-        termios.error,
-    )
-except ImportError:  # Windows has no termios
-    PORT_ERRORS = (serial.SerialException, OSError, ValueError)
+    PORT_ERRORS = (*PORT_ERRORS, termios.error)
 
 SLICE_S = 0.05
 """How long a read waits before its caller looks up whether it is to stop."""

@@ -37,6 +37,7 @@ from calib.posterior.distances import Distances
 from calib.posterior.gaussian import About, LittleOfAll
 from calib.tripod.effects.bars import LegLength
 from calib.tripod.effects.candidates import place_columns
+from calib.tripod.effects.contacts import BowOfTouchedPlate, PlatformTilt
 from calib.tripod.effects.drives import ActuatorScale, AxisLean, AxisOffset, AxisSquareness
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.geometry import PARAMETER_NAMES
@@ -65,8 +66,9 @@ STEPS = 6
 """Of Gauss and Newton: from any machine within its tolerances three do."""
 
 ALIKE = 0.8
-"""Correlation of what towers are off by from the middle, and of what their bars are: owners find
-one radius wrong by some tenths, and single towers by half of that; bars are cut with one jig."""
+"""Correlation of what towers are off by from the middle, and of what their bars are off by: owners
+find one radius wrong by some tenths, and single towers by half of that; bars are cut with one jig
+and measured with one ruler."""
 
 
 def is_radial(law: Effect, place: str) -> bool:
@@ -75,6 +77,10 @@ def is_radial(law: Effect, place: str) -> bool:
 
 
 Stated = Literal["nothing", "directions", "lines", "lines and bars"]
+
+DIRECTIONS = (AxisLean.id, AxisSquareness.id, ActuatorScale.id)
+OF_CONTACTS = (BowOfTouchedPlate.id, PlatformTilt.id)
+"""A machine whose lines are as stated has a flat plate and a level platform, too."""
 
 STATED_MM = 0.01
 """Of lengths that are as stated: bars that are measured, not made to tolerance."""
@@ -140,7 +146,7 @@ class SessionCase:
 
     @property
     def base_correlation(self) -> FloatArray:
-        """Of joint offsets and bar lengths ``(6, 6)``: bars of towers on one frame are off alike."""
+        """Of joint offsets and bar lengths ``(6, 6)``: bars of towers are off alike."""
         correlation = np.eye(BASE)
         if any(is_radial(*law) for law in self.geometry):
             correlation[3:, 3:] += ALIKE * (1.0 - np.eye(BASE - 3))
@@ -155,12 +161,17 @@ class SessionCase:
     def lines(self) -> Mapping[tuple[Effect, str], float]:
         """Parameters of geometry that every model has free about 0; adopted ones have a size."""
         stated: dict[Stated, tuple[str, ...]] = {
-            "nothing": (AxisOffset.id, AxisLean.id, AxisSquareness.id, ActuatorScale.id),
-            "directions": (AxisOffset.id,),
+            "nothing": (*DIRECTIONS, AxisOffset.id, *OF_CONTACTS),
+            "directions": (AxisOffset.id, *OF_CONTACTS),
         }
         ids = stated.get(self.as_stated, ())
-        sizes = self.geometry.items()
-        return {law: size for law, size in sizes if law[0].id in ids and law not in self.free}
+        return {
+            (law, place): size
+            for (law, place), size in self.geometry.items()
+            if law.id in ids
+            and (law, place) not in self.free
+            and place in law.places(self.observed)
+        }
 
     @cached_property
     def lines_root(self) -> FloatArray:
@@ -339,7 +350,8 @@ class Cells:
             )
             rows = beside.whitened(self.whitened(rows))
             expected_mm = np.subtract(self.case.model.parameters_mm, model.parameters_mm)
-            about = About.of(rows[:, 1:], rows[:, 0], np.linalg.solve(root, expected_mm))
+            expected = np.asarray(np.linalg.solve(root, expected_mm), dtype=np.float64)
+            about = About.of(rows[:, 1:], rows[:, 0], expected)
             step_mm = root @ (about.inverse @ about.along)
             model = model.with_parameters(model.parameters_mm + step_mm)
         return model

@@ -65,7 +65,8 @@ def held(texts: Texts) -> Held:
     for line in commands(texts, "M851"):
         offset |= {letter: line.value(letter, offset[letter]) for letter in TOWERS}
     contacts = _contacts(texts, (offset["X"], offset["Y"], offset["Z"]), odd)
-    return Held(printer, tuple(contacts), tuple(odd))
+    beside_mm = offset["X"], offset["Y"]
+    return Held(printer, tuple(contacts), tuple(odd), beside_mm=beside_mm)
 
 
 @dataclass

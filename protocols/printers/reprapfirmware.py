@@ -55,7 +55,8 @@ def held(texts: Texts) -> Held:
         )
         for x, y, height, where in _heights(texts, odd)
     ]
-    return Held(printer, tuple(contacts), tuple(odd))
+    beside_mm = offset["X"], offset["Y"]
+    return Held(printer, tuple(contacts), tuple(odd), beside_mm=beside_mm)
 
 
 def _printer(texts: Texts, odd: list[str]) -> TowerPrinter | None:

@@ -101,12 +101,10 @@ def ports(as_json: AsJson = False) -> None:
     from serial.tools import list_ports
 
     from app.report.schema.document import to_json
-    from app.report.schema.readings import PortsReport
+    from app.report.schema.readings import PortsReport, SerialPorts
     from drivers.profiles import PROFILES
 
-    report = PortsReport.of(
-        ports=tuple(sorted(list_ports.comports())), profiles=tuple(PROFILES.values())
-    )
+    report = PortsReport.of(SerialPorts(sorted(list_ports.comports()), [*PROFILES.values()]))
     if as_json:
         typer.echo(to_json(report))
         return

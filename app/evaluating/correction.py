@@ -68,7 +68,7 @@ class Gain:
     It is ``clear`` where that is clearly less than with the correction that is asked for.
     """
 
-    holds: str
+    holds: Holds
     bound_mm: float
     clear: bool
 

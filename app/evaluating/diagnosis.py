@@ -408,7 +408,7 @@ def remove(path: Path, effect: str, why: str) -> ModelFile:
 def _chosen(diagnosed: SessionDiagnosis, candidate: str | None) -> list[Finding | Contender]:
     diagnosis = diagnosed.diagnosis
     named: list[Finding | Contender] = [e for e in diagnosis.effects if e.effects]
-    unnamed: list[Finding | Contender] = [diagnosis.left_over.effect] if diagnosis.left_over else []
+    unnamed: list[Finding | Contender] = [diagnosis.left_over] if diagnosis.left_over else []
     if candidate is None:
         if not named and not unnamed:
             raise UsageError(

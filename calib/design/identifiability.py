@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -336,7 +336,7 @@ class SeenBy:
     qr: ClassicalQr
 
     @property
-    def limited_by(self) -> str:
+    def limited_by(self) -> Literal["nothing", "too-few-postures"]:
         """Too few values for the parameters, or nothing but the geometry."""
         reachable = self.examined.reachable_rank
         if reachable is not None:

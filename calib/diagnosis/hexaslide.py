@@ -70,11 +70,11 @@ class HexaSlideCause:
 
 @dataclass(frozen=True)
 class CauseSize:
-    """A value of a cause in its unit, with standard uncertainty."""
+    """A value of what is named, else of the heaviest claim, in its unit."""
 
     name: str
     value: float
-    uncertainty: float
+    standard_uncertainty: float
     unit: str
 
 

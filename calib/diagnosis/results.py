@@ -84,11 +84,10 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class ModelDiscrepancy:
+class ModelDiscrepancy(Finding):
     """What is left without a name, as an unnamed law; beside it the gap that it did not see."""
 
-    effect: Finding
-    held_out: HeldOutGap | None
+    held_out: HeldOutGap | None = None
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,23 @@
-"""What ``diagnose`` and ``plan`` tell: what is missing, what to measure next."""
+"""What ``diagnose`` tells: what is missing, and what separates the names."""
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Annotated, Literal
+from dataclasses import dataclass
+from itertools import starmap
+from typing import Literal
 
-from app.report.schema.document import Finite, Report, asked, at, made, schema
+from app.evaluating.diagnosis import AdoptedTool, DiagnosedTool, SessionDiagnosis
+from app.report.schema.document import Report, Source, finite, maybe, schema
 from calib.diagnosis.results import (
+    AliasMap,
+    Contender,
     Detectable,
+    Diagnosis,
+    Finding,
     Gap,
+    GapPart,
     HeldOutGap,
+    Imitation,
     LikelyName,
     ModelDiscrepancy,
     Named,
@@ -18,31 +26,33 @@ from calib.diagnosis.results import (
     Verdict,
 )
 from calib.posterior.correction import Holds
-from calib.posterior.planning import FurtherSetUp, Outside
+from calib.posterior.planning import FurtherSetUp, Reach, Separation
 from calib.posterior.tool import Frame
-from calib.tripod.pool import STATIONS
-
-OrNone = Annotated[str | None, made(lambda name: name or None)]
 
 
 class GapNoise(Report):
     """Of a single reading."""
 
-    standard_deviation_mm: float | None = at(
-        "known_noise_mm", "null: no repeats and none stated, so no p-value means anything"
+    of = Source[Diagnosis]()
+    standard_deviation_mm: float | None = of(
+        lambda diagnosis: diagnosis.known_noise_mm,
+        "null: no repeats and none stated, so no p-value means anything",
     )
-    degrees_of_freedom: Finite = at("noise_df", "null: stated, taken as known")
-    source: str = at("noise_source")
+    degrees_of_freedom: float | None = of(
+        lambda diagnosis: finite(diagnosis.noise_df), "null: stated, taken as known"
+    )
+    source: str = of(lambda diagnosis: diagnosis.noise_source)
 
 
 class GapPartEntry(Report):
     """A part of the gap: which leg, axis or pattern, its share and its chance."""
 
-    leg: OrNone
-    axis: OrNone
-    posture_or_pattern: str = at("pattern")
-    share: float
-    p_value: float
+    of = Source[GapPart]()
+    leg: str | None = of(lambda part: part.leg or None)
+    axis: str | None = of(lambda part: part.axis or None)
+    posture_or_pattern: str = of(lambda part: part.pattern)
+    share: float = of(lambda part: part.share)
+    p_value: float = of(lambda part: part.p_value)
 
 
 class FindingEntry(Report):
@@ -51,167 +61,170 @@ class FindingEntry(Report):
     A ``where`` with commas lists legs or places that have values of their own.
     """
 
-    id: str
-    kind: str
-    title: str
-    where: str
-    parameters: tuple[Value, ...]
-    probability: float = at("probability", "of this name at this place")
-    gap_rms_before_mm: float
-    gap_rms_after_mm: float
-    indistinguishable_from: tuple[Named, ...]
+    of = Source[Finding]()
+    id: str = of(lambda effect: effect.id)
+    kind: str = of(lambda effect: effect.kind)
+    title: str = of(lambda effect: effect.title)
+    where: str = of(lambda effect: effect.where)
+    parameters: tuple[Value, ...] = of(lambda effect: effect.parameters)
+    probability: float = of(lambda effect: effect.probability, "of this name at this place")
+    gap_rms_before_mm: float = of(lambda effect: effect.gap_rms_before_mm)
+    gap_rms_after_mm: float = of(lambda effect: effect.gap_rms_after_mm)
+    indistinguishable_from: tuple[Named, ...] = of(lambda effect: effect.indistinguishable_from)
 
 
 class UnnamedEffectEntry(FindingEntry):
     """What is left without a name, like an effect."""
 
-    held_out_gap: HeldOutGap | None
-
-
-def _unnamed(discrepancy: ModelDiscrepancy) -> SimpleNamespace:
-    return SimpleNamespace(**vars(discrepancy.effect), held_out_gap=discrepancy.held_out)
+    of = Source[ModelDiscrepancy]()  # type: ignore[assignment] # reads more
+    held_out_gap: HeldOutGap | None = of(lambda discrepancy: discrepancy.held_out)
 
 
 class ContenderEntry(Report):
     """A candidate of the model selection, and why it was not named."""
 
-    id: str
-    where: str
-    parameters: tuple[Value, ...]
-    probability: float = at("probability", "of this name at this place, whatever acts beside it")
-    gap_rms_after_mm: float
-    held_out_gap_rms_mm: float | None
-    reason_rejected: str
-
-
-Place = Annotated[Named, made(lambda pair: Named(*pair))]
+    of = Source[Contender]()
+    id: str = of(lambda candidate: candidate.id)
+    where: str = of(lambda candidate: candidate.where)
+    parameters: tuple[Value, ...] = of(lambda candidate: candidate.parameters)
+    probability: float = of(
+        lambda candidate: candidate.probability,
+        "of this name at this place, whatever acts beside it",
+    )
+    gap_rms_after_mm: float = of(lambda candidate: candidate.gap_rms_after_mm)
+    held_out_gap_rms_mm: float | None = of(lambda candidate: candidate.held_out_gap_rms_mm)
+    reason_rejected: str = of(lambda candidate: candidate.reason_rejected)
 
 
 class SeparationEntry(Report):
     """The measurement that separates the names that stay open."""
 
-    words: str
-    names: tuple[tuple[Place, ...], ...] = at("names", "what is true together; none: no effect")
-    apart: float = at("apart", "noise variances between the two nearest")
-    protocol: str = at("candidate.text", "a procedure file, or the name of one")
-    entered_mm: tuple[float, float, float] = at(
-        "candidate.preparation.entered_mm", "to be added to the entered joint offsets before"
+    of = Source[Separation]()
+    words: str = of(lambda separation: separation.words)
+    names: tuple[tuple[Named, ...], ...] = of(
+        lambda separation: tuple(tuple(starmap(Named, name)) for name in separation.names),
+        "what is true together; none: no effect",
     )
-    load: float = at("candidate.preparation.load", "times the tool's weight")
+    apart: float = of(
+        lambda separation: separation.apart, "noise variances between the two nearest"
+    )
+    protocol: str = of(
+        lambda separation: separation.candidate.text, "a procedure file, or the name of one"
+    )
+    entered_mm: tuple[float, float, float] = of(
+        lambda separation: separation.candidate.preparation.entered_mm,
+        "to be added to the entered joint offsets before",
+    )
+    load: float = of(
+        lambda separation: separation.candidate.preparation.load, "times the tool's weight"
+    )
 
 
 class ToolEntry(Report):
     """R.m.s. over the workspace that 95 of 100 machines keep, in a frame."""
 
-    frame: Frame
-    now_mm: float = at("now_mm", "with what the controller holds now")
-    entered_mm: dict[Holds, float] = at("entered_mm", "with what a controller holds entered")
+    of = Source[DiagnosedTool]()
+    frame: Frame = of(lambda tool: tool.frame)
+    now_mm: float = of(lambda tool: tool.now_mm, "with what the controller holds now")
+    entered_mm: dict[Holds, float] = of(
+        lambda tool: tool.entered_mm, "with what a controller holds entered"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class DiagnosisResults:
+    """A diagnosis, and what was asked for beyond it."""
+
+    diagnosed: SessionDiagnosis
+    reach: Reach | None = None
+    adopted: AdoptedTool | None = None
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """Of the sessions."""
+        return self.diagnosed.diagnosis
 
 
 class DiagnosisReport(Report):
     """``diagnose --json``: what is missing in the model."""
 
+    of = Source[DiagnosisResults]()
     schema_id: Literal["glidecal.diagnosis/2"] = schema("glidecal.diagnosis/2")
-    sessions: tuple[str, ...] = at("found.names")
-    held_out: tuple[str, ...] = at("found.held_out")
-    noise: GapNoise = at("found.diagnosis")
-    verdict: Verdict = at("found.diagnosis.verdict")
-    sentence: str = at("found.diagnosis.sentence")
-    missing: float = at("found.diagnosis.missing", "probability that anything is missing")
-    something_else: float = at(
-        "found.diagnosis.something_else", "probability that something without a name acts"
+    sessions: tuple[str, ...] = of(lambda results: results.diagnosed.names)
+    held_out: tuple[str, ...] = of(lambda results: results.diagnosed.held_out)
+    noise: GapNoise = of(lambda results: GapNoise.of(results.diagnosis))
+    verdict: Verdict = of(lambda results: results.diagnosis.verdict)
+    sentence: str = of(lambda results: results.diagnosis.sentence)
+    missing: float = of(
+        lambda results: results.diagnosis.missing, "probability that anything is missing"
     )
-    names: tuple[LikelyName, ...] = at(
-        "found.diagnosis.names", "what may act anywhere, the likeliest first"
+    something_else: float = of(
+        lambda results: results.diagnosis.something_else,
+        "probability that something without a name acts",
     )
-    gap_before: Gap = at("found.diagnosis.gap_before")
-    gap_after: Gap = at("found.diagnosis.gap_after")
-    held_out_gap: HeldOutGap | None = at("found.diagnosis.held_out")
-    where: tuple[GapPartEntry, ...] = at("found.diagnosis.where")
-    effects: tuple[FindingEntry, ...] = at(
-        "found.diagnosis.effects", "in the order adopted; empty where nothing may be claimed"
+    names: tuple[LikelyName, ...] = of(
+        lambda results: results.diagnosis.names,
+        "what may act anywhere, the likeliest first",
     )
-    candidates: tuple[ContenderEntry, ...] = at("found.diagnosis.candidates")
-    next_measurement: SeparationEntry | None = at("found.separation")
-    smallest_detectable: tuple[Detectable, ...] = at("found.diagnosis.smallest_detectable")
-    tool: ToolEntry = at("found.tool")
-    tool_adopted: ToolEntry | None = asked(
-        "adopted.tool", "with --adopt: if the adopted names are true"
+    gap_before: Gap = of(lambda results: results.diagnosis.gap_before)
+    gap_after: Gap = of(lambda results: results.diagnosis.gap_after)
+    held_out_gap: HeldOutGap | None = of(lambda results: results.diagnosis.held_out)
+    where: tuple[GapPartEntry, ...] = of(
+        lambda results: tuple(map(GapPartEntry.of, results.diagnosis.where))
     )
-    further: tuple[FurtherSetUp, ...] | None = asked(
-        "reach.further", "with --next: set-ups in turn, each with the bound after it"
+    effects: tuple[FindingEntry, ...] = of(
+        lambda results: tuple(map(FindingEntry.of, results.diagnosis.effects)),
+        "in the order adopted; empty where nothing may be claimed",
     )
-    left_over: Annotated[UnnamedEffectEntry | None, made(_unnamed)] = at(
-        "found.diagnosis.left_over"
+    candidates: tuple[ContenderEntry, ...] = of(
+        lambda results: tuple(map(ContenderEntry.of, results.diagnosis.candidates))
     )
-    pattern: SharedPattern | None = at(
-        "found.diagnosis.pattern",
+    next_measurement: SeparationEntry | None = of(
+        lambda results: maybe(SeparationEntry.of, results.diagnosed.separation)
+    )
+    smallest_detectable: tuple[Detectable, ...] = of(
+        lambda results: results.diagnosis.smallest_detectable
+    )
+    tool: ToolEntry = of(lambda results: ToolEntry.of(results.diagnosed.tool))
+    tool_adopted: ToolEntry | None = of(
+        lambda results: ToolEntry.of(results.adopted.tool) if results.adopted else None,
+        "with --adopt: if the adopted names are true",
+        asked=True,
+    )
+    further: tuple[FurtherSetUp, ...] | None = of(
+        lambda results: results.reach.further if results.reach else None,
+        "with --next: set-ups in turn, each with the bound after it",
+        asked=True,
+    )
+    left_over: UnnamedEffectEntry | None = of(
+        lambda results: maybe(UnnamedEffectEntry.of, results.diagnosis.left_over)
+    )
+    pattern: SharedPattern | None = of(
+        lambda results: results.diagnosis.pattern,
         "of several sessions: how alike is what is left of each; numbered from 0, held-out last",
     )
-    remarks: tuple[str, ...] = at("found.diagnosis.remarks")
+    remarks: tuple[str, ...] = of(lambda results: results.diagnosis.remarks)
 
 
 class ImitationEntry(Report):
     """How well one effect is imitated by another."""
 
-    effect: Place
-    by: Place
-    contained: float = at("contained", "1 is never to be told apart")
-    left_in_noise_variances: float = at("distinguishable", "of an unremarkable size")
+    of = Source[Imitation]()
+    effect: Named = of(lambda imitation: Named(*imitation.effect))
+    by: Named = of(lambda imitation: Named(*imitation.by))
+    contained: float = of(lambda imitation: imitation.contained, "1 is never to be told apart")
+    left_in_noise_variances: float = of(
+        lambda imitation: imitation.distinguishable, "of an unremarkable size"
+    )
 
 
 class AliasReport(Report):
     """``diagnose --aliases --json``: what a procedure cannot tell apart."""
 
+    of = Source[AliasMap]()
     schema_id: Literal["glidecal.aliases/1"] = schema("glidecal.aliases/1")
-    effects: tuple[Place, ...] = at("found.effects")
-    imitations: tuple[ImitationEntry, ...] = at("found.imitations")
-    invisible: tuple[Place, ...] = at("found.invisible")
-
-
-class ProposalEntry(Report):
-    """A measurement that was judged, and the bound that is expected after it.
-
-    Before, ``entered_mm`` is added to the joint offsets in the controller, and the tool is loaded
-    to ``load`` times its weight.
-    """
-
-    words: str = at("candidate.words")
-    legs: tuple[str, ...] = at("candidate.legs")
-    station: float = at("candidate.station")
-    displacements_mm: tuple[float, ...] = at("candidate.levels_mm")
-    cycles: int = at("candidate.cycles", "where there are several, each begins at Zero")
-    entered_mm: tuple[float, float, float] = at("candidate.preparation.entered_mm")
-    load: float = at("candidate.preparation.load")
-    protocol: str = at("candidate.text", "a procedure file, or the name of one")
-    minutes: float = at("candidate.minutes")
-    bound_mm: float
-    gain_mm_per_minute: float
-
-
-class PlanReport(Report):
-    """``plan --json``: the next measurement worth making."""
-
-    schema_id: Literal["glidecal.plan/1"] = schema("glidecal.plan/1")
-    sessions: tuple[str, ...] = at("plan.sessions")
-    machine: str = at("plan.machine")
-    frame: Frame = at("plan.planner.correction.frame")
-    holds: Holds = at("plan.planner.correction.holds")
-    noise: str = at("plan.noise_words")
-    noise_mm: float = at("plan.planner.forecast.noise_mm", "standard deviation of a reading")
-    bound_mm: float = at(
-        "plan.planner.bound_mm",
-        "what the tool is off by at most now (95 %) with the values that are known entered",
+    effects: tuple[Named, ...] = of(lambda aliases: tuple(starmap(Named, aliases.effects)))
+    imitations: tuple[ImitationEntry, ...] = of(
+        lambda aliases: tuple(map(ImitationEntry.of, aliases.imitations))
     )
-    next: ProposalEntry = at("plan.best")
-    runners_up: tuple[ProposalEntry, ...] = at("plan.runners_up")
-    more_helps: bool = at("plan.planner.more_helps", "any lowers the bound by a tenth")
-    separation: SeparationEntry | None = at("plan.planner.separation")
-    outside: Outside | None = at(
-        "plan.planner.outside", "where legs do not show the larger part of the bound's square"
-    )
-    further: tuple[FurtherSetUp, ...] = at(
-        "plan.planner.reach.further",
-        "set-ups in turn, each with the bound after it; no more are worth it",
-    )
-    stations: tuple[float, ...] = STATIONS
+    invisible: tuple[Named, ...] = of(lambda aliases: tuple(starmap(Named, aliases.invisible)))

@@ -109,11 +109,15 @@ def write_schemas(folder: Path) -> None:
 
 
 def _documents(above: type[Document]) -> Iterator[type[Document]]:
-    """Classes with an id, in the order in which they are defined; no lines of a record."""
+    """Classes with an id in the order in which they are defined, no lines of a record.
+
+    Where several machines share one, those of the machines.
+    """
     for kind in above.__subclasses__():
-        if "schema_id" in kind.model_fields and not issubclass(kind, Line):
+        below = list(_documents(kind))
+        if "schema_id" in kind.model_fields and not issubclass(kind, Line) and not below:
             yield kind
-        yield from _documents(kind)
+        yield from below
 
 
 def _text(name: str, kind: Any, *, written: bool) -> str:  # noqa: ANN401 (class or union)

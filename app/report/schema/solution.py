@@ -2,32 +2,44 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from datetime import datetime
-from types import SimpleNamespace
-from typing import Annotated, Literal
+from typing import Literal
 
-from app.evaluating.comparison import Comparison, Entered
-from app.evaluating.solution import Judgement
+from app.evaluating.comparison import Comparison, Entered, RemainingOffset, Verification
+from app.evaluating.correction import EnteredValue, Gain
+from app.evaluating.solution import (
+    IsolatedReadings,
+    Judgement,
+    LineParameter,
+    SessionSolution,
+    Suspect,
+)
 from app.report.schema.document import (
-    Finite,
     Holes,
     LackOfFitEntry,
     Matrix,
     Numbers,
     Report,
-    Root,
-    asked,
-    at,
-    called,
-    made,
+    Source,
+    by_name,
+    finite,
+    holes,
+    numbers,
     rows,
     schema,
 )
+from calib.design.identifiability import Direction
 from calib.identify.accuracy import Decision
-from calib.identify.solution import FittedSize, Method, Solution, Subset, Weights
-from calib.noise.reading import NoiseSource, Repeated
+from calib.identify.monte_carlo import MonteCarlo
+from calib.identify.solution import FittedSize, LackOfFit, Method, Solution, Subset, Weights
+from calib.noise.reading import IndicatorNoise, Noise, NoiseSource, Repeated
+from calib.posterior.correction import Holds, LeftOut
+from calib.posterior.models import LikelyMistake
+from calib.tripod.workspace import PlaneMap
 from protocols.machine import Frame, Instrument
+from protocols.session import Session
 
 
 @dataclass(frozen=True)
@@ -66,126 +78,122 @@ def _differences(solution: Solution) -> dict[str, Difference]:
 class Covariance(Report):
     """Of the parameters, from the noise of the readings."""
 
-    names: tuple[str, ...]
-    matrix: Matrix = at("covariance_mm2")
+    of = Source[Solution]()
+    names: tuple[str, ...] = of(lambda solution: solution.names)
+    matrix: Matrix = of(lambda solution: solution.covariance_mm2.tolist())
     unit: Literal["mm²"] = "mm²"
 
 
 class IndicatorScatter(Report):
     """One indicator; repeats in a posture share a part of the rounding."""
 
-    standard_deviation_mm: Root = at("variance_mm2")
-    rounding_shared_by_repeats_mm: Root = at("quantisation_mm2")
+    of = Source[IndicatorNoise]()
+    standard_deviation_mm: float = of(lambda noise: math.sqrt(noise.variance_mm2))
+    rounding_shared_by_repeats_mm: float = of(lambda noise: math.sqrt(noise.quantisation_mm2))
 
 
 class ReadingNoise(Report):
     """Of a single reading."""
 
-    standard_deviation_mm: float
-    degrees_of_freedom: Finite = at("degrees_of_freedom", "null: stated, taken as known")
-    source: NoiseSource
-    pooled: bool
-    repeats_show: Repeated = at("repeated")
-    wander_mm: float | None = at("cycle_drift_mm", "from cycle to cycle; null if chance may do it")
-    indicators: tuple[IndicatorScatter, ...]
+    of = Source[Noise]()
+    standard_deviation_mm: float = of(lambda noise: noise.standard_deviation_mm)
+    degrees_of_freedom: float | None = of(
+        lambda noise: finite(noise.degrees_of_freedom), "null: stated, taken as known"
+    )
+    source: NoiseSource = of(lambda noise: noise.source)
+    pooled: bool = of(lambda noise: noise.pooled)
+    repeats_show: Repeated = of(lambda noise: noise.repeated)
+    wander_mm: float | None = of(
+        lambda noise: noise.cycle_drift_mm, "from cycle to cycle; null if chance may do it"
+    )
+    indicators: tuple[IndicatorScatter, ...] = of(
+        lambda noise: tuple(map(IndicatorScatter.of, noise.indicators))
+    )
 
 
 class SuspectReading(Report):
     """It does not fit its own repeats: how many standard deviations."""
 
-    session: str
-    reading: int = at("reading.reading")
-    studentised: float
+    of = Source[Suspect]()
+    session: str = of(lambda suspect: suspect.session)
+    reading: int = of(lambda suspect: suspect.reading.reading)
+    studentised: float = of(lambda suspect: suspect.studentised)
 
 
 class IsolatedReadingsEntry(Report):
     """Alone in their mounting: without another posture they say nothing."""
 
-    session: str
-    readings: Annotated[list[int], made(lambda readings: [one.reading for one in readings])]
+    of = Source[IsolatedReadings]()
+    session: str = of(lambda isolated: isolated.session)
+    readings: list[int] = of(lambda isolated: [reading.reading for reading in isolated.readings])
 
 
 class FramesEntry(Report):
     """R.m.s. error of the tool over the workspace that 95 of 100 such machines keep, by frame."""
 
-    touched_off_mm: float = at("touched_off_mm", "a shift is free")
-    aligned_mm: float = at("aligned_mm", "a shift and a turn are free")
-    machine_mm: float = at("machine_mm", "in the machine's own frame")
-
-
-def _by_frame(bound_mm: dict[Frame, float]) -> SimpleNamespace:
-    names = {f"{frame.replace('-', '_')}_mm": mm for frame, mm in bound_mm.items()}
-    return SimpleNamespace(**names)
-
-
-ByFrame = Annotated[FramesEntry, made(_by_frame)]
-
-
-class EnteredEntry(Report):
-    """A value to enter, in its unit."""
-
-    value: float
-    unit: str
-
-
-class LeftOutEntry(Report):
-    """A part that is not entered, and why."""
-
-    part: str
-    reason: str
-
-
-class MistakeEntry(Report):
-    """A mistake of labels or readings that is likely; aliases fit as well."""
-
-    id: str
-    where: str
-    title: str
-    probability: float
+    of = Source[dict[Frame, float]]()
+    touched_off_mm: float = of(lambda bound_mm: bound_mm["touched-off"], "a shift is free")
+    aligned_mm: float = of(lambda bound_mm: bound_mm["aligned"], "a shift and a turn are free")
+    machine_mm: float = of(lambda bound_mm: bound_mm["machine"], "in the machine's own frame")
 
 
 class GainEntry(Report):
     """What the tool keeps where the same controller holds something else."""
 
-    holds: Literal["offsets", "play", "tables", "kinematics"]
-    bound_mm: float
+    of = Source[Gain]()
+    holds: Holds = of(lambda gain: gain.holds)
+    bound_mm: float = of(lambda gain: gain.bound_mm)
 
 
 class CorrectionEntry(Report):
     """What is entered in the controller: what every screen, report and export shows first."""
 
-    frame: Frame = at("correction.frame")
-    holds: Literal["offsets", "play", "tables", "kinematics"] = at("correction.holds")
-    values: dict[str, EnteredEntry] = at(
-        "correction.values", "true position = believed position + d_rho; sizes as in a model"
+    of = Source[SessionSolution]()
+    frame: Frame = of(lambda solved: solved.correction.frame)
+    holds: Holds = of(lambda solved: solved.correction.holds)
+    values: dict[str, EnteredValue] = of(
+        lambda solved: solved.correction.values,
+        "true position = believed position + d_rho; sizes as in a model",
     )
-    bound: ByFrame = at("correction.off.bound_mm", "with the values entered")
-    bound_now: ByFrame = at("correction.off_now.bound_mm", "with what the controller holds now")
-    left_out: tuple[LeftOutEntry, ...] = at("correction.left_out")
-    others: tuple[GainEntry, ...] = at("others", "in the same frame")
-    mistakes: tuple[MistakeEntry, ...] = at(
-        "corrections.mistakes", "in the readings; the values count with them put right"
+    bound: FramesEntry = of(
+        lambda solved: FramesEntry.of(solved.correction.off.bound_mm), "with the values entered"
+    )
+    bound_now: FramesEntry = of(
+        lambda solved: FramesEntry.of(solved.correction.off_now.bound_mm),
+        "with what the controller holds now",
+    )
+    left_out: tuple[LeftOut, ...] = of(lambda solved: solved.correction.left_out)
+    others: tuple[GainEntry, ...] = of(
+        lambda solved: tuple(map(GainEntry.of, solved.others)), "in the same frame"
+    )
+    mistakes: tuple[LikelyMistake, ...] = of(
+        lambda solved: solved.corrections.mistakes,
+        "in the readings; the values count with them put right",
     )
 
 
 class WeakDirection(Report):
     """A combination of parameters and what it costs at the tool."""
 
-    combination: str
-    standard_uncertainty_mm: float
-    tool_mm: float
+    of = Source[Direction]()
+    combination: str = of(lambda direction: direction.combination)
+    standard_uncertainty_mm: float = of(lambda direction: direction.standard_uncertainty_mm)
+    tool_mm: float = of(lambda direction: direction.tool_mm)
 
 
 class ToolMapEntry(Report):
     """Expected tool error on a plane through Zero; rows go up."""
 
-    across: str
-    up: str
-    coordinate_mm: Numbers = at("coordinate_mm", "across")
-    up_mm: Numbers | None = asked(
-        "other_up_mm", "upwards, where these places are others than those across"
+    of = Source[PlaneMap]()
+    across: str = of(lambda plane: plane.across)
+    up: str = of(lambda plane: plane.up)
+    coordinate_mm: Numbers = of(lambda plane: plane.coordinate_mm.tolist(), "across")
+    up_mm: Numbers | None = of(
+        lambda plane: None if plane.other_up_mm is None else plane.other_up_mm.tolist(),
+        "upwards, where these places are others than those across",
+        asked=True,
     )
-    error_mm: Holes = at("value", "null beyond the joint limits")
+    error_mm: Holes = of(lambda plane: holes(plane.value), "null beyond the joint limits")
 
 
 @dataclass(frozen=True)
@@ -200,108 +208,166 @@ class Coverage:
 class SimulatedSessions(Report):
     """Sessions like this one, simulated and identified."""
 
-    sessions: int = at("simulated.sessions")
-    failed: int = at("simulated.failed")
-    parameters: Annotated[
-        dict[str, Coverage],
-        made(lambda it: rows(Coverage, it.names, it.covered, it.true_mm, it.stated_mm)),
-    ] = at("simulated")
+    of = Source[MonteCarlo]()
+    sessions: int = of(lambda simulated: simulated.sessions)
+    failed: int = of(lambda simulated: simulated.failed)
+    parameters: dict[str, Coverage] = of(
+        lambda simulated: rows(
+            Coverage,
+            simulated.names,
+            simulated.covered,
+            simulated.true_mm,
+            simulated.stated_mm,
+        )
+    )
 
 
 class MeasuredSession(Report):
     """Who measured when and with what; ``notes`` are the remarks made on the way."""
 
-    origin: str = at("opened.origin")
-    begun: datetime = at("opened.at")
-    operator: str = at("opened.operator")
-    temperature_c: float | None = at("opened.temperature_c")
-    indicators: tuple[Instrument, ...] = at("opened.instruments")
-    notes: tuple[str, ...]
+    of = Source[Session]()
+    origin: str = of(lambda session: session.opened.origin)
+    begun: datetime = of(lambda session: session.opened.at)
+    operator: str = of(lambda session: session.opened.operator)
+    temperature_c: float | None = of(lambda session: session.opened.temperature_c)
+    indicators: tuple[Instrument, ...] = of(lambda session: session.opened.instruments)
+    notes: tuple[str, ...] = of(lambda session: session.notes)
 
 
 class LineEntry(Report):
     """A parameter of a drive's line, or its travel, beyond what the machine file states."""
 
-    id: str
-    place: str = at("place", "the drive, and the way across it")
-    value: float = at("value", "in the unit, as in a model")
-    expanded_uncertainty: float = at("expanded", "k = 2")
-    tolerance: float = at("tolerance", "of the machine file: standard deviation before measuring")
-    unit: str
+    of = Source[LineParameter]()
+    id: str = of(lambda line: line.id)
+    place: str = of(lambda line: line.place, "the drive, and the way across it")
+    value: float = of(lambda line: line.value, "in the unit, as in a model")
+    expanded_uncertainty: float = of(lambda line: line.expanded, "k = 2")
+    tolerance: float = of(
+        lambda line: line.tolerance, "of the machine file: standard deviation before measuring"
+    )
+    unit: str = of(lambda line: line.unit)
+
+
+def _lack_of_fit(lack: LackOfFit | None) -> LackOfFitEntry:
+    return LackOfFitEntry(lack.statistic, lack.p_value) if lack else LackOfFitEntry()
 
 
 LINES = "none where the machine file has no tolerances of lines"
 
 
+@dataclass(frozen=True, eq=False)
+class SolutionResults:
+    """A solution, and what was asked for beyond it."""
+
+    solved: SessionSolution
+    judged: Judgement | None = None
+    maps: tuple[PlaneMap, ...] | None = None
+    simulated: MonteCarlo | None = None
+
+    @property
+    def solution(self) -> Solution:
+        """The view."""
+        return self.solved.solution
+
+
 class SolutionReport(Report):
     """``solve --json``: `SessionSolution`; what was asked beyond it is there only then."""
 
+    of = Source[SolutionResults]()
     schema_id: Literal["glidecal.solution/1"] = schema("glidecal.solution/1")
-    sessions: tuple[str, ...] = at("solved.names")
-    measured: tuple[MeasuredSession, ...] = at("solved.sessions", "in the order of the sessions")
-    method: Method = at("solved.solution.method")
-    weights: Weights = at("solved.solution.weights")
-    correction: CorrectionEntry = at("solved", "what is entered; parameters are a view")
-    lines: tuple[LineEntry, ...] = at("solved.lines", f"lines of the drives; {LINES}")
-    subset: Subset = at("solved.solution.subset", "of the view")
-    parameters: Annotated[dict[str, Parameter], made(_parameters)] = at("solved.solution")
-    covariance: Covariance = at("solved.solution")
-    differences: Annotated[dict[str, Difference], made(_differences)] = at(
-        "solved.solution",
+    sessions: tuple[str, ...] = of(lambda results: results.solved.names)
+    measured: tuple[MeasuredSession, ...] = of(
+        lambda results: tuple(map(MeasuredSession.of, results.solved.sessions)),
+        "in the order of the sessions",
+    )
+    method: Method = of(lambda results: results.solution.method)
+    weights: Weights = of(lambda results: results.solution.weights)
+    correction: CorrectionEntry = of(
+        lambda results: CorrectionEntry.of(results.solved),
+        "what is entered; parameters are a view",
+    )
+    lines: tuple[LineEntry, ...] = of(
+        lambda results: tuple(map(LineEntry.of, results.solved.lines)),
+        f"lines of the drives; {LINES}",
+    )
+    subset: Subset = of(lambda results: results.solution.subset, "of the view")
+    parameters: dict[str, Parameter] = of(lambda results: _parameters(results.solution))
+    covariance: Covariance = of(lambda results: Covariance.of(results.solution))
+    differences: dict[str, Difference] = of(
+        lambda results: _differences(results.solution),
         "up to twelve, keys axis_leg with + for Max and - for Min; y_x alone is Max minus Min; "
         "of the tool z(x, y, z) minus Zero",
     )
-    rms_before_mm: float = at("solved.solution.rms_before_mm", "over all differences")
-    rms_after_mm: float = at("solved.solution.rms_after_mm", "over all differences")
-    degrees_of_freedom: int = at("solved.solution.degrees_of_freedom")
-    noise: ReadingNoise = at("solved.solution.noise")
-    display_step_found_mm: float | None = at(
-        "solved.display_found_mm",
+    rms_before_mm: float = of(
+        lambda results: results.solution.rms_before_mm, "over all differences"
+    )
+    rms_after_mm: float = of(lambda results: results.solution.rms_after_mm, "over all differences")
+    degrees_of_freedom: int = of(lambda results: results.solution.degrees_of_freedom)
+    noise: ReadingNoise = of(lambda results: ReadingNoise.of(results.solution.noise))
+    display_step_found_mm: float | None = of(
+        lambda results: results.solved.display_found_mm,
         "step of the display that the values show and nobody stated; null where they show none",
     )
-    suspect_readings: tuple[SuspectReading, ...] = at("solved.suspects")
-    lost_readings: tuple[IsolatedReadingsEntry, ...] = at("solved.isolated")
-    enlarged_by_lack_of_fit: float = at(
-        "solved.solution.inflation",
+    suspect_readings: tuple[SuspectReading, ...] = of(
+        lambda results: tuple(map(SuspectReading.of, results.solved.suspects))
+    )
+    lost_readings: tuple[IsolatedReadingsEntry, ...] = of(
+        lambda results: tuple(map(IsolatedReadingsEntry.of, results.solved.isolated))
+    )
+    enlarged_by_lack_of_fit: float = of(
+        lambda results: results.solution.inflation,
         "factor on the standard deviation of the noise if what the model leaves is taken for "
         "noise; 1 if that is no more",
     )
-    expanded_with_lack_of_fit_mm: Annotated[
-        dict[str, float], made(lambda one: rows(float, one.names, one.inflated_expanded_mm))
-    ] = at("solved.solution", "expanded uncertainty (95 %) of each parameter then")
-    expanded_with_tolerances_mm: Annotated[
-        dict[str, float],
-        made(lambda one: rows(float, one.names, one.expanded_with_tolerances_mm)),
-    ] = at(
-        "solved.solution",
+    expanded_with_lack_of_fit_mm: dict[str, float] = of(
+        lambda results: by_name(results.solution.names, results.solution.inflated_expanded_mm),
+        "expanded uncertainty (95 %) of each parameter then",
+    )
+    expanded_with_tolerances_mm: dict[str, float] = of(
+        lambda results: by_name(
+            results.solution.names, results.solution.expanded_with_tolerances_mm
+        ),
         "expanded uncertainty (95 %) of each parameter with those outside the set off within "
         "their tolerance",
     )
-    difference_expanded_mm: Numbers | None = at(
-        "solved.solution.expanded_of_difference_mm",
+    difference_expanded_mm: Numbers | None = of(
+        lambda results: numbers(results.solution.expanded_of_difference_mm),
         "expanded uncertainty (95 %) of d_rho - d_L of x, y, z where the readings tell little of "
         "d_rho but that; else null",
     )
-    lack_of_fit: Annotated[
-        LackOfFitEntry, made(lambda one: one.lack_of_fit or LackOfFitEntry())
-    ] = at("solved.solution")
-    condition_number: float = at("solved.solution.condition_number")
-    weak_directions: tuple[WeakDirection, ...] = at("solved.solution.weak_directions")
-    recommended_subset: Subset = at(
-        "solved.choice.usual", "the view where none is asked for; what is entered is correction"
+    lack_of_fit: LackOfFitEntry = of(lambda results: _lack_of_fit(results.solution.lack_of_fit))
+    condition_number: float = of(lambda results: results.solution.condition_number)
+    weak_directions: tuple[WeakDirection, ...] = of(
+        lambda results: tuple(map(WeakDirection.of, results.solution.weak_directions))
     )
-    reasons: tuple[str, ...] = at("solved.choice.reasons", "why sets are missing")
-    effects: tuple[FittedSize, ...] | None = asked("sizes", "with --model")
-    ambiguous_effects: tuple[str, ...] = at(
-        "solved.ambiguous", "those of the model that are one of several that would do"
+    recommended_subset: Subset = of(
+        lambda results: results.solved.choice.usual,
+        "the view where none is asked for; what is entered is correction",
     )
-    held_sizes: tuple[str, ...] = at(
-        "solved.held", "those of the model that a person stated and nothing fitted"
+    reasons: tuple[str, ...] = of(
+        lambda results: results.solved.choice.reasons, "why sets are missing"
     )
-    tolerance: Judgement | None = asked("judged", "with --tolerance")
-    tool_maps: tuple[ToolMapEntry, ...] | None = asked("maps", "with --map")
-    monte_carlo: Annotated[SimulatedSessions | None, called("simulated")] = asked(
-        "simulated", "with --monte-carlo"
+    effects: tuple[FittedSize, ...] | None = of(
+        lambda results: results.solution.sizes or None, "with --model", asked=True
+    )
+    ambiguous_effects: tuple[str, ...] = of(
+        lambda results: results.solved.ambiguous,
+        "those of the model that are one of several that would do",
+    )
+    held_sizes: tuple[str, ...] = of(
+        lambda results: results.solved.held,
+        "those of the model that a person stated and nothing fitted",
+    )
+    tolerance: Judgement | None = of(lambda results: results.judged, "with --tolerance", asked=True)
+    tool_maps: tuple[ToolMapEntry, ...] | None = of(
+        lambda results: tuple(map(ToolMapEntry.of, results.maps)) if results.maps else None,
+        "with --map",
+        asked=True,
+    )
+    monte_carlo: SimulatedSessions | None = of(
+        lambda results: SimulatedSessions.of(results.simulated) if results.simulated else None,
+        "with --monte-carlo",
+        asked=True,
     )
 
 
@@ -321,59 +387,61 @@ def _both(comparison: Comparison) -> dict[str, BothValues]:
     }
 
 
-FirstName = Annotated[str, made(lambda names: names[0])]
-
-
 class ComparisonReport(Report):
     """``compare --json``: two sessions of one machine."""
 
+    of = Source[Comparison]()
     schema_id: Literal["glidecal.comparison/1"] = schema("glidecal.comparison/1")
-    before: FirstName = at("found.before.names")
-    after: FirstName = at("found.after.names")
-    differences: Annotated[dict[str, BothValues], made(_both)] = at("found")
-    rms_before_mm: float = at("found.before.solution.rms_before_mm")
-    rms_after_mm: float = at("found.after.solution.rms_before_mm")
-    rms_expected_mm: float | None = at(
-        "found.expected_mm",
+    before: str = of(lambda compared: compared.before.names[0])
+    after: str = of(lambda compared: compared.after.names[0])
+    differences: dict[str, BothValues] = of(_both)
+    rms_before_mm: float = of(lambda compared: compared.before.solution.rms_before_mm)
+    rms_after_mm: float = of(lambda compared: compared.after.solution.rms_before_mm)
+    rms_expected_mm: float | None = of(
+        lambda compared: compared.expected_mm,
         "what the fit of the first session left; null across a mechanical change",
     )
     unit: Literal["mm"] = "mm"
-    remarks: tuple[str, ...] = at("found.remarks")
+    remarks: tuple[str, ...] = of(lambda compared: compared.remarks)
 
 
 class RemainingOffsetEntry(Report):
     """A joint offset before, and what is left of it, mm."""
 
-    name: str
-    before_mm: float
-    found_mm: float
-    expanded_mm: float
-    entered: Entered
+    of = Source[RemainingOffset]()
+    name: str = of(lambda offset: offset.name)
+    before_mm: float = of(lambda offset: offset.before_mm)
+    found_mm: float = of(lambda offset: offset.found_mm)
+    expanded_mm: float = of(lambda offset: offset.expanded_mm)
+    entered: Entered = of(lambda offset: offset.entered)
 
 
 class VerificationReport(Report):
     """``verify --json``: was it done, and is the machine good enough?"""
 
+    of = Source[Verification]()
     schema_id: Literal["glidecal.verification/1"] = schema("glidecal.verification/1")
-    before: FirstName = at("found.compared.before.names")
-    after: FirstName = at("found.compared.after.names")
-    frame: Frame = at("found.compared.after.frame")
-    bound_expected_mm: float = at(
-        "found.compared.before.correction.bound_mm", "promised by the first session, 95 %"
+    before: str = of(lambda verified: verified.compared.before.names[0])
+    after: str = of(lambda verified: verified.compared.after.names[0])
+    frame: Frame = of(lambda verified: verified.compared.after.frame)
+    bound_expected_mm: float = of(
+        lambda verified: verified.compared.before.correction.bound_mm,
+        "promised by the first session, 95 %",
     )
-    bound_found_mm: float = at(
-        "found.compared.after.correction.now_mm", "by the second one; what is decided by"
+    bound_found_mm: float = of(
+        lambda verified: verified.compared.after.correction.now_mm,
+        "by the second one; what is decided by",
     )
-    tolerance_mm: float | None = at("found.tolerance_mm")
-    decision: Decision | None = at("found.decision", "null: no tolerance")
-    offsets: tuple[RemainingOffsetEntry, ...] = at("found.offsets")
-    something_missing: bool = at(
-        "found.compared.after.solution.lacks_fit", "more than noise is left: diagnose"
+    tolerance_mm: float | None = of(lambda verified: verified.tolerance_mm)
+    decision: Decision | None = of(lambda verified: verified.decision, "null: no tolerance")
+    offsets: tuple[RemainingOffsetEntry, ...] = of(
+        lambda verified: tuple(map(RemainingOffsetEntry.of, verified.offsets))
     )
-    remarks: tuple[str, ...] = at("found.compared.remarks")
-
-
-CONVENTION = "true position = believed position + d_rho; true length = nominal + d_L"
+    something_missing: bool = of(
+        lambda verified: verified.compared.after.solution.lacks_fit,
+        "more than noise is left: diagnose",
+    )
+    remarks: tuple[str, ...] = of(lambda verified: verified.compared.remarks)
 
 
 @dataclass(frozen=True)
@@ -386,21 +454,3 @@ class Offset:
     coverage_factor: float | None = None
     expanded_with_lack_of_fit: float | None = None
     expanded_with_tolerances: float | None = None
-
-
-class OffsetsReport(Report):
-    """``export --format json``: for another controller."""
-
-    schema_id: Literal["glidecal.offsets/1"] = schema("glidecal.offsets/1")
-    source: str = at("offsets.source")
-    made: str = at(
-        "offsets.made", "when measured, digests, program; empty where the source does not tell"
-    )
-    machine: str = at("offsets.machine.name")
-    convention: str = CONVENTION
-    unit: Literal["mm"] = "mm"
-    cautions: tuple[str, ...] = at("offsets.cautions", "the lines that solve says of this result")
-    parameters: dict[str, Offset] = at("offsets.parameters")
-    lines: tuple[LineEntry, ...] = at(
-        "offsets.lines", f"lines of the drives, which a controller may hold or not; {LINES}"
-    )

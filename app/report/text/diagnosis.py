@@ -323,12 +323,13 @@ def _values_and_gap(finding: Finding) -> list[str]:
 
 def discrepancy_text(discrepancy: ModelDiscrepancy) -> str:
     """The unnamed effect of the residuals, its values, and what it would take away."""
-    effect = discrepancy.effect
-    below = _values_and_gap(effect)
+    below = _values_and_gap(discrepancy)
     if discrepancy.held_out:
         below.append(held_out_words(discrepancy.held_out))
     begin = "What has no name is most likely this"
-    return "\n".join([f"{begin}: {effect.title}.", *(hanging(INDENT + v, INDENT) for v in below)])
+    return "\n".join(
+        [f"{begin}: {discrepancy.title}.", *(hanging(INDENT + v, INDENT) for v in below)]
+    )
 
 
 def held_out_words(gap: HeldOutGap) -> str:
@@ -535,7 +536,7 @@ def adopt_choices(diagnosed: SessionDiagnosis) -> list[tuple[str, str]]:
     choices = [(CORRECT, f"correct the readings in a new session: {mistakes}")] if mistakes else []
     choices += [("named", f"adopt {words}")] if named else []
     if diagnosis.left_over:
-        where = diagnosis.left_over.effect.where
+        where = diagnosis.left_over.where
         words_of_rest = (
             f"adopt {f'{words} and ' if named else ''}the rest as an unnamed effect ({where})"
         )

@@ -40,7 +40,7 @@ def diagnosis_text(name: str, diagnosis: HexaSlideDiagnosis) -> str:
         claims.add_row(_title(claim.causes), f"{100.0 * claim.weight:.0f} %")
     sizes = new_table("value", "size", "standard uncertainty", "unit")
     for size in diagnosis.sizes:
-        sizes.add_row(size.name, f"{size.value:.4g}", f"{size.uncertainty:.2g}", size.unit)
+        sizes.add_row(size.name, f"{size.value:.4g}", f"{size.standard_uncertainty:.2g}", size.unit)
     lines = [
         f"What is left, in variances of the noise: {diagnosis.gap_before:.3g} before (p = "
         f"{diagnosis.p_before:.2g}), {diagnosis.gap_after:.3g} after (p = {diagnosis.p_after:.2g})."

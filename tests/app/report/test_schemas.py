@@ -15,7 +15,7 @@ import pytest
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError
 
-from app.report.schema.document import Report, to_json
+from app.report.schema.document import Report, Source, to_json
 from app.report.schema.readings import outcome_report
 from app.report.schema.schemas import schemas
 from calib.diagnosis.results import Gap
@@ -129,15 +129,16 @@ def test_readings_and_faults_keep_their_schema() -> None:
 class Judgement(Report):
     """Of two kinds of figures: its own, and those of a result as it stands."""
 
-    gap: Gap
-    figure: float
+    of = Source[tuple[Gap, float]]()
+    gap: Gap = of(lambda judged: judged[0])
+    figure: float = of(lambda judged: judged[1])
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf])
 def test_no_figure_leaves_that_is_not_finite(wrong: float) -> None:
     gap = Gap(rms_mm=1.0, chi_square=1.0, degrees_of_freedom=1, p_value=0.5)
-    assert '"figure": 1.0' in to_json(Judgement.of(gap=gap, figure=1.0))
+    assert '"figure": 1.0' in to_json(Judgement.of((gap, 1.0)))
     with pytest.raises(ValueError, match="finite"):
-        Judgement.of(gap=gap, figure=wrong)
+        Judgement.of((gap, wrong))
     with pytest.raises(ValueError, match="JSON"):
-        to_json(Judgement.of(gap=Gap(wrong, 1.0, 1, 0.5), figure=1.0))
+        to_json(Judgement.of((Gap(wrong, 1.0, 1, 0.5), 1.0)))

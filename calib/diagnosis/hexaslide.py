@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from calib.hexaslide.procedures import COMPONENTS, Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings, postures_of, read_at, residuals
 from calib.posterior.gaussian import About
 from calib.posterior.race import Products, Race, RaceEntry
+from calib.quantity import Quantity
 from calib.stats import variance_ratio_p_value
 
 FEWEST_SPARE = 8
@@ -72,10 +73,10 @@ class HexaSlideCause:
 class CauseSize:
     """A value of what is named, else of the heaviest claim, in its unit."""
 
-    name: str
-    value: float
-    standard_uncertainty: float
-    unit: str
+    name: Annotated[str, Quantity("value")]
+    value: Annotated[float, Quantity("size", kind="measured")]
+    standard_uncertainty: Annotated[float, Quantity("standard uncertainty", kind="uncertainty")]
+    unit: Annotated[str, Quantity("unit")]
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
 from calib.arrays import IntArray, Observations
+from calib.quantity import INTERNAL, Internal, Quantity
 from calib.tripod.effects.effect import EffectInstance
 
 Verdict = Literal[
     "agrees", "explained", "ambiguous", "partly-explained", "unexplained", "cannot-tell"
 ]
+
+
+Effects = Annotated[tuple[EffectInstance, ...], Internal()]
 
 
 @dataclass(frozen=True)
@@ -68,7 +72,7 @@ class Value:
 class Finding:
     """An effect or a gross error that was named, and what adopting it does to the gap.
 
-    ``probability`` is that of the name at this place.
+    A ``where`` with commas lists legs or places that have values of their own.
     """
 
     id: str
@@ -76,37 +80,38 @@ class Finding:
     title: str
     where: str
     parameters: tuple[Value, ...]
-    probability: float
+    probability: Annotated[float, Quantity(words="of this name at this place")]
     gap_rms_before_mm: float
     gap_rms_after_mm: float
     indistinguishable_from: tuple[Named, ...] = ()
-    effects: tuple[EffectInstance, ...] = field(default=(), repr=False)
+    effects: Effects = field(default=(), repr=False, metadata=INTERNAL)
 
 
 @dataclass(frozen=True)
 class ModelDiscrepancy(Finding):
     """What is left without a name, as an unnamed law; beside it the gap that it did not see."""
 
-    held_out: HeldOutGap | None = None
+    held_out_gap: HeldOutGap | None = None
 
 
 @dataclass(frozen=True)
 class Contender:
     """An effect and place that may act, and why it is not named.
 
-    ``probability`` is that of the name at this place, whatever acts beside it; ``explained`` is the
-    part of the gap's square that it takes away alone, between 0 and 1.
+    ``explained`` is the part of the gap's square that it takes away alone, between 0 and 1.
     """
 
     id: str
     where: str
     parameters: tuple[Value, ...]
-    probability: float
+    probability: Annotated[
+        float, Quantity(words="of this name at this place, whatever acts beside it")
+    ]
     gap_rms_after_mm: float
-    explained: float
+    explained: float = field(metadata=INTERNAL)
     held_out_gap_rms_mm: float | None
     reason_rejected: str
-    effects: tuple[EffectInstance, ...] = field(default=(), repr=False)
+    effects: Effects = field(default=(), repr=False, metadata=INTERNAL)
 
 
 @dataclass(frozen=True)
@@ -123,9 +128,9 @@ class HeldOutGap:
 class Detectable:
     """The size of an effect that would have been found nine times of ten."""
 
-    id: str
-    size: float
-    unit: str
+    id: Annotated[str, Quantity("would have been found")]
+    size: Annotated[float, Quantity("from", kind="two-digit")]
+    unit: Annotated[str, Quantity("")]
 
 
 SEEN = 2.0

@@ -25,12 +25,12 @@ class MoveEntry(Report):
     """By what one end of a rail is to be moved, positive towards the positive axis, mm."""
 
     of = Source[Shim]()
-    rail: str = of(lambda shim: LEG_NAMES[shim.rail])
-    support_mm: float = of(lambda shim: shim.support_mm)
-    towards: str = of(lambda shim: LEG_NAMES[shim.towards])
-    move_mm: float = of(lambda shim: shim.move_mm)
-    expanded_mm: float = of(lambda shim: shim.expanded_mm)
-    needed: bool = of(lambda shim: shim.needed)
+    rail: str = of(lambda r: LEG_NAMES[r.rail])
+    support_mm: float = of(lambda r: r.support_mm)
+    towards: str = of(lambda r: LEG_NAMES[r.towards])
+    move_mm: float = of(lambda r: r.move_mm)
+    expanded_mm: float = of(lambda r: r.expanded_mm)
+    needed: bool = of(lambda r: r.needed)
 
 
 def _leans(alignment: Alignment) -> tuple[FigureEntry, ...]:
@@ -58,17 +58,14 @@ class AlignmentReport(Report):
 
     of = Source[AlignmentResults]()
     schema_id: Literal["glidecal.alignment/1"] = schema("glidecal.alignment/1")
-    session: str = of(lambda results: results.session)
-    reference: str = of(lambda results: results.aligned.reference, "the rail that stays")
+    session: str = of(lambda r: r.session)
+    reference: str = of(lambda r: r.aligned.reference, "the rail that stays")
     squareness_mrad: tuple[FigureEntry, ...] = of(
-        lambda results: _leans(results.aligned.found), "positive: less than a right angle"
+        lambda r: _leans(r.aligned.found), "positive: less than a right angle"
     )
     distance_mm: tuple[FigureEntry, ...] = of(
-        lambda results: _distances(results.aligned.found),
-        "the first lies so much further along the third axis",
+        lambda r: _distances(r.aligned.found), "the first lies so much further along the third axis"
     )
-    moves: tuple[MoveEntry, ...] = of(
-        lambda results: tuple(map(MoveEntry.of, results.aligned.shims))
-    )
-    left_mm: float = of(lambda results: results.aligned.found.left_mm, "r.m.s. that the fit leaves")
-    noise_mm: float = of(lambda results: results.aligned.found.noise_mm, "of a reading")
+    moves: tuple[MoveEntry, ...] = of(lambda r: tuple(map(MoveEntry.of, r.aligned.shims)))
+    left_mm: float = of(lambda r: r.aligned.found.left_mm, "r.m.s. that the fit leaves")
+    noise_mm: float = of(lambda r: r.aligned.found.noise_mm, "of a reading")

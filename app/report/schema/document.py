@@ -85,12 +85,6 @@ def schema(name: str) -> Any:  # noqa: ANN401 (a Literal)
     return Field(default=name, serialization_alias="schema")
 
 
-def rows(kind: Callable[..., R], names: Iterable[str], *columns: FloatArray) -> dict[str, R]:
-    """A row for each name out of columns ``(n,)``."""
-    lists = (column.tolist() for column in columns)
-    return {name: kind(*row) for name, *row in zip(names, *lists, strict=True)}
-
-
 def maybe(part: Callable[[S], V], result: S | None) -> V | None:
     """The part of a result; None where there is none."""
     return None if result is None else part(result)

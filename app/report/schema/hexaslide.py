@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from app.planning.hexaslide import CalibratedMachine, VerifiedMachine
-from app.report.schema.document import LackOfFitEntry, Report, Source, maybe, rows, schema
-from app.report.schema.identifiability import DirectionEntry, SeenReport
+from app.report.schema.document import LackOfFitEntry, Report, Source, maybe, schema
+from app.report.schema.identifiability import SeenReport
 from calib.design.criteria import Criterion, Observability
 from calib.design.identifiability import ClassicalQr, Combination
 from calib.hexaslide.checked import PAIRS, AgainstTruth, FramesApart, HeldOut, inner_lengths
@@ -18,6 +18,7 @@ from calib.hexaslide.platform import PlatformError
 from calib.hexaslide.procedures import ANGLES, ProcedureKind
 from calib.hexaslide.residuals import Residuals
 from calib.hexaslide.search import BestPostures
+from calib.quantity import rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,20 +28,11 @@ class LostCombination(Combination):
     at_every_posture: bool
 
 
-def _lost(view: HexaSlideSeen) -> tuple[HexaSlideDirection, ...]:
+def _lost(view: HexaSlideSeen) -> tuple[LostCombination, ...]:
     return tuple(
-        HexaSlideDirection.of(
-            LostCombination(**vars(lost), at_every_posture=lost.name in view.always)
-        )
+        LostCombination(**vars(lost), at_every_posture=lost.name in view.always)
         for lost in view.seen.unidentifiable
     )
-
-
-class HexaSlideDirection(DirectionEntry):
-    """A lost combination, whole; other postures may show it."""
-
-    of = Source[LostCombination]()  # type: ignore[assignment] # reads more
-    at_every_posture: bool = of(lambda lost: lost.at_every_posture)
 
 
 class ForwardDifferences(Report):
@@ -48,18 +40,14 @@ class ForwardDifferences(Report):
 
     of = Source[PaperRule]()
     step_m: float = DIFFERENCE_STEP
-    postures: int = of(lambda rule: rule.posture_count)
-    row_count: int = of(lambda rule: rule.row_count)
-    rank: int = of(lambda rule: rule.counted, "what the rule counts")
-    true_rank: int = of(lambda rule: rule.rank)
-    decided_by: Literal["geometry", "rows", "parameters", "postures"] = of(
-        lambda rule: rule.decided_by
-    )
-    tolerance: float = of(lambda rule: rule.qr.tolerance)
-    flagged: tuple[str, ...] = of(lambda rule: rule.qr.flagged)
-    errors_in_tolerances: tuple[float, float] | None = of(
-        lambda rule: rule.errors, "least and largest"
-    )
+    postures: int = of(lambda r: r.posture_count)
+    row_count: int = of(lambda r: r.row_count)
+    rank: int = of(lambda r: r.counted, "what the rule counts")
+    true_rank: int = of(lambda r: r.rank)
+    decided_by: Literal["geometry", "rows", "parameters", "postures"] = of(lambda r: r.decided_by)
+    tolerance: float = of(lambda r: r.qr.tolerance)
+    flagged: tuple[str, ...] = of(lambda r: r.qr.flagged)
+    errors_in_tolerances: tuple[float, float] | None = of(lambda r: r.errors, "least and largest")
 
 
 @dataclass(frozen=True)
@@ -81,15 +69,14 @@ class HexaSlideIdentifiabilityReport(SeenReport):
     """``identifiability hexaslide --json``."""
 
     of = Source[HexaSlideSeen]()
-    lost_directions: tuple[HexaSlideDirection, ...] = of(_lost)
+    lost_directions: tuple[LostCombination, ...] = of(_lost)
     classical_qr: PaperRules = of(rules_of)
     reachable_rank: int | None = of(
-        lambda view: view.seen.examined.reachable_rank, "with postures enough"
+        lambda r: r.seen.examined.reachable_rank, "with postures enough"
     )
-    condition_numbers: dict[str, float] = of(lambda view: view.conditions, "by units, and without")
+    condition_numbers: dict[str, float] = of(lambda r: r.conditions, "by units, and without")
     parameter_units: dict[str, str] = of(
-        lambda view: {name: unit_of(name) for name in view.seen.found.names},
-        "of rails' components m/m",
+        lambda r: {name: unit_of(name) for name in r.seen.found.names}, "of rails' components m/m"
     )
 
 
@@ -99,29 +86,29 @@ class HexaSlidePosturesReport(Report):
     of = Source[BestPostures]()
     schema_id: Literal["glidecal.postures/1"] = schema("glidecal.postures/1")
     machine: Literal["hexaslide"] = "hexaslide"
-    procedure: ProcedureKind = of(lambda best: best.procedure.kind)
-    measured: tuple[str, ...] = of(lambda best: best.procedure.read)
-    count: int = of(lambda best: len(best.refined.coordinates))
-    criterion: Criterion = of(lambda best: best.search.criterion)
-    value: float = of(lambda best: best.refined.value)
-    start_value: float = of(lambda best: best.refined.start_value)
-    rank: int = of(lambda best: best.rank, "combinations that are judged")
-    reachable_rank: int = of(lambda best: best.reachable_rank, "those that more postures may show")
-    condition_number: float = of(lambda best: best.condition_number)
-    start_condition_number: float = of(lambda best: best.start_condition_number)
-    published_criteria: Observability = of(lambda best: best.found)
-    start_published_criteria: Observability = of(lambda best: best.start)
-    units: str = of(lambda best: best.units)
-    space: Literal["box", "joints"] = of(lambda best: best.space, "where the search moved")
-    postures: tuple[dict[str, float], ...] = of(lambda best: best.postures)
-    coordinates_on_bound: int = of(lambda best: best.refined.on_bound)
-    start_coordinates_on_bound: int = of(lambda best: best.start_on_bound)
-    source: str = of(lambda best: best.search.source, "of the first start")
-    seconds: float = of(lambda best: best.seconds)
-    starts: int = of(lambda best: len(best.values))
-    values_of_starts: tuple[float, ...] = of(lambda best: best.values)
-    asked_starts: int = of(lambda best: best.search.starts, "more than starts: it was stopped")
-    seed: int = of(lambda best: best.search.seed)
+    procedure: ProcedureKind = of(lambda r: r.procedure.kind)
+    measured: tuple[str, ...] = of(lambda r: r.procedure.read)
+    count: int = of(lambda r: len(r.refined.coordinates))
+    criterion: Criterion = of(lambda r: r.search.criterion)
+    value: float = of(lambda r: r.refined.value)
+    start_value: float = of(lambda r: r.refined.start_value)
+    rank: int = of(lambda r: r.rank, "combinations that are judged")
+    reachable_rank: int = of(lambda r: r.reachable_rank, "those that more postures may show")
+    condition_number: float = of(lambda r: r.condition_number)
+    start_condition_number: float = of(lambda r: r.start_condition_number)
+    published_criteria: Observability = of(lambda r: r.found)
+    start_published_criteria: Observability = of(lambda r: r.start)
+    units: str = of(lambda r: r.units)
+    space: Literal["box", "joints"] = of(lambda r: r.space, "where the search moved")
+    postures: tuple[dict[str, float], ...] = of(lambda r: r.postures)
+    coordinates_on_bound: int = of(lambda r: r.refined.on_bound)
+    start_coordinates_on_bound: int = of(lambda r: r.start_on_bound)
+    source: str = of(lambda r: r.search.source, "of the first start")
+    seconds: float = of(lambda r: r.seconds)
+    starts: int = of(lambda r: len(r.values))
+    values_of_starts: tuple[float, ...] = of(lambda r: r.values)
+    asked_starts: int = of(lambda r: r.search.starts, "more than starts: it was stopped")
+    seed: int = of(lambda r: r.search.seed)
 
 
 @dataclass(frozen=True)
@@ -141,12 +128,10 @@ class PosturesUsed(Report):
     """How many were measured and fitted, which kept out as a check, how many are needed."""
 
     of = Source[CalibratedMachine]()
-    count: int = of(lambda solved: len(solved.source.postures))
-    fitted: int = of(lambda solved: len(solved.numbers))
-    held_out: tuple[int, ...] = of(
-        lambda solved: solved.held_out.numbers if solved.held_out else ()
-    )
-    fewest: int = of(lambda solved: solved.fewest)
+    count: int = of(lambda r: len(r.source.postures))
+    fitted: int = of(lambda r: len(r.numbers))
+    held_out: tuple[int, ...] = of(lambda r: r.held_out.numbers if r.held_out else ())
+    fewest: int = of(lambda r: r.fewest)
 
 
 @dataclass(frozen=True)
@@ -258,9 +243,9 @@ class ResidualReport(Report):
     """Shares of what is left."""
 
     of = Source[CalibratedMachine]()
-    by_component: tuple[ComponentResidual, ...] = of(lambda solved: _by_component(solved))
+    by_component: tuple[ComponentResidual, ...] = of(lambda r: _by_component(r))
     by_posture: tuple[PostureResidual, ...] = of(
-        lambda solved: tuple(map(PostureResidual, solved.numbers, solved.by_posture.tolist()))
+        lambda r: tuple(map(PostureResidual, r.numbers, r.by_posture.tolist()))
     )
     effects: tuple[str, ...] = ()
     remark: str = (
@@ -273,50 +258,46 @@ class HeldOutReport(Report):
     """At the postures kept out of the fit."""
 
     of = Source[HeldOut]()
-    rms_before: Rms = of(lambda held_out: _rms(held_out.before))
-    rms_after: Rms = of(lambda held_out: _rms(held_out.after))
+    rms_before: Rms = of(lambda r: _rms(r.before))
+    rms_after: Rms = of(lambda r: _rms(r.after))
 
 
 class MachineDistance(Report):
     """A machine against the true one; constant motions are laid over first."""
 
     of = Source[FramesApart]()
-    position_rms_mm: float = of(lambda apart: 1000.0 * apart.places_rms_m)
-    position_worst_mm: float = of(lambda apart: 1000.0 * apart.places_worst_m)
-    angle_rms_mrad: float = of(lambda apart: 1000.0 * apart.angles_rms_rad)
-    platform_frame_turned_mrad: float = of(lambda apart: 1000.0 * apart.turned_rad)
-    platform_frame_shifted_mm: float = of(lambda apart: 1000.0 * apart.shifted_m)
-    base_turned_mrad: float = of(lambda apart: 1000.0 * apart.base_turned_rad)
+    position_rms_mm: float = of(lambda r: 1000.0 * r.places_rms_m)
+    position_worst_mm: float = of(lambda r: 1000.0 * r.places_worst_m)
+    angle_rms_mrad: float = of(lambda r: 1000.0 * r.angles_rms_rad)
+    platform_frame_turned_mrad: float = of(lambda r: 1000.0 * r.turned_rad)
+    platform_frame_shifted_mm: float = of(lambda r: 1000.0 * r.shifted_m)
+    base_turned_mrad: float = of(lambda r: 1000.0 * r.base_turned_rad)
 
 
 class TruthReport(Report):
     """The nominal and the identified machine against the true one."""
 
     of = Source[AgainstTruth]()
-    postures: Literal["held out", "all"] = of(lambda truth: "held out" if truth.kept_out else "all")
-    before: MachineDistance = of(lambda truth: MachineDistance.of(truth.before))
-    after: MachineDistance = of(lambda truth: MachineDistance.of(truth.after))
-    individually_known_within_95_percent: int | None = of(lambda truth: truth.within)
-    individually_known_count: int = of(lambda truth: len(truth.misses))
-    individually_known_worst: float = of(lambda truth: float(abs(truth.misses).max(initial=0.0)))
-    inner_lengths_worst_mm: float = of(lambda truth: 1000.0 * float(abs(truth.inner_m).max()))
+    postures: Literal["held out", "all"] = of(lambda r: "held out" if r.kept_out else "all")
+    before: MachineDistance = of(lambda r: MachineDistance.of(r.before))
+    after: MachineDistance = of(lambda r: MachineDistance.of(r.after))
+    individually_known_within_95_percent: int | None = of(lambda r: r.within)
+    individually_known_count: int = of(lambda r: len(r.misses))
+    individually_known_worst: float = of(lambda r: float(abs(r.misses).max(initial=0.0)))
+    inner_lengths_worst_mm: float = of(lambda r: 1000.0 * float(abs(r.inner_m).max()))
 
 
 class PlatformReport(Report):
     """The platform's places over the box, frames laid over: off by now, and with the result."""
 
     of = Source[PlatformError]()
-    now_rms_mm: float = of(
-        lambda platform: 1000.0 * platform.now.places_rms_m, "off with the machine file"
-    )
-    now_worst_mm: float = of(lambda platform: 1000.0 * platform.now.places_worst_m)
+    now_rms_mm: float = of(lambda r: 1000.0 * r.now.places_rms_m, "off with the machine file")
+    now_worst_mm: float = of(lambda r: 1000.0 * r.now.places_worst_m)
     bound_rms_mm: float | None = of(
-        lambda platform: None if platform.bound_m is None else 1000.0 * platform.bound_m,
+        lambda r: None if r.bound_m is None else 1000.0 * r.bound_m,
         "off at most with the calibrated machine, 95 %; null where not known",
     )
-    left_open: int = of(
-        lambda platform: platform.left_open, "lost combinations that are no motions of frames"
-    )
+    left_open: int = of(lambda r: r.left_open, "lost combinations that are no motions of frames")
 
 
 class HexaSlideVerificationReport(Report):
@@ -326,16 +307,14 @@ class HexaSlideVerificationReport(Report):
     schema_id: Literal["glidecal.hexaslide-verification/1"] = schema(
         "glidecal.hexaslide-verification/1"
     )
-    before: str = of(lambda verified: verified.before.name)
-    after: str = of(lambda verified: verified.after.name)
-    platform_before: PlatformReport = of(
-        lambda verified: PlatformReport.of(verified.before.platform)
-    )
-    platform_after: PlatformReport = of(lambda verified: PlatformReport.of(verified.after.platform))
-    tolerance_mm: float | None = of(lambda verified: verified.tolerance_mm)
-    decision: Literal["pass", "fail", "undecided"] | None = of(lambda verified: verified.decision)
-    same_machine_file: bool = of(lambda verified: verified.same_machine, "nothing was entered")
-    lost_motions: tuple[str, ...] = of(lambda verified: verified.after.found.unidentifiable)
+    before: str = of(lambda r: r.before.name)
+    after: str = of(lambda r: r.after.name)
+    platform_before: PlatformReport = of(lambda r: PlatformReport.of(r.before.platform))
+    platform_after: PlatformReport = of(lambda r: PlatformReport.of(r.after.platform))
+    tolerance_mm: float | None = of(lambda r: r.tolerance_mm)
+    decision: Literal["pass", "fail", "undecided"] | None = of(lambda r: r.decision)
+    same_machine_file: bool = of(lambda r: r.same_machine, "nothing was entered")
+    lost_motions: tuple[str, ...] = of(lambda r: r.after.found.unidentifiable)
 
 
 class HexaSlideCalibrationReport(Report):
@@ -345,32 +324,30 @@ class HexaSlideCalibrationReport(Report):
     schema_id: Literal["glidecal.hexaslide-calibration/1"] = schema(
         "glidecal.hexaslide-calibration/1"
     )
-    measurements: str = of(lambda solved: solved.name)
-    origin: Literal["measured", "simulated"] = of(lambda solved: solved.source.origin)
-    seed: int | None = of(lambda solved: solved.source.seed)
-    machine: str = of(lambda solved: solved.source.machine.name)
-    machine_file: str = of(lambda solved: solved.source.machine_file)
-    procedure: ProcedureKind = of(lambda solved: solved.source.procedure)
-    measured: tuple[str, ...] = of(lambda solved: solved.source.measured)
-    postures: PosturesUsed = of(lambda solved: PosturesUsed.of(solved))
-    rank: int = of(lambda solved: solved.found.rank)
-    parameter_count: int = of(lambda solved: len(solved.found.names))
-    steps: int = of(lambda solved: solved.found.steps)
-    converged: bool = of(lambda solved: solved.found.converged)
-    rms_before: Rms = of(lambda solved: _rms(solved.found.before))
-    rms_after: Rms = of(lambda solved: _rms(solved.found.after))
-    noise: MeasuringNoiseEntry = of(lambda solved: _noise(solved))
-    lack_of_fit: LackOfFitEntry = of(lambda solved: _lack_of_fit(solved))
-    condition_number: float = of(lambda solved: solved.found.condition_number)
+    measurements: str = of(lambda r: r.name)
+    origin: Literal["measured", "simulated"] = of(lambda r: r.source.origin)
+    seed: int | None = of(lambda r: r.source.seed)
+    machine: str = of(lambda r: r.source.machine.name)
+    machine_file: str = of(lambda r: r.source.machine_file)
+    procedure: ProcedureKind = of(lambda r: r.source.procedure)
+    measured: tuple[str, ...] = of(lambda r: r.source.measured)
+    postures: PosturesUsed = of(lambda r: PosturesUsed.of(r))
+    rank: int = of(lambda r: r.found.rank)
+    parameter_count: int = of(lambda r: len(r.found.names))
+    steps: int = of(lambda r: r.found.steps)
+    converged: bool = of(lambda r: r.found.converged)
+    rms_before: Rms = of(lambda r: _rms(r.found.before))
+    rms_after: Rms = of(lambda r: _rms(r.found.after))
+    noise: MeasuringNoiseEntry = of(lambda r: _noise(r))
+    lack_of_fit: LackOfFitEntry = of(lambda r: _lack_of_fit(r))
+    condition_number: float = of(lambda r: r.found.condition_number)
     units: str = UNITS
-    parameters: dict[str, HexaSlideParameter] = of(lambda solved: _parameters(solved))
-    individually_known: tuple[str, ...] = of(lambda solved: solved.found.known)
-    lost_motions: tuple[str, ...] = of(lambda solved: solved.found.unidentifiable)
-    lost_count: int = of(lambda solved: solved.found.unidentifiable_count)
-    platform: PlatformReport = of(lambda solved: PlatformReport.of(solved.platform))
-    inner_lengths: dict[str, InnerLength] = of(
-        lambda solved: _inner(solved), "26 that no frame changes"
-    )
-    residuals: ResidualReport = of(lambda solved: ResidualReport.of(solved))
-    held_out: HeldOutReport | None = of(lambda solved: maybe(HeldOutReport.of, solved.held_out))
-    truth: TruthReport | None = of(lambda solved: maybe(TruthReport.of, solved.truth))
+    parameters: dict[str, HexaSlideParameter] = of(lambda r: _parameters(r))
+    individually_known: tuple[str, ...] = of(lambda r: r.found.known)
+    lost_motions: tuple[str, ...] = of(lambda r: r.found.unidentifiable)
+    lost_count: int = of(lambda r: r.found.unidentifiable_count)
+    platform: PlatformReport = of(lambda r: PlatformReport.of(r.platform))
+    inner_lengths: dict[str, InnerLength] = of(lambda r: _inner(r), "26 that no frame changes")
+    residuals: ResidualReport = of(lambda r: ResidualReport.of(r))
+    held_out: HeldOutReport | None = of(lambda r: maybe(HeldOutReport.of, r.held_out))
+    truth: TruthReport | None = of(lambda r: maybe(TruthReport.of, r.truth))

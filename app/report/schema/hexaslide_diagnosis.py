@@ -22,9 +22,9 @@ class MissingTogether(Report):
 
     of = Source[HexaSlideClaim]()
     causes: tuple[MissingEntry, ...] = of(
-        lambda claim: tuple(MissingEntry(*cause) for cause in claim.causes)
+        lambda r: tuple(MissingEntry(*cause) for cause in r.causes)
     )
-    weight: float = of(lambda claim: claim.weight)
+    weight: float = of(lambda r: r.weight)
 
 
 @dataclass(frozen=True)
@@ -40,28 +40,25 @@ class HexaSlideDiagnosisReport(Report):
 
     of = Source[DiagnosedPostures]()
     schema_id: Literal["glidecal.hexaslide-diagnosis/1"] = schema("glidecal.hexaslide-diagnosis/1")
-    session: str = of(lambda diagnosed: diagnosed.name)
+    session: str = of(lambda r: r.name)
     verdict: Literal["agrees", "explained", "ambiguous", "unexplained", "cannot-tell"] = of(
-        lambda diagnosed: diagnosed.diagnosis.verdict
+        lambda r: r.diagnosis.verdict
     )
     named: tuple[MissingTogether, ...] = of(
-        lambda diagnosed: tuple(map(MissingTogether.of, diagnosed.diagnosis.named))
+        lambda r: tuple(map(MissingTogether.of, r.diagnosis.named))
     )
     claims: tuple[MissingTogether, ...] = of(
-        lambda diagnosed: tuple(map(MissingTogether.of, diagnosed.diagnosis.claims)),
-        "99 % of all weight",
+        lambda r: tuple(map(MissingTogether.of, r.diagnosis.claims)), "99 % of all weight"
     )
-    sizes: tuple[CauseSize, ...] = of(lambda diagnosed: diagnosed.diagnosis.sizes)
+    sizes: tuple[CauseSize, ...] = of(lambda r: r.diagnosis.sizes)
     platform_rms_mm: float = of(
-        lambda diagnosed: 1000.0 * diagnosed.diagnosis.platform_m, "that no parameter takes over"
+        lambda r: 1000.0 * r.diagnosis.platform_m, "that no parameter takes over"
     )
     mean_square_before: float = of(
-        lambda diagnosed: diagnosed.diagnosis.gap_before, "in variances of the stated noise"
+        lambda r: r.diagnosis.gap_before, "in variances of the stated noise"
     )
-    p_value_before: float = of(lambda diagnosed: diagnosed.diagnosis.p_before)
-    mean_square_after: float = of(lambda diagnosed: diagnosed.diagnosis.gap_after)
-    p_value_after: float = of(lambda diagnosed: diagnosed.diagnosis.p_after)
-    spare_readings: int = of(
-        lambda diagnosed: diagnosed.diagnosis.spare, "beyond what parameters take"
-    )
-    lost_motions: tuple[str, ...] = of(lambda diagnosed: diagnosed.diagnosis.unidentifiable)
+    p_value_before: float = of(lambda r: r.diagnosis.p_before)
+    mean_square_after: float = of(lambda r: r.diagnosis.gap_after)
+    p_value_after: float = of(lambda r: r.diagnosis.p_after)
+    spare_readings: int = of(lambda r: r.diagnosis.spare, "beyond what parameters take")
+    lost_motions: tuple[str, ...] = of(lambda r: r.diagnosis.unidentifiable)

@@ -46,16 +46,12 @@ class HexaSlideReplayReport(Report):
 
     of = Source[ReplayedPostures]()
     schema_id: Literal["glidecal.hexaslide-replay/1"] = schema("glidecal.hexaslide-replay/1")
-    session: str = of(lambda replayed: replayed.session.name)
-    machine: str = of(lambda replayed: replayed.session.opened.machine.name)
-    procedure: str = of(lambda replayed: replayed.session.opened.procedure.name)
-    measured: tuple[str, ...] = of(
-        lambda replayed: replayed.session.opened.procedure.whole().measured
-    )
-    origin: Literal["measured", "simulated", "imported"] = of(
-        lambda replayed: replayed.session.opened.origin
-    )
-    end: Literal["closed", "open", "torn"] = of(lambda replayed: replayed.end)
-    readings: tuple[ReplayedPosture, ...] = of(lambda replayed: _replayed(replayed.session))
-    skipped: dict[int, str] = of(lambda replayed: replayed.session.skipped)
-    notes: tuple[str, ...] = of(lambda replayed: replayed.session.notes)
+    session: str = of(lambda r: r.session.name)
+    machine: str = of(lambda r: r.session.opened.machine.name)
+    procedure: str = of(lambda r: r.session.opened.procedure.name)
+    measured: tuple[str, ...] = of(lambda r: r.session.opened.procedure.whole().measured)
+    origin: Literal["measured", "simulated", "imported"] = of(lambda r: r.session.opened.origin)
+    end: Literal["closed", "open", "torn"] = of(lambda r: r.end)
+    readings: tuple[ReplayedPosture, ...] = of(lambda r: _replayed(r.session))
+    skipped: dict[int, str] = of(lambda r: r.session.skipped)
+    notes: tuple[str, ...] = of(lambda r: r.session.notes)

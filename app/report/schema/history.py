@@ -16,76 +16,67 @@ class PastSession(Report):
     """One session; offsets with what was entered before added, mm."""
 
     of = Source[Point]()
-    session: str = of(lambda point: point.path.name)
-    began: datetime = of(lambda point: point.entry.began)
+    session: str = of(lambda r: r.path.name)
+    began: datetime = of(lambda r: r.entry.began)
     event: str = of(
-        lambda point: point.event,
-        "what changed before it, as the records tell; empty: nothing known",
+        lambda r: r.event, "what changed before it, as the records tell; empty: nothing known"
     )
     offsets_mm: Triple = of(
-        lambda point: cast("Triple", point.entry.offsets_mm),
-        "d_rho of joints x, y, z plus entered offsets",
+        lambda r: cast("Triple", r.entry.offsets_mm), "d_rho of joints x, y, z plus entered offsets"
     )
     expanded_mm: Triple = of(
-        lambda point: cast("Triple", point.entry.expanded_mm), "expanded uncertainties (95 %)"
+        lambda r: cast("Triple", r.entry.expanded_mm), "expanded uncertainties (95 %)"
     )
-    tool_bound_mm: float = of(
-        lambda point: point.entry.bound_before_mm, "r.m.s., as the machine was found"
-    )
-    temperature_c: float | None = of(lambda point: point.entry.temperature_c)
-    effects: tuple[str, ...] | None = of(lambda point: point.entry.effects, "null: not diagnosed")
+    tool_bound_mm: float = of(lambda r: r.entry.bound_before_mm, "r.m.s., as the machine was found")
+    temperature_c: float | None = of(lambda r: r.entry.temperature_c)
+    effects: tuple[str, ...] | None = of(lambda r: r.entry.effects, "null: not diagnosed")
 
 
 class Steady(Report):
     """mm per day with its expanded uncertainty (95 %); ``shown`` where it is beyond that."""
 
     of = Source[Drift]()
-    per_day: float = of(lambda drift: drift.per_day)
-    expanded: float = of(lambda drift: drift.expanded)
-    shown: bool = of(lambda drift: drift.shown)
+    per_day: float = of(lambda r: r.per_day)
+    expanded: float = of(lambda r: r.expanded)
+    shown: bool = of(lambda r: r.shown)
 
 
 class WatchedJoint(Report):
     """Control chart of one joint offset, a value for each session."""
 
     of = Source[Watched]()
-    change_mm: Numbers = of(lambda joint: joint.change.tolist(), "from the first session")
+    change_mm: Numbers = of(lambda r: r.change.tolist(), "from the first session")
     changed: list[bool] = of(
-        lambda joint: joint.chart.changed.tolist(), "beyond its uncertainty and the limits so far"
+        lambda r: r.chart.changed.tolist(), "beyond its uncertainty and the limits so far"
     )
     centre_mm: Numbers = of(
-        lambda joint: joint.chart.centre.tolist(), "mean of the phase that the session is in"
+        lambda r: r.chart.centre.tolist(), "mean of the phase that the session is in"
     )
     limit_mm: list[float | None] = of(
-        lambda joint: [finite(value) for value in joint.chart.limit.tolist()],
+        lambda r: [finite(value) for value in r.chart.limit.tolist()],
         "limits from it; null for a phase of one session",
     )
     signals: list[list[int]] = of(
-        lambda joint: [[*numbers] for numbers in joint.chart.signals],
+        lambda r: [[*numbers] for numbers in r.chart.signals],
         "Western Electric rules, 1 to 4, that a value completes",
     )
-    drift: Steady | None = of(lambda joint: maybe(Steady.of, joint.drift))
+    drift: Steady | None = of(lambda r: maybe(Steady.of, r.drift))
 
 
 class PastMachine(Report):
     """Sessions of one machine by their date."""
 
     of = Source[MachineHistory]()
-    machine: str = of(lambda machine: machine.machine)
+    machine: str = of(lambda r: r.machine)
     origin: str = of(
-        lambda machine: machine.origin,
-        "measured, simulated or imported: each has a history of its own",
+        lambda r: r.origin, "measured, simulated or imported: each has a history of its own"
     )
-    sessions: tuple[PastSession, ...] = of(
-        lambda machine: tuple(map(PastSession.of, machine.points))
-    )
-    days: tuple[float, ...] = of(lambda machine: machine.days, "since the first session")
+    sessions: tuple[PastSession, ...] = of(lambda r: tuple(map(PastSession.of, r.points)))
+    days: tuple[float, ...] = of(lambda r: r.days, "since the first session")
     joints: tuple[WatchedJoint, ...] = of(
-        lambda machine: tuple(map(WatchedJoint.of, machine.joints)), "x, y, z"
+        lambda r: tuple(map(WatchedJoint.of, r.joints)), "x, y, z"
     )
-    due: datetime | None = of(
-        lambda machine: machine.due, "null: no drift, no tolerance or no end to be seen"
-    )
+    due: datetime | None = of(lambda r: r.due, "null: no drift, no tolerance or no end to be seen")
 
 
 @dataclass(frozen=True)
@@ -101,10 +92,8 @@ class HistoryReport(Report):
 
     of = Source[History]()
     schema_id: Literal["glidecal.history/1"] = schema("glidecal.history/1")
-    folder: str = of(lambda history: str(history.folder))
-    machines: tuple[PastMachine, ...] = of(
-        lambda history: tuple(map(PastMachine.of, history.machines))
-    )
+    folder: str = of(lambda r: str(r.folder))
+    machines: tuple[PastMachine, ...] = of(lambda r: tuple(map(PastMachine.of, r.machines)))
     problems: list[Unusable] = of(
-        lambda history: [Unusable(str(path), text) for path, text in history.problems]
+        lambda r: [Unusable(str(path), text) for path, text in r.problems]
     )

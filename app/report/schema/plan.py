@@ -21,23 +21,17 @@ class ProposalEntry(Report):
     """
 
     of = Source[Proposal]()
-    words: str = of(lambda proposal: proposal.candidate.words)
-    legs: tuple[str, ...] = of(lambda proposal: proposal.candidate.legs)
-    station: float = of(lambda proposal: proposal.candidate.station)
-    displacements_mm: tuple[float, ...] = of(lambda proposal: proposal.candidate.levels_mm)
-    cycles: int = of(
-        lambda proposal: proposal.candidate.cycles, "where there are several, each begins at Zero"
-    )
-    entered_mm: tuple[float, float, float] = of(
-        lambda proposal: proposal.candidate.preparation.entered_mm
-    )
-    load: float = of(lambda proposal: proposal.candidate.preparation.load)
-    protocol: str = of(
-        lambda proposal: proposal.candidate.text, "a procedure file, or the name of one"
-    )
-    minutes: float = of(lambda proposal: proposal.candidate.minutes)
-    bound_mm: float = of(lambda proposal: proposal.bound_mm)
-    gain_mm_per_minute: float = of(lambda proposal: proposal.gain_mm_per_minute)
+    words: str = of(lambda r: r.candidate.words)
+    legs: tuple[str, ...] = of(lambda r: r.candidate.legs)
+    station: float = of(lambda r: r.candidate.station)
+    displacements_mm: tuple[float, ...] = of(lambda r: r.candidate.levels_mm)
+    cycles: int = of(lambda r: r.candidate.cycles, "where there are several, each begins at Zero")
+    entered_mm: tuple[float, float, float] = of(lambda r: r.candidate.preparation.entered_mm)
+    load: float = of(lambda r: r.candidate.preparation.load)
+    protocol: str = of(lambda r: r.candidate.text, "a procedure file, or the name of one")
+    minutes: float = of(lambda r: r.candidate.minutes)
+    bound_mm: float = of(lambda r: r.bound_mm)
+    gain_mm_per_minute: float = of(lambda r: r.gain_mm_per_minute)
 
 
 class PlanReport(Report):
@@ -45,32 +39,27 @@ class PlanReport(Report):
 
     of = Source[MeasurementPlan]()
     schema_id: Literal["glidecal.plan/1"] = schema("glidecal.plan/1")
-    sessions: tuple[str, ...] = of(lambda plan: plan.sessions)
-    machine: str = of(lambda plan: plan.machine)
-    frame: Frame = of(lambda plan: plan.planner.correction.frame)
-    holds: Holds = of(lambda plan: plan.planner.correction.holds)
-    noise: str = of(lambda plan: plan.noise_words)
-    noise_mm: float = of(
-        lambda plan: plan.planner.forecast.noise_mm, "standard deviation of a reading"
-    )
+    sessions: tuple[str, ...] = of(lambda r: r.sessions)
+    machine: str = of(lambda r: r.machine)
+    frame: Frame = of(lambda r: r.planner.correction.frame)
+    holds: Holds = of(lambda r: r.planner.correction.holds)
+    noise: str = of(lambda r: r.noise_words)
+    noise_mm: float = of(lambda r: r.planner.forecast.noise_mm, "standard deviation of a reading")
     bound_mm: float = of(
-        lambda plan: plan.planner.bound_mm,
+        lambda r: r.planner.bound_mm,
         "what the tool is off by at most now (95 %) with the values that are known entered",
     )
-    next: ProposalEntry = of(lambda plan: ProposalEntry.of(plan.best))
-    runners_up: tuple[ProposalEntry, ...] = of(
-        lambda plan: tuple(map(ProposalEntry.of, plan.runners_up))
-    )
-    more_helps: bool = of(lambda plan: plan.planner.more_helps, "any lowers the bound by a tenth")
+    next: ProposalEntry = of(lambda r: ProposalEntry.of(r.best))
+    runners_up: tuple[ProposalEntry, ...] = of(lambda r: tuple(map(ProposalEntry.of, r.runners_up)))
+    more_helps: bool = of(lambda r: r.planner.more_helps, "any lowers the bound by a tenth")
     separation: SeparationEntry | None = of(
-        lambda plan: maybe(SeparationEntry.of, plan.planner.separation)
+        lambda r: maybe(SeparationEntry.of, r.planner.separation)
     )
     outside: Outside | None = of(
-        lambda plan: plan.planner.outside,
-        "where legs do not show the larger part of the bound's square",
+        lambda r: r.planner.outside, "where legs do not show the larger part of the bound's square"
     )
     further: tuple[FurtherSetUp, ...] = of(
-        lambda plan: plan.planner.reach.further,
+        lambda r: r.planner.reach.further,
         "set-ups in turn, each with the bound after it; no more are worth it",
     )
     stations: tuple[float, ...] = STATIONS

@@ -5,16 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from app.report.schema.document import (
-    Holes,
-    Matrix,
-    Numbers,
-    Report,
-    Source,
-    holes,
-    maybe,
-    schema,
-)
+from app.report.schema.document import Holes, Matrix, Numbers, Report, Source, holes, maybe, schema
 from app.report.schema.identifiability import SeenReport
 from calib.design.criteria import Criterion
 from calib.design.identifiability import SeenBy
@@ -37,12 +28,10 @@ class IdentifiabilityReport(SeenReport):
 
     of = Source[IdentifiabilityResults]()
     expected: tuple[ExpectedParameter, ...] | None = of(
-        lambda result: result.expected.parameters,
-        "of tripods",
-        asked=True,
+        lambda r: r.expected.parameters, "of tripods", asked=True
     )
     expected_tool_bound_mm: float | None = of(
-        lambda result: result.expected.bound_mm,
+        lambda r: r.expected.bound_mm,
         "joint offsets entered, touched off, if readings show nothing else",
         asked=True,
     )
@@ -53,50 +42,50 @@ class PosturesReport(Report):
 
     of = Source[ChosenPostures]()
     schema_id: Literal["glidecal.postures/1"] = schema("glidecal.postures/1")
-    machine: str = of(lambda chosen: chosen.machine)
-    procedure: str = of(lambda chosen: chosen.procedure)
-    count: int = of(lambda chosen: chosen.after.count)
-    criterion: Criterion = of(lambda chosen: chosen.criterion)
-    value: float | None = of(lambda chosen: chosen.after.value)
-    procedure_value: float | None = of(lambda chosen: chosen.before.value)
+    machine: str = of(lambda r: r.machine)
+    procedure: str = of(lambda r: r.procedure)
+    count: int = of(lambda r: r.after.count)
+    criterion: Criterion = of(lambda r: r.criterion)
+    value: float | None = of(lambda r: r.after.value)
+    procedure_value: float | None = of(lambda r: r.before.value)
     grid_value: float | None = of(
-        lambda chosen: chosen.grid_value, "before the postures left the grid; null with --no-refine"
+        lambda r: r.grid_value, "before the postures left the grid; null with --no-refine"
     )
-    condition_number: float | None = of(lambda chosen: chosen.after.condition_number)
+    condition_number: float | None = of(lambda r: r.after.condition_number)
     start_condition_number: float | None = of(
-        lambda chosen: chosen.start_condition_number,
+        lambda r: r.start_condition_number,
         "of the random start that won; null where it did not see everything",
     )
-    procedure_condition_number: float | None = of(lambda chosen: chosen.before.condition_number)
-    tool_mm: float | None = of(lambda chosen: chosen.after.tool_mm)
-    minutes: float = of(lambda chosen: chosen.after.minutes)
+    procedure_condition_number: float | None = of(lambda r: r.before.condition_number)
+    tool_mm: float | None = of(lambda r: r.after.tool_mm)
+    minutes: float = of(lambda r: r.after.minutes)
     postures: tuple[dict[str, float | str], ...] = of(
-        lambda chosen: chosen.postures, "leg, station, displacement_mm, approach"
+        lambda r: r.postures, "leg, station, displacement_mm, approach"
     )
-    coordinates_on_bound: int = of(lambda chosen: chosen.coordinates_on_bound)
-    exchanges: int = of(lambda chosen: chosen.exchanges)
-    seconds: float = of(lambda chosen: chosen.seconds)
-    starts: int = of(lambda chosen: chosen.starts)
-    seed: int = of(lambda chosen: chosen.seed)
+    coordinates_on_bound: int = of(lambda r: r.coordinates_on_bound)
+    exchanges: int = of(lambda r: r.exchanges)
+    seconds: float = of(lambda r: r.seconds)
+    starts: int = of(lambda r: r.starts)
+    seed: int = of(lambda r: r.seed)
 
 
 class Cube(Report):
     """The largest one found with every factor within the limit, inside the joint limits."""
 
     of = Source[LargestCube]()
-    low_mm: Numbers = of(lambda cube: cube.low_mm.tolist())
-    side_mm: float = of(lambda cube: cube.side_mm)
+    low_mm: Numbers = of(lambda r: r.low_mm.tolist())
+    side_mm: float = of(lambda r: r.side_mm)
 
 
 class FactorMap(Report):
     """On a plane through Zero; rows go up. The factor furthest from 1, or its inverse."""
 
     of = Source[PlaneMap]()
-    across: str = of(lambda plane: plane.across)
-    up: str = of(lambda plane: plane.up)
-    coordinate_mm: Numbers = of(lambda plane: plane.coordinate_mm.tolist(), "across")
-    up_mm: Numbers = of(lambda plane: plane.up_mm.tolist(), "upwards")
-    factor: Holes = of(lambda plane: holes(plane.value), "null where the tool does not reach")
+    across: str = of(lambda r: r.across)
+    up: str = of(lambda r: r.up)
+    coordinate_mm: Numbers = of(lambda r: r.coordinate_mm.tolist(), "across")
+    up_mm: Numbers = of(lambda r: r.up_mm.tolist(), "upwards")
+    factor: Holes = of(lambda r: holes(r.value), "null where the tool does not reach")
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,40 +101,30 @@ class WorkspaceReport(Report):
 
     of = Source[WorkspaceResults]()
     schema_id: Literal["glidecal.workspace/1"] = schema("glidecal.workspace/1")
-    machine: str = of(lambda result: result.machine.name)
-    low_mm: Numbers = of(
-        lambda result: result.workspace.low_mm.tolist(), "lowest corner of its box"
-    )
-    high_mm: Numbers = of(lambda result: result.workspace.high_mm.tolist())
-    stated: bool = of(
-        lambda result: result.workspace.stated, "the box is workspace_mm of the machine file"
-    )
+    machine: str = of(lambda r: r.machine.name)
+    low_mm: Numbers = of(lambda r: r.workspace.low_mm.tolist(), "lowest corner of its box")
+    high_mm: Numbers = of(lambda r: r.workspace.high_mm.tolist())
+    stated: bool = of(lambda r: r.workspace.stated, "the box is workspace_mm of the machine file")
     reached: float = of(
-        lambda result: result.workspace.reached,
-        "share of the box that joint limits and bars allow",
+        lambda r: r.workspace.reached, "share of the box that joint limits and bars allow"
     )
-    volume_mm3: float = of(lambda result: result.workspace.volume_mm3, "of that share")
+    volume_mm3: float = of(lambda r: r.workspace.volume_mm3, "of that share")
     lowest_factor: float = of(
-        lambda result: result.workspace.lowest_factor,
-        "velocity transmission, tool over carriages",
+        lambda r: r.workspace.lowest_factor, "velocity transmission, tool over carriages"
     )
-    highest_factor: float = of(lambda result: result.workspace.highest_factor)
-    factors_at_zero: Numbers = of(lambda result: result.workspace.at_zero.tolist())
-    limit: float = of(lambda result: result.workspace.limit)
+    highest_factor: float = of(lambda r: r.workspace.highest_factor)
+    factors_at_zero: Numbers = of(lambda r: r.workspace.at_zero.tolist())
+    limit: float = of(lambda r: r.workspace.limit)
     within_limit: float = of(
-        lambda result: result.workspace.inside,
-        "share of the workspace, factors 1/limit … limit",
+        lambda r: r.workspace.inside, "share of the workspace, factors 1/limit … limit"
     )
-    largest_cube: Cube | None = of(
-        lambda result: maybe(Cube.of, result.workspace.cube),
-        "null: none",
-    )
+    largest_cube: Cube | None = of(lambda r: maybe(Cube.of, r.workspace.cube), "null: none")
     theta_deg: Matrix = of(
-        lambda result: result.workspace.theta_deg.tolist(),
+        lambda r: r.workspace.theta_deg.tolist(),
         "of legs x, y, z, lowest and highest; papers/000 (1)",
     )
-    beta_deg: Matrix = of(lambda result: result.workspace.beta_deg.tolist())
-    maps: tuple[FactorMap, ...] = of(lambda result: tuple(map(FactorMap.of, result.workspace.maps)))
+    beta_deg: Matrix = of(lambda r: r.workspace.beta_deg.tolist())
+    maps: tuple[FactorMap, ...] = of(lambda r: tuple(map(FactorMap.of, r.workspace.maps)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,20 +140,19 @@ class PostureReport(Report):
 
     of = Source[PostureResults]()
     schema_id: Literal["glidecal.posture/1"] = schema("glidecal.posture/1")
-    machine: str = of(lambda result: result.machine.name)
-    tool_mm: tuple[float, float, float] = of(lambda result: result.posture.tool_mm)
-    stands: bool = of(lambda result: result.posture.stands, "joint limits and bars allow it")
+    machine: str = of(lambda r: r.machine.name)
+    tool_mm: tuple[float, float, float] = of(lambda r: r.posture.tool_mm)
+    stands: bool = of(lambda r: r.posture.stands, "joint limits and bars allow it")
     theta_deg: Numbers = of(
-        lambda result: result.posture.theta_deg.tolist(), "of legs x, y, z; papers/000 (1)"
+        lambda r: r.posture.theta_deg.tolist(), "of legs x, y, z; papers/000 (1)"
     )
-    beta_deg: Numbers = of(lambda result: result.posture.beta_deg.tolist())
+    beta_deg: Numbers = of(lambda r: r.posture.beta_deg.tolist())
     factors: Numbers = of(
-        lambda result: result.posture.factors.tolist(),
-        "velocity transmission, tool over carriages",
+        lambda r: r.posture.factors.tolist(), "velocity transmission, tool over carriages"
     )
     working_modes: tuple[WorkingMode, ...] = of(
-        lambda result: result.posture.modes, "the machine's own first"
+        lambda r: r.posture.modes, "the machine's own first"
     )
     other_assembly_mm: Numbers = of(
-        lambda result: result.posture.assembly_mm.tolist(), "where the same bars meet as well"
+        lambda r: r.posture.assembly_mm.tolist(), "where the same bars meet as well"
     )

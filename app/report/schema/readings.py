@@ -27,40 +27,38 @@ class ReplayedReading(Report):
     """A reading as recorded; ``superseded`` is the reason why it does not count, or null."""
 
     of = Source[TakenReading]()
-    reading: int = of(lambda taken: taken.reading.reading)
-    leg: str = of(lambda taken: taken.reading.leg)
-    axis: str = of(lambda taken: taken.reading.axis)
-    displacement_mm: float = of(lambda taken: taken.reading.displacement_mm)
+    reading: int = of(lambda r: r.reading.reading)
+    leg: str = of(lambda r: r.reading.leg)
+    axis: str = of(lambda r: r.reading.axis)
+    displacement_mm: float = of(lambda r: r.reading.displacement_mm)
     position_mm: tuple[float, ...] | None = of(
-        lambda taken: taken.reading.position_mm, POSITION, asked=True
+        lambda r: r.reading.position_mm, POSITION, asked=True
     )
-    value_mm: float = of(lambda taken: taken.reading.value_mm)
-    text: str = of(lambda taken: taken.reading.text)
-    cycle: int = of(lambda taken: taken.reading.cycle)
-    mount: str = of(lambda taken: taken.reading.mount)
-    station: float = of(lambda taken: taken.reading.station)
-    time_s: float | None = of(lambda taken: taken.reading.time_s)
-    temperature_c: float | None = of(lambda taken: taken.reading.temperature_c)
-    averaged: int = of(lambda taken: taken.reading.averaged)
-    superseded: str | None = of(lambda taken: taken.superseded)
-    extra: dict[str, str] = of(lambda taken: taken.reading.extra)
+    value_mm: float = of(lambda r: r.reading.value_mm)
+    text: str = of(lambda r: r.reading.text)
+    cycle: int = of(lambda r: r.reading.cycle)
+    mount: str = of(lambda r: r.reading.mount)
+    station: float = of(lambda r: r.reading.station)
+    time_s: float | None = of(lambda r: r.reading.time_s)
+    temperature_c: float | None = of(lambda r: r.reading.temperature_c)
+    averaged: int = of(lambda r: r.reading.averaged)
+    superseded: str | None = of(lambda r: r.superseded)
+    extra: dict[str, str] = of(lambda r: r.reading.extra)
 
 
 class Average(Report):
     """Mean of the readings that count along one axis in one posture."""
 
     of = Source[Sequence[Reading]]()
-    leg: str = of(lambda readings: readings[0].leg)
-    axis: str = of(lambda readings: readings[0].axis)
-    station: float = of(lambda readings: readings[0].station)
-    displacement_mm: float = of(lambda readings: readings[0].displacement_mm)
-    position_mm: tuple[float, ...] | None = of(
-        lambda readings: readings[0].position_mm, POSITION, asked=True
-    )
+    leg: str = of(lambda r: r[0].leg)
+    axis: str = of(lambda r: r[0].axis)
+    station: float = of(lambda r: r[0].station)
+    displacement_mm: float = of(lambda r: r[0].displacement_mm)
+    position_mm: tuple[float, ...] | None = of(lambda r: r[0].position_mm, POSITION, asked=True)
     mean_mm: float = of(
         lambda readings: sum(r.value_mm * r.averaged for r in readings) / _count(readings)
     )
-    readings: int = of(lambda readings: _count(readings))
+    readings: int = of(lambda r: _count(r))
 
 
 def _count(readings: Sequence[Reading]) -> int:
@@ -89,19 +87,17 @@ class ReplayReport(Report):
 
     of = Source[ReplayedSession]()
     schema_id: Literal["glidecal.replay/1"] = schema("glidecal.replay/1")
-    session: str = of(lambda replayed: replayed.session.name)
-    end: str = of(lambda replayed: replayed.end, "closed, or how the record ends")
-    remarks: tuple[str, ...] = of(lambda replayed: replayed.session.opened.remarks)
+    session: str = of(lambda r: r.session.name)
+    end: str = of(lambda r: r.end, "closed, or how the record ends")
+    remarks: tuple[str, ...] = of(lambda r: r.session.opened.remarks)
     readings: tuple[ReplayedReading, ...] = of(
-        lambda replayed: tuple(
-            ReplayedReading.of(
-                TakenReading(reading, replayed.session.superseded.get(reading.reading))
-            )
-            for reading in replayed.session.all_readings
+        lambda r: tuple(
+            ReplayedReading.of(TakenReading(reading, r.session.superseded.get(reading.reading)))
+            for reading in r.session.all_readings
         )
     )
     averages: tuple[Average, ...] = of(
-        lambda replayed: tuple(map(Average.of, _by_posture(replayed.session).values()))
+        lambda r: tuple(map(Average.of, _by_posture(r.session).values()))
     )
 
 
@@ -118,14 +114,14 @@ class ReadingReport(Report):
 
     of = Source[ProfiledReading]()
     schema_id: Literal["glidecal.reading/1"] = schema("glidecal.reading/1")
-    profile: str = of(lambda outcome: outcome.profile)
-    text: str = of(lambda outcome: outcome.reading.text, "as received")
-    value_mm: float = of(lambda outcome: outcome.reading.value_mm)
-    unit: Unit = of(lambda outcome: outcome.reading.unit)
-    unit_assumed: bool = of(lambda outcome: outcome.reading.unit_assumed)
-    resolution_mm: float = of(lambda outcome: outcome.reading.resolution_mm)
+    profile: str = of(lambda r: r.profile)
+    text: str = of(lambda r: r.reading.text, "as received")
+    value_mm: float = of(lambda r: r.reading.value_mm)
+    unit: Unit = of(lambda r: r.reading.unit)
+    unit_assumed: bool = of(lambda r: r.reading.unit_assumed)
+    resolution_mm: float = of(lambda r: r.reading.resolution_mm)
     status: Literal["value"] = "value"
-    warning: str | None = of(lambda outcome: outcome.reading.warning or None)
+    warning: str | None = of(lambda r: r.reading.warning or None)
 
 
 @dataclass(frozen=True)
@@ -141,10 +137,10 @@ class FaultReport(Report):
 
     of = Source[ProfiledFault]()
     schema_id: Literal["glidecal.reading/1"] = schema("glidecal.reading/1")
-    profile: str = of(lambda outcome: outcome.profile)
-    text: str = of(lambda outcome: outcome.fault.text, "as received")
-    status: FaultKind = of(lambda outcome: outcome.fault.kind)
-    words: str = of(lambda outcome: outcome.fault.words)
+    profile: str = of(lambda r: r.profile)
+    text: str = of(lambda r: r.fault.text, "as received")
+    status: FaultKind = of(lambda r: r.fault.kind)
+    words: str = of(lambda r: r.fault.words)
 
 
 def outcome_report(profile: str, outcome: Outcome) -> ReadingReport | FaultReport:
@@ -158,19 +154,19 @@ class FoundPort(Report):
     """A serial port of this computer."""
 
     of = Source[ListPortInfo]()
-    port: str = of(lambda port: port.device)
-    description: str | None = of(lambda port: port.description)
-    hardware: str | None = of(lambda port: port.hwid)
+    port: str = of(lambda r: r.device)
+    description: str | None = of(lambda r: r.description)
+    hardware: str | None = of(lambda r: r.hwid)
 
 
 class KnownProfile(Report):
     """A profile of an indicator."""
 
     of = Source[Profile]()
-    name: str = of(lambda profile: profile.name)
-    title: str = of(lambda profile: profile.title)
-    verified: Evidence = of(lambda profile: profile.verified)
-    source: str = of(lambda profile: profile.source)
+    name: str = of(lambda r: r.name)
+    title: str = of(lambda r: r.title)
+    verified: Evidence = of(lambda r: r.verified)
+    source: str = of(lambda r: r.source)
 
 
 @dataclass(frozen=True)
@@ -186,7 +182,5 @@ class PortsReport(Report):
 
     of = Source[SerialPorts]()
     schema_id: Literal["glidecal.ports/1"] = schema("glidecal.ports/1")
-    ports: tuple[FoundPort, ...] = of(lambda computer: tuple(map(FoundPort.of, computer.ports)))
-    profiles: tuple[KnownProfile, ...] = of(
-        lambda computer: tuple(map(KnownProfile.of, computer.profiles))
-    )
+    ports: tuple[FoundPort, ...] = of(lambda r: tuple(map(FoundPort.of, r.ports)))
+    profiles: tuple[KnownProfile, ...] = of(lambda r: tuple(map(KnownProfile.of, r.profiles)))

@@ -14,10 +14,10 @@ from app.report.text.printer import tower_remedies
 from app.report.text.tables import (
     PAGE_HELP,
     decimals,
-    figures,
     hanging,
     new_table,
     paragraphs,
+    result_table,
     signed,
     table_text,
     uncertain,
@@ -29,6 +29,7 @@ from calib.diagnosis.results import (
     SEEN,
     Cell,
     Contender,
+    Detectable,
     Diagnosis,
     Finding,
     Gap,
@@ -38,6 +39,7 @@ from calib.diagnosis.results import (
 )
 from calib.posterior.correction import HOLDS, Holds
 from calib.tripod.effects.empirical import EMPIRICAL
+from protocols.data_table import DataTable
 
 DIAGNOSE_HELP = f"""\
 {{diagnose.adopt}}  adopt what was named, another effect that fits as well, or the rest as an \
@@ -324,8 +326,8 @@ def _values_and_gap(finding: Finding) -> list[str]:
 def discrepancy_text(discrepancy: ModelDiscrepancy) -> str:
     """The unnamed effect of the residuals, its values, and what it would take away."""
     below = _values_and_gap(discrepancy)
-    if discrepancy.held_out:
-        below.append(held_out_words(discrepancy.held_out))
+    if discrepancy.held_out_gap:
+        below.append(held_out_words(discrepancy.held_out_gap))
     begin = "What has no name is most likely this"
     return "\n".join(
         [f"{begin}: {discrepancy.title}.", *(hanging(INDENT + v, INDENT) for v in below)]
@@ -425,9 +427,7 @@ def probability_words(probability: float) -> str:
 
 def _detectable(diagnosis: Diagnosis) -> list[Table]:
     """What would have been found, where readings and model agree."""
-    table = new_table("would have been found", "from", "")
-    for effect in diagnosis.smallest_detectable:
-        table.add_row(effect.id, figures(effect.size), effect.unit)
+    table = result_table(DataTable.of(Detectable, diagnosis.smallest_detectable))
     return [table] if diagnosis.verdict == "agrees" else []
 
 

@@ -46,14 +46,14 @@ def test_a_cube_of_travel_is_described_and_never_named() -> None:
     assert unnamed.gap_rms_after_mm < 0.4 * unnamed.gap_rms_before_mm
     assert "empirical" not in {one.id for one in diagnosis.effects}
     assert "empirical" not in {one.id for one in diagnosis.candidates}
-    held = law_of(diagnosis).held_out
+    held = law_of(diagnosis).held_out_gap
     assert held is not None
     assert held.after_rms_mm < 0.5 * held.before_rms_mm
 
 
 def test_held_out_sessions_judge_the_law() -> None:
     sessions = [case(TWO_STATION, cube(800.0), seed=seed) for seed in (3, 4)]
-    held = law_of(diagnose(sessions[:1], CATALOGUE, sessions[1:])).held_out
+    held = law_of(diagnose(sessions[:1], CATALOGUE, sessions[1:])).held_out_gap
     assert held is not None
     assert held.how == "sessions that were not used"
     assert held.after_rms_mm < 1.5 * held.noise_rms_mm < 0.5 * held.before_rms_mm

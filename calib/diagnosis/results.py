@@ -35,9 +35,9 @@ class Gap:
 class GapPart:
     """A part of the gap: which leg, axis or pattern, its share and its chance."""
 
-    leg: str
-    axis: str
-    pattern: str
+    leg: str | None
+    axis: str | None
+    posture_or_pattern: str
     share: float
     p_value: float
 
@@ -96,10 +96,7 @@ class ModelDiscrepancy(Finding):
 
 @dataclass(frozen=True)
 class Contender:
-    """An effect and place that may act, and why it is not named.
-
-    ``explained`` is the part of the gap's square that it takes away alone, between 0 and 1.
-    """
+    """An effect and place that may act, and why it is not named."""
 
     id: str
     where: str
@@ -108,6 +105,7 @@ class Contender:
         float, Quantity(words="of this name at this place, whatever acts beside it")
     ]
     gap_rms_after_mm: float
+    # the part of the gap's square that it takes away alone, between 0 and 1
     explained: float = field(metadata=INTERNAL)
     held_out_gap_rms_mm: float | None
     reason_rejected: str
@@ -261,22 +259,21 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class Imitation:
-    """How well one effect is imitated by another: 1 is never to be told apart.
+    """How well one effect is imitated by another.
 
-    ``distinguishable`` is what the other leaves of an unremarkable size of the first, in noise
-    variances: below 9 they cannot be told apart, above 25 they can.
+    Below 9 noise variances they cannot be told apart, above 25 they can.
     """
 
-    effect: tuple[str, str]
-    by: tuple[str, str]
-    contained: float
-    distinguishable: float
+    effect: Named
+    by: Named
+    contained: Annotated[float, Quantity(words="1 is never to be told apart")]
+    left_in_noise_variances: Annotated[float, Quantity(words="of an unremarkable size")]
 
 
 @dataclass(frozen=True)
 class AliasMap:
     """Imitations that matter, in both directions, and effects that no reading shows."""
 
-    effects: tuple[tuple[str, str], ...]
+    effects: tuple[Named, ...]
     imitations: tuple[Imitation, ...]
-    invisible: tuple[tuple[str, str], ...]
+    invisible: tuple[Named, ...]

@@ -42,17 +42,6 @@ class GapNoise(Report):
     source: str = of(lambda r: r.noise_source)
 
 
-class GapPartEntry(Report):
-    """A part of the gap: which leg, axis or pattern, its share and its chance."""
-
-    of = Source[GapPart]()
-    leg: str | None = of(lambda r: r.leg or None)
-    axis: str | None = of(lambda r: r.axis or None)
-    posture_or_pattern: str = of(lambda r: r.pattern)
-    share: float = of(lambda r: r.share)
-    p_value: float = of(lambda r: r.p_value)
-
-
 class SeparationEntry(Report):
     """The measurement that separates the names that stay open."""
 
@@ -116,10 +105,9 @@ class DiagnosisReport(Report):
     gap_before: Gap = of(lambda r: r.diagnosis.gap_before)
     gap_after: Gap = of(lambda r: r.diagnosis.gap_after)
     held_out_gap: HeldOutGap | None = of(lambda r: r.diagnosis.held_out)
-    where: tuple[GapPartEntry, ...] = of(lambda r: tuple(map(GapPartEntry.of, r.diagnosis.where)))
+    where: tuple[GapPart, ...] = of(lambda r: r.diagnosis.where)
     effects: tuple[Finding, ...] = of(
-        lambda r: r.diagnosis.effects,
-        "in the order adopted; empty where nothing may be claimed",
+        lambda r: r.diagnosis.effects, "in the order adopted; empty where nothing may be claimed"
     )
     candidates: tuple[Contender, ...] = of(lambda r: r.diagnosis.candidates)
     next_measurement: SeparationEntry | None = of(
@@ -145,23 +133,11 @@ class DiagnosisReport(Report):
     remarks: tuple[str, ...] = of(lambda r: r.diagnosis.remarks)
 
 
-class ImitationEntry(Report):
-    """How well one effect is imitated by another."""
-
-    of = Source[Imitation]()
-    effect: Named = of(lambda r: Named(*r.effect))
-    by: Named = of(lambda r: Named(*r.by))
-    contained: float = of(lambda r: r.contained, "1 is never to be told apart")
-    left_in_noise_variances: float = of(lambda r: r.distinguishable, "of an unremarkable size")
-
-
 class AliasReport(Report):
     """``diagnose --aliases --json``: what a procedure cannot tell apart."""
 
     of = Source[AliasMap]()
     schema_id: Literal["glidecal.aliases/1"] = schema("glidecal.aliases/1")
-    effects: tuple[Named, ...] = of(lambda r: tuple(starmap(Named, r.effects)))
-    imitations: tuple[ImitationEntry, ...] = of(
-        lambda r: tuple(map(ImitationEntry.of, r.imitations))
-    )
-    invisible: tuple[Named, ...] = of(lambda r: tuple(starmap(Named, r.invisible)))
+    effects: tuple[Named, ...] = of(lambda r: r.effects)
+    imitations: tuple[Imitation, ...] = of(lambda r: r.imitations)
+    invisible: tuple[Named, ...] = of(lambda r: r.invisible)

@@ -7,7 +7,7 @@ from datetime import datetime
 from typing import Literal, cast
 
 from app.evaluating.history import History, MachineHistory, Point
-from app.report.schema.document import Numbers, Report, Source, finite, maybe, schema
+from app.report.schema.document import Numbers, Report, Source, finite, schema
 from calib.control_chart import Drift, Watched
 from protocols.documents import Triple
 
@@ -32,15 +32,6 @@ class PastSession(Report):
     effects: tuple[str, ...] | None = of(lambda r: r.entry.effects, "null: not diagnosed")
 
 
-class Steady(Report):
-    """mm per day with its expanded uncertainty (95 %); ``shown`` where it is beyond that."""
-
-    of = Source[Drift]()
-    per_day: float = of(lambda r: r.per_day)
-    expanded: float = of(lambda r: r.expanded)
-    shown: bool = of(lambda r: r.shown)
-
-
 class WatchedJoint(Report):
     """Control chart of one joint offset, a value for each session."""
 
@@ -60,7 +51,7 @@ class WatchedJoint(Report):
         lambda r: [[*numbers] for numbers in r.chart.signals],
         "Western Electric rules, 1 to 4, that a value completes",
     )
-    drift: Steady | None = of(lambda r: maybe(Steady.of, r.drift))
+    drift: Drift | None = of(lambda r: r.drift)
 
 
 class PastMachine(Report):

@@ -5,12 +5,7 @@ from __future__ import annotations
 from typing import Literal, Protocol
 
 from app.report.schema.document import Report, Source, finite, schema
-from calib.design.identifiability import (
-    ClassicalQr,
-    Combination,
-    Examination,
-    SeenBy,
-)
+from calib.design.identifiability import ClassicalQr, Combination, Examination, SeenBy
 
 
 class PosturesSeen(Report):

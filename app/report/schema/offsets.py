@@ -27,6 +27,5 @@ class OffsetsReport(Report):
     cautions: tuple[str, ...] = of(lambda r: r.cautions, "the lines that solve says of this result")
     parameters: dict[str, Offset] = of(lambda r: r.parameters)
     lines: tuple[LineParameter, ...] = of(
-        lambda r: r.lines,
-        f"lines of the drives, which a controller may hold or not; {LINES}",
+        lambda r: r.lines, f"lines of the drives, which a controller may hold or not; {LINES}"
     )

@@ -363,13 +363,13 @@ def shares_text(shares: tuple[GapPart, ...]) -> str:
 
 def part_words(share: GapPart) -> str:
     """Leg, axis or pattern."""
-    if share.leg == "tool":
+    if share.leg == "tool" and share.axis:
         return f"the tool along {share.axis.upper()}"
     if share.leg and share.axis:
         return f"leg {share.leg.upper()} along {share.axis.upper()}"
     if share.leg:
         return f"leg {share.leg.upper()}"
-    return f"axis {share.axis.upper()}" if share.axis else share.pattern
+    return f"axis {share.axis.upper()}" if share.axis else share.posture_or_pattern
 
 
 def shown_candidates(diagnosis: Diagnosis) -> list[Contender]:

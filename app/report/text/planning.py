@@ -17,7 +17,7 @@ from app.report.text.tables import (
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.design.criteria import Criterion
 from calib.design.identifiability import SeenBy
-from calib.diagnosis.results import AliasMap
+from calib.diagnosis.results import AliasMap, Named
 from calib.posterior.expected import ExpectedParameter, ExpectedResult
 from calib.posterior.planning import Outside, Reach, Separation
 from calib.stats import coverage_factor
@@ -236,19 +236,21 @@ def further_text(reach: Reach) -> str:
 
 def alias_text(aliases: AliasMap) -> str:
     """For each effect the ones that imitate it; what no reading shows."""
-    by_effect: dict[tuple[str, str], list[str]] = {}
+    by_effect: dict[Named, list[str]] = {}
     for imitation in aliases.imitations:
-        by_effect.setdefault(imitation.effect, []).append(f"{imitation.by[0]} ({imitation.by[1]})")
+        by_effect.setdefault(imitation.effect, []).append(
+            f"{imitation.by.id} ({imitation.by.where})"
+        )
     lines = [
         f"{len(aliases.effects)} effects and places; {len(by_effect)} of them can be imitated by "
         "another effect, offsets and zeros free, lengths within their tolerance:"
     ]
     lines += [
-        f"{name} ({where}): {', '.join(dict.fromkeys(imitators))}"
-        for (name, where), imitators in by_effect.items()
+        f"{effect.id} ({effect.where}): {', '.join(dict.fromkeys(imitators))}"
+        for effect, imitators in by_effect.items()
     ]
     if aliases.invisible:
-        invisible_words = ", ".join(f"{name} ({where})" for name, where in aliases.invisible)
+        invisible_words = ", ".join(f"{effect.id} ({effect.where})" for effect in aliases.invisible)
         lines.append(f"No reading shows: {invisible_words}")
     return wrapped("\n".join(lines))
 

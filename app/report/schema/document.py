@@ -59,7 +59,8 @@ def _is_none(value: object) -> bool:
 class Report(Document):
     """A document, or a part of one: its fields are the keys, in their order.
 
-    A value that is not finite is a defect and raises ValueError.
+    A type checker looks at what is read, so nothing is validated again; `to_json` refuses a value
+    that is not finite.
     """
 
     model_config = ConfigDict(
@@ -71,13 +72,12 @@ class Report(Document):
     @classmethod
     def read_off(cls, result: object) -> Self:
         """What its ``of`` calls: each field reads its value off the result."""
-        return cls(
-            **{
-                name: field.json_schema_extra.read(result)
-                for name, field in cls.model_fields.items()
-                if isinstance(field.json_schema_extra, Reading)
-            }
-        )
+        values: dict[str, Any] = {
+            name: field.json_schema_extra.read(result)
+            for name, field in cls.model_fields.items()
+            if isinstance(field.json_schema_extra, Reading)
+        }
+        return cls.model_construct(**values)
 
 
 def schema(name: str) -> Any:  # noqa: ANN401 (a Literal)

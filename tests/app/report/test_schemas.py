@@ -138,7 +138,7 @@ class Judgement(Report):
 def test_no_figure_leaves_that_is_not_finite(wrong: float) -> None:
     gap = Gap(rms_mm=1.0, chi_square=1.0, degrees_of_freedom=1, p_value=0.5)
     assert '"figure": 1.0' in to_json(Judgement.of((gap, 1.0)))
-    with pytest.raises(ValueError, match="finite"):
-        Judgement.of((gap, wrong))
+    with pytest.raises(ValueError, match="JSON"):
+        to_json(Judgement.of((gap, wrong)))
     with pytest.raises(ValueError, match="JSON"):
         to_json(Judgement.of((Gap(wrong, 1.0, 1, 0.5), 1.0)))

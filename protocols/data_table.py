@@ -99,10 +99,12 @@ class DataTable:
         return [k for k, column in enumerate(self.quantities) if column.label is not None]
 
     def _repr_html_(self) -> str:
-        """As Jupyter asks for it: the columns for a reader."""
-        lines = [("th", self.headings), *(("td", row) for row in self.shown_rows())]
-        rows = ["".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in row) for tag, row in lines]
-        return f"<table>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"
+        """As Jupyter asks for it: the columns for a reader, with the help of each over it."""
+        columns = [self.quantities[k] for k in self._for_reader]
+        head = (f'<th title="{escape(q.words)}">{escape(q.heading)}</th>' for q in columns)
+        rows = ((f"<td>{escape(cell)}</td>" for cell in row) for row in self.shown_rows())
+        lines = ("".join(row) for row in (head, *rows))
+        return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
     def to_frame(self) -> DataFrame:
         """For pandas. Raises UsageError where that is not installed."""

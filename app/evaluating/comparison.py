@@ -27,8 +27,15 @@ from protocols.record import Record, read_record
 class BothValues:
     """A difference before and after the offsets were entered, mm; null: not measured."""
 
-    before: Annotated[float, Quantity("before", "mm", "signed", 3)]
-    after: Annotated[float | None, Quantity("after", "mm", "signed", 3, missing="not measured")]
+    before: Annotated[
+        float, Quantity("before", "mm", "signed", 3, "the difference in the first session")
+    ]
+    after: Annotated[
+        float | None,
+        Quantity(
+            "after", "mm", "signed", 3, "the difference in the second session", "not measured"
+        ),
+    ]
 
 
 def both_values(before: Solution, after: Solution) -> dict[str, BothValues]:
@@ -151,11 +158,18 @@ class RemainingOffset:
     ``standard_mm`` is the standard uncertainty.
     """
 
-    name: Annotated[str, Quantity("joint offset")]
-    before_mm: Annotated[float, Quantity("before", "mm", "measured", 4)]
-    found_mm: Annotated[float, Quantity("remaining", "mm", "measured", 4)]
-    expanded_mm: Annotated[float, Quantity("± U (95 %)", "mm", "uncertainty", 4)]
-    entered: Annotated[Entered, Quantity("")]
+    name: Annotated[str, Quantity("joint offset", words="the joint")]
+    before_mm: Annotated[
+        float, Quantity("before", "mm", "measured", 4, "offset that the first session found")
+    ]
+    found_mm: Annotated[
+        float, Quantity("remaining", "mm", "measured", 4, "offset that the second session found")
+    ]
+    expanded_mm: Annotated[
+        float,
+        Quantity("± U (95 %)", "mm", "uncertainty", 4, "expanded uncertainty of what remains"),
+    ]
+    entered: Annotated[Entered, Quantity("", words="what became of the value at the controller")]
     standard_mm: float = field(metadata=INTERNAL)
 
 

@@ -62,15 +62,23 @@ from protocols.session import Closed, Line, Opened, Reading, Session, Superseded
 class RankedSize:
     """A size of what was named, or of a candidate, and how that stands."""
 
-    effect: Annotated[str, Quantity("effect")]
-    where: Annotated[str, Quantity("where")]
-    parameter: Annotated[str, Quantity("parameter")]
-    value: Annotated[float, Quantity("value", kind="measured")]
-    standard_uncertainty: Annotated[float, Quantity("u", kind="uncertainty")]
-    unit: Annotated[str, Quantity("unit")]
-    probability: Annotated[float, Quantity("likely", decimals=2)]
-    gap_rms_after_mm: Annotated[float, Quantity("gap after", "mm", decimals=4)]
-    standing: Annotated[str, Quantity("why")]
+    effect: Annotated[str, Quantity("effect", words="id of the effect")]
+    where: Annotated[str, Quantity("where", words="leg, axis or place where it acts")]
+    parameter: Annotated[str, Quantity("parameter", words="which of its parameters")]
+    value: Annotated[
+        float, Quantity("value", kind="measured", words="size of the parameter, in its unit")
+    ]
+    standard_uncertainty: Annotated[
+        float, Quantity("u", kind="uncertainty", words="standard uncertainty of the size")
+    ]
+    unit: Annotated[str, Quantity("unit", words="unit of both")]
+    probability: Annotated[
+        float, Quantity("likely", decimals=2, words="probability that it acts there")
+    ]
+    gap_rms_after_mm: Annotated[
+        float, Quantity("gap after", "mm", "plain", 4, "r.m.s. of the gap that it leaves")
+    ]
+    standing: Annotated[str, Quantity("why", words="named, or the reason why it is not")]
 
 
 @dataclass(frozen=True, eq=False)

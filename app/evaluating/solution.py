@@ -303,13 +303,16 @@ class LineParameter:
     Beyond what the machine file states.
     """
 
-    id: Annotated[str, Quantity("line of a drive")]
+    id: Annotated[str, Quantity("line of a drive", words="a law that docs/effects.md describes")]
     place: Annotated[str, Quantity("at", words="the drive, and the way across it")]
     value: Annotated[
         float, Quantity("value", kind="signed", decimals=4, words="in the unit, as in a model")
     ]
     expanded_uncertainty: Annotated[
-        float, Quantity("± U (k = 2)", kind="uncertainty", decimals=3, words="k = 2")
+        float,
+        Quantity(
+            "± U (k = 2)", kind="uncertainty", decimals=3, words="expanded uncertainty, k = 2"
+        ),
     ]
     tolerance: Annotated[
         float,
@@ -318,7 +321,7 @@ class LineParameter:
             words="of the machine file: standard deviation before measuring",
         ),
     ]
-    unit: Annotated[str, Quantity("")]
+    unit: Annotated[str, Quantity("", words="unit of all three")]
 
 
 @dataclass(frozen=True)

@@ -143,13 +143,29 @@ RUNNERS_UP = 5
 class JudgedMeasurement:
     """A measurement that may be made next, and the bound at the tool after it."""
 
-    legs: Annotated[tuple[str, ...], Quantity("legs")]
-    station: Annotated[float, Quantity("station")]
-    displacements_mm: Annotated[tuple[float, ...], Quantity("at", "mm")]
-    cycles: Annotated[int, Quantity("cycles")]
-    before: Annotated[str, Quantity("before")]
-    minutes: Annotated[float, Quantity("minutes", decimals=1)]
-    bound_mm: Annotated[float, Quantity("tool at most", "mm", "uncertainty", 3)]
+    legs: Annotated[tuple[str, ...], Quantity("legs", words="the legs that are read")]
+    station: Annotated[
+        float, Quantity("station", words="place on the bar, a fraction from the tool end")
+    ]
+    displacements_mm: Annotated[
+        tuple[float, ...],
+        Quantity("at", "mm", words="displacements in the order in which they are read"),
+    ]
+    cycles: Annotated[int, Quantity("cycles", words="how often they are read")]
+    before: Annotated[
+        str, Quantity("before", words="what is changed before it, in controller or load")
+    ]
+    minutes: Annotated[float, Quantity("minutes", decimals=1, words="time for set-up and readings")]
+    bound_mm: Annotated[
+        float,
+        Quantity(
+            "tool at most",
+            "mm",
+            "uncertainty",
+            3,
+            "bound of the tool error that is expected after it",
+        ),
+    ]
 
 
 @dataclass(frozen=True, eq=False)

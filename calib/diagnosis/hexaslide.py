@@ -73,10 +73,15 @@ class HexaSlideCause:
 class CauseSize:
     """A value of what is named, else of the heaviest claim, in its unit."""
 
-    name: Annotated[str, Quantity("value")]
-    value: Annotated[float, Quantity("size", kind="measured")]
-    standard_uncertainty: Annotated[float, Quantity("standard uncertainty", kind="uncertainty")]
-    unit: Annotated[str, Quantity("unit")]
+    name: Annotated[str, Quantity("value", words="which value of the cause it is")]
+    value: Annotated[float, Quantity("size", kind="measured", words="how large it is, in its unit")]
+    standard_uncertainty: Annotated[
+        float,
+        Quantity(
+            "standard uncertainty", kind="uncertainty", words="standard uncertainty of the size"
+        ),
+    ]
+    unit: Annotated[str, Quantity("unit", words="unit of both")]
 
 
 @dataclass(frozen=True)

@@ -126,9 +126,16 @@ class HeldOutGap:
 class Detectable:
     """The size of an effect that would have been found nine times of ten."""
 
-    id: Annotated[str, Quantity("would have been found")]
-    size: Annotated[float, Quantity("from", kind="two-digit")]
-    unit: Annotated[str, Quantity("")]
+    id: Annotated[
+        str, Quantity("would have been found", words="an effect that the readings would have shown")
+    ]
+    size: Annotated[
+        float,
+        Quantity(
+            "from", kind="two-digit", words="the size that would have been found nine times of ten"
+        ),
+    ]
+    unit: Annotated[str, Quantity("", words="unit of the size")]
 
 
 SEEN = 2.0

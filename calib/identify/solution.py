@@ -60,28 +60,44 @@ class FittedSize:
 class Estimate:
     """A value that was identified, in its unit; the expanded uncertainty is for 95 %."""
 
-    value: Annotated[float, Quantity("value", kind="measured", decimals=4)]
-    standard_uncertainty: float
-    expanded_uncertainty: Annotated[float, Quantity("± U (95 %)", kind="uncertainty", decimals=4)]
-    coverage_factor: float
-    unit: Annotated[str, Quantity("unit")]
+    value: Annotated[float, Quantity("value", "", "measured", 4, "true less believed")]
+    standard_uncertainty: Annotated[float, Quantity(words="from the noise of the readings")]
+    expanded_uncertainty: Annotated[
+        float, Quantity("± U (95 %)", "", "uncertainty", 4, "half width of the 95 % interval")
+    ]
+    coverage_factor: Annotated[float, Quantity(words="expanded over standard uncertainty")]
+    unit: Annotated[str, Quantity("unit", words="unit of value and uncertainties")]
 
 
 @dataclass(frozen=True)
 class Parameter(Estimate):
     """An identified parameter; the expanded uncertainty is for 95 %."""
 
-    unit: Annotated[Literal["mm"], Quantity("unit")] = "mm"
+    unit: Annotated[Literal["mm"], Quantity("unit", words="unit of value and uncertainties")] = "mm"
 
 
 @dataclass(frozen=True)
 class Difference:
     """A reading less that at another posture, and what the solution predicts of it, mm."""
 
-    value: Annotated[float, Quantity("measured", "mm", "signed", 3)]
-    standard_uncertainty: Annotated[float, Quantity("u", "mm", "uncertainty", 4)]
-    predicted: Annotated[float, Quantity("predicted", "mm", "signed", 3)]
-    residual: Annotated[float, Quantity("residual", "mm", "signed", 3)]
+    value: Annotated[
+        float,
+        Quantity(
+            "measured",
+            "mm",
+            "signed",
+            3,
+            "mean of the readings there less the mean at the other posture",
+        ),
+    ]
+    standard_uncertainty: Annotated[
+        float,
+        Quantity("u", "mm", "uncertainty", 4, "standard uncertainty of the measured difference"),
+    ]
+    predicted: Annotated[
+        float, Quantity("predicted", "mm", "signed", 3, "what the parameters predict")
+    ]
+    residual: Annotated[float, Quantity("residual", "mm", "signed", 3, "measured less predicted")]
 
 
 @dataclass(frozen=True, eq=False)

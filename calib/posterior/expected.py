@@ -32,7 +32,9 @@ class ExpectedParameter:
     papers/000 (12)-(14).
     """
 
-    name: Annotated[str, Quantity("± (95 %), mm, to expect")]
+    name: Annotated[
+        str, Quantity("± (95 %), mm, to expect", words="the parameter that will be identified")
+    ]
     alone_mm: Annotated[float | None, _to_expect("its kind alone", "offsets, or lengths, alone")]
     all_mm: Annotated[float | None, _to_expect("all six", "all six free")]
     held_mm: Annotated[

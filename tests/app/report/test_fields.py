@@ -78,7 +78,7 @@ def test_a_field_more_is_everywhere() -> None:
         "schema": '"description": "since new"',
         "terminal": "wear, µm",
         "page": "wear, µm",
-        "notebook": "<th>wear, µm</th>",
+        "notebook": '<th title="since new">wear, µm</th>',
         "spreadsheet": "joint,size_mm,expanded_mm,wear_µm",
     }.items():
         assert words in worn[form], form

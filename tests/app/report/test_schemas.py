@@ -17,8 +17,9 @@ from jsonschema.exceptions import ValidationError
 
 from app.report.schema.document import Report, Source, to_json
 from app.report.schema.readings import outcome_report
-from app.report.schema.schemas import schemas
+from app.report.schema.schemas import result_rows, schemas, with_columns
 from calib.diagnosis.results import Gap
+from calib.quantity import quantities
 from drivers.profile import Fault, FaultKind, IndicatorReading
 from protocols.session import SCHEMA_NUMBER
 from tests.app.cli import glidecal
@@ -42,6 +43,14 @@ def test_the_schemas_are_those_of_the_program() -> None:
     assert {name: text for name, text in files.items() if name not in former} == schemas(), (
         "make schemas"
     )
+
+
+def test_the_glossary_tells_every_column_of_a_table() -> None:
+    glossary = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
+    assert glossary == with_columns(glossary), "make schemas"
+    fields = [quantity for kind in result_rows() for quantity in quantities(kind).values()]
+    assert len(fields) > 40
+    assert all(quantity.words for quantity in fields if quantity.label is not None)
 
 
 def test_every_id_of_the_program_has_a_schema() -> None:

@@ -371,7 +371,7 @@ def replay(
         from app.screens.start import open_replay, open_served
 
         raise typer.Exit(open_served(session, LOOKS) if served else open_replay(session, LOOKS))
-    from app.report.schema.readings import ReplayReport
+    from app.report.schema.readings import ReplayedSession, ReplayReport
     from app.report.text.session import replay_text
     from protocols.record import read_record
 
@@ -380,7 +380,7 @@ def replay(
     record = read_record(session[0])
     if record.unfinished:
         say(f"glidecal: {record.unfinished}")
-    report = ReplayReport.of(name=session[0].name, session=record.session, end=record.end)
+    report = ReplayReport.of(ReplayedSession(record.session, record.end))
     typer.echo(Answer(lambda: replay_text(report), lambda: report).shown(as_json=as_json))
 
 

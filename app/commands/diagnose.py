@@ -116,7 +116,7 @@ def _show(
     diagnosed: SessionDiagnosis, adopted: AdoptedTool | None, *, further: bool, as_json: bool
 ) -> None:
     """The diagnosis, the tool with adopted names, and its bound after ``further`` set-ups."""
-    from app.report.schema.diagnosis import DiagnosisReport
+    from app.report.schema.diagnosis import DiagnosisReport, DiagnosisResults
     from app.report.text.diagnosis import diagnosis_text
     from app.report.text.planning import further_text
 
@@ -125,7 +125,7 @@ def _show(
         lambda: (
             diagnosis_text(diagnosed, adopted) + (f"\n\n{further_text(reach)}" if reach else "")
         ),
-        lambda: DiagnosisReport.of(found=diagnosed, reach=reach, adopted=adopted),
+        lambda: DiagnosisReport.of(DiagnosisResults(diagnosed, reach, adopted)),
     )
     typer.echo(answer.shown(as_json=as_json))
 
@@ -138,7 +138,7 @@ def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> No
 
     with working("Comparing effects"):
         aliases = alias_map(name, known_effects(), machine)
-    answer = Answer(lambda: alias_text(aliases), lambda: AliasReport.of(found=aliases))
+    answer = Answer(lambda: alias_text(aliases), lambda: AliasReport.of(aliases))
     typer.echo(answer.shown(as_json=as_json))
 
 

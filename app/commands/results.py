@@ -79,9 +79,7 @@ def compare(
     from app.report.text.result import comparison_report
 
     comparison = compare_files(before, after)
-    answer = Answer(
-        lambda: comparison_report(comparison), lambda: ComparisonReport.of(found=comparison)
-    )
+    answer = Answer(lambda: comparison_report(comparison), lambda: ComparisonReport.of(comparison))
     typer.echo(answer.shown(as_json=as_json))
 
 
@@ -109,7 +107,7 @@ def verify(
         raise typer.Exit(VERIFIED[word])
     verification = verify_files(before, after, tolerance)
     answer = Answer(
-        lambda: verification_text(verification), lambda: VerificationReport.of(found=verification)
+        lambda: verification_text(verification), lambda: VerificationReport.of(verification)
     )
     typer.echo(answer.shown(as_json=as_json))
     status = VERIFIED[verification.decision or "undecided"]
@@ -293,7 +291,7 @@ def history(
         deliver(output, {"": html_of(history_page(history_found, now))}, force=force)
         return
     answer = Answer(
-        lambda: history_text(history_found, now), lambda: HistoryReport.of(found=history_found)
+        lambda: history_text(history_found, now), lambda: HistoryReport.of(history_found)
     )
     typer.echo(answer.shown(as_json=as_json))
 

@@ -27,6 +27,7 @@ from calib.posterior.entered import (
 )
 from calib.posterior.models import LikelyMistake, Posterior
 from calib.posterior.posterior import posterior
+from calib.quantity import INTERNAL
 from calib.tripod.controller import table_of
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
@@ -68,9 +69,9 @@ class Gain:
     It is ``clear`` where that is clearly less than with the correction that is asked for.
     """
 
-    holds: str
+    holds: Holds
     bound_mm: float
-    clear: bool
+    clear: bool = field(metadata=INTERNAL)
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,7 +31,7 @@ def calibrated_files(solved: CalibratedMachine, wanted: Path | None) -> Written:
 
     Raises RecordError for that file, CalibrationError for postures that cannot be reached.
     """
-    document = HexaSlideCalibrationReport.of(solved=solved)
+    document = HexaSlideCalibrationReport.of(solved)
     head = [
         f"Calibrated from {document.measurements}, {document.procedure.value}: {document.rank} of "
         f"{document.parameter_count} combinations identified."

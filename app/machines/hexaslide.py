@@ -104,7 +104,7 @@ def identifiability(question: Question, options: IdentifiabilityOptions) -> Answ
         planning_view = look_at(planned)
     return Answer(
         lambda: seen_text(planning_view),
-        lambda: HexaSlideIdentifiabilityReport.of(seen=planning_view.seen, found=planning_view),
+        lambda: HexaSlideIdentifiabilityReport.of(planning_view),
     )
 
 
@@ -180,7 +180,7 @@ def postures(
     if search.output:
         write_files(search.output, {"": posture_table(best.coordinates)}, replace=may)
         say(f"postures written to {search.output}")
-    return Answer(lambda: postures_text(best), lambda: HexaSlidePosturesReport.of(best=best))
+    return Answer(lambda: postures_text(best), lambda: HexaSlidePosturesReport.of(best))
 
 
 @dataclass(frozen=True)
@@ -291,9 +291,7 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
             options.corrected, calibrated_files(solved, options.posture_file), force=options.force
         )
         say(NOT_GENHEXKINS)
-    return Answer(
-        lambda: calibration_text(solved), lambda: HexaSlideCalibrationReport.of(solved=solved)
-    )
+    return Answer(lambda: calibration_text(solved), lambda: HexaSlideCalibrationReport.of(solved))
 
 
 MARKS = (b"glidecal.hexaslide-measurements", b"glidecal.hexaslide-session")

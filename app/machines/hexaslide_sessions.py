@@ -258,7 +258,7 @@ def validated(path: Path) -> str:
 
 def replayed(path: Path, say: Say) -> Answer:
     """Every reading of a session."""
-    from app.report.schema.hexaslide import HexaSlideReplayReport
+    from app.report.schema.hexaslide_replay import HexaSlideReplayReport, ReplayedPostures
     from app.report.text.hexaslide_session import replay_text
     from protocols.hexaslide_session import read_postures
 
@@ -267,7 +267,7 @@ def replayed(path: Path, say: Say) -> Answer:
         say(f"glidecal: {record.unfinished}")
     return Answer(
         lambda: replay_text(session),
-        lambda: HexaSlideReplayReport.of(session=session, end=record.end),
+        lambda: HexaSlideReplayReport.of(ReplayedPostures(session, record.end)),
     )
 
 
@@ -284,7 +284,7 @@ def exported(path: Path, format_name: str) -> tuple[Written, tuple[str, ...]]:
         raise UsageError("--format", f"{format_name} of a {NAME}", ", ".join(formats))
     with working("Solving"):
         solved = calibrate_file(path, None, 0.0)
-    report = HexaSlideCalibrationReport.of(solved=solved)
+    report = HexaSlideCalibrationReport.of(solved)
     files, cautions = calibrated_files(solved, None), tuple(caveats(report))
     if format_name == "model":
         return {"": files["machine.toml"]}, cautions
@@ -303,7 +303,7 @@ def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Ans
         verification = verify_sessions(before, after, tolerance_mm)
     answer = Answer(
         lambda: verification_text(verification),
-        lambda: HexaSlideVerificationReport.of(found=verification),
+        lambda: HexaSlideVerificationReport.of(verification),
     )
     return answer, verification.decision or "undecided"
 
@@ -311,14 +311,14 @@ def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Ans
 def diagnosed(path: Path) -> Answer:
     """What is missing in the model of the machine."""
     from app.evaluating.hexaslide import diagnose_postures
-    from app.report.schema.hexaslide_diagnosis import HexaSlideDiagnosisReport
+    from app.report.schema.hexaslide_diagnosis import DiagnosedPostures, HexaSlideDiagnosisReport
     from app.report.text.hexaslide_diagnosis import diagnosis_text
 
     with working("Diagnosing"):
         diagnosis = diagnose_postures(path)
     return Answer(
         lambda: diagnosis_text(path.name, diagnosis),
-        lambda: HexaSlideDiagnosisReport.of(name=path.name, found=diagnosis),
+        lambda: HexaSlideDiagnosisReport.of(DiagnosedPostures(path.name, diagnosis)),
     )
 
 

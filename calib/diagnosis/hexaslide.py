@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from calib.hexaslide.procedures import COMPONENTS, Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings, postures_of, read_at, residuals
 from calib.posterior.gaussian import About
 from calib.posterior.race import Products, Race, RaceEntry
+from calib.quantity import Quantity
 from calib.stats import variance_ratio_p_value
 
 FEWEST_SPARE = 8
@@ -70,12 +71,17 @@ class HexaSlideCause:
 
 @dataclass(frozen=True)
 class CauseSize:
-    """A value of a cause in its unit, with standard uncertainty."""
+    """A value of what is named, else of the heaviest claim, in its unit."""
 
-    name: str
-    value: float
-    uncertainty: float
-    unit: str
+    name: Annotated[str, Quantity("value", words="which value of the cause it is")]
+    value: Annotated[float, Quantity("size", kind="measured", words="how large it is, in its unit")]
+    standard_uncertainty: Annotated[
+        float,
+        Quantity(
+            "standard uncertainty", kind="uncertainty", words="standard uncertainty of the size"
+        ),
+    ]
+    unit: Annotated[str, Quantity("unit", words="unit of both")]
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -277,7 +278,7 @@ class PaperRule:
         return self.parameter_count - len(self.qr.flagged)
 
     @property
-    def decided_by(self) -> str:
+    def decided_by(self) -> Literal["geometry", "rows", "parameters", "postures"]:
         """Whose number the rule gives: rows, parameters, postures, or rightly the geometry."""
         if self.counted == self.reachable_rank:
             return "geometry"

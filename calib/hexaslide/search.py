@@ -10,6 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,7 +111,7 @@ class BestPostures:
         return SCALED_WORDS if self.search.scaled else UNITS
 
     @property
-    def space(self) -> str:
+    def space(self) -> Literal["box", "joints"]:
         """Where the search moved."""
         return "joints" if self.search.in_joints and self.values else "box"
 

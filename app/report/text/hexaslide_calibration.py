@@ -34,7 +34,7 @@ def simulated_text(measured: HexaSlideMeasurements) -> str:
 
 def calibration_text(solved: CalibratedMachine) -> str:
     """The sentences that matter, parameters, what is left, then the checks."""
-    document = HexaSlideCalibrationReport.of(solved=solved)  # words and JSON tell the same numbers
+    document = HexaSlideCalibrationReport.of(solved)  # words and JSON tell the same numbers
     linked = document.procedure is ProcedureKind.CONSTRAINT_LINK
     read = ", ".join(
         ["sliders on the constraint link" if linked else "sliders", *document.measured]

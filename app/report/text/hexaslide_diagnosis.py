@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from app.report.text.tables import new_table, paragraphs
-from calib.diagnosis.hexaslide import HexaSlideDiagnosis, Names
+from app.report.text.tables import new_table, paragraphs, result_table
+from calib.diagnosis.hexaslide import CauseSize, HexaSlideDiagnosis, Names
+from protocols.data_table import DataTable
 
 TITLES = {
     "rail_scale": "scale of {}",
@@ -38,9 +39,7 @@ def diagnosis_text(name: str, diagnosis: HexaSlideDiagnosis) -> str:
     claims = new_table("what may be missing", "probability")
     for claim in diagnosis.claims[:MOST_CLAIMS]:
         claims.add_row(_title(claim.causes), f"{100.0 * claim.weight:.0f} %")
-    sizes = new_table("value", "size", "standard uncertainty", "unit")
-    for size in diagnosis.sizes:
-        sizes.add_row(size.name, f"{size.value:.4g}", f"{size.uncertainty:.2g}", size.unit)
+    sizes = result_table(DataTable.of(CauseSize, diagnosis.sizes))
     lines = [
         f"What is left, in variances of the noise: {diagnosis.gap_before:.3g} before (p = "
         f"{diagnosis.p_before:.2g}), {diagnosis.gap_after:.3g} after (p = {diagnosis.p_after:.2g})."

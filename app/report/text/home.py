@@ -122,6 +122,10 @@ FIELD_HELP = {
         "Machine: a name or a file. Without one, the prototype of the papers.\n"
         "It decides which procedures can be chosen."
     ),
+    "serial": (
+        "Serial number of the machine: the history of a folder and the certificate\n"
+        "know it by this. It is asked once; a machine file may state it (serial_number)."
+    ),
     "operator": "Operator: a name for the record.",
     "temperature": "Temperature of the machine for the record, in °C.",
     "note": "Note for the record; it stands below the result.",

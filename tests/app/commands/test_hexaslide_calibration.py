@@ -64,7 +64,7 @@ def told(status: int, *arguments: str | Path) -> str:
 
 def document(path: Path, truth: Path | None = None, share: float = 0.2) -> dict[str, Any]:
     solved = calibrate_file(path, truth, share)
-    return HexaSlideCalibrationReport.of(solved=solved).model_dump(mode="json")
+    return HexaSlideCalibrationReport.of(solved).model_dump(mode="json")
 
 
 def test_simulate_and_solve_as_a_person_would(tmp_path: Path) -> None:
@@ -190,7 +190,7 @@ def test_words_of_what_is_lost_left_and_checked(tmp_path: Path) -> None:
     path, truth = written(tmp_path, "position", 40)
     solved = calibrate_file(path, truth, 0.25)
     said = calibration_text(solved).replace("\n", " ")
-    found = HexaSlideCalibrationReport.of(solved=solved).model_dump(mode="json")
+    found = HexaSlideCalibrationReport.of(solved).model_dump(mode="json")
     assert (
         "NOT IDENTIFIABLE, left as the machine file has it: platform frame turned about its X; "
         "platform frame turned about its Y; platform frame turned about its Z." in said

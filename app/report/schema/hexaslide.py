@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from app.planning.hexaslide import CalibratedMachine
+from app.evaluating.hexaslide_calibration import CalibratedMachine
 from app.report.schema.document import (
     Count,
     LackOfFitEntry,
@@ -252,10 +252,7 @@ class ResidualReport(Report):
         made(lambda one: tuple(map(PostureResidual, one.numbers, one.by_posture.tolist()))),
     ] = at("solved")
     effects: tuple[str, ...] = ()
-    remark: str = (
-        "The catalogue of effects is for the Orthoglide; for a Hexa Slide nothing is looked for by "
-        "name."
-    )
+    remark: str = "glidecal diagnose looks for what the parameters do not have."
 
 
 class HeldOutReport(Report):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Literal
 
+from app.evaluating.posture_history import Decision
 from app.report.schema.document import Finite, Numbers, Report, at, made, schema
 from protocols.documents import Triple
 
@@ -58,6 +59,31 @@ class PastMachine(Report):
     due: datetime | None = at("due", "null: no drift, no tolerance or no end to be seen")
 
 
+class PastPostureSession(Report):
+    """One session of postures; mm r.m.s. over the box."""
+
+    session: FileName = at("path")
+    began: datetime = at("entry.began")
+    event: str = at("event", "what changed before it, as the records tell; empty: nothing known")
+    procedure: str = at("entry.procedure")
+    postures: int = at("entry.postures")
+    platform_now_mm: float = at("entry.now_mm", "how far the platform was off")
+    platform_bound_mm: float | None = at(
+        "entry.bound_mm", "at most with the calibrated machine (95 %); null: not known"
+    )
+    decision: Decision | None = at("entry.decision", "null: no tolerance in the machine file")
+    temperature_c: float | None = at("entry.temperature_c")
+    effects: tuple[str, ...] | None = at("entry.effects", "null: not diagnosed")
+
+
+class PastPostureMachine(Report):
+    """Sessions of postures of one machine by their date."""
+
+    machine: str
+    origin: str = at("origin", "measured, simulated or imported: each has a history of its own")
+    sessions: tuple[PastPostureSession, ...] = at("points")
+
+
 @dataclass(frozen=True)
 class Unusable:
     """A file that is altered, cut or gives no result."""
@@ -72,6 +98,9 @@ class HistoryReport(Report):
     schema_id: Literal["glidecal.history/1"] = schema("glidecal.history/1")
     folder: Annotated[str, made(str)] = at("found.folder")
     machines: tuple[PastMachine, ...] = at("found.machines")
+    posture_machines: tuple[PastPostureMachine, ...] = at(
+        "found.of_postures", "those that are measured in postures"
+    )
     problems: Annotated[
         list[Unusable], made(lambda found: [Unusable(str(path), text) for path, text in found])
     ] = at("found.problems")

@@ -16,13 +16,9 @@ from numpy.typing import NDArray
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
+from app.evaluating.hexaslide_calibration import CalibratedMachine, calibrate_file
 from app.exports.hexaslide import calibrated_files
-from app.planning.hexaslide import (
-    CalibratedMachine,
-    Request,
-    calibrate_file,
-    write_simulated,
-)
+from app.planning.hexaslide import Request, write_simulated
 from protocols.files import write_files
 from protocols.hexaslide import load_hexaslide
 from tests.app.cli import glidecal, refused

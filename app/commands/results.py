@@ -141,6 +141,7 @@ def export(
             "marlin",
             "smoothieware",
             "p-3z",
+            "ros2",
             "xlsx",
             "parquet",
         ],
@@ -148,7 +149,8 @@ def export(
             "--format",
             metavar="NAME",
             help="json, csv, model, linuxcnc, linuxcnc-kins, lineardeltakins, klipper, "
-            "reprapfirmware, marlin, smoothieware, p-3z; tables: csv, xlsx, parquet.",
+            "reprapfirmware, marlin, smoothieware, p-3z; of postures ros2; tables: csv, xlsx, "
+            "parquet.",
         ),
     ],
     table: Annotated[
@@ -214,6 +216,8 @@ def export(
     from app.report.text.caveats import UNKNOWN_HOME_OFFSET
     from calib.tripod.controller import ControllerJoints
 
+    if format_name not in FORMATS:
+        raise UsageError("--format", f"{format_name} of {source}", ", ".join(FORMATS))
     _check_joints(home_offset, endstops, ini, format_name)
     offsets = offsets_from_file(source, subset, method, model, frame)
     machine = offsets.machine.holding_steps(_triple("--steps", steps))

@@ -6,6 +6,8 @@ ends. Telescopic legs are such struts.
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 
@@ -17,7 +19,13 @@ from app.report.text.hexaslide_calibration import caveats
 from calib.hexaslide.calibration import corrected
 from calib.hexaslide.geometry import HexaSlide
 from protocols.files import Written, write_files
-from protocols.hexaslide import CALIBRATED, load_postures, machine_like, machine_text
+from protocols.hexaslide import (
+    CALIBRATED,
+    HexaSlideMachine,
+    load_postures,
+    machine_like,
+    machine_text,
+)
 
 MODULE, OF_STRUTS = "hexaslidekins", "genhexkins"
 
@@ -38,16 +46,8 @@ def calibrated_files(solved: CalibratedMachine, wanted: Path | None) -> Written:
 
     Raises RecordError for that file, CalibrationError for postures that cannot be reached.
     """
-    document = HexaSlideCalibrationReport.of(solved=solved)
-    head = [
-        f"Calibrated from {document.measurements}, {document.procedure.value}: {document.rank} of "
-        f"{document.parameter_count} combinations identified."
-    ]
-    head = [line for text in [*head, *caveats(document)] for line in short_lines(text)]
+    head, file = _head(solved), calibrated_machine(solved)
     calibrated, source_machine = solved.found.machine, solved.source.machine
-    file = machine_like(
-        source_machine, f"{source_machine.before_calibration}{CALIBRATED}", calibrated
-    )
     telescopic = calibrated.geometry.telescopic
     files = {"machine.toml": machine_text(file, head)}
     if not telescopic:
@@ -62,6 +62,58 @@ def calibrated_files(solved: CalibratedMachine, wanted: Path | None) -> Written:
     names = [f"slider{chain}_m" for chain in range(1, sliders.shape[1] + 1)]
     moved = {"postures.csv": posture_table(commands), "sliders.csv": table(names, sliders.tolist())}
     return {**files, **moved}
+
+
+def calibrated_machine(solved: CalibratedMachine) -> HexaSlideMachine:
+    """The machine file with the calibrated values."""
+    source = solved.source.machine
+    return machine_like(source, f"{source.before_calibration}{CALIBRATED}", solved.found.machine)
+
+
+def _head(solved: CalibratedMachine) -> list[str]:
+    """Where the values are from and what stands against them, in short lines."""
+    document = HexaSlideCalibrationReport.of(solved=solved)
+    head = [
+        f"Calibrated from {document.measurements}, {document.procedure.value}: {document.rank} of "
+        f"{document.parameter_count} combinations identified."
+    ]
+    return [line for text in [*head, *caveats(document)] for line in short_lines(text)]
+
+
+def ros2_parameters(solved: CalibratedMachine) -> str:
+    """The calibrated machine as a file of parameters for a node of ROS 2, metres.
+
+    Its arrays have one dimension there, so each chain has a table of its own. No URDF holds such
+    a machine: its links are a tree, and these chains close.
+    """
+    machine, bound_m = calibrated_machine(solved), solved.platform.bound_m
+    telescopic = solved.found.machine.geometry.telescopic
+    lines = [
+        *(f"# {line}" for line in _head(solved)),
+        "# Lengths in metres.",
+        "/**:",
+        "  ros__parameters:",
+        "    calibrated_kinematics:",
+        f"      machine: {json.dumps(machine.name)}",  # a text of JSON is one of YAML
+        f"      legs: {'telescopic' if telescopic else 'carriages on rails'}",
+        f"      not_identifiable: {json.dumps(solved.found.unidentifiable or [''])}",
+    ]
+    if bound_m is not None:
+        lines.append(f"      platform_error_bound: {_yaml([bound_m])}")
+    for number, chain in enumerate(machine.chain, start=1):
+        lines += [
+            f"      chain{number}:",
+            f"        start: [{_yaml(mm / 1000.0 for mm in chain.start_mm)}]",
+            *([f"        rail: [{_yaml(chain.rail)}]"] if chain.rail else []),
+            f"        joint: [{_yaml(mm / 1000.0 for mm in chain.joint_mm)}]",
+            f"        link: {_yaml([chain.link_mm / 1000.0])}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _yaml(values: Iterable[float]) -> str:
+    """Always with a point and no exponent: YAML 1.1 takes 1e-05 for a text."""
+    return ", ".join(f"{round(value, 12) + 0.0:.12f}" for value in values)
 
 
 def strut_pins(machine: HexaSlide) -> str:

@@ -273,14 +273,14 @@ def replayed(path: Path, say: Say) -> Answer:
 
 
 def exported(path: Path, format_name: str) -> tuple[Written, tuple[str, ...]]:
-    """The calibrated machine: its file, everything for LinuxCNC, or the result as JSON."""
+    """The calibrated machine: its file, for LinuxCNC, for ROS 2, or the result as JSON."""
     from app.evaluating.hexaslide_calibration import calibrate_file
-    from app.exports.hexaslide import calibrated_files, kinematics_words
+    from app.exports.hexaslide import calibrated_files, kinematics_words, ros2_parameters
     from app.report.schema.document import to_json
     from app.report.schema.hexaslide import HexaSlideCalibrationReport
     from app.report.text.hexaslide_calibration import caveats
 
-    formats = ("model", "linuxcnc-kins", "json")
+    formats = ("model", "linuxcnc-kins", "ros2", "json")
     if format_name not in formats:
         raise UsageError("--format", f"{format_name} of a {NAME}", ", ".join(formats))
     with working("Solving"):
@@ -289,6 +289,8 @@ def exported(path: Path, format_name: str) -> tuple[Written, tuple[str, ...]]:
     files, cautions = calibrated_files(solved, None), tuple(caveats(report))
     if format_name == "model":
         return {"": files["machine.toml"]}, cautions
+    if format_name == "ros2":
+        return {"": ros2_parameters(solved)}, cautions
     if format_name == "json":
         return {"": to_json(report) + "\n"}, cautions
     return files, (*cautions, kinematics_words(solved.found.machine))

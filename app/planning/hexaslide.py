@@ -31,7 +31,8 @@ from protocols.hexaslide import (
     machine_like,
 )
 
-EXAMPLE = "hexaslide-h60.toml"
+EXAMPLE, EXAMPLE_NAME = "hexaslide-h60.toml", "hexaslide"
+"""File of the machine without a file, and what it is called on the command line."""
 
 MOST_MOVED = 1000
 """More postures would take hours."""
@@ -65,6 +66,7 @@ def hexaslide_planning(request: Request) -> HexaSlidePlanning:
         request.postures,
         None if file is None else load_postures(file),
         "" if file is None else f"{file}",
+        machine_file.name if request.machine_file else EXAMPLE_NAME,
     )
 
 

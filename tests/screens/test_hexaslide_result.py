@@ -15,6 +15,7 @@ from app.screens.interface import ChoiceDialog, Interface
 from app.screens.start import Glidecal
 from tests.app.posture_sessions import posture_session
 from tests.screens.driving import SIZE, history_shown, looked, rows, said, text, until
+from tests.screens.test_serving_reports import listed
 
 PAGES = ("result", "details", "left", "diagnosis", "readings")
 
@@ -115,3 +116,14 @@ async def test_too_few_postures_are_said(recorded: bytes, tmp_path: Path) -> Non
         await pilot.pause()
         assert "gives no machine" in said(interface)
         await pilot.press("f10")
+
+
+async def test_the_browser_gets_report_and_history(session: Path) -> None:
+    async with listed(session.parent) as (client, found):
+        page = await (await client.get(found[session.name])).text()
+        assert "Calibration report" in page
+        assert "NOT IDENTIFIABLE" in page
+        history = await (await client.get(found["History of this folder"])).text()
+        assert "hexaslide-h60, simulated: 1 session" in history
+        index = await (await client.get("/reports")).text()
+        assert "</a> 24 readings, closed" in index

@@ -125,20 +125,21 @@ def _decision(
 ) -> str:
     """The decision that heads the report: after a verification that of the later session."""
     if verified is not None:
-        return _judged(verified.decision, verified.after, verified.tolerance_mm)
+        words = "measured again"
+        return _judged(verified.decision, verified.after, verified.tolerance_mm, words)
     decision = None if tolerance_mm is None else decided(solved, tolerance_mm)
-    return _judged(decision, solved, tolerance_mm)
+    return _judged(decision, solved, tolerance_mm, "as it was measured")
 
 
 def _judged(
-    decision: Decision | None, solved: CalibratedMachine, tolerance_mm: float | None
+    decision: Decision | None, solved: CalibratedMachine, tolerance_mm: float | None, when: str
 ) -> str:
     if decision is None:
         return (
             "NOT JUDGED: no tolerance was given (--tolerance), nor does the machine file state one "
             "(platform_tolerance_mm)."
         )
-    return f"{decision.upper()}, as it was measured: {off_words(solved, tolerance_mm)}"
+    return f"{decision.upper()}, {when}: {off_words(solved, tolerance_mm)}"
 
 
 def _at_most(document: HexaSlideCalibrationReport) -> str:

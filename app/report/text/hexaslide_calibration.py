@@ -163,6 +163,13 @@ def caveats(document: HexaSlideCalibrationReport) -> list[str]:
             "WARNING: no noise is stated and nothing is left over to tell it: no uncertainties. "
             "Measure more postures, or state the noise."
         )
+    platform = document.platform
+    if platform.bound_rms_mm is not None and platform.bound_rms_mm >= platform.now_rms_mm:
+        lines.append(
+            "WARNING: the readings do not show that the calibrated machine is better than the "
+            f"machine file: its bound is {platform.bound_rms_mm:.3g} mm, the error now "
+            f"{platform.now_rms_mm:.3g} mm. Keep the file, or measure more or better postures."
+        )
     if not document.lost_count:
         return [*lines, "Every parameter is known by itself."]
     motions = document.lost_motions

@@ -65,7 +65,7 @@ def test_the_machine_is_found_and_verified(measured: tuple[Path, Path], tmp_path
     report = glidecal("report", before, "--after", after, "-o", "-", "--tolerance", "0.1")
     assert report.status == 0, report.err
     text = " ".join(re.sub(r"<[^>]+>", " ", report.out).split())
-    assert "PASS, as it was measured" in text
+    assert "PASS, measured again: the platform" in text
     assert "rails, as far" not in text
     chain = load_hexaslide(entered).chain[3]
     assert f"4 link_mm +590.0000 {chain.link_mm:+.4f}" in text
@@ -146,6 +146,18 @@ def test_what_such_legs_do_not_have_is_refused(tmp_path: Path) -> None:
     assert "its travel_mm" in refused(3, *asked, "--simulated", "-o", tmp_path / "s.jsonl")
     with_template = ("import", "--machine", FILE, "--protocol", "position", "--template")
     assert "the machine's box" in refused(3, *with_template, tmp_path / "t.csv")
+
+
+def test_what_is_seen_too_weakly_is_not_to_be_entered(tmp_path: Path) -> None:
+    """With the rigid link the bound is larger than the error: the result says to keep the file."""
+    linked = ("--procedure", "constraint-link", "--postures", "60", "--seed", "1")
+    out = ("-o", tmp_path / "m.json")
+    assert glidecal("simulate", "--machine", FILE, *linked, *out).status == 0
+    solved = json.loads(glidecal("solve", tmp_path / "m.json", "--json").out)
+    platform = solved["platform"]
+    assert platform["bound_rms_mm"] > platform["now_rms_mm"]
+    shown = " ".join(glidecal("solve", tmp_path / "m.json").out.split())
+    assert "Keep the file, or measure more or better postures" in shown
 
 
 @LONG

@@ -135,6 +135,30 @@ def test_the_machine_file_is_read_again_as_the_true_machine(files: Path) -> None
         assert np.abs(getattr(own, name) - getattr(true, name)).max() < 1e-10
 
 
+@pytest.mark.parametrize("machine", ["hexaslide-h60.toml", "gough-stewart.toml"])
+def test_ros_2_gets_the_same_machine(machine: str, tmp_path: Path) -> None:
+    """As a parser of YAML reads the file, its values are those of the machine file, in metres."""
+    yaml = pytest.importorskip("yaml")
+    request = Request("position", ROOT / "protocols" / "machines" / machine, postures=40, seed=4)
+    write_simulated(request, tmp_path / "m.json", None)
+    for name, path in (("ros2", "k.yaml"), ("model", "m.toml")):
+        made = glidecal("export", tmp_path / "m.json", "--format", name, "-o", tmp_path / path)
+        assert made.status == 0, made.err
+    text = (tmp_path / "k.yaml").read_text("utf-8")
+    found = yaml.safe_load(text)["/**"]["ros__parameters"]["calibrated_kinematics"]
+    calibrated = load_hexaslide(tmp_path / "m.toml")
+    assert found["machine"] == calibrated.name
+    assert found["not_identifiable"] == [f"platform frame turned about its {a}" for a in "XYZ"]
+    assert 1e-6 < found["platform_error_bound"] < 1e-4
+    for number, chain in enumerate(calibrated.chain, start=1):
+        values = found[f"chain{number}"]
+        assert 1000.0 * np.array(values["start"]) == pytest.approx(chain.start_mm, abs=1e-8)
+        assert 1000.0 * np.array(values["joint"]) == pytest.approx(chain.joint_mm, abs=1e-8)
+        assert 1000.0 * values["link"] == pytest.approx(chain.link_mm, abs=1e-8)
+        assert values.get("rail") == (chain.rail and pytest.approx(chain.rail, abs=1e-11))
+    assert "-0.000000000000" not in text
+
+
 class Module:
     """``hexaslidekins.comp`` compiled as it is, its pins set by ``calib.hal``."""
 

@@ -427,6 +427,8 @@ def _detectable(diagnosis: Diagnosis) -> list[Table]:
     table = new_table("would have been found", "from", "")
     for effect in diagnosis.smallest_detectable:
         table.add_row(effect.id, figures(effect.size), effect.unit)
+    for name in diagnosis.not_shown:
+        table.add_row(name, "not shown")
     return [table] if diagnosis.verdict == "agrees" else []
 
 

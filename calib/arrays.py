@@ -54,6 +54,7 @@ class Conditions:
 
     Where ``contact`` holds nothing was read: at the commanded position the tool was on a plate.
     The value is its height over the plate, 0 where it touches, and the zero that of the plate.
+    What met the plate was ``beside_mm`` ``(n_readings, 3)`` from the tool: a probe; 0 for all else.
     """
 
     leg: IntArray
@@ -70,6 +71,7 @@ class Conditions:
     movement: FloatArray
     along_mm: FloatArray
     contact: NDArray[np.bool_]
+    beside_mm: FloatArray
 
     def __len__(self) -> int:
         return len(self.leg)
@@ -222,6 +224,7 @@ def conditions(
         movement=np.zeros((n, 3)),
         along_mm=np.full(n, np.nan),
         contact=np.zeros(n, dtype=np.bool_),
+        beside_mm=np.zeros((n, 3)),
     )
 
 

@@ -14,6 +14,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError, RecordError, UsageError
+from calib.tripod.effects.contacts import contact_tolerances
 from calib.tripod.effects.drives import geometry_tolerances
 from calib.tripod.effects.effect import Effect
 from calib.tripod.geometry import USABLE_BAR, Geometry
@@ -167,6 +168,10 @@ class Machine(Document):
     offsets and leg lengths of such machines are off, before anything is measured;
     ``across_tolerance_mm``, ``lean_tolerance_mrad`` and ``scale_tolerance_mm_m`` the same of where
     the line of a drive lies in each direction across it, of its direction, and of its travel;
+    ``plate_bow_tolerance_mm`` the same of how far a plate that the tool meets is from flat, 100 mm
+    from its middle; ``platform_tilt_tolerance_mrad`` of how unequal the two bars of a leg are, in
+    parts of their distance: the platform tilts by about so much as it goes out. It acts on a probe
+    that is ``probe_offset_mm`` beside the tool, in x and y;
     ``adjusted`` is any name, such as a date, of the state since parts of the machine were last
     moved: sessions with other names are of another machine; ``rail_mm`` are the two places along
     every rail, from where the axes meet, at which it rests on shims or screws.
@@ -200,6 +205,9 @@ class Machine(Document):
     across_tolerance_mm: LineTolerance = 0.0
     lean_tolerance_mrad: LineTolerance = 0.0
     scale_tolerance_mm_m: LineTolerance = 0.0
+    plate_bow_tolerance_mm: LineTolerance = 0.0
+    platform_tilt_tolerance_mrad: LineTolerance = 0.0
+    probe_offset_mm: tuple[LengthMm, LengthMm] | None = None
     adjusted: Name | None = None
     rail_mm: tuple[Length, Length] | None = None
     plane_tilt_mrad: Annotated[float, Field(ge=0.01, le=100.0)] = 5.0
@@ -260,9 +268,13 @@ class Machine(Document):
         return np.repeat([self.offset_tolerance_mm, self.length_tolerance_mm], 3)
 
     def geometry_tolerances(self) -> dict[tuple[Effect, str], float]:
-        """Parameters of the drives' lines, laws at places, with the tolerance of each."""
+        """Laws of drives' lines, plate and platform at their places, with tolerances."""
         tolerances = self.across_tolerance_mm, self.lean_tolerance_mrad, self.scale_tolerance_mm_m
-        return geometry_tolerances(self.geometry(), *tolerances)
+        contacts = self.plate_bow_tolerance_mm, self.platform_tilt_tolerance_mrad
+        return {
+            **geometry_tolerances(self.geometry(), *tolerances),
+            **contact_tolerances(*contacts),
+        }
 
     def rails_rest_mm(self) -> tuple[float, float]:
         """Where rails rest; without ``rail_mm`` the ends of the carriages' travel."""
@@ -277,6 +289,12 @@ class Machine(Document):
             for drive, (at, way) in zip(self.drive or ORTHOGLIDE_DRIVES, lines, strict=True)
         )
         return self.model_copy(update={"drive": (x, y, z)})
+
+    @property
+    def beside_mm(self) -> Triple:
+        """Where a probe meets a plate, from the tool."""
+        x, y = self.probe_offset_mm or (0.0, 0.0)
+        return x, y, 0.0
 
     @property
     def usual_procedure(self) -> str:

@@ -25,7 +25,7 @@ from calib.noise.reading import IndicatorFigures
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.movements import carriage_movement
 from calib.tripod.pipeline import simulate
-from protocols.documents import Triple
+from protocols.documents import ZERO, Triple
 from protocols.machine import Instrument, Machine
 from protocols.motion import approach_sign, departure_mm, movement_signs
 from protocols.procedure import Step, leg_number
@@ -77,11 +77,18 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         movement=np.concatenate(movement),
         along_mm=np.array([along_mm(r, sessions[0].opened.machine) for r in readings]),
         contact=np.array([bool(r.contact) for r in readings]),
+        beside_mm=np.array([_beside_mm(r, sessions[0].opened.machine) for r in readings]),
         value_mm=np.array([r.value_mm for r in readings]),
         averaged=np.array([float(r.averaged) for r in readings]),
     )
     observations = _as_commanded(observations, readings, sessions[0].opened.machine.geometry())
     return _repeated(observations)
+
+
+def _beside_mm(reading: Reading, machine: Machine) -> Triple:
+    """Where what met the plate is, from the tool: a probe, unless it was done by hand."""
+    by_probe = reading.contact and reading.mount != BY_HAND
+    return machine.beside_mm if by_probe else ZERO
 
 
 def _numbered(names: Sequence[str]) -> IntArray:
@@ -110,6 +117,9 @@ def _as_commanded(
     change = simulate(geometry, nominal, displaced) - simulate(geometry, nominal, commanded)
     return replace(commanded, value_mm=commanded.value_mm - change)
 
+
+BY_HAND = "tool-z, by hand"
+"""Mounting of heights that were measured by hand: a probe trips at a height of its own."""
 
 SAME_PLACE_MM = 0.05
 """Across the plate: so far apart two contacts may be to be repeats. On a machine that is off by

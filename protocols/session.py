@@ -41,6 +41,7 @@ SchemaId = Literal[
     "glidecal.session/5",
     "glidecal.session/6",
     "glidecal.session/7",
+    "glidecal.session/8",
 ]
 """Every schema of a record. A changed event needs a new one: docs/decisions/0003-record.md."""
 

@@ -16,6 +16,7 @@ from protocols.record import read_record
 from tests.app.cli import glidecal, refused
 from tests.app.exports import test_towers as true
 from tests.blind.linear_delta import places
+from tests.blind.printers import fitted
 from tests.conftest import ROOT
 from tests.protocols.printers.printers import (
     SAMPLE,
@@ -112,8 +113,14 @@ def test_the_printer_is_a_better_one(walked: tuple[Path, str]) -> None:
     """The true machine with the file, and what its owner sees when it is probed again."""
     folder, _ = walked
     now, then = true.BELIEVED, true.klipper((folder / "calib.cfg").read_text(encoding="utf-8"))
-    errors = [true.rms(true.errors(SAMPLE_HIDDEN, firmware)) for firmware in (now, then)]
-    assert errors[1] < 0.2 * errors[0]
+    contacts = read_record(folder / "printer.jsonl").session.all_readings
+    met = [np.array(one.position_mm) - (0.0, 0.0, one.value_mm) for one in contacts]
+    peers = [fitted(met, factors, true.ENDSTOPS) for factors in (6, 9)]
+    before, *left, ours = (
+        true.rms(true.errors(SAMPLE_HIDDEN, firmware)) for firmware in (now, *peers, then)
+    )
+    assert min(left) < 0.5 * before, "what firmware fits to the same contacts is a calibration"
+    assert ours < 0.6 * min(left)
     middle = np.zeros(3)
     raised = SAMPLE_HIDDEN.tool(then(middle)) - SAMPLE_HIDDEN.tool(now(middle))
     assert raised[2] == pytest.approx(0.0, abs=0.05)

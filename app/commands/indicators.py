@@ -98,13 +98,12 @@ def doctor(
 
 def ports(as_json: AsJson = False) -> None:
     """Serial ports of this computer, indicator profiles."""
-    from serial.tools import list_ports
-
     from app.report.schema.document import to_json
     from app.report.schema.readings import PortsReport, SerialPorts
+    from drivers.port import ports_here
     from drivers.profiles import PROFILES
 
-    report = PortsReport.of(SerialPorts(sorted(list_ports.comports()), [*PROFILES.values()]))
+    report = PortsReport.of(SerialPorts(ports_here(), [*PROFILES.values()]))
     if as_json:
         typer.echo(to_json(report))
         return

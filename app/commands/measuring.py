@@ -354,14 +354,14 @@ def _confirm_homed(mover: Mover) -> None:
 
 def _forget_typed() -> None:
     """Drop what was typed ahead."""
-    try:
-        import termios
-    except ImportError:  # Windows
+    if sys.platform == "win32":
         import msvcrt
 
-        while msvcrt.kbhit():  # type: ignore[attr-defined]  # typeshed: on Windows only
-            msvcrt.getwch()  # type: ignore[attr-defined]  # typeshed: on Windows only
+        while msvcrt.kbhit():
+            msvcrt.getwch()
     else:
+        import termios
+
         with suppress(termios.error, OSError, ValueError):  # no terminal
             termios.tcflush(sys.stdin, termios.TCIFLUSH)
 

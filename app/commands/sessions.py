@@ -121,7 +121,7 @@ def import_table(
     elif template:
         _write_template(source, machine, protocol, force=force)
     else:
-        if output is None or protocol is not None:
+        if (output is None and machine_file_out is None) or protocol is not None:
             problem = "none" if output is None else "--protocol without --template"
             allowed = "-o SESSION, or --template to write an empty table"
             raise UsageError("--output", problem, allowed)
@@ -141,7 +141,7 @@ def import_table(
 
 def import_files(
     source: list[Path],
-    output: Path,
+    output: Path | None,
     *,
     machine: str | None = None,
     machine_file_out: Path | None = None,
@@ -154,7 +154,8 @@ def import_files(
 ) -> None:
     """A session of indicators or contacts, and what is said of it; lengths in millimetres.
 
-    Raises UsageError for what does not go with these files, RecordError for a file.
+    Of a printer that was not probed yet, or without ``output``, the machine file alone. Raises
+    UsageError for what does not go with these files, RecordError for a file.
     """
     from protocols.files import write_files
     from protocols.journal import write_whole
@@ -163,7 +164,12 @@ def import_files(
     may = may_replace(force, machine_file_out)
     stated = Stated(resolution, repeatability, remarks)
     opened, events, machine_file, notes = _taken_from(
-        source, machine, stated, distances, distance_deviation
+        source,
+        machine,
+        stated,
+        distances,
+        distance_deviation,
+        geometry_alone=machine_file_out is not None,
     )
     if distance_deviation is not None and not any(e.event == "distance" for e in events):
         raise UsageError(
@@ -175,17 +181,34 @@ def import_files(
         raise UsageError(
             "--machine-file-out", f"{source[0]}, without geometry", "a printer's configuration"
         )
-    write_whole(output, opened, [*events])
+    session = fold([opened, *events])
+    if output is not None and session.all_readings:
+        write_whole(output, opened, [*events])
     if machine_file_out is not None and machine_file is not None:
         write_files(machine_file_out, {"": machine_file}, replace=may)
         say(f"written: {machine_file_out}")
-    session = fold([opened, *events])
-    word = "contacts" if session.of_contacts else "readings"
-    for words in [*notes, *_cautions(session, word)]:
-        say(f"glidecal: {words}")
-    if session.distances:
-        word += f" and {len(session.distances)} distances between marks"
-    say(f"{len(session.all_readings)} {word} written to {output}")
+    for words in [
+        *(f"glidecal: {note}" for note in notes),
+        *_taken(session, source[0], output, machine_file_out),
+    ]:
+        say(words)
+
+
+def _taken(
+    session: Session, source: Path, output: Path | None, machine_file: Path | None
+) -> Iterator[str]:
+    """What was written of a session, with cautions; of none what to do next."""
+    if not session.all_readings:
+        yield (
+            f"There is no contact with the plate in {source.name}. Places to probe: glidecal plan "
+            f"--machine {machine_file} --macro klipper (or reprapfirmware, marlin)"
+        )
+    elif output is not None:
+        word = "contacts" if session.of_contacts else "readings"
+        yield from (f"glidecal: {caution}" for caution in _cautions(session, word))
+        if session.distances:
+            word += f" and {len(session.distances)} distances between marks"
+        yield f"{len(session.all_readings)} {word} written to {output}"
 
 
 def _check_postures(context: typer.Context, name: str, source: list[Path]) -> None:
@@ -236,6 +259,8 @@ def _taken_from(
     stated: Stated,
     distances: Path | None,
     deviation_mm: float | None,
+    *,
+    geometry_alone: bool,
 ) -> tuple[Opened, Sequence[Event], str | None, list[str]]:
     """First line and events of a session of these files, a machine file, and what is not used."""
     from app.version import program
@@ -253,6 +278,7 @@ def _taken_from(
             resolution_mm=stated.resolution_mm,
             repeatability_mm=stated.repeatability_mm,
             remarks=stated.remarks,
+            geometry_alone=geometry_alone,
         )
         remarks = [f"not used: {odd}" for odd in printer.odd]
         measured = checked(

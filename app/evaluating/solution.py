@@ -28,7 +28,7 @@ from calib.noise.reading import (
 from calib.quantity import Quantity
 from calib.stats import normal_scores
 from calib.tripod.curves import LegCurve, leg_curves
-from calib.tripod.pipeline import Model
+from calib.tripod.pipeline import MOVES_THE_TOOL, Model
 from protocols.data_table import DataTable, Tabled
 from protocols.observations import indicator_figures, to_observations
 from protocols.record import read_record
@@ -130,6 +130,8 @@ class SessionSolution(Tabled):
         tolerances = self.sessions[-1].opened.machine.geometry_tolerances()
         parameters = []
         for (law, place), tolerance in tolerances.items():
+            if law.stage not in MOVES_THE_TOOL:
+                continue
             value, deviation = self.posterior.value_of((law, place))
             unit = law.parameters[0].unit
             parameters.append(LineParameter(law.id, place, value, 2.0 * deviation, tolerance, unit))

@@ -103,9 +103,9 @@ def port_is_gone(port: str) -> bool:
 
 def serial_ports() -> list[tuple[str, str]]:
     """The serial ports of this computer and what the system says of each; nothing is opened."""
-    from serial.tools import list_ports
+    from drivers.port import ports_here
 
-    return [(port.device, port.description or "") for port in sorted(list_ports.comports())]
+    return [(port.device, port.description or "") for port in ports_here()]
 
 
 def adapters() -> dict[str, str]:
@@ -114,10 +114,10 @@ def adapters() -> dict[str, str]:
     An adapter with several ports has its number once: the interface behind it tells them apart.
     A number that two adapters have, as cheap ones do, names neither. Nothing is opened.
     """
-    from serial.tools import list_ports
+    from drivers.port import ports_here
 
     numbers: dict[str, str] = {}
-    for port in list_ports.comports():
+    for port in ports_here():
         if port.serial_number:
             interface = (port.location or "").partition(":")[2]
             number = f"{port.serial_number} {interface}".strip()

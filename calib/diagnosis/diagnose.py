@@ -66,9 +66,9 @@ NO_LAW = "no simple law of travel is likelier for the rest than an error of each
 SEEN_9_OF_10 = 1.28
 """Standard normal quantile of 90 %."""
 
-NO_SIZE = 1e4
-"""Unremarkable sizes: no machine has so much. What would show from there on only shows nothing but
-rounding, as play that is always taken up one way."""
+NO_SIZE = 100.0
+"""Unremarkable sizes: no machine has so much, nor more than the limit of a parameter. What would
+show from there on only is not shown, as the gain of an indicator that hardly moves."""
 
 AS_GOOD = 0.01
 """Weight beside the best from which another lead of a screw fits as well."""
@@ -130,7 +130,7 @@ class _Report:
         left_over, where = self._left_over(adopted, after), ""
         gap = self.before.gap()
         parts = locate(self.before)
-        verdict = self.answer.verdict
+        verdict, detectable = self.answer.verdict, self._smallest_detectable()
         if verdict in ("partly-explained", "unexplained"):
             where = where_words(locate(after) if after else parts)
         repeats = pattern is not None and verdict not in ("explained", "agrees")
@@ -153,7 +153,8 @@ class _Report:
                 f for f in findings if f.kind == Kind.GROSS_ERROR or verdict in WITH_NAMES
             ),
             candidates=tuple(self._contenders()),
-            smallest_detectable=tuple(self._smallest_detectable()),
+            smallest_detectable=tuple(filter(None, detectable.values())),
+            not_shown=tuple(name for name, smallest in detectable.items() if smallest is None),
             residuals=residuals(self.before, after),
             remarks=tuple(self._remarks(left_over)),
             left_over=left_over,
@@ -443,25 +444,25 @@ class _Report:
                         f" allows {allowed:g} mm: look how it was entered"
                     )
 
-    def _smallest_detectable(self) -> Iterator[Detectable]:
-        """Size of each single-parameter effect that would be seen nine times of ten."""
-        smallest: dict[str, Detectable] = {}
+    def _smallest_detectable(self) -> dict[str, Detectable | None]:
+        """Size of each single-parameter effect that would be seen nine times of ten.
+
+        None where that is more than any machine has.
+        """
+        smallest: dict[str, Detectable | None] = {}
         linear = self.posterior.linear
         for k, component in enumerate(self.components[: len(linear.index)]):
-            if component.kind not in NAMES or len(component.unit) != 1:
+            if component.kind not in NAMES or len(component.unit) != 1 or not component.candidate:
                 continue
             length = float(np.linalg.norm(self.before.about.left_by(self._columns([k]))))
             if not length or self.before.noise_freedom <= 0.0:
                 continue
-            size = (_needed(length, component.log_prior) + SEEN_9_OF_10) / length
-            if size > NO_SIZE:
-                continue
-            size *= float(component.unit[0])
-            detectable = smallest.get(component.id)
-            if math.isfinite(size) and (detectable is None or size < detectable.size):
-                unit = component.candidate.parameters[0].unit if component.candidate else ""
-                smallest[component.id] = Detectable(component.id, size, unit)
-        yield from smallest.values()
+            (parameter,), unit = component.candidate.parameters, float(component.unit[0])
+            size = unit * (_needed(length, component.log_prior) + SEEN_9_OF_10) / length
+            before = smallest.setdefault(component.id, None)
+            if size <= min(NO_SIZE * unit, parameter.limit) and (not before or size < before.size):
+                smallest[component.id] = Detectable(component.id, size, parameter.unit)
+        return smallest
 
     def _cleaned(self, number: int) -> CleanedReadings:
         case = self.posterior.sessions[number].case

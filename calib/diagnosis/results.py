@@ -233,8 +233,9 @@ class Diagnosis:
     """The whole answer. ``sentence`` is the verdict for a machinist.
 
     ``missing`` is the probability that anything is missing, ``something_else`` that something
-    without a name acts, ``names`` are those that may act anywhere. ``cleaned`` are the readings of
-    each session as they were diagnosed.
+    without a name acts, ``names`` are those that may act anywhere. ``not_shown`` are ids of effects
+    that these readings would show of no size that a machine may have. ``cleaned`` are the readings
+    of each session as they were diagnosed.
     """
 
     verdict: Verdict
@@ -252,6 +253,7 @@ class Diagnosis:
     effects: tuple[Finding, ...]
     candidates: tuple[Contender, ...]
     smallest_detectable: tuple[Detectable, ...]
+    not_shown: tuple[str, ...]
     residuals: CellResiduals
     remarks: tuple[str, ...] = ()
     left_over: ModelDiscrepancy | None = None

@@ -37,6 +37,7 @@ from calib.posterior.distances import Distances
 from calib.posterior.gaussian import About, LittleOfAll
 from calib.tripod.effects.bars import LegLength
 from calib.tripod.effects.candidates import place_columns
+from calib.tripod.effects.contacts import BowOfTouchedPlate, PlatformTilt
 from calib.tripod.effects.drives import ActuatorScale, AxisLean, AxisOffset, AxisSquareness
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.geometry import PARAMETER_NAMES
@@ -65,10 +66,21 @@ STEPS = 6
 """Of Gauss and Newton: from any machine within its tolerances three do."""
 
 ALIKE = 0.8
-"""Correlation of what towers are off by from the middle: owners find one radius wrong by some
-tenths, and single towers by half of that."""
+"""Correlation of what towers are off by from the middle, and of what their bars are off by: owners
+find one radius wrong by some tenths, and single towers by half of that; bars are cut with one jig
+and measured with one ruler."""
+
+
+def is_radial(law: Effect, place: str) -> bool:
+    """Whether a parameter is how far a tower stands from the middle."""
+    return law.id == AxisOffset.id and place[-1] == "r"
+
 
 Stated = Literal["nothing", "directions", "lines", "lines and bars"]
+
+DIRECTIONS = (AxisLean.id, AxisSquareness.id, ActuatorScale.id)
+OF_CONTACTS = (BowOfTouchedPlate.id, PlatformTilt.id)
+"""A machine whose lines are as stated has a flat plate and a level platform, too."""
 
 STATED_MM = 0.01
 """Of lengths that are as stated: bars that are measured, not made to tolerance."""
@@ -133,15 +145,33 @@ class SessionCase:
         return spread
 
     @property
+    def base_correlation(self) -> FloatArray:
+        """Of joint offsets and bar lengths ``(6, 6)``: bars of towers are off alike."""
+        correlation = np.eye(BASE)
+        if any(is_radial(*law) for law in self.geometry):
+            correlation[3:, 3:] += ALIKE * (1.0 - np.eye(BASE - 3))
+        return correlation
+
+    @property
+    def base_root(self) -> FloatArray:
+        """Root ``(6, 6)`` of the covariance of joint offsets and bar lengths, mm."""
+        return np.asarray(self.spread_mm[:, None] * np.linalg.cholesky(self.base_correlation))
+
+    @property
     def lines(self) -> Mapping[tuple[Effect, str], float]:
         """Parameters of geometry that every model has free about 0; adopted ones have a size."""
         stated: dict[Stated, tuple[str, ...]] = {
-            "nothing": (AxisOffset.id, AxisLean.id, AxisSquareness.id, ActuatorScale.id),
-            "directions": (AxisOffset.id,),
+            "nothing": (*DIRECTIONS, AxisOffset.id, *OF_CONTACTS),
+            "directions": (AxisOffset.id, *OF_CONTACTS),
         }
         ids = stated.get(self.as_stated, ())
-        sizes = self.geometry.items()
-        return {law: size for law, size in sizes if law[0].id in ids and law not in self.free}
+        return {
+            (law, place): size
+            for (law, place), size in self.geometry.items()
+            if law.id in ids
+            and (law, place) not in self.free
+            and place in law.places(self.observed)
+        }
 
     @cached_property
     def lines_root(self) -> FloatArray:
@@ -150,10 +180,7 @@ class SessionCase:
         Towers stand on one frame: their distances from the middle are off alike.
         """
         correlation = np.eye(len(self.lines))
-        numbered_laws = enumerate(self.lines)
-        radial = [
-            k for k, (law, place) in numbered_laws if law.id == AxisOffset.id and place[-1] == "r"
-        ]
+        radial = [k for k, law in enumerate(self.lines) if is_radial(*law)]
         correlation[np.ix_(radial, radial)] += ALIKE * (1.0 - np.eye(len(radial)))
         size = np.array([*self.lines.values()])
         return np.asarray(size[:, None] * np.linalg.cholesky(correlation))
@@ -312,19 +339,20 @@ class Cells:
 
     def _fitted_beside_geometry(self) -> Model:
         """The same, what geometry does within its tolerances being a part of the noise."""
-        model, spread_mm = self.case.model, self.case.spread_mm
+        model, root = self.case.model, self.case.base_root
         for _ in range(STEPS):
             beside = LittleOfAll(self.whitened(_by_geometry(self.case, model, self.means)))
             rows = np.column_stack(
                 [
                     self.means.value_mm - model.readings(self.means),
-                    design_of(model, self.means, range(BASE), ()) * spread_mm,
+                    design_of(model, self.means, range(BASE), ()) @ root,
                 ]
             )
             rows = beside.whitened(self.whitened(rows))
-            expected = np.subtract(self.case.model.parameters_mm, model.parameters_mm) / spread_mm
+            expected_mm = np.subtract(self.case.model.parameters_mm, model.parameters_mm)
+            expected = np.asarray(np.linalg.solve(root, expected_mm), dtype=np.float64)
             about = About.of(rows[:, 1:], rows[:, 0], expected)
-            step_mm = spread_mm * (about.inverse @ about.along)
+            step_mm = root @ (about.inverse @ about.along)
             model = model.with_parameters(model.parameters_mm + step_mm)
         return model
 
@@ -399,7 +427,7 @@ SCATTERS_MM = np.geomspace(1e-3, 1.0, 61)
 
 def _likeliest_mm2(case: SessionCase, visited: Observations) -> float:
     """The variance of contacts with which a machine within its tolerances is likeliest, mm²."""
-    within = design_of(case.model, visited, range(BASE), ()) * case.spread_mm
+    within = design_of(case.model, visited, range(BASE), ()) @ case.base_root
     lines = _by_geometry(case, case.model, visited)
     rows = np.column_stack([visited.value_mm - case.model.readings(visited), within, lines])
     centred = without_zeros(visited, visited.averaged, rows)

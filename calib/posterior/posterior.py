@@ -31,9 +31,9 @@ leg would else pull those of the others towards what the file says."""
 
 
 AS_STATED: dict[Stated, float] = {
-    "nothing": 0.32,
-    "directions": 0.32,
-    "lines": 0.33,
+    "nothing": 0.25,
+    "directions": 0.37,
+    "lines": 0.35,
     "lines and bars": 0.03,
 }
 """How likely a machine with tolerances of its lines has so much as the file states it."""

@@ -223,6 +223,7 @@ class PosteriorProblem:
         Mistakes are compared without what offsets cost: these are never the question.
         """
         alone = np.eye(len(self.rows.whitening))
+        alone[:LENGTHS, :LENGTHS] = self.rows.whitening[:LENGTHS, :LENGTHS]
         if np.array_equal(self.rows.whitening, alone):
             return 0.0
         return self._plain.room - self._about_of(replace(self.rows, whitening=alone)).room

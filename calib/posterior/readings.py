@@ -172,9 +172,11 @@ def _expected_mm(sessions: Sequence[Cells]) -> list[FloatArray]:
 def _whitening(sessions: Sequence[Cells]) -> FloatArray:
     """Sessions of one state of the machine have the same joint offsets, but for homing ``(b, b)``.
 
-    The inverse of a Cholesky root of how lengths and offsets of all sessions correlate.
+    The inverse of a Cholesky root of how lengths and offsets of all sessions correlate; lengths and
+    offsets do not.
     """
     correlation = np.eye(LENGTHS + 3 * len(sessions))
+    correlation[:LENGTHS, :LENGTHS] = sessions[-1].case.base_correlation[3:, 3:]
     for earlier, later in combinations(range(len(sessions)), 2):
         state, spread = sessions[earlier].case.state, sessions[earlier].case.spread_mm[:3]
         if state is None or state != sessions[later].case.state:

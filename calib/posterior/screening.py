@@ -42,15 +42,15 @@ class Screen:
     def of(cls, cells: Cells, columns: FloatArray, root: FloatArray) -> Screen:
         """Beside columns ``(n_cells, r)``; ``root`` ``(n,)`` are standard deviations, mm."""
         visited, model, cell = cells.visited, _plain(cells), cells.cell
-        spread, count = cells.case.spread_mm, BASE + columns.shape[1]
-        derivatives = design_of(model, cells.means, range(BASE), ()) * spread
+        base_root, count = cells.case.base_root, BASE + columns.shape[1]
+        derivatives = design_of(model, cells.means, range(BASE), ()) @ base_root
         zeros = np.hstack([incidence(visited.mount), tilts(visited)])
         columns_of_visits = np.hstack([zeros, derivatives[cell], columns[cell]]) / root[:, None]
         below = np.hstack([np.zeros((count, zeros.shape[1])), np.eye(count)])
         basis = np.linalg.qr(np.vstack([columns_of_visits, below]))[0]
         expected = np.zeros(count)
         departure = np.array(cells.case.model.parameters_mm) - model.parameters_mm
-        expected[:BASE] = departure / spread
+        expected[:BASE] = np.linalg.solve(base_root, departure)
         freedom = len(visited) - zeros.shape[1] - 3.0
         predicted = model.readings(cells.means)[cell]
         blank = cls(cells, predicted, root, basis, expected, freedom, np.zeros(0), 0.0)

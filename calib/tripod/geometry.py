@@ -39,6 +39,9 @@ UNIT = 1e-6
 USABLE_BAR = (0.05, 0.95)
 """Fractions of a bar, from the tool end, that an indicator may touch: clear of joints and stand."""
 
+USUAL_ANGLES_DEG = (210.0, 330.0, 90.0)
+"""Of the first, second and third tower of printers, from x, anticlockwise."""
+
 Pair = tuple[float, float]
 Triple = tuple[float, float, float]
 Three = tuple[Triple, Triple, Triple]

@@ -271,7 +271,7 @@ def _own_foot(flow: Flow) -> NDArray[Any]:
 
 
 def _own_end(flow: Flow) -> NDArray[Any]:
-    """Tool end of the touched bar ``(..., n, 3)``, or the tool."""
+    """Tool end of the touched bar ``(..., n, 3)``, or the tool, or a probe beside it."""
     return np.asarray(flow.tool_mm + _joint(flow))
 
 
@@ -295,9 +295,10 @@ def own_zero_rows(taken: Conditions) -> IntArray:
 
 
 def _joint(flow: Flow) -> FloatArray:
-    """From the tool to the end of the touched bar ``(n, 3)``."""
+    """From the tool to the end of the touched bar, or to a probe beside it ``(n, 3)``."""
     leg = flow.taken.leg
-    return np.where((leg == TOOL)[:, None], 0.0, flow.geometry.platform[leg])
+    of_tool = (leg == TOOL)[:, None]
+    return np.where(of_tool, flow.taken.beside_mm, flow.geometry.platform[leg])
 
 
 OWN_ZEROS = (0, 1, 2, TOOL)

@@ -13,6 +13,7 @@ import secrets
 import shutil
 import socket
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -136,7 +137,7 @@ def check_linuxcnc() -> None:
         raise UsageError(
             OPTION, f"no {missing[0]} here", "LinuxCNC 2.9 on this computer", next_step
         )
-    if os.geteuid() == 0 and "RTAPI_UID" not in os.environ:
+    if sys.platform != "win32" and os.geteuid() == 0 and "RTAPI_UID" not in os.environ:
         obstacle = "root, as whom LinuxCNC does not start"
         raise UsageError(OPTION, obstacle, "an ordinary user", OTHERWISE)
     if LOCK.exists() or not subprocess.run(["pidof", *PARTS], capture_output=True).returncode:

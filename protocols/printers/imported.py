@@ -10,11 +10,12 @@ from typing import Protocol
 
 import numpy as np
 
+from calib.arrays import FloatArray
 from calib.errors import RecordError, UsageError
 from calib.tripod.geometry import Geometry
 from protocols.distance_table import Measured
 from protocols.machine import Instrument, Machine, machine_text
-from protocols.observations import SAME_PLACE_MM
+from protocols.observations import BY_HAND, SAME_PLACE_MM
 from protocols.printers import klipper, marlin, repetier, reprapfirmware
 from protocols.printers.gcode import Texts, read_printed
 from protocols.printers.tower_printer import LARGEST, OFF_PLATE_MM, Contact, Held
@@ -23,8 +24,11 @@ from protocols.session import Opened, Reading
 from protocols.table import is_table
 
 WHAT = "file of a printer"
-BY_HAND = "tool-z, by hand"
-"""Mounting of heights that were measured by hand: a probe trips at a height of its own."""
+STEEPEST = 0.1
+"""Of a plate as contacts show it: over one that is steeper no nozzle printed."""
+
+BESIDE_MM = 5.0
+"""So near each other contacts differ by the probe's errors, not by slopes."""
 
 MOST_REMARKS = 20
 SHOWN = 80
@@ -35,7 +39,8 @@ SHOWN = 80
 class ImportedPrinter:
     """A session to write: its first line, its contacts, the machine file, and what is not used.
 
-    ``machine_file`` is TOML; None where the machine was stated, not read.
+    ``machine_file`` is TOML; None where the machine was stated, not read. A configuration alone has
+    no contacts yet.
     """
 
     opened: Opened
@@ -81,11 +86,13 @@ def imported_printer(
     resolution_mm: float | None = None,
     repeatability_mm: float | None = None,
     remarks: tuple[str, ...] = (),
+    geometry_alone: bool = False,
 ) -> ImportedPrinter:
     """A session of what these files hold, the geometry of one of them or the ``machine``'s.
 
-    ``resolution_mm`` and ``repeatability_mm`` are stated of the probe. Raises RecordError for
-    files without geometry or contacts, UsageError for a machine that is stated and read.
+    ``resolution_mm`` and ``repeatability_mm`` are stated of the probe; with ``geometry_alone``
+    contacts may be missing. Raises RecordError for files without geometry or contacts, or contacts
+    that are none of this machine, UsageError for a machine that is stated and read.
     """
     held = _held(paths)
     if held.printer is not None and machine is not None:
@@ -95,16 +102,17 @@ def imported_printer(
             "one of both",
             "Leave it out: the machine file is made of the printer's own numbers.",
         )
-    if not held.contacts:
+    if not held.contacts and not geometry_alone:
         raise RecordError(
             f"{WHAT} {paths[0]}",
             "no contact with the plate" + "".join(f". Not used: {odd}" for odd in held.odd[:1]),
             "heights that the firmware saved, or a log of its probe beside it",
-            "Write the places with glidecal plan --macro, run it, and name its log here, too.",
+            "Write the machine file now (--machine-file-out), with it the places to probe "
+            "(glidecal plan --macro), run them, and name their log here, too.",
         )
     text = None
     if held.printer is not None:
-        machine = held.printer.machine(held.contacts)
+        machine = held.printer.machine(held.contacts, held.beside_mm)
         names = ", ".join(path.name for path in paths)
         text = machine_text(
             machine, (f"Made by glidecal import from {names}. Lengths in mm.", *NOTE)
@@ -165,7 +173,7 @@ def _check(path: Path, contacts: Sequence[Contact], machine: Machine) -> None:
     """Raises RecordError for the first contact that is none of this machine's, with its text."""
     geometry, allowed = machine.geometry(), "contacts with one plate, of this machine"
     off_mm = np.array([contact.place_mm[2] - contact.height_mm for contact in contacts])
-    usual_mm = float(np.median(off_mm))
+    usual_mm = float(np.median(off_mm)) if len(contacts) else 0.0
     for contact, off in zip(contacts, off_mm.tolist(), strict=True):
         x, y, z = contact.place_mm
         reached = abs(x) + abs(y) + abs(z) <= LARGEST and _reached(geometry, contact)
@@ -177,6 +185,26 @@ def _check(path: Path, contacts: Sequence[Contact], machine: Machine) -> None:
                 allowed,
                 "Are these contacts of another geometry, or in another unit? Take out a place that "
                 "failed.",
+            )
+    _check_neighbours(path, contacts, off_mm)
+
+
+def _check_neighbours(path: Path, contacts: Sequence[Contact], off_mm: FloatArray) -> None:
+    """Raises RecordError for a contact that is on no smooth plate with those beside it."""
+    across_mm = np.array([contact.place_mm[:2] for contact in contacts])
+    for contact, at_mm, off in zip(contacts, across_mm, off_mm.tolist(), strict=True):
+        apart_mm = np.hypot(*(across_mm - at_mm).T)
+        step_mm = np.abs(off_mm - off)
+        steep = step_mm / np.maximum(apart_mm, BESIDE_MM)
+        worst = int(steep.argmax())
+        if steep[worst] > STEEPEST:
+            raise RecordError(
+                f"{WHAT} {path}",
+                f"{contact.text[:SHOWN]}: {step_mm[worst]:.3g} mm off a contact that is "
+                f"{apart_mm[worst]:.3g} mm beside it, {contacts[worst].text[:SHOWN]}",
+                "contacts with one plate, with the values that the configuration has now",
+                "Were values changed between these contacts? Probe again, or take out what was "
+                "measured before.",
             )
 
 

@@ -11,19 +11,19 @@ import configparser
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from calib.errors import RecordError, UnreachablePosture
 from calib.tripod import UPRIGHT_TOWERS
+from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.distance_table import Measured
 from protocols.documents import MOST_WRITTEN_BYTES
 from protocols.printers.gcode import Texts, read_printed
 from protocols.printers.tower_printer import (
     OFF_PLATE_MM,
-    USUAL_ANGLES_DEG,
     Contact,
     Held,
     Three,
@@ -35,6 +35,9 @@ SAVED_HEADER = "#*# <---------------------- SAVE_CONFIG ---------------------->"
 STEPPERS = ("stepper_a", "stepper_b", "stepper_c")
 CALIBRATION = "delta_calibrate"
 RADIUS = "delta_radius"
+PROBES = ("probe", "bltouch", "smart_effector", "probe_eddy_current", "load_cell_probe")
+"""Sections of Klipper's probes; some have a name behind."""
+
 MOST_HEIGHTS = 999
 MOST_INCLUDES = 200
 FULL_STEPS = 200
@@ -195,7 +198,7 @@ def held(texts: Texts) -> Held:
             more, strange = _probed(text, config, path.name)
             contacts += more
             odd += strange
-    return Held(of_config.printer, tuple(contacts), tuple(odd), of_config.distances)
+    return replace(of_config, contacts=tuple(contacts), odd=tuple(odd))
 
 
 def _held_in(path: Path, config: Config) -> Held:
@@ -211,7 +214,8 @@ def _held_in(path: Path, config: Config) -> Held:
     printer, step_mm = _printer(path, config)
     odd = [*config.odd]
     contacts, distances = _measured(config, printer, step_mm, odd)
-    return Held(printer, contacts, tuple(odd), distances)
+    x_offset, y_offset, _ = _probe_offset_mm(config)
+    return Held(printer, contacts, tuple(odd), distances, (x_offset, y_offset))
 
 
 def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Three]:
@@ -369,15 +373,20 @@ def _elsewhere(where: str, text: str, why: str) -> RecordError:
     )
 
 
+def _probe_offset_mm(config: Config) -> Three:
+    """Where the probe trips from the tool, as the section of the probe that there is has it."""
+    sections = (name for name in config.parser.sections() if name.split()[0] in PROBES)
+    section = next(sections, PROBES[0])
+    x, y, z = (config.number(section, f"{axis}_offset", 0.0) for axis in "xyz")
+    return x, y, z
+
+
 def _probed(text: str, config: Config | None, name: str) -> tuple[list[Contact], list[str]]:
     """Contacts of a log of PROBE, and lines of it that are like answers and cannot be read.
 
-    The place that is answered is the probe's, beside the tool by the offsets of ``[probe]``; the
-    tool stands its z_offset higher.
+    The place that is answered is the probe's, beside the tool; the tool stands its z_offset higher.
     """
-    x_offset, y_offset, z_offset = (
-        0.0 if config is None else config.number("probe", f"{axis}_offset", 0.0) for axis in "xyz"
-    )
+    x_offset, y_offset, z_offset = _probe_offset_mm(config) if config else (0.0, 0.0, 0.0)
     contacts, odd = [], []
     for number, line in enumerate(text.splitlines(), start=1):
         if match := PROBED.search(line):

@@ -14,13 +14,10 @@ from pydantic import ValidationError
 
 from calib.arrays import FloatArray
 from calib.errors import RecordError
-from calib.tripod.geometry import trilaterate
+from calib.tripod.geometry import USUAL_ANGLES_DEG, trilaterate
 from protocols.distance_table import Measured
 from protocols.documents import Triple, describe
 from protocols.machine import Drive, Machine
-
-USUAL_ANGLES_DEG = (210.0, 330.0, 90.0)
-"""Of the first, second and third tower of printers, from x, anticlockwise."""
 
 OFF_PLATE_MM = 5.0
 """So far the tool may be above or below its plate in a contact: a machine that is off by more was
@@ -39,6 +36,7 @@ LARGEST = 10_000.0
 """Of lengths in mm, and of angles."""
 
 Three = tuple[float, float, float]
+Pair = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,8 @@ class Contact:
 class Held:
     """What the files of a printer hold: its geometry if they have it, contacts, and odd lines.
 
-    ``distances`` are those between marks of a printed object.
+    ``distances`` are those between marks of a printed object. ``beside_mm`` is where the probe is
+    from the tool, in x and y.
     ``odd`` names what looked like geometry or a contact and is not used, with the reason.
     """
 
@@ -67,6 +66,7 @@ class Held:
     contacts: tuple[Contact, ...]
     odd: tuple[str, ...] = ()
     distances: tuple[Measured, ...] = ()
+    beside_mm: Pair = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -150,11 +150,12 @@ class TowerPrinter:
         allowed = min(radius, min(self.length_mm) - radius)
         return min(self.printable_mm or allowed, allowed)
 
-    def machine(self, contacts: Sequence[Contact]) -> Machine:
+    def machine(self, contacts: Sequence[Contact], beside_mm: Pair = (0.0, 0.0)) -> Machine:
         """The machine file, with travel for the printable plate and these contacts.
 
-        Raises RecordError.
+        The probe is ``beside_mm`` the tool. Raises RecordError.
         """
+        is_beside = any(beside_mm)
         x, y = (self.towers_mm[:, k].tolist() for k in range(2))
         lengths = np.array(self.length_mm)
         half = float(round(0.5 * self.reach_mm))
@@ -179,10 +180,13 @@ class TowerPrinter:
                 set_at_zero=True,
                 procedure="plate-rings",
                 offset_tolerance_mm=1.0,
-                length_tolerance_mm=0.3,
+                length_tolerance_mm=0.4,
                 across_tolerance_mm=0.4,
                 lean_tolerance_mrad=1.0,
                 scale_tolerance_mm_m=1.0,
+                plate_bow_tolerance_mm=0.05,
+                platform_tilt_tolerance_mrad=1.0 if is_beside else 0.0,
+                probe_offset_mm=beside_mm if is_beside else None,
                 position_endstop_mm=self.endstop_mm,
                 rotation_distance_mm=self.rotation_distance_mm,
                 steps_per_mm=self.steps_per_mm,

@@ -13,9 +13,10 @@ import argparse
 import math
 import re
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,16 +65,20 @@ class Parts:
     def perfect(cls) -> Parts:
         return cls(*(np.zeros(2 if one.name == "plate" else 3) for one in fields(cls)))
 
-    def tool(self, below_mm: FloatArray) -> FloatArray:
-        """Where three spheres meet, carriages so far ``(3,)`` below their switches; Newton."""
+    def feet(self, below_mm: FloatArray) -> FloatArray:
+        """Joints of the carriages ``(3, 3)``, these so far ``(3,)`` below their switches."""
         raised = STOP + math.sqrt(BAR**2 - RADIUS**2)
         height = raised + self.switch_mm - (1.0 + self.scale) * below_mm
         out = outward(ANGLES)
         across = np.stack([-out[:, 1], out[:, 0]], axis=1)
         foot = (RADIUS + self.out_mm + self.lean_out * height)[:, None] * out
         foot = foot + (self.round_mm + self.lean_round * height)[:, None] * across
-        feet, bar = np.column_stack([foot, height]), BAR + self.bar_mm
-        place = np.array([0.0, 0.0, height.mean() - 217.0])
+        return np.column_stack([foot, height])
+
+    def tool(self, below_mm: FloatArray) -> FloatArray:
+        """Where three spheres meet; Newton."""
+        feet, bar = self.feet(below_mm), BAR + self.bar_mm
+        place = np.array([0.0, 0.0, feet[:, 2].mean() - 217.0])
         for _ in range(30):
             way = place - feet
             place = place - np.linalg.solve(2.0 * way, (way**2).sum(axis=1) - bar**2)
@@ -86,6 +91,14 @@ class Parts:
             tool = self.tool(firmware(place))
             place[2] -= tool[2] - self.plate @ tool[:2]
         return place
+
+
+class Hidden(Protocol):
+    """A printer: where its tool is, and where the firmware is as something meets the plate."""
+
+    def tool(self, below_mm: FloatArray) -> FloatArray: ...
+
+    def met(self, firmware: Firmware, across: tuple[float, float]) -> FloatArray: ...
 
 
 Cases = Mapping[str, Callable[[np.random.Generator], Parts]]
@@ -161,19 +174,22 @@ def firmware(stops: FloatArray, radius: float, angles: FloatArray, bar: float) -
 BELIEVED = firmware(np.full(3, STOP), RADIUS, ANGLES, BAR)
 
 
-def contacts(parts: Parts, random: np.random.Generator) -> list[FloatArray]:
+def contacts(parts: Hidden, random: np.random.Generator) -> list[FloatArray]:
     met = [parts.met(BELIEVED, across) for across in RINGS]
     up = np.array([0.0, 0.0, SCATTER_MM])
     return [place + up * random.normal() for _ in range(CYCLES) for place in met]
 
 
-def fitted(met: list[FloatArray], factors: int) -> Firmware:
+def fitted(
+    met: list[FloatArray], factors: int, stops_mm: Sequence[float] = (STOP,) * 3
+) -> Firmware:
     """The peers' least squares: a machine with which all contacts are at height 0."""
-    below = np.array([BELIEVED(place) for place in met])
+    held = firmware(np.array(stops_mm), RADIUS, ANGLES, BAR)
+    below = np.array([held(place) for place in met])
 
     def values(v: FloatArray) -> tuple[FloatArray, float, FloatArray, float]:
         angles = ANGLES + np.array([v[4], v[5], 0.0])
-        return STOP + v[:3], RADIUS + v[3], angles, BAR + (v[6] if factors == 9 else 0.0)
+        return stops_mm + v[:3], RADIUS + v[3], angles, BAR + (v[6] if factors == 9 else 0.0)
 
     def heights(v: FloatArray) -> FloatArray:
         stops, radius, angles, bar = values(v)
@@ -192,7 +208,7 @@ def fitted(met: list[FloatArray], factors: int) -> Firmware:
     return firmware(*values(solution.x))
 
 
-def errors(parts: Parts, run: Firmware) -> FloatArray:
+def errors(parts: Hidden, run: Firmware) -> FloatArray:
     """Tool less where it was sent, less the same in the middle of the plate ``(n, 3)``."""
     zero = parts.tool(run(np.zeros(3)))
     return np.array([parts.tool(run(place)) - place for place in GRID]) - zero
@@ -230,8 +246,10 @@ class Result:
     height: float
 
 
-def calibrated(parts: Parts, random: np.random.Generator, folder: Path) -> Result:
-    """One printer through `import`, `export` and the firmware's formulas."""
+def calibrated(
+    parts: Hidden, random: np.random.Generator, folder: Path, stated: Machine | None = None
+) -> Result:
+    """One printer through `import`, `export` and the firmware's formulas; ``stated`` of it."""
     met = contacts(parts, random)
     rows = [f"{x:.4f},{y:.4f},{z:.5f},0,{k // len(RINGS) + 1}" for k, (x, y, z) in enumerate(met)]
     table, known, session, out = (
@@ -239,7 +257,7 @@ def calibrated(parts: Parts, random: np.random.Generator, folder: Path) -> Resul
     )
     session.unlink(missing_ok=True)
     table.write_text("\n".join(["x_mm,y_mm,z_mm,height_mm,cycle", *rows]) + "\n")
-    known.write_text(machine_text(machine(), []), encoding="utf-8")
+    known.write_text(machine_text(stated or machine(), []), encoding="utf-8")
     for words in (
         ("import", table, "-o", session, "--machine", known),
         ("export", session, "--format", "klipper", "-o", out, "--force"),

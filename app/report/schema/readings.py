@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
-
-from serial.tools.list_ports_common import ListPortInfo
+from typing import Literal, Protocol
 
 from app.report.schema.document import Report, Source, schema
 from drivers.profile import Evidence, Fault, FaultKind, IndicatorReading, Outcome, Profile, Unit
@@ -150,10 +148,24 @@ def outcome_report(profile: str, outcome: Outcome) -> ReadingReport | FaultRepor
     return ReadingReport.of(ProfiledReading(profile, outcome))
 
 
+class PortOfSystem(Protocol):
+    """As pyserial describes one."""
+
+    device: str
+
+    @property
+    def description(self) -> str | None:
+        """What is behind it."""
+
+    @property
+    def hwid(self) -> str | None:
+        """Of the hardware."""
+
+
 class FoundPort(Report):
     """A serial port of this computer."""
 
-    of = Source[ListPortInfo]()
+    of = Source[PortOfSystem]()
     port: str = of(lambda r: r.device)
     description: str | None = of(lambda r: r.description)
     hardware: str | None = of(lambda r: r.hwid)
@@ -173,7 +185,7 @@ class KnownProfile(Report):
 class SerialPorts:
     """Ports of this computer, and profiles for what may be there."""
 
-    ports: Sequence[ListPortInfo]
+    ports: Sequence[PortOfSystem]
     profiles: Sequence[Profile]
 
 

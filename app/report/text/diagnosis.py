@@ -428,6 +428,8 @@ def probability_words(probability: float) -> str:
 def _detectable(diagnosis: Diagnosis) -> list[Table]:
     """What would have been found, where readings and model agree."""
     table = result_table(DataTable.of(Detectable, diagnosis.smallest_detectable))
+    for name in diagnosis.not_shown:
+        table.add_row(name, "not shown")
     return [table] if diagnosis.verdict == "agrees" else []
 
 

@@ -13,6 +13,7 @@ from calib.tripod.effects.bars import (
     LegLength,
     LegTaper,
 )
+from calib.tripod.effects.contacts import SHAPES, PlatformTilt, TiltOfTouchedPlate
 from calib.tripod.effects.drives import (
     STANDARD_LEADS_MM,
     ActuatorCyclic,
@@ -34,7 +35,6 @@ from calib.tripod.effects.gauges import (
     GaugeHysteresis,
     GaugeTilt,
     PlateTilt,
-    TiltOfTouchedPlate,
     TipOnRoundBar,
 )
 
@@ -67,5 +67,7 @@ BESIDE_CATALOGUE: tuple[Effect, ...] = (
     TipOnRoundBar(),
     GaugeHysteresis(),
     DriftOfStand(),
+    *SHAPES,
+    PlatformTilt(),
 )
 """Those that machines have less often: the diagnosis gives them less weight beforehand."""

@@ -28,7 +28,7 @@ from calib.tripod.effects.effect import (
     numbers,
     on_legs,
 )
-from calib.tripod.pipeline import Flow, measuring_directions, moved_along
+from calib.tripod.pipeline import Flow, moved_along
 
 PERCENT = 1e-2
 
@@ -98,29 +98,6 @@ class PlateTilt(OfTouch):
         first, second = (k for k in range(3) if k != numbers(at.place)[1])
         way = at.values[0] * at.stage_input[..., first] + at.values[1] * at.stage_input[..., second]
         return PER_THOUSAND * way
-
-
-@dataclass(frozen=True)
-class TiltOfTouchedPlate(PlateTilt):
-    """The same of the plate that the tool meets in contacts: nothing of an indicator."""
-
-    id = "plate_tilt"
-    title = "the plate that the tool meets is askew"
-    kind = Kind.MACHINE
-    controller = "nothing to enter: level the plate"
-
-    def places(self, conditions: Conditions) -> tuple[str, ...]:
-        """The tool along every coordinate that it met a plate along."""
-        return tuple(
-            f"t{LEG_NAMES[axis]}" for axis in np.unique(conditions.axis[conditions.contact])
-        )
-
-    def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
-        """Touched points ``(..., n, 3)``."""
-        conditions = at.flow.taken
-        met = conditions.contact & (conditions.axis == numbers(at.place)[1])
-        along = measuring_directions(at.flow.geometry, conditions)
-        return np.asarray((off_mm * met)[..., None] * along)
 
 
 @dataclass(frozen=True)

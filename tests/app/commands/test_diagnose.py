@@ -109,6 +109,18 @@ def test_the_first_line_is_the_verdict(tmp_path: Path) -> None:
     assert quiet.out.splitlines()[0].startswith("AGREES.")
 
 
+def test_no_size_that_no_machine_has_would_have_been_found(tmp_path: Path) -> None:
+    """At a leg of a delta the bar hardly moves across the indicator: nothing shows its tilt."""
+    session = tmp_path / "bars.jsonl"
+    words = ("--machine", "linear-delta", "--protocol", "bars", "-o", session)
+    assert glidecal("simulate", *words).status == 0
+    sizes = {one["id"]: one["size"] for one in diagnosed(session)["smallest_detectable"]}
+    assert "gauge_tilt" not in sizes
+    assert 0.0 < sizes["axis_lean"] < 1.0  # mrad
+    shown = glidecal("diagnose", session).out
+    assert re.search(r"gauge_tilt +not shown", shown)
+
+
 @LONG
 def test_the_bound_at_the_tool_and_what_lowers_it(tmp_path: Path, samples: Path) -> None:
     """`plan` proposes the same set-ups from the readings; each lowers the bound by a tenth."""

@@ -72,6 +72,7 @@ def measured(machine: Hidden, chance: np.random.Generator, plan: Plan = ALIGN) -
         movement=np.zeros((count, 3)),
         along_mm=np.where(rows.over_plane, rows.displacement_mm + rows.station * LEG_MM, np.nan),
         contact=np.zeros(count, dtype=np.bool_),
+        beside_mm=np.zeros((count, 3)),
     )
     zeros = chance.uniform(-0.5, 0.5, rows.mount.max() + 1)[rows.mount]
     noise = SCATTER_MM * chance.normal(size=count)

@@ -59,6 +59,7 @@ def on_plate() -> Conditions:
 TAKEN = walked()
 PLATE = on_plate()
 CONTACTS = replace(PLATE, contact=np.ones(len(PLATE), dtype=np.bool_))
+PROBED = replace(CONTACTS, beside_mm=np.tile([25.0, -10.0, 0.0], (len(PLATE), 1)))
 
 EVERY = (*CATALOGUE, *BESIDE_CATALOGUE)
 SETTINGS = [
@@ -66,7 +67,7 @@ SETTINGS = [
     for name, geometry, taken in (
         ("legs", Geometry(), TAKEN),
         ("plate", DELTA, PLATE),
-        ("contacts", DELTA, CONTACTS),
+        ("contacts", DELTA, PROBED),
     )
     for known in effects_of(EVERY, geometry)
     if known.places(taken)
@@ -616,3 +617,29 @@ def test_a_plate_that_falls_towards_x_is_further_from_the_tool_there() -> None:
     taken = replace(taken, contact=np.ones(3, dtype=np.bool_))
     height = replace(Model(DELTA), effects=(tilt,)).readings(taken)
     assert height == pytest.approx([0.0, 0.150, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("shape", "expected"),
+    [
+        ("bow_first_at_100mm", [0.0, 0.025, 0.0, 0.016]),
+        ("bow_second_at_100mm", [0.0, 0.0, 0.025, 0.009]),
+        ("bow_twist_at_100mm", [0.0, 0.0, 0.0, 0.024]),
+    ],
+)
+def test_the_tool_is_higher_over_a_plate_that_falls_outwards(
+    shape: str, expected: list[float]
+) -> None:
+    """0.1 mm at 100 mm: 0.1 (x/100)^2, 0.1 (y/100)^2, 0.2 x y/100^2."""
+    taken = tool_conditions(
+        [[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [0.0, 50.0, 0.0], [40.0, 30.0, 0.0]]
+    )
+    taken = replace(taken, contact=np.ones(4, dtype=np.bool_))
+    height = change("plate_bow", "tz", 0.1, taken, DELTA, shape)
+    assert height == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_probe_at_the_tool_does_not_tilt() -> None:
+    (tilt,) = [known for known in EVERY if known.id == "platform_tilt"]
+    assert tilt.places(PROBED) == ("x", "y", "z")
+    assert tilt.places(CONTACTS) == ()

@@ -282,6 +282,23 @@ def test_commands_as_firmware_takes_them(tmp_path: Path, line: str, otherwise: s
     assert found.opened.machine == read(tmp_path, CONFIG_G, *g32(PERFECT)).opened.machine
 
 
+def test_where_the_probe_is_stands_in_the_machine_file(tmp_path: Path) -> None:
+    """M851 of Marlin, G31 of RepRapFirmware; without one the tool itself meets the plate."""
+    beside = CONFIG_G.replace("G31 P500 X0 Y0", "G31 P500 X-12.5 Y8")
+    cases = {
+        "marlin": ((m503(PERFECT),), (15.0, -5.0)),
+        "beside": ((beside, *g32(PERFECT)), (-12.5, 8.0)),
+        "at it": ((CONFIG_G, *g32(PERFECT)), None),
+    }
+    for name, (texts, offset_mm) in cases.items():
+        folder = tmp_path / name
+        folder.mkdir()
+        machine = read(folder, *texts).opened.machine
+        assert machine.probe_offset_mm == offset_mm
+        assert (machine.platform_tilt_tolerance_mrad > 0.0) == (offset_mm is not None)
+        assert machine.plate_bow_tolerance_mm == 0.05
+
+
 def test_steps_per_mm_of_the_towers_are_those_of_the_last_m92(tmp_path: Path) -> None:
     def held(folder: Path, *texts: str) -> object:
         folder.mkdir()

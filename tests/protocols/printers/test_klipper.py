@@ -99,9 +99,10 @@ def test_probe_heights_are_heights_of_the_tool_as_it_trips(tmp_path: Path) -> No
     assert [one.position_mm[2] for one in found.contacts] == pytest.approx([2.0] * 7, abs=STEP_MM)  # type: ignore[index]
 
 
-def test_a_log_of_probe_is_cycles_of_places(tmp_path: Path) -> None:
+@pytest.mark.parametrize("section", ["probe", "bltouch", "probe_eddy_current coil"])
+def test_a_log_of_probe_is_cycles_of_places(tmp_path: Path, section: str) -> None:
     """The answer is of the probe, 20 mm beside the tool; the tool stood 1.5 mm higher."""
-    probe = "[probe]\nx_offset: 20\ny_offset: -5\nz_offset: 1.5\n"
+    probe = f"[{section}]\nx_offset: 20\ny_offset: -5\nz_offset: 1.5\n"
     log = "".join(
         f"Recv: // probe: at {x:.3f},{y:.3f} bed will contact at z={0.1 + k / 1000:.6f}\n"
         f"Recv: // Result: at {x:.3f},{y:.3f} estimate contact at z={0.1 + k / 1000:.6f}\n"
@@ -113,6 +114,10 @@ def test_a_log_of_probe_is_cycles_of_places(tmp_path: Path) -> None:
     assert {one.value_mm for one in found.contacts} == {1.5}
     observed = to_observations([_session(found)])
     assert len(np.unique(observed.posture)) == 3
+    assert observed.beside_mm == pytest.approx(np.tile([20.0, -5.0, 0.0], (6, 1)))
+    machine = found.opened.machine
+    assert machine.probe_offset_mm == (20.0, -5.0)
+    assert machine.platform_tilt_tolerance_mrad > 0.0
     assert not found.odd
 
 
@@ -374,6 +379,38 @@ def test_a_log_without_a_geometry_needs_a_machine(tmp_path: Path) -> None:
     assert run.status == 0, run.err
     assert "1 contacts written" in run.err
     assert read_record(out).session.of_contacts
+
+
+def test_a_printer_that_was_not_probed_yet_gets_its_machine_file(tmp_path: Path) -> None:
+    """With it the places to probe are planned, and the same configuration goes on with the log."""
+    cfg, machine, out = (tmp_path / name for name in ("printer.cfg", "m.toml", "s.jsonl"))
+    cfg.write_text(PRINTER + ARM, encoding="utf-8")
+    run = glidecal("import", cfg, "-o", out, "--machine-file-out", machine)
+    assert run.status == 0, run.err
+    assert "glidecal plan --machine" in run.err
+    assert load_machine(machine).probe_offset_mm is None
+    assert not out.exists()
+    macro = tmp_path / "places.gcode"
+    run = glidecal("plan", "--machine", machine, "--macro", "klipper", "-o", macro)
+    assert run.status == 0, run.err
+    assert macro.read_text().count("\nPROBE\n") == 58
+    again = glidecal("import", cfg, "--machine-file-out", machine, "--force")
+    assert (again.status, out.exists()) == (0, False)
+
+
+def test_heights_saved_before_the_radius_was_changed_are_no_contacts_beside_a_log(
+    tmp_path: Path,
+) -> None:
+    """Steps tell places by the values of now, the log by those of the firmware that answered."""
+    cfg, log, out = (tmp_path / name for name in ("printer.cfg", "probe.log", "s.jsonl"))
+    lines = [f"// probe: at {x:.3f},{y:.3f} bed will contact at z=0.01\n" for x, y in rings(13)]
+    log.write_text("".join(lines), encoding="utf-8")
+    text = printer_cfg(PERFECT, 7)
+    cfg.write_text(text, encoding="utf-8")
+    assert glidecal("import", cfg, log, "-o", out).status == 0
+    cfg.write_text(text.replace("delta_radius: 124.0", "delta_radius: 90.0"), encoding="utf-8")
+    told = refused(3, "import", cfg, log, "-o", tmp_path / "t.jsonl")
+    assert "Were values changed between these contacts?" in " ".join(told.split())
 
 
 def test_what_the_command_line_cannot_mean(tmp_path: Path) -> None:

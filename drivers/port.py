@@ -7,15 +7,13 @@ import socket
 import sys
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import serial
+from serial.tools.list_ports_common import ListPortInfo as ListPortInfo
 
 from calib.errors import IndicatorError
 from drivers.profile import LineSettings, Profile
-
-if TYPE_CHECKING:
-    from serial.tools.list_ports_common import ListPortInfo
 
 SerialPort: TypeAlias = serial.Serial
 """What the other rooms of drivers call a port that is open."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 from app.report.schema.document import Report, Source, schema
+from drivers.port import ListPortInfo
 from drivers.profile import Evidence, Fault, FaultKind, IndicatorReading, Outcome, Profile, Unit
 from protocols.session import Reading, Session
 
@@ -148,24 +149,10 @@ def outcome_report(profile: str, outcome: Outcome) -> ReadingReport | FaultRepor
     return ReadingReport.of(ProfiledReading(profile, outcome))
 
 
-class PortOfSystem(Protocol):
-    """As pyserial describes one."""
-
-    device: str
-
-    @property
-    def description(self) -> str | None:
-        """What is behind it."""
-
-    @property
-    def hwid(self) -> str | None:
-        """Of the hardware."""
-
-
 class FoundPort(Report):
     """A serial port of this computer."""
 
-    of = Source[PortOfSystem]()
+    of = Source[ListPortInfo]()
     port: str = of(lambda r: r.device)
     description: str | None = of(lambda r: r.description)
     hardware: str | None = of(lambda r: r.hwid)
@@ -185,7 +172,7 @@ class KnownProfile(Report):
 class SerialPorts:
     """Ports of this computer, and profiles for what may be there."""
 
-    ports: Sequence[PortOfSystem]
+    ports: Sequence[ListPortInfo]
     profiles: Sequence[Profile]
 
 

@@ -174,9 +174,9 @@ def typed_values(text: str, procedure: Procedure) -> tuple[SixMm | None, Values]
     wrong = [word for word in words if not NUMBER.fullmatch(word) or abs(float(word)) > LARGEST]
     if wrong:
         hint = "Write decimals with a point, spaces between." if "," in wrong[0] else ""
-        raise UsageError("what was typed", repr(wrong[0]), allowed, hint)
+        raise UsageError("the input", repr(wrong[0]), allowed, hint)
     if len(words) != len(names):
-        raise UsageError("what was typed", f"{len(words)} numbers", allowed)
+        raise UsageError("the input", f"{len(words)} numbers", allowed)
     numbers = tuple(float(word) for word in words)
     return (cast("SixMm", numbers[:CHAINS]) if sliders else None), numbers[sliders:]
 
@@ -362,7 +362,7 @@ class PostureSession:
         """What counts, for the mathematics. Raises RecordError for a session without readings."""
         opened, procedure = self.opened, self.opened.procedure
         if not self.readings:
-            raise RecordError(f"session {self.name}", "no reading that counts", "one at least")
+            raise RecordError(f"session {self.name}", "no reading in use", "one at least")
         names = procedure.whole().measured
         units = [np.radians(1.0) if name in ANGLES else 1e-3 for name in names]
         return HexaSlideMeasurements(

@@ -237,7 +237,7 @@ def parse_line(path: Path, number: int, line: bytes, form: RecordForm | None = N
     try:
         plain = json.loads(line)
     except (ValueError, RecursionError) as problem:
-        next_step = "Is it a session? glidecal import makes one of a table." if number == 1 else ""
+        next_step = "Is it a session? glidecal import converts a table." if number == 1 else ""
         raise RecordError(subject, _shown(line), "one JSON event", next_step) from problem
     if isinstance(plain, dict):
         _check_not_newer(path, plain, form)

@@ -46,7 +46,7 @@ PASSWORD_VARIABLE = "GLIDECAL_KEY_PASSWORD"
 """Environment variable with the password of the key that signs."""
 
 Tolerance = Annotated[
-    float | None, number("What the tool may be off, mm r.m.s.; default: the machine file's.")
+    float | None, number("Tolerance of the tool error, mm r.m.s.; default: the machine file's.")
 ]
 
 
@@ -160,7 +160,7 @@ def export(
     ] = None,
     subset: Annotated[
         SubsetName | None,
-        typer.Option(help="Write this set of parameters as it is identified, not the correction."),
+        typer.Option(help="Write this set of parameters as identified, not the correction."),
     ] = None,
     method: Method = "exact",
     model: Annotated[
@@ -180,12 +180,12 @@ def export(
     steps: Annotated[
         str | None,
         typer.Option(
-            help="What the firmware holds now for the travel of towers x,y,z: rotation_distance "
+            help="Present value of the firmware for the travel of towers x,y,z: rotation_distance "
             "(Klipper), steps per mm of M92 (others)."
         ),
     ] = None,
     ini: Annotated[
-        Path | None, typer.Option(help="LinuxCNC INI file: what the joints hold now.")
+        Path | None, typer.Option(help="LinuxCNC INI file with the present values of the joints.")
     ] = None,
     frame: FrameName = None,
     force: Force = False,
@@ -260,9 +260,9 @@ def _export_of_machine(
 def history(
     folder: Annotated[Path, argument("Folder with sessions, and those below it.")] = Path(),
     effects: Annotated[
-        bool, typer.Option("--effects", help="Diagnose each session, too; takes its time once.")
+        bool, typer.Option("--effects", help="Also diagnose each session; slow the first time.")
     ] = False,
-    screen: Annotated[bool, typer.Option("--screen", help="Look at it on a screen.")] = False,
+    screen: Annotated[bool, typer.Option("--screen", help="Show it on a screen.")] = False,
     output: Annotated[
         Path | None,
         file("Page with figures to write, as HTML; - is standard output.", "--output", "-o"),

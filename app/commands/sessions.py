@@ -89,7 +89,7 @@ def import_table(
     ] = None,
     distances: Annotated[
         Path | None,
-        file("Table of distances between marks, measured beside all that.", "--distances"),
+        file("Table of measured distances between marks.", "--distances"),
     ] = None,
     distance_deviation: Annotated[
         float | None,
@@ -304,7 +304,7 @@ def _cautions(session: Session, word: str) -> Iterator[str]:
 
     readings, geometry = session.all_readings, session.opened.machine.geometry()
     if outside := sum(not within_limits(reading, geometry) for reading in readings):
-        yield f"{outside} {word} lie outside the joint limits of the machine file"
+        yield f"{outside} {word} are outside the joint limits of the machine file"
     if off_bar := off_bar_words(readings, geometry):
         yield off_bar
     if len({reading.posture_mm for reading in readings}) < 2:

@@ -155,7 +155,7 @@ def read_history(
                 problems.append((path, str(problem)))
                 continue
             if (first_path := path_by_digest.setdefault(digest, path)) != path:
-                problems.append((path, f"{path}: the same session as {first_path}, counted once."))
+                problems.append((path, f"{path}: the same session as {first_path}, used once."))
                 continue
             if entry.problem:
                 problems.append((path, entry.problem))

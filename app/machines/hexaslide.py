@@ -39,12 +39,12 @@ if TYPE_CHECKING:  # heavy: imported where used
 
 NAMES = ("hexaslide",)
 Measured = Annotated[
-    str, typer.Option(help="Hexa Slide: what is measured, such as x,y,z,theta,swing1.")
+    str, typer.Option(help="Hexa Slide: measured components, such as x,y,z,theta,swing1.")
 ]
 Known = Annotated[
     str | None,
     typer.Option(
-        help="Constraint link: what is known of c,d,length, or none.", show_default="length"
+        help="Constraint link: known parts of c,d,length, or none.", show_default="length"
     ),
 ]
 
@@ -67,7 +67,7 @@ class IdentifiabilityOptions:
     )
     seed: Annotated[int, typer.Option(help="Seed of random postures.", min=0)] = 0
     screen: Annotated[
-        bool, typer.Option("--screen", help="Hexa Slide: look around on a screen.")
+        bool, typer.Option("--screen", help="Hexa Slide: show the postures on a screen.")
     ] = False
 
 
@@ -293,7 +293,7 @@ class SolveOptions:
         Path | None, file("Hexa Slide: folder for the calibrated machine and its kinematics.")
     ] = None
     posture_file: Annotated[
-        Path | None, file("Hexa Slide: postures wanted; --corrected tells how to command them.")
+        Path | None, file("Hexa Slide: desired postures; --corrected writes their commands.")
     ] = None
     force: Annotated[
         bool, typer.Option("--force", help="Hexa Slide: replace files of --corrected.")

@@ -148,7 +148,7 @@ def say(text: str) -> None:
 
 Sessions = Annotated[list[Path], argument("Session files.")]
 Force = Annotated[
-    bool, typer.Option("--force", help="Replace files that are there; sessions never are.")
+    bool, typer.Option("--force", help="Replace existing files; a session is never replaced.")
 ]
 Output = Annotated[Path, file("File to write.", "--output", "-o", default=False)]
 Machine = Annotated[
@@ -166,7 +166,7 @@ Channel = Annotated[int, typer.Option(min=1, max=99, help="Input of an interface
 SubsetName = Literal["joint-offsets", "leg-lengths", "both", "with-tolerances"]
 HoldsName = Annotated[
     Literal["offsets", "play", "tables", "kinematics"],
-    typer.Option("--holds", help="What the controller can hold: the values shown are for that."),
+    typer.Option("--holds", help="What the controller can take; the values are for it."),
 ]
 FrameName = Annotated[
     Literal["touched-off", "aligned", "machine"] | None,
@@ -186,7 +186,7 @@ MacroName = Annotated[
     Literal["klipper", "reprapfirmware", "marlin"] | None,
     typer.Option(
         "--macro",
-        help="Instead, the places over the plate as G-code for the firmware's own probe: klipper, "
+        help="Write the places over the plate as G-code for the firmware's probe instead: klipper, "
         "reprapfirmware or marlin.",
     ),
 ]

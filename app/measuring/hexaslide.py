@@ -327,7 +327,7 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
             "a pose of another frame",
             "poses in the base frame of the machine file",
             f"All {len(session.readings)} fit a frame that is turned by "
-            f"{frame.turned_deg:.3g}° and whose origin lies off by ({x:.1f}, {y:.1f}, {z:.1f}) mm.",
+            f"{frame.turned_deg:.3g}° and whose origin is off by ({x:.1f}, {y:.1f}, {z:.1f}) mm.",
         )
     ways = explanations(expectation, session.only(reading))
     next_step = "Look for a wrong unit, another machine file, or tolerances that are too small."

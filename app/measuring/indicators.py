@@ -243,7 +243,7 @@ def _request_faults(instrument: Instrument) -> list[str]:
     """What is wrong with a request of one's own: a socket may be any service of this computer."""
     request = instrument.request or ""
     if request and "://" in instrument.port:
-        return [f"request {request!r:.60} to {instrument.port!r}, which is no serial port"]
+        return [f"request {request!r:.60} to {instrument.port!r}, which is not a serial port"]
     if not OWN_REQUEST.fullmatch(request):
         return [f"request {request!r:.60}, not one line of at most 32 plain characters"]
     return []

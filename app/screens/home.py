@@ -245,8 +245,8 @@ class PickScreen(LeftOnce[SessionFile]):
 
     app: Interface
     HELP = (
-        "Each session stands with its readings and its state.\n"
-        "An unreadable file tells its reason when it is chosen.\n"
+        "The list shows the readings and the state of each session.\n"
+        "Choose an unreadable file to see the reason.\n"
         "The last line takes the path of a session in another folder."
     )
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -291,7 +291,7 @@ class ReplayChoiceScreen(Screen[None]):
     app: Interface
     HELP = (
         f"{texts.LIST_KEYS} open a session.\n"
-        f"Of a folder the newest {MOST_LISTED} sessions stand here, and its history."
+        f"For a folder: the newest {MOST_LISTED} sessions, and its history."
     )
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f10", "app.quit", "Quit", id="replay-choice.quit")

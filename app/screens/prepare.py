@@ -248,7 +248,7 @@ MACHINE = ("machine", "Machine", f"empty: {USUAL_MACHINE}; or {OTHERS}, or a fil
 FIELDS = (
     ("operator", "Operator", ""),
     ("temperature", "Temperature, °C", ""),
-    ("note", "Note", "stands below the result"),
+    ("note", "Note", "shown below the result"),
     ("random", "Random order seed", "empty: the order as written"),
     ("motion", "Moved by", "empty: you; or linuxcnc:HOST:PORT, grbl:PORT"),
 )

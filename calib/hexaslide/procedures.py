@@ -96,7 +96,7 @@ class Procedure:
             raise ImpossibleRequest(
                 f"measured components with {name}",
                 _list(measured),
-                f"none: {name} fixes what is measured",
+                f"none: {name} defines the measured components",
                 "Use --procedure pose-forward with --measured.",
             )
         if known is not None and kind is not ProcedureKind.CONSTRAINT_LINK:

@@ -17,6 +17,7 @@ from calib.errors import UsageError
 from protocols.machine_files import USUAL_MACHINE, machine_names
 
 if TYPE_CHECKING:  # heavy: imported where used
+    from app.report.pages.contents import CalibrationReport
     from app.report.schema.document import Report
     from app.screens import Look, MakeScreen
     from calib.design.criteria import Criterion
@@ -322,7 +323,8 @@ class SessionVerbs:
 
     ``run`` and ``imported`` take the options of `Family.options`; ``validated`` is a sentence,
     raising RecordError; ``exported`` are the files of a format, by name, with cautions;
-    ``verified`` has the decision of `app.exit_codes.VERIFIED` beside the answer.
+    ``verified`` has the decision of `app.exit_codes.VERIFIED` beside the answer; ``reported`` is
+    the page of a session, with a later one and a tolerance in mm where they are given.
     """
 
     run: Callable[[Running, Any, Say], None]
@@ -332,6 +334,7 @@ class SessionVerbs:
     exported: Callable[[Path, str], tuple[Written, tuple[str, ...]]]
     verified: Callable[[Path, Path, float | None], tuple[Answer, str]]
     diagnosed: Callable[[Path], Answer]
+    reported: Callable[[Path, Path | None, float | None], CalibrationReport]
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ class PostureTaking:
     def __init__(self, journal: Journal, asked: PostureCommands) -> None:
         self._journal, self.asked = journal, asked
         opened = self.session.opened
-        procedure = asked.procedure.whole()
+        procedure = asked.procedure.whole().on(opened.machine.whole())
         self._expectation = Expectation(
             procedure,
             opened.machine.whole(),
@@ -296,7 +296,8 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
     Raises RecordError where a posture cannot be of this machine: it names the line, the column and
     what else would explain it, a frame before all.
     """
-    machine, procedure = session.opened.machine, session.opened.procedure.whole()
+    machine = session.opened.machine
+    procedure = session.opened.procedure.whole().on(machine.whole())
     expectation = Expectation(
         procedure, machine.whole(), machine.tolerances.of(procedure.parameters)
     )

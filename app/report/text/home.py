@@ -58,6 +58,10 @@ WHICH = {
     "before": "Which session is the one BEFORE the offsets were entered?",
     "after": "Which session is the one AFTER the offsets were entered?",
 }
+NO_COMPARISON = (
+    "Sessions of postures are compared by glidecal verify BEFORE AFTER, or in a report with "
+    "--after."
+)
 NO_SESSIONS = "No session files in this folder or in demo-sessions."
 ELSEWHERE = "A session in another place: type its path"
 PICK_KEYS = f"{LIST_KEYS}. {{pick.back}} goes back."
@@ -69,8 +73,17 @@ def session_label(session: SessionFile) -> str:
     return f"{session.path}\n    {session.state}{verifies}"
 
 
+POSTURE_CHOICES = (
+    ("result", "Result; export and report"),
+    ("diagnose", "Diagnosis"),
+    ("replay", "Readings"),
+)
+
+
 def session_choices(session: SessionFile, *, read_only: bool) -> list[tuple[str, str]]:
     """What can be done with a session: answers and words for a dialog."""
+    if session.own_form:
+        return list(POSTURE_CHOICES)
     able = [
         ("continue", "Continue measuring"),
         ("result", "Result"),

@@ -3,6 +3,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+ROOMS := app calib drivers glidecal protocols
 # tests start hundreds of programs: bytecode is kept, also where the surroundings say otherwise
 export PYTHONDONTWRITEBYTECODE :=
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet
@@ -23,6 +24,8 @@ check: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/mypy --platform win32 $(ROOMS)
+	$(BIN)/mypy --platform darwin $(ROOMS)
 	$(BIN)/lint-imports
 	$(BIN)/python -m mkdocs build --strict --quiet
 

@@ -129,15 +129,11 @@ def _scatter(values: FloatArray, k: int) -> float:
 
 @dataclass(frozen=True)
 class Drift:
-    """A steady change per day with its expanded uncertainty (95 %)."""
+    """mm per day with its expanded uncertainty (95 %); ``shown`` where it is beyond that."""
 
     per_day: float
     expanded: float
-
-    @property
-    def shown(self) -> bool:
-        """Whether it is beyond its uncertainty."""
-        return abs(self.per_day) > self.expanded
+    shown: bool
 
 
 def drift(days: FloatArray, values: FloatArray, expanded: FloatArray) -> Drift | None:
@@ -156,7 +152,8 @@ def drift(days: FloatArray, values: FloatArray, expanded: FloatArray) -> Drift |
     residual = values - mean - slope * away
     freedom = len(values) - 2
     spread = max(1.0, float((weight * residual**2).sum()) / freedom)
-    return Drift(slope, coverage_factor(freedom) * float(np.sqrt(spread / moment)))
+    expanded_slope = coverage_factor(freedom) * float(np.sqrt(spread / moment))
+    return Drift(slope, expanded_slope, abs(slope) > expanded_slope)
 
 
 @dataclass(frozen=True, eq=False)

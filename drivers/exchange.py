@@ -5,10 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-import serial
-
 from calib.errors import IndicatorError
-from drivers.port import PORT_ERRORS, SLICE_S, ask_by_pulse, close_port, open_port
+from drivers.port import PORT_ERRORS, SLICE_S, SerialPort, ask_by_pulse, close_port, open_port
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Profile, Query
 
 REOPEN_S = 0.25
@@ -62,7 +60,7 @@ UNANSWERED = (
 FORM = str.maketrans("123456789+- ", "000000000000")
 UNASKED_WORDS = (
     "a line came unasked and was dropped: set the indicator to send on request only; "
-    "its DATA button counts once in four seconds"
+    "its DATA button works once in four seconds"
 )
 
 
@@ -98,7 +96,7 @@ class Exchange:
         now: Callable[[], float] = time.monotonic,
         wait: Callable[[float], object] = time.sleep,
         stopped: Callable[[], bool] = lambda: False,
-        opener: Callable[[Profile, str], serial.Serial] = open_port,
+        opener: Callable[[Profile, str], SerialPort] = open_port,
     ) -> None:
         self.profile = profile
         self.port = port
@@ -107,7 +105,7 @@ class Exchange:
         self._interval_s = interval_s
         self._on_button = on_button
         self._now, self._wait, self._stopped, self._open = now, wait, stopped, opener
-        self._serial: serial.Serial | None = None
+        self._serial: SerialPort | None = None
         self._received = b""
         self._echo = profile.request(query).strip() if profile.request else b""
         self._begun_before = False
@@ -185,7 +183,7 @@ class Exchange:
             message = f"port {self.port} is gone: check the cable ({problem})"
             return Fault(FaultKind.DISCONNECTED, "", message)
 
-    def _question(self, port: serial.Serial) -> Outcome:
+    def _question(self, port: SerialPort) -> Outcome:
         self._received = b""
         self._asked_at, self._pending = self._now(), True
         port.write(self.profile.request(self._query) if self.profile.request else b"")
@@ -224,7 +222,7 @@ class Exchange:
         self._fault, self._probed, self._press = fault, False, None
         self._quiet_until = max(self._quiet_until, self._now() + silence_s)
 
-    def _overhear(self, port: serial.Serial) -> None:
+    def _overhear(self, port: SerialPort) -> None:
         """Look at what came before the question: nothing of it may be taken for the answer."""
         heard = port.read(BULK) if self._fault else b""
         while not heard[FLOOD:] and (waiting := port.in_waiting):
@@ -270,8 +268,8 @@ class Exchange:
             fault = self._fault if owed else _unasked(unasked[-1])
             if owed and late:
                 message = (
-                    f"answers come later than {self.profile.timeout_s:g} s, too slow to tell old "
-                    "from new: none is taken; check cable, radio link and what else asks this "
+                    f"answers come later than {self.profile.timeout_s:g} s, too slow to separate "
+                    "old from new: none is taken; check cable, radio link and what else asks this "
                     "indicator"
                 )
                 fault = Fault(FaultKind.TOO_SLOW, "", message)
@@ -283,7 +281,7 @@ class Exchange:
         else:
             self._doubt(_unasked(unasked[-1]), APART_S)
 
-    def _newest(self, port: serial.Serial) -> Outcome:
+    def _newest(self, port: SerialPort) -> Outcome:
         """Of a stream the last line of those that came together."""
         deadline = self._now() + self.profile.timeout_s
         if self._begun_before:
@@ -295,7 +293,7 @@ class Exchange:
             outcome = (self._said(line) if line else None) or outcome
         return outcome
 
-    def _answer(self, port: serial.Serial) -> Outcome:
+    def _answer(self, port: SerialPort) -> Outcome:
         """The outcome of the next line that is neither echo nor identification."""
         deadline = self._now() + self.profile.timeout_s
         while (left_s := deadline - self._now()) > 0.0 and not self._stopped():
@@ -306,9 +304,7 @@ class Exchange:
                 return outcome
         return self._silence()
 
-    def _next_line(
-        self, port: serial.Serial, patience_s: float, *, gap: bool = False
-    ) -> bytes | None:
+    def _next_line(self, port: SerialPort, patience_s: float, *, gap: bool = False) -> bytes | None:
         """The next whole line without its end; None if it does not come in time.
 
         CR, LF and both end a line. With ``gap`` the patience begins anew with every byte.

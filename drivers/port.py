@@ -1,29 +1,32 @@
-"""Opening and closing serial ports, in plain words where that fails."""
+"""The one door to pyserial: serial ports are opened, closed and listed here, with plain words."""
 
 from __future__ import annotations
 
 import contextlib
 import socket
+import sys
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import serial
+from serial.tools.list_ports_common import ListPortInfo as ListPortInfo
 
 from calib.errors import IndicatorError
 from drivers.profile import LineSettings, Profile
 
-try:
+SerialPort: TypeAlias = serial.Serial
+"""What the other rooms of drivers call a port that is open."""
+
+PORT_ERRORS: tuple[type[Exception], ...] = (
+    serial.SerialException,
+    OSError,
+    ValueError,  # pyserial for an impossible URL or setting
+)
+if sys.platform != "win32":
     import termios
 
-    PORT_ERRORS: tuple[type[Exception], ...] = (
-        serial.SerialException,
-        OSError,
-        ValueError,  # pyserial for an impossible URL or setting
-        termios.error,
-    )
-except ImportError:  # Windows has no termios
-    PORT_ERRORS = (serial.SerialException, OSError, ValueError)
+    PORT_ERRORS = (*PORT_ERRORS, termios.error)
 
 SLICE_S = 0.05
 """How long a read waits before its caller looks up whether it is to stop."""
@@ -37,7 +40,7 @@ WRITE_S = 0.5
 PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttys00")
 
 
-def open_port(profile: Profile, port: str) -> serial.Serial:
+def open_port(profile: Profile, port: str) -> SerialPort:
     """The open port with the profile's settings. Raises IndicatorError in plain words."""
     check_port(port)
     settings = profile.line
@@ -45,23 +48,37 @@ def open_port(profile: Profile, port: str) -> serial.Serial:
         # a pseudo-terminal keeps 8N1 and refuses anything else when a setting changes later
         settings = replace(settings, data_bits=8, parity="N", stop_bits=1)
     try:
-        opened = serial.serial_for_url(
-            port,
-            baudrate=settings.baud,
-            bytesize=settings.data_bits,
-            parity=settings.parity,
-            stopbits=settings.stop_bits,
-            timeout=SLICE_S,
-            write_timeout=WRITE_S,
-            do_not_open=True,  # else DTR and RTS rise first, and devices start anew or lose power
-            **({} if "://" in port else {"exclusive": True}),
-        )
-        with contextlib.suppress(OSError):  # virtual ports have no control lines
-            opened.dtr, opened.rts = settings.dtr, settings.rts
-        opened.open()
+        return open_serial(port, settings)
     except PORT_ERRORS as problem:
         raise cannot_open(port, problem) from problem
+
+
+def open_serial(
+    port: str, settings: LineSettings, read_s: float = SLICE_S, write_s: float = WRITE_S
+) -> SerialPort:
+    """The open port; nobody else may open it. Raises one of `PORT_ERRORS`."""
+    opened = serial.serial_for_url(
+        port,
+        baudrate=settings.baud,
+        bytesize=settings.data_bits,
+        parity=settings.parity,
+        stopbits=settings.stop_bits,
+        timeout=read_s,
+        write_timeout=write_s,
+        do_not_open=True,  # else DTR and RTS rise first, and devices start anew or lose power
+        **({} if "://" in port else {"exclusive": True}),
+    )
+    with contextlib.suppress(OSError):  # virtual ports have no control lines
+        opened.dtr, opened.rts = settings.dtr, settings.rts
+    opened.open()
     return opened
+
+
+def ports_here() -> list[ListPortInfo]:
+    """The serial ports of this computer by name; nothing is opened."""
+    from serial.tools import list_ports
+
+    return sorted(list_ports.comports())
 
 
 def check_port(port: str) -> None:
@@ -77,7 +94,7 @@ def carries_settings(port: str) -> bool:
     return not port.startswith((*PSEUDO_TERMINALS, "socket:"))
 
 
-def ask_by_pulse(port: serial.Serial, line: LineSettings, wait: Callable[[float], object]) -> None:
+def ask_by_pulse(port: SerialPort, line: LineSettings, wait: Callable[[float], object]) -> None:
     """Drop DTR for a while where the device is asked like that; virtual ports have no DTR."""
     if line.dtr_pulse_s:
         with contextlib.suppress(OSError):

@@ -7,6 +7,7 @@ import math
 import os
 import selectors
 import socket
+import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -192,8 +193,15 @@ class _PseudoTerminal:
     As `_LoopbackTcp`: sources to wait for, bytes of a client, bytes to it.
     """
 
+    url: str
+    _own_end: int
+    _far_end: int
+    _open: bool
+
     def __init__(self) -> None:
-        import tty  # POSIX only
+        if sys.platform == "win32":
+            raise OSError("Windows has no pseudo-terminals")
+        import tty
 
         self._own_end, self._far_end = os.openpty()
         tty.setraw(self._far_end)  # else it echoes, and makes LF of each CR

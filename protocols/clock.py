@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
@@ -12,13 +13,15 @@ from protocols.session import Event, Reading
 JUMP_S = 2.0
 """The wall clock follows a time server by less than this between two looks; more was set."""
 
-STEADY = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
-"""Goes on while the computer sleeps; Windows' only monotonic clock does too."""
-
 
 def steady_s() -> float:
-    """Seconds of a clock that only goes forward."""
-    return time.monotonic() if STEADY is None else time.clock_gettime(STEADY)
+    """Seconds of a clock that only goes forward, also while the computer sleeps.
+
+    The only monotonic clock of Windows does so by itself.
+    """
+    if sys.platform == "win32":
+        return time.monotonic()
+    return time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
 
 
 AWAY_S = 60.0
@@ -38,7 +41,7 @@ class SleepWatch:
         """
         previous, self._before = self._before, (steady_s(), time.monotonic())
         steady, awake = (now - then for now, then in zip(self._before, previous, strict=True))
-        if STEADY is None:
+        if sys.platform == "win32":
             return steady if steady > AWAY_S else 0.0
         return steady - awake if steady - awake > JUMP_S else 0.0
 

@@ -5,19 +5,23 @@ from __future__ import annotations
 import csv
 import re
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from io import BytesIO, StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 from zipfile import ZipFile
 
 from calib.errors import RecordError, extra
 from calib.printable import printable
+from calib.quantity import Quantity, quantities
 from protocols.documents import read_bytes
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+R = TypeVar("R")
 
 Cell = str | float | None
 """A whole number is an int, a missing value None."""
@@ -48,10 +52,59 @@ SHOWN = re.compile(r"\\u(003b|005c)")
 
 @dataclass(frozen=True)
 class DataTable:
-    """Columns with names that carry their units, and rows ``(n, n_columns)`` in their order."""
+    """Columns with names that carry their units, and rows ``(n, n_columns)`` in their order.
+
+    ``quantities`` say what each column is to a reader.
+    """
 
     names: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
+    quantities: tuple[Quantity, ...]
+
+    @classmethod
+    def plain(cls, names: Sequence[str], rows: Iterable[tuple[Cell, ...]]) -> Self:
+        """Columns of which a reader knows no more than their names."""
+        return cls((*names,), (*rows,), tuple(map(Quantity, names)))
+
+    @classmethod
+    def of(cls, kind: type[R], rows: Iterable[R] | Mapping[str, R], key: str = "") -> Self:
+        """A column for each field of a data class; rows of a mapping have a first one, ``key``."""
+        columns = quantities(kind)
+        names = tuple(quantity.column(name) for name, quantity in columns.items())
+        if isinstance(rows, Mapping):
+            cells = tuple((name, *_cells(row, columns)) for name, row in rows.items())
+            return cls((key, *names), cells, (Quantity(key), *columns.values()))
+        return cls(names, tuple(_cells(row, columns) for row in rows), (*columns.values(),))
+
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """Of the columns for a reader."""
+        return tuple(self.quantities[k].heading for k in self._for_reader)
+
+    @property
+    def text_columns(self) -> int:
+        """How many columns for a reader are texts, before the first number."""
+        cells = [row[k] for row in self.rows[:1] for k in self._for_reader]
+        return next((k for k, cell in enumerate(cells) if not isinstance(cell, str)), len(cells))
+
+    def shown_rows(self) -> Iterator[tuple[str, ...]]:
+        """Cells as texts for a reader, values with the decimals that their uncertainty needs."""
+        widths = [k for k, column in enumerate(self.quantities) if column.kind == "uncertainty"]
+        for row in self.rows:
+            least = min((cell for k in widths if isinstance(cell := row[k], float)), default=None)
+            yield tuple(self.quantities[k].shown(row[k], least) for k in self._for_reader)
+
+    @property
+    def _for_reader(self) -> list[int]:
+        return [k for k, column in enumerate(self.quantities) if column.label is not None]
+
+    def _repr_html_(self) -> str:
+        """As Jupyter asks for it: the columns for a reader, with the help of each over it."""
+        columns = [self.quantities[k] for k in self._for_reader]
+        head = (f'<th title="{escape(q.words)}">{escape(q.heading)}</th>' for q in columns)
+        rows = ((f"<td>{escape(cell)}</td>" for cell in row) for row in self.shown_rows())
+        lines = ("".join(row) for row in (head, *rows))
+        return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
     def to_frame(self) -> DataFrame:
         """For pandas. Raises UsageError where that is not installed."""
@@ -80,6 +133,33 @@ class DataTable:
     @property
     def _lines(self) -> tuple[tuple[Cell, ...], ...]:
         return (self.names, *self.rows)
+
+
+class Tabled:
+    """A result that is a table, too."""
+
+    def table(self) -> DataTable:
+        """Its rows."""
+        raise NotImplementedError
+
+    def to_frame(self) -> DataFrame:
+        """`table` for pandas. Raises UsageError where that is not installed."""
+        return self.table().to_frame()
+
+    def _repr_html_(self) -> str:
+        return self.table()._repr_html_()
+
+
+def _cells(row: object, columns: Iterable[str]) -> tuple[Cell, ...]:
+    return tuple(_cell(getattr(row, name)) for name in columns)
+
+
+def _cell(value: object) -> Cell:
+    """A value that a spreadsheet can hold; several in one cell with commas between."""
+    if value is None or isinstance(value, str | float | int):
+        return value
+    parts = value if isinstance(value, tuple) else (value,)
+    return ", ".join(f"{part:g}" if isinstance(part, float) else f"{part}" for part in parts)
 
 
 def csv_text(rows: Iterable[Sequence[str]], notes: Iterable[str] = ()) -> str:
@@ -132,7 +212,7 @@ def parquet_rows(path: Path, most_rows: int) -> Texts:
         rows = list(map(list, zip(*columns, strict=True)))
     except Exception as problem:  # a broken file meets the library in any of its parts
         raise RecordError(
-            subject, next_step="Save the table anew, or as CSV", reason="no readable Parquet file"
+            subject, next_step="Save the table again, or as CSV", reason="no readable Parquet file"
         ) from problem
     return list(enumerate([list(map(str, table.column_names)), *rows], start=1))
 
@@ -173,7 +253,7 @@ def workbook_rows(path: Path, most_rows: int) -> Texts:
             cells = sheet.iter_rows(max_row=most_rows, max_col=MOST_COLUMNS, values_only=True)
             rows = list(map(_texts, cells))
     except Exception as problem:  # a broken workbook meets the library in any of its parts
-        next_step = "Save the table anew, or as CSV"
+        next_step = "Save the table again, or as CSV"
         raise RecordError(subject, next_step=next_step, reason="no readable workbook") from problem
     width = len(rows[0]) if rows else 0
     return [(line, row + [""] * (width - len(row))) for line, row in enumerate(rows, start=1)]

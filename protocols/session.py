@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 from pydantic import AfterValidator, AwareDatetime, Field, TypeAdapter, model_validator
 
 from calib.errors import GlidecalError, RecordError
-from protocols.data_table import Cell, DataTable
+from protocols.data_table import Cell, DataTable, Tabled
 from protocols.documents import (
     Celsius,
     Count,
@@ -31,7 +31,7 @@ from protocols.machine import Instrument, Machine
 from protocols.procedure import SLIDING, Leg, Procedure, Step, Touched, position_words
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    pass
 
 SchemaId = Literal[
     "glidecal.session/1",
@@ -205,7 +205,7 @@ class Reading(Line):
     @model_validator(mode="after")
     def _across_the_leg(self) -> Reading:
         if self.axis == self.leg:
-            raise ValueError(f"axis {self.axis} lies along the leg")
+            raise ValueError(f"axis {self.axis} is along the leg")
         if (self.leg == "tool") != (self.position_mm is not None):
             raise ValueError("position_mm: a reading of the tool has one, one of a leg has none")
         if self.over_plane and self.leg == "tool":
@@ -361,7 +361,7 @@ DECIMALS = re.compile(r"\d*\.(\d+)$", re.ASCII)
 
 
 @dataclass(frozen=True)
-class Session:
+class Session(Tabled):
     """State of a session after its events.
 
     ``readings`` are those that count, in the order taken; ``superseded`` maps the numbers of the
@@ -461,9 +461,9 @@ class Session:
         extra = list(dict.fromkeys(name for reading in self.all_readings for name in reading.extra))
         # columns of an old table that nobody knew then, under names that are nobody's now
         extra_columns = (f"{name} (kept)" if name in (*columns, *MOVED) else name for name in extra)
-        return DataTable(
+        return DataTable.plain(
             (*columns, *moved, *extra_columns),
-            tuple(
+            (
                 (
                     *_place(reading),
                     reading.value_mm,
@@ -494,10 +494,6 @@ class Session:
         if number in self.superseded:
             return "no", self.superseded[number]
         return ("again", self.restored[number]) if number in self.restored else ("yes", "")
-
-    def to_frame(self) -> DataFrame:
-        """`table` for pandas. Raises UsageError where that is not installed."""
-        return self.table().to_frame()
 
     @cached_property
     def step_mm(self) -> float | None:

@@ -30,7 +30,7 @@ PortName = Annotated[str, typer.Argument(help="Port of the indicator.", show_def
 def read(
     port: PortName,
     profile: ProfileName = "mitutoyo-01a",
-    watch: Annotated[bool, typer.Option("--watch", help="Go on until Ctrl-C.")] = False,
+    watch: Annotated[bool, typer.Option("--watch", help="Continue until Ctrl-C.")] = False,
     unit: Unit = "mm",
     channel: Channel = 1,
     as_json: AsJson = False,
@@ -98,15 +98,12 @@ def doctor(
 
 def ports(as_json: AsJson = False) -> None:
     """Serial ports of this computer, indicator profiles."""
-    from serial.tools import list_ports
-
     from app.report.schema.document import to_json
-    from app.report.schema.readings import PortsReport
+    from app.report.schema.readings import PortsReport, SerialPorts
+    from drivers.port import ports_here
     from drivers.profiles import PROFILES
 
-    report = PortsReport.of(
-        ports=tuple(sorted(list_ports.comports())), profiles=tuple(PROFILES.values())
-    )
+    report = PortsReport.of(SerialPorts(ports_here(), [*PROFILES.values()]))
     if as_json:
         typer.echo(to_json(report))
         return

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from app.evaluating.solution import (
     SessionSolution,
@@ -15,10 +15,36 @@ from app.evaluating.solution import (
 )
 from calib.errors import CalibrationError, RecordError
 from calib.identify.accuracy import Decision
+from calib.identify.solution import Solution
+from calib.quantity import INTERNAL, Quantity
 from calib.tripod.geometry import PARAMETER_NAMES
 from protocols.machine import Machine
 from protocols.observations import changed_between
 from protocols.record import Record, read_record
+
+
+@dataclass(frozen=True)
+class BothValues:
+    """A difference before and after the offsets were entered, mm; null: not measured."""
+
+    before: Annotated[
+        float, Quantity("before", "mm", "signed", 3, "the difference in the first session")
+    ]
+    after: Annotated[
+        float | None,
+        Quantity(
+            "after", "mm", "signed", 3, "the difference in the second session", "not measured"
+        ),
+    ]
+
+
+def both_values(before: Solution, after: Solution) -> dict[str, BothValues]:
+    """The differences of the papers, by name."""
+    later = after.tabulated
+    return {
+        name: BothValues(difference.value, later[name].value if name in later else None)
+        for name, difference in before.tabulated.items()
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,20 +57,25 @@ class Comparison:
     changed: bool = False
 
     @property
+    def differences(self) -> dict[str, BothValues]:
+        """Of both sessions."""
+        return both_values(self.before.solution, self.after.solution)
+
+    @property
     def expected_mm(self) -> float | None:
         """R.m.s. that the first session promises; None across a mechanical change."""
         return None if self.changed else self.before.solution.rms_after_mm
 
 
 MOVED = (
-    "Between these sessions the machine was mechanically changed. Joint offsets and effects found "
-    "before do not hold after it, and nothing is predicted across it."
+    "Between these sessions the machine was mechanically changed. Earlier joint offsets and "
+    "effects are not valid after it, and nothing is predicted across it."
 )
 
 
 IN_FIRMWARE = (
     "Between these sessions the firmware got other lengths, radius, angles or travels: each "
-    "session counts from what it held then."
+    "session refers to the values of that time."
 )
 
 
@@ -72,7 +103,7 @@ def compare_files(before: Path, after: Path) -> Comparison:
         )
     sessions = earlier.session, later.session
     first, second = (solve_sessions([session]) for session in sessions)
-    measured, again = _differences(first), _differences(second)
+    measured, again = (solved.solution.tabulated.keys() for solved in (first, second))
     if not measured & again:
         raise CalibrationError(
             f"sessions {before} and {after}",
@@ -95,12 +126,6 @@ def compare_files(before: Path, after: Path) -> Comparison:
 def _held(machine: Machine) -> tuple[object, ...]:
     """What firmware holds of a machine beside its switches."""
     return machine.geometry(), machine.rotation_distance_mm, machine.steps_per_mm
-
-
-def _differences(solved: SessionSolution) -> set[str]:
-    """Names of the tabulated differences that a session measured."""
-    measured = solved.solution.differences
-    return {measured.names[k] for k in measured.published_rows}
 
 
 def _order_remarks(earlier: Record, later: Record) -> list[str]:
@@ -128,27 +153,35 @@ LESS_COMMON = "Joint offsets are compared less what all three share: a plate doe
 
 @dataclass(frozen=True)
 class RemainingOffset:
-    """A joint offset before, and what is left; 0 within ``expanded_mm`` (95 %) is expected.
+    """A joint offset before, and what is left of it, mm; 0 within ``expanded_mm`` is expected.
 
     ``standard_mm`` is the standard uncertainty.
     """
 
-    name: str
-    before_mm: float
-    found_mm: float
-    expanded_mm: float
-    standard_mm: float
+    name: Annotated[str, Quantity("joint offset", words="the joint")]
+    before_mm: Annotated[
+        float, Quantity("before", "mm", "measured", 4, "offset that the first session found")
+    ]
+    found_mm: Annotated[
+        float, Quantity("remaining", "mm", "measured", 4, "offset that the second session found")
+    ]
+    expanded_mm: Annotated[
+        float,
+        Quantity("± U (95 %)", "mm", "uncertainty", 4, "expanded uncertainty of what remains"),
+    ]
+    entered: Annotated[Entered, Quantity("", words="what became of the value at the controller")]
+    standard_mm: float = field(metadata=INTERNAL)
 
-    @property
-    def entered(self) -> Entered:
-        """What must have happened to the value at the controller."""
-        guesses: tuple[tuple[float, Entered], ...] = (
-            (0.0, "as expected"),
-            (self.before_mm, "not entered"),
-            (2.0 * self.before_mm, "wrong sign"),
-        )
-        near = (word for value, word in guesses if abs(self.found_mm - value) <= self.expanded_mm)
-        return next(near, "something else")
+
+def _entered(before_mm: float, found_mm: float, expanded_mm: float) -> Entered:
+    """What must have happened to the value at the controller."""
+    guesses: tuple[tuple[float, Entered], ...] = (
+        (0.0, "as expected"),
+        (before_mm, "not entered"),
+        (2.0 * before_mm, "wrong sign"),
+    )
+    near = (word for value, word in guesses if abs(found_mm - value) <= expanded_mm)
+    return next(near, "something else")
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,12 +222,14 @@ def _remaining(
 ) -> tuple[RemainingOffset, ...]:
     """Joint offsets of both corrections; ``common`` is taken off where a plate does not show it."""
     entered, remaining = (_offsets(solved, common=common) for solved in (before, after))
-    return tuple(
-        RemainingOffset(name, was, now, math.hypot(half, half_now), math.hypot(u, u_now))
-        for name, (was, half, u), (now, half_now, u_now) in zip(
-            PARAMETER_NAMES[:3], entered, remaining, strict=True
-        )
-    )
+    offsets = []
+    for name, (was, half, u), (now, half_now, u_now) in zip(
+        PARAMETER_NAMES[:3], entered, remaining, strict=True
+    ):
+        expanded_mm, standard_mm = math.hypot(half, half_now), math.hypot(u, u_now)
+        word = _entered(was, now, expanded_mm)
+        offsets.append(RemainingOffset(name, was, now, expanded_mm, word, standard_mm))
+    return tuple(offsets)
 
 
 def _offsets(solved: SessionSolution, *, common: bool) -> list[tuple[float, float, float]]:

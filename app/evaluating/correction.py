@@ -27,6 +27,7 @@ from calib.posterior.entered import (
 )
 from calib.posterior.models import LikelyMistake, Posterior
 from calib.posterior.posterior import posterior
+from calib.quantity import INTERNAL
 from calib.tripod.controller import table_of
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
 NO_PLAY = "the expected play is negative, and no joint has that"
-NO_GAIN = "what its carriage travels is seen too little to be worth an entry"
+NO_GAIN = "the readings show the travel of its carriage too poorly for an entry"
 
 LIKELY = 0.02
 """From this probability on a mistake in the readings is named; sound sessions hardly have it."""
@@ -68,9 +69,9 @@ class Gain:
     It is ``clear`` where that is clearly less than with the correction that is asked for.
     """
 
-    holds: str
+    holds: Holds
     bound_mm: float
-    clear: bool
+    clear: bool = field(metadata=INTERNAL)
 
 
 @dataclass(frozen=True, eq=False)

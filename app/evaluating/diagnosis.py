@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Annotated
 
 from app.evaluating.correction import ControllerCorrections, case_of
 from app.evaluating.own_effects import known_effects
@@ -26,10 +26,11 @@ from calib.posterior.correction import HOLDS, Holds, ToolOff, correction
 from calib.posterior.measurements import USUAL_PACE, FurtherMeasurement, Pace, candidates
 from calib.posterior.planning import Planner, Reach, Separation
 from calib.posterior.tool import Frame
+from calib.quantity import Quantity
 from calib.tripod.effects.effect import Effect, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
 from calib.tripod.pipeline import Model
-from protocols.data_table import DataTable
+from protocols.data_table import DataTable, Tabled
 from protocols.files import write_files
 from protocols.journal import write_whole
 from protocols.model_file import (
@@ -56,12 +57,32 @@ from protocols.observations import (
 from protocols.record import read_record
 from protocols.session import Closed, Line, Opened, Reading, Session, Superseded
 
-if TYPE_CHECKING:
-    from pandas import DataFrame
+
+@dataclass(frozen=True)
+class RankedSize:
+    """A size of what was named, or of a candidate, and how that stands."""
+
+    effect: Annotated[str, Quantity("effect", words="id of the effect")]
+    where: Annotated[str, Quantity("where", words="leg, axis or place where it acts")]
+    parameter: Annotated[str, Quantity("parameter", words="which of its parameters")]
+    value: Annotated[
+        float, Quantity("value", kind="measured", words="size of the parameter, in its unit")
+    ]
+    standard_uncertainty: Annotated[
+        float, Quantity("u", kind="uncertainty", words="standard uncertainty of the size")
+    ]
+    unit: Annotated[str, Quantity("unit", words="unit of both")]
+    probability: Annotated[
+        float, Quantity("likely", decimals=2, words="probability that it acts there")
+    ]
+    gap_rms_after_mm: Annotated[
+        float, Quantity("gap after", "mm", "plain", 4, "r.m.s. of the gap that it leaves")
+    ]
+    standing: Annotated[str, Quantity("why", words="named, or the reason why it is not")]
 
 
 @dataclass(frozen=True, eq=False)
-class SessionDiagnosis:
+class SessionDiagnosis(Tabled):
     """A diagnosis with the sessions it was made from, ``others`` for the gap alone."""
 
     sessions: tuple[Session, ...]
@@ -87,13 +108,10 @@ class SessionDiagnosis:
             *((effect, "named") for effect in self.diagnosis.effects),
             *((candidate, candidate.reason_rejected) for candidate in self.diagnosis.candidates),
         ]
-        return DataTable(
+        return DataTable.of(
+            RankedSize,
             (
-                *("effect", "where", "parameter", "value", "standard_uncertainty", "unit"),
-                *("probability", "gap_rms_after_mm", "standing"),
-            ),
-            tuple(
-                (
+                RankedSize(
                     *(named.id, named.where, size.name, size.value, size.standard_uncertainty),
                     *(size.unit, named.probability, named.gap_rms_after_mm, standing),
                 )
@@ -101,10 +119,6 @@ class SessionDiagnosis:
                 for size in named.parameters
             ),
         )
-
-    def to_frame(self) -> DataFrame:
-        """`table` for pandas. Raises UsageError where that is not installed."""
-        return self.table().to_frame()
 
     @cached_property
     def tool(self) -> DiagnosedTool:
@@ -244,7 +258,7 @@ def _check(sessions: Sequence[Session], held_out: Sequence[Session]) -> None:
         raise UsageError(
             "--held-out",
             "a session that is also diagnosed",
-            "sessions that the choice does not see",
+            "sessions that the choice does not use",
             "Leave it out on one side.",
         )
     if len({session.adjusted for session in (*sessions, *held_out)}) > 1:
@@ -318,7 +332,7 @@ def adopt(
     return model
 
 
-HELD, FREED = "Its size is held, as a person stated it.", "Its size is fitted again."
+HELD, FREED = "Its size is held at the stated value.", "Its size is fitted again."
 
 
 def resize(sessions: Sequence[Session], target: Path, entry: EffectEntry) -> ModelFile:
@@ -408,7 +422,7 @@ def remove(path: Path, effect: str, why: str) -> ModelFile:
 def _chosen(diagnosed: SessionDiagnosis, candidate: str | None) -> list[Finding | Contender]:
     diagnosis = diagnosed.diagnosis
     named: list[Finding | Contender] = [e for e in diagnosis.effects if e.effects]
-    unnamed: list[Finding | Contender] = [diagnosis.left_over.effect] if diagnosis.left_over else []
+    unnamed: list[Finding | Contender] = [diagnosis.left_over] if diagnosis.left_over else []
     if candidate is None:
         if not named and not unnamed:
             raise UsageError(
@@ -440,7 +454,7 @@ def write_procedure(diagnosed: SessionDiagnosis, path: Path, *, replace: bool = 
             "--next",
             "no two effects that a measurement would decide between",
             "a diagnosis that proposes a measurement",
-            "What lowers the bound at the tool all the same: glidecal plan SESSION.",
+            "To lower the bound at the tool nevertheless: glidecal plan SESSION.",
         )
     text = proposed.candidate.text
     if not text.startswith("schema"):

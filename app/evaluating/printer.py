@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 from app.evaluating.correction import CLEARLY_BETTER
 from calib.arrays import LEG_NAMES
 from calib.errors import GlidecalError, UsageError
-from calib.tripod.towers import ON_ONE_CIRCLE, Towers
-from protocols.printers.tower_printer import USUAL_ANGLES_DEG
+from calib.tripod.geometry import USUAL_ANGLES_DEG
 
 if TYPE_CHECKING:
     from app.evaluating.correction import ControllerCorrections, TowerCorrection
@@ -33,6 +32,8 @@ def drives_of_towers(
     Raises UsageError where one stands elsewhere or counts downwards, ImpossibleRequest for another
     kind of machine.
     """
+    from calib.tripod.towers import Towers  # of printers only
+
     stand = Towers.of(machine.geometry())
     apart = stand.apart_deg(angles_deg)
     named = machine.joints or tuple(LEG_NAMES[row.index(min(row))] for row in apart)
@@ -146,6 +147,8 @@ def printer_change(
     """
     if machine.position_endstop_mm is None:
         return None
+    from calib.tripod.towers import ON_ONE_CIRCLE  # of printers only
+
     try:
         drives = drives_of_towers(machine)
         turns, steps = machine.rotation_distance_mm, machine.steps_per_mm

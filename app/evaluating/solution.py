@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from app.evaluating.correction import ControllerCorrections, Gain, SessionCorrection
 from app.evaluating.printer import PrinterChange, printer_change
@@ -16,7 +16,7 @@ from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.accuracy import Decision, decide
 from calib.identify.fit import plane_tilts_mrad
 from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
-from calib.identify.solution import Method, Solution, Subset, Weights
+from calib.identify.solution import Difference, Estimate, Method, Solution, Subset, Weights
 from calib.identify.subset_choice import SubsetChoice, choose_subset
 from calib.noise.reading import (
     NoisyIndicator,
@@ -25,10 +25,11 @@ from calib.noise.reading import (
     still_rows,
     visit_starts,
 )
+from calib.quantity import Quantity
 from calib.stats import normal_scores
 from calib.tripod.curves import LegCurve, leg_curves
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model
-from protocols.data_table import Cell, DataTable
+from protocols.data_table import DataTable, Tabled
 from protocols.observations import indicator_figures, to_observations
 from protocols.record import read_record
 from protocols.session import Distance, Reading, Session
@@ -68,7 +69,7 @@ class FurthestDistance:
 
 
 @dataclass(frozen=True, eq=False)
-class SessionSolution:
+class SessionSolution(Tabled):
     """What to enter, and one of the papers' sets as a view beside it, with what readings tell.
 
     ``holds`` is what the controller can hold. ``ambiguous`` are effects of the model that stand for
@@ -133,7 +134,7 @@ class SessionSolution:
                 continue
             value, deviation = self.posterior.value_of((law, place))
             unit = law.parameters[0].unit
-            parameters.append(LineParameter(law.id, place, unit, value, 2.0 * deviation, tolerance))
+            parameters.append(LineParameter(law.id, place, value, 2.0 * deviation, tolerance, unit))
         return tuple(parameters)
 
     @property
@@ -267,14 +268,14 @@ class SessionSolution:
         residuals_mm = self.solution.residual_mm.tolist()
         return [(*visit, mm) for visit, mm in zip(self.visits, residuals_mm, strict=True)]
 
-    def table(self, name: TableName) -> DataTable:
+    def table(self, name: TableName = "parameters") -> DataTable:
         """Parameters, differences or residuals, mm; the columns are those of docs/python.md."""
-        make = {
-            "parameters": _parameters,
-            "differences": _differences,
-            "residuals": _residuals,
-        }
-        return make[name](self)
+        if name == "parameters":
+            estimates = {**self.solution.parameters, **self.solution.effect_sizes}
+            return DataTable.of(Estimate, estimates, "parameter")
+        if name == "differences":
+            return DataTable.of(Difference, self.solution.tabulated, "difference")
+        return _residuals(self)
 
     def to_frame(self, name: TableName = "parameters") -> DataFrame:
         """`table` for pandas. Raises UsageError where that is not installed."""
@@ -301,15 +302,28 @@ class SessionSolution:
 class LineParameter:
     """Where a drive's line lies, how it points, or its travel: a law at a place, in its unit.
 
-    ``expanded`` is the uncertainty (k = 2), ``tolerance`` the standard deviation before measuring.
+    Beyond what the machine file states.
     """
 
-    id: str
-    place: str
-    unit: str
-    value: float
-    expanded: float
-    tolerance: float
+    id: Annotated[str, Quantity("line of a drive", words="a law that docs/effects.md describes")]
+    place: Annotated[str, Quantity("at", words="the drive, and the way across it")]
+    value: Annotated[
+        float, Quantity("value", kind="signed", decimals=4, words="in the unit, as in a model")
+    ]
+    expanded_uncertainty: Annotated[
+        float,
+        Quantity(
+            "± U (k = 2)", kind="uncertainty", decimals=3, words="expanded uncertainty, k = 2"
+        ),
+    ]
+    tolerance: Annotated[
+        float,
+        Quantity(
+            "tolerance",
+            words="of the machine file: standard deviation before measuring",
+        ),
+    ]
+    unit: Annotated[str, Quantity("", words="unit of all three")]
 
 
 @dataclass(frozen=True)
@@ -327,46 +341,6 @@ class BudgetShare:
 TableName = Literal["parameters", "differences", "residuals"]
 
 
-def _parameters(solved: SessionSolution) -> DataTable:
-    solution = solved.solution
-    columns = (
-        solution.values_mm,
-        solution.uncertainty_mm,
-        solution.expanded_mm,
-        solution.coverage_factors,
-    )
-    rows: list[tuple[Cell, ...]] = [
-        (*row, "mm") for row in zip(solution.names, *(c.tolist() for c in columns), strict=True)
-    ]
-    rows += [
-        (
-            f.name,
-            f.value,
-            f.standard_uncertainty,
-            f.coverage_factor * f.standard_uncertainty,
-            f.coverage_factor,
-            f.unit,
-        )
-        for f in solution.sizes
-    ]
-    measured = ("value", "standard_uncertainty", "expanded_uncertainty", "coverage_factor")
-    return DataTable(("parameter", *measured, "unit"), tuple(rows))
-
-
-def _differences(solved: SessionSolution) -> DataTable:
-    solution = solved.solution
-    measured = solution.differences
-    u, predicted, residuals_mm = (
-        solution.difference_uncertainty_mm,
-        solution.predicted_mm,
-        solution.left_mm,
-    )
-    columns = (measured.value_mm, u, predicted, residuals_mm)
-    rows = list(zip(measured.names, *(column.tolist() for column in columns), strict=True))
-    names = ("difference", "value_mm", "standard_uncertainty_mm", "predicted_mm", "residual_mm")
-    return DataTable(names, tuple(rows[k] for k in measured.published_rows))
-
-
 PLACE = (
     *("session", "reading", "leg", "axis", "displacement_mm", "x_mm", "y_mm", "z_mm", "station"),
     *("mount", "cycle", "time_s", "temperature_c", "value_mm"),
@@ -375,9 +349,9 @@ PLACE = (
 
 def _residuals(solved: SessionSolution) -> DataTable:
     nowhere = (None, None, None)
-    return DataTable(
+    return DataTable.plain(
         (*PLACE, "residual_mm"),
-        tuple(
+        (
             (
                 *(name, reading.reading, reading.leg, reading.axis, reading.displacement_mm),
                 *(reading.position_mm or nowhere),
@@ -439,11 +413,11 @@ def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
             warnings.append(
                 f"{session.name}: time_s goes back at reading {back.reading}: the clock was "
                 "set. Its "
-                "times are not used, so drift with time cannot be told."
+                "times are not used, so drift with time cannot be computed."
             )
         if off_bar := off_bar_words(session.readings, session.opened.machine.geometry()):
             warnings.append(
-                f"{session.name}: {off_bar}. They are used as if the bar went on there."
+                f"{session.name}: {off_bar}. They are used as if the bar continued there."
             )
     return sessions, warnings
 
@@ -532,7 +506,7 @@ def refuse_leaning_planes(
                 f"{reading.axis.upper()}, from reading {reading.reading} on",
                 f"tilted by {tilt_mrad:+.1f} mrad",
                 f"up to {limit_mrad:g} mrad, plane_tilt_mrad in the machine file",
-                "Level it and measure this leg again, or state there what it may lean.",
+                "Level it and measure this leg again, or state a larger limit there.",
             )
 
 

@@ -352,7 +352,7 @@ def _of_the_diagnosis(diagnosis: Diagnosis) -> Iterator[Choice]:
         alike |= {(r.id, r.where): (f"{finding.id} ({finding.where})",) for r in rivals}
     if diagnosis.left_over:
         other_entries = tuple(entry for _, entry in named)
-        yield Choice(_entry_of(diagnosis.left_over.effect), "unnamed", (), other_entries)
+        yield Choice(_entry_of(diagnosis.left_over), "unnamed", (), other_entries)
     for rival in diagnosis.candidates:
         if rival.effects and rival.effects[0].effect.kind != Kind.GROSS_ERROR:
             yield Choice(_entry_of(rival), "candidate", alike.get((rival.id, rival.where), ()))

@@ -18,7 +18,7 @@ from app.report.offsets import (
     offsets_from_solved,
 )
 from app.report.schema.document import to_json
-from app.report.schema.solution import OffsetsReport
+from app.report.schema.offsets import OffsetsReport
 from protocols.data_table import csv_text
 from protocols.files import write_files
 from protocols.model_file import model_file
@@ -27,7 +27,7 @@ from protocols.model_file import model_file
 def as_json(offsets: Offsets) -> Export:
     """Schema ``glidecal.offsets/1``: joint offsets, without the effects of a model."""
     offsets = for_controller(offsets, "offsets", moves_the_tool(offsets.model))
-    text = to_json(OffsetsReport.of(offsets=offsets)) + "\n"
+    text = to_json(OffsetsReport.of(offsets)) + "\n"
     return Export({"": text}, offsets.cautions)
 
 

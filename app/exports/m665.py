@@ -13,8 +13,8 @@ from app.evaluating.printer import drives_of_towers
 from app.exports.towers import comments, endstops_now_mm, fitted
 from app.report.offsets import Export, Offsets
 from calib.arrays import LEG_NAMES
+from calib.tripod.geometry import USUAL_ANGLES_DEG
 from calib.tripod.towers import ALIKE_BARS, ON_ONE_CIRCLE, Entered
-from protocols.printers.tower_printer import USUAL_ANGLES_DEG
 
 TOWERS = "XYZ"
 

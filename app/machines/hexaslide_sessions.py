@@ -25,6 +25,7 @@ from calib.errors import IndicatorError, RecordError, UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.hexaslide import PosturePlan, PostureTaking
+    from app.report.pages.contents import CalibrationReport
     from drivers.line import IndicatorLine
     from protocols.files import Written
 
@@ -258,7 +259,7 @@ def validated(path: Path) -> str:
 
 def replayed(path: Path, say: Say) -> Answer:
     """Every reading of a session."""
-    from app.report.schema.hexaslide import HexaSlideReplayReport
+    from app.report.schema.hexaslide_replay import HexaSlideReplayReport, ReplayedPostures
     from app.report.text.hexaslide_session import replay_text
     from protocols.hexaslide_session import read_postures
 
@@ -267,35 +268,37 @@ def replayed(path: Path, say: Say) -> Answer:
         say(f"glidecal: {record.unfinished}")
     return Answer(
         lambda: replay_text(session),
-        lambda: HexaSlideReplayReport.of(session=session, end=record.end),
+        lambda: HexaSlideReplayReport.of(ReplayedPostures(session, record.end)),
     )
 
 
 def exported(path: Path, format_name: str) -> tuple[Written, tuple[str, ...]]:
-    """The calibrated machine: its file, everything for LinuxCNC, or the result as JSON."""
-    from app.exports.hexaslide import NOT_GENHEXKINS, calibrated_files
-    from app.planning.hexaslide import calibrate_file
+    """The calibrated machine: its file, for LinuxCNC, for ROS 2, or the result as JSON."""
+    from app.evaluating.hexaslide_calibration import calibrate_file
+    from app.exports.hexaslide import calibrated_files, kinematics_words, ros2_parameters
     from app.report.schema.document import to_json
     from app.report.schema.hexaslide import HexaSlideCalibrationReport
     from app.report.text.hexaslide_calibration import caveats
 
-    formats = ("model", "linuxcnc-kins", "json")
+    formats = ("model", "linuxcnc-kins", "ros2", "json")
     if format_name not in formats:
         raise UsageError("--format", f"{format_name} of a {NAME}", ", ".join(formats))
     with working("Solving"):
         solved = calibrate_file(path, None, 0.0)
-    report = HexaSlideCalibrationReport.of(solved=solved)
+    report = HexaSlideCalibrationReport.of(solved)
     files, cautions = calibrated_files(solved, None), tuple(caveats(report))
     if format_name == "model":
         return {"": files["machine.toml"]}, cautions
+    if format_name == "ros2":
+        return {"": ros2_parameters(solved)}, cautions
     if format_name == "json":
         return {"": to_json(report) + "\n"}, cautions
-    return files, (*cautions, NOT_GENHEXKINS)
+    return files, (*cautions, kinematics_words(solved.found.machine))
 
 
 def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Answer, str]:
     """Whether the platform is in tolerance with the calibrated machine, and that in a word."""
-    from app.planning.hexaslide import verify_sessions
+    from app.evaluating.hexaslide_calibration import verify_sessions
     from app.report.schema.hexaslide import HexaSlideVerificationReport
     from app.report.text.hexaslide_calibration import verification_text
 
@@ -303,7 +306,7 @@ def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Ans
         verification = verify_sessions(before, after, tolerance_mm)
     answer = Answer(
         lambda: verification_text(verification),
-        lambda: HexaSlideVerificationReport.of(found=verification),
+        lambda: HexaSlideVerificationReport.of(verification),
     )
     return answer, verification.decision or "undecided"
 
@@ -311,15 +314,22 @@ def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Ans
 def diagnosed(path: Path) -> Answer:
     """What is missing in the model of the machine."""
     from app.evaluating.hexaslide import diagnose_postures
-    from app.report.schema.hexaslide_diagnosis import HexaSlideDiagnosisReport
+    from app.report.schema.hexaslide_diagnosis import DiagnosedPostures, HexaSlideDiagnosisReport
     from app.report.text.hexaslide_diagnosis import diagnosis_text
 
     with working("Diagnosing"):
         diagnosis = diagnose_postures(path)
     return Answer(
         lambda: diagnosis_text(path.name, diagnosis),
-        lambda: HexaSlideDiagnosisReport.of(name=path.name, found=diagnosis),
+        lambda: HexaSlideDiagnosisReport.of(DiagnosedPostures(path.name, diagnosis)),
     )
 
 
-SESSIONS = SessionVerbs(run, imported, validated, replayed, exported, verified, diagnosed)
+def reported(path: Path, after: Path | None, tolerance_mm: float | None) -> CalibrationReport:
+    """The report to sign."""
+    from app.report.pages.hexaslide import posture_report
+
+    return posture_report(path, after, tolerance_mm)
+
+
+SESSIONS = SessionVerbs(run, imported, validated, replayed, exported, verified, diagnosed, reported)

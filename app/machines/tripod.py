@@ -60,7 +60,7 @@ class IdentifiabilityOptions:
 def identifiability(question: Question, options: IdentifiabilityOptions) -> Answer:
     """What the procedure sees."""
     from app.planning.tripod import tripod_planning
-    from app.report.schema.planning import IdentifiabilityReport
+    from app.report.schema.planning import IdentifiabilityReport, IdentifiabilityResults
     from app.report.text.planning import expected_text, identifiability_text
     from calib.design.identifiability import seen_by
     from calib.posterior.expected import expected_of
@@ -71,7 +71,7 @@ def identifiability(question: Question, options: IdentifiabilityOptions) -> Answ
     expected = expected_of(planned, machine.tolerances_mm())
     return Answer(
         lambda: f"{identifiability_text(seen_parts)}\n\n{expected_text(expected)}",
-        lambda: IdentifiabilityReport.of(seen=seen_parts, expected=expected),
+        lambda: IdentifiabilityReport.of(IdentifiabilityResults(seen_parts, expected)),
     )
 
 
@@ -137,7 +137,7 @@ def postures(
         may = may_replace(may, *targets_of(target, written))
         for path in write_files(target, written, replace=may):
             say(f"procedure written to {path}")
-    return Answer(lambda: postures_text(chosen), lambda: PosturesReport.of(chosen=chosen))
+    return Answer(lambda: postures_text(chosen), lambda: PosturesReport.of(chosen))
 
 
 @dataclass(frozen=True)
@@ -200,10 +200,10 @@ class SolveOptions:
         bool, typer.Option("--map", help="Expected tool error on three planes.")
     ] = False
     show_figures: Annotated[
-        bool, typer.Option("--figures", help="Draw readings and what is left of them, by leg.")
+        bool, typer.Option("--figures", help="Draw readings and residuals, by leg.")
     ] = False
     monte_carlo: Annotated[
-        int, typer.Option(help="Check on so many simulated sessions.", min=0)
+        int, typer.Option(help="Check with this number of simulated sessions.", min=0)
     ] = 0
     seed: Seed = 1
 
@@ -252,14 +252,11 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
         return "\n\n".join(parts)
 
     def document() -> Report:
-        from app.report.schema.solution import SolutionReport
+        from app.report.schema.solution import SolutionReport, SolutionResults
 
         if options.show_figures:
             raise UsageError("--json", "beside --figures, which are text", "one of them")
-        sizes = solved.solution.sizes or None
-        return SolutionReport.of(
-            solved=solved, sizes=sizes, judged=judged, maps=mapped, simulated=simulated
-        )
+        return SolutionReport.of(SolutionResults(solved, judged, mapped, simulated))
 
     return Answer(text, document)
 
@@ -286,7 +283,7 @@ def plan(machine: str | None, sessions: Sequence[Path], options: PlanOptions, sa
     """The measurement that is worth its minutes most; or the places of a plate as a macro."""
     from app.evaluating.solution import load_sessions
     from app.planning.tripod import next_measurement
-    from app.report.schema.diagnosis import PlanReport
+    from app.report.schema.plan import PlanReport
     from app.report.text.planning import plan_text
 
     if options.macro:
@@ -308,7 +305,7 @@ def plan(machine: str | None, sessions: Sequence[Path], options: PlanOptions, sa
         text = plan_text(measurement)  # works out all that the document has, too
     for warning in warnings:
         say(f"glidecal: {warning}")
-    return Answer(lambda: text, lambda: PlanReport.of(plan=measurement))
+    return Answer(lambda: text, lambda: PlanReport.of(measurement))
 
 
 def _macro(
@@ -343,7 +340,12 @@ def _macro(
 
 def workspace(name: str, limit: float, at_mm: Place | None) -> Answer:
     """What joint limits allow, the factors there, a cut at a limit of them; or one posture."""
-    from app.report.schema.planning import PostureReport, WorkspaceReport
+    from app.report.schema.planning import (
+        PostureReport,
+        PostureResults,
+        WorkspaceReport,
+        WorkspaceResults,
+    )
     from app.report.text.planning import posture_text, workspace_text
     from calib.tripod.workspace import posture_of_tool, workspace_of
     from protocols.machine import load_machine
@@ -354,13 +356,13 @@ def workspace(name: str, limit: float, at_mm: Place | None) -> Answer:
         posture = posture_of_tool(geometry, at_mm)
         return Answer(
             lambda: posture_text(machine, posture),
-            lambda: PostureReport.of(machine=machine, posture=posture),
+            lambda: PostureReport.of(PostureResults(machine, posture)),
         )
     with working("Looking at the workspace"):
         workspace_found = workspace_of(geometry, limit)
     return Answer(
         lambda: workspace_text(machine, workspace_found),
-        lambda: WorkspaceReport.of(machine=machine, found=workspace_found),
+        lambda: WorkspaceReport.of(WorkspaceResults(machine, workspace_found)),
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from glob import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Annotated
 
 from app.evaluating.correction import case_of
 from app.evaluating.own_effects import known_effects
@@ -21,11 +21,12 @@ from calib.posterior.expected import ExpectedResult, expected_of
 from calib.posterior.measurements import USUAL_PACE, Pace, candidates, nothing_measured
 from calib.posterior.planning import FurtherSetUp, Planner, Proposal
 from calib.posterior.posterior import posterior
+from calib.quantity import Quantity
 from calib.tripod.effects.effect import Effect
 from calib.tripod.optimum import Orders
 from calib.tripod.pipeline import Model
 from calib.tripod.planning import TripodPlanning
-from protocols.data_table import DataTable
+from protocols.data_table import DataTable, Tabled
 from protocols.files import Written, unused_path
 from protocols.machine import Frame, Instrument, Machine, load_machine
 from protocols.model_file import free_effects, read_model, read_model_file
@@ -33,10 +34,6 @@ from protocols.motion import seconds_per_step
 from protocols.observations import to_observations, worst_stated
 from protocols.procedure import Procedure, load_procedure
 from protocols.session import Session
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
 
 PROTOTYPE_NOISE_MM = 0.02
 """Repeatability of the papers' indicators; serves where nothing is stated."""
@@ -142,8 +139,37 @@ def _toml(
 RUNNERS_UP = 5
 
 
+@dataclass(frozen=True)
+class JudgedMeasurement:
+    """A measurement that may be made next, and the bound at the tool after it."""
+
+    legs: Annotated[tuple[str, ...], Quantity("legs", words="the legs that are read")]
+    station: Annotated[
+        float, Quantity("station", words="place on the bar, a fraction from the tool end")
+    ]
+    displacements_mm: Annotated[
+        tuple[float, ...],
+        Quantity("at", "mm", words="displacements in the order in which they are read"),
+    ]
+    cycles: Annotated[int, Quantity("cycles", words="how often they are read")]
+    before: Annotated[
+        str, Quantity("before", words="what is changed before it, in controller or load")
+    ]
+    minutes: Annotated[float, Quantity("minutes", decimals=1, words="time for set-up and readings")]
+    bound_mm: Annotated[
+        float,
+        Quantity(
+            "tool at most",
+            "mm",
+            "uncertainty",
+            3,
+            "bound of the tool error that is expected after it",
+        ),
+    ]
+
+
 @dataclass(frozen=True, eq=False)
-class MeasurementPlan:
+class MeasurementPlan(Tabled):
     """What is worth measuring after these sessions.
 
     ``noise_words`` say where the noise of a reading is from.
@@ -166,24 +192,21 @@ class MeasurementPlan:
 
     def table(self) -> DataTable:
         """Every measurement that was judged, the best first."""
-        names = ("legs", "station", "displacements_mm", "cycles", "before", "minutes", "bound_mm")
-        rows = [
+        return DataTable.of(
+            JudgedMeasurement,
             (
-                ", ".join(proposal.candidate.legs),
-                proposal.candidate.station,
-                ", ".join(f"{mm:g}" for mm in proposal.candidate.levels_mm),
-                proposal.candidate.cycles,
-                proposal.candidate.preparation.words,
-                proposal.candidate.minutes,
-                proposal.bound_mm,
-            )
-            for proposal in self.planner.proposals
-        ]
-        return DataTable(names, tuple(rows))
-
-    def to_frame(self) -> DataFrame:
-        """`table` for pandas. Raises UsageError where that is not installed."""
-        return self.table().to_frame()
+                JudgedMeasurement(
+                    proposal.candidate.legs,
+                    proposal.candidate.station,
+                    proposal.candidate.levels_mm,
+                    proposal.candidate.cycles,
+                    proposal.candidate.preparation.words,
+                    proposal.candidate.minutes,
+                    proposal.bound_mm,
+                )
+                for proposal in self.planner.proposals
+            ),
+        )
 
 
 FURTHER = "_further"
@@ -283,17 +306,17 @@ def _machine_and_model(
             )
         machine = recorded
     of_tool = any(r.position_mm is not None for session in sessions for r in session.readings)
-    next_step = "glidecal identifiability tells what a procedure of your own would see."
+    next_step = "glidecal identifiability shows what a procedure of your own determines."
     if machine.position_endstop_mm is not None:
         next_step = (
             "--macro writes places to probe, for the firmware of a printer. Distances on a "
-            "printed object tell what a plate does not show: glidecal import --distances."
+            "printed object show what a plate does not: glidecal import --distances."
         )
     if of_tool or not machine.geometry().common_zero:
         raise UsageError(
             "glidecal plan",
             f"readings of the tool, or the machine '{machine.name}'",
-            "readings of legs, on bars that lie along their drives at one Zero",
+            "readings of legs, on bars along their drives at one Zero",
             next_step,
         )
     return machine, model or Model(machine.geometry())

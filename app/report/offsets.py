@@ -11,7 +11,6 @@ from pathlib import Path
 from app.evaluating.correction import SessionCorrection
 from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import LineParameter, SessionSolution, solve_files
-from app.report.schema.document import rows
 from app.report.schema.solution import Offset
 from app.report.text.caveats import caveats, caveats_of_view
 from app.report.text.correction import (
@@ -26,6 +25,7 @@ from calib.errors import RecordError
 from calib.identify.solution import Method, Subset
 from calib.posterior.correction import Holds, ToolOff
 from calib.printable import printable
+from calib.quantity import rows
 from calib.stats import coverage_factor
 from calib.tripod.controller import ControllerJoints, tool_error_mm
 from calib.tripod.geometry import PARAMETER_NAMES

@@ -14,12 +14,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Annotated, Literal, Protocol
 
 import numpy as np
 
 from calib.arrays import BLIND, FloatArray, largest, named_inside, names_outside, svd_of_all
 from calib.errors import NotIdentifiable
+from calib.quantity import INTERNAL, Internal, Quantity
 
 UNSEEN = 1.0
 """Standard uncertainty, in tolerances, from which on a combination is not seen."""
@@ -44,10 +45,10 @@ class Direction:
     """
 
     combination: str
-    vector: FloatArray
+    vector: Annotated[FloatArray, Internal()] = field(metadata=INTERNAL)
     standard_uncertainty_mm: float
     tool_mm: float
-    against: tuple[str, float] | None = None
+    against: tuple[str, float] | None = field(default=None, metadata=INTERNAL)
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,8 +293,8 @@ class Examination:
 class AddedMeasurement:
     """The added posture that helps one combination most, and its uncertainty then."""
 
-    where: str
-    standard_uncertainty: float
+    posture: str
+    standard_uncertainty_mm: float
 
 
 class PlannedMachine(Protocol):
@@ -310,18 +311,21 @@ class PlannedMachine(Protocol):
         """For each combination ``(k,)`` the best added posture; None where none is known."""
 
 
+WHERE_SEEN = Quantity(words="null where lost")
+
+
 @dataclass(frozen=True, eq=False)
 class Combination:
     """A combination that is weak or unidentifiable, and what would help.
 
-    ``standard_uncertainty`` and ``tool_mm`` are None where it is unidentifiable.
+    Uncertainty and ``tool_mm`` are None where it is unidentifiable.
     """
 
     name: str
-    shares: dict[str, float]
-    standard_uncertainty: float | None
-    tool_mm: float | None
-    added: AddedMeasurement | None
+    combination: Annotated[dict[str, float], Quantity(words="shares of the parameters")]
+    standard_uncertainty_mm: Annotated[float | None, WHERE_SEEN]
+    tool_mm: Annotated[float | None, WHERE_SEEN]
+    cure: AddedMeasurement | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,7 +340,7 @@ class SeenBy:
     qr: ClassicalQr
 
     @property
-    def limited_by(self) -> str:
+    def limited_by(self) -> Literal["nothing", "too-few-postures"]:
         """Too few values for the parameters, or nothing but the geometry."""
         reachable = self.examined.reachable_rank
         if reachable is not None:
@@ -356,10 +360,12 @@ def seen_by(machine: PlannedMachine) -> SeenBy:
     directions = tuple(
         Combination(
             name=direction.combination,
-            shares={n: float(v) for n, v in zip(names, direction.vector, strict=True) if v != 0.0},
-            standard_uncertainty=_finite(direction.standard_uncertainty_mm),
+            combination={
+                n: float(v) for n, v in zip(names, direction.vector, strict=True) if v != 0.0
+            },
+            standard_uncertainty_mm=_finite(direction.standard_uncertainty_mm),
             tool_mm=_finite(direction.tool_mm),
-            added=added,
+            cure=added,
         )
         for direction, added in zip((*analysis.unseen, *analysis.weak), additions, strict=True)
     )

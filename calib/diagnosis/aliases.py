@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import starmap
 
 import numpy as np
 
 from calib.arrays import Observations, squares_in, without
 from calib.diagnosis.claims import NAMES
 from calib.diagnosis.gap import Leftover
-from calib.diagnosis.results import AliasMap, Imitation
+from calib.diagnosis.results import AliasMap, Imitation, Named
 from calib.noise.reading import IndicatorFigures
 from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.problem import PosteriorProblem
@@ -52,10 +53,10 @@ def alias_map(model: Model, planned: Observations, effects: Sequence[Effect]) ->
             if share > ALIKE:
                 column = leftover.about.left_by(columns.sum(axis=1)[:, None])
                 remainder = float((without(outer, column) ** 2).sum())
-                pair = (first.id, first.where), (second.id, second.where)
+                pair = Named(first.id, first.where), Named(second.id, second.where)
                 imitations.append(Imitation(*pair, share, remainder))
     return AliasMap(
-        tuple(dict.fromkeys((component.id, component.where) for component, _ in compared)),
+        tuple(dict.fromkeys(Named(component.id, component.where) for component, _ in compared)),
         tuple(imitations),
-        invisible(model, cells.means, effects),
+        tuple(starmap(Named, invisible(model, cells.means, effects))),
     )

@@ -287,12 +287,12 @@ class _Report:
         finding = self._finding((law,), likely[law], adopted, beside.rms_mm(beside.left))
         together = (*adopted, *finding.effects)
         if self.others:
-            return ModelDiscrepancy(finding, self._elsewhere(together))
+            return ModelDiscrepancy(**vars(finding), held_out_gap=self._elsewhere(together))
         with_law, kinds = self._with(together), (*NAMES, "nameless")
         missed = with_law and left_out_postures(
             self.posterior, self.before, with_law, together, kinds
         )
-        return ModelDiscrepancy(finding, missed or None)
+        return ModelDiscrepancy(**vars(finding), held_out_gap=missed or None)
 
     def _elsewhere(self, effects: tuple[EffectInstance, ...]) -> HeldOutGap | None:
         return on_other_sessions(self.before, self.others, effects, self.timed)

@@ -273,14 +273,16 @@ def locate(leftover: Leftover) -> tuple[GapPart, ...]:
             continue
         inside, free = float(square[mask].sum()), round(float((1.0 - leverage[mask]).sum()))
         chance = leftover.p_value(inside, max(free, 1)) if total else 1.0
-        shares.append(GapPart(leg, axis, pattern, inside / total if total else 0.0, chance))
+        shares.append(
+            GapPart(leg or None, axis or None, pattern, inside / total if total else 0.0, chance)
+        )
     for pattern, rows in _patterns(leftover):
         basis = leftover.explained_by(rows)
         along = basis.T @ leftover.left
         inside, free = float(along @ along), basis.shape[1]
         chance = leftover.p_value(inside, free) if total else 1.0
         share = min(inside / total, 1.0) if total else 0.0
-        shares.append(GapPart("", "", pattern, share, chance))
+        shares.append(GapPart(None, None, pattern, share, chance))
     return tuple(descending(descending(shares, lambda s: s.share), lambda s: -s.p_value))
 
 
@@ -340,20 +342,20 @@ def where_words(shares: tuple[GapPart, ...]) -> str:
     """A short sentence on where the gap is: the least likely parts by name."""
     significant = [s for s in shares if s.p_value < AGREEMENT]
     patterns = [s for s in significant if not s.leg and not s.axis]
-    legs = [s for s in significant if s.pattern == "leg"]
+    legs = [s for s in significant if s.posture_or_pattern == "leg"]
     if not significant:
         return "no place stands out"
     parts = []
     if legs:
-        legs_words = "leg " + " and ".join(s.leg for s in legs)
+        legs_words = "leg " + " and ".join(s.leg or "" for s in legs)
         parts.append(f"on {legs_words if len(legs) < 3 else 'all legs'}")
     if patterns:
         strongest = descending(patterns, lambda s: s.share)[0]
-        how = strongest.pattern
+        how = strongest.posture_or_pattern
         how = how if how.startswith(("odd", "even", "in ", "with")) else f"with the {how}"
         how = how.replace("the time or", "time or")
         parts.append(f"{strongest.share:.0%} of it {how}")
-    return ", ".join(parts) or f"most on {significant[0].leg}{significant[0].axis}"
+    return ", ".join(parts) or f"most on {significant[0].leg or ''}{significant[0].axis or ''}"
 
 
 def residuals(before: Leftover, after: Leftover | None) -> CellResiduals:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
 from calib.arrays import IntArray, Observations
+from calib.quantity import INTERNAL, Internal, Quantity
 from calib.tripod.effects.effect import EffectInstance
 
 Verdict = Literal[
     "agrees", "explained", "ambiguous", "partly-explained", "unexplained", "cannot-tell"
 ]
+
+
+Effects = Annotated[tuple[EffectInstance, ...], Internal()]
 
 
 @dataclass(frozen=True)
@@ -31,9 +35,9 @@ class Gap:
 class GapPart:
     """A part of the gap: which leg, axis or pattern, its share and its chance."""
 
-    leg: str
-    axis: str
-    pattern: str
+    leg: str | None
+    axis: str | None
+    posture_or_pattern: str
     share: float
     p_value: float
 
@@ -68,7 +72,7 @@ class Value:
 class Finding:
     """An effect or a gross error that was named, and what adopting it does to the gap.
 
-    ``probability`` is that of the name at this place.
+    A ``where`` with commas lists legs or places that have values of their own.
     """
 
     id: str
@@ -76,38 +80,36 @@ class Finding:
     title: str
     where: str
     parameters: tuple[Value, ...]
-    probability: float
+    probability: Annotated[float, Quantity(words="of this name at this place")]
     gap_rms_before_mm: float
     gap_rms_after_mm: float
     indistinguishable_from: tuple[Named, ...] = ()
-    effects: tuple[EffectInstance, ...] = field(default=(), repr=False)
+    effects: Effects = field(default=(), repr=False, metadata=INTERNAL)
 
 
 @dataclass(frozen=True)
-class ModelDiscrepancy:
+class ModelDiscrepancy(Finding):
     """What is left without a name, as an unnamed law; beside it the gap that it did not see."""
 
-    effect: Finding
-    held_out: HeldOutGap | None
+    held_out_gap: HeldOutGap | None = None
 
 
 @dataclass(frozen=True)
 class Contender:
-    """An effect and place that may act, and why it is not named.
-
-    ``probability`` is that of the name at this place, whatever acts beside it; ``explained`` is the
-    part of the gap's square that it takes away alone, between 0 and 1.
-    """
+    """An effect and place that may act, and why it is not named."""
 
     id: str
     where: str
     parameters: tuple[Value, ...]
-    probability: float
+    probability: Annotated[
+        float, Quantity(words="of this name at this place, whatever acts beside it")
+    ]
     gap_rms_after_mm: float
-    explained: float
+    # the part of the gap's square that it takes away alone, between 0 and 1
+    explained: float = field(metadata=INTERNAL)
     held_out_gap_rms_mm: float | None
     reason_rejected: str
-    effects: tuple[EffectInstance, ...] = field(default=(), repr=False)
+    effects: Effects = field(default=(), repr=False, metadata=INTERNAL)
 
 
 @dataclass(frozen=True)
@@ -124,9 +126,16 @@ class HeldOutGap:
 class Detectable:
     """The size of an effect that would have been found nine times of ten."""
 
-    id: str
-    size: float
-    unit: str
+    id: Annotated[
+        str, Quantity("would have been found", words="an effect that the readings would have shown")
+    ]
+    size: Annotated[
+        float,
+        Quantity(
+            "from", kind="two-digit", words="the size that would have been found nine times of ten"
+        ),
+    ]
+    unit: Annotated[str, Quantity("", words="unit of the size")]
 
 
 SEEN = 2.0
@@ -259,22 +268,21 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class Imitation:
-    """How well one effect is imitated by another: 1 is never to be told apart.
+    """How well one effect is imitated by another.
 
-    ``distinguishable`` is what the other leaves of an unremarkable size of the first, in noise
-    variances: below 9 they cannot be told apart, above 25 they can.
+    Below 9 noise variances they cannot be told apart, above 25 they can.
     """
 
-    effect: tuple[str, str]
-    by: tuple[str, str]
-    contained: float
-    distinguishable: float
+    effect: Named
+    by: Named
+    contained: Annotated[float, Quantity(words="1 is never to be told apart")]
+    left_in_noise_variances: Annotated[float, Quantity(words="of an unremarkable size")]
 
 
 @dataclass(frozen=True)
 class AliasMap:
     """Imitations that matter, in both directions, and effects that no reading shows."""
 
-    effects: tuple[tuple[str, str], ...]
+    effects: tuple[Named, ...]
     imitations: tuple[Imitation, ...]
-    invisible: tuple[tuple[str, str], ...]
+    invisible: tuple[Named, ...]

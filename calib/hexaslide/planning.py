@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -177,7 +178,7 @@ PUBLISHED_SETS = {
 @dataclass(frozen=True, eq=False)
 class HexaSlidePlanning:
     """A machine with a procedure, at postures ``given`` ``(p, 6)`` from somewhere, else at random
-    ones: ``count`` of them, None: enough.
+    ones: ``count`` of them, None: enough. ``name`` is that of the machine for people.
     """
 
     procedure: Procedure
@@ -186,11 +187,7 @@ class HexaSlidePlanning:
     count: int | None = None
     given: FloatArray | None = None
     source: str = ""
-
-    @property
-    def name(self) -> str:
-        """The name on the command line."""
-        return "hexaslide"
+    name: str = "hexaslide"
 
     @property
     def usual(self) -> bool:
@@ -277,7 +274,7 @@ class PaperRule:
         return self.parameter_count - len(self.qr.flagged)
 
     @property
-    def decided_by(self) -> str:
+    def decided_by(self) -> Literal["geometry", "rows", "parameters", "postures"]:
         """Whose number the rule gives: rows, parameters, postures, or rightly the geometry."""
         if self.counted == self.reachable_rank:
             return "geometry"

@@ -10,6 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,7 +111,7 @@ class BestPostures:
         return SCALED_WORDS if self.search.scaled else UNITS
 
     @property
-    def space(self) -> str:
+    def space(self) -> Literal["box", "joints"]:
         """Where the search moved."""
         return "joints" if self.search.in_joints and self.values else "box"
 
@@ -342,7 +343,7 @@ def _space(procedure: Procedure, machine: HexaSlide, count: int, search: Search)
         if rank < len(rows):
             raise NotIdentifiable(
                 f"{count} postures of {procedure.kind.value}",
-                f"{len(rows)} values that show {rank} combinations, so that some say nothing new",
+                f"{len(rows)} values that show {rank} combinations, so that some add nothing",
                 f"{fewest} or more postures",
             )
     elif count < fewest:
@@ -350,7 +351,7 @@ def _space(procedure: Procedure, machine: HexaSlide, count: int, search: Search)
             "number of postures",
             f"{count}",
             f"{fewest} or more for {procedure.kind.value}",
-            "With --few those combinations are judged that so few postures show.",
+            "With --few the combinations that so few postures show are judged.",
         )
     if search.in_joints and not np.isfinite(machine.travel_m).all():
         raise CalibrationError(

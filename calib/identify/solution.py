@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from calib.arrays import FloatArray, Observations, largest, set_up_unknowns, without_zeros
 from calib.design.identifiability import Direction
 from calib.noise.reading import Noise
+from calib.quantity import Quantity, rows
 from calib.stats import coverage_factor, variance_ratio_p_value
 from calib.tripod.differences import Differences
 from calib.tripod.geometry import PARAMETER_NAMES
@@ -55,6 +56,50 @@ class FittedSize:
     coverage_factor: float
 
 
+@dataclass(frozen=True)
+class Estimate:
+    """A value that was identified, in its unit; the expanded uncertainty is for 95 %."""
+
+    value: Annotated[float, Quantity("value", "", "measured", 4, "true less believed")]
+    standard_uncertainty: Annotated[float, Quantity(words="from the noise of the readings")]
+    expanded_uncertainty: Annotated[
+        float, Quantity("± U (95 %)", "", "uncertainty", 4, "half width of the 95 % interval")
+    ]
+    coverage_factor: Annotated[float, Quantity(words="expanded over standard uncertainty")]
+    unit: Annotated[str, Quantity("unit", words="unit of value and uncertainties")]
+
+
+@dataclass(frozen=True)
+class Parameter(Estimate):
+    """An identified parameter; the expanded uncertainty is for 95 %."""
+
+    unit: Annotated[Literal["mm"], Quantity("unit", words="unit of value and uncertainties")] = "mm"
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A reading less that at another posture, and what the solution predicts of it, mm."""
+
+    value: Annotated[
+        float,
+        Quantity(
+            "measured",
+            "mm",
+            "signed",
+            3,
+            "mean of the readings there less the mean at the other posture",
+        ),
+    ]
+    standard_uncertainty: Annotated[
+        float,
+        Quantity("u", "mm", "uncertainty", 4, "standard uncertainty of the measured difference"),
+    ]
+    predicted: Annotated[
+        float, Quantity("predicted", "mm", "signed", 3, "what the parameters predict")
+    ]
+    residual: Annotated[float, Quantity("residual", "mm", "signed", 3, "measured less predicted")]
+
+
 @dataclass(frozen=True, eq=False)
 class Solution:
     """Identified parameters of one subset with everything needed to trust them or not.
@@ -94,6 +139,36 @@ class Solution:
     sizes: tuple[FittedSize, ...]
     outside: FloatArray
     tolerance_mm: FloatArray
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """By name."""
+        uncertain = (self.uncertainty_mm, self.expanded_mm, self.coverage_factors)
+        return rows(Parameter, self.names, self.values_mm, *uncertain)
+
+    @property
+    def effect_sizes(self) -> dict[str, Estimate]:
+        """Sizes of the model's effects, by name."""
+        return {
+            size.name: Estimate(
+                size.value,
+                size.standard_uncertainty,
+                size.coverage_factor * size.standard_uncertainty,
+                size.coverage_factor,
+                size.unit,
+            )
+            for size in self.sizes
+        }
+
+    @property
+    def tabulated(self) -> dict[str, Difference]:
+        """The differences of the papers, up to twelve, by name."""
+        measured, u = self.differences, self.difference_uncertainty_mm
+        columns = (measured.value_mm, u, self.predicted_mm, self.left_mm)
+        by_name = rows(Difference, measured.names, *columns)
+        return {
+            name: by_name[name] for name in (measured.names[k] for k in measured.published_rows)
+        }
 
     @property
     def expanded_with_tolerances_mm(self) -> FloatArray:

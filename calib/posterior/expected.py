@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
@@ -13,24 +14,33 @@ from calib.posterior.cells import SessionCase
 from calib.posterior.correction import correction
 from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior
+from calib.quantity import Quantity
 from calib.stats import coverage_factor
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 from calib.tripod.planning import TripodPlanning
 
 
+def _to_expect(label: str, words: str) -> Quantity:
+    return Quantity(label, "", "uncertainty", 3, words, "not told")
+
+
 @dataclass(frozen=True)
 class ExpectedParameter:
-    """Expanded uncertainty (95 %) to expect of a parameter, mm; None where readings do not tell it.
+    """Expanded uncertainty (95 %) to expect of a parameter; null where readings do not tell it.
 
-    ``alone_mm`` with the other kind (offsets, lengths) as in the machine file, ``all_mm`` with all
-    six free; papers/000 (12)-(14). ``held_mm`` with all six held by their tolerances.
+    papers/000 (12)-(14).
     """
 
-    name: str
-    alone_mm: float | None
-    all_mm: float | None
-    held_mm: float
+    name: Annotated[
+        str, Quantity("± (95 %), mm, to expect", words="the parameter that will be identified")
+    ]
+    alone_mm: Annotated[float | None, _to_expect("its kind alone", "offsets, or lengths, alone")]
+    all_mm: Annotated[float | None, _to_expect("all six", "all six free")]
+    held_mm: Annotated[
+        float,
+        _to_expect("within tolerances", "all six, within the tolerances of the machine file"),
+    ]
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,6 @@ import socket
 import time
 from typing import ClassVar, Literal, Protocol
 
-import serial
-
 from calib.errors import IndicatorError, sentence
 from drivers.motion.controller import (
     MM_PER_INCH,
@@ -30,9 +28,12 @@ from drivers.motion.controller import (
     Snapshot,
     Triple,
 )
-from drivers.port import PORT_ERRORS, cannot_open, check_port, close_port
+from drivers.port import PORT_ERRORS, SerialPort, cannot_open, check_port, close_port, open_serial
+from drivers.profile import LineSettings
 
-BAUD = 115200
+LINE = LineSettings(baud=115200, dtr=False, rts=False)
+"""With DTR or RTS a board starts anew each time."""
+
 WAKE_S = 3.5
 """Many boards start anew when their port is opened."""
 
@@ -154,28 +155,16 @@ class Grbl(Controller):
         numbered = self.wire is not None and hasattr(self.wire, "fileno")  # not on Windows
         return (self.wire.fileno(),) if self.wire is not None and numbered else ()
 
-    def _opened(self) -> serial.Serial:
+    def _opened(self) -> SerialPort:
         try:
             check_port(self.address)
-            port = serial.serial_for_url(
-                self.address,
-                baudrate=BAUD,
-                timeout=SLICE_S,
-                write_timeout=self.answer_s,
-                do_not_open=True,
-            )
-            if "://" not in self.address:
-                port.exclusive = True
-            with contextlib.suppress(OSError):  # virtual ports have no control lines
-                port.dtr = port.rts = False  # else a board starts anew each time
-            port.open()
+            return open_serial(self.address, LINE, SLICE_S, self.answer_s)
         except IndicatorError as problem:
             raise self.fault(MotionFault.UNREACHABLE, problem.found, problem.allowed) from problem
         except PORT_ERRORS as problem:
             why = cannot_open(self.address, problem)
             next_step = sentence(why.next_step)
             raise self.fault(MotionFault.UNREACHABLE, why.reason, "", next_step) from problem
-        return port
 
     def _wake(self) -> None:
         """The first status report; raises with what came in its place."""
@@ -214,11 +203,11 @@ class Grbl(Controller):
         self._status()
         self.locked = self.state == "Alarm"
         if self.state not in ("Idle", "Alarm"):
-            raise self._not_idle("At the controller: end what it does.")
+            raise self._not_idle("At the controller: end its present task.")
         settings = dict(SETTING.findall("\n".join(self._done("$$"))))
         homing = settings.get("22", "none")
         if not (homing.isdecimal() and int(homing) & 1):  # of grblHAL a mask
-            otherwise = "Without homing nobody knows where its carriages are."
+            otherwise = "Without homing the positions of its carriages are unknown."
             raise self.fault(MotionFault.NOT_READY, f"$22={homing}", "$22=1", otherwise)
         self._unit_mm = MM_PER_INCH if settings.get("13") == "1" else 1.0
         self._check_travel(settings)
@@ -253,7 +242,7 @@ class Grbl(Controller):
                 raise self.fault(
                     MotionFault.STRANGER,
                     f"${number}={travel_mm:g}, its travel in mm",
-                    f"a travel in which {low_mm:g} … {high_mm:g} mm of the machine file lie",
+                    f"a travel that contains {low_mm:g} … {high_mm:g} mm of the machine file",
                     "Is it the board of another machine?",
                 )
 
@@ -421,7 +410,7 @@ class Grbl(Controller):
         if line.startswith(("Grbl", "grblHAL")):
             self._acknowledged = True
             next_step = "Its homing is lost: home it."
-            raise self.fault(MotionFault.CONTROLLER, f"it started anew ({line})", "", next_step)
+            raise self.fault(MotionFault.CONTROLLER, f"it restarted ({line})", "", next_step)
         return line
 
     def _receive(self) -> bytes:

@@ -13,6 +13,7 @@ import secrets
 import shutil
 import socket
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -28,7 +29,7 @@ from drivers.motion.twins import PASSED
 
 OPTION = "--controller linuxcnc"
 NEEDED = ("linuxcnc", "linuxcncrsh", "halcmd", "pidof", "stdbuf")
-OTHERWISE = "--controller twin needs nothing and shows the same."
+OTHERWISE = "--controller twin shows the same without it."
 LOCK = Path("/tmp/linuxcnc.lock")
 PARTS = ("linuxcncsvr", "milltask", "rtapi_app")
 START_S, END_S = 30.0, 15.0
@@ -136,8 +137,8 @@ def check_linuxcnc() -> None:
         raise UsageError(
             OPTION, f"no {missing[0]} here", "LinuxCNC 2.9 on this computer", next_step
         )
-    if os.geteuid() == 0 and "RTAPI_UID" not in os.environ:
-        obstacle = "root, as whom LinuxCNC does not start"
+    if sys.platform != "win32" and os.geteuid() == 0 and "RTAPI_UID" not in os.environ:
+        obstacle = "root; LinuxCNC does not start as root"
         raise UsageError(OPTION, obstacle, "an ordinary user", OTHERWISE)
     if LOCK.exists() or not subprocess.run(["pidof", *PARTS], capture_output=True).returncode:
         obstacle = "a LinuxCNC that is running: starting a second one would end it"

@@ -18,12 +18,12 @@ import numpy as np
 
 from calib.errors import RecordError, UnreachablePosture
 from calib.tripod import UPRIGHT_TOWERS
+from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.distance_table import Measured
 from protocols.documents import MOST_WRITTEN_BYTES
 from protocols.printers.gcode import Texts, read_printed
 from protocols.printers.tower_printer import (
     OFF_PLATE_MM,
-    USUAL_ANGLES_DEG,
     Contact,
     Held,
     Three,

@@ -19,8 +19,9 @@ from dataclasses import dataclass, field
 from operator import itemgetter
 
 from calib.errors import RecordError
+from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.printers.gcode import NUMBER, PREFIX, Texts, commands, lines, steps_held
-from protocols.printers.tower_printer import USUAL_ANGLES_DEG, Contact, Held, Three, TowerPrinter
+from protocols.printers.tower_printer import Contact, Held, Three, TowerPrinter
 
 NAME = "marlin"
 ANSWER = re.compile(rf"Bed X: ({NUMBER}) Y: ({NUMBER}) Z: ({NUMBER})")

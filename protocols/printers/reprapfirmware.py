@@ -10,8 +10,9 @@ import re
 from collections.abc import Iterator
 
 from calib.errors import RecordError
+from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.printers.gcode import CodeLine, Texts, commands, lines, steps_held
-from protocols.printers.tower_printer import USUAL_ANGLES_DEG, Contact, Held, TowerPrinter
+from protocols.printers.tower_printer import Contact, Held, TowerPrinter
 
 NAME = "reprapfirmware"
 FAR_MM = -9999.0

@@ -14,13 +14,10 @@ from pydantic import ValidationError
 
 from calib.arrays import FloatArray
 from calib.errors import RecordError
-from calib.tripod.geometry import trilaterate
+from calib.tripod.geometry import USUAL_ANGLES_DEG, trilaterate
 from protocols.distance_table import Measured
 from protocols.documents import Triple, describe
 from protocols.machine import Drive, Machine
-
-USUAL_ANGLES_DEG = (210.0, 330.0, 90.0)
-"""Of the first, second and third tower of printers, from x, anticlockwise."""
 
 OFF_PLATE_MM = 5.0
 """So far the tool may be above or below its plate in a contact: a machine that is off by more was

@@ -9,7 +9,7 @@ import pytest
 
 import glidecal
 from app.report.schema.document import to_json
-from app.report.schema.solution import SolutionReport
+from app.report.schema.solution import SolutionReport, SolutionResults
 from tests.app.cli import glidecal as command
 from tests.app.test_house import imported
 from tests.conftest import ROOT, SAMPLES
@@ -42,7 +42,7 @@ def test_solving_a_path_or_a_session_is_what_the_command_says() -> None:
     said = json.loads(command("solve", SESSION, "--json").out)
     for given in (str(SESSION), glidecal.load(SESSION)):
         solved = glidecal.solve(given)
-        found = json.loads(to_json(SolutionReport.of(solved=solved)))
+        found = json.loads(to_json(SolutionReport.of(SolutionResults(solved))))
         assert found["parameters"] == said["parameters"]
     frame = solved.to_frame()
     values = {name: one["value"] for name, one in said["parameters"].items()}

@@ -24,13 +24,13 @@ class CannotLeaveOut(Exception):
 def of_the_program(session: Path, without: tuple[str, ...], also: tuple[str, ...] = ()) -> Json:
     """The document of the program's own diagnosis. Raises CannotLeaveOut."""
     from app.evaluating.diagnosis import diagnose_files
-    from app.report.schema.diagnosis import DiagnosisReport
+    from app.report.schema.diagnosis import DiagnosisReport, DiagnosisResults
 
     options: Json = {}
     if without or also:
         options["effects"] = tuple(one for one in _catalogue(also) if one.id not in without)
     found = diagnose_files([session], **options)
-    return DiagnosisReport.of(found=found).model_dump(mode="json")
+    return DiagnosisReport.of(DiagnosisResults(found)).model_dump(mode="json")
 
 
 def _catalogue(also: tuple[str, ...]) -> tuple[Any, ...]:

@@ -146,7 +146,7 @@ def test_hostile_words_in_every_field_come_back_and_are_inert(form: str, tmp_pat
 
 
 def test_numbers_stay_numbers() -> None:
-    table = DataTable(("name", "mm", "n"), (("a", 0.1 + 0.2, 1), ("b", 0.25, None)))
+    table = DataTable.plain(("name", "mm", "n"), [("a", 0.1 + 0.2, 1), ("b", 0.25, None)])
     text = table.written("csv")
     assert isinstance(text, str)
     assert list(csv.reader(StringIO(text)))[1] == ["a", "0.30000000000000004", "1"]

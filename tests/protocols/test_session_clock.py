@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from app.evaluating.solution import load_sessions
-from protocols.clock import STEADY, SessionClock, SleepWatch, steady_s
+from protocols.clock import AWAY_S, SessionClock, SleepWatch, steady_s
 from protocols.journal import write_whole
 from protocols.observations import to_observations
 from protocols.session import Continued, Event, Noted, fold
@@ -65,7 +66,21 @@ def test_a_clock_that_follows_a_time_server_is_not_set() -> None:
     assert clock.time_s() == 86400.0
 
 
-@pytest.mark.skipif(STEADY is None, reason="one clock cannot tell sleep from a busy computer")
+@pytest.mark.parametrize(("away_s", "slept_s"), [(AWAY_S - 5.0, 0.0), (AWAY_S + 5.0, AWAY_S + 5.0)])
+def test_windows_has_one_clock_and_a_minute_is_sleep(
+    away_s: float, slept_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("protocols.clock.sys", SimpleNamespace(platform="win32"))
+    watch = SleepWatch()
+    awake = time.monotonic
+    late = SimpleNamespace(monotonic=lambda: awake() + away_s)
+    monkeypatch.setattr("protocols.clock.time", SimpleNamespace(**vars(time) | vars(late)))
+    assert watch.slept_s() == pytest.approx(slept_s, abs=1.0)
+
+
+@pytest.mark.skipif(
+    sys.platform == "win32", reason="one clock cannot tell sleep from a busy computer"
+)
 @pytest.mark.parametrize(("held_up_s", "slept_s"), [(5.0, 0.0), (90.0, 0.0), (0.0, 720.0)])
 def test_a_busy_computer_did_not_sleep(
     held_up_s: float, slept_s: float, monkeypatch: pytest.MonkeyPatch
@@ -104,7 +119,7 @@ def test_times_that_go_back_are_told_and_not_used(tmp_path: Path) -> None:
     sessions, warnings = load_sessions([path])
     assert warnings == [
         "s.jsonl: time_s goes back at reading 3: the clock was set. Its times are not used, so "
-        "drift with time cannot be told."
+        "drift with time cannot be computed."
     ]
     assert np.isnan(to_observations(sessions).time_s).all()
     whole = fold([opened(), *taken[:2]])

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Literal
 
-from app.report.schema.document import Report, at, made, schema
+from app.measuring.aligning import Aligned
+from app.report.schema.document import Report, Source, schema
 from calib.arrays import LEG_NAMES
-from calib.tripod.alignment import Alignment
+from calib.tripod.alignment import Alignment, Shim
 from calib.tripod.effects.effect import AROUND, PAIRS
-
-LegName = Annotated[str, made(LEG_NAMES.__getitem__)]
 
 
 @dataclass(frozen=True)
@@ -25,12 +24,13 @@ class FigureEntry:
 class MoveEntry(Report):
     """By what one end of a rail is to be moved, positive towards the positive axis, mm."""
 
-    rail: LegName
-    support_mm: float
-    towards: LegName
-    move_mm: float
-    expanded_mm: float
-    needed: bool
+    of = Source[Shim]()
+    rail: str = of(lambda r: LEG_NAMES[r.rail])
+    support_mm: float = of(lambda r: r.support_mm)
+    towards: str = of(lambda r: LEG_NAMES[r.towards])
+    move_mm: float = of(lambda r: r.move_mm)
+    expanded_mm: float = of(lambda r: r.expanded_mm)
+    needed: bool = of(lambda r: r.needed)
 
 
 def _leans(alignment: Alignment) -> tuple[FigureEntry, ...]:
@@ -45,18 +45,27 @@ def _distances(alignment: Alignment) -> tuple[FigureEntry, ...]:
     )
 
 
+@dataclass(frozen=True)
+class AlignmentResults:
+    """What a session, by its name, tells of the rails."""
+
+    session: str
+    aligned: Aligned
+
+
 class AlignmentReport(Report):
     """``align --json``: squareness, distances, and the moves of the two rails that do not stay."""
 
+    of = Source[AlignmentResults]()
     schema_id: Literal["glidecal.alignment/1"] = schema("glidecal.alignment/1")
-    session: str = at("name")
-    reference: str = at("found.reference", "the rail that stays")
-    squareness_mrad: Annotated[tuple[FigureEntry, ...], made(_leans)] = at(
-        "found.found", "positive: less than a right angle"
+    session: str = of(lambda r: r.session)
+    reference: str = of(lambda r: r.aligned.reference, "the rail that stays")
+    squareness_mrad: tuple[FigureEntry, ...] = of(
+        lambda r: _leans(r.aligned.found), "positive: less than a right angle"
     )
-    distance_mm: Annotated[tuple[FigureEntry, ...], made(_distances)] = at(
-        "found.found", "the first lies so much further along the third axis"
+    distance_mm: tuple[FigureEntry, ...] = of(
+        lambda r: _distances(r.aligned.found), "the first lies so much further along the third axis"
     )
-    moves: tuple[MoveEntry, ...] = at("found.shims")
-    left_mm: float = at("found.found.left_mm", "r.m.s. that the fit leaves")
-    noise_mm: float = at("found.found.noise_mm", "of a reading")
+    moves: tuple[MoveEntry, ...] = of(lambda r: tuple(map(MoveEntry.of, r.aligned.shims)))
+    left_mm: float = of(lambda r: r.aligned.found.left_mm, "r.m.s. that the fit leaves")
+    noise_mm: float = of(lambda r: r.aligned.found.noise_mm, "of a reading")

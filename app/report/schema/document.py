@@ -5,48 +5,79 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable
-from types import SimpleNamespace
-from typing import Annotated, Any, Self, TypeVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, cast
 
-from pydantic import AliasPath, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from calib.arrays import FloatArray
 from protocols.documents import Document
 
+if TYPE_CHECKING:
+    from pydantic.config import JsonDict
+
 R = TypeVar("R")
+S = TypeVar("S")
+V = TypeVar("V")
+D = TypeVar("D", bound="Report")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How the value of a field is read off the result."""
+
+    read: Callable[[Any], object]
+
+    def __call__(self, schema: JsonDict) -> None:
+        """Nothing of it is in the schema."""
+
+
+@dataclass(frozen=True)
+class Source(Generic[S]):
+    """What a document, or a part of one, is read off: its class begins with ``of = Source[…]()``.
+
+    A field is ``key: type = of(lambda result: result.value, words)``; the words go into the schema.
+    ``Part.of(result)`` is the part. A type checker sees all of it.
+    """
+
+    def __call__(
+        self, read: Callable[[S], V], words: str | None = None, *, asked: bool = False
+    ) -> V:
+        """A field and how its value is read; one that is ``asked`` for is no key while None."""
+        left_out: dict[str, Any] = {"default": None, "exclude_if": _is_none} if asked else {}
+        field = Field(description=words, json_schema_extra=Reading(read), **left_out)
+        return cast("V", field)
+
+    def __get__(self, part: object, kind: type[D]) -> Callable[[S], D]:
+        return kind.read_off
+
+
+def _is_none(value: object) -> bool:
+    return value is None
 
 
 class Report(Document):
     """A document, or a part of one: its fields are the keys, in their order.
 
-    A value that is not finite is a defect and raises ValueError.
+    A type checker looks at what is read, so nothing is validated again; `to_json` refuses a value
+    that is not finite.
     """
 
     model_config = ConfigDict(
-        from_attributes=True,
+        ignored_types=(Source,),
         json_schema_serialization_defaults_required=True,
         defer_build=True,  # parts are built with their document, and only for --json
     )
 
     @classmethod
-    def of(cls, **results: object) -> Self:
-        """The document of these results; the paths of its fields begin with their names."""
-        return cls.model_validate(SimpleNamespace(**results))
-
-
-def at(path: str, words: str | None = None) -> Any:  # noqa: ANN401 (a field of any type)
-    """The value stands at these attributes of the results; ``words`` go into the schema."""
-    return Field(validation_alias=AliasPath(*path.split(".")), description=words)
-
-
-def asked(path: str, words: str | None = None) -> Any:  # noqa: ANN401 (as above)
-    """As `at`; without this result there is no such key."""
-    return Field(
-        default=None,
-        validation_alias=AliasPath(*path.split(".")),
-        exclude_if=lambda value: value is None,
-        description=words,
-    )
+    def read_off(cls, result: object) -> Self:
+        """What its ``of`` calls: each field reads its value off the result."""
+        values: dict[str, Any] = {
+            name: field.json_schema_extra.read(result)
+            for name, field in cls.model_fields.items()
+            if isinstance(field.json_schema_extra, Reading)
+        }
+        return cls.model_construct(**values)
 
 
 def schema(name: str) -> Any:  # noqa: ANN401 (a Literal)
@@ -54,41 +85,42 @@ def schema(name: str) -> Any:  # noqa: ANN401 (a Literal)
     return Field(default=name, serialization_alias="schema")
 
 
-def made(make: Callable[[Any], object]) -> BeforeValidator:
-    """The value is made of what stands there; None stays None."""
-    return BeforeValidator(lambda value: None if value is None else make(value))
+def maybe(part: Callable[[S], V], result: S | None) -> V | None:
+    """The part of a result; None where there is none."""
+    return None if result is None else part(result)
 
 
-def called(name: str) -> BeforeValidator:
-    """The part reads its fields off this result by a name, as the document does."""
-    return made(lambda value: SimpleNamespace(**{name: value}))
+def by_name(names: Iterable[str], values: FloatArray) -> dict[str, float]:
+    """Values ``(n,)`` by their names."""
+    return dict(zip(names, values.tolist(), strict=True))
 
 
-def rows(kind: Callable[..., R], names: Iterable[str], *columns: FloatArray) -> dict[str, R]:
-    """A row for each name out of columns ``(n,)``."""
-    lists = (column.tolist() for column in columns)
-    return {name: kind(*row) for name, *row in zip(names, *lists, strict=True)}
+def numbers(values: FloatArray | None) -> list[float] | None:
+    """Values ``(n,)``; None where there are none."""
+    return None if values is None else values.tolist()
 
 
-class LackOfFitEntry(Report):
+def finite(value: float) -> float | None:
+    """The value; None where it is not finite."""
+    return value if math.isfinite(value) else None
+
+
+def holes(rows: FloatArray) -> list[list[float | None]]:
+    """A matrix with nothing in some places."""
+    return [[finite(value) for value in row] for row in rows.tolist()]
+
+
+@dataclass(frozen=True)
+class LackOfFitEntry:
     """Variance ratio and its p-value; null where it cannot be tested."""
 
     statistic: float | None = None
     p_value: float | None = None
 
 
-Count = Annotated[int, made(len)]
-Root = Annotated[float, made(math.sqrt)]
-Finite = Annotated[float | None, made(lambda value: value if math.isfinite(value) else None)]
-Thousandths = Annotated[float, made(lambda value: 1000.0 * float(value))]
-"""Metres as mm, radians as mrad."""
-
-Numbers = Annotated[list[float], made(lambda array: array.tolist())]
-Matrix = Annotated[list[list[float]], made(lambda array: array.tolist())]
-Holes = Annotated[
-    list[list[float | None]],
-    made(lambda rows: [[v if math.isfinite(v) else None for v in row] for row in rows.tolist()]),
-]
+Numbers = list[float]
+Matrix = list[list[float]]
+Holes = list[list[float | None]]
 """A matrix with nothing in some places."""
 
 

@@ -3,112 +3,112 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Annotated, Literal
+from dataclasses import dataclass, field
+from typing import Literal
 
-from app.planning.hexaslide import CalibratedMachine
-from app.report.schema.document import (
-    Count,
-    LackOfFitEntry,
-    Report,
-    Thousandths,
-    at,
-    called,
-    made,
-    rows,
-    schema,
-)
-from app.report.schema.planning import ClassicalQrEntry, DirectionEntry, IdentifiabilityReport
+from app.evaluating.hexaslide_calibration import CalibratedMachine, VerifiedMachine
+from app.report.schema.document import LackOfFitEntry, Report, Source, maybe, schema
+from app.report.schema.identifiability import SeenReport
 from calib.design.criteria import Criterion, Observability
-from calib.hexaslide.checked import PAIRS, inner_lengths
+from calib.design.identifiability import ClassicalQr, Combination
+from calib.hexaslide.checked import PAIRS, AgainstTruth, FramesApart, HeldOut, inner_lengths
 from calib.hexaslide.geometry import unit_of
-from calib.hexaslide.planning import DIFFERENCE_STEP, UNITS, HexaSlideSeen
+from calib.hexaslide.planning import DIFFERENCE_STEP, UNITS, HexaSlideSeen, PaperRule
+from calib.hexaslide.platform import PlatformError
 from calib.hexaslide.procedures import ANGLES, ProcedureKind
 from calib.hexaslide.residuals import Residuals
+from calib.hexaslide.search import BestPostures
+from calib.quantity import rows
 
-if TYPE_CHECKING:
-    from protocols.hexaslide_session import PostureSession
 
-
-class HexaSlideDirection(DirectionEntry):
-    """A lost combination, whole; other postures may show it."""
+@dataclass(frozen=True, eq=False)
+class LostCombination(Combination):
+    """A combination that is not seen, perhaps at no posture."""
 
     at_every_posture: bool
 
 
-def _lost(view: HexaSlideSeen) -> tuple[SimpleNamespace, ...]:
+def _lost(view: HexaSlideSeen) -> tuple[LostCombination, ...]:
     return tuple(
-        SimpleNamespace(**vars(parameter), at_every_posture=parameter.name in view.always)
-        for parameter in view.seen.unidentifiable
+        LostCombination(**vars(lost), at_every_posture=lost.name in view.always)
+        for lost in view.seen.unidentifiable
     )
 
 
 class ForwardDifferences(Report):
     """The rule of papers/001 on derivatives as the paper took them."""
 
+    of = Source[PaperRule]()
     step_m: float = DIFFERENCE_STEP
-    postures: int = at("posture_count")
-    row_count: int
-    rank: int = at("counted", "what the rule counts")
-    true_rank: int = at("rank")
-    decided_by: Literal["geometry", "rows", "parameters", "postures"]
-    tolerance: float = at("qr.tolerance")
-    flagged: tuple[str, ...] = at("qr.flagged")
-    errors_in_tolerances: tuple[float, float] | None = at("errors", "least and largest")
+    postures: int = of(lambda r: r.posture_count)
+    row_count: int = of(lambda r: r.row_count)
+    rank: int = of(lambda r: r.counted, "what the rule counts")
+    true_rank: int = of(lambda r: r.rank)
+    decided_by: Literal["geometry", "rows", "parameters", "postures"] = of(lambda r: r.decided_by)
+    tolerance: float = of(lambda r: r.qr.tolerance)
+    flagged: tuple[str, ...] = of(lambda r: r.qr.flagged)
+    errors_in_tolerances: tuple[float, float] | None = of(lambda r: r.errors, "least and largest")
 
 
-class PaperRules(ClassicalQrEntry):
+@dataclass(frozen=True)
+class PaperRules(ClassicalQr):
     """The rule of papers/001 on exact derivatives, and as the paper took them."""
 
-    tolerance: float = at("seen.qr.tolerance")
-    flagged: tuple[str, ...] = at("seen.qr.flagged")
-    rank: Annotated[int, made(lambda seen: len(seen.found.names) - len(seen.qr.flagged))] = at(
-        "seen", "what the rule counts"
-    )
-    forward_differences: tuple[ForwardDifferences, ...] = at("rules")
+    rank: int = field(metadata={"description": "what the rule counts"})
+    forward_differences: tuple[ForwardDifferences, ...]
 
 
-class HexaSlideIdentifiabilityReport(IdentifiabilityReport):
+def rules_of(view: HexaSlideSeen) -> PaperRules:
+    """The rules at the postures of a view."""
+    counted = len(view.seen.found.names) - len(view.seen.qr.flagged)
+    paper = tuple(map(ForwardDifferences.of, view.rules))
+    return PaperRules(**vars(view.seen.qr), rank=counted, forward_differences=paper)
+
+
+class HexaSlideIdentifiabilityReport(SeenReport):
     """``identifiability hexaslide --json``."""
 
-    lost_directions: Annotated[tuple[HexaSlideDirection, ...], made(_lost)] = at("found")
-    classical_qr: PaperRules = at("found")
-    reachable_rank: int | None = at("seen.examined.reachable_rank", "with postures enough")
-    condition_numbers: dict[str, float] = at("found.conditions", "by units, and without")
-    parameter_units: Annotated[
-        dict[str, str], made(lambda names: {name: unit_of(name) for name in names})
-    ] = at("seen.found.names", "of rails' components m/m")
+    of = Source[HexaSlideSeen]()
+    lost_directions: tuple[LostCombination, ...] = of(_lost)
+    classical_qr: PaperRules = of(rules_of)
+    reachable_rank: int | None = of(
+        lambda r: r.seen.examined.reachable_rank, "with postures enough"
+    )
+    condition_numbers: dict[str, float] = of(lambda r: r.conditions, "by units, and without")
+    parameter_units: dict[str, str] = of(
+        lambda r: {name: unit_of(name) for name in r.seen.found.names}, "of rails' components m/m"
+    )
 
 
 class HexaSlidePosturesReport(Report):
     """``postures hexaslide --json``: figures are of the identifiable combinations."""
 
+    of = Source[BestPostures]()
     schema_id: Literal["glidecal.postures/1"] = schema("glidecal.postures/1")
     machine: Literal["hexaslide"] = "hexaslide"
-    procedure: ProcedureKind = at("best.procedure.kind")
-    measured: tuple[str, ...] = at("best.procedure.read")
-    count: Count = at("best.refined.coordinates")
-    criterion: Criterion = at("best.search.criterion")
-    value: float = at("best.refined.value")
-    start_value: float = at("best.refined.start_value")
-    rank: int = at("best.rank", "combinations that are judged")
-    reachable_rank: int = at("best.reachable_rank", "those that more postures may show")
-    condition_number: float = at("best.condition_number")
-    start_condition_number: float = at("best.start_condition_number")
-    published_criteria: Observability = at("best.found")
-    start_published_criteria: Observability = at("best.start")
-    units: str = at("best.units")
-    space: Literal["box", "joints"] = at("best.space", "where the search moved")
-    postures: tuple[dict[str, float], ...] = at("best.postures")
-    coordinates_on_bound: int = at("best.refined.on_bound")
-    start_coordinates_on_bound: int = at("best.start_on_bound")
-    source: str = at("best.search.source", "of the first start")
-    seconds: float = at("best.seconds")
-    starts: Count = at("best.values")
-    values_of_starts: tuple[float, ...] = at("best.values")
-    asked_starts: int = at("best.search.starts", "more than starts: it was stopped")
-    seed: int = at("best.search.seed")
+    procedure: ProcedureKind = of(lambda r: r.procedure.kind)
+    measured: tuple[str, ...] = of(lambda r: r.procedure.read)
+    count: int = of(lambda r: len(r.refined.coordinates))
+    criterion: Criterion = of(lambda r: r.search.criterion)
+    value: float = of(lambda r: r.refined.value)
+    start_value: float = of(lambda r: r.refined.start_value)
+    rank: int = of(lambda r: r.rank, "combinations that are judged")
+    reachable_rank: int = of(lambda r: r.reachable_rank, "those that more postures may show")
+    condition_number: float = of(lambda r: r.condition_number)
+    start_condition_number: float = of(lambda r: r.start_condition_number)
+    published_criteria: Observability = of(lambda r: r.found)
+    start_published_criteria: Observability = of(lambda r: r.start)
+    units: str = of(lambda r: r.units)
+    space: Literal["box", "joints"] = of(lambda r: r.space, "where the search moved")
+    postures: tuple[dict[str, float], ...] = of(lambda r: r.postures)
+    coordinates_on_bound: int = of(lambda r: r.refined.on_bound)
+    start_coordinates_on_bound: int = of(lambda r: r.start_on_bound)
+    source: str = of(lambda r: r.search.source, "of the first start")
+    seconds: float = of(lambda r: r.seconds)
+    starts: int = of(lambda r: len(r.values))
+    values_of_starts: tuple[float, ...] = of(lambda r: r.values)
+    asked_starts: int = of(lambda r: r.search.starts, "more than starts: it was stopped")
+    seed: int = of(lambda r: r.search.seed)
 
 
 @dataclass(frozen=True)
@@ -124,18 +124,14 @@ def _rms(residuals: Residuals) -> Rms:
     return Rms(*(None if size is None else 1000.0 * size for size in values))
 
 
-RmsOf = Annotated[Rms, made(_rms)]
-
-
 class PosturesUsed(Report):
     """How many were measured and fitted, which kept out as a check, how many are needed."""
 
-    count: Count = at("solved.source.postures")
-    fitted: Count = at("solved.numbers")
-    held_out: Annotated[
-        tuple[int, ...], made(lambda one: one.held_out.numbers if one.held_out else ())
-    ] = at("solved")
-    fewest: int = at("solved.fewest")
+    of = Source[CalibratedMachine]()
+    count: int = of(lambda r: len(r.source.postures))
+    fitted: int = of(lambda r: len(r.numbers))
+    held_out: tuple[int, ...] = of(lambda r: r.held_out.numbers if r.held_out else ())
+    fewest: int = of(lambda r: r.fewest)
 
 
 @dataclass(frozen=True)
@@ -246,154 +242,109 @@ class PostureResidual:
 class ResidualReport(Report):
     """Shares of what is left."""
 
-    by_component: Annotated[tuple[ComponentResidual, ...], made(_by_component)] = at("solved")
-    by_posture: Annotated[
-        tuple[PostureResidual, ...],
-        made(lambda one: tuple(map(PostureResidual, one.numbers, one.by_posture.tolist()))),
-    ] = at("solved")
-    effects: tuple[str, ...] = ()
-    remark: str = (
-        "The catalogue of effects is for the Orthoglide; for a Hexa Slide nothing is looked for by "
-        "name."
+    of = Source[CalibratedMachine]()
+    by_component: tuple[ComponentResidual, ...] = of(lambda r: _by_component(r))
+    by_posture: tuple[PostureResidual, ...] = of(
+        lambda r: tuple(map(PostureResidual, r.numbers, r.by_posture.tolist()))
     )
+    effects: tuple[str, ...] = ()
+    remark: str = "glidecal diagnose looks for what the parameters do not have."
 
 
 class HeldOutReport(Report):
     """At the postures kept out of the fit."""
 
-    rms_before: RmsOf = at("before")
-    rms_after: RmsOf = at("after")
+    of = Source[HeldOut]()
+    rms_before: Rms = of(lambda r: _rms(r.before))
+    rms_after: Rms = of(lambda r: _rms(r.after))
 
 
 class MachineDistance(Report):
     """A machine against the true one; constant motions are laid over first."""
 
-    position_rms_mm: Thousandths = at("places_rms_m")
-    position_worst_mm: Thousandths = at("places_worst_m")
-    angle_rms_mrad: Thousandths = at("angles_rms_rad")
-    platform_frame_turned_mrad: Thousandths = at("turned_rad")
-    platform_frame_shifted_mm: Thousandths = at("shifted_m")
-    base_turned_mrad: Thousandths = at("base_turned_rad")
+    of = Source[FramesApart]()
+    position_rms_mm: float = of(lambda r: 1000.0 * r.places_rms_m)
+    position_worst_mm: float = of(lambda r: 1000.0 * r.places_worst_m)
+    angle_rms_mrad: float = of(lambda r: 1000.0 * r.angles_rms_rad)
+    platform_frame_turned_mrad: float = of(lambda r: 1000.0 * r.turned_rad)
+    platform_frame_shifted_mm: float = of(lambda r: 1000.0 * r.shifted_m)
+    base_turned_mrad: float = of(lambda r: 1000.0 * r.base_turned_rad)
 
 
 class TruthReport(Report):
     """The nominal and the identified machine against the true one."""
 
-    postures: Annotated[
-        Literal["held out", "all"], made(lambda kept_out: "held out" if kept_out else "all")
-    ] = at("kept_out")
-    before: MachineDistance
-    after: MachineDistance
-    individually_known_within_95_percent: int | None = at("within")
-    individually_known_count: Count = at("misses")
-    individually_known_worst: Annotated[
-        float, made(lambda misses: float(abs(misses).max(initial=0.0)))
-    ] = at("misses")
-    inner_lengths_worst_mm: Annotated[
-        float, made(lambda inner: 1000.0 * float(abs(inner).max()))
-    ] = at("inner_m")
+    of = Source[AgainstTruth]()
+    postures: Literal["held out", "all"] = of(lambda r: "held out" if r.kept_out else "all")
+    before: MachineDistance = of(lambda r: MachineDistance.of(r.before))
+    after: MachineDistance = of(lambda r: MachineDistance.of(r.after))
+    individually_known_within_95_percent: int | None = of(lambda r: r.within)
+    individually_known_count: int = of(lambda r: len(r.misses))
+    individually_known_worst: float = of(lambda r: float(abs(r.misses).max(initial=0.0)))
+    inner_lengths_worst_mm: float = of(lambda r: 1000.0 * float(abs(r.inner_m).max()))
 
 
 class PlatformReport(Report):
     """The platform's places over the box, frames laid over: off by now, and with the result."""
 
-    now_rms_mm: Thousandths = at("now.places_rms_m", "off with the machine file")
-    now_worst_mm: Thousandths = at("now.places_worst_m")
-    bound_rms_mm: Annotated[float | None, made(lambda bound: 1000.0 * bound)] = at(
-        "bound_m", "off at most with the calibrated machine, 95 %; null where not known"
+    of = Source[PlatformError]()
+    now_rms_mm: float = of(lambda r: 1000.0 * r.now.places_rms_m, "off with the machine file")
+    now_worst_mm: float = of(lambda r: 1000.0 * r.now.places_worst_m)
+    bound_rms_mm: float | None = of(
+        lambda r: None if r.bound_m is None else 1000.0 * r.bound_m,
+        "off at most with the calibrated machine, 95 %; null where not known",
     )
-    left_open: int = at("left_open", "lost combinations that are no motions of frames")
+    left_open: int = of(lambda r: r.left_open, "lost combinations that are no motions of frames")
 
 
 class HexaSlideVerificationReport(Report):
     """``verify --json`` of a Hexa Slide."""
 
+    of = Source[VerifiedMachine]()
     schema_id: Literal["glidecal.hexaslide-verification/1"] = schema(
         "glidecal.hexaslide-verification/1"
     )
-    before: str = at("found.before.name")
-    after: str = at("found.after.name")
-    platform_before: PlatformReport = at("found.before.platform")
-    platform_after: PlatformReport = at("found.after.platform")
-    tolerance_mm: float | None = at("found.tolerance_mm")
-    decision: Literal["pass", "fail", "undecided"] | None = at("found.decision")
-    same_machine_file: bool = at("found.same_machine", "nothing was entered")
-    lost_motions: tuple[str, ...] = at("found.after.found.unidentifiable")
-
-
-@dataclass(frozen=True)
-class ReplayedPosture:
-    """One reading; millimetres and degrees."""
-
-    reading: int
-    posture: int
-    sliders_mm: tuple[float, ...]
-    values: tuple[float, ...]
-    superseded: str | None
-
-
-def _replayed(session: PostureSession) -> tuple[ReplayedPosture, ...]:
-    return tuple(
-        ReplayedPosture(
-            reading.reading,
-            reading.posture,
-            reading.sliders_mm,
-            reading.values,
-            session.superseded.get(reading.reading),
-        )
-        for reading in session.all_readings
-    )
-
-
-class HexaSlideReplayReport(Report):
-    """``replay --json`` of a session of postures."""
-
-    schema_id: Literal["glidecal.hexaslide-replay/1"] = schema("glidecal.hexaslide-replay/1")
-    session: str = at("session.name")
-    machine: str = at("session.opened.machine.name")
-    procedure: str = at("session.opened.procedure.name")
-    measured: Annotated[tuple[str, ...], made(lambda procedure: procedure.whole().measured)] = at(
-        "session.opened.procedure"
-    )
-    origin: Literal["measured", "simulated", "imported"] = at("session.opened.origin")
-    end: Literal["closed", "open", "torn"] = at("end")
-    readings: Annotated[tuple[ReplayedPosture, ...], made(_replayed)] = at("session")
-    skipped: dict[int, str] = at("session.skipped")
-    notes: tuple[str, ...] = at("session.notes")
+    before: str = of(lambda r: r.before.name)
+    after: str = of(lambda r: r.after.name)
+    platform_before: PlatformReport = of(lambda r: PlatformReport.of(r.before.platform))
+    platform_after: PlatformReport = of(lambda r: PlatformReport.of(r.after.platform))
+    tolerance_mm: float | None = of(lambda r: r.tolerance_mm)
+    decision: Literal["pass", "fail", "undecided"] | None = of(lambda r: r.decision)
+    same_machine_file: bool = of(lambda r: r.same_machine, "nothing was entered")
+    lost_motions: tuple[str, ...] = of(lambda r: r.after.found.unidentifiable)
 
 
 class HexaSlideCalibrationReport(Report):
     """``solve --json`` of a Hexa Slide."""
 
+    of = Source[CalibratedMachine]()
     schema_id: Literal["glidecal.hexaslide-calibration/1"] = schema(
         "glidecal.hexaslide-calibration/1"
     )
-    measurements: str = at("solved.name")
-    origin: Literal["measured", "simulated"] = at("solved.source.origin")
-    seed: int | None = at("solved.source.seed")
-    machine: str = at("solved.source.machine.name")
-    machine_file: str = at("solved.source.machine_file")
-    procedure: ProcedureKind = at("solved.source.procedure")
-    measured: tuple[str, ...] = at("solved.source.measured")
-    postures: Annotated[PosturesUsed, called("solved")] = at("solved")
-    rank: int = at("solved.found.rank")
-    parameter_count: Count = at("solved.found.names")
-    steps: int = at("solved.found.steps")
-    converged: bool = at("solved.found.converged")
-    rms_before: RmsOf = at("solved.found.before")
-    rms_after: RmsOf = at("solved.found.after")
-    noise: Annotated[MeasuringNoiseEntry, made(_noise)] = at("solved")
-    lack_of_fit: Annotated[LackOfFitEntry, made(_lack_of_fit)] = at("solved")
-    condition_number: float = at("solved.found.condition_number")
+    measurements: str = of(lambda r: r.name)
+    origin: Literal["measured", "simulated"] = of(lambda r: r.source.origin)
+    seed: int | None = of(lambda r: r.source.seed)
+    machine: str = of(lambda r: r.source.machine.name)
+    machine_file: str = of(lambda r: r.source.machine_file)
+    procedure: ProcedureKind = of(lambda r: r.source.procedure)
+    measured: tuple[str, ...] = of(lambda r: r.source.measured)
+    postures: PosturesUsed = of(lambda r: PosturesUsed.of(r))
+    rank: int = of(lambda r: r.found.rank)
+    parameter_count: int = of(lambda r: len(r.found.names))
+    steps: int = of(lambda r: r.found.steps)
+    converged: bool = of(lambda r: r.found.converged)
+    rms_before: Rms = of(lambda r: _rms(r.found.before))
+    rms_after: Rms = of(lambda r: _rms(r.found.after))
+    noise: MeasuringNoiseEntry = of(lambda r: _noise(r))
+    lack_of_fit: LackOfFitEntry = of(lambda r: _lack_of_fit(r))
+    condition_number: float = of(lambda r: r.found.condition_number)
     units: str = UNITS
-    parameters: Annotated[dict[str, HexaSlideParameter], made(_parameters)] = at("solved")
-    individually_known: tuple[str, ...] = at("solved.found.known")
-    lost_motions: tuple[str, ...] = at("solved.found.unidentifiable")
-    lost_count: int = at("solved.found.unidentifiable_count")
-    platform: PlatformReport = at("solved.platform")
-    inner_lengths: Annotated[dict[str, InnerLength], made(_inner)] = at(
-        "solved", "26 that no frame changes"
-    )
-    residuals: Annotated[ResidualReport, called("solved")] = at("solved")
-    held_out: HeldOutReport | None = at("solved.held_out")
-    truth: TruthReport | None = at("solved.truth")
+    parameters: dict[str, HexaSlideParameter] = of(lambda r: _parameters(r))
+    individually_known: tuple[str, ...] = of(lambda r: r.found.known)
+    lost_motions: tuple[str, ...] = of(lambda r: r.found.unidentifiable)
+    lost_count: int = of(lambda r: r.found.unidentifiable_count)
+    platform: PlatformReport = of(lambda r: PlatformReport.of(r.platform))
+    inner_lengths: dict[str, InnerLength] = of(lambda r: _inner(r), "26 that no frame changes")
+    residuals: ResidualReport = of(lambda r: ResidualReport.of(r))
+    held_out: HeldOutReport | None = of(lambda r: maybe(HeldOutReport.of, r.held_out))
+    truth: TruthReport | None = of(lambda r: maybe(TruthReport.of, r.truth))

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Literal
 
-from app.report.schema.document import Report, Thousandths, at, made, schema
+from app.report.schema.document import Report, Source, schema
+from calib.diagnosis.hexaslide import CauseSize, HexaSlideClaim, HexaSlideDiagnosis
 
 
 @dataclass(frozen=True)
@@ -19,37 +20,45 @@ class MissingEntry:
 class MissingTogether(Report):
     """What may be missing together, nothing where it is empty, and the weight of that."""
 
-    causes: Annotated[
-        tuple[MissingEntry, ...],
-        made(lambda causes: tuple(MissingEntry(*cause) for cause in causes)),
-    ]
-    weight: float
+    of = Source[HexaSlideClaim]()
+    causes: tuple[MissingEntry, ...] = of(
+        lambda r: tuple(MissingEntry(*cause) for cause in r.causes)
+    )
+    weight: float = of(lambda r: r.weight)
 
 
-class CauseValue(Report):
-    """A value of what is named, else of the heaviest claim."""
+@dataclass(frozen=True)
+class DiagnosedPostures:
+    """A diagnosis with the name of its session."""
 
     name: str
-    value: float
-    standard_uncertainty: float = at("uncertainty")
-    unit: str
+    diagnosis: HexaSlideDiagnosis
 
 
 class HexaSlideDiagnosisReport(Report):
     """``diagnose --json`` of a session of postures."""
 
+    of = Source[DiagnosedPostures]()
     schema_id: Literal["glidecal.hexaslide-diagnosis/1"] = schema("glidecal.hexaslide-diagnosis/1")
-    session: str = at("name")
-    verdict: Literal["agrees", "explained", "ambiguous", "unexplained", "cannot-tell"] = at(
-        "found.verdict"
+    session: str = of(lambda r: r.name)
+    verdict: Literal["agrees", "explained", "ambiguous", "unexplained", "cannot-tell"] = of(
+        lambda r: r.diagnosis.verdict
     )
-    named: tuple[MissingTogether, ...] = at("found.named")
-    claims: tuple[MissingTogether, ...] = at("found.claims", "99 % of all weight")
-    sizes: tuple[CauseValue, ...] = at("found.sizes")
-    platform_rms_mm: Thousandths = at("found.platform_m", "that no parameter takes over")
-    mean_square_before: float = at("found.gap_before", "in variances of the stated noise")
-    p_value_before: float = at("found.p_before")
-    mean_square_after: float = at("found.gap_after")
-    p_value_after: float = at("found.p_after")
-    spare_readings: int = at("found.spare", "beyond what parameters take")
-    lost_motions: tuple[str, ...] = at("found.unidentifiable")
+    named: tuple[MissingTogether, ...] = of(
+        lambda r: tuple(map(MissingTogether.of, r.diagnosis.named))
+    )
+    claims: tuple[MissingTogether, ...] = of(
+        lambda r: tuple(map(MissingTogether.of, r.diagnosis.claims)), "99 % of all weight"
+    )
+    sizes: tuple[CauseSize, ...] = of(lambda r: r.diagnosis.sizes)
+    platform_rms_mm: float = of(
+        lambda r: 1000.0 * r.diagnosis.platform_m, "that no parameter takes over"
+    )
+    mean_square_before: float = of(
+        lambda r: r.diagnosis.gap_before, "in variances of the stated noise"
+    )
+    p_value_before: float = of(lambda r: r.diagnosis.p_before)
+    mean_square_after: float = of(lambda r: r.diagnosis.gap_after)
+    p_value_after: float = of(lambda r: r.diagnosis.p_after)
+    spare_readings: int = of(lambda r: r.diagnosis.spare, "beyond what parameters take")
+    lost_motions: tuple[str, ...] = of(lambda r: r.diagnosis.unidentifiable)

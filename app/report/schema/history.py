@@ -4,58 +4,110 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Annotated, Literal
+from typing import Literal, cast
 
-from app.report.schema.document import Finite, Numbers, Report, at, made, schema
+from app.evaluating.history import History, MachineHistory, Point
+from app.evaluating.posture_history import Decision, PostureHistory, PosturePoint
+from app.report.schema.document import Numbers, Report, Source, finite, schema
+from calib.control_chart import Drift, Watched
 from protocols.documents import Triple
-
-FileName = Annotated[str, made(lambda path: path.name)]
-Flags = Annotated[list[bool], made(lambda array: array.tolist())]
-Rules = Annotated[list[list[int]], made(lambda rules: [[*each] for each in rules])]
-OrNull = Annotated[list[Finite], made(lambda array: array.tolist())]
 
 
 class PastSession(Report):
     """One session; offsets with what was entered before added, mm."""
 
-    session: FileName = at("path")
-    began: datetime = at("entry.began")
-    event: str = at("event", "what changed before it, as the records tell; empty: nothing known")
-    offsets_mm: Triple = at("entry.offsets_mm", "d_rho of joints x, y, z plus entered offsets")
-    expanded_mm: Triple = at("entry.expanded_mm", "expanded uncertainties (95 %)")
-    tool_bound_mm: float = at("entry.bound_before_mm", "r.m.s., as the machine was found")
-    temperature_c: float | None = at("entry.temperature_c")
-    effects: tuple[str, ...] | None = at("entry.effects", "null: not diagnosed")
-
-
-class Steady(Report):
-    """mm per day with its expanded uncertainty (95 %); ``shown`` where it is beyond that."""
-
-    per_day: float
-    expanded: float
-    shown: bool
+    of = Source[Point]()
+    session: str = of(lambda r: r.path.name)
+    began: datetime = of(lambda r: r.entry.began)
+    event: str = of(
+        lambda r: r.event, "what changed before it, as the records tell; empty: nothing known"
+    )
+    offsets_mm: Triple = of(
+        lambda r: cast("Triple", r.entry.offsets_mm), "d_rho of joints x, y, z plus entered offsets"
+    )
+    expanded_mm: Triple = of(
+        lambda r: cast("Triple", r.entry.expanded_mm), "expanded uncertainties (95 %)"
+    )
+    tool_bound_mm: float = of(lambda r: r.entry.bound_before_mm, "r.m.s., as the machine was found")
+    temperature_c: float | None = of(lambda r: r.entry.temperature_c)
+    effects: tuple[str, ...] | None = of(lambda r: r.entry.effects, "null: not diagnosed")
 
 
 class WatchedJoint(Report):
     """Control chart of one joint offset, a value for each session."""
 
-    change_mm: Numbers = at("change", "from the first session")
-    changed: Flags = at("chart.changed", "beyond its uncertainty and the limits so far")
-    centre_mm: Numbers = at("chart.centre", "mean of the phase that the session is in")
-    limit_mm: OrNull = at("chart.limit", "limits from it; null for a phase of one session")
-    signals: Rules = at("chart.signals", "Western Electric rules, 1 to 4, that a value completes")
-    drift: Steady | None
+    of = Source[Watched]()
+    change_mm: Numbers = of(lambda r: r.change.tolist(), "from the first session")
+    changed: list[bool] = of(
+        lambda r: r.chart.changed.tolist(), "beyond its uncertainty and the limits so far"
+    )
+    centre_mm: Numbers = of(
+        lambda r: r.chart.centre.tolist(), "mean of the phase that the session is in"
+    )
+    limit_mm: list[float | None] = of(
+        lambda r: [finite(value) for value in r.chart.limit.tolist()],
+        "limits from it; null for a phase of one session",
+    )
+    signals: list[list[int]] = of(
+        lambda r: [[*numbers] for numbers in r.chart.signals],
+        "Western Electric rules, 1 to 4, that a value completes",
+    )
+    drift: Drift | None = of(lambda r: r.drift)
 
 
 class PastMachine(Report):
     """Sessions of one machine by their date."""
 
-    machine: str
-    origin: str = at("origin", "measured, simulated or imported: each has a history of its own")
-    sessions: tuple[PastSession, ...] = at("points")
-    days: tuple[float, ...] = at("days", "since the first session")
-    joints: tuple[WatchedJoint, ...] = at("joints", "x, y, z")
-    due: datetime | None = at("due", "null: no drift, no tolerance or no end to be seen")
+    of = Source[MachineHistory]()
+    machine: str = of(lambda r: r.last.machine.name)
+    serial_number: str | None = of(lambda r: r.last.machine.serial_number, "null: none stated")
+    place: str | None = of(lambda r: r.last.machine.place, "of the last session")
+    origin: str = of(
+        lambda r: r.origin, "measured, simulated or imported: each has a history of its own"
+    )
+    sessions: tuple[PastSession, ...] = of(lambda r: tuple(map(PastSession.of, r.points)))
+    days: tuple[float, ...] = of(lambda r: r.days, "since the first session")
+    joints: tuple[WatchedJoint, ...] = of(
+        lambda r: tuple(map(WatchedJoint.of, r.joints)), "x, y, z"
+    )
+    due: datetime | None = of(lambda r: r.due, "null: no drift, no tolerance or no end to be seen")
+
+
+class PastPostureSession(Report):
+    """One session of postures; mm r.m.s. over the box."""
+
+    of = Source[PosturePoint]()
+    session: str = of(lambda r: r.path.name)
+    began: datetime = of(lambda r: r.entry.began)
+    event: str = of(
+        lambda r: r.event, "what changed before it, as the records tell; empty: nothing known"
+    )
+    procedure: str = of(lambda r: r.entry.procedure)
+    postures: int = of(lambda r: r.entry.postures)
+    platform_now_mm: float = of(
+        lambda r: cast("float", r.entry.now_mm), "how far the platform was off"
+    )
+    platform_bound_mm: float | None = of(
+        lambda r: r.entry.bound_mm, "at most with the calibrated machine (95 %); null: not known"
+    )
+    decision: Decision | None = of(
+        lambda r: r.entry.decision, "null: no tolerance in the machine file"
+    )
+    temperature_c: float | None = of(lambda r: r.entry.temperature_c)
+    effects: tuple[str, ...] | None = of(lambda r: r.entry.effects, "null: not diagnosed")
+
+
+class PastPostureMachine(Report):
+    """Sessions of postures of one machine by their date."""
+
+    of = Source[PostureHistory]()
+    machine: str = of(lambda r: r.machine)
+    origin: str = of(
+        lambda r: r.origin, "measured, simulated or imported: each has a history of its own"
+    )
+    sessions: tuple[PastPostureSession, ...] = of(
+        lambda r: tuple(map(PastPostureSession.of, r.points))
+    )
 
 
 @dataclass(frozen=True)
@@ -69,9 +121,14 @@ class Unusable:
 class HistoryReport(Report):
     """``history --json``."""
 
+    of = Source[History]()
     schema_id: Literal["glidecal.history/1"] = schema("glidecal.history/1")
-    folder: Annotated[str, made(str)] = at("found.folder")
-    machines: tuple[PastMachine, ...] = at("found.machines")
-    problems: Annotated[
-        list[Unusable], made(lambda found: [Unusable(str(path), text) for path, text in found])
-    ] = at("found.problems")
+    folder: str = of(lambda r: str(r.folder))
+    machines: tuple[PastMachine, ...] = of(lambda r: tuple(map(PastMachine.of, r.machines)))
+    posture_machines: tuple[PastPostureMachine, ...] = of(
+        lambda r: tuple(map(PastPostureMachine.of, r.of_postures)),
+        "those that are measured in postures",
+    )
+    problems: list[Unusable] = of(
+        lambda r: [Unusable(str(path), text) for path, text in r.problems]
+    )

@@ -1,5 +1,7 @@
 """JSON Schemas of all documents: ``python -m app.report.schema.schemas FOLDER`` writes them.
 
+Beside the folder it writes what columns of tables are into ``glossary.md``.
+
 That of a line of the record stays as it is, for records are kept: a changed event gets a number of
 its own (docs/decisions/0003-record.md).
 """
@@ -10,19 +12,24 @@ import json
 import re
 import sys
 from collections.abc import Iterator
+from dataclasses import is_dataclass
 from functools import reduce
 from importlib import import_module
 from operator import or_
 from pathlib import Path
-from pkgutil import iter_modules
+from pkgutil import iter_modules, walk_packages
 from typing import Any, get_args
 
 from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaMode
 
+import app.evaluating
+import app.planning
 import app.report.schema
+import calib
 import protocols
 from app.report.schema.document import Report
+from calib.quantity import quantities
 from protocols.documents import Document
 from protocols.files import write_files
 from protocols.record import RecordForm
@@ -31,6 +38,9 @@ from protocols.session import Line
 ROOMS = (app.report.schema, protocols)
 """Where all documents stand that are written, or read again; some of the latter are TOML."""
 
+
+RESULTS = (calib, app.evaluating, app.planning)
+"""Where results are made."""
 
 ID = re.compile(r"glidecal\.(.+)")
 
@@ -108,12 +118,50 @@ def write_schemas(folder: Path) -> None:
     write_files(folder, texts, replace=True)
 
 
+COLUMNS = "## Columns of tables\n"
+
+
+def with_columns(glossary: str) -> str:
+    """The glossary with what the columns of result tables are, below this heading, written anew."""
+    parts = [glossary.partition(COLUMNS)[0], COLUMNS]
+    for kind in result_rows():
+        sentence = f"{kind.__doc__}".partition("\n")[0]
+        parts.append(f"\n{sentence}\n\n| column | unit | meaning |\n|---|---|---|\n")
+        parts += [
+            f"| {quantity.label or '–'} | {quantity.unit} | {quantity.words} |\n"
+            for quantity in quantities(kind).values()
+            if quantity.label is not None
+        ]
+    return "".join(parts)
+
+
+def result_rows() -> list[type]:
+    """Data classes of results that tables are made of, by name."""
+    kinds = set()
+    for room in RESULTS:
+        for module in walk_packages(room.__path__, f"{room.__name__}."):
+            kinds |= {kind for kind in vars(import_module(module.name)).values() if _is_row(kind)}
+    return sorted(kinds, key=lambda kind: kind.__name__)
+
+
+def _is_row(kind: object) -> bool:
+    """Whether fields have labels; of a class and those that only narrow it the first is enough."""
+    if not (isinstance(kind, type) and is_dataclass(kind) and kind.__base__ is object):
+        return False
+    stated = any("Quantity(" in str(hint) for hint in kind.__annotations__.values())
+    return stated and any(q.label is not None for q in quantities(kind).values())
+
+
 def _documents(above: type[Document]) -> Iterator[type[Document]]:
-    """Classes with an id, in the order in which they are defined; no lines of a record."""
+    """Classes with an id in the order in which they are defined, no lines of a record.
+
+    Where several machines share one, those of the machines.
+    """
     for kind in above.__subclasses__():
-        if "schema_id" in kind.model_fields and not issubclass(kind, Line):
+        below = list(_documents(kind))
+        if "schema_id" in kind.model_fields and not issubclass(kind, Line) and not below:
             yield kind
-        yield from _documents(kind)
+        yield from below
 
 
 def _text(name: str, kind: Any, *, written: bool) -> str:  # noqa: ANN401 (class or union)
@@ -126,6 +174,9 @@ def _text(name: str, kind: Any, *, written: bool) -> str:  # noqa: ANN401 (class
 
 if __name__ == "__main__":
     try:
-        write_schemas(Path(sys.argv[1]))
+        folder = Path(sys.argv[1])
+        write_schemas(folder)
+        glossary = folder.with_name("glossary.md")
+        write_files(glossary, {"": with_columns(glossary.read_text("utf-8"))}, replace=True)
     except FrozenSchema as problem:
         sys.exit(str(problem))

@@ -14,10 +14,10 @@ from app.report.text.printer import tower_remedies
 from app.report.text.tables import (
     PAGE_HELP,
     decimals,
-    figures,
     hanging,
     new_table,
     paragraphs,
+    result_table,
     signed,
     table_text,
     uncertain,
@@ -29,6 +29,7 @@ from calib.diagnosis.results import (
     SEEN,
     Cell,
     Contender,
+    Detectable,
     Diagnosis,
     Finding,
     Gap,
@@ -38,6 +39,7 @@ from calib.diagnosis.results import (
 )
 from calib.posterior.correction import HOLDS, Holds
 from calib.tripod.effects.empirical import EMPIRICAL
+from protocols.data_table import DataTable
 
 DIAGNOSE_HELP = f"""\
 {{diagnose.adopt}}  adopt what was named, another effect that fits as well, or the rest as an \
@@ -323,12 +325,13 @@ def _values_and_gap(finding: Finding) -> list[str]:
 
 def discrepancy_text(discrepancy: ModelDiscrepancy) -> str:
     """The unnamed effect of the residuals, its values, and what it would take away."""
-    effect = discrepancy.effect
-    below = _values_and_gap(effect)
-    if discrepancy.held_out:
-        below.append(held_out_words(discrepancy.held_out))
+    below = _values_and_gap(discrepancy)
+    if discrepancy.held_out_gap:
+        below.append(held_out_words(discrepancy.held_out_gap))
     begin = "What has no name is most likely this"
-    return "\n".join([f"{begin}: {effect.title}.", *(hanging(INDENT + v, INDENT) for v in below)])
+    return "\n".join(
+        [f"{begin}: {discrepancy.title}.", *(hanging(INDENT + v, INDENT) for v in below)]
+    )
 
 
 def held_out_words(gap: HeldOutGap) -> str:
@@ -360,13 +363,13 @@ def shares_text(shares: tuple[GapPart, ...]) -> str:
 
 def part_words(share: GapPart) -> str:
     """Leg, axis or pattern."""
-    if share.leg == "tool":
+    if share.leg == "tool" and share.axis:
         return f"the tool along {share.axis.upper()}"
     if share.leg and share.axis:
         return f"leg {share.leg.upper()} along {share.axis.upper()}"
     if share.leg:
         return f"leg {share.leg.upper()}"
-    return f"axis {share.axis.upper()}" if share.axis else share.pattern
+    return f"axis {share.axis.upper()}" if share.axis else share.posture_or_pattern
 
 
 def shown_candidates(diagnosis: Diagnosis) -> list[Contender]:
@@ -424,9 +427,7 @@ def probability_words(probability: float) -> str:
 
 def _detectable(diagnosis: Diagnosis) -> list[Table]:
     """What would have been found, where readings and model agree."""
-    table = new_table("would have been found", "from", "")
-    for effect in diagnosis.smallest_detectable:
-        table.add_row(effect.id, figures(effect.size), effect.unit)
+    table = result_table(DataTable.of(Detectable, diagnosis.smallest_detectable))
     for name in diagnosis.not_shown:
         table.add_row(name, "not shown")
     return [table] if diagnosis.verdict == "agrees" else []
@@ -537,7 +538,7 @@ def adopt_choices(diagnosed: SessionDiagnosis) -> list[tuple[str, str]]:
     choices = [(CORRECT, f"correct the readings in a new session: {mistakes}")] if mistakes else []
     choices += [("named", f"adopt {words}")] if named else []
     if diagnosis.left_over:
-        where = diagnosis.left_over.effect.where
+        where = diagnosis.left_over.where
         words_of_rest = (
             f"adopt {f'{words} and ' if named else ''}the rest as an unnamed effect ({where})"
         )

@@ -6,16 +6,24 @@ import math
 
 from app.planning.tripod import MeasurementPlan
 from app.report.text.correction import FORMATS_WORDS, FRAME_WORDS
-from app.report.text.tables import map_table, new_table, paragraphs, uncertain, wrapped
+from app.report.text.tables import (
+    map_table,
+    new_table,
+    paragraphs,
+    result_table,
+    uncertain,
+    wrapped,
+)
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.design.criteria import Criterion
 from calib.design.identifiability import SeenBy
-from calib.diagnosis.results import AliasMap
-from calib.posterior.expected import ExpectedResult
+from calib.diagnosis.results import AliasMap, Named
+from calib.posterior.expected import ExpectedParameter, ExpectedResult
 from calib.posterior.planning import Outside, Reach, Separation
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures
 from calib.tripod.workspace import PostureOfTool, Workspace
+from protocols.data_table import DataTable
 from protocols.machine import Machine
 from protocols.procedure import position_words
 
@@ -54,13 +62,7 @@ def identifiability_text(seen_by: SeenBy) -> str:
 
 def expected_text(expected: ExpectedResult) -> str:
     """What each parameter and the tool will be known to, once this is measured."""
-    table = new_table("± (95 %), mm, to expect", "its kind alone", "all six", "within tolerances")
-    for parameter in expected.parameters:
-        free = (
-            "not told" if v is None else uncertain(v)
-            for v in (parameter.alone_mm, parameter.all_mm)
-        )
-        table.add_row(parameter.name, *free, uncertain(parameter.held_mm))
+    table = result_table(DataTable.of(ExpectedParameter, expected.parameters))
     because = f", most of it because of {' ('.join(expected.worst)})" if expected.worst else ""
     return paragraphs(
         table,
@@ -101,7 +103,7 @@ def _combinations(seen_by: SeenBy) -> str:
     enough = seen_by.limited_by == "nothing"
     without = "No posture of this procedure shows" if enough else "More postures may show"
     for direction in (*seen_by.unidentifiable, *seen_by.weak):
-        u, tool_mm = direction.standard_uncertainty, direction.tool_mm
+        u, tool_mm = direction.standard_uncertainty_mm, direction.tool_mm
         sentence = f"NOT IDENTIFIABLE: {direction.name}."
         if u is not None and tool_mm is not None:
             half, tool = COVERAGE * u, COVERAGE * tool_mm
@@ -110,9 +112,9 @@ def _combinations(seen_by: SeenBy) -> str:
                 f"±{tool:.3f} mm at the tool."
             )
         lines.append(sentence)
-        if direction.added is not None:
-            half = COVERAGE * direction.added.standard_uncertainty
-            lines.append(f"  Best single addition: {direction.added.where}; then ±{half:.3f} mm.")
+        if direction.cure is not None:
+            half = COVERAGE * direction.cure.standard_uncertainty_mm
+            lines.append(f"  Best single addition: {direction.cure.posture}; then ±{half:.3f} mm.")
         elif u is None:
             lines.append(f"  {without} it.")
     return "\n".join(lines)
@@ -234,19 +236,21 @@ def further_text(reach: Reach) -> str:
 
 def alias_text(aliases: AliasMap) -> str:
     """For each effect the ones that imitate it; what no reading shows."""
-    by_effect: dict[tuple[str, str], list[str]] = {}
+    by_effect: dict[Named, list[str]] = {}
     for imitation in aliases.imitations:
-        by_effect.setdefault(imitation.effect, []).append(f"{imitation.by[0]} ({imitation.by[1]})")
+        by_effect.setdefault(imitation.effect, []).append(
+            f"{imitation.by.id} ({imitation.by.where})"
+        )
     lines = [
         f"{len(aliases.effects)} effects and places; {len(by_effect)} of them can be imitated by "
         "another effect, offsets and zeros free, lengths within their tolerance:"
     ]
     lines += [
-        f"{name} ({where}): {', '.join(dict.fromkeys(imitators))}"
-        for (name, where), imitators in by_effect.items()
+        f"{effect.id} ({effect.where}): {', '.join(dict.fromkeys(imitators))}"
+        for effect, imitators in by_effect.items()
     ]
     if aliases.invisible:
-        invisible_words = ", ".join(f"{name} ({where})" for name, where in aliases.invisible)
+        invisible_words = ", ".join(f"{effect.id} ({effect.where})" for effect in aliases.invisible)
         lines.append(f"No reading shows: {invisible_words}")
     return wrapped("\n".join(lines))
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from app.evaluating.comparison import Comparison
-from app.evaluating.solution import SessionSolution
+from app.evaluating.comparison import BothValues, Comparison, RemainingOffset, both_values
+from app.evaluating.solution import LineParameter, SessionSolution
 from app.report.text.caveats import (
     UNKNOWN_HOME_OFFSET,
     caveats,
@@ -27,7 +27,6 @@ from app.report.text.correction import (
     doubt_lines,
     gains_table,
     left_out_lines,
-    shown_value,
     warning_lines,
 )
 from app.report.text.printer import change_parts
@@ -38,11 +37,13 @@ from app.report.text.tables import (
     map_table,
     new_table,
     paragraphs,
+    result_table,
     signed,
     table_text,
     uncertain,
 )
-from calib.identify.solution import SUBSETS, Solution
+from calib.identify.solution import SUBSETS, Difference, Estimate, Solution
+from protocols.data_table import DataTable
 from protocols.machine import Instrument
 from protocols.session import Session
 
@@ -103,11 +104,7 @@ def line_parts(solved: SessionSolution) -> list[str | Table]:
     """Lines of the drives within their tolerances; nothing where the machine file has none."""
     if not solved.lines:
         return []
-    table = new_table("line of a drive", "at", "value", "", "± U (k = 2)", "tolerance", left=2)
-    for line in solved.lines:
-        figures = shown_value(line.value), line.unit, uncertain(line.expanded)
-        table.add_row(line.id, line.place, *figures, f"{line.tolerance:g}")
-    return [table]
+    return [result_table(DataTable.of(LineParameter, solved.lines))]
 
 
 def view_parts(solved: SessionSolution) -> list[str | Table]:
@@ -220,28 +217,12 @@ def parameter_table(solution: Solution) -> Table:
 
 def size_table(solution: Solution) -> Table:
     """Sizes of the model's effects, fitted with the parameters."""
-    table = new_table("fitted effect", "value", "± U (95 %)", "unit")
-    for size in solution.sizes:
-        half = size.coverage_factor * size.standard_uncertainty
-        table.add_row(
-            size.name, signed(size.value, decimals_for(half, 4)), uncertain(half, 4), size.unit
-        )
-    return table
+    return result_table(DataTable.of(Estimate, solution.effect_sizes, "fitted effect"))
 
 
 def difference_table(solution: Solution) -> Table:
     """The (up to) twelve differences with what the model predicts."""
-    table = new_table("difference", "measured, mm", "u, mm", "predicted, mm", "residual, mm")
-    measured = solution.differences
-    for k in measured.published_rows:
-        table.add_row(
-            measured.names[k],
-            signed(float(measured.value_mm[k])),
-            uncertain(float(solution.difference_uncertainty_mm[k]), 4),
-            signed(float(solution.predicted_mm[k])),
-            signed(float(solution.left_mm[k])),
-        )
-    return table
+    return result_table(DataTable.of(Difference, solution.tabulated, "difference"))
 
 
 def subset_table(solved: SessionSolution) -> Table:
@@ -370,12 +351,7 @@ def monte_carlo_text(monte_carlo: MonteCarlo) -> str:
 
 def comparison_text(before: Solution, after: Solution, *, changed: bool = False) -> str:
     """The differences before and after entering the offsets, or a mechanical change."""
-    table = new_table("difference", "before, mm", "after, mm")
-    later = dict(zip(after.differences.names, after.differences.value_mm, strict=True))
-    for k in before.differences.published_rows:
-        name = before.differences.names[k]
-        value_words = signed(float(later[name])) if name in later else "not measured"
-        table.add_row(name, signed(float(before.differences.value_mm[k])), value_words)
+    table = result_table(DataTable.of(BothValues, both_values(before, after), "difference"))
     sentence = comparison_sentence(before, after)
     if changed:
         sentence = (
@@ -488,12 +464,7 @@ def verification_text(verification: Verification) -> str:
 
 def offsets_table(verification: Verification) -> Table:
     """Joint offsets of both sessions, and whether they were entered."""
-    table = new_table("joint offset", "before, mm", "remaining, mm", "± U (95 %), mm", "")
-    for offset in verification.offsets:
-        decimals = decimals_for(offset.expanded_mm, 4)
-        values = (signed(offset.before_mm, decimals), signed(offset.found_mm, decimals))
-        table.add_row(offset.name, *values, uncertain(offset.expanded_mm, 4), offset.entered)
-    return table
+    return result_table(DataTable.of(RemainingOffset, verification.offsets))
 
 
 def decided(verification: Verification) -> str:

@@ -13,6 +13,14 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from calib.quantity import LEAST_MM as LEAST_MM
+from calib.quantity import decimals as decimals
+from calib.quantity import decimals_for as decimals_for
+from calib.quantity import figures as figures
+from calib.quantity import signed as signed
+from calib.quantity import uncertain as uncertain
+from protocols.data_table import DataTable
+
 if TYPE_CHECKING:
     from calib.tripod.workspace import PlaneMap
 
@@ -29,6 +37,14 @@ def new_table(*headings: str, left: int = 1) -> Table:
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for number, heading in enumerate(headings):
         table.add_column(heading, justify="left" if number < left else "right")
+    return table
+
+
+def result_table(result: DataTable) -> Table:
+    """The columns that are for a reader; texts before the first number are on the left."""
+    table = new_table(*result.headings, left=max(result.text_columns, 1))
+    for row in result.shown_rows():
+        table.add_row(*row)
     return table
 
 
@@ -82,37 +98,6 @@ def hanging(line: str, indent: str) -> str:
         break_on_hyphens=False,
     )
     return re.sub(ONE_LETTER, lambda _: f"{{{next(ids)}}}", broken)
-
-
-LEAST_MM = 1e-6
-"""What is less than a millionth of a millimetre is arithmetic."""
-
-
-def decimals(size: float) -> int:
-    """Decimals that show two digits of a size (GUM 7.2.6); of nothing, four."""
-    return max(0, 1 - math.floor(math.log10(size))) if size > 0.0 else 4
-
-
-def figures(size: float) -> str:
-    """A size to two digits, without an exponent."""
-    rounded = float(f"{size:.1e}")
-    return f"{rounded:.{decimals(rounded)}f}"
-
-
-def decimals_for(uncertainty_mm: float, least: int = 3) -> int:
-    """Decimals for an uncertainty in mm, at least so many."""
-    return max(least, decimals(max(uncertainty_mm, LEAST_MM)))
-
-
-def uncertain(value_mm: float, least: int = 3) -> str:
-    """How sure something is: never rounded to a bare zero, two digits at least."""
-    size = max(value_mm, LEAST_MM)
-    return f"{size:.{decimals_for(size, least)}f}"
-
-
-def signed(value: float, decimals: int = 3) -> str:
-    """A number with its sign; zero is never shown as minus zero."""
-    return f"{round(value, decimals) + 0.0:+.{decimals}f}"
 
 
 def free_words(degrees: float) -> str:

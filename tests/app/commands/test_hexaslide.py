@@ -13,7 +13,10 @@ import pytest
 
 from app.exit_codes import Exit, exit_code
 from app.planning.hexaslide import Request, hexaslide_planning
-from app.report.schema.hexaslide import HexaSlideIdentifiabilityReport, PaperRules
+from app.report.schema.hexaslide import (
+    HexaSlideIdentifiabilityReport,
+    rules_of,
+)
 from app.report.text.hexaslide import seen_text
 from calib.errors import RecordError
 from calib.hexaslide.derivatives import jacobian
@@ -96,7 +99,7 @@ def test_the_rule_of_the_paper_is_told_beside_with_what_decides_it() -> None:
     assert "at 16 postures it counts 48. WARNING: that is the number of rows" in said
     assert "at 100 postures it counts 49. WARNING: that is the number of parameters" in said
     assert "orders of magnitude too tight" in said
-    rules = PaperRules.model_validate(seen_of(Request("constraint-link")))
+    rules = rules_of(seen_of(Request("constraint-link")))
     whole, few = rules.forward_differences
     assert rules.rank == 48
     assert (whole.rank, whole.true_rank, whole.decided_by) == (55, 48, "parameters")
@@ -113,7 +116,7 @@ def test_the_rule_of_the_paper_is_told_beside_with_what_decides_it() -> None:
 
 def test_condition_numbers_have_their_units() -> None:
     seen = seen_of(Request("pose-forward"))
-    found = HexaSlideIdentifiabilityReport.of(seen=seen.seen, found=seen)
+    found = HexaSlideIdentifiabilityReport.of(seen)
     figures = found.condition_numbers
     assert set(figures) == {"m, rad", "mm, rad", "m, °", "scaled"}
     assert figures["m, rad"] == pytest.approx(found.condition_number)

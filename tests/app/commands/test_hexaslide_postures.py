@@ -76,7 +76,7 @@ def test_words_tell_before_after_spread_bounds_and_seed() -> None:
     found = asked_postures(
         Request("pose-inverse", seed=5), 9, Search(Criterion.DETERMINANT, starts=3)
     )
-    said, document = postures_text(found).replace("\n", " "), HexaSlidePosturesReport.of(best=found)
+    said, document = postures_text(found).replace("\n", " "), HexaSlidePosturesReport.of(found)
     values = document.values_of_starts
     assert f"({min(values):.4g} to {max(values):.4g}, median {sorted(values)[1]:.4g})" in said
     assert "seed 5" in said

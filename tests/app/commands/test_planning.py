@@ -119,9 +119,9 @@ def test_a_cure_keeps_its_promise() -> None:
     """The promised uncertainty from the readings with those of the cure appended."""
     seen = seen_by(orthoglide("zero-max-min", 0.02))
     weak = next(one for one in seen.weak if one.name == "d_rho_x + d_L_x")
-    assert weak.added is not None
+    assert weak.cure is not None
     found = re.fullmatch(
-        r"leg (.) at (\S+) mm and at Zero \(station (\S+), a new mounting\)", weak.added.where
+        r"leg (.) at (\S+) mm and at Zero \(station (\S+), a new mounting\)", weak.cure.posture
     )
     assert found is not None
     leg, level, station = "xyz".index(found[1]), float(found[2]), float(found[3])
@@ -133,7 +133,7 @@ def test_a_cure_keeps_its_promise() -> None:
     covariance = np.linalg.inv(whitened.T @ whitened + np.eye(6) / 5.0**2)
     vector = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 0.0])
     expected = float(np.sqrt(vector @ covariance @ vector))
-    assert weak.added.standard_uncertainty == pytest.approx(expected, rel=1e-3)
+    assert weak.cure.standard_uncertainty_mm == pytest.approx(expected, rel=1e-3)
 
 
 def test_postures_as_json() -> None:

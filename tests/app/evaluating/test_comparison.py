@@ -35,7 +35,7 @@ def test_the_published_pair(samples: Path) -> None:
     found = compare_files(
         samples / "experiment_2_twelve.jsonl", samples / "experiment_3_twelve.jsonl"
     )
-    document = ComparisonReport.of(found=found).model_dump(mode="json")
+    document = ComparisonReport.of(found).model_dump(mode="json")
     assert document["schema"] == "glidecal.comparison/1"
     assert document["before"] == "experiment_2_twelve.jsonl"
     for name, pair in PUBLISHED.items():

@@ -123,7 +123,7 @@ def test_what_is_altered_torn_or_doubled_is_named_and_the_rest_shown(
     found = read_history(folder, index=index)
     said = {path.name: text for path, text in found.problems}
     assert said.keys() == {"altered.jsonl", "copy.jsonl", "torn.jsonl"}
-    assert said["copy.jsonl"].endswith("s1.jsonl, counted once.")
+    assert said["copy.jsonl"].endswith("s1.jsonl, used once.")
     assert "line 6" in said["altered.jsonl"]
     assert "not fit its digest" in said["altered.jsonl"]
     assert said["torn.jsonl"].startswith("torn.jsonl: cut inside line")
@@ -154,6 +154,21 @@ def test_a_rebuilt_machine_is_an_event(tmp_path: Path) -> None:
     measured(tmp_path, 1, (0.1, 0.1, 0.1), leg_length_mm=311.0)
     found = orthoglide(tmp_path, tmp_path / "index")
     assert found.points[1].event == "machine changed: leg_length_mm"
+
+
+def test_machines_of_one_name_are_known_apart_by_their_serial_numbers(tmp_path: Path) -> None:
+    for number, serial_number in enumerate(("A1", "B2", "A1")):
+        measured(tmp_path, number, (0.5, -0.3, 0.2), serial_number=serial_number, place="hall 3")
+    machines = read_history(tmp_path, index=tmp_path / "index").machines
+    assert [(each.machine, len(each.points)) for each in machines] == [
+        ("orthoglide, no. A1", 2),
+        ("orthoglide, no. B2", 1),
+    ]
+    documents = json.loads(glidecal("history", tmp_path, "--json").out)["machines"]
+    assert [(each["machine"], each["serial_number"], each["place"]) for each in documents] == [
+        ("orthoglide", "A1", "hall 3"),
+        ("orthoglide", "B2", "hall 3"),
+    ]
 
 
 def test_the_index_is_never_the_truth(tmp_path: Path) -> None:

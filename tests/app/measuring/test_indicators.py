@@ -135,7 +135,7 @@ def simulated(profile: str, *options: str) -> Iterator[str]:
     """A device in a process of its own; gives its port."""
     command = [sys.executable, "-m", "app", "simulate-indicator", profile, "--tcp", "0"]
     with subprocess.Popen(
-        [*command, "--seconds", "30", *options], stdout=subprocess.PIPE, text=True
+        [*command, "--seconds", "600", *options], stdout=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
         try:

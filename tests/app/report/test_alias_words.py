@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from app.report.text.planning import alias_text
-from calib.diagnosis.results import AliasMap, Imitation
+from calib.diagnosis.results import AliasMap, Imitation, Named
 
 
 def test_an_effect_that_imitates_in_several_sizes_is_named_once() -> None:
     squareness, cyclic, play = (
-        ("axis_squareness", "xy"),
-        ("actuator_cyclic", "z"),
-        ("backlash", "y"),
+        Named("axis_squareness", "xy"),
+        Named("actuator_cyclic", "z"),
+        Named("backlash", "y"),
     )
     by = (cyclic, cyclic, play, cyclic)
     found = AliasMap(

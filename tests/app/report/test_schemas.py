@@ -15,12 +15,12 @@ import pytest
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError
 
-from app.report.schema.document import Report, to_json
+from app.report.schema.document import Report, Source, to_json
 from app.report.schema.readings import outcome_report
-from app.report.schema.schemas import schemas
+from app.report.schema.schemas import record_forms, result_rows, schemas, with_columns
 from calib.diagnosis.results import Gap
+from calib.quantity import quantities
 from drivers.profile import Fault, FaultKind, IndicatorReading
-from protocols.session import SCHEMA_NUMBER
 from tests.app.cli import glidecal
 from tests.conftest import ROOT
 
@@ -37,11 +37,24 @@ EXTRAS = ("--tolerance", "0.3", "--map", "--monte-carlo", "20", "--subset", "bot
     reason="docs/schemas are as pydantic 2.14 describes classes; older ones leave keys out",
 )
 def test_the_schemas_are_those_of_the_program() -> None:
-    former = [f"session-{number}.json" for number in range(1, SCHEMA_NUMBER)]
+    former = {
+        f"{form.name.removeprefix('glidecal.')}-{number}.json"
+        for form in record_forms().values()
+        for number in range(1, form.number)
+    }
+    assert {"session-6.json", "hexaslide-session-1.json"} <= former
     files = {path.name: path.read_text(encoding="utf-8") for path in FOLDER.iterdir()}
     assert {name: text for name, text in files.items() if name not in former} == schemas(), (
         "make schemas"
     )
+
+
+def test_the_glossary_tells_every_column_of_a_table() -> None:
+    glossary = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
+    assert glossary == with_columns(glossary), "make schemas"
+    fields = [quantity for kind in result_rows() for quantity in quantities(kind).values()]
+    assert len(fields) > 40
+    assert all(quantity.words for quantity in fields if quantity.label is not None)
 
 
 def test_every_id_of_the_program_has_a_schema() -> None:
@@ -129,15 +142,16 @@ def test_readings_and_faults_keep_their_schema() -> None:
 class Judgement(Report):
     """Of two kinds of figures: its own, and those of a result as it stands."""
 
-    gap: Gap
-    figure: float
+    of = Source[tuple[Gap, float]]()
+    gap: Gap = of(lambda judged: judged[0])
+    figure: float = of(lambda judged: judged[1])
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf])
 def test_no_figure_leaves_that_is_not_finite(wrong: float) -> None:
     gap = Gap(rms_mm=1.0, chi_square=1.0, degrees_of_freedom=1, p_value=0.5)
-    assert '"figure": 1.0' in to_json(Judgement.of(gap=gap, figure=1.0))
-    with pytest.raises(ValueError, match="finite"):
-        Judgement.of(gap=gap, figure=wrong)
+    assert '"figure": 1.0' in to_json(Judgement.of((gap, 1.0)))
     with pytest.raises(ValueError, match="JSON"):
-        to_json(Judgement.of(gap=Gap(wrong, 1.0, 1, 0.5), figure=1.0))
+        to_json(Judgement.of((gap, wrong)))
+    with pytest.raises(ValueError, match="JSON"):
+        to_json(Judgement.of((Gap(wrong, 1.0, 1, 0.5), 1.0)))

@@ -14,4 +14,4 @@ def test_aliases_need_no_data() -> None:
         for taken in (SHORT, TWO_STATION)
     )
     assert len(short.imitations) > len(long.imitations)
-    assert any(one.distinguishable < 9.0 for one in short.imitations)
+    assert any(one.left_in_noise_variances < 9.0 for one in short.imitations)

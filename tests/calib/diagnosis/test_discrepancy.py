@@ -38,7 +38,7 @@ def test_a_cube_of_travel_is_described_and_never_named() -> None:
     made = case(TWO_STATION, cube(800.0), seed=3)
     diagnosis = diagnose([made], CATALOGUE)
     assert diagnosis.verdict in ("partly-explained", "unexplained")
-    unnamed = law_of(diagnosis).effect
+    unnamed = law_of(diagnosis)
     assert (unnamed.id, unnamed.kind, unnamed.where) == ("empirical", "empirical", "x")
     assert unnamed.title == "a carriage is off along its way with the cube of travel"
     (value,) = unnamed.parameters
@@ -46,14 +46,14 @@ def test_a_cube_of_travel_is_described_and_never_named() -> None:
     assert unnamed.gap_rms_after_mm < 0.4 * unnamed.gap_rms_before_mm
     assert "empirical" not in {one.id for one in diagnosis.effects}
     assert "empirical" not in {one.id for one in diagnosis.candidates}
-    held = law_of(diagnosis).held_out
+    held = law_of(diagnosis).held_out_gap
     assert held is not None
     assert held.after_rms_mm < 0.5 * held.before_rms_mm
 
 
 def test_held_out_sessions_judge_the_law() -> None:
     sessions = [case(TWO_STATION, cube(800.0), seed=seed) for seed in (3, 4)]
-    held = law_of(diagnose(sessions[:1], CATALOGUE, sessions[1:])).held_out
+    held = law_of(diagnose(sessions[:1], CATALOGUE, sessions[1:])).held_out_gap
     assert held is not None
     assert held.how == "sessions that were not used"
     assert held.after_rms_mm < 1.5 * held.noise_rms_mm < 0.5 * held.before_rms_mm
@@ -68,7 +68,7 @@ def test_readings_that_depend_on_time_and_direction() -> None:
     assert names(diagnosis) == [("gauge_hysteresis", "y")]
     for lag in diagnosis.effects[0].parameters:
         assert abs(lag.value + 25.0) < 4.0 * lag.standard_uncertainty
-    unnamed = law_of(diagnosis).effect
+    unnamed = law_of(diagnosis)
     assert unnamed.where == "y"
     assert "with the cube of travel" in unnamed.title
     assert unnamed.gap_rms_after_mm < 0.3 * unnamed.gap_rms_before_mm
@@ -84,14 +84,14 @@ def test_a_law_beside_what_was_named() -> None:
     assert [(one.id, one.where) for one in diagnosis.effects] == [("backlash", "z")]
     assert diagnosis.verdict == "partly-explained"
     left = law_of(diagnosis)
-    assert left.effect.where == "xy"
-    assert left.effect.gap_rms_after_mm < 0.5 * left.effect.gap_rms_before_mm
-    assert left.effect.gap_rms_before_mm == pytest.approx(diagnosis.gap_after.rms_mm)
+    assert left.where == "xy"
+    assert left.gap_rms_after_mm < 0.5 * left.gap_rms_before_mm
+    assert left.gap_rms_before_mm == pytest.approx(diagnosis.gap_after.rms_mm)
 
 
 def test_adopted_it_is_gone_and_the_model_agrees() -> None:
     made = case(TWO_STATION, cube(800.0), seed=3)
-    effects = law_of(diagnose([made], CATALOGUE)).effect.effects
+    effects = law_of(diagnose([made], CATALOGUE)).effects
     again = case(TWO_STATION, cube(800.0), seed=3, model=Model(effects=effects))
     diagnosis = diagnose([again], CATALOGUE)
     assert diagnosis.verdict == "agrees"
@@ -155,6 +155,6 @@ def test_a_cube_of_travel_goes_by_no_name(leg: str) -> None:
     assert diagnosis.something_else > 0.9
     assert all(name.probability < 0.1 for name in diagnosis.effects)
     assert diagnosis.verdict in ("unexplained", "ambiguous")
-    unnamed = law_of(diagnosis).effect
+    unnamed = law_of(diagnosis)
     assert unnamed.where == leg
     assert "a carriage is off along its way with the cube of travel" in unnamed.title

@@ -36,8 +36,8 @@ def test_what_shows_is_named_with_its_size(kind: str, what: Hidden) -> None:
     assert found.p_after > 1e-3
     if what.cause in ("rail_scale", "backlash"):
         (size,) = found.sizes
-        assert size.value == pytest.approx(1e3 * what.size, abs=4.0 * size.uncertainty)
-        assert size.uncertainty < 0.5 * size.value
+        assert size.value == pytest.approx(1e3 * what.size, abs=4.0 * size.standard_uncertainty)
+        assert size.standard_uncertainty < 0.5 * size.value
         assert found.platform_m > 1e-7
     if kind == "position":
         assert len(found.unidentifiable) == 3

@@ -1,0 +1,124 @@
+"""What a field of a result is to its reader, stated once at the field, and numbers as text.
+
+A field is ``value: Annotated[float, Quantity(label="measured", unit="mm", ...)]``. Its JSON Schema,
+the table on a terminal and on a page, and the columns of a spreadsheet and of pandas come from it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
+from typing import Annotated, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+from calib.arrays import FloatArray
+
+R = TypeVar("R")
+
+LEAST_MM = 1e-6
+"""What is less than a millionth of a millimetre is arithmetic."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """``words`` go into the JSON Schema; without a ``label`` there is no column for a reader.
+
+    ``decimals`` are for a ``signed`` number, at least so many for an ``uncertainty`` and for what
+    is ``measured``: that has as many as its uncertainty in the same row. ``two-digit`` numbers
+    have their own. ``missing`` stands in place of None.
+    """
+
+    label: str | None = None
+    unit: str = ""
+    kind: Literal["plain", "signed", "measured", "uncertainty", "two-digit"] = "plain"
+    decimals: int | None = None
+    words: str = ""
+    missing: str = ""
+
+    @property
+    def heading(self) -> str:
+        """Of its column."""
+        return ", ".join(filter(None, (self.label, self.unit)))
+
+    def column(self, key: str) -> str:
+        """The name of its column for programs, which has the unit once."""
+        return key if not self.unit or key.endswith(f"_{self.unit}") else f"{key}_{self.unit}"
+
+    def shown(self, value: object, uncertainty: float | None = None) -> str:
+        """The value for a reader, beside the least uncertainty of its row."""
+        if not isinstance(value, float):
+            return self.missing if value is None else f"{value}"
+        least = self.decimals or 0
+        if self.kind == "uncertainty":
+            return uncertain(value, least)
+        if self.kind in ("signed", "measured"):
+            apart = self.kind == "measured" and uncertainty is not None
+            return signed(value, decimals_for(uncertainty or 0.0, least) if apart else least)
+        if self.kind == "two-digit":
+            return figures(value)
+        return f"{value:g}" if self.decimals is None else f"{value:.{least}f}"
+
+    def __get_pydantic_json_schema__(
+        self, schema: object, handler: Callable[[object], dict[str, object]]
+    ) -> dict[str, object]:
+        """The schema of the field with these words."""
+        words = {"description": self.words} if self.words else {}
+        return handler(schema) | words
+
+
+INTERNAL = {"exclude": True}
+"""Metadata of a field that stays in the program; its type is ``Annotated[…, Internal()]``."""
+
+
+class Internal:
+    """A value that no document has: its type need not be one of JSON."""
+
+    def __get_pydantic_core_schema__(
+        self, source: object, handler: Callable[[object], object]
+    ) -> dict[str, str]:
+        """Anything."""
+        return {"type": "any"}
+
+
+def quantities(kind: type) -> dict[str, Quantity]:
+    """Of the fields of a data class in their order; one that states nothing is a plain value."""
+    hints = get_type_hints(kind, include_extras=True)
+    return {field.name: _quantity(hints[field.name]) for field in fields(kind)}
+
+
+def _quantity(hint: object) -> Quantity:
+    extras = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
+    return next((extra for extra in extras if isinstance(extra, Quantity)), Quantity())
+
+
+def rows(kind: Callable[..., R], names: Iterable[str], *columns: FloatArray) -> dict[str, R]:
+    """A row for each name out of columns ``(n,)``."""
+    lists = (column.tolist() for column in columns)
+    return {name: kind(*row) for name, *row in zip(names, *lists, strict=True)}
+
+
+def decimals(size: float) -> int:
+    """Decimals that show two digits of a size (GUM 7.2.6); of nothing, four."""
+    return max(0, 1 - math.floor(math.log10(size))) if size > 0.0 else 4
+
+
+def figures(size: float) -> str:
+    """A size to two digits, without an exponent."""
+    rounded = float(f"{size:.1e}")
+    return f"{rounded:.{decimals(rounded)}f}"
+
+
+def decimals_for(uncertainty_mm: float, least: int = 3) -> int:
+    """Decimals for an uncertainty in mm, at least so many."""
+    return max(least, decimals(max(uncertainty_mm, LEAST_MM)))
+
+
+def uncertain(value_mm: float, least: int = 3) -> str:
+    """How sure something is: never rounded to a bare zero, two digits at least."""
+    size = max(value_mm, LEAST_MM)
+    return f"{size:.{decimals_for(size, least)}f}"
+
+
+def signed(value: float, decimals: int = 3) -> str:
+    """A number with its sign; zero is never shown as minus zero."""
+    return f"{round(value, decimals) + 0.0:+.{decimals}f}"

@@ -1,0 +1,110 @@
+"""A field of a result is one line: everything that shows results shows it from there."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Annotated
+
+import pytest
+from pydantic import TypeAdapter
+
+from app.report.pages.history import HistoryPage
+from app.report.pages.report import html_of
+from app.report.pages.two_pages import Section
+from app.report.schema.document import Report, Source, to_json
+from app.report.text.tables import result_table, table_text
+from calib.quantity import Quantity
+from protocols.data_table import DataTable
+
+
+@dataclass(frozen=True)
+class Play:
+    """What a joint has."""
+
+    joint: Annotated[str, Quantity("joint")]
+    size_mm: Annotated[float, Quantity("play", "mm", "measured", 3)]
+    expanded_mm: Annotated[float, Quantity("± U (95 %)", "mm", "uncertainty", 3)]
+
+
+@dataclass(frozen=True)
+class PlayAndWear(Play):
+    """With one field more."""
+
+    wear: Annotated[float | None, Quantity("wear", "µm", "two-digit", None, "since new", "none")]
+
+
+class PlayReport(Report):
+    """A toy document."""
+
+    of = Source[tuple[Play, ...]]()
+    joints: tuple[Play, ...] = of(lambda r: r)
+
+
+class WearReport(Report):
+    """The same of the other class."""
+
+    of = Source[tuple[PlayAndWear, ...]]()
+    joints: tuple[PlayAndWear, ...] = of(lambda r: r)
+
+
+PLAYS = (Play("x", 0.01234, 0.00021), Play("y", -0.5, 0.2))
+WORN = (PlayAndWear("x", 0.01234, 0.00021, 12.34), PlayAndWear("y", -0.5, 0.2, None))
+
+
+def forms(kind: type[Play], joints: tuple[Play, ...], document: Report) -> dict[str, str]:
+    """Everywhere that a result stands."""
+    table = DataTable.of(kind, joints)
+    csv = table.written("csv")
+    assert isinstance(csv, str)
+    return {
+        "json": to_json(document),
+        "schema": json.dumps(
+            TypeAdapter(type(document)).json_schema(mode="serialization"), ensure_ascii=False
+        ),
+        "terminal": table_text(result_table(table)),
+        "page": html_of(HistoryPage("toys", [], [Section("Joints", [result_table(table)])], "")),
+        "notebook": table._repr_html_(),
+        "spreadsheet": csv,
+    }
+
+
+def test_a_field_more_is_everywhere() -> None:
+    without = forms(Play, PLAYS, PlayReport.of(PLAYS))
+    worn = forms(PlayAndWear, WORN, WearReport.of(WORN))
+    assert not [form for form, text in without.items() if "wear" in text]
+    for form, words in {
+        "json": '"wear": 12.34',
+        "schema": '"description": "since new"',
+        "terminal": "wear, µm",
+        "page": "wear, µm",
+        "notebook": '<th title="since new">wear, µm</th>',
+        "spreadsheet": "joint,size_mm,expanded_mm,wear_µm",
+    }.items():
+        assert words in worn[form], form
+    assert worn["terminal"].splitlines()[2].split() == ["x", "+0.01234", "0.00021", "12"]
+    assert worn["terminal"].splitlines()[3].split() == ["y", "-0.500", "0.200", "none"]
+    assert worn["notebook"].count("<tr>") == 3
+    assert worn["spreadsheet"].splitlines()[1:] == ["x,0.01234,0.00021,12.34", "y,-0.5,0.2,"]
+    assert DataTable.of(PlayAndWear, WORN).to_frame()["wear_µm"].tolist()[0] == 12.34
+
+
+def test_text_of_others_is_no_markup_in_a_notebook() -> None:
+    shown = DataTable.of(Play, [Play("<b>x</b>", 1.0, 1.0)])._repr_html_()
+    assert "<b>" not in shown
+    assert "&lt;b&gt;x" in shown
+
+
+@pytest.mark.parametrize(
+    ("quantity", "value", "shown"),
+    [
+        (Quantity("a", kind="signed", decimals=2), -0.0001, "+0.00"),
+        (Quantity("a", kind="uncertainty", decimals=3), 0.0, "0.0000010"),
+        (Quantity("a", decimals=1), 0.25, "0.2"),
+        (Quantity("a"), 0.25, "0.25"),
+        (Quantity("a"), 7, "7"),
+        (Quantity("a", missing="not told"), None, "not told"),
+    ],
+)
+def test_a_value_as_its_field_says(quantity: Quantity, value: object, shown: str) -> None:
+    assert quantity.shown(value) == shown

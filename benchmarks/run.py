@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import root
 
-from app.evaluating.history import Index, key_of, read_history
+from app.evaluating.history import Entry, Index, key_of, read_history
 from benchmarks.controller import controller
 from benchmarks.diagnosis import diagnosis
 from benchmarks.hexaslide import hexaslide
@@ -158,7 +158,7 @@ def histories() -> list[str]:
         once = seconds(lambda: read_history(folder, index=folder / str(time.time_ns())), 3)
         read_history(folder, index=folder / "known")
         with closing(Index(folder / "known")) as index:
-            entry = index.get(key_of(content))
+            entry = index.get(key_of(content), Entry)
             assert entry is not None
             for k in range(1, KNOWN_SESSIONS):
                 other = content.replace(b'"text":"', b'"text":"%d' % k, 1)

@@ -39,7 +39,7 @@ NEXT_STEPS = {
     FaultKind.WRONG_CHANNEL: "Give the channel the indicator is plugged into.",
     FaultKind.WRONG_UNIT: "Set the display to the unit expected, or state its unit.",
     FaultKind.WRONG_PARITY: "Choose a profile with 7 data bits and even parity, as sylvac.",
-    FaultKind.TOO_SLOW: "Find what makes it slow: radio link, hub, another program that asks it.",
+    FaultKind.TOO_SLOW: "Find the cause of the delay: radio link, hub, another program.",
     FaultKind.SENDS_UNASKED: "Switch its continuous output off: it must send on request only.",
     FaultKind.DISCONNECTED: "Plug the cable in again.",
 }
@@ -241,7 +241,7 @@ def findings_of(trials: Trials) -> list[PortFinding]:
         else:
             findings.append(PortFinding(True, fits))
     if len(trials.fits) > 1:
-        advice = "these answer alike, only their names tell them apart: take that of your indicator"
+        advice = "these profiles give the same answers: choose the name of your indicator"
         findings.append(PortFinding(True, advice))
     return findings
 
@@ -315,8 +315,6 @@ def _of_reading(reading: IndicatorReading) -> Iterable[PortFinding]:
             "So many decimals look like inch: look at the display." if looks_inch else "",
         )
     if abs(reading.value_mm) > LONGEST_MM:
-        yield PortFinding(
-            False, "further out than an indicator can be", "Set zero, check the unit."
-        )
+        yield PortFinding(False, "beyond the travel of any indicator", "Set zero, check the unit.")
     if reading.warning:
         yield PortFinding(False, reading.warning, "Change the battery before you measure.")

@@ -60,7 +60,7 @@ UNANSWERED = (
 FORM = str.maketrans("123456789+- ", "000000000000")
 UNASKED_WORDS = (
     "a line came unasked and was dropped: set the indicator to send on request only; "
-    "its DATA button counts once in four seconds"
+    "its DATA button works once in four seconds"
 )
 
 
@@ -268,8 +268,8 @@ class Exchange:
             fault = self._fault if owed else _unasked(unasked[-1])
             if owed and late:
                 message = (
-                    f"answers come later than {self.profile.timeout_s:g} s, too slow to tell old "
-                    "from new: none is taken; check cable, radio link and what else asks this "
+                    f"answers come later than {self.profile.timeout_s:g} s, too slow to separate "
+                    "old from new: none is taken; check cable, radio link and what else asks this "
                     "indicator"
                 )
                 fault = Fault(FaultKind.TOO_SLOW, "", message)

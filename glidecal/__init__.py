@@ -55,7 +55,7 @@ def conflict() -> str:
             continue
         strange = [entry.name for entry in place.iterdir() if f"{room}/{entry.name}" not in ours]
         if strange:
-            return _said(room, f"holds {min(strange)} of another package, in {home}")
+            return _said(room, f"contains {min(strange)} of another package, in {home}")
         if place.joinpath("__init__.py").stat().st_size != ours[f"{room}/__init__.py"]:
             return _said(room, f"written over by another package, in {home}")
     return ""
@@ -76,5 +76,5 @@ def _installed(home: Path) -> dict[str, int]:
 def _said(room: str, found: str) -> str:
     return (
         f"package '{room}': {found}. Allowed: the '{room}' that comes with glidecal. Install "
-        "glidecal by itself: pipx install glidecal, or uv tool install glidecal."
+        "glidecal alone: pipx install glidecal, or uv tool install glidecal."
     )

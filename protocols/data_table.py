@@ -212,7 +212,7 @@ def parquet_rows(path: Path, most_rows: int) -> Texts:
         rows = list(map(list, zip(*columns, strict=True)))
     except Exception as problem:  # a broken file meets the library in any of its parts
         raise RecordError(
-            subject, next_step="Save the table anew, or as CSV", reason="no readable Parquet file"
+            subject, next_step="Save the table again, or as CSV", reason="no readable Parquet file"
         ) from problem
     return list(enumerate([list(map(str, table.column_names)), *rows], start=1))
 
@@ -253,7 +253,7 @@ def workbook_rows(path: Path, most_rows: int) -> Texts:
             cells = sheet.iter_rows(max_row=most_rows, max_col=MOST_COLUMNS, values_only=True)
             rows = list(map(_texts, cells))
     except Exception as problem:  # a broken workbook meets the library in any of its parts
-        next_step = "Save the table anew, or as CSV"
+        next_step = "Save the table again, or as CSV"
         raise RecordError(subject, next_step=next_step, reason="no readable workbook") from problem
     width = len(rows[0]) if rows else 0
     return [(line, row + [""] * (width - len(row))) for line, row in enumerate(rows, start=1)]

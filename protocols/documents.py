@@ -104,7 +104,10 @@ def read_remembered(path: Path, kind: type[D], what: str) -> D:
     """
     if not path.exists():
         return kind()
-    requirement, next_step = "what the program wrote", "Remove the file; it is written anew"
+    requirement, next_step = (
+        "what the program wrote",
+        "Remove the file: it is written again",
+    )
     return read_json(path, kind, what, requirement, next_step)
 
 

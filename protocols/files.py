@@ -290,7 +290,7 @@ def _what_stands_there(staged: dict[Path, Path]) -> str:
     new = [target.name for target, part in staged.items() if not part.exists()]
     aside = [old.name for part in staged.values() if (old := _aside(part)).exists()]
     return (
-        f"What was there could not be put back. New: {', '.join(new) or 'none'}. Old, under "
+        f"The old files could not be restored. New: {', '.join(new) or 'none'}. Old, under "
         f"another name: {', '.join(aside) or 'none'}. Export again before the controller reads them"
     )
 
@@ -305,7 +305,7 @@ def _refuse_to_replace(target: Path) -> None:
         raise UsageError(
             "output",
             f"{target}, a link to {target.readlink()}",
-            "a name that is no link",
+            "a name that is not a link",
             "Name that file itself, or remove the link.",
         )
     if not target.is_file():

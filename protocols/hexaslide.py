@@ -51,7 +51,8 @@ Metres = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 Vector = tuple[float, float, float]
-Length = Annotated[float, Field(ge=1e-3, le=1e6)]
+SHORTEST_MM = 1e-3
+Length = Annotated[float, Field(ge=SHORTEST_MM, le=1e6)]
 Angle = Annotated[float, Field(ge=-360.0, le=360.0)]
 Tolerance = Annotated[float, Field(gt=0.0, le=100.0)]
 Lead = Annotated[float, Field(ge=0.1, le=1000.0)]
@@ -81,16 +82,27 @@ def _unit_vector(rail: Vector) -> Vector:
 class Chain(Document):
     """One chain; ``rail`` is a unit vector, ``joint_mm`` on the platform.
 
+    Without a rail the leg is telescopic, from a joint at ``start_mm`` that stands still, and has
+    the length ``link_mm`` where its drive reads 0.
+
     ``travel_mm`` is from where to where the slider may go; ``zeros_deg`` what encoders in the joint
     on the carriage read too much: of the turn about the rail, and of the angle to it.
     """
 
     start_mm: Point
-    rail: Annotated[Vector, AfterValidator(_unit_vector)]
+    rail: Annotated[Vector, AfterValidator(_unit_vector)] | None = None
     joint_mm: Point
-    link_mm: Length
+    link_mm: Coordinate
     travel_mm: Range | None = None
     zeros_deg: tuple[Angle, Angle] = (0.0, 0.0)
+
+    @field_validator("link_mm")
+    @classmethod
+    def _long_enough(cls, link_mm: float, info: ValidationInfo) -> float:
+        """A telescopic leg may read its whole length, then this is none, and may be corrected."""
+        if info.data.get("rail") is not None and link_mm < SHORTEST_MM:
+            raise ValueError(f"{SHORTEST_MM:g} mm at least")
+        return link_mm
 
 
 class PostureBox(Document):
@@ -145,6 +157,11 @@ class Tolerances(Document):
         return np.array(sizes_m) / 1000.0
 
 
+CALIBRATED = ", calibrated"
+"""What the name of a calibrated machine ends with, once."""
+
+NO_RAIL: Vector = (0.0, 0.0, 0.0)
+
 KIND, SCHEMA_OF_MACHINE = "glidecal.hexaslide", "glidecal.hexaslide/2"
 
 
@@ -195,11 +212,19 @@ class HexaSlideMachine(Document):
             return {**_plain(content, 1000.0), "schema": SCHEMA_OF_MACHINE}
         return _plain(content, 1.0)
 
+    @property
+    def before_calibration(self) -> str:
+        """The name that the machine had before any calibration; a calibrated one has more."""
+        return self.name.removesuffix(CALIBRATED)
+
     @field_validator("chain")
     @classmethod
     def _framed(cls, chain: tuple[Chain, ...]) -> tuple[Chain, ...]:
         if len(chain) != CHAINS:
             raise ValueError(f"six chains, each with its own [[chain]]; here are {len(chain)}")
+        with_rail = sum(link.rail is not None for link in chain)
+        if with_rail not in (0, CHAINS):
+            raise ValueError(f"{with_rail} of six chains have a rail; all of them, or none")
         try:
             _geometry(chain)
         except CalibrationError as problem:
@@ -251,7 +276,7 @@ def _geometry(chain: tuple[Chain, ...]) -> Geometry:
     """Raises CalibrationError."""
     return Geometry(
         np.array([link.start_mm for link in chain]) / 1000.0,
-        np.array([link.rail for link in chain]),
+        np.array([link.rail or NO_RAIL for link in chain]),
         np.array([link.joint_mm for link in chain]) / 1000.0,
         np.array([link.link_mm for link in chain]) / 1000.0,
     )
@@ -410,7 +435,8 @@ class HexaSlideMeasurements(Document):
     def as_procedure(self) -> Procedure:
         """The procedure with what it measures. Raises CalibrationError."""
         fixed = self.procedure is ProcedureKind.POSE_INVERSE
-        return Procedure.of(self.procedure.value, () if fixed else self.measured)
+        stated = Procedure.of(self.procedure.value, () if fixed else self.measured)
+        return stated.on(self.machine.whole())
 
     def readings(self) -> Readings:
         """As arrays, metres and radians."""
@@ -496,7 +522,7 @@ def machine_like(nominal: HexaSlideMachine, name: str, machine: HexaSlide) -> He
         chain.model_copy(
             update={
                 "start_mm": _point(geometry.base[k]),
-                "rail": tuple(geometry.rails[k].tolist()),
+                "rail": None if geometry.telescopic else tuple(geometry.rails[k].tolist()),
                 "joint_mm": _point(geometry.platform[k]),
                 "link_mm": 1000.0 * float(geometry.links[k]),
                 "zeros_deg": tuple(zeros[k]),

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal, cast
+from typing import Annotated, Literal, cast, get_args
 
 import numpy as np
 from pydantic import Field, TypeAdapter, model_validator
@@ -39,8 +39,11 @@ from protocols.hexaslide import (
 from protocols.record import Record, RecordForm, read_record
 from protocols.session import Closed, Line, Noted, Skipped, Superseded
 
-NAME, NUMBER_OF_SCHEMA = "glidecal.hexaslide-session", 1
-SessionSchema = Literal["glidecal.hexaslide-session/1"]
+SessionSchema = Literal["glidecal.hexaslide-session/1", "glidecal.hexaslide-session/2"]
+"""Of 1 every chain has a rail."""
+
+NAME, NUMBER_OF_SCHEMA = "glidecal.hexaslide-session", len(get_args(SessionSchema))
+SCHEMA_ID: SessionSchema = get_args(SessionSchema)[-1]
 PROCEDURES = Path(__file__).with_name("hexaslide_procedures")
 
 SixMm = tuple[Coordinate, Coordinate, Coordinate, Coordinate, Coordinate, Coordinate]
@@ -171,9 +174,9 @@ def typed_values(text: str, procedure: Procedure) -> tuple[SixMm | None, Values]
     wrong = [word for word in words if not NUMBER.fullmatch(word) or abs(float(word)) > LARGEST]
     if wrong:
         hint = "Write decimals with a point, spaces between." if "," in wrong[0] else ""
-        raise UsageError("what was typed", repr(wrong[0]), allowed, hint)
+        raise UsageError("the input", repr(wrong[0]), allowed, hint)
     if len(words) != len(names):
-        raise UsageError("what was typed", f"{len(words)} numbers", allowed)
+        raise UsageError("the input", f"{len(words)} numbers", allowed)
     numbers = tuple(float(word) for word in words)
     return (cast("SixMm", numbers[:CHAINS]) if sliders else None), numbers[sliders:]
 
@@ -205,7 +208,7 @@ class SimulatedPostures:
         seed: int,
         truth: HexaSlideMachine | None = None,
     ) -> None:
-        procedure = asked.procedure.whole()
+        procedure = asked.procedure.whole().on(machine.whole())
         tolerances = machine.tolerances.of(procedure.parameters)
         true = None if truth is None else truth.whole()
         self._machine = SimulatedHexaSlide(procedure, machine.whole(), tolerances, seed, true)
@@ -240,7 +243,7 @@ class PosturesOpened(Line):
     """
 
     event: Literal["opened"] = "opened"
-    schema_id: SessionSchema = Field(alias="schema", default="glidecal.hexaslide-session/1")
+    schema_id: SessionSchema = Field(alias="schema", default=SCHEMA_ID)
     program: Name
     origin: Literal["measured", "simulated", "imported"]
     machine: HexaSlideMachine
@@ -272,7 +275,7 @@ class PosturesContinued(Line):
     """The session goes on after an interruption; bytes of a torn last line were set aside."""
 
     event: Literal["continued"] = "continued"
-    schema_id: SessionSchema = Field(alias="schema", default="glidecal.hexaslide-session/1")
+    schema_id: SessionSchema = Field(alias="schema", default=SCHEMA_ID)
     program: Name
     torn_bytes: int = 0
     paused_s: float | None = None
@@ -359,7 +362,7 @@ class PostureSession:
         """What counts, for the mathematics. Raises RecordError for a session without readings."""
         opened, procedure = self.opened, self.opened.procedure
         if not self.readings:
-            raise RecordError(f"session {self.name}", "no reading that counts", "one at least")
+            raise RecordError(f"session {self.name}", "no reading in use", "one at least")
         names = procedure.whole().measured
         units = [np.radians(1.0) if name in ANGLES else 1e-3 for name in names]
         return HexaSlideMeasurements(

@@ -179,18 +179,18 @@ class Journal:
                 f"session {self.path}",
                 "lines of another program",
                 "one writer at a time",
-                "What was acknowledged here is still in it. Leave, and look what else writes.",
+                "Every acknowledged reading is still in it. Leave, and look for the other program.",
             )
             raise self._stopped
         self._stop("changed by another program")
 
     def _stop(self, value: str) -> NoReturn:
         """Put what was acknowledged in a second place and take no more. Raises RecordError."""
-        requirement = "a record that this program alone changes"
+        requirement = "a record that only this program changes"
         for place in _second_places(self.path):
             with suppress(OSError):
                 files.close(files.write_new(place, bytes(self._content)))
-                next_step = f"Every reading taken is in {place}: go on with that file."
+                next_step = f"Every reading taken is in {place}: continue with that file."
                 self._stopped = RecordError(f"session {self.path}", value, requirement, next_step)
                 raise self._stopped
         advice = (
@@ -340,6 +340,6 @@ def _writing(path: Path, refused: type[OSError] = OSError) -> Iterator[None]:
             f"writing {path}",
             "",
             "a folder with write permission and free space",
-            "What was acknowledged before is on the disk.",
+            "Every reading acknowledged before is on the disk.",
             reason=files.reason_of(problem),
         ) from problem

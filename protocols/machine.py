@@ -150,6 +150,7 @@ ORTHOGLIDE_DRIVES = (
 class Machine(Document):
     """One machine: geometry in mm, and what its controller holds.
 
+    ``serial_number`` tells it from others of its ``name``, and ``place`` where it is.
     Without ``drive`` it is an Orthoglide along the coordinates. ``workspace_mm`` is the box that
     errors of the tool are judged over, lowest and highest corner from Zero; with ``set_at_zero``
     they count from the tool's place at Zero. ``usable_bar`` are the fractions of every bar, from
@@ -188,6 +189,8 @@ class Machine(Document):
 
     schema_id: Literal["glidecal.machine/1"] = Field(alias="schema", default="glidecal.machine/1")
     name: Name = "orthoglide"
+    serial_number: Words | None = None
+    place: Words | None = None
     leg_length_mm: Length = 310.25
     travel_max_mm: LengthMm = 60.0
     travel_min_mm: LengthMm = -100.0

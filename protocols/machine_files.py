@@ -6,12 +6,19 @@ Light, for the command line asks it for names before anything else is imported.
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
+
+from protocols.files import open_to_read
 
 SCHEMA = "glidecal.machine/1"
 USUAL_MACHINE = "orthoglide"
 SCHEMA_LINE = re.compile(r'^schema[ \t]*=[ \t]*"([^"\n]{1,60})"', re.MULTILINE)
+BEGINNING_BYTES = 400
+OWN_FORM = re.compile(rb'"schema":"glidecal\.([a-z]+)-session/')
+"""In the first line of a record that is none of indicators on legs."""
+
 MACHINES = Path(__file__).with_name("machines")
 
 
@@ -30,3 +37,16 @@ def schema_of(text: str) -> str:
     """
     match = SCHEMA_LINE.search(text)
     return match[1] if match else ""
+
+
+def form_name(path: Path) -> str:
+    """What the form of a record is called, empty: of indicators on legs, or no record."""
+    match = OWN_FORM.search(beginning_of(path))
+    return match[1].decode() if match else ""
+
+
+def beginning_of(path: Path) -> bytes:
+    """The first bytes of a file, empty where it cannot be read."""
+    with suppress(OSError), open_to_read(path) as file:
+        return bytes(file.read(BEGINNING_BYTES))
+    return b""

@@ -446,6 +446,6 @@ def ambiguity(names: Sequence[str]) -> str:
     if not names:
         return ""
     return (
-        f"The model holds {', '.join(names)}, adopted as one of several effects that would do: "
-        "its name and what follows from it are not certain."
+        f"The model contains {', '.join(names)}, one of several effects that explain the "
+        "readings: its name and its consequences are not certain."
     )

@@ -251,7 +251,7 @@ def _check_readings(session: Session) -> None:
     if on_leg is not None and not session.opened.machine.geometry().reads_legs:
         raise RecordError(
             f"reading {on_leg.reading} of machine '{session.opened.machine.name}'",
-            f"leg {on_leg.leg}, whose bar does not reach to lie along its drive",
+            f"leg {on_leg.leg}, whose bar is nowhere along its drive",
             "readings of the tool",
         )
 
@@ -262,7 +262,7 @@ def changed_between(subject: str, verb: str) -> UsageError:
         subject,
         "the machine mechanically changed between them",
         "sessions of one mechanical state",
-        f"{verb.capitalize()} them one at a time: offsets from before do not hold after.",
+        f"{verb.capitalize()} them one at a time: offsets from before are not valid after it.",
     )
 
 

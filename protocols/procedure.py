@@ -174,7 +174,7 @@ class Procedure(Document):
         if len(set(self.legs)) < len(self.legs) or len(set(self.stations)) < len(self.stations):
             raise ValueError("legs and stations: one of them twice; each may be named once")
         if self.order == "free" and len(set(levels)) < len(levels):
-            raise ValueError('order = "free": a level is there twice; only "fixed" keeps its sense')
+            raise ValueError('order = "free": a level is there twice; only "fixed" keeps its order')
         if self.random_seed is not None and self.order == "fixed":
             raise ValueError('random_seed: the order of this procedure is its purpose ("fixed")')
         return self
@@ -272,7 +272,7 @@ class Procedure(Document):
         if self.plate is None and not geometry.reads_legs:
             raise UsageError(
                 f"procedure {self.name}",
-                "readings of legs, on a machine whose bars do not reach to lie along their drives",
+                "readings of legs, on a machine whose bars are nowhere along their drives",
                 "a procedure with [plate], readings of the tool",
                 "plate-rings is one.",
             )

@@ -14,6 +14,7 @@ import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -51,8 +52,8 @@ COUNTED = re.compile(rb'"indicators":[12],')
 """A key of the first hours of schema 1: how many there are, which ``instruments`` tells."""
 
 OF_ANOTHER_KIND = (
-    "It is a session of another kind of machine: validate, replay, solve, diagnose, export and "
-    "verify take it."
+    "It is a session of another kind of machine: validate, replay, solve, diagnose, report, "
+    "history, serve, export and verify take it."
 )
 
 SCHEMA_NAME_NUMBER = re.compile(r"(.+)/([1-9][0-9]{0,8})")
@@ -85,6 +86,18 @@ class RecordForm:
     def schema(self) -> str:
         """That of what is written."""
         return f"{self.name}/{self.number}"
+
+
+def record_form(name: str) -> RecordForm:
+    """That of sessions ``glidecal.NAME-session``, which stands in ``protocols/NAME_session.py``.
+
+    Raises RecordError where there is none.
+    """
+    with suppress(ModuleNotFoundError):
+        for value in vars(import_module(f"protocols.{name}_session")).values():
+            if isinstance(value, RecordForm) and value.name == f"glidecal.{name}-session":
+                return value
+    raise RecordError("session", f"of the form {name}", "a form that this program knows")
 
 
 @dataclass(frozen=True)
@@ -224,7 +237,7 @@ def parse_line(path: Path, number: int, line: bytes, form: RecordForm | None = N
     try:
         plain = json.loads(line)
     except (ValueError, RecursionError) as problem:
-        next_step = "Is it a session? glidecal import makes one of a table." if number == 1 else ""
+        next_step = "Is it a session? glidecal import converts a table." if number == 1 else ""
         raise RecordError(subject, _shown(line), "one JSON event", next_step) from problem
     if isinstance(plain, dict):
         _check_not_newer(path, plain, form)

@@ -205,7 +205,7 @@ class Reading(Line):
     @model_validator(mode="after")
     def _across_the_leg(self) -> Reading:
         if self.axis == self.leg:
-            raise ValueError(f"axis {self.axis} lies along the leg")
+            raise ValueError(f"axis {self.axis} is along the leg")
         if (self.leg == "tool") != (self.position_mm is not None):
             raise ValueError("position_mm: a reading of the tool has one, one of a leg has none")
         if self.over_plane and self.leg == "tool":

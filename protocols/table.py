@@ -352,7 +352,7 @@ def _leg_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geom
     if not geometry.reads_legs:
         raise RecordError(
             f"table {row.path}, header",
-            "readings of legs, for a machine whose bars do not reach to lie along their drives",
+            "readings of legs, for a machine whose bars are nowhere along their drives",
             "readings of the tool: columns " + ", ".join(OF_TOOL),
         )
     leg, axis = row.letter("leg"), row.letter("axis")

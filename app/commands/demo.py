@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.plan import Plan
 
 NAMED = "What the first session shows, as glidecal diagnose {} says in full:"
-HIDDEN = "The machine has more than offsets. To look for what is missing: glidecal diagnose {}"
+HIDDEN = "The machine has other errors than offsets. To look for them: glidecal diagnose {}"
 
 
 def demo(
@@ -32,7 +32,7 @@ def demo(
     ] = None,
     effect: Annotated[
         str | None,
-        typer.Option(help="Hide an effect in the machine, by its id; to be found by diagnose."),
+        typer.Option(help="Hide an effect in the machine, by its id; diagnose looks for it."),
     ] = None,
     folder: Annotated[Path, typer.Option(help="Where the sessions are written.")] = Path(
         "demo-sessions"

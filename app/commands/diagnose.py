@@ -48,8 +48,8 @@ OF_INDICATORS = (
 def diagnose(
     context: typer.Context,
     sessions: Annotated[list[Path] | None, argument("Session files.")] = None,
-    model: Annotated[Path | None, file("Model with effects that are known already.")] = None,
-    adopt: Annotated[Path | None, file("Write the model with what was named added.")] = None,
+    model: Annotated[Path | None, file("Model with established effects.")] = None,
+    adopt: Annotated[Path | None, file("Write the model with the named effects added.")] = None,
     candidate: Annotated[
         str | None,
         typer.Option(
@@ -57,14 +57,14 @@ def diagnose(
         ),
     ] = None,
     correct: Annotated[
-        Path | None, file("Write the session once more with mistakes that were named corrected.")
+        Path | None, file("Write a copy of the session with the named mistakes corrected.")
     ] = None,
-    held_out: Annotated[list[Path] | None, file("Session for the gap alone; repeat.")] = None,
+    held_out: Annotated[list[Path] | None, file("Session for the gap only; repeat.")] = None,
     next_procedure: Annotated[
         Path | None, file("Write the next measurement as a procedure.", "--next")
     ] = None,
     aliases: Annotated[
-        bool, typer.Option("--aliases", help="What --procedure cannot tell apart; no data needed.")
+        bool, typer.Option("--aliases", help="Effects that --procedure cannot separate; no data.")
     ] = False,
     procedure: Annotated[
         str | None, typer.Option(help="Procedure for --aliases.", show_default="the machine's")
@@ -144,7 +144,7 @@ def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> No
 
 def model(
     path: Annotated[Path, argument("Model file.")],
-    remove: Annotated[str | None, typer.Option(help="Take an effect out: ID or ID:WHERE.")] = None,
+    remove: Annotated[str | None, typer.Option(help="Remove an effect: ID or ID:WHERE.")] = None,
     why: Annotated[str, typer.Option(help="The reason, for the history.")] = "",
     as_json: AsJson = False,
 ) -> None:

@@ -30,7 +30,7 @@ PortName = Annotated[str, typer.Argument(help="Port of the indicator.", show_def
 def read(
     port: PortName,
     profile: ProfileName = "mitutoyo-01a",
-    watch: Annotated[bool, typer.Option("--watch", help="Go on until Ctrl-C.")] = False,
+    watch: Annotated[bool, typer.Option("--watch", help="Continue until Ctrl-C.")] = False,
     unit: Unit = "mm",
     channel: Channel = 1,
     as_json: AsJson = False,

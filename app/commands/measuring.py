@@ -54,7 +54,7 @@ if TYPE_CHECKING:  # heavy: imported where used
 WITHOUT_A_SCREEN = "--headless with --simulated or --motion"
 
 SessionFile = Annotated[Path | None, file("Session file.", "--output", "-o")]
-Resume = Annotated[Path | None, file("Go on with an interrupted session.", "--continue")]
+Resume = Annotated[Path | None, file("Continue an interrupted session.", "--continue")]
 
 
 @with_options_of_machines
@@ -98,10 +98,10 @@ def run(
         typer.Option(help="Controller that moves the machine: linuxcnc:HOST:PORT or grbl:PORT."),
     ] = None,
     prove: Annotated[
-        bool, typer.Option("--prove", help="Prove each carriage by a short move once more.")
+        bool, typer.Option("--prove", help="Prove each carriage again by a short move.")
     ] = False,
     until: Annotated[
-        float | None, figure("Set-up after set-up, until the tool is off by at most this, mm.")
+        float | None, figure("Repeat set-ups until the bound of the tool error is this, mm.")
     ] = None,
     macro: MacroName = None,
     printable_radius: PrintableRadius = None,
@@ -186,7 +186,7 @@ SETTLED = ("protocol", "output", "operator", "temperature", "note", "seed", "ran
 def refuse_beside_continue(context: typer.Context) -> None:
     """Raises UsageError for what is settled where a session goes on."""
     if context.params["resume"] and (wrong := typed(context, (*SETTLED, "dry_run"))):
-        next_step = "A session goes on as its record says."
+        next_step = "A continued session follows its record."
         raise UsageError(wrong, "beside --continue", "--continue without it", next_step)
 
 
@@ -374,7 +374,7 @@ def check_asking(plan: Plan) -> None:
         raise UsageError("--motion", "a simulated machine", "indicators on ports")
     plan_text(plan)  # what is not allowed is refused before anybody is reached
     if not sys.stdin.isatty():
-        raise UsageError("--motion", "nobody to ask", "a terminal: a machine will move")
+        raise UsageError("--motion", "no terminal", "a terminal: a machine will move")
 
 
 def _ask(plan: Plan, indicators: Indicators) -> None:
@@ -393,7 +393,7 @@ def _ask(plan: Plan, indicators: Indicators) -> None:
 
 def align(
     context: typer.Context,
-    session: Annotated[Path | None, argument("A session to tell from; none: measure.")] = None,
+    session: Annotated[Path | None, argument("A measured session; none: measure one.")] = None,
     reference: Annotated[
         str | None,
         typer.Option(help="The rail that stays: x, y or z; else as before, or x.", metavar="RAIL"),
@@ -411,7 +411,7 @@ def align(
     resume: Resume = None,
     machine_file_out: Annotated[
         Path | None,
-        file("Machine file to write, with the drives as they lie.", "--machine-file-out"),
+        file("Machine file to write, with the measured drives.", "--machine-file-out"),
     ] = None,
     force: Force = False,
     as_json: AsJson = False,

@@ -70,7 +70,7 @@ def postures(
         str, typer.Option(help="Procedure by name, or a .toml file.", show_default=False)
     ],
     count: Annotated[
-        int | None, typer.Option(help="How many postures; a --posture-file tells it.")
+        int | None, typer.Option(help="Number of postures; a --posture-file gives it.")
     ] = None,
     machine_file: MachineFile = None,
     criterion: Annotated[
@@ -85,7 +85,7 @@ def postures(
         | None,
         typer.Option(
             metavar="CRITERION",
-            help="What is made best: determinant, average-variance, smallest-singular-value, "
+            help="Criterion: determinant, average-variance, smallest-singular-value, "
             "condition, noise-amplification or tool-variance.",
             show_default=CRITERIA,
         ),

@@ -46,7 +46,7 @@ PASSWORD_VARIABLE = "GLIDECAL_KEY_PASSWORD"
 """Environment variable with the password of the key that signs."""
 
 Tolerance = Annotated[
-    float | None, number("What the tool may be off, mm r.m.s.; default: the machine file's.")
+    float | None, number("Tolerance of the tool error, mm r.m.s.; default: the machine file's.")
 ]
 
 
@@ -139,6 +139,7 @@ def export(
             "marlin",
             "smoothieware",
             "p-3z",
+            "ros2",
             "xlsx",
             "parquet",
         ],
@@ -146,7 +147,8 @@ def export(
             "--format",
             metavar="NAME",
             help="json, csv, model, linuxcnc, linuxcnc-kins, lineardeltakins, klipper, "
-            "reprapfirmware, marlin, smoothieware, p-3z; tables: csv, xlsx, parquet.",
+            "reprapfirmware, marlin, smoothieware, p-3z; of postures ros2; tables: csv, xlsx, "
+            "parquet.",
         ),
     ],
     table: Annotated[
@@ -158,7 +160,7 @@ def export(
     ] = None,
     subset: Annotated[
         SubsetName | None,
-        typer.Option(help="Write this set of parameters as it is identified, not the correction."),
+        typer.Option(help="Write this set of parameters as identified, not the correction."),
     ] = None,
     method: Method = "exact",
     model: Annotated[
@@ -178,12 +180,12 @@ def export(
     steps: Annotated[
         str | None,
         typer.Option(
-            help="What the firmware holds now for the travel of towers x,y,z: rotation_distance "
+            help="Present value of the firmware for the travel of towers x,y,z: rotation_distance "
             "(Klipper), steps per mm of M92 (others)."
         ),
     ] = None,
     ini: Annotated[
-        Path | None, typer.Option(help="LinuxCNC INI file: what the joints hold now.")
+        Path | None, typer.Option(help="LinuxCNC INI file with the present values of the joints.")
     ] = None,
     frame: FrameName = None,
     force: Force = False,
@@ -212,6 +214,8 @@ def export(
     from app.report.text.caveats import UNKNOWN_HOME_OFFSET
     from calib.tripod.controller import ControllerJoints
 
+    if format_name not in FORMATS:
+        raise UsageError("--format", f"{format_name} of {source}", ", ".join(FORMATS))
     _check_joints(home_offset, endstops, ini, format_name)
     offsets = offsets_from_file(source, subset, method, model, frame)
     machine = offsets.machine.holding_steps(_triple("--steps", steps))
@@ -256,9 +260,9 @@ def _export_of_machine(
 def history(
     folder: Annotated[Path, argument("Folder with sessions, and those below it.")] = Path(),
     effects: Annotated[
-        bool, typer.Option("--effects", help="Diagnose each session, too; takes its time once.")
+        bool, typer.Option("--effects", help="Also diagnose each session; slow the first time.")
     ] = False,
-    screen: Annotated[bool, typer.Option("--screen", help="Look at it on a screen.")] = False,
+    screen: Annotated[bool, typer.Option("--screen", help="Show it on a screen.")] = False,
     output: Annotated[
         Path | None,
         file("Page with figures to write, as HTML; - is standard output.", "--output", "-o"),
@@ -272,7 +276,7 @@ def history(
     from app.evaluating.history import read_history
 
     with working("Reading sessions"):
-        history_found = read_history(folder, effects=effects)
+        history_found = read_history(folder, effects=effects, of_postures=LOOKS)
     if screen:
         from app.report.streams import need_terminal
         from app.screens.history import HistoryScreen
@@ -328,6 +332,7 @@ def _table(
 
 
 def report(
+    context: typer.Context,
     sessions: Sessions,
     output: Output,
     model: Annotated[Path | None, file("Model with effects; their sizes are fitted, too.")] = None,
@@ -350,6 +355,13 @@ def report(
 
     if sign and (certificate is None or output.suffix != ".xml"):
         raise UsageError("--sign", f"--output {output}", "--certificate and an output as .xml")
+    if (verbs := family_of_files(None, sessions).sessions) is not None:
+        if wrong := typed(context, ("model", "certificate", "sign")):
+            raise UsageError(wrong, f"session {sessions[0]}", "sessions of indicators on legs")
+        if len(sessions) > 1:
+            raise UsageError("report", f"{len(sessions)} sessions", "one of this kind of machine")
+        _report_of_machine(verbs, sessions[0], output, after, tolerance, force=force)
+        return
     streamed = output == STANDARD_OUTPUT
     may = force if streamed else may_replace(force, output)
     with extra("glidecal report", "report"):
@@ -372,6 +384,30 @@ def report(
         path = write_report(
             sessions, output, model, after, tolerance_mm=tolerance, head=head, key=key, replace=may
         )
+    say(f"written: {path}")
+
+
+def _report_of_machine(
+    verbs: SessionVerbs,
+    session: Path,
+    output: Path,
+    after: Path | None,
+    tolerance_mm: float | None,
+    *,
+    force: bool,
+) -> None:
+    """A session of its own form, as a page."""
+    from protocols.files import STANDARD_OUTPUT
+
+    with extra("glidecal report", "report"):
+        from app.report.pages.report import PAGES, check_output, html_of, write_page
+    if output == STANDARD_OUTPUT:
+        typer.echo(html_of(verbs.reported(session, after, tolerance_mm)), nl=False)
+        return
+    may = may_replace(force, output)
+    check_output(output, PAGES, replace=may)
+    with working("Writing the report"):
+        path = write_page(verbs.reported(session, after, tolerance_mm), output, replace=may)
     say(f"written: {path}")
 
 

@@ -89,7 +89,7 @@ def import_table(
     ] = None,
     distances: Annotated[
         Path | None,
-        file("Table of distances between marks, measured beside all that.", "--distances"),
+        file("Table of measured distances between marks.", "--distances"),
     ] = None,
     distance_deviation: Annotated[
         float | None,
@@ -304,7 +304,7 @@ def _cautions(session: Session, word: str) -> Iterator[str]:
 
     readings, geometry = session.all_readings, session.opened.machine.geometry()
     if outside := sum(not within_limits(reading, geometry) for reading in readings):
-        yield f"{outside} {word} lie outside the joint limits of the machine file"
+        yield f"{outside} {word} are outside the joint limits of the machine file"
     if off_bar := off_bar_words(readings, geometry):
         yield off_bar
     if len({reading.posture_mm for reading in readings}) < 2:
@@ -355,12 +355,9 @@ def replay(
 ) -> None:
     """A recorded session again on the screen. With --headless its readings and averages."""
     verbs = family_of_files(None, session).sessions
-    if verbs is not None:
-        if len(session) > 1 or not (headless or as_json):
-            sessions_words = "a screen" if len(session) == 1 else f"{len(session)} sessions"
-            raise UsageError(
-                "replay of postures", sessions_words, "one session with --headless or --json"
-            )
+    if verbs is not None and (headless or as_json):
+        if len(session) > 1:
+            raise UsageError("replay of postures", f"{len(session)} sessions", "one session")
         typer.echo(verbs.replayed(session[0], say).shown(as_json=as_json))
         return
     if not headless and not as_json:
@@ -400,11 +397,11 @@ def serve(
     ] = 8765,
 ) -> None:
     """Sessions, reports and history in a browser. To look at only; Ctrl-C ends it."""
-    from protocols.record import read_record
+    from app.measuring.recorded import check_session
 
     for path in sessions:
         if not path.is_dir():
-            read_record(path)
+            check_session(path)
         elif next(path.rglob("*.jsonl"), None) is None:
             raise RecordError(f"folder {path}", "no session file", "files that end with .jsonl")
     with extra("glidecal serve", "serve"):

@@ -68,14 +68,14 @@ class Comparison:
 
 
 MOVED = (
-    "Between these sessions the machine was mechanically changed. Joint offsets and effects found "
-    "before do not hold after it, and nothing is predicted across it."
+    "Between these sessions the machine was mechanically changed. Earlier joint offsets and "
+    "effects are not valid after it, and nothing is predicted across it."
 )
 
 
 IN_FIRMWARE = (
     "Between these sessions the firmware got other lengths, radius, angles or travels: each "
-    "session counts from what it held then."
+    "session refers to the values of that time."
 )
 
 

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
 NO_PLAY = "the expected play is negative, and no joint has that"
-NO_GAIN = "what its carriage travels is seen too little to be worth an entry"
+NO_GAIN = "the readings show the travel of its carriage too poorly for an entry"
 
 LIKELY = 0.02
 """From this probability on a mistake in the readings is named; sound sessions hardly have it."""

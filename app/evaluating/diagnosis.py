@@ -258,7 +258,7 @@ def _check(sessions: Sequence[Session], held_out: Sequence[Session]) -> None:
         raise UsageError(
             "--held-out",
             "a session that is also diagnosed",
-            "sessions that the choice does not see",
+            "sessions that the choice does not use",
             "Leave it out on one side.",
         )
     if len({session.adjusted for session in (*sessions, *held_out)}) > 1:
@@ -332,7 +332,7 @@ def adopt(
     return model
 
 
-HELD, FREED = "Its size is held, as a person stated it.", "Its size is fitted again."
+HELD, FREED = "Its size is held at the stated value.", "Its size is fitted again."
 
 
 def resize(sessions: Sequence[Session], target: Path, entry: EffectEntry) -> ModelFile:
@@ -454,7 +454,7 @@ def write_procedure(diagnosed: SessionDiagnosis, path: Path, *, replace: bool = 
             "--next",
             "no two effects that a measurement would decide between",
             "a diagnosis that proposes a measurement",
-            "What lowers the bound at the tool all the same: glidecal plan SESSION.",
+            "To lower the bound at the tool nevertheless: glidecal plan SESSION.",
         )
     text = proposed.candidate.text
     if not text.startswith("schema"):

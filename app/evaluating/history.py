@@ -14,10 +14,17 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal
+from typing import TypeVar
 
 from pydantic import AwareDatetime, ValidationError
 
+from app.evaluating.posture_history import (
+    Origin,
+    PostureEntry,
+    PostureHistory,
+    PostureSessions,
+    posture_history,
+)
 from app.settings import cache_path
 from app.version import version
 from calib.control_chart import Watched, watch
@@ -35,6 +42,8 @@ DAY_S = 86_400.0
 LONGEST_DAYS = 36_500.0
 """A date beyond a hundred years is none."""
 
+E = TypeVar("E", bound=Document)
+
 
 class Entry(Document):
     """What one record says; ``problem`` in place of a result where it gives none.
@@ -46,7 +55,7 @@ class Entry(Document):
 
     began: AwareDatetime
     machine: Machine
-    origin: Literal["measured", "simulated", "imported"] = "measured"
+    origin: Origin = "measured"
     unfinished: bool = False
     temperature_c: float | None = None
     verifies: str | None = None
@@ -56,6 +65,14 @@ class Entry(Document):
     bound_after_mm: float = 0.0
     effects: tuple[str, ...] | None = None
     problem: str = ""
+
+    @property
+    def has_result(self) -> bool:
+        """Whether the record gave offsets."""
+        return self.offsets_mm is not None
+
+
+AnyEntry = Entry | PostureEntry
 
 
 @dataclass(frozen=True)
@@ -93,15 +110,25 @@ class MachineHistory:
 
 @dataclass(frozen=True)
 class History:
-    """Machines by name; ``problems`` are files that cannot be used, or not as they are."""
+    """Machines by name, those that are measured in postures apart; ``problems`` are files that
+    cannot be used, or not as they are.
+    """
 
     folder: Path
     machines: tuple[MachineHistory, ...]
     problems: tuple[tuple[Path, str], ...]
+    of_postures: tuple[PostureHistory, ...] = ()
 
 
-def read_history(folder: Path, *, effects: bool = False, index: Path | None = None) -> History:
-    """Every record below a folder; with ``effects`` each one is diagnosed, too.
+def read_history(
+    folder: Path,
+    *,
+    effects: bool = False,
+    index: Path | None = None,
+    of_postures: Sequence[PostureSessions] = (),
+) -> History:
+    """Every record below a folder; with ``effects`` each one is diagnosed, too. Sessions of other
+    kinds of machines are those of ``of_postures``.
 
     What is not in the ``index`` (None: that of the user) is solved and remembered. Raises
     RecordError where there is no such folder, or no session in it.
@@ -117,34 +144,52 @@ def read_history(folder: Path, *, effects: bool = False, index: Path | None = No
             "Measure one first, or begin in the folder that has them.",
         )
     problems: list[tuple[Path, str]] = []
-    files: dict[tuple[str, str], list[tuple[Path, Entry]]] = {}
+    files: dict[tuple[str, Origin], list[tuple[Path, Entry]]] = {}
+    posture_files: dict[tuple[str, Origin], list[tuple[Path, PostureEntry]]] = {}
     path_by_digest: dict[str, Path] = {}
     with closing(Index(index or cache_path() / "history-2.sqlite")) as remembered:
         for path in paths:
             try:
-                digest, entry = _entry_of(path, remembered, effects=effects)
+                digest, entry = _entry_of(path, remembered, of_postures, effects=effects)
             except GlidecalError as problem:
                 problems.append((path, str(problem)))
                 continue
             if (first_path := path_by_digest.setdefault(digest, path)) != path:
-                problems.append((path, f"{path}: the same session as {first_path}, counted once."))
+                problems.append((path, f"{path}: the same session as {first_path}, used once."))
                 continue
             if entry.problem:
                 problems.append((path, entry.problem))
-            if entry.offsets_mm is not None and not entry.unfinished:
-                key = entry.machine.name, entry.origin
-                files.setdefault(key, []).append((path, entry))
-    groups = sorted(files.items(), key=lambda group: (ORIGINS.index(group[0][1]), group[0]))
-    machines = [history_of_machine(*key, entries) for key, entries in groups]
-    return History(folder, tuple(machines), tuple(problems))
+            if not entry.has_result or entry.unfinished:
+                continue
+            if isinstance(entry, PostureEntry):
+                of_machine = entry.name, entry.origin
+                posture_files.setdefault(of_machine, []).append((path, entry))
+            else:
+                files.setdefault((entry.machine.name, entry.origin), []).append((path, entry))
+    machines = [history_of_machine(*key, files[key]) for key in sorted(files, key=_by_origin)]
+    measured_in_postures = [
+        posture_history(*key, posture_files[key]) for key in sorted(posture_files, key=_by_origin)
+    ]
+    return History(folder, tuple(machines), tuple(problems), tuple(measured_in_postures))
 
 
-def _entry_of(path: Path, remembered: Index, *, effects: bool) -> tuple[str, Entry]:
+def _by_origin(key: tuple[str, Origin]) -> tuple[int, tuple[str, Origin]]:
+    return ORIGINS.index(key[1]), key
+
+
+def _entry_of(
+    path: Path, remembered: Index, of_postures: Sequence[PostureSessions], *, effects: bool
+) -> tuple[str, AnyEntry]:
     content = read_bytes(path, "session", MOST_BYTES)
-    key = key_of(content)
-    entry = remembered.get(key)
-    if entry is None or (effects and entry.effects is None and entry.offsets_mm is not None):
-        entry = _told_by(path, content, effects=effects)
+    key, kind = key_of(content), next((kind for kind in of_postures if kind.reads(path)), None)
+    entry: AnyEntry | None = (
+        remembered.get(key, Entry) if kind is None else remembered.get(key, PostureEntry)
+    )
+    if entry is None or (effects and entry.effects is None and entry.has_result):
+        if kind is None:
+            entry = _told_by(path, content, effects=effects)
+        else:
+            entry = kind.past(path, effects)
         remembered.put(key, entry)
     return key, entry
 
@@ -267,15 +312,15 @@ class Index:
         data.execute("SELECT digest, said FROM entry LIMIT 1").fetchone()
         return data
 
-    def get(self, digest: str) -> Entry | None:
+    def get(self, digest: str, kind: type[E]) -> E | None:
         """None where there is none that can be read."""
         with suppress(sqlite3.Error, ValidationError):
             rows = self._data.execute("SELECT said FROM entry WHERE digest = ?", (digest,))
             for (text,) in rows:
-                return Entry.model_validate_json(text)
+                return kind.model_validate_json(text)
         return None
 
-    def put(self, digest: str, entry: Entry) -> None:
+    def put(self, digest: str, entry: Document) -> None:
         """Remember, where that can be done."""
         with suppress(sqlite3.Error):  # another process writes, the disk is full: next time
             row = (digest, entry.model_dump_json())

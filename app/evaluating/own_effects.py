@@ -102,5 +102,5 @@ def _broken(source: str, fault: str, allowed: str = "") -> RecordError:
         source,
         fault,
         allowed,
-        "See docs/effects.md; move the file away to go on without it.",
+        "See docs/effects.md; move the file away to continue without it.",
     )

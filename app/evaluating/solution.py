@@ -413,11 +413,11 @@ def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
             warnings.append(
                 f"{session.name}: time_s goes back at reading {back.reading}: the clock was "
                 "set. Its "
-                "times are not used, so drift with time cannot be told."
+                "times are not used, so drift with time cannot be computed."
             )
         if off_bar := off_bar_words(session.readings, session.opened.machine.geometry()):
             warnings.append(
-                f"{session.name}: {off_bar}. They are used as if the bar went on there."
+                f"{session.name}: {off_bar}. They are used as if the bar continued there."
             )
     return sessions, warnings
 
@@ -506,7 +506,7 @@ def refuse_leaning_planes(
                 f"{reading.axis.upper()}, from reading {reading.reading} on",
                 f"tilted by {tilt_mrad:+.1f} mrad",
                 f"up to {limit_mrad:g} mrad, plane_tilt_mrad in the machine file",
-                "Level it and measure this leg again, or state there what it may lean.",
+                "Level it and measure this leg again, or state a larger limit there.",
             )
 
 

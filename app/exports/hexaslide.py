@@ -1,50 +1,60 @@
 """A calibrated Hexa Slide for programs: machine file, postures to command, kinematics of LinuxCNC.
 
-LinuxCNC's own ``genhexkins`` cannot hold it: its joints are lengths of struts between fixed ends.
+LinuxCNC's own ``genhexkins`` cannot hold its rails: its joints are lengths of struts between fixed
+ends. Telescopic legs are such struts.
 """
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 
+from app.evaluating.hexaslide_calibration import CalibratedMachine
 from app.exports.linuxcnc import short_lines
-from app.planning.hexaslide import CalibratedMachine, inside_box, posture_table, table
+from app.planning.hexaslide import inside_box, posture_table, table
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import caveats
 from calib.hexaslide.calibration import corrected
 from calib.hexaslide.geometry import HexaSlide
-from protocols.files import Written
-from protocols.hexaslide import load_postures, machine_like, machine_text
+from protocols.files import Written, write_files
+from protocols.hexaslide import (
+    CALIBRATED,
+    HexaSlideMachine,
+    load_postures,
+    machine_like,
+    machine_text,
+)
 
-MODULE = "hexaslidekins"
+MODULE, OF_STRUTS = "hexaslidekins", "genhexkins"
 
 NOT_GENHEXKINS = (
     "not for LinuxCNC's genhexkins: its struts change their length between fixed ends, these links "
     f"keep theirs while their carriages move; {MODULE}.comp is for them"
 )
+OF_GENHEXKINS = (
+    f"calib.hal is for LinuxCNC's {OF_STRUTS}; its joints are whole lengths of legs, so HOME and "
+    "HOME_OFFSET change by the lengths in its comments"
+)
 
 
 def calibrated_files(solved: CalibratedMachine, wanted: Path | None) -> Written:
-    """``machine.toml``, ``hexaslidekins.comp`` with ``calib.hal``; for a file of ``wanted`` ones
-    ``postures.csv``, to be commanded instead of them, and ``sliders.csv``.
+    """``machine.toml``, ``hexaslidekins.comp`` with ``calib.hal``, of telescopic legs that alone,
+    for ``genhexkins``; for a file of ``wanted`` ones ``postures.csv``, to be commanded instead of
+    them, and ``sliders.csv``.
 
     Raises RecordError for that file, CalibrationError for postures that cannot be reached.
     """
-    document = HexaSlideCalibrationReport.of(solved)
-    head = [
-        f"Calibrated from {document.measurements}, {document.procedure.value}: {document.rank} of "
-        f"{document.parameter_count} combinations identified."
-    ]
-    head = [line for text in [*head, *caveats(document)] for line in short_lines(text)]
+    head, file = _head(solved), calibrated_machine(solved)
     calibrated, source_machine = solved.found.machine, solved.source.machine
-    file = machine_like(source_machine, f"{source_machine.name}, calibrated", calibrated)
-    source = resources.files("app.exports").joinpath(f"{MODULE}.comp").read_text(encoding="utf-8")
-    files = {
-        "machine.toml": machine_text(file, head),
-        f"{MODULE}.comp": source,
-        "calib.hal": "".join(f"# {line}\n" for line in [*head, "Millimetres."]) + pins(calibrated),
-    }
+    telescopic = calibrated.geometry.telescopic
+    files = {"machine.toml": machine_text(file, head)}
+    if not telescopic:
+        source = resources.files("app.exports").joinpath(f"{MODULE}.comp")
+        files[f"{MODULE}.comp"] = source.read_text(encoding="utf-8")
+    values = strut_pins(calibrated) if telescopic else pins(calibrated)
+    files["calib.hal"] = "".join(f"# {line}\n" for line in [*head, "Millimetres."]) + values
     if wanted is None:
         return files
     nominal = source_machine.whole()
@@ -52,6 +62,82 @@ def calibrated_files(solved: CalibratedMachine, wanted: Path | None) -> Written:
     names = [f"slider{chain}_m" for chain in range(1, sliders.shape[1] + 1)]
     moved = {"postures.csv": posture_table(commands), "sliders.csv": table(names, sliders.tolist())}
     return {**files, **moved}
+
+
+def calibrated_machine(solved: CalibratedMachine) -> HexaSlideMachine:
+    """The machine file with the calibrated values."""
+    source = solved.source.machine
+    return machine_like(source, f"{source.before_calibration}{CALIBRATED}", solved.found.machine)
+
+
+def _head(solved: CalibratedMachine) -> list[str]:
+    """Where the values are from and what stands against them, in short lines."""
+    document = HexaSlideCalibrationReport.of(solved)
+    head = [
+        f"Calibrated from {document.measurements}, {document.procedure.value}: {document.rank} of "
+        f"{document.parameter_count} combinations identified."
+    ]
+    return [line for text in [*head, *caveats(document)] for line in short_lines(text)]
+
+
+def ros2_parameters(solved: CalibratedMachine) -> str:
+    """The calibrated machine as a file of parameters for a node of ROS 2, metres.
+
+    Its arrays have one dimension there, so each chain has a table of its own. No URDF holds such
+    a machine: its links are a tree, and these chains close.
+    """
+    machine, bound_m = calibrated_machine(solved), solved.platform.bound_m
+    telescopic = solved.found.machine.geometry.telescopic
+    lines = [
+        *(f"# {line}" for line in _head(solved)),
+        "# Lengths in metres.",
+        "/**:",
+        "  ros__parameters:",
+        "    calibrated_kinematics:",
+        f"      machine: {json.dumps(machine.name)}",  # a text of JSON is one of YAML
+        f"      legs: {'telescopic' if telescopic else 'carriages on rails'}",
+        f"      not_identifiable: {json.dumps(solved.found.unidentifiable or [''])}",
+    ]
+    if bound_m is not None:
+        lines.append(f"      platform_error_bound: {_yaml([bound_m])}")
+    for number, chain in enumerate(machine.chain, start=1):
+        lines += [
+            f"      chain{number}:",
+            f"        start: [{_yaml(mm / 1000.0 for mm in chain.start_mm)}]",
+            *([f"        rail: [{_yaml(chain.rail)}]"] if chain.rail else []),
+            f"        joint: [{_yaml(mm / 1000.0 for mm in chain.joint_mm)}]",
+            f"        link: {_yaml([chain.link_mm / 1000.0])}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _yaml(values: Iterable[float]) -> str:
+    """Always with a point and no exponent: YAML 1.1 takes 1e-05 for a text."""
+    return ", ".join(f"{round(value, 12) + 0.0:.12f}" for value in values)
+
+
+def strut_pins(machine: HexaSlide) -> str:
+    """``setp`` lines for ``genhexkins``, whose joints are whole lengths of legs, millimetres."""
+    geometry = machine.geometry
+    lengths = enumerate((1000.0 * geometry.links).tolist())
+    lines = [f"# Joint {k} stands at the reading of its drive + {mm:.6f}" for k, mm in lengths]
+    for name, points in (("base", geometry.base), ("platform", geometry.platform)):
+        for leg, point in enumerate((1000.0 * points).tolist()):
+            lines += [
+                f"setp {OF_STRUTS}.{name}.{leg}.{axis} {mm:.15g}"
+                for axis, mm in zip("xyz", point, strict=True)
+            ]
+    return "\n".join(lines) + "\n"
+
+
+def kinematics_words(machine: HexaSlide) -> str:
+    """Which module of LinuxCNC holds the machine."""
+    return OF_GENHEXKINS if machine.geometry.telescopic else NOT_GENHEXKINS
+
+
+def write_calibrated(solved: CalibratedMachine, folder: Path, *, replace: bool) -> list[Path]:
+    """The files of `calibrated_files` in a folder. Raises as `write_files`."""
+    return write_files(folder, calibrated_files(solved, None), replace=replace)
 
 
 def pins(machine: HexaSlide) -> str:

@@ -64,7 +64,7 @@ def joint_includes(offsets: Offsets) -> Export:
     return joint_files(for_joints(offsets, "tables"), kinematics=False)
 
 
-NOT_HOMED = "nothing states how the joints home (--ini), and homing meets it at the switch"
+NOT_HOMED = "no INI file (--ini) states how the joints home, and homing meets it at the switch"
 COMPENSATED = "the INI file has another table for this joint, with which the machine was measured"
 
 
@@ -164,9 +164,9 @@ def _refuse_what_is_not_known(offsets: Offsets) -> None:
     ):
         raise UsageError(
             "--ini",
-            f"joints that hold the offsets of a session of {entered:%Y-%m-%d %H:%M}",
-            "what they held when these readings were taken",
-            "Measure again with what they hold now, or take the includes of that session out.",
+            f"joints with the offsets of a session of {entered:%Y-%m-%d %H:%M}",
+            "their values when these readings were taken",
+            "Measure again with their present values, or remove the includes of that session.",
         )
     unknown = controller is None or any(joint.latch_sign is None for joint in controller.joints)
     if unknown and any(joint.stage == Stage.ACTUATOR for joint in offsets.model.effects):
@@ -194,11 +194,11 @@ def _of_joint(offsets: Offsets, moved: DriveJoint, entries: JointEntries) -> Ite
     name = f"d_rho_{LEG_NAMES[drive]}"
     offset = way * offsets.parameters[name].value
     if way < 0:
-        yield f"this joint counts against its drive, as the machine file says: {name} is turned"
+        yield f"this joint runs against its drive (machine file): the sign of {name} is reversed"
     if joint_now is None:
         yield (
-            f"nobody stated the present HOME_OFFSET: add {offset:+.6f} mm ({name}) to the value "
-            "that the controller holds now, and enter the sum"
+            f"the present HOME_OFFSET is not stated: add {offset:+.6f} mm ({name}) to the "
+            f"present value of the controller, and enter the sum"
         )
     else:
         yield f"old HOME_OFFSET {joint_now.home_offset_mm:.6f} mm + {name} {offset:+.6f} mm"
@@ -241,7 +241,7 @@ def known_lines(name: str, offset: Offset, *, lacks_fit: bool) -> list[str]:
     if lacks_fit and offset.expanded_with_lack_of_fit is not None:
         larger = f"±{uncertain(offset.expanded_with_lack_of_fit)} mm"
         return [
-            f"{name} is known to {larger} (95 %, residual counted as noise); with "
+            f"{name} is known to {larger} (95 %, residual taken as noise); with "
             f"reading noise only {uncertainty_words}, {noise}",
             *parts,
         ]

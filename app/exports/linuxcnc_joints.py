@@ -90,7 +90,7 @@ def _named(
         return tuple((axes or "XYZ").lower())
     raise _unclear(
         controller,
-        f"{count} joints whose drives nothing tells",
+        f"{count} joints whose drives are not stated",
         "trivkins with coordinates= that lists the axis of each joint, or joints in the machine "
         "file",
     )
@@ -186,12 +186,12 @@ def _of_switch(
         yield f"{at}, {beyond} {key} by {before:.3f} mm now, by {after:.3f} mm after the change."
     elif before < 0.0 and after < 0.0:
         yield (
-            f"{at}. WARNING: it stands inside the limits now and after the change: short of {key} "
+            f"{at}. WARNING: it is inside the limits now and after the change: short of {key} "
             f"by {-before:.3f} mm now, by {-after:.3f} mm after the change."
         )
     else:
         yield (
-            f"{at}. It stood short of {key} by {-before:.3f} mm, inside the limits; after the "
+            f"{at}. It was short of {key} by {-before:.3f} mm, inside the limits; after the "
             f"change it is {beyond} {key} by {after:.3f} mm."
         )
     if course.home_beyond_mm:

@@ -51,12 +51,24 @@ def macro(
         f"glidecal: {len(places)} places of procedure {procedure.name} on machine {machine.name}, "
         f"up to {furthest_mm:.1f} mm from the middle of the plate",
         NOTES[dialect],
+        *_beside(dialect, places, machine),
         "Run it with a clean nozzle or probe, at the temperature that you print at. Save all that "
         "the firmware answers, and give that log to glidecal import",
     ]
     code = CODE[dialect](cycles, max(plate.lift_mm, CLEAR_MM))
     lines = [f"; {line}" for text in above for line in short_lines(text)]
     return "\n".join([*lines, *code]) + "\n"
+
+
+def _beside(dialect: Dialect, places: Sequence[Place], machine: Machine) -> Iterator[str]:
+    """How far a probe that hangs beside the nozzle goes out, or the nozzle beside the probe."""
+    x_beside, y_beside, _ = machine.beside_mm
+    if not (x_beside or y_beside):
+        return
+    who, sign = ("probe", 1.0) if dialect == "klipper" else ("nozzle", -1.0)
+    far_mm = max(math.hypot(x + sign * x_beside, y + sign * y_beside) for x, y in places)
+    needs = "the plate has to reach that far" if dialect == "klipper" else "it has to reach there"
+    yield f"The {who} goes up to {far_mm:.1f} mm from the middle: {needs}"
 
 
 def _probed(procedure: Procedure) -> Plate:

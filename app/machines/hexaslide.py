@@ -29,22 +29,22 @@ from app.machines.options import (
 )
 from app.screens import Look
 from calib.errors import UsageError
+from protocols.machine_files import beginning_of
 
 if TYPE_CHECKING:  # heavy: imported where used
+    from app.evaluating.posture_history import PostureEntry
     from app.planning.hexaslide import Request
     from app.screens.hexaslide import HexaSlideScreen
+    from app.screens.hexaslide_result import HexaSlideResultScreen
 
 NAMES = ("hexaslide",)
-SHARE = 0.2
-"""Of the postures, kept out as a check."""
-
 Measured = Annotated[
-    str, typer.Option(help="Hexa Slide: what is measured, such as x,y,z,theta,swing1.")
+    str, typer.Option(help="Hexa Slide: measured components, such as x,y,z,theta,swing1.")
 ]
 Known = Annotated[
     str | None,
     typer.Option(
-        help="Constraint link: what is known of c,d,length, or none.", show_default="length"
+        help="Constraint link: known parts of c,d,length, or none.", show_default="length"
     ),
 ]
 
@@ -67,7 +67,7 @@ class IdentifiabilityOptions:
     )
     seed: Annotated[int, typer.Option(help="Seed of random postures.", min=0)] = 0
     screen: Annotated[
-        bool, typer.Option("--screen", help="Hexa Slide: look around on a screen.")
+        bool, typer.Option("--screen", help="Hexa Slide: show the postures on a screen.")
     ] = False
 
 
@@ -114,6 +114,32 @@ def _screen(request: Request | None = None) -> HexaSlideScreen:
     return HexaSlideScreen(request)
 
 
+MARKS = (b"glidecal.hexaslide-measurements", b"glidecal.hexaslide-session")
+"""One stands near the beginning of every file of measured postures, whole or cut."""
+
+
+def reads(path: Path) -> bool:
+    """Whether the file begins as measured postures; False where it cannot be read."""
+    beginning = beginning_of(path)
+    return any(mark in beginning for mark in MARKS)
+
+
+def _past(path: Path, effects: bool) -> PostureEntry:
+    from app.evaluating.hexaslide import posture_entry
+
+    return posture_entry(path, effects)
+
+
+PAGES = {"replay": "readings", "diagnose": "diagnosis"}
+"""What a choice at home opens of a session, where it is not the result."""
+
+
+def _opened(path: Path, what: str) -> HexaSlideResultScreen:
+    from app.screens.hexaslide_result import HexaSlideResultScreen
+
+    return HexaSlideResultScreen(path, PAGES.get(what, ""))
+
+
 LOOK = Look(
     name="hexaslide",
     choice="Hexa Slide: what a procedure can identify, the best postures",
@@ -121,6 +147,9 @@ LOOK = Look(
 Hexa Slide     another machine: what can be identified, drawn, and where
                to measure; no readings are needed""",
     screen=_screen,
+    reads=reads,
+    past=_past,
+    opened=_opened,
 )
 
 
@@ -264,7 +293,7 @@ class SolveOptions:
         Path | None, file("Hexa Slide: folder for the calibrated machine and its kinematics.")
     ] = None
     posture_file: Annotated[
-        Path | None, file("Hexa Slide: postures wanted; --corrected tells how to command them.")
+        Path | None, file("Hexa Slide: desired postures; --corrected writes their commands.")
     ] = None
     force: Annotated[
         bool, typer.Option("--force", help="Hexa Slide: replace files of --corrected.")
@@ -273,7 +302,7 @@ class SolveOptions:
 
 def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
     """Identify from one file of measured postures."""
-    from app.planning.hexaslide import calibrate_file
+    from app.evaluating.hexaslide_calibration import SHARE, calibrate_file
     from app.report.schema.hexaslide import HexaSlideCalibrationReport
     from app.report.text.hexaslide_calibration import calibration_text
 
@@ -285,31 +314,13 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
     with working("Solving"):
         solved = calibrate_file(files[0], options.truth, share)
     if options.corrected is not None:
-        from app.exports.hexaslide import NOT_GENHEXKINS, calibrated_files
+        from app.exports.hexaslide import calibrated_files, kinematics_words
 
         deliver(
             options.corrected, calibrated_files(solved, options.posture_file), force=options.force
         )
-        say(NOT_GENHEXKINS)
+        say(kinematics_words(solved.found.machine))
     return Answer(lambda: calibration_text(solved), lambda: HexaSlideCalibrationReport.of(solved))
-
-
-MARKS = (b"glidecal.hexaslide-measurements", b"glidecal.hexaslide-session")
-"""One stands near the beginning of every file of measured postures, whole or cut."""
-
-BEGINNING_BYTES = 400
-
-
-def reads(path: Path) -> bool:
-    """Whether the file begins as measured postures; False where it cannot be read."""
-    from protocols.files import open_to_read
-
-    try:
-        with open_to_read(path) as file:
-            beginning = file.read(BEGINNING_BYTES)
-            return any(mark in beginning for mark in MARKS)
-    except OSError:
-        return False
 
 
 FAMILY = Family(

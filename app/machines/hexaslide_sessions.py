@@ -25,6 +25,7 @@ from calib.errors import IndicatorError, RecordError, UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.hexaslide import PosturePlan, PostureTaking
+    from app.report.pages.contents import CalibrationReport
     from drivers.line import IndicatorLine
     from protocols.files import Written
 
@@ -272,14 +273,14 @@ def replayed(path: Path, say: Say) -> Answer:
 
 
 def exported(path: Path, format_name: str) -> tuple[Written, tuple[str, ...]]:
-    """The calibrated machine: its file, everything for LinuxCNC, or the result as JSON."""
-    from app.exports.hexaslide import NOT_GENHEXKINS, calibrated_files
-    from app.planning.hexaslide import calibrate_file
+    """The calibrated machine: its file, for LinuxCNC, for ROS 2, or the result as JSON."""
+    from app.evaluating.hexaslide_calibration import calibrate_file
+    from app.exports.hexaslide import calibrated_files, kinematics_words, ros2_parameters
     from app.report.schema.document import to_json
     from app.report.schema.hexaslide import HexaSlideCalibrationReport
     from app.report.text.hexaslide_calibration import caveats
 
-    formats = ("model", "linuxcnc-kins", "json")
+    formats = ("model", "linuxcnc-kins", "ros2", "json")
     if format_name not in formats:
         raise UsageError("--format", f"{format_name} of a {NAME}", ", ".join(formats))
     with working("Solving"):
@@ -288,14 +289,16 @@ def exported(path: Path, format_name: str) -> tuple[Written, tuple[str, ...]]:
     files, cautions = calibrated_files(solved, None), tuple(caveats(report))
     if format_name == "model":
         return {"": files["machine.toml"]}, cautions
+    if format_name == "ros2":
+        return {"": ros2_parameters(solved)}, cautions
     if format_name == "json":
         return {"": to_json(report) + "\n"}, cautions
-    return files, (*cautions, NOT_GENHEXKINS)
+    return files, (*cautions, kinematics_words(solved.found.machine))
 
 
 def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Answer, str]:
     """Whether the platform is in tolerance with the calibrated machine, and that in a word."""
-    from app.planning.hexaslide import verify_sessions
+    from app.evaluating.hexaslide_calibration import verify_sessions
     from app.report.schema.hexaslide import HexaSlideVerificationReport
     from app.report.text.hexaslide_calibration import verification_text
 
@@ -322,4 +325,11 @@ def diagnosed(path: Path) -> Answer:
     )
 
 
-SESSIONS = SessionVerbs(run, imported, validated, replayed, exported, verified, diagnosed)
+def reported(path: Path, after: Path | None, tolerance_mm: float | None) -> CalibrationReport:
+    """The report to sign."""
+    from app.report.pages.hexaslide import posture_report
+
+    return posture_report(path, after, tolerance_mm)
+
+
+SESSIONS = SessionVerbs(run, imported, validated, replayed, exported, verified, diagnosed, reported)

@@ -17,6 +17,7 @@ from calib.errors import UsageError
 from protocols.machine_files import USUAL_MACHINE, machine_names
 
 if TYPE_CHECKING:  # heavy: imported where used
+    from app.report.pages.contents import CalibrationReport
     from app.report.schema.document import Report
     from app.screens import Look, MakeScreen
     from calib.design.criteria import Criterion
@@ -147,7 +148,7 @@ def say(text: str) -> None:
 
 Sessions = Annotated[list[Path], argument("Session files.")]
 Force = Annotated[
-    bool, typer.Option("--force", help="Replace files that are there; sessions never are.")
+    bool, typer.Option("--force", help="Replace existing files; a session is never replaced.")
 ]
 Output = Annotated[Path, file("File to write.", "--output", "-o", default=False)]
 Machine = Annotated[
@@ -165,7 +166,7 @@ Channel = Annotated[int, typer.Option(min=1, max=99, help="Input of an interface
 SubsetName = Literal["joint-offsets", "leg-lengths", "both", "with-tolerances"]
 HoldsName = Annotated[
     Literal["offsets", "play", "tables", "kinematics"],
-    typer.Option("--holds", help="What the controller can hold: the values shown are for that."),
+    typer.Option("--holds", help="What the controller can take; the values are for it."),
 ]
 FrameName = Annotated[
     Literal["touched-off", "aligned", "machine"] | None,
@@ -185,7 +186,7 @@ MacroName = Annotated[
     Literal["klipper", "reprapfirmware", "marlin"] | None,
     typer.Option(
         "--macro",
-        help="Instead, the places over the plate as G-code for the firmware's own probe: klipper, "
+        help="Write the places over the plate as G-code for the firmware's probe instead: klipper, "
         "reprapfirmware or marlin.",
     ),
 ]
@@ -322,7 +323,8 @@ class SessionVerbs:
 
     ``run`` and ``imported`` take the options of `Family.options`; ``validated`` is a sentence,
     raising RecordError; ``exported`` are the files of a format, by name, with cautions;
-    ``verified`` has the decision of `app.exit_codes.VERIFIED` beside the answer.
+    ``verified`` has the decision of `app.exit_codes.VERIFIED` beside the answer; ``reported`` is
+    the page of a session, with a later one and a tolerance in mm where they are given.
     """
 
     run: Callable[[Running, Any, Say], None]
@@ -332,6 +334,7 @@ class SessionVerbs:
     exported: Callable[[Path, str], tuple[Written, tuple[str, ...]]]
     verified: Callable[[Path, Path, float | None], tuple[Answer, str]]
     diagnosed: Callable[[Path], Answer]
+    reported: Callable[[Path, Path | None, float | None], CalibrationReport]
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ POSTURE_FILES = "; ".join(family.posture_file for family in FAMILIES)
 LOOKS = tuple(family.look for family in FAMILIES if family.look is not None)
 """What the home screen offers of machines."""
 
-NAMED_BESIDE = "Beside the name of a machine, --help shows what that machine takes, no more."
+NAMED_BESIDE = "With the name of a machine, --help shows the options of that machine only."
 """Below the help of a `CommandOfMachines`."""
 
 C = TypeVar("C", bound=Callable[..., None])

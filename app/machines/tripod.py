@@ -200,10 +200,10 @@ class SolveOptions:
         bool, typer.Option("--map", help="Expected tool error on three planes.")
     ] = False
     show_figures: Annotated[
-        bool, typer.Option("--figures", help="Draw readings and what is left of them, by leg.")
+        bool, typer.Option("--figures", help="Draw readings and residuals, by leg.")
     ] = False
     monte_carlo: Annotated[
-        int, typer.Option(help="Check on so many simulated sessions.", min=0)
+        int, typer.Option(help="Check with this number of simulated sessions.", min=0)
     ] = 0
     seed: Seed = 1
 

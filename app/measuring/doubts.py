@@ -75,7 +75,7 @@ def plausible(outcome: Outcome, axis: str, resolution_before_mm: float | None) -
     now, before = (f"{mm:.7f}".rstrip("0") for mm in (outcome.resolution_mm, resolution_before_mm))
     words = (
         f"along {axis.upper()} it now shows steps of {now} mm, before {before}: inch for mm? "
-        "Set it back, or pause the session and continue it with the indicator as it is"
+        "Set it back, or pause the session and continue it with this setting"
     )
     return Fault(FaultKind.WRONG_UNIT, outcome.text, words)
 

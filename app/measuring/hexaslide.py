@@ -102,7 +102,7 @@ class PostureTaking:
     def __init__(self, journal: Journal, asked: PostureCommands) -> None:
         self._journal, self.asked = journal, asked
         opened = self.session.opened
-        procedure = asked.procedure.whole()
+        procedure = asked.procedure.whole().on(opened.machine.whole())
         self._expectation = Expectation(
             procedure,
             opened.machine.whole(),
@@ -296,7 +296,8 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
     Raises RecordError where a posture cannot be of this machine: it names the line, the column and
     what else would explain it, a frame before all.
     """
-    machine, procedure = session.opened.machine, session.opened.procedure.whole()
+    machine = session.opened.machine
+    procedure = session.opened.procedure.whole().on(machine.whole())
     expectation = Expectation(
         procedure, machine.whole(), machine.tolerances.of(procedure.parameters)
     )
@@ -326,7 +327,7 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
             "a pose of another frame",
             "poses in the base frame of the machine file",
             f"All {len(session.readings)} fit a frame that is turned by "
-            f"{frame.turned_deg:.3g}° and whose origin lies off by ({x:.1f}, {y:.1f}, {z:.1f}) mm.",
+            f"{frame.turned_deg:.3g}° and whose origin is off by ({x:.1f}, {y:.1f}, {z:.1f}) mm.",
         )
     ways = explanations(expectation, session.only(reading))
     next_step = "Look for a wrong unit, another machine file, or tolerances that are too small."

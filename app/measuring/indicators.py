@@ -22,7 +22,7 @@ from drivers.port import check_port
 from drivers.profile import Profile, Query, Unit
 from drivers.profiles import profile_named
 from drivers.profiles.ascii_line import ascii_line
-from protocols.documents import Document, Name, describe, read_remembered
+from protocols.documents import Document, Name, Words, describe, read_remembered
 from protocols.files import write_files
 from protocols.machine import Instrument, Machine
 from protocols.procedure import ALL_AXES, axes_on_leg
@@ -149,7 +149,7 @@ def ports_to_choose(adapter: str, used: Collection[str]) -> list[tuple[str, str]
 
 
 class RememberedIndicators(Document):
-    """The indicators that were used last with each machine, by its name.
+    """The indicators that were used last with each machine, by its name, and its serial number.
 
     ``adapters`` are the serial numbers of the adapters at their ports.
     """
@@ -157,6 +157,7 @@ class RememberedIndicators(Document):
     machines: dict[Name, Annotated[tuple[Instrument, ...], Field(max_length=2)]] = Field(
         default_factory=dict
     )
+    serial_numbers: dict[Name, Words] = Field(default_factory=dict)
     adapters: dict[Name, Name] = Field(default_factory=dict)
 
 
@@ -168,14 +169,21 @@ def last_used(machine: str) -> tuple[Instrument, ...]:
     return _last_used().machines.get(machine, ())
 
 
-def remember(machine: str, instruments: Sequence[Instrument]) -> None:
-    """Keep what is used for `last_used`. Raises RecordError, UsageError for a link."""
+def last_serial_number(machine: str) -> str:
+    """The serial number of the machine of this name that was measured last. Raises RecordError."""
+    return _last_used().serial_numbers.get(machine, "")
+
+
+def remember(machine: str, instruments: Sequence[Instrument], serial_number: str = "") -> None:
+    """Keep what is used for the next session. Raises RecordError, UsageError for a link."""
     remembered = _last_used()
     ports, here = {instrument.port for instrument in instruments}, adapters()
     present = ports & {port for port, _ in serial_ports()}  # what is there now has no other number
     before = {port: n for port, n in remembered.adapters.items() if port not in present}
+    numbers = {machine: serial_number} if serial_number else {}
     updated = RememberedIndicators(
         machines=remembered.machines | {machine: tuple(instruments)},
+        serial_numbers=remembered.serial_numbers | numbers,
         adapters=before | {port: number for port, number in here.items() if port in ports},
     )
     if updated != remembered:
@@ -235,7 +243,7 @@ def _request_faults(instrument: Instrument) -> list[str]:
     """What is wrong with a request of one's own: a socket may be any service of this computer."""
     request = instrument.request or ""
     if request and "://" in instrument.port:
-        return [f"request {request!r:.60} to {instrument.port!r}, which is no serial port"]
+        return [f"request {request!r:.60} to {instrument.port!r}, which is not a serial port"]
     if not OWN_REQUEST.fullmatch(request):
         return [f"request {request!r:.60}, not one line of at most 32 plain characters"]
     return []

@@ -97,7 +97,8 @@ def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
         with suppress(
             RecordError, UsageError
         ):  # a proposal for the next time: no session fails for it
-            remember(plan.machine.name, plan.instruments)
+            machine = plan.machine
+            remember(machine.name, plan.instruments, machine.serial_number or "")
     return guided
 
 

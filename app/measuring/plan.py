@@ -146,7 +146,7 @@ def _known_here(path: Path, opened: Opened) -> tuple[Instrument, ...]:
         raise PortsUnknown(
             f"session {path}",
             "ports that were not named on this computer",
-            f"its indicators named anew: {anew}",
+            f"its indicators named again: {anew}",
             "A machine file with [[indicator]] does it too: --machine FILE.",
         )
     return instruments

@@ -139,7 +139,7 @@ class Proof:
                 return ProofMove(step, carriage, way_mm, place_mm, to_mm, due)
         raise MotionError(
             f"carriage {carriage.upper()} at {place_words(place_mm)}",
-            "no way of 1 mm within the limits of the machine file",
+            "no room for 1 mm within the limits of the machine file",
             "a machine inside its limits, in the coordinates that mdi names",
             "Jog it there at the controller, or correct mdi in the machine file.",
         )
@@ -197,7 +197,9 @@ class Proof:
         if best is None:
             self._doubt = "The indicators cannot show this move."
         elif gone_mm[best] * move.due[best].nominal_mm < 0.0:
-            self._doubt = "Its indicator went the other way: it is held so, or the carriage did."
+            self._doubt = (
+                "Its indicator moved the other way: it is mounted so, or the carriage did."
+            )
         self.news.append(f"proof: {move.words}: {_shown(move, gone_mm)}")
         return True
 
@@ -208,7 +210,9 @@ class Proof:
         gone_mm = self._gone_mm(shown_mm)
         if any(abs(w) > due.within_mm for w, due in zip(gone_mm, move.due, strict=True)):
             ways = ", ".join(f"{way:+.3f} mm" for way in gone_mm)
-            self._fail(f"back, the indicators are off by {ways}", "what holds it up, or its play")
+            self._fail(
+                f"back, the indicators are off by {ways}", "the obstacle on its way, or its play"
+            )
             return
         self.move = None
         if self._doubt:
@@ -274,8 +278,8 @@ class Proof:
         """Not proved: all of it begins anew, with the indicators set up."""
         sent = f"Sent {self.move.words}: " if self.move else ""
         self.wrong = (
-            f"{sent}{words}. Correct {where}, or mdi in the machine file, or the stand where it is "
-            "not at its station."
+            f"{sent}{words}. Correct {where}, or mdi in the machine file, or move the stand to "
+            "its station."
         )
         self.news.append(f"proof failed: {self.wrong}")
         self._left, self._place = list(ALL_AXES), None

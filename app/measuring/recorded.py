@@ -13,8 +13,16 @@ from app.measuring.indicators import SIMULATED, asked_of, profile_of
 from calib.errors import GlidecalError, RecordError
 from drivers.profile import IndicatorReading, Profile, Query
 from protocols.machine import Instrument
-from protocols.record import END_BYTES, Record, read_ends, read_record
-from protocols.session import Closed, Continued, Reading
+from protocols.machine_files import form_name
+from protocols.record import (
+    END_BYTES,
+    Record,
+    count_readings,
+    read_ends,
+    read_record,
+    record_form,
+)
+from protocols.session import Closed, Continued, Reading, Superseded
 
 MOST = 12
 
@@ -27,7 +35,8 @@ class SessionFile:
     """One session file: its state in words, whether it can go on, what it verifies.
 
     ``empty``: it was left before its first reading. ``problem`` is the reason why a file cannot be
-    used; empty for a readable session.
+    used; empty for a readable session. One with its ``own_form`` is
+    continued in the terminal alone.
     """
 
     path: Path
@@ -36,6 +45,7 @@ class SessionFile:
     empty: bool = False
     verifies: str | None = None
     problem: str = ""
+    own_form: bool = False
 
 
 def recent_sessions(*folders: Path) -> list[SessionFile]:
@@ -80,11 +90,35 @@ def _stat(path: Path) -> os.stat_result | None:
 def look_at(path: Path) -> SessionFile:
     """The state of one session file."""
     try:
+        if form := form_name(path):
+            return _state_of_form(path, form)
         status = _stat(path)
         large = status is not None and status.st_size > SMALL_BYTES
         return _state_by_ends(path) if large else _state(read_record(path))
     except GlidecalError as problem:
         return SessionFile(path, "unreadable", problem=str(problem))
+
+
+def _state_of_form(path: Path, form: str) -> SessionFile:
+    """Of a record of its own form, which is read whole; it goes on in the terminal alone."""
+    record = read_record(path, record_form(form))
+    superseded = {
+        number
+        for event in record.events
+        if isinstance(event, Superseded)
+        for number in event.readings
+    }
+    count = count_readings(record.events)
+    state = f"{count - len(superseded)} readings, {record.end}"
+    if record.end != "closed":
+        state += "; go on in the terminal: glidecal run --continue"
+    return SessionFile(path, state, empty=not count, own_form=True)
+
+
+def check_session(path: Path) -> None:
+    """Raises RecordError for a record of any form that cannot be read."""
+    form = form_name(path)
+    read_record(path, record_form(form) if form else None)
 
 
 def _state_by_ends(path: Path) -> SessionFile:

@@ -134,7 +134,7 @@ def simulated_session(
         raise RecordError(
             "simulated readings",
             f"{largest_mm:g} mm",
-            f"up to {LARGEST_MM:g} mm, what a record holds",
+            f"up to {LARGEST_MM:g} mm, the limit of a record",
             "The model has an effect of impossible size.",
         )
     decimals = max(0, -math.floor(math.log10(resolution_mm))) if resolution_mm else EXACT_DECIMALS

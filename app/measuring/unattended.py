@@ -212,5 +212,5 @@ def _check(step_taken: TakenStep) -> None:
     if step_taken.doubt:
         number = step_taken.questioned[0].step
         problem = f"readings {step_taken.doubt}"
-        next_step = "They do not count. Look at stand and indicators, then continue the session."
+        next_step = "They are not used. Look at stand and indicators, then continue the session."
         raise IndicatorError(f"step {number}", problem, "readings as expected", next_step)

@@ -1,20 +1,17 @@
-"""The Hexa Slide: from files and options to planning and calibration, from results to files."""
+"""The Hexa Slide: from files and options to what is seen, postures, and simulated measurements."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 from app.version import program
 from calib.arrays import FloatArray
 from calib.design.criteria import Criterion
 from calib.errors import CalibrationError, RecordError, UsageError
-from calib.hexaslide.checked import Checked, checked_calibration
 from calib.hexaslide.geometry import COORDINATES, HexaSlide, in_degrees
 from calib.hexaslide.planning import HexaSlidePlanning
-from calib.hexaslide.platform import PlatformError, platform_error
 from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.search import BestPostures, Search, judged_postures, searches
 from calib.hexaslide.simulation import simulate
@@ -32,17 +29,13 @@ from protocols.hexaslide import (
     load_hexaslide,
     load_postures,
     machine_like,
-    read_truth,
 )
-from protocols.hexaslide_measured import measured_in
 
-EXAMPLE = "hexaslide-h60.toml"
+EXAMPLE, EXAMPLE_NAME = "hexaslide-h60.toml", "hexaslide"
+"""File of the machine without a file, and what it is called on the command line."""
 
 MOST_MOVED = 1000
 """More postures would take hours."""
-
-LACK_OF_FIT_LEVEL = 0.01
-"""Below this p-value more is left than noise."""
 
 AS_IS = "With --as-is postures are judged wherever they are."
 
@@ -73,6 +66,7 @@ def hexaslide_planning(request: Request) -> HexaSlidePlanning:
         request.postures,
         None if file is None else load_postures(file),
         "" if file is None else f"{file}",
+        machine_file.name if request.machine_file else EXAMPLE_NAME,
     )
 
 
@@ -83,7 +77,7 @@ def procedure_on(
     known: tuple[str, ...] | None = None,
 ) -> Procedure:
     """Raises UsageError for a machine without link, ImpossibleRequest for a name or component."""
-    procedure = Procedure.of(name, measured, known)
+    procedure = Procedure.of(name, measured, known).on(machine_file.whole())
     if procedure.kind is ProcedureKind.CONSTRAINT_LINK and machine_file.constraint_link is None:
         raise UsageError("machine file", "no [constraint_link]", "one for constraint-link")
     return procedure
@@ -213,65 +207,3 @@ def write_simulated(
         )
         write_files(truth, {"": hidden.text()}, replace=replace)
     return measured
-
-
-@dataclass(frozen=True, eq=False)
-class CalibratedMachine(Checked):
-    """A calibration with its checks, what it means at the platform, and the file it is from."""
-
-    name: str
-    source: HexaSlideMeasurements
-    platform: PlatformError
-
-
-def calibrate_file(path: Path, truth: Path | None, share: float) -> CalibratedMachine:
-    """Identify from a file of measured postures, about ``share`` of them kept out.
-
-    Raises RecordError for a file, CalibrationError where the postures give no result.
-    """
-    source = measured_in(path)
-    true = None if truth is None else read_truth(truth, source).whole()
-    nominal = source.machine.whole()
-    checked = checked_calibration(source.readings(), nominal, true, share)
-    platform = platform_error(nominal, checked.found)
-    return CalibratedMachine(**vars(checked), name=path.name, source=source, platform=platform)
-
-
-Decision = Literal["pass", "fail", "undecided"]
-
-
-@dataclass(frozen=True, eq=False)
-class VerifiedMachine:
-    """A session after the calibrated machine was entered, judged beside the one before.
-
-    ``decision`` is None where no tolerance is known. ``same_machine`` tells that both sessions were
-    measured with one machine file: nothing was entered.
-    """
-
-    before: CalibratedMachine
-    after: CalibratedMachine
-    tolerance_mm: float | None
-    decision: Decision | None
-    same_machine: bool
-
-
-def verify_sessions(before: Path, after: Path, tolerance_mm: float | None) -> VerifiedMachine:
-    """The platform is off by what the second session finds, give or take its bound.
-
-    Raises RecordError for a file, CalibrationError where a session gives no result.
-    """
-    earlier, later = (calibrate_file(path, None, 0.0) for path in (before, after))
-    tolerance = tolerance_mm or later.source.machine.platform_tolerance_mm
-    decision: Decision | None = None
-    if tolerance is not None:
-        off = 1000.0 * later.platform.now.places_rms_m
-        bound = None if later.platform.bound_m is None else 1000.0 * later.platform.bound_m
-        decision = "undecided"
-        # what the model does not have may do more at the platform than any bound of it counts
-        fits = later.p_value is None or later.p_value >= LACK_OF_FIT_LEVEL
-        if bound is not None and off + bound <= tolerance and fits:
-            decision = "pass"
-        elif bound is not None and off - bound > tolerance:
-            decision = "fail"
-    is_same = earlier.source.machine == later.source.machine
-    return VerifiedMachine(earlier, later, tolerance, decision, is_same)

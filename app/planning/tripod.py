@@ -306,17 +306,17 @@ def _machine_and_model(
             )
         machine = recorded
     of_tool = any(r.position_mm is not None for session in sessions for r in session.readings)
-    next_step = "glidecal identifiability tells what a procedure of your own would see."
+    next_step = "glidecal identifiability shows what a procedure of your own determines."
     if machine.position_endstop_mm is not None:
         next_step = (
             "--macro writes places to probe, for the firmware of a printer. Distances on a "
-            "printed object tell what a plate does not show: glidecal import --distances."
+            "printed object show what a plate does not: glidecal import --distances."
         )
     if of_tool or not machine.geometry().common_zero:
         raise UsageError(
             "glidecal plan",
             f"readings of the tool, or the machine '{machine.name}'",
-            "readings of legs, on bars that lie along their drives at one Zero",
+            "readings of legs, on bars along their drives at one Zero",
             next_step,
         )
     return machine, model or Model(machine.geometry())

@@ -64,6 +64,12 @@ class CertifiedCalibration:
         return self.solved.sessions[0].opened.machine
 
     @property
+    def serial_number(self) -> str:
+        """Of the machine: as the order states it, else as the record does; empty: neither."""
+        ordered = self.head.order.machine.serial_number if self.head else None
+        return ordered or self.machine.serial_number or ""
+
+    @property
     def sessions(self) -> tuple[Session, ...]:
         """All of them, the later one last."""
         later = self.verified.compared.after.sessions if self.verified else ()

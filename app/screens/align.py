@@ -137,7 +137,7 @@ class AlignScreen(Corrections):
         with self.app.complaining():
             if not self.round.watchable(shim):
                 self.say(
-                    "WAIT: no turn of this screw shows. Turn it by the number, then {align.asked}."
+                    "WAIT: the indicator cannot show it. Turn it by the number, then {align.asked}."
                 )
             elif self.chosen in self.round.moved_mm:
                 self.say("WAIT: it is done and in the record. {align.again} measures again.")
@@ -186,7 +186,7 @@ class AlignScreen(Corrections):
         if self.round is not None and self.round.watching is not None:
             self.say("WAIT: this screw is watched. {align.watch} when it is there.")
         elif self.guided.step() is None:
-            self.say("Nothing was moved: the readings hold. {align.finish} finishes.")
+            self.say("Nothing was moved: the readings are valid. {align.finish} finishes.")
         else:
             self.app.go_to(self.app.measuring(self.guided, self.plan))
 

@@ -112,7 +112,7 @@ class Corrections(Screen[None]):
         elif self.write(self.guided.undo):
             step = self.guided.step()
             again = f"Step {step.number if step else 0} is next again."
-            self.say(f"{again} Its readings stay in the record and do not count.")
+            self.say(f"{again} Its readings stay in the record and are not used.")
             self.proceed()
 
     def action_earlier(self) -> None:

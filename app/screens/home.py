@@ -5,7 +5,7 @@ It imports nothing that needs scipy: the first picture need not wait for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import ClassVar, ParamSpec, TypeVar
@@ -26,6 +26,7 @@ from app.measuring.recorded import (
     sessions_below,
 )
 from app.report.text import home as texts
+from app.screens import Look, look_of
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.pages import apart, last_lines
@@ -102,7 +103,7 @@ class HomeScreen(Screen[None]):
         elif what in opens:
             app.push_screen(opens[what]())
         elif what == "history":
-            app.push_screen(await self._computed(_history, Path()))
+            app.push_screen(await self._computed(_history, Path(), app.looks))
         elif session is None:
             which = texts.WHICH["before" if what == "compare" else what]
             if picked := await app.push_screen_wait(PickScreen(which, self._recent)):
@@ -118,10 +119,12 @@ class HomeScreen(Screen[None]):
             await self._do_with(session.path, what)
 
     async def _do_with(self, path: Path, what: str) -> None:
-        if what == "continue":
+        if look := look_of(path, self.app.looks):  # its screen writes what is exported, too
+            self.app.push_screen(look.opened(path, what))
+        elif what == "continue":
             await self._continue(path)
         elif what == "replay":
-            self.app.push_screen(_replay(path))
+            self.app.push_screen(replay_screen(path, ()))
         elif what == "diagnose":
             self.app.push_screen(self.app.diagnosis([path]))
         elif what == "export":
@@ -179,6 +182,9 @@ class HomeScreen(Screen[None]):
         """With the session after it; one that verifies another brings its partner."""
         from app.evaluating.comparison import partner_of
 
+        if session.own_form:
+            self.app.complain(texts.NO_COMPARISON)
+            return
         pair: tuple[Path, Path] | None = None
         if partner := partner_of(session.path, session.verifies):
             question = texts.partner_question(session.path, partner)
@@ -227,11 +233,11 @@ def _comparison(before: Path, after: Path) -> Screen[None]:
     return CompareScreen(compare_files(before, after))
 
 
-def _history(folder: Path) -> Screen[None]:
+def _history(folder: Path, looks: Sequence[Look]) -> Screen[None]:
     from app.evaluating.history import read_history
     from app.screens.history import HistoryScreen
 
-    return HistoryScreen(read_history(folder))
+    return HistoryScreen(read_history(folder, of_postures=looks))
 
 
 class PickScreen(LeftOnce[SessionFile]):
@@ -239,8 +245,8 @@ class PickScreen(LeftOnce[SessionFile]):
 
     app: Interface
     HELP = (
-        "Each session stands with its readings and its state.\n"
-        "An unreadable file tells its reason when it is chosen.\n"
+        "The list shows the readings and the state of each session.\n"
+        "Choose an unreadable file to see the reason.\n"
         "The last line takes the path of a session in another folder."
     )
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -285,7 +291,7 @@ class ReplayChoiceScreen(Screen[None]):
     app: Interface
     HELP = (
         f"{texts.LIST_KEYS} open a session.\n"
-        f"Of a folder the newest {MOST_LISTED} sessions stand here, and its history."
+        f"For a folder: the newest {MOST_LISTED} sessions, and its history."
     )
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f10", "app.quit", "Quit", id="replay-choice.quit")
@@ -311,12 +317,12 @@ class ReplayChoiceScreen(Screen[None]):
             self._read_history(self._folders[event.option_index])
             return
         with self.app.complaining():
-            self.app.push_screen(_replay(self._paths[number]))
+            self.app.push_screen(replay_screen(self._paths[number], self.app.looks))
 
     @work(exclusive=True)
     async def _read_history(self, folder: Path) -> None:
         with self.app.complaining():
-            history = await apart(self, _history, folder)
+            history = await apart(self, _history, folder, self.app.looks)
             if self.is_current:
                 self.app.push_screen(history)
 
@@ -330,7 +336,10 @@ def _listing(question: str, options: Sequence[Option], at: int = 0) -> ComposeRe
     yield from last_lines()
 
 
-def _replay(path: Path) -> Screen[None]:
+def replay_screen(path: Path, looks: Iterable[Look]) -> Screen[None]:
+    """A session played once more; one with its own form is looked at. Raises RecordError."""
+    if look := look_of(path, looks):
+        return look.opened(path, "replay")
     from app.screens.replay import ReplayScreen
 
     return ReplayScreen(path)

@@ -175,7 +175,7 @@ LEAST_SIZE = Size(80, 24)
 TALL = 30
 """Rows from which panels have room for more than their digits."""
 
-NO_HELP = "The keys of this screen stand in its last line."
+NO_HELP = "The keys of this screen are in its last line."
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Windows knows no SIGHUP."""
 

@@ -25,6 +25,7 @@ from app.measuring.indicators import (
     form_of,
     from_file,
     indicator_of,
+    last_serial_number,
     last_used,
     port_is_gone,
     serial_ports,
@@ -247,10 +248,11 @@ MACHINE = ("machine", "Machine", f"empty: {USUAL_MACHINE}; or {OTHERS}, or a fil
 FIELDS = (
     ("operator", "Operator", ""),
     ("temperature", "Temperature, °C", ""),
-    ("note", "Note", "stands below the result"),
+    ("note", "Note", "shown below the result"),
     ("random", "Random order seed", "empty: the order as written"),
     ("motion", "Moved by", "empty: you; or linuxcnc:HOST:PORT, grbl:PORT"),
 )
+SERIAL_NUMBER = ("serial", "Its serial number", "tells it from others of its name in the history")
 INDICATORS = ("indicator1", "indicator2")
 SEED = re.compile(r"\d{1,9}", re.ASCII)
 
@@ -292,6 +294,7 @@ class PrepareScreen(Screen[None]):
         yield Title()
         with VerticalScroll(id="form"):
             yield from entry(*MACHINE)
+            yield from entry(*SERIAL_NUMBER)
             yield from row("Procedure", choice("procedure", _procedures(self._offered_for)))
             for name, words in zip(INDICATORS, texts.WHICH_INDICATOR, strict=True):
                 yield from row(words, IndicatorField(id=name, markup=False))
@@ -366,6 +369,9 @@ class PrepareScreen(Screen[None]):
         self._forms, self._source = [{}, {}], ""
         instruments, source = from_file(machine.indicator, "the machine file"), "file"
         self._proposed_for = machine
+        with self.app.complaining():
+            serial_number = machine.serial_number or last_serial_number(machine.name)
+            self.query_one("#serial", Input).value = serial_number
         if not instruments:
             with self.app.complaining():
                 instruments, source = last_used(machine.name), "last"
@@ -430,8 +436,13 @@ class PrepareScreen(Screen[None]):
         """The indicators; without any, two."""
         return self._instruments(procedure) or simulated_indicators()
 
+    def _identified(self) -> Machine:
+        """The machine with the serial number that stands in the form."""
+        serial_number = self._value("serial") or None
+        return self._machine().model_copy(update={"serial_number": serial_number})
+
     def _plan(self) -> Plan:
-        machine = self._machine()
+        machine = self._identified()
         procedure = self._procedure(machine)
         instruments = self._instruments(procedure)
         if not instruments:

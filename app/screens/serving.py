@@ -88,7 +88,7 @@ class Pages(Server):
         return (
             f"glidecal: replay and results at {self.public_url} on this computer,\n"
             f"reports and history at {self.public_url}/reports; Ctrl-C ends it.\n"
-            "Each browser tab is a process of its own and nobody logs in, so nothing can be "
+            "Each browser tab is a process of its own without a login, so nothing can be "
             "measured,\nexported or verified from there: an indicator has one owner. Measuring "
             "stays in the terminal."
         )

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 from textual.screen import Screen
 
+from app.measuring.recorded import check_session
 from app.report.streams import need_terminal
 from app.screens import Look
-from app.screens.home import HomeScreen, ReplayChoiceScreen
+from app.screens.home import HomeScreen, ReplayChoiceScreen, replay_screen
 from app.screens.interface import Interface
 from app.screens.keys import settings_for_screens
 from app.settings import settings_path
-from protocols.record import read_record
 
 if TYPE_CHECKING:
     from app.measuring.plan import Plan
@@ -66,8 +66,8 @@ def open_session(plan: Plan, looks: Sequence[Look]) -> int:
 def open_replay(paths: Sequence[Path], looks: Sequence[Look]) -> int:
     """A recorded session again, or a list of several. Raises RecordError for a bad file."""
     for path in paths:
-        read_record(path)
-    return open_screen(_replayed(paths), looks)
+        check_session(path)
+    return open_screen(_replayed(paths, looks), looks)
 
 
 def open_served(paths: Sequence[Path], looks: Sequence[Look]) -> int:
@@ -75,14 +75,12 @@ def open_served(paths: Sequence[Path], looks: Sequence[Look]) -> int:
 
     Nothing can be written or measured from them.
     """
-    return open_screen(_replayed(paths), looks, read_only=True)
+    return open_screen(_replayed(paths, looks), looks, read_only=True)
 
 
-def _replayed(paths: Sequence[Path]) -> Screen[None]:
-    from app.screens.replay import ReplayScreen
-
+def _replayed(paths: Sequence[Path], looks: Sequence[Look]) -> Screen[None]:
     alone = len(paths) == 1 and not paths[0].is_dir()
-    return ReplayScreen(paths[0]) if alone else ReplayChoiceScreen(paths)
+    return replay_screen(paths[0], looks) if alone else ReplayChoiceScreen(paths)
 
 
 def open_screen(first: Screen[None], looks: Sequence[Look], *, read_only: bool = False) -> int:

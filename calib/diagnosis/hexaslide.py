@@ -20,7 +20,7 @@ from calib.diagnosis.diagnose import UNLIKELY
 from calib.errors import NotIdentifiable
 from calib.hexaslide.calibration import calibrate
 from calib.hexaslide.derivatives import jacobian
-from calib.hexaslide.geometry import CHAINS, Geometry, HexaSlide, legs
+from calib.hexaslide.geometry import CHAINS, Geometry, HexaSlide, Legs, legs
 from calib.hexaslide.procedures import COMPONENTS, Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings, postures_of, read_at, residuals
 from calib.posterior.gaussian import About
@@ -128,7 +128,8 @@ def diagnosed(
             "diagnosis", "no stated noise", "noise_mm and noise_deg in the procedure file"
         )
     if readings.procedure.kind is ProcedureKind.POSE_INVERSE:  # noise is in what is measured
-        readings = replace(readings, procedure=Procedure.of(ProcedureKind.POSE_FORWARD))
+        procedure = Procedure.of(ProcedureKind.POSE_FORWARD).on(nominal)
+        readings = replace(readings, procedure=procedure)
     calibrated = calibrate(readings, nominal)
     machine, names = calibrated.machine, readings.procedure.parameters
     tolerances = np.minimum(tolerances, UNKNOWN)
@@ -190,40 +191,52 @@ def causes_of(
 ) -> Iterator[HexaSlideCause]:
     """Every cause of this kind of machine, at every place."""
     effects = _Effects(readings, machine, postures)
-    sliders = readings.sliders
+    sliders, at = readings.sliders, legs(machine.geometry, postures)
+    telescopic = machine.geometry.telescopic
+    part = "leg" if telescopic else "rail"
     from_middle = sliders - sliders.mean(axis=0)
     ways = np.sign(np.diff(sliders, axis=0, prepend=sliders[:1] - 1.0))
-    unit = legs(machine.geometry, postures).arms.unit
-    across = np.linalg.norm(unit - machine.geometry.rails, axis=-1)
-    bow = (from_middle / BOW_M) ** 2
     for k in range(CHAINS):
-        of_rail, where = np.eye(CHAINS)[k], f"rail {k + 1}"
-        sides = _sides(machine.geometry, k)
+        of_rail, where = np.eye(CHAINS)[k], f"{part} {k + 1}"
         yield effects.of_sliders(
-            "rail_scale", where, ("scale",), "mm/m", UNIT_SCALE, 1e3, [from_middle * of_rail]
+            f"{part}_scale", where, ("scale",), "mm/m", UNIT_SCALE, 1e3, [from_middle * of_rail]
         )
         yield effects.of_sliders(
-            "backlash", where, ("play",), "mm", UNIT_LENGTH_M, 1e3, [0.5 * ways * of_rail]
+            *("leg_backlash" if telescopic else "backlash", where, ("play",), "mm"),
+            *(UNIT_LENGTH_M, 1e3, [0.5 * ways * of_rail]),
         )
-        yield effects.of_sliders(
-            "joint_offset", where, ("offset",), "mm", UNIT_LENGTH_M, 1e3, [across * of_rail]
-        )
-        yield effects.of_sliders(
-            *("straightness", where, ("side 1", "side 2"), "mm", UNIT_LENGTH_M, 1e3),
-            [bow * (unit[:, k] @ side)[:, None] * of_rail for side in sides],
-        )
+        if not telescopic:
+            yield from _of_rail(effects, machine.geometry, at, from_middle, k)
         if lead_m is not None:
             angle = 2.0 * np.pi * sliders / lead_m
             waves = [np.sin(angle) * of_rail, np.cos(angle) * of_rail]
             yield effects.of_sliders(
-                "rail_wave", where, ("sine", "cosine"), "mm", UNIT_WAVE_M, 1e3, waves
+                f"{part}_wave", where, ("sine", "cosine"), "mm", UNIT_WAVE_M, 1e3, waves
             )
     time = np.linspace(0.0, 1.0, len(sliders))[:, None]
+    growing = at.lean if telescopic else sliders
     yield effects.of_sliders(
-        "thermal_growth", "all rails", ("growth",), "mm/m", UNIT_GROWTH, 1e3, [time * sliders]
+        "thermal_growth", f"all {part}s", ("growth",), "mm/m", UNIT_GROWTH, 1e3, [time * growing]
     )
     for row in range(len(sliders)):
         yield effects.of_posture(row, f"posture {readings.number(row)}")
+
+
+def _of_rail(
+    effects: _Effects, geometry: Geometry, at: Legs, from_middle: FloatArray, k: int
+) -> Iterator[HexaSlideCause]:
+    """What only a rail and the joint on its carriage can have."""
+    of_rail, where = np.eye(CHAINS)[k], f"rail {k + 1}"
+    unit = at.arms.unit
+    across = np.linalg.norm(unit - geometry.rails, axis=-1)
+    yield effects.of_sliders(
+        "joint_offset", where, ("offset",), "mm", UNIT_LENGTH_M, 1e3, [across * of_rail]
+    )
+    bow = (from_middle / BOW_M) ** 2
+    yield effects.of_sliders(
+        *("straightness", where, ("side 1", "side 2"), "mm", UNIT_LENGTH_M, 1e3),
+        [bow * (unit[:, k] @ side)[:, None] * of_rail for side in _sides(geometry, k)],
+    )
 
 
 class _Effects:
@@ -387,7 +400,8 @@ def _at_platform(
     if not entry.members:
         return 0.0
     moved = np.hstack([causes[k].places for k in entry.members]) @ mean
-    derivatives = jacobian(Procedure.of(ProcedureKind.POSE_FORWARD), machine.geometry, postures)
+    forward = Procedure.of(ProcedureKind.POSE_FORWARD).on(machine)
+    derivatives = jacobian(forward, machine.geometry, postures)
     places = np.asarray(derivatives[:, :3]).reshape(len(moved), -1)
     remainder = moved - places @ np.linalg.lstsq(places, moved, rcond=1e-10)[0]
     return float(np.sqrt((remainder**2).sum() / len(postures)))

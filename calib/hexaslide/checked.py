@@ -129,8 +129,10 @@ class Checked:
         """Standard uncertainty ``(26,)`` of lengths that no frame changes."""
         if self.found.covariance is None:
             return None
-        slopes = inner_slopes(self.found.machine.geometry)
-        covariance = self.found.covariance[: len(NAMES), : len(NAMES)]
+        names = self.found.machine.geometry.names
+        columns = [NAMES.index(name) for name in names]
+        slopes = inner_slopes(self.found.machine.geometry)[:, columns]
+        covariance = self.found.covariance[: len(names), : len(names)]
         return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)))
 
 

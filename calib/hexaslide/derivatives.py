@@ -62,14 +62,15 @@ class Chains:
     @staticmethod
     def at(geometry: Geometry, postures: Numbers) -> Chains:
         """Raises UnreachablePosture."""
-        at, rails = legs(geometry, postures), geometry.rails
+        at = legs(geometry, postures)
         unit = at.arms.unit
-        tilt = unit[..., :2] - unit[..., 2:] * (rails[:, :2] / rails[:, 2:])
+        tilt = unit[..., :2] - unit[..., 2:] * geometry.inclination
+        length = at.lean if geometry.telescopic else geometry.links
         parts = [
             unit @ at.arms.turn.rotation,
             -unit,
             -at.sliders[..., None] * tilt,
-            -(geometry.links / at.lean)[..., None],
+            -(length / at.lean)[..., None],
         ]
         own_slopes = np.concatenate(parts, axis=-1)
         return Chains(geometry, at, tilt, own_slopes, at.arms.by_posture)
@@ -89,16 +90,19 @@ class Chains:
         level = self.legs.sliders[..., None] * by_own[..., 6:8]
         by_unit = turned - by_own[..., 3:6]
         by_unit[..., :2] -= level
-        by_unit[..., 2] += (level * (rails[:, :2] / rails[:, 2:])).sum(axis=-1)
+        by_unit[..., 2] += (level * self.geometry.inclination).sum(axis=-1)
         if by_slopes is not None:
             by_unit += arms.pull_unit(by_slopes)
         by_slider = -(by_own[..., 6:8] * self.tilt).sum(axis=-1, keepdims=True)
-        by_lean = by_own[..., 8:] * self.geometry.links[:, None] / lean**2
+        telescopic = self.geometry.telescopic
+        length = np.zeros((CHAINS, 1)) if telescopic else self.geometry.links[:, None]
+        by_lean = by_own[..., 8:] * length / lean**2
         # d(slider) = unit · d, d(lean) = (rail - unit) · d, d(unit) = H d / lean with the
-        # symmetric H = 1 - rail unitᵀ - unit railᵀ + unit unitᵀ
+        # symmetric H = 1 - rail unitᵀ - unit railᵀ + unit unitᵀ, without a rail 1 - unit unitᵀ
         on_unit = (unit * by_unit).sum(axis=-1, keepdims=True)
         on_rail = (rails * by_unit).sum(axis=-1, keepdims=True)
-        by_end = (by_unit - rails * on_unit + unit * (on_unit - on_rail)) / lean
+        bent = -on_unit if telescopic else on_unit - on_rail
+        by_end = (by_unit - rails * on_unit + unit * bent) / lean
         by_end += unit * (by_slider - by_lean) + rails * by_lean
         return arms.pull(by_end, by_slopes, cross(turned, unit).sum(axis=1))
 
@@ -175,6 +179,10 @@ def _across(unit: Numbers, rails: Numbers) -> tuple[Numbers, Numbers]:
     """Directions of links across their rails ``(p, 6, 3)``, and tangents of the angles between
     them ``(p, 6, 1)``. Raises CalibrationError where there is no such direction.
     """
+    if not rails.real.any():
+        raise CalibrationError(
+            "encoder of a joint", "telescopic legs", "carriages on rails, about which links turn"
+        )
     off = unit - rails
     tangent = np.sqrt((off * off).sum(axis=-1, keepdims=True))
     if not tangent.real.min() > ALONG:

@@ -14,9 +14,9 @@ RAIL_POINTS, EDGE_POINTS = 24, 12
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """The machine at a posture: rails ``(6, n, 3)`` as far as the sliders go in the box,
-    carriages ``(6, 3)``, links ``(6, 2, 3)``, and the platform ``(7, 3)``, its joints in their
-    order around it and the first one once more.
+    """The machine at a posture: rails ``(6, n, 3)`` as far as the sliders go in the box, none of
+    telescopic legs, carriages ``(6, 3)``, links ``(6, 2, 3)``, and the platform ``(7, 3)``, its
+    joints in their order around it and the first one once more.
     """
 
     rails: FloatArray
@@ -36,8 +36,9 @@ def lines_at(machine: HexaSlide, posture: FloatArray) -> Lines:
     platform = posture[:3] + at.arms.arm[0]
     apart = geometry.platform - geometry.platform.mean(axis=0)
     order = np.argsort(np.arctan2(apart[:, 1], apart[:, 0]))
+    rails = geometry.base[:, None] + along[..., None] * geometry.rails[:, None]
     return Lines(
-        rails=geometry.base[:, None] + along[..., None] * geometry.rails[:, None],
+        rails=rails[:0] if geometry.telescopic else rails,
         carriages=carriages,
         links=np.stack([carriages, platform], axis=1),
         platform=platform[[*order, order[0]]],

@@ -76,7 +76,7 @@ class Expectation:
 
     def __init__(self, procedure: Procedure, machine: HexaSlide, tolerances: FloatArray) -> None:
         if procedure.kind is ProcedureKind.POSE_INVERSE:  # sliders are set, postures are read
-            procedure = Procedure.of(ProcedureKind.POSE_FORWARD)
+            procedure = Procedure.of(ProcedureKind.POSE_FORWARD).on(machine)
         self.procedure, self._nominal = procedure, machine
         self._tolerances = np.minimum(tolerances, UNKNOWN)
         self._begin = machine.parameters(procedure.parameters)

@@ -1,8 +1,12 @@
-"""Geometry of a Hexa Slide and the box in which it is measured; papers/001, section 2."""
+"""Geometry of a Hexa Slide and the box in which it is measured; papers/001, section 2.
+
+Its legs may also be telescopic, between joints that stand still: then nothing moves on rails.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +29,20 @@ OFF_FRAME_M = 1e-9
 ROUNDING = 1e-9
 """How far a bound may be passed by writing it down, metres or radians."""
 
+WRITTEN_M = 1e-7
+"""Postures are written to a millionth of a degree, sliders to 0.0001 mm: one that a search took to
+the end of its travel may pass it by so much.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
     """Six chains in metres: ``base`` ``(6, 3)`` where the rails start, in the base frame; ``rails``
     ``(6, 3)`` unit vectors; ``platform`` ``(6, 3)`` the spherical joints in the frame of the
     platform; ``links`` ``(6,)`` lengths.
+
+    Without rails, all of them zero, the legs are telescopic: ``base`` are joints that stand still,
+    and a slider is by how much its leg is longer than ``links``.
 
     The base frame starts at the first rail and its X goes through the start of the second. Raises
     CalibrationError for anything else.
@@ -53,8 +65,9 @@ class Geometry:
                 raise CalibrationError(
                     name, f"shape {array.shape}", f"finite numbers of shape {shape}: six chains"
                 )
-        self._check_rails()
-        if not (self.links.real > 0.0).all():
+        if not self.telescopic:
+            self._check_rails()
+        if not self.telescopic and not (self.links.real > 0.0).all():
             raise CalibrationError("links", f"{self.links.real.min():g} m", "positive lengths")
         fixed = np.append(self.base[0], self.base[1, 1:]).real
         if np.abs(fixed).max() > OFF_FRAME_M or not abs(self.base[1, 0]) > OFF_FRAME_M:
@@ -63,6 +76,22 @@ class Geometry:
                 f"rails that start at {self.base[0].real} and {self.base[1].real}",
                 "the first rail at [0, 0, 0], the second at [x, 0, 0]",
             )
+
+    @cached_property
+    def telescopic(self) -> bool:
+        """Whether the legs change their lengths between joints that stand still."""
+        return not self.rails.real.any()
+
+    @cached_property
+    def inclination(self) -> Numbers:
+        """Level components of the rails by their z ``(6, 2)``; zeros without rails."""
+        z = np.ones((CHAINS, 1)) if self.telescopic else self.rails[:, 2:]
+        return np.asarray(self.rails[:, :2] / z)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its parameters."""
+        return TELESCOPIC_NAMES if self.telescopic else NAMES
 
     def _check_rails(self) -> None:
         for k, rail in enumerate(self.rails.real, start=1):
@@ -156,6 +185,9 @@ ALL_NAMES = tuple(f"{part}{chain}" for chain in range(1, CHAINS + 1) for part in
 FIXED = ("Ax1", "Ay1", "Az1", "Ay2", "Az2")
 FREE = tuple(k for k, name in enumerate(ALL_NAMES) if name not in FIXED)
 NAMES = tuple(ALL_NAMES[k] for k in FREE)
+TELESCOPIC_NAMES = tuple(name for name in NAMES if name[:2] not in {"ax", "ay"})
+"""Without rails there are none of their components."""
+
 END_NAMES = ("cx", "cy", "cz", "dx", "dy", "dz")
 LENGTH_NAME = "L"
 
@@ -180,7 +212,7 @@ def values(geometry: Geometry) -> Numbers:
 
 
 def with_values(geometry: Geometry, parameters: Numbers) -> Geometry:
-    """The geometry with these 49 parameters; rails keep the sign of their z."""
+    """The geometry with these 49 parameters; rails keep the sign of their z, none stay none."""
     full = np.zeros(len(ALL_NAMES), dtype=parameters.dtype)
     full[list(FREE)] = parameters
     rows = full.reshape(CHAINS, len(PER_CHAIN))
@@ -233,10 +265,10 @@ class HexaSlide:
         zeros = np.array([by_name[name] for name in ZERO_NAMES])
         return replace(self, geometry=geometry, link=link, zeros_rad=zeros)
 
-    def within(self, sliders: FloatArray) -> NDArray[np.bool_]:
-        """Which of the sliders ``(p, 6)`` are between the ends of their rails."""
+    def within(self, sliders: FloatArray, beyond_m: float = ROUNDING) -> NDArray[np.bool_]:
+        """Which sliders ``(p, 6)`` are between the ends of their rails, or no farther beyond."""
         least, greatest = self.travel_m
-        return np.asarray((least - ROUNDING <= sliders) & (sliders <= greatest + ROUNDING))
+        return np.asarray((least - beyond_m <= sliders) & (sliders <= greatest + beyond_m))
 
     def random(self, count: int, generator: np.random.Generator) -> FloatArray:
         """Postures ``(count, 6)``, evenly in the part of the box that the rails reach.
@@ -274,7 +306,7 @@ class HexaSlide:
         Raises UnreachablePosture, and CalibrationError for one beyond the ends of its rail.
         """
         sliders = np.asarray(inverse(self.geometry, postures))
-        beyond = np.argwhere(~self.within(sliders))
+        beyond = np.argwhere(~self.within(sliders, WRITTEN_M))
         if len(beyond):
             row, chain = beyond[0].tolist()
             least, greatest = self.travel_m[:, chain]
@@ -352,6 +384,9 @@ def _lag(rails: Numbers, moved: Numbers) -> Numbers:
     return np.asarray(turned - rails[:, 0])
 
 
+SHORTEST_M = 1e-6
+"""A shorter telescopic leg has no direction."""
+
 MOST_STEPS = 60
 SMALL_STEP = 1e-9
 """Newton doubles the digits: after a smaller step two more leave rounding only."""
@@ -368,8 +403,9 @@ NEXT_STEP = "Choose a posture inside the workspace, or check the geometry."
 @dataclass(frozen=True, eq=False)
 class Legs:
     """Links at postures: ``sliders`` ``(p, 6)``; ``lean`` ``(p, 6)``, the components of the links
-    along their rails, positive on the branch of the machine; ``arms`` with vectors along the links
-    from slider to platform, each 1 along its rail.
+    along their rails, positive on the branch of the machine, of telescopic legs their lengths;
+    ``arms`` with vectors along the links from slider to platform, each 1 along its rail, or of
+    length 1.
     """
 
     arms: Arms
@@ -385,11 +421,22 @@ def rotation(angles: Numbers) -> Numbers:
 def legs(geometry: Geometry, postures: Numbers) -> Legs:
     """Sliders and links at postures ``(p, 6)``; papers/001, equation (3).
 
-    Raises UnreachablePosture where a link is too short to meet its rail.
+    Raises UnreachablePosture where a link is too short to meet its rail, or a leg has no length.
     """
     turn = Turn.at(postures[:, 3:])
     arm = geometry.platform @ transposed(turn.rotation)
     reach = postures[:, None, :3] + arm - geometry.base
+    if geometry.telescopic:
+        length = np.sqrt((reach * reach).sum(axis=-1))
+        if not length.real.min(initial=np.inf) > SHORTEST_M:
+            at = int(length.real.min(axis=1).argmin())
+            raise UnreachablePosture(
+                f"posture {words(postures[at])}",
+                "a leg without length",
+                "postures whose joints are apart",
+                NEXT_STEP,
+            )
+        return Legs(Arms.of(turn, reach / length[..., None], arm), length - geometry.links, length)
     along = (reach * geometry.rails).sum(axis=-1)
     square = geometry.links**2 - (reach * reach).sum(axis=-1) + along * along
     short = ~(square.real > 0.0)
@@ -458,7 +505,8 @@ def _newton_step(
     turn = Turn.at(postures[:, 3:])
     arm = geometry.platform @ transposed(turn.rotation)
     link = postures[:, None, :3] + arm - geometry.base - sliders[..., None] * geometry.rails
-    miss = ((link * link).sum(axis=-1) - geometry.links**2) / 2.0
+    length = geometry.links + sliders if geometry.telescopic else geometry.links
+    miss = ((link * link).sum(axis=-1) - length**2) / 2.0
     far = ~(np.abs(postures).max(axis=1, initial=0.0) < FAR)
     if far.any():
         raise _no_posture(sliders_wanted[int(far.argmax())], "none")

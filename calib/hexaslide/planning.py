@@ -178,7 +178,7 @@ PUBLISHED_SETS = {
 @dataclass(frozen=True, eq=False)
 class HexaSlidePlanning:
     """A machine with a procedure, at postures ``given`` ``(p, 6)`` from somewhere, else at random
-    ones: ``count`` of them, None: enough.
+    ones: ``count`` of them, None: enough. ``name`` is that of the machine for people.
     """
 
     procedure: Procedure
@@ -187,11 +187,7 @@ class HexaSlidePlanning:
     count: int | None = None
     given: FloatArray | None = None
     source: str = ""
-
-    @property
-    def name(self) -> str:
-        """The name on the command line."""
-        return "hexaslide"
+    name: str = "hexaslide"
 
     @property
     def usual(self) -> bool:

@@ -15,7 +15,7 @@ from calib.arrays import FloatArray, without
 from calib.hexaslide.calibration import Calibration
 from calib.hexaslide.checked import FramesApart, frame_motions, frames_apart
 from calib.hexaslide.derivatives import jacobian
-from calib.hexaslide.geometry import MOTIONS, NAMES, HexaSlide, forward_near, rotation
+from calib.hexaslide.geometry import MOTIONS, HexaSlide, forward_near, rotation
 from calib.hexaslide.procedures import Procedure, ProcedureKind, held_postures
 from calib.stats import coverage_factor
 
@@ -50,7 +50,8 @@ def platform_error(reference: HexaSlide, calibrated: Calibration) -> PlatformErr
     left_open = calibrated.unidentifiable_count - len(motions)
     bound = None
     if calibrated.covariance is not None and left_open == 0:
-        covariance = calibrated.covariance[: len(NAMES), : len(NAMES)]
+        count = len(machine.geometry.names)
+        covariance = calibrated.covariance[:count, :count]
         bound = _bound_m(machine, stands, covariance, motions)
         # one coverage factor counts that the noise itself is known from few degrees of freedom
         bound *= coverage_factor(calibrated.degrees_of_freedom) / coverage_factor(np.inf)
@@ -62,12 +63,12 @@ def platform_error(reference: HexaSlide, calibrated: Calibration) -> PlatformErr
 def _bound_m(
     machine: HexaSlide, postures: FloatArray, covariance: FloatArray, motions: list[int]
 ) -> float:
-    """The quantile of the r.m.s. of places that parameters of this covariance ``(49, 49)`` move.
+    """The quantile of the r.m.s. of places that parameters of this covariance ``(k, k)`` move.
 
     The mean square is a sum of squares of normal values; its quantile is that of a multiple of chi
     square with the same mean and variance (Satterthwaite).
     """
-    forward = Procedure.of(ProcedureKind.POSE_FORWARD)
+    forward = Procedure.of(ProcedureKind.POSE_FORWARD).on(machine)
     moved = jacobian(forward, machine.geometry, postures)
     places = np.asarray(moved[:, :3]).reshape(-1, len(covariance))
     if motions:  # what frames take over is no error: both ways of moving are known by places alone

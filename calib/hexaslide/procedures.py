@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -16,6 +16,7 @@ from calib.hexaslide.geometry import (
     END_NAMES,
     LENGTH_NAME,
     NAMES,
+    TELESCOPIC_NAMES,
     Geometry,
     HexaSlide,
     legs,
@@ -56,12 +57,13 @@ class Procedure:
     """A procedure on a machine. ``measured`` are components of the posture and encoders in joints
     (`MEASURABLE`), beside a constraint link none or some, `LINK_LENGTH` the first of them where an
     indicator in the link reads; ``known`` is what is known of that link, of `ENDS` (papers/001: the
-    length).
+    length). ``telescopic`` legs have no rails, so no parameters of them.
     """
 
     kind: ProcedureKind
     measured: tuple[str, ...] = COMPONENTS
     known: tuple[str, ...] = ("length",)
+    telescopic: bool = False
 
     def __post_init__(self) -> None:
         if not set(self.known) <= set(ENDS) or len(set(self.known)) < len(self.known):
@@ -94,7 +96,7 @@ class Procedure:
             raise ImpossibleRequest(
                 f"measured components with {name}",
                 _list(measured),
-                f"none: {name} fixes what is measured",
+                f"none: {name} defines the measured components",
                 "Use --procedure pose-forward with --measured.",
             )
         if known is not None and kind is not ProcedureKind.CONSTRAINT_LINK:
@@ -116,11 +118,26 @@ class Procedure:
     def parameters(self) -> tuple[str, ...]:
         """Names of the unknown parameters."""
         zeros = [f"zero_{name}" for name in self.measured if name in ENCODERS]
+        own_names = TELESCOPIC_NAMES if self.telescopic else NAMES
         if self.kind is not ProcedureKind.CONSTRAINT_LINK:
-            return (*NAMES, *zeros)
+            return (*own_names, *zeros)
         sure = [name for part in self.known for name in ENDS[part]]
         link = [name for name in (*END_NAMES, LENGTH_NAME) if name not in sure]
-        return (*NAMES, *link, *zeros)
+        return (*own_names, *link, *zeros)
+
+    def on(self, machine: HexaSlide) -> Procedure:
+        """The same on a machine, whose legs decide on the parameters.
+
+        Raises ImpossibleRequest for encoders in joints about rails that are not there.
+        """
+        encoders = [name for name in self.measured if name in ENCODERS]
+        if machine.geometry.telescopic and encoders:
+            raise ImpossibleRequest(
+                "measured components",
+                f"{_list(encoders)} of telescopic legs",
+                f"different ones of {_list(COMPONENTS)}",
+            )
+        return replace(self, telescopic=machine.geometry.telescopic)
 
     @property
     def read(self) -> tuple[str, ...]:

@@ -343,7 +343,7 @@ def _space(procedure: Procedure, machine: HexaSlide, count: int, search: Search)
         if rank < len(rows):
             raise NotIdentifiable(
                 f"{count} postures of {procedure.kind.value}",
-                f"{len(rows)} values that show {rank} combinations, so that some say nothing new",
+                f"{len(rows)} values that show {rank} combinations, so that some add nothing",
                 f"{fewest} or more postures",
             )
     elif count < fewest:
@@ -351,7 +351,7 @@ def _space(procedure: Procedure, machine: HexaSlide, count: int, search: Search)
             "number of postures",
             f"{count}",
             f"{fewest} or more for {procedure.kind.value}",
-            "With --few those combinations are judged that so few postures show.",
+            "With --few the combinations that so few postures show are judged.",
         )
     if search.in_joints and not np.isfinite(machine.travel_m).all():
         raise CalibrationError(

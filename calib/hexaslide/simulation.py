@@ -165,7 +165,7 @@ def on_link(machine: HexaSlide, postures: FloatArray) -> FloatArray:
         if not len(_held(machine.box, link, posture[None], np.zeros(1))):
             raise CalibrationError(
                 f"posture {number}",
-                "none that the link holds inside the box",
+                "none that the link allows inside the box",
                 "postures whose ends can be as far apart as the link is long",
             )
     return _held(machine.box, link, postures, np.zeros(len(postures)))
@@ -182,9 +182,9 @@ def _on_link(
         if len(postures_given) < len(postures):
             raise CalibrationError(
                 "postures on the constraint link",
-                f"{len(postures_given)} of {len(postures)} that the link holds inside the box",
+                f"{len(postures_given)} of {len(postures)} that the link allows inside the box",
                 "postures whose ends can be as far apart as the link is long",
-                "Give other postures, or none: then random ones are held.",
+                "Give other postures, or none: then random ones are used.",
             )
         return postures_given
     count, postures_held = postures, np.zeros((0, 6))

@@ -265,8 +265,8 @@ def _refuse_unseen_sizes(
         raise NotIdentifiable(
             "effects of the model",
             f"not shown by these readings: {combinations}",
-            "sizes that the readings tell",
-            "Measure with a procedure that shows them, or take them out: glidecal model --remove.",
+            "sizes that the readings determine",
+            "Measure with a procedure that shows them, or remove them: glidecal model --remove.",
         )
 
 

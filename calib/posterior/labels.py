@@ -64,8 +64,8 @@ LEAST = {
 Of Student's t with 3 degrees of freedom one of 60 readings is beyond 13 in one session of thirty.
 """
 
-FIRST_TAKE = "the first take stands apart: it settled, stood in a play, or was another posture"
-FIRST_CONTACT = "the first contact stands apart: it settled, or something hung from the nozzle"
+FIRST_TAKE = "the first take is off: it settled, was within a play, or was another posture"
+FIRST_CONTACT = "the first contact is off: it settled, or something hung from the nozzle"
 
 LEAST_CHANGED = 3.0
 """Standard deviations of a reading by which an exchange changes at least one."""

@@ -73,7 +73,7 @@ def check_common_zero(geometry: Geometry) -> None:
     if not geometry.common_zero:
         raise UsageError(
             "alignment",
-            "bars that do not lie along their drives at one Zero",
+            "bars that are not along their drives at one Zero",
             "a machine whose legs are read at one, such as an Orthoglide",
         )
 
@@ -117,7 +117,7 @@ def alignment(
         unseen = [name for name, is_seen in zip(names, seen_figures, strict=True) if not is_seen]
         raise NotIdentifiable(
             "alignment",
-            f"readings that do not tell {', '.join(unseen)}",
+            f"readings that do not show {', '.join(unseen)}",
             "all three legs along both axes at Zero, Max, Min, and over a plane: procedure align",
         )
     model = _model(geometry, x)

@@ -204,7 +204,7 @@ def joint_entries(model: Model, drive: int, joint: ControllerJoint, way: int = 1
             f"play of joint {LEG_NAMES[drive]}",
             f"{least:+.4f} mm",
             "play that is not negative",
-            "It is no play: take the effect out with glidecal model --remove.",
+            "It is not play: remove the effect with glidecal model --remove.",
         )
     largest = float(max(abs(table.error_up_mm).max(), abs(table.error_down_mm).max()))
     travel_mm = model.geometry.travel_max_mm - model.geometry.travel_min_mm

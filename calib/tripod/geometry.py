@@ -100,7 +100,7 @@ class Geometry:
             if not 0.0 <= low < high <= 1.0:
                 raise CalibrationError(
                     f"usable_bar of bar {name}",
-                    f"{low:g} … {high:g}, no part of it",
+                    f"{low:g} … {high:g}, not a part of it",
                     "fractions from the tool end, 0 ≤ first < second ≤ 1",
                 )
         self._check_limits()
@@ -156,7 +156,7 @@ class Geometry:
                     f"workspace_mm, corner {tool_mm} mm",
                     f"carriage {name} at {way:+.3f} mm from Zero",
                     f"its joint limits {self.travel_min_mm:g} … {self.travel_max_mm:g} mm",
-                    "glidecal workspace tells the largest cube that they allow.",
+                    "glidecal workspace gives the largest cube that they allow.",
                 )
 
     def _check_posture(self, tool_mm: Triple, where: str) -> None:
@@ -175,7 +175,7 @@ class Geometry:
         if volume < LEAST_VOLUME or slope < LEAST_SLOPE:
             raise CalibrationError(
                 "geometry of the machine",
-                f"a singular posture {where}: the drives do not move the tool every way",
+                f"a singular posture {where}: the drives do not move the tool in every direction",
                 "bars that do not lie in one plane, and none square to its drive",
                 "Check origins, directions and the platform; two drives may be the same.",
             )

@@ -34,6 +34,6 @@ def controller_of(endpoint: str, limits: Limits) -> Controller:
             MotionFault.STRANGER,
             f"machine behind {name}",
             f'mdi = "{limits.coordinates}" in the machine file',
-            f'mdi = "{kind.coordinates}": {name} moves carriages and knows no tool',
+            f'mdi = "{kind.coordinates}": {name} moves carriages and has no tool coordinates',
         )
     return kind(address, limits)

@@ -63,7 +63,7 @@ class MotionFault(StrEnum):
     CONTROL_LOST = "another client has control"
     CHANGED = "changed by somebody else"
     CONTROLLER = "an error of the controller"
-    ELSEWHERE = "not where it was sent"
+    ELSEWHERE = "not at the commanded position"
     LATE = "did not arrive in time"
     STOPPED = "stopped"
     LOST = "connection lost"
@@ -112,7 +112,7 @@ class Limits:
 
 
 def _outside(quantity: str, value: str, limit: str) -> ControllerFault:
-    next_step = "Nothing was sent. The limits stand under [motion] in the machine file."
+    next_step = "Nothing was sent. The limits are under [motion] in the machine file."
     return ControllerFault(MotionFault.OUTSIDE, quantity, value, limit, next_step)
 
 

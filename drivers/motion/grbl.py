@@ -203,11 +203,11 @@ class Grbl(Controller):
         self._status()
         self.locked = self.state == "Alarm"
         if self.state not in ("Idle", "Alarm"):
-            raise self._not_idle("At the controller: end what it does.")
+            raise self._not_idle("At the controller: end its present task.")
         settings = dict(SETTING.findall("\n".join(self._done("$$"))))
         homing = settings.get("22", "none")
         if not (homing.isdecimal() and int(homing) & 1):  # of grblHAL a mask
-            otherwise = "Without homing nobody knows where its carriages are."
+            otherwise = "Without homing the positions of its carriages are unknown."
             raise self.fault(MotionFault.NOT_READY, f"$22={homing}", "$22=1", otherwise)
         self._unit_mm = MM_PER_INCH if settings.get("13") == "1" else 1.0
         self._check_travel(settings)
@@ -242,7 +242,7 @@ class Grbl(Controller):
                 raise self.fault(
                     MotionFault.STRANGER,
                     f"${number}={travel_mm:g}, its travel in mm",
-                    f"a travel in which {low_mm:g} … {high_mm:g} mm of the machine file lie",
+                    f"a travel that contains {low_mm:g} … {high_mm:g} mm of the machine file",
                     "Is it the board of another machine?",
                 )
 
@@ -410,7 +410,7 @@ class Grbl(Controller):
         if line.startswith(("Grbl", "grblHAL")):
             self._acknowledged = True
             next_step = "Its homing is lost: home it."
-            raise self.fault(MotionFault.CONTROLLER, f"it started anew ({line})", "", next_step)
+            raise self.fault(MotionFault.CONTROLLER, f"it restarted ({line})", "", next_step)
         return line
 
     def _receive(self) -> bytes:

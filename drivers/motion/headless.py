@@ -29,7 +29,7 @@ from drivers.motion.twins import PASSED
 
 OPTION = "--controller linuxcnc"
 NEEDED = ("linuxcnc", "linuxcncrsh", "halcmd", "pidof", "stdbuf")
-OTHERWISE = "--controller twin needs nothing and shows the same."
+OTHERWISE = "--controller twin shows the same without it."
 LOCK = Path("/tmp/linuxcnc.lock")
 PARTS = ("linuxcncsvr", "milltask", "rtapi_app")
 START_S, END_S = 30.0, 15.0
@@ -138,7 +138,7 @@ def check_linuxcnc() -> None:
             OPTION, f"no {missing[0]} here", "LinuxCNC 2.9 on this computer", next_step
         )
     if sys.platform != "win32" and os.geteuid() == 0 and "RTAPI_UID" not in os.environ:
-        obstacle = "root, as whom LinuxCNC does not start"
+        obstacle = "root; LinuxCNC does not start as root"
         raise UsageError(OPTION, obstacle, "an ordinary user", OTHERWISE)
     if LOCK.exists() or not subprocess.run(["pidof", *PARTS], capture_output=True).returncode:
         obstacle = "a LinuxCNC that is running: starting a second one would end it"

@@ -285,7 +285,7 @@ class LinuxCnc(Controller):
                 raise self.fault(
                     MotionFault.STRANGER,
                     f"[JOINT_{joint}] from {least_mm:g} to {most_mm:g} mm",
-                    f"limits in which {low_mm:g} … {high_mm:g} mm of the machine file lie",
+                    f"limits that contain {low_mm:g} … {high_mm:g} mm of the machine file",
                     "Is it the controller of another machine?",
                 )
 

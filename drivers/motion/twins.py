@@ -41,7 +41,7 @@ class MotionTrouble(StrEnum):
     UNHOMED = "a joint unhomed"
     OVERRIDE = "feed override turned"
     OFFSET = "G92 of another client"
-    FEED_HOLD = "feed hold, which it does not tell"
+    FEED_HOLD = "feed hold, which it does not report"
 
 
 class SimulatedAxes:

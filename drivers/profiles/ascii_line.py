@@ -54,7 +54,7 @@ def checked(pattern: str) -> re2._Regexp:
             "pattern of ascii-line", f"{pattern!r} without that group", requirement
         )
     if not any(number.fullmatch(sample) for sample in samples()):
-        requirement = f"a group number that matches decimal numbers by itself, such as {EXAMPLE}"
+        requirement = f"a group number that alone matches decimal numbers, such as {EXAMPLE}"
         raise IndicatorError("pattern of ascii-line", f"{pattern!r}, no number fits", requirement)
     return compiled
 
@@ -99,7 +99,7 @@ def ascii_line(pattern: str, *, request: bytes = b"") -> Profile:
         parse=parse,
         reply=lambda spindle: f"{spindle.text().removeprefix('+')}\r\n",
         stream_s=0.0 if request else 0.1,
-        hint="An Arduino starts anew when its port is opened: wait 2 s; most print no unit.",
+        hint="An Arduino restarts when its port is opened: wait 2 s; most print no unit.",
     )
 
 

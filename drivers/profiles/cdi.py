@@ -23,5 +23,5 @@ CDI = Profile(
     bad_replies={
         "wrong-unit": BadReply(b"-   0.0050, IN\r\n", FaultKind.WRONG_UNIT),
     },
-    hint="The reply names the unit of the display: switch it to mm; a held value freezes.",
+    hint="The reply names the unit of the display: switch it to mm; HOLD freezes the value.",
 )

@@ -35,7 +35,7 @@ NO_VALUES = Grammar(
         "20": "the command has a wrong length",
         "21": "the command has a wrong number of parameters",
         "22": "a parameter is out of its range",
-        "29": "no communication with an amplifier: check how they are joined",
+        "29": "no communication with an amplifier: check their connection",
         "65": "there is no amplifier of this number",
     },
     other_words="fault {code} of the unit",

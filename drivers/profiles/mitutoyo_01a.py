@@ -54,7 +54,7 @@ MITUTOYO_IT007R = replace(
     request=lambda query: f"{query.channel}".encode(),
     timeout_s=2.0,
     interval_s=1.0,
-    hint="It lives on the control lines DTR and RTS; faster than once a second gives errors.",
+    hint="The control lines DTR and RTS power it; faster than once a second gives errors.",
 )
 
 MITUTOYO_MUX = replace(

@@ -37,7 +37,7 @@ def parse(text: str, query: Query) -> Outcome | None:
     """A line without its end; None for an echo and for ``CH``, which acknowledges a command."""
     outcome = GRAMMAR.parse(text, query)
     if isinstance(outcome, IndicatorReading) and text[1] in MODES:
-        message = f"the display holds {MODES[text[1]]}: switch it to the current value"
+        message = f"the display shows {MODES[text[1]]}: switch it to the current value"
         return Fault(FaultKind.DEVICE_FAULT, text, message)
     return outcome
 

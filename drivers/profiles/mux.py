@@ -33,7 +33,7 @@ MUX = Profile(
         "wrong-unit": BadReply(b"1 MW+003.4665 inch\r\n", FaultKind.WRONG_UNIT),
         "wrong-channel": BadReply(b"2 MW-00088.29 mm\r\n", FaultKind.WRONG_CHANNEL),
     },
-    hint="It lives on the control lines of the port; TO 999999.99 means that its gauge is silent.",
+    hint="The control lines of the port power it; TO 999999.99 means that its gauge is silent.",
 )
 
 DMX = replace(

@@ -46,7 +46,7 @@ SYLVAC_SIMPLEX = replace(
     title="Sylvac opto-RS simplex",
     line=LineSettings(4800, 7, "E", 2, dtr=True, rts=True, dtr_pulse_s=0.15),
     interval_s=0.5,
-    hint="Asked by a pulse on DTR of at least 110 ms; after that the display holds its value.",
+    hint="Asked by a pulse on DTR of at least 110 ms; after that the display freezes its value.",
 )
 
 # No command table of Mahr was found; that its gauges work on opto-RS duplex inputs is known.
@@ -55,7 +55,7 @@ MAHR_MARCATOR = replace(
     name="mahr-marcator",
     title="Mahr MarCator 1075R, 1086, 1087 (opto RS-232)",
     verified=Evidence.UNVERIFIED,
-    source="from memory, supposed to be alike Sylvac opto-RS duplex; no vendor document found",
+    source="from memory, assumed to be like Sylvac opto-RS duplex; no vendor document found",
     button=False,
     hint="Unverified: compare some readings with the display, in mm, before you trust it.",
 )

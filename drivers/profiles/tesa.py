@@ -26,5 +26,5 @@ TESA = Profile(
         "error": BadReply(b"ERR23\r\n", FaultKind.DEVICE_FAULT),
         "wrong-unit": BadReply(b"-.001250\r\n", FaultKind.WRONG_UNIT),
     },
-    hint="The reply does not tell mm, µm and mil apart: set the unit on the instrument itself.",
+    hint="The reply does not distinguish mm, µm and mil: set the unit on the instrument itself.",
 )

@@ -68,7 +68,7 @@ class Plain:
         assert ends is not None
         self.start = off([one.start_mm for one in chains])
         self.start[0], self.start[1, 1:] = 0.0, 0.0
-        level = off([one.rail[:2] for one in chains], 1.0)
+        level = off([one.rail[:2] for one in chains if one.rail], 1.0)
         self.rail = np.column_stack([level, -np.sqrt(1.0 - (level**2).sum(axis=1))])
         self.joint = off([one.joint_mm for one in chains])
         self.link = off([one.link_mm for one in chains])

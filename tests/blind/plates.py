@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
-from dataclasses import fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from tests.blind.printers import (
     GRID,
     RINGS,
     SCATTER_MM,
+    TURN,
     FloatArray,
     Parts,
     any_printer,
@@ -36,16 +37,12 @@ BLOCK_MM, BLOCK_WITHIN_MM = 60.0, 60.0
 MARKS_MM, DISTANCE_MM = 60.0, 0.02
 """How far from the middle marks are, and the standard deviation of a distance between two."""
 
-TOLERANCE = np.repeat([1.0, 0.3, 0.4, 0.4, 1e-3, 1e-3, 1e-3, 1e-4], SIZES)
+TOLERANCE = np.repeat([1.0, 0.4, 0.4, 0.4, 1e-3, 1e-3, 1e-3, 1e-4], SIZES)
 ALIKE = 0.8
-"""Correlation of how far towers stand from the middle."""
+"""Correlation of how far towers stand from the middle, and of their bars."""
 
 HELD = np.repeat([True, True, True, True, False, False, True, False], SIZES)
 STATED = np.repeat([True, True, True, True, False, False, False, True], SIZES)
-ROUND_MM = np.concatenate([[-y, x, 0.0] for x, y, _ in GRID])
-TURN = ROUND_MM / np.linalg.norm(ROUND_MM)
-"""Of unit length over the grid: a turn about the vertical."""
-
 Shown = Callable[[Parts], FloatArray]
 
 
@@ -101,6 +98,50 @@ def factors(count: int) -> FloatArray:
     return every[:, :count]
 
 
+DRAWN = 3000
+"""Printers of a law, whose mean squares and products stand for it."""
+
+
+def prior_of(make: Callable[[np.random.Generator], Parts]) -> FloatArray:
+    """Mean products of all parts ``(k, k)`` of printers of one law."""
+    random = np.random.default_rng(99)
+    drawn = np.array([values_of(make(random)) for _ in range(DRAWN)])
+    return np.asarray(drawn.T @ drawn / DRAWN)
+
+
+def follower(moved: FloatArray) -> FloatArray:
+    """What entries that firmware has are, so that they move the tool as all parts do."""
+    follow = np.zeros((len(TOLERANCE), len(TOLERANCE)))
+    scaled = moved[:, HELD] * TOLERANCE[HELD]
+    follow[HELD] = TOLERANCE[HELD, None] * (np.linalg.pinv(scaled, rcond=1e-7) @ moved)
+    return follow
+
+
+@dataclass(frozen=True, eq=False)
+class Knowing:
+    """Who knows the laws that printers may follow, and how likely each is: the least that is left.
+
+    Linear estimates of each law, weighed by how likely it makes the contacts.
+    """
+
+    priors: Sequence[FloatArray]
+    rows: FloatArray
+    moved: FloatArray
+
+    def left_mm(self, parts: Parts, height_mm: FloatArray) -> FloatArray:
+        """Error of the tool ``(n, 3)`` over the grid after contacts at these heights ``(n,)``."""
+        noise = SCATTER_MM**2 / CYCLES * np.eye(len(self.rows))
+        logs, means = [], []
+        for prior in self.priors:
+            inner = self.rows @ prior @ self.rows.T + noise
+            solved = np.linalg.solve(inner, height_mm)
+            logs.append(-0.5 * (height_mm @ solved + np.linalg.slogdet(inner)[1]))
+            means.append(prior @ self.rows.T @ solved)
+        weight = np.exp(np.array(logs) - max(logs))
+        entered = follower(self.moved) @ (weight @ np.array(means)) / weight.sum()
+        return np.asarray((self.moved @ (values_of(parts) - entered)).reshape(-1, 3))
+
+
 def estimates(rows: FloatArray, deviation: FloatArray) -> list[tuple[FloatArray, bool]]:
     """Maps from what is shown to parts, and whether other entries follow what has none."""
     maps = []
@@ -109,8 +150,9 @@ def estimates(rows: FloatArray, deviation: FloatArray) -> list[tuple[FloatArray,
         seen = np.linalg.pinv(rows @ chosen / deviation[:, None])
         maps.append((chosen @ (seen / deviation), False))
     prior = np.diag(TOLERANCE**2)
-    out = slice(6, 9)
-    prior[out, out] = TOLERANCE[6] ** 2 * (ALIKE + (1.0 - ALIKE) * np.eye(3))
+    for alike in (slice(3, 6), slice(6, 9)):
+        prior[alike, alike] *= np.eye(3)
+        prior[alike, alike] += TOLERANCE[alike][0] ** 2 * ALIKE * (1.0 - np.eye(3))
     for free in (np.ones(len(prior)), STATED.astype(float)):
         own = prior * free * free[:, None]
         inner = rows @ own @ rows.T + np.diag(deviation**2)
@@ -126,9 +168,7 @@ def main() -> None:
     apart, moved = slopes(distances), slopes(tool)
     contact = SCATTER_MM / math.sqrt(CYCLES)
     noise = {id(plate): contact, id(block): contact, id(apart): DISTANCE_MM}
-    follow = np.zeros((len(TOLERANCE), len(TOLERANCE)))
-    scaled = moved[:, HELD] * TOLERANCE[HELD]
-    follow[HELD] = TOLERANCE[HELD, None] * (np.linalg.pinv(scaled, rcond=1e-7) @ moved)
+    follow = follower(moved)
     print("| hidden | shown | six factors | nine | with tolerances | lines as stated |")
     cases = {**CASES, "any": any_printer}
     for name, make in cases.items():

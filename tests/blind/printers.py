@@ -4,15 +4,13 @@ A simulation of its own, from the geometry: switches, bars, where towers stand a
 means, how the plate lies. Peers are what firmware fits, by least squares on the same contacts: six
 factors (switches, one radius, two angles), and nine (the bars' length and the plate's tilt, too).
 
-    python -m tests.blind.printers [--count 200] [--seed 1]
+`python -m tests.blind.beside_firmware` has all rows.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 import re
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -233,6 +231,7 @@ def machine() -> Machine:
 class Result:
     """R.m.s. errors of the tool from its place at Zero, mm.
 
+    Those ``turned`` ``(4,)`` are before, six, nine and ours with a turn about the vertical free.
     ``touched`` is ours where a shift is free, which is what the bound is of; ``height`` how far the
     plate is missed at Zero.
     """
@@ -241,9 +240,21 @@ class Result:
     six: float
     nine: float
     ours: float
+    turned: FloatArray
     touched: float
     bound: float
     height: float
+
+
+ROUND_MM = np.concatenate([[-y, x, 0.0] for x, y, _ in GRID])
+TURN = ROUND_MM / np.linalg.norm(ROUND_MM)
+"""Of unit length over the grid: a turn about the vertical, which no contact shows."""
+
+
+def turn_free(error_mm: FloatArray) -> float:
+    """R.m.s. of errors ``(n, 3)`` over the grid, a turn about the vertical free."""
+    square = (error_mm**2).sum() - float(TURN @ error_mm.ravel()) ** 2
+    return math.sqrt(max(square, 0.0) / len(error_mm))
 
 
 def calibrated(
@@ -268,40 +279,7 @@ def calibrated(
     (said,) = re.findall(r"at most ([\d.]+) mm with these values, touched off", comments(text))
     ours = klipper(text)
     zero = parts.tool(ours(np.zeros(3)))[2] - parts.tool(BELIEVED(np.zeros(3)))[2]
-    before, six, nine, after = (
-        rms(errors(parts, run)) for run in (BELIEVED, fitted(met, 6), fitted(met, 9), ours)
-    )
-    left = errors(parts, ours)
-    touched = rms(left - left.mean(axis=0))
-    return Result(before, six, nine, after, touched, float(said), abs(zero))
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--count", type=int, default=0, help="random printers beside the cases")
-    parser.add_argument("--each", type=int, default=5, help="printers of each case")
-    parser.add_argument("--seed", type=int, default=1)
-    told = parser.parse_args()
-    columns = [one.name for one in fields(Result)]
-    print("| hidden |", " | ".join(columns), "| kept |")
-    with tempfile.TemporaryDirectory() as folder:
-
-        def row(name: str, make: Callable[[np.random.Generator], Parts], count: int) -> None:
-            every = []
-            for k in range(count):
-                random = np.random.default_rng([told.seed, k, len(name)])
-                every.append(calibrated(make(random), random, Path(folder)))
-            table = np.array([[getattr(one, column) for column in columns] for one in every])
-            kept = int((table[:, 4] <= table[:, 5]).sum())
-            medians = np.sqrt((table**2).mean(axis=0))
-            cells = " | ".join(f"{value:.4f}" for value in medians)
-            print(f"| {name} | {cells} | {kept} of {count} |", flush=True)
-
-        for name, make in CASES.items():
-            row(name, make, told.each)
-        if told.count:
-            row("any", any_printer, told.count)
-
-
-if __name__ == "__main__":
-    main()
+    left = [errors(parts, run) for run in (BELIEVED, fitted(met, 6), fitted(met, 9), ours)]
+    touched = rms(left[-1] - left[-1].mean(axis=0))
+    turned = np.array([turn_free(error) for error in left])
+    return Result(*map(rms, left), turned, touched, float(said), abs(zero))

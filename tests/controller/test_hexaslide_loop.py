@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.evaluating.hexaslide_calibration import calibrate_file
 from app.exports.hexaslide import calibrated_files, pins
-from app.planning.hexaslide import Request, calibrate_file, write_simulated
+from app.planning.hexaslide import Request, write_simulated
 from protocols.hexaslide import load_hexaslide, read_measurements, read_truth
 from tests.app.exports.test_hexaslide_files import Array, Plain, plain
 from tests.conftest import LONG

@@ -102,7 +102,7 @@ def test_unverified_profiles_say_so() -> None:
 
 
 def test_far_out() -> None:
-    assert "further out" in examined(QUICK, position_mm=250.0)
+    assert "beyond the travel" in examined(QUICK, position_mm=250.0)
 
 
 def test_usb_tool_that_is_a_keyboard(tmp_path: Path) -> None:

@@ -131,7 +131,7 @@ def test_the_wheel_alone_runs_and_a_stranger_over_it_is_told(
     (environment.site / "app/__init__.py").write_text("NAME = 'shop'\n", "utf-8")
     assert "written over by another package" in environment.refused()
     environment.install(foreign)
-    assert "holds orders.py of another package" in environment.refused()
+    assert "contains orders.py of another package" in environment.refused()
 
 
 def test_the_wheel_tells_the_commit_also_where_it_was_built_from_an_archive(
@@ -152,7 +152,7 @@ def test_installed_over_a_package_that_owns_app_it_refuses_to_start(
     environment: Environment, wheel: Path, foreign: Path
 ) -> None:
     environment.install(foreign, wheel)
-    assert "holds orders.py of another package" in environment.refused()
+    assert "contains orders.py of another package" in environment.refused()
     done = run(environment.python, "-P", "-c", "import glidecal; glidecal.load")
     assert done.stderr.splitlines()[-1].startswith("ImportError: package 'app': ")
 

@@ -70,9 +70,9 @@ SHORT = load_machine("linear-delta").model_copy(
 
 
 def test_legs_of_a_machine_whose_bars_never_lie_along_their_drives_are_not_read() -> None:
-    with pytest.raises(UsageError, match="do not reach to lie along their drives"):
+    with pytest.raises(UsageError, match="are nowhere along their drives"):
         load_procedure("bars", SHORT.geometry())  # before a screen opens
-    with pytest.raises(UsageError, match="do not reach to lie along their drives"):
+    with pytest.raises(UsageError, match="are nowhere along their drives"):
         load_procedure("sweep", ORTHOGLIDE).steps(SHORT.geometry())
     assert load_procedure("sweep", ORTHOGLIDE).steps(ORTHOGLIDE)
 
@@ -101,7 +101,7 @@ def test_a_record_with_legs_of_a_machine_that_has_none_to_read_is_refused() -> N
     reading = Reading(
         reading=1, leg="x", axis="y", displacement_mm=0.0, value_mm=0.0, text="0", mount="xy"
     )
-    with pytest.raises(RecordError, match="whose bar does not reach to lie along its drive"):
+    with pytest.raises(RecordError, match="whose bar is nowhere along its drive"):
         to_observations([fold([opened, reading])])
 
 

@@ -119,7 +119,7 @@ def test_times_that_go_back_are_told_and_not_used(tmp_path: Path) -> None:
     sessions, warnings = load_sessions([path])
     assert warnings == [
         "s.jsonl: time_s goes back at reading 3: the clock was set. Its times are not used, so "
-        "drift with time cannot be told."
+        "drift with time cannot be computed."
     ]
     assert np.isnan(to_observations(sessions).time_s).all()
     whole = fold([opened(), *taken[:2]])

@@ -21,6 +21,7 @@ from app.measuring.doubts import Doubt, TakenStep
 from app.measuring.plan import Plan
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.hexaslide import HexaSlideScreen
+from app.screens.hexaslide_result import HexaSlideResultScreen
 from app.screens.history import HistoryScreen
 from app.screens.interface import Interface
 from app.screens.measure import HELD_KEY_S, MeasureScreen
@@ -35,7 +36,7 @@ PRESSES = 5
 QUESTIONED = TakenStep(Step(4, "x", 0.0, 2, 0.5, ("y", "z")), (), (), doubt=Doubt.BEYOND)
 """A step that is further off than expected."""
 
-Looking = TypeVar("Looking", DiagnoseScreen, HexaSlideScreen)
+Looking = TypeVar("Looking", DiagnoseScreen, HexaSlideScreen, HexaSlideResultScreen)
 
 
 def quick_plan(folder: Path) -> Plan:

@@ -34,6 +34,7 @@ from app.screens.corrections import Corrections
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.fast_keys import Dialog, LeftOnce, Palette
 from app.screens.hexaslide import HexaSlideScreen
+from app.screens.hexaslide_result import HexaSlideResultScreen
 from app.screens.history import CompareScreen, HistoryScreen
 from app.screens.home import HomeScreen, PickScreen, ReplayChoiceScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
@@ -52,6 +53,7 @@ from protocols.machine import load_machine
 from protocols.procedure import load_procedure
 from protocols.record import read_record
 from protocols.session import Session, fold
+from tests.app.posture_sessions import posture_session
 from tests.conftest import SAMPLES
 from tests.screens.driving import QUESTIONED, placed, quick_plan, said, take, to_measuring, until
 from tests.screens.test_moving import measuring as moving
@@ -113,6 +115,9 @@ MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     WhatIfScreen: what_if,
     ReplayScreen: lambda _: ReplayScreen(SAMPLES / "simulated_zero-max-min.jsonl"),
     HexaSlideScreen: lambda _: HexaSlideScreen(),
+    HexaSlideResultScreen: lambda folder: HexaSlideResultScreen(
+        posture_session(folder / "postures.jsonl", "position", 12)
+    ),
     HistoryScreen: lambda folder: HistoryScreen(read_history(folder)),
     LegReviewScreen: lambda _: LegReviewScreen(simulated(), simulated().steps()[-1]),
     SetUpScreen: set_up,

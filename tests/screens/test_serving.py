@@ -144,7 +144,7 @@ def test_page_on_loopback_only(served: Served) -> None:
     assert f'data-session-websocket-url="ws://127.0.0.1:{served.port}/ws"' in page
     assert "glidecal" in page
     assert listening_addresses(served.port) == {"0100007F"}
-    assert "nobody logs in" in served.said
+    assert "without a login" in served.said
     with urllib.request.urlopen(served.address, timeout=PATIENCE_S) as answer:
         policy = answer.headers["Content-Security-Policy"]
     assert policy == f"style-src 'self' 'unsafe-inline' {served.address}"

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import math
 
-from app.report.charts.charts import Caption, Drawing, Series, Stroke, StrokeStyle, points_of
+from app.evaluating.hexaslide_calibration import CalibratedMachine
+from app.report.charts.charts import (
+    Caption,
+    Chart,
+    Drawing,
+    Series,
+    Stroke,
+    StrokeStyle,
+    points_of,
+)
 from calib.arrays import FloatArray
 from calib.hexaslide.drawing import lines_at, outline
 from calib.hexaslide.geometry import Box, HexaSlide
@@ -88,3 +97,22 @@ def _outline(box: Box, axes: tuple[int, int]) -> Stroke:
 def _scale_of(axes: tuple[int, int]) -> tuple[float, str]:
     """Places are shown in metres, angles in degrees."""
     return (1.0, "m") if axes[0] < len("xyz") else (180.0 / math.pi, "°")
+
+
+def residual_charts(solved: CalibratedMachine) -> tuple[Chart, ...]:
+    """What the calibrated machine leaves at each posture: lengths in µm and angles in µrad, where
+    there are any.
+    """
+    after = solved.found.after
+    columns = (1e6 * after.values).T.tolist()
+    posture_numbers = tuple(map(float, solved.numbers))
+    charts = []
+    for title, unit, angular in (("Lengths left", "µm", False), ("Angles left", "µrad", True)):
+        series = tuple(
+            Series(name, posture_numbers, tuple(column))
+            for name, column, is_angle in zip(after.names, columns, after.angular, strict=True)
+            if bool(is_angle) is angular
+        )
+        if series:
+            charts.append(Chart(title, "posture", f"{title}, {unit}", series))
+    return tuple(charts)

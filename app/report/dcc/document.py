@@ -90,6 +90,7 @@ def certificate_xml(calibration: CertifiedCalibration) -> str:
         order=head.order,
         laboratory=head.laboratory,
         machine=calibration.machine.name,
+        serial_number=calibration.serial_number,
         sessions=calibration.sessions,
         days=sorted(session.opened.at.date() for session in calibration.sessions),
         procedures=_procedures(calibration),

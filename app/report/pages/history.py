@@ -9,8 +9,10 @@ from datetime import datetime
 from rich.table import Table
 
 from app.evaluating.history import History, MachineHistory
+from app.evaluating.posture_history import PostureHistory
+from app.report.charts.posture_history import platform_chart
 from app.report.charts.results import control_charts
-from app.report.pages.figures import legs_svg
+from app.report.pages.figures import legs_svg, svg_of
 from app.report.pages.two_pages import Picture, Section
 from app.report.text import history as texts
 from app.version import program
@@ -19,6 +21,10 @@ CAPTION = (
     "Change of each joint offset, with the mean and the limits (three standard deviations, by "
     "moving ranges) of each phase. Upright lines: what the records tell was changed. Crosses: "
     "changed beyond uncertainty and limits, or a Western Electric rule. Below: the tool error."
+)
+PLATFORM_CAPTION = (
+    "What the platform was off by, r.m.s. over the box, as it was found, and the bound (95 %) with "
+    "the machine that the session gives."
 )
 
 
@@ -47,9 +53,20 @@ def history_page(history: History, now: datetime) -> HistoryPage:
     return HistoryPage(
         folder=history.folder.absolute().name,
         sentences=[text for _, text in history.problems],
-        sections=[_section(machine, now) for machine in history.machines],
+        sections=[
+            *(_section(machine, now) for machine in history.machines),
+            *(_posture_section(machine, now) for machine in history.of_postures),
+        ],
         program=program(),
     )
+
+
+def _posture_section(machine: PostureHistory, now: datetime) -> Section:
+    table, notes = texts.posture_sessions_table(machine)
+    heading = f"{machine.machine}{texts.ORIGIN_WORDS[machine.origin]}"
+    picture = Picture(svg_of(platform_chart(machine)), PLATFORM_CAPTION)
+    sentence = texts.posture_machine_sentence(machine, now)
+    return Section(heading, [sentence, picture, table, texts.BELOW_POSTURES, *notes])
 
 
 def _section(machine: MachineHistory, now: datetime) -> Section:

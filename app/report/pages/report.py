@@ -24,7 +24,8 @@ from protocols.files import check_targets, write_files
 if TYPE_CHECKING:  # of the extra sign
     from app.report.dcc.signature import SigningKey
 
-ENDINGS = (".html", ".pdf", ".xml")
+PAGES = (".html", ".pdf")
+ENDINGS = (*PAGES, ".xml")
 
 PDF_NEEDS = (
     "the system's library Pango (Debian: libpangoft2-1.0-0); or write .html and print that "
@@ -158,9 +159,7 @@ def write_report(
     Raises UsageError for another ending, and as `calibration_of`, `issue_number`, `check_head` and
     `write_files`.
     """
-    if output.suffix not in ENDINGS:
-        raise UsageError("--output", f"{output}", f"a path that ends with {', '.join(ENDINGS)}")
-    check_targets([output], replace=replace)  # before long work
+    check_output(output, ENDINGS, replace=replace)
     digital = output.suffix == ".xml"
     if digital:
         from app.report.dcc.document import certificate_xml, check_head
@@ -170,15 +169,25 @@ def write_report(
         sessions, model=model, after=after, tolerance_mm=tolerance_mm, head=head
     )
     issue_number(calibration)
-    written: str | bytes
-    if digital:
-        written = certificate_xml(calibration)
-        if key:
-            from app.report.dcc.signature import signed
+    if not digital:
+        return write_page(report_from(calibration), output, replace=replace)
+    written = certificate_xml(calibration)
+    if key:
+        from app.report.dcc.signature import signed
 
-            written = signed(written, key)
-    else:
-        written = html_of(report_from(calibration))
-        if output.suffix == ".pdf":
-            written = pdf_of(written)
+        return write_files(output, {"": signed(written, key)}, replace=replace)[0]
+    return write_files(output, {"": written}, replace=replace)[0]
+
+
+def check_output(output: Path, endings: Sequence[str], *, replace: bool) -> None:
+    """Before long work. Raises UsageError for another ending, and as `check_targets`."""
+    if output.suffix not in endings:
+        raise UsageError("--output", f"{output}", f"a path that ends with {', '.join(endings)}")
+    check_targets([output], replace=replace)
+
+
+def write_page(page: CalibrationReport, output: Path, *, replace: bool) -> Path:
+    """A report that is there, as HTML or PDF by its ending. Raises as `pdf_of`, `write_files`."""
+    html = html_of(page)
+    written = pdf_of(html) if output.suffix == ".pdf" else html
     return write_files(output, {"": written}, replace=replace)[0]

@@ -103,12 +103,13 @@ def _object(calibration: CertifiedCalibration) -> Table:
     opened = [session.opened for session in sessions]
     table = new_table("object", shortened(machine.name), left=2)
     rows: list[tuple[str, Iterable[str | None]]] = []
+    if calibration.serial_number or head:
+        rows.append(("serial number", [calibration.serial_number]))
     if head:
         order = head.order
         stated, customer = order.machine, order.customer
         rows += [
             ("manufacturer, model", (stated.manufacturer, stated.model)),
-            ("serial number", [stated.serial_number]),
             ("customer", [customer.name]),
             ("address", customer.address),
             ("place of calibration", [order.place]),

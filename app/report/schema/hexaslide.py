@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-from app.planning.hexaslide import CalibratedMachine, VerifiedMachine
+from app.evaluating.hexaslide_calibration import CalibratedMachine, VerifiedMachine
 from app.report.schema.document import LackOfFitEntry, Report, Source, maybe, schema
 from app.report.schema.identifiability import SeenReport
 from calib.design.criteria import Criterion, Observability
@@ -248,10 +248,7 @@ class ResidualReport(Report):
         lambda r: tuple(map(PostureResidual, r.numbers, r.by_posture.tolist()))
     )
     effects: tuple[str, ...] = ()
-    remark: str = (
-        "The catalogue of effects is for the Orthoglide; for a Hexa Slide nothing is looked for by "
-        "name."
-    )
+    remark: str = "glidecal diagnose looks for what the parameters do not have."
 
 
 class HeldOutReport(Report):

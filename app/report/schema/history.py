@@ -7,6 +7,7 @@ from datetime import datetime
 from typing import Literal, cast
 
 from app.evaluating.history import History, MachineHistory, Point
+from app.evaluating.posture_history import Decision, PostureHistory, PosturePoint
 from app.report.schema.document import Numbers, Report, Source, finite, schema
 from calib.control_chart import Drift, Watched
 from protocols.documents import Triple
@@ -70,6 +71,41 @@ class PastMachine(Report):
     due: datetime | None = of(lambda r: r.due, "null: no drift, no tolerance or no end to be seen")
 
 
+class PastPostureSession(Report):
+    """One session of postures; mm r.m.s. over the box."""
+
+    of = Source[PosturePoint]()
+    session: str = of(lambda r: r.path.name)
+    began: datetime = of(lambda r: r.entry.began)
+    event: str = of(
+        lambda r: r.event, "what changed before it, as the records tell; empty: nothing known"
+    )
+    procedure: str = of(lambda r: r.entry.procedure)
+    postures: int = of(lambda r: r.entry.postures)
+    platform_now_mm: float | None = of(lambda r: r.entry.now_mm, "how far the platform was off")
+    platform_bound_mm: float | None = of(
+        lambda r: r.entry.bound_mm, "at most with the calibrated machine (95 %); null: not known"
+    )
+    decision: Decision | None = of(
+        lambda r: r.entry.decision, "null: no tolerance in the machine file"
+    )
+    temperature_c: float | None = of(lambda r: r.entry.temperature_c)
+    effects: tuple[str, ...] | None = of(lambda r: r.entry.effects, "null: not diagnosed")
+
+
+class PastPostureMachine(Report):
+    """Sessions of postures of one machine by their date."""
+
+    of = Source[PostureHistory]()
+    machine: str = of(lambda r: r.machine)
+    origin: str = of(
+        lambda r: r.origin, "measured, simulated or imported: each has a history of its own"
+    )
+    sessions: tuple[PastPostureSession, ...] = of(
+        lambda r: tuple(map(PastPostureSession.of, r.points))
+    )
+
+
 @dataclass(frozen=True)
 class Unusable:
     """A file that is altered, cut or gives no result."""
@@ -85,6 +121,10 @@ class HistoryReport(Report):
     schema_id: Literal["glidecal.history/1"] = schema("glidecal.history/1")
     folder: str = of(lambda r: str(r.folder))
     machines: tuple[PastMachine, ...] = of(lambda r: tuple(map(PastMachine.of, r.machines)))
+    posture_machines: tuple[PastPostureMachine, ...] = of(
+        lambda r: tuple(map(PastPostureMachine.of, r.of_postures)),
+        "those that are measured in postures",
+    )
     problems: list[Unusable] = of(
         lambda r: [Unusable(str(path), text) for path, text in r.problems]
     )

@@ -40,11 +40,12 @@ def postures_text(best: BestPostures) -> str:
     sets = (best.start, best.found) if moved else (best.found,)
     for name, words in PUBLISHED_WORDS.items():
         criteria.add_row(words, *(f"{getattr(posture_set, name):.4g}" for posture_set in sets))
+    machine = "six telescopic legs" if procedure.telescopic else "hexaslide"
     before = f" (start {best.refined.start_value:.4g})" if moved else ""
     condition = f"{best.condition_number:.4g}"
     condition += f", at the start {best.start_condition_number:.4g}" if moved else ""
     sentence = (
-        f"hexaslide, {procedure.kind.value}, reading {', '.join(procedure.read)}: "
+        f"{machine}, {procedure.kind.value}, reading {', '.join(procedure.read)}: "
         f"{len(best.postures)} postures for the {best.search.criterion.value} criterion, "
         f"{best.refined.value:.5g}{before}. "
         f"Condition number {condition} ({best.units}; of the {best.rank} combinations that are "
@@ -102,7 +103,8 @@ def seen_text(view: HexaSlideSeen) -> str:
     """What is seen and lost, the condition number with its units, then the paper's rule."""
     examined = view.seen.examined
     return paragraphs(
-        f"hexaslide, {examined.procedure}: {examined.posture_count} postures ({examined.source}) "
+        f"{view.planned.name}, {examined.procedure}: {examined.posture_count} postures "
+        f"({examined.source}) "
         f"reading {', '.join(examined.measured)}. Derivatives are exact; noise plays no part.",
         _verdict(view),
         _lost(view),

@@ -6,7 +6,11 @@ import math
 
 from rich.table import Table
 
-from app.planning.hexaslide import LACK_OF_FIT_LEVEL, CalibratedMachine, VerifiedMachine
+from app.evaluating.hexaslide_calibration import (
+    LACK_OF_FIT_LEVEL,
+    CalibratedMachine,
+    VerifiedMachine,
+)
 from app.report.schema.hexaslide import HexaSlideCalibrationReport, Rms
 from app.report.text.tables import new_table, paragraphs, signed
 from calib.hexaslide.procedures import ProcedureKind
@@ -46,38 +50,55 @@ def calibration_text(solved: CalibratedMachine) -> str:
         f"{LEFT_WORDS[document.procedure]}, r.m.s.: "
         f"{_both(document.rms_before, document.rms_after)}.",
     )
-    count, total = len(document.postures.held_out), document.postures.count
-    check = "No posture was kept out of the fit as a check."
-    if document.held_out is not None:
-        both_words = _both(document.held_out.rms_before, document.held_out.rms_after)
-        check = (
-            f"Check on {count} of {total} postures ({100.0 * count / total:.0f} %), kept out of "
-            f"the fit: {both_words} r.m.s., noise of measuring included."
-        )
     return paragraphs(
         f"{document.measurements}: {document.machine} ({document.machine_file}), "
         f"{document.procedure.value}, "
         f"{document.postures.count} {document.origin} postures; read: {read}",
         "\n".join([*verdict, platform_text(document), *caveats(document)]),
-        _parameters(document),
-        "\n".join(_figures(document, solved.factor)),
-        *_left(document),
-        "\n".join([check, *_truth(document)]),
+        parameter_table(document),
+        "\n".join(figure_lines(document, solved.factor)),
+        *left_parts(document),
+        "\n".join([check_words(document), *_truth(document)]),
+    )
+
+
+def check_words(document: HexaSlideCalibrationReport) -> str:
+    """What postures that were kept out say of the result."""
+    if document.held_out is None:
+        return "No posture was kept out of the fit as a check."
+    count, total = len(document.postures.held_out), document.postures.count
+    both_words = _both(document.held_out.rms_before, document.held_out.rms_after)
+    return (
+        f"Check on {count} of {total} postures ({100.0 * count / total:.0f} %), kept out of "
+        f"the fit: {both_words} r.m.s., noise of measuring included."
     )
 
 
 def verification_text(verified: VerifiedMachine) -> str:
     """The decision, what it rests on, and what to do."""
-    was, now = verified.before.platform, verified.after.platform
-    off_mm, bound_m = 1000.0 * now.now.places_rms_m, now.bound_m
-    bound = "an unknown amount" if bound_m is None else f"{1000.0 * bound_m:.3g} mm"
-    tolerance = f"{verified.tolerance_mm:g} mm" if verified.tolerance_mm else "none"
+    was_mm = 1000.0 * verified.before.platform.now.places_rms_m
     lines = [
-        f"{verified.decision or 'undecided'}: "
-        f"the platform is off by {off_mm:.3g} mm r.m.s. over the box, give or take {bound}"
-        f" (95 %); tolerance {tolerance}.",
-        f"Before: {1000.0 * was.now.places_rms_m:.3g} mm r.m.s.",
+        f"{verified.decision or 'undecided'}: {off_words(verified.after, verified.tolerance_mm)}",
+        f"Before: {was_mm:.3g} mm r.m.s.",
+        *next_lines(verified),
     ]
+    return paragraphs("\n".join(lines))
+
+
+def off_words(solved: CalibratedMachine, tolerance_mm: float | None) -> str:
+    """What the platform is off by as it was measured, beside the tolerance."""
+    off_mm, bound_m = 1000.0 * solved.platform.now.places_rms_m, solved.platform.bound_m
+    bound = "an unknown amount" if bound_m is None else f"{1000.0 * bound_m:.3g} mm"
+    tolerance = f"{tolerance_mm:g} mm" if tolerance_mm else "none"
+    return (
+        f"the platform is off by {off_mm:.3g} mm r.m.s. over the box, give or take {bound}"
+        f" (95 %); tolerance {tolerance}."
+    )
+
+
+def next_lines(verified: VerifiedMachine) -> list[str]:
+    """What to do after a verification, and what it could not see."""
+    lines = []
     if verified.same_machine:
         lines.append(
             "Both sessions were measured with one machine file: enter the calibrated machine "
@@ -91,7 +112,7 @@ def verification_text(verified: VerifiedMachine) -> str:
         lines.append("Calibrate once more from the second session.")
     if lost := verified.after.found.unidentifiable:
         lines.append(f"Laid over, for no reading shows it: {'; '.join(lost)}.")
-    return paragraphs("\n".join(lines))
+    return lines
 
 
 def platform_text(document: HexaSlideCalibrationReport) -> str:
@@ -142,6 +163,13 @@ def caveats(document: HexaSlideCalibrationReport) -> list[str]:
             "WARNING: no noise is stated and nothing is left over to tell it: no uncertainties. "
             "Measure more postures, or state the noise."
         )
+    platform = document.platform
+    if platform.bound_rms_mm is not None and platform.bound_rms_mm >= platform.now_rms_mm:
+        lines.append(
+            "WARNING: the readings do not show that the calibrated machine is better than the "
+            f"machine file: its bound is {platform.bound_rms_mm:.3g} mm, the error now "
+            f"{platform.now_rms_mm:.3g} mm. Keep the file, or measure more or better postures."
+        )
     if not document.lost_count:
         return [*lines, "Every parameter is known by itself."]
     motions = document.lost_motions
@@ -157,7 +185,7 @@ def caveats(document: HexaSlideCalibrationReport) -> list[str]:
     return lines
 
 
-def _parameters(document: HexaSlideCalibrationReport) -> str | Table:
+def parameter_table(document: HexaSlideCalibrationReport) -> str | Table:
     """Individually known parameters in thousandths of their units."""
     table = new_table("parameter", "value", "from nominal", "± U (95 %)", "unit")
     for name in document.individually_known:
@@ -173,7 +201,8 @@ def _parameters(document: HexaSlideCalibrationReport) -> str | Table:
     return table if document.individually_known else "No parameter is known by itself."
 
 
-def _figures(document: HexaSlideCalibrationReport, factor: float | None) -> list[str]:
+def figure_lines(document: HexaSlideCalibrationReport, factor: float | None) -> list[str]:
+    """What is known only together, noise, and the condition number."""
     lines = []
     unknown = [
         name for name, parameter in document.parameters.items() if not parameter.individually_known
@@ -217,7 +246,8 @@ def _inner(document: HexaSlideCalibrationReport, factor: float | None) -> list[s
     ]
 
 
-def _left(document: HexaSlideCalibrationReport) -> tuple[Table, str]:
+def left_parts(document: HexaSlideCalibrationReport) -> tuple[Table, str]:
+    """What is left, by component and by posture."""
     residuals = document.residuals
     heading = "chain" if document.procedure is ProcedureKind.POSE_INVERSE else "measured"
     table = new_table(heading, "residual r.m.s.", "unit", "share")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from rich.table import Table
+
 from app.report.text.tables import new_table, paragraphs, result_table
 from calib.diagnosis.hexaslide import CauseSize, HexaSlideDiagnosis, Names
 from protocols.data_table import DataTable
@@ -9,6 +11,9 @@ from protocols.data_table import DataTable
 TITLES = {
     "rail_scale": "scale of {}",
     "rail_wave": "wave of {}",
+    "leg_scale": "scale of {}",
+    "leg_wave": "wave of {}",
+    "leg_backlash": "play in {}",
     "backlash": "play of the carriage on {}",
     "joint_offset": "axes of the universal joint on {} that do not meet",
     "straightness": "{} that is bowed",
@@ -32,10 +37,19 @@ def _title(causes: Names) -> str:
 
 def diagnosis_text(name: str, diagnosis: HexaSlideDiagnosis) -> str:
     """The verdict, what may be true, sizes, and what no reading shows."""
+    return paragraphs(f"{name}: {diagnosis.verdict}", *diagnosis_parts(diagnosis))
+
+
+def verdict_words(diagnosis: HexaSlideDiagnosis) -> str:
+    """The verdict as a sentence, with what is named."""
     named = "; ".join(_title(claim.causes) for claim in diagnosis.named)
-    verdict = VERDICTS[diagnosis.verdict].format(
+    return VERDICTS[diagnosis.verdict].format(
         diagnosis.spare if diagnosis.verdict == "cannot-tell" else named
     )
+
+
+def diagnosis_parts(diagnosis: HexaSlideDiagnosis) -> list[str | Table]:
+    """The same as sentences and tables, without the heading."""
     claims = new_table("what may be missing", "probability")
     for claim in diagnosis.claims[:MOST_CLAIMS]:
         claims.add_row(_title(claim.causes), f"{100.0 * claim.weight:.0f} %")
@@ -47,14 +61,13 @@ def diagnosis_text(name: str, diagnosis: HexaSlideDiagnosis) -> str:
     if diagnosis.sizes:
         lines.append(
             f"At the platform it does {1000.0 * diagnosis.platform_m:.3g} mm r.m.s. in these "
-            "postures "
-            "that no parameter takes over."
+            "postures that no parameter takes over."
         )
     if diagnosis.unidentifiable:
         lines.append(
             f"No reading shows, so nothing is said of: {'; '.join(diagnosis.unidentifiable)}."
         )
-    parts: list[object] = [f"{name}: {diagnosis.verdict}", verdict]
+    parts: list[str | Table] = [verdict_words(diagnosis)]
     parts += [claims] if diagnosis.claims else []
     parts += [sizes] if diagnosis.sizes else []
-    return paragraphs(*parts, "\n".join(lines))  # type: ignore[arg-type]
+    return [*parts, "\n".join(lines)]

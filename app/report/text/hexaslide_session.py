@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from rich.table import Table
+
 from app.measuring.hexaslide import PostureDoubt, PostureTask, departed
 from app.report.text.tables import new_table, paragraphs
 from calib.hexaslide.procedures import ANGLES
@@ -65,7 +67,18 @@ def plan_text(planned: PostureCommands) -> str:
 
 def replay_text(session: PostureSession) -> str:
     """Every reading, those that do not count with the reason."""
-    opened, measured = session.opened, session.opened.procedure.whole().measured
+    opened = session.opened
+    return paragraphs(
+        f"{session.name}: {opened.machine.name} ({opened.machine_file}), {opened.procedure.name}, "
+        f"{opened.origin}, {len(session.readings)} of {len(session.all_readings)} readings count",
+        readings_table(session),
+        "\n".join(remark_lines(session)) or "No remarks.",
+    )
+
+
+def readings_table(session: PostureSession) -> Table:
+    """A row for each reading, with the reason where it does not count."""
+    measured = session.opened.procedure.whole().measured
     heads = [f"{name}, °" if name in ANGLES else f"{name}, mm" for name in measured]
     table = new_table("reading", "posture", *(f"slider {k}" for k in range(1, 7)), *heads, "")
     for reading in session.all_readings:
@@ -73,10 +86,10 @@ def replay_text(session: PostureSession) -> str:
         why = session.superseded.get(reading.reading, "")
         row = (str(reading.reading), str(reading.posture), *(f"{value:.4f}" for value in numbers))
         table.add_row(*row, why)
+    return table
+
+
+def remark_lines(session: PostureSession) -> list[str]:
+    """Postures that were left out, and notes."""
     skipped = [f"Posture {number} left out: {why}." for number, why in session.skipped.items()]
-    return paragraphs(
-        f"{session.name}: {opened.machine.name} ({opened.machine_file}), {opened.procedure.name}, "
-        f"{opened.origin}, {len(session.readings)} of {len(session.all_readings)} readings count",
-        table,
-        "\n".join([*skipped, *session.notes]) or "No remarks.",
-    )
+    return [*skipped, *session.notes]

@@ -7,6 +7,7 @@ from datetime import datetime
 from rich.table import Table
 
 from app.evaluating.history import History, MachineHistory
+from app.evaluating.posture_history import PostureHistory
 from app.report.text.tables import PAGE_HELP, hanging, new_table, paragraphs, signed
 from calib.arrays import LEG_NAMES
 from calib.control_chart import FEWEST, RULES
@@ -38,10 +39,19 @@ BELOW_TABLE = (
 )
 
 
+BELOW_POSTURES = (
+    "off: what the platform was off by, mm r.m.s. over the box, as it was found; then: at most "
+    "with the calibrated machine (95 %). pass, fail, undecided: as it was found, by the tolerance "
+    "in the machine file."
+)
+
+
 def history_text(history: History, now: datetime) -> str:
     """Files that cannot be used first, then each machine."""
     warnings = [hanging(f"WARNING: {text}", "  ") for _, text in history.problems]
-    return paragraphs(warnings, *([machine_text(machine, now)] for machine in history.machines))
+    machines = [machine_text(machine, now) for machine in history.machines]
+    machines += [posture_machine_text(machine, now) for machine in history.of_postures]
+    return paragraphs(warnings, *([text] for text in machines))
 
 
 def machine_text(machine: MachineHistory, now: datetime) -> str:
@@ -54,13 +64,51 @@ def machine_text(machine: MachineHistory, now: datetime) -> str:
 
 def machine_sentence(machine: MachineHistory, now: datetime) -> str:
     """How many sessions, how long ago the last, and when the next is due."""
-    ago, count = max(0, (now - machine.last.began).days), len(machine.points)
-    when = "today" if ago == 0 else f"{ago} day{'s' * (ago > 1)} ago"
-    return (
-        f"{machine.machine}{ORIGIN_WORDS[machine.origin]}: {count} session{'s' * (count > 1)}. "
-        "Last "
-        f"calibrated {when}: {machine.points[-1].path.name}. {due_words(machine)}"
-    )
+    last = _last_words(machine.machine, machine.origin, len(machine.points))
+    when = _when_words(machine.last.began, now)
+    return f"{last} calibrated {when}: {machine.points[-1].path.name}. {due_words(machine)}"
+
+
+def _last_words(name: str, origin: str, count: int) -> str:
+    return f"{name}{ORIGIN_WORDS[origin]}: {count} session{'s' * (count > 1)}. Last"
+
+
+def _when_words(began: datetime, now: datetime) -> str:
+    ago = max(0, (now - began).days)
+    return "today" if ago == 0 else f"{ago} day{'s' * (ago > 1)} ago"
+
+
+def posture_machine_sentence(machine: PostureHistory, now: datetime) -> str:
+    """How many sessions of postures, and how long ago the last."""
+    last = _last_words(machine.machine, machine.origin, len(machine.points))
+    return f"{last} calibrated {_when_words(machine.last, now)}: {machine.points[-1].path.name}."
+
+
+def posture_machine_text(machine: PostureHistory, now: datetime) -> str:
+    """A row for each session of postures, and what changed before it."""
+    table, notes = posture_sessions_table(machine)
+    return paragraphs(posture_machine_sentence(machine, now), table, BELOW_POSTURES, notes)
+
+
+def posture_sessions_table(machine: PostureHistory) -> tuple[Table, list[str]]:
+    """A row for each session of postures, and a note below."""
+    table = new_table("", "began", "procedure", "postures", "off, mm", "then, mm", "", "°C", left=3)
+    notes = []
+    for number, point in enumerate(machine.points, start=1):
+        entry = point.entry
+        table.add_row(
+            f"{number}",
+            f"{entry.began:%Y-%m-%d}",
+            entry.procedure,
+            f"{entry.postures}",
+            f"{entry.now_mm:.3f}",
+            "" if entry.bound_mm is None else f"{entry.bound_mm:.3f}",
+            entry.decision or "",
+            "" if entry.temperature_c is None else f"{entry.temperature_c:.1f}",
+        )
+        remarks = [point.path.name, point.event, *(entry.effects or ())]
+        notes.append(hanging(f"{number}  {'; '.join(filter(None, remarks))}", "   "))
+    return table, notes
 
 
 def due_words(machine: MachineHistory) -> str:

@@ -58,6 +58,10 @@ WHICH = {
     "before": "Which session is the one BEFORE the offsets were entered?",
     "after": "Which session is the one AFTER the offsets were entered?",
 }
+NO_COMPARISON = (
+    "Sessions of postures are compared by glidecal verify BEFORE AFTER, or in a report with "
+    "--after."
+)
 NO_SESSIONS = "No session files in this folder or in demo-sessions."
 ELSEWHERE = "A session in another place: type its path"
 PICK_KEYS = f"{LIST_KEYS}. {{pick.back}} goes back."
@@ -69,8 +73,17 @@ def session_label(session: SessionFile) -> str:
     return f"{session.path}\n    {session.state}{verifies}"
 
 
+POSTURE_CHOICES = (
+    ("result", "Result; export and report"),
+    ("diagnose", "Diagnosis"),
+    ("replay", "Readings"),
+)
+
+
 def session_choices(session: SessionFile, *, read_only: bool) -> list[tuple[str, str]]:
     """What can be done with a session: answers and words for a dialog."""
+    if session.own_form:
+        return list(POSTURE_CHOICES)
     able = [
         ("continue", "Continue measuring"),
         ("result", "Result"),
@@ -121,6 +134,10 @@ FIELD_HELP = {
     "machine": (
         "Machine: a name or a file. Without one, the prototype of the papers.\n"
         "It decides which procedures can be chosen."
+    ),
+    "serial": (
+        "Serial number of the machine: the history of a folder and the certificate\n"
+        "know it by this. It is asked once; a machine file may state it (serial_number)."
     ),
     "operator": "Operator: a name for the record.",
     "temperature": "Temperature of the machine for the record, in °C.",

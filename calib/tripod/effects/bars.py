@@ -120,7 +120,7 @@ class LegTaper(OfTouch):
     """
 
     id = "leg_taper"
-    title = "the touched surface of a bar is not parallel to the bar's own line"
+    title = "the touched surface of a bar is not parallel to the bar's axis"
     parameters = (EffectParameter("taper", "mm/m", 0.3),)
     controller = SURFACE_ONLY
 

@@ -43,10 +43,10 @@ def _fault_of_form(offered: object) -> str:
     if not ID.fullmatch(effect.id):
         return f"the id {effect.id!r}, not of small letters, digits and _"
     if not isinstance(effect.kind, Kind) or not isinstance(effect.stage, Stage):
-        return f"{effect.id}: kind or stage that is no Kind or no Stage"
+        return f"{effect.id}: kind or stage that is not a Kind or a Stage"
     parameters = effect.parameters
     if not parameters or not all(isinstance(p, EffectParameter) for p in parameters):
-        return f"{effect.id}: parameters that are no EffectParameter"
+        return f"{effect.id}: parameters that are not EffectParameter"
     if not all(LEAST_TOLERANCE <= p.tolerance <= MOST_TOLERANCE for p in parameters):
         return f"{effect.id}: a tolerance outside {LEAST_TOLERANCE:g} … {MOST_TOLERANCE:g}"
     return ""
@@ -59,7 +59,7 @@ def _fault_of_change(effect: Effect) -> str:
     conditions_tried = conditions(legs, axes, [0.0] * 6 + [60.0] * 6 + [-100.0] * 6)
     places = effect.places(conditions_tried)
     if not places or not all(isinstance(place, str) for place in places):
-        return "places that are no texts, or none"
+        return "places that are not texts, or no place"
     faults = (_fault_at(effect, place, conditions_tried) for place in places)
     return next((fault for fault in faults if fault), "")
 

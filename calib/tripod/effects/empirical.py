@@ -144,7 +144,7 @@ class Coupling(OfCarriage):
 
     id = EMPIRICAL
     kind = Kind.EMPIRICAL
-    title = "a carriage is off by its travel times another's, for no known reason"
+    title = "a carriage is off by the product of two travels, for an unknown reason"
     where = DIRECTIONS
     parameters = (EffectParameter("travel_product_at_100mm", MICROMETRES, 10.0),)
     controller = "nothing to enter before it has a name"

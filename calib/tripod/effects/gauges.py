@@ -57,10 +57,10 @@ class GaugeTilt(OfTouch):
     """
 
     id = "gauge_tilt"
-    title = "an indicator is mounted askew and takes up motion across its axis"
+    title = "an indicator is tilted and also reads motion across its axis"
     kind = Kind.INDICATOR
     parameters = (EffectParameter("tilt", "mrad", 10.0, 150.0),)
-    controller = "nothing to enter: seat the indicator at {place} anew, askew by {tilt}"
+    controller = "nothing to enter: mount the indicator at {place} again, tilted by {tilt}"
 
     def off(self, at: Acting) -> NDArray[Any]:
         """The touched point along a plunger that is turned by the value towards the third axis."""
@@ -81,13 +81,13 @@ class PlateTilt(OfTouch):
     """
 
     id = "gauge_tilt"
-    title = "the plate, or the indicator at the tool, is askew"
+    title = "the plate, or the indicator at the tool, is tilted"
     kind = Kind.INDICATOR
     parameters = (
         EffectParameter("tilt_first", "mrad", 10.0, 150.0),
         EffectParameter("tilt_second", "mrad", 10.0, 150.0),
     )
-    controller = "nothing to enter: level the plate, or seat the indicator anew"
+    controller = "nothing to enter: level the plate, or mount the indicator again"
 
     def places(self, conditions: Conditions) -> tuple[str, ...]:
         """The tool along every coordinate that was measured."""
@@ -113,7 +113,7 @@ class TipOnRoundBar(OfTouch):
     title = "the tip slides over the crest of a round bar"
     kind = Kind.INDICATOR
     parameters = (EffectParameter("curvature", "1/m", 10.0, 500.0),)
-    controller = "nothing to enter: use a flat tip at {place}, or one wider than the way across"
+    controller = "nothing to enter: use a flat tip at {place}, or one wider than the motion across"
 
     def off(self, at: Acting) -> NDArray[Any]:
         """The touched point goes back by value z² / 2."""
@@ -128,7 +128,7 @@ class GaugeHysteresis(OfReading):
     """An indicator lags; positive: readings are lower after a movement to larger coordinates."""
 
     id = "gauge_hysteresis"
-    title = "an indicator lags behind where its plunger turns round"
+    title = "an indicator lags behind where its plunger reverses"
     parameters = (EffectParameter("lag", "µm", 3.0, 20.0),)
     controller = "nothing to enter: check the indicator at {place}, it lags by {lag}"
 
@@ -146,7 +146,7 @@ class DriftOfStand(OfReading):
     """One stand wanders steadily, whatever the posture; hours count from the session's start."""
 
     id = "stand_drift"
-    title = "the stand of an indicator wanders steadily with time"
+    title = "the stand of an indicator drifts steadily with time"
     kind = Kind.ENVIRONMENT
     parameters = (EffectParameter("rate", "µm/h", 10.0),)
     controller = "nothing to enter: clamp the stand at {place}, let it come to rest"

@@ -13,9 +13,9 @@ from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from app.evaluating.hexaslide_calibration import calibrate_file
 from app.exports.hexaslide import calibrated_files
 from app.measuring.hexaslide import PosturePlan, import_postures
-from app.planning.hexaslide import calibrate_file
 from protocols.hexaslide import HexaSlideMachine, load_hexaslide, machine_like
 from protocols.hexaslide_session import SimulatedPostures, commands, load_posture_procedure
 from protocols.hexaslide_table import empty_table

@@ -15,9 +15,10 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli import cli
+from app.evaluating.hexaslide_calibration import calibrate_file
 from app.exit_codes import exit_code
 from app.machines.hexaslide import reads
-from app.planning.hexaslide import Request, calibrate_file, write_simulated
+from app.planning.hexaslide import Request, write_simulated
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import calibration_text
 from calib.errors import GlidecalError, NotIdentifiable, RecordError, UsageError
@@ -200,7 +201,7 @@ def test_words_of_what_is_lost_left_and_checked(tmp_path: Path) -> None:
         in said
     )
     assert "Check on 10 of 40 postures (25 %), kept out of the fit:" in said
-    assert "The catalogue of effects is for the Orthoglide" in said
+    assert "glidecal diagnose looks for what the parameters do not have" in said
     assert f"platform frame turned by {found['truth']['after']['platform_frame_turned_mrad']:.3g}"\
         in said  # fmt: skip
     assert found["residuals"]["effects"] == []
@@ -349,7 +350,7 @@ def test_postures_that_cannot_be_measured_are_refused(tmp_path: Path) -> None:
     text = H60_FILE.read_text(encoding="utf-8")
     short.write_text(text.replace("length_mm = 550.0", "length_mm = 300.0"), encoding="utf-8")
     link = ("constraint-link", *both, "--machine-file", short)
-    assert "0 of 1 that the link holds" in told(5, *SIMULATE, *link)
+    assert "0 of 1 that the link allows" in told(5, *SIMULATE, *link)
     assert not out.exists()
 
 

@@ -21,13 +21,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from app.evaluating.hexaslide_calibration import calibrate_file, verify_sessions
 from app.measuring.hexaslide import (
     PosturePlan,
     PostureTaking,
     import_postures,
     measure_simulated,
 )
-from app.planning.hexaslide import calibrate_file, verify_sessions
 from calib.errors import RecordError, UsageError
 from calib.hexaslide.checked import frames_apart
 from calib.hexaslide.geometry import forward_near
@@ -36,12 +36,14 @@ from drivers.profiles import profile_named
 from drivers.twins import IndicatorTwin, TwinPort
 from protocols.hexaslide import load_hexaslide
 from protocols.hexaslide_session import (
+    POSTURE_FORM,
     SimulatedPostures,
     load_posture_procedure,
     procedure_names,
     read_postures,
     simulated_truth,
 )
+from protocols.journal import write_whole
 from tests.app.cli import PROCESSES, glidecal, refused
 from tests.conftest import ROOT
 
@@ -474,7 +476,6 @@ def test_wrong_requests_are_told(pose: Path, tmp_path: Path) -> None:
     assert "--behind" in refused(2, *begin, "--protocol", "position", "--behind", pose)
     assert "a simulated one" in refused(2, *RUN, "position", "--behind", _imported(pose, tmp_path))
     assert "closed session" in refused(3, "run", "--continue", pose)
-    assert "another kind of machine" in refused(3, "report", pose, "-o", tmp_path / "r.html")
     assert "--adopt" in refused(2, "diagnose", pose, "--adopt", tmp_path / "m.json")
     assert "--resolution" in refused(2, *IMPORT, "position", pose, "-o", out, "--resolution", "0.1")
     assert "--posture-file" in refused(2, "import", "x.csv", "-o", out, "--posture-file", pose)
@@ -498,9 +499,8 @@ def _imported(pose: Path, folder: Path) -> Path:
     return folder / "i.jsonl"
 
 
-def test_what_takes_no_postures_says_who_does(pose: Path, tmp_path: Path) -> None:
-    for verb in (("report", pose, "-o", tmp_path / "r.html"), ("compare", pose, pose)):
-        assert "session of another kind of machine: validate" in refused(3, *verb)
+def test_what_takes_no_postures_says_who_does(pose: Path) -> None:
+    assert "session of another kind of machine: validate" in refused(3, "compare", pose, pose)
 
 
 def test_a_changed_record_is_found(pose: Path, tmp_path: Path) -> None:
@@ -514,3 +514,18 @@ def test_a_changed_record_is_found(pose: Path, tmp_path: Path) -> None:
     changed.write_text("\n".join([*lines[:3], lines[3].replace("1", "2", 1), *lines[4:]]), "utf-8")
     with pytest.raises(RecordError, match="line 4"):
         read_postures(changed)
+
+
+def test_a_record_of_schema_1_is_read(pose: Path, tmp_path: Path) -> None:
+    """In it every chain has a rail, and nothing else differs."""
+    session, record = read_postures(pose)
+    assert session.opened.schema_id == "glidecal.hexaslide-session/2"
+    opened = session.opened.model_copy(update={"schema_id": "glidecal.hexaslide-session/1"})
+    write_whole(old := tmp_path / "old.jsonl", opened, list(record.events[1:-1]), POSTURE_FORM)
+    assert b'"schema":"glidecal.hexaslide-session/1"' in old.read_bytes()
+    assert glidecal("validate", old).status == 0
+    first, second = (calibrate_file(path, None, 0.0).found.parameters for path in (pose, old))
+    assert first == pytest.approx(second, abs=0.0)
+    newer = old.read_bytes().replace(b"hexaslide-session/1", b"hexaslide-session/3", 1)
+    (path := tmp_path / "newer.jsonl").write_bytes(newer)
+    assert "newer glidecal (record schema 3; this one reads up to 2)" in refused(3, "solve", path)

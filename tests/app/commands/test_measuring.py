@@ -95,8 +95,8 @@ def test_a_seed_of_the_simulation_is_refused_beside_real_indicators(tmp_path: Pa
         ((*TWO, "--motion", "", "--headless"), 2, "--motion: found ''. Allowed: linuxcnc:HOST"),
         ((*TWO, "--motion", ""), 2, "--motion: found ''. Allowed: linuxcnc:HOST:PORT or grbl:"),
         (TWO, 2, "Allowed: a terminal, or --headless with --simulated or --motion"),
-        ((*TWO, "--motion", "linuxcnc:localhost:1"), 2, "nobody to ask"),
-        ((*TWO, "--motion", "linuxcnc:localhost:1", "--headless"), 2, "nobody to ask"),
+        ((*TWO, "--motion", "linuxcnc:localhost:1"), 2, "no terminal"),
+        ((*TWO, "--motion", "linuxcnc:localhost:1", "--headless"), 2, "no terminal"),
         (("--simulated", "--motion", "linuxcnc:localhost:1"), 2, "simulated machine"),
     ],
 )

@@ -123,7 +123,7 @@ def test_what_is_altered_torn_or_doubled_is_named_and_the_rest_shown(
     found = read_history(folder, index=index)
     said = {path.name: text for path, text in found.problems}
     assert said.keys() == {"altered.jsonl", "copy.jsonl", "torn.jsonl"}
-    assert said["copy.jsonl"].endswith("s1.jsonl, counted once.")
+    assert said["copy.jsonl"].endswith("s1.jsonl, used once.")
     assert "line 6" in said["altered.jsonl"]
     assert "not fit its digest" in said["altered.jsonl"]
     assert said["torn.jsonl"].startswith("torn.jsonl: cut inside line")

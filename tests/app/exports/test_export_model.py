@@ -102,7 +102,7 @@ def test_own_kinematics_hold_the_axes(tmp_path: Path) -> None:
 def test_an_ambiguous_effect_is_exported_with_its_sentence(tmp_path: Path) -> None:
     found = exported(tmp_path, effect("backlash", "y", "ambiguous", play=0.06))
     words = found["calib_joint0.inc"].replace("\n# ", " ")
-    assert "backlash (y), adopted as one of several effects that would do" in words
+    assert "backlash (y), one of several effects that explain the readings" in words
 
 
 def test_an_ambiguous_effect_is_said_to_be_one_wherever_the_model_is_used(
@@ -111,12 +111,12 @@ def test_an_ambiguous_effect_is_said_to_be_one_wherever_the_model_is_used(
     asked_of(tmp_path, effect("backlash", "y", "ambiguous", play=0.06))
     model, session = tmp_path / "m.json", samples / "simulated_sweep.jsonl"
     shown = glidecal("model", model).out
-    assert "WARNING: The model holds backlash (y)" in shown
+    assert "WARNING: The model contains backlash (y)" in shown
     for verb in ("solve", "diagnose"):
         run = glidecal(verb, session, "--model", model)
         assert run.status == 0
         said = " ".join(f"{run.out} {run.err}".split())
-        assert "one of several effects that would do" in said
+        assert "one of several effects that explain the readings" in said
 
 
 @pytest.mark.parametrize(
@@ -177,9 +177,9 @@ def test_what_the_joints_hold_already_is_not_entered_twice(samples: Path, tmp_pa
     asked = ("export", session, "--format", "linuxcnc", "--ini", ini, "-o", out)
     assert glidecal(*asked).status == 0
     before = {path.name: path.read_bytes() for path in out.iterdir()}
-    assert "joints that hold the offsets of a session of" in refused(2, *asked)
+    assert "joints with the offsets of a session of" in refused(2, *asked)
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
     later = tmp_path / "later.jsonl"
     assert glidecal("simulate", "--seed", "3", "-o", later).status == 0
     assert glidecal(*("export", later, *asked[2:]), "--force").status == 0
-    assert "joints that hold the offsets" in refused(2, *asked)
+    assert "joints with the offsets" in refused(2, *asked)

@@ -16,13 +16,9 @@ from numpy.typing import NDArray
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
+from app.evaluating.hexaslide_calibration import CalibratedMachine, calibrate_file
 from app.exports.hexaslide import calibrated_files
-from app.planning.hexaslide import (
-    CalibratedMachine,
-    Request,
-    calibrate_file,
-    write_simulated,
-)
+from app.planning.hexaslide import Request, write_simulated
 from protocols.files import write_files
 from protocols.hexaslide import load_hexaslide
 from tests.app.cli import glidecal, refused
@@ -137,6 +133,30 @@ def test_the_machine_file_is_read_again_as_the_true_machine(files: Path) -> None
     own = plain([one.model_dump() for one in found.chain])
     for name in ("start", "rail", "joint", "link"):
         assert np.abs(getattr(own, name) - getattr(true, name)).max() < 1e-10
+
+
+@pytest.mark.parametrize("machine", ["hexaslide-h60.toml", "gough-stewart.toml"])
+def test_ros_2_gets_the_same_machine(machine: str, tmp_path: Path) -> None:
+    """As a parser of YAML reads the file, its values are those of the machine file, in metres."""
+    yaml = pytest.importorskip("yaml")
+    request = Request("position", ROOT / "protocols" / "machines" / machine, postures=40, seed=4)
+    write_simulated(request, tmp_path / "m.json", None)
+    for name, path in (("ros2", "k.yaml"), ("model", "m.toml")):
+        made = glidecal("export", tmp_path / "m.json", "--format", name, "-o", tmp_path / path)
+        assert made.status == 0, made.err
+    text = (tmp_path / "k.yaml").read_text("utf-8")
+    found = yaml.safe_load(text)["/**"]["ros__parameters"]["calibrated_kinematics"]
+    calibrated = load_hexaslide(tmp_path / "m.toml")
+    assert found["machine"] == calibrated.name
+    assert found["not_identifiable"] == [f"platform frame turned about its {a}" for a in "XYZ"]
+    assert 1e-6 < found["platform_error_bound"] < 1e-4
+    for number, chain in enumerate(calibrated.chain, start=1):
+        values = found[f"chain{number}"]
+        assert 1000.0 * np.array(values["start"]) == pytest.approx(chain.start_mm, abs=1e-8)
+        assert 1000.0 * np.array(values["joint"]) == pytest.approx(chain.joint_mm, abs=1e-8)
+        assert 1000.0 * values["link"] == pytest.approx(chain.link_mm, abs=1e-8)
+        assert values.get("rail") == (chain.rail and pytest.approx(chain.rail, abs=1e-11))
+    assert "-0.000000000000" not in text
 
 
 class Module:

@@ -209,7 +209,7 @@ def test_joints_of_the_machine_file_come_before_those_of_the_kinematics(tmp_path
     for n, value in enumerate(new):
         text = (out / f"calib_joint{n}.inc").read_text()
         assert f"HOME_OFFSET = {value:.6f}\n" in text
-        assert ("counts against its drive" in " ".join(text.split())) == (n == 1)
+        assert ("runs against its drive" in " ".join(text.split())) == (n == 1)
     machine.write_text('schema = "glidecal.machine/1"\njoints = ["z", "-z", "y"]\n')
     said = refused(3, "simulate", "--machine", machine, "--seed", "2", "-o", tmp_path / "t.jsonl")
     assert "each drive once" in said

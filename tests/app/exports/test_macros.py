@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from protocols.machine import load_machine
+from protocols.machine import load_machine, machine_text
 from protocols.procedure import load_procedure
 from tests.app.cli import glidecal, refused
 
@@ -46,6 +46,19 @@ def test_every_planned_place_is_probed_in_its_order(dialect: str) -> None:
     assert len(met) == len(wanted) == 58
     for (x, y), (to_x, to_y) in zip(met, wanted, strict=True):
         assert (x, y) == pytest.approx((to_x, to_y), abs=0.0051 if dialect == "marlin" else 1e-9)
+
+
+@pytest.mark.parametrize(("dialect", "far_mm"), [("klipper", 108.5), ("marlin", 108.5)])
+def test_a_probe_beside_the_nozzle_needs_a_larger_plate(
+    dialect: str, far_mm: float, tmp_path: Path
+) -> None:
+    """28.5 mm in front of the tool: at the place (0, 80) it is 108.5 mm out, or the nozzle is."""
+    machine = tmp_path / "m.toml"
+    beside = load_machine("linear-delta").model_copy(update={"probe_offset_mm": (0.0, 28.5)})
+    machine.write_text(machine_text(beside, []), encoding="utf-8")
+    above = ran("plan", "--machine", machine, "--macro", dialect).replace("\n; ", " ")
+    assert f"{'probe' if dialect == 'klipper' else 'nozzle'} goes up to {far_mm} mm" in above
+    assert "goes up to" not in ran("plan", "--machine", "linear-delta", "--macro", dialect)
 
 
 def test_the_nozzle_rises_before_each_way_in_klipper() -> None:

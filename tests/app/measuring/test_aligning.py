@@ -193,10 +193,10 @@ def test_bad_input(tmp_path: Path) -> None:
     assert glidecal("align").status == 2
     done = glidecal("align", "--machine", "linear-delta", "--simulated")
     assert done.status == 2
-    assert "do not lie along their drives at one Zero" in done.err  # not a crash on the screen
+    assert "are not along their drives at one Zero" in done.err  # not a crash on the screen
     done = glidecal("align", "--protocol", "plane", "--simulated")
     assert done.status == 5
-    assert "do not tell squareness xy" in done.err  # before any of it is measured
+    assert "do not show squareness xy" in done.err  # before any of it is measured
     done = glidecal("align", "--simulated")
     assert done.status == 2
     assert "--headless" not in done.err  # it has no such option
@@ -213,4 +213,4 @@ def test_bad_input(tmp_path: Path) -> None:
     assert glidecal("simulate", "--machine", "linear-delta", "-o", delta).status == 0
     done = glidecal("align", delta)
     assert done.status == 2
-    assert "do not lie along their drives at one Zero" in done.err
+    assert "are not along their drives at one Zero" in done.err

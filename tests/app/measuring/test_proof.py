@@ -214,7 +214,7 @@ def test_an_indicator_that_counts_against_is_noted_once_the_operator_saw_the_car
             (True, False),
             (False, True),
         ]
-    assert "went the other way" in notes(plan.path)
+    assert "moved the other way" in notes(plan.path)
     assert proved_path().exists()
 
 

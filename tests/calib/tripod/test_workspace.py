@@ -186,7 +186,7 @@ def test_milling_near_zero_does_not_show_legs_that_are_off_by_2_mm() -> None:
             r"corner \(70.0, -50.0, -50.0\) mm: found carriage x at \+61.835 mm from Zero. "
             r"Allowed: its joint limits -100 … 60 mm",
         ),
-        ({"usable_bar": ((0.4, 0.4),) * 3}, "usable_bar of bar x: found 0.4 … 0.4, no part of it"),
+        ({"usable_bar": ((0.4, 0.4),) * 3}, "usable_bar of bar x: found 0.4 … 0.4, not a part"),
     ],
 )
 def test_a_workspace_that_cannot_be_is_refused(changed: dict[str, object], words: str) -> None:

@@ -1,0 +1,115 @@
+"""A session of postures: the machine that it gives, and whether a later one is in tolerance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.evaluating.posture_history import Decision
+from calib.errors import CalibrationError
+from calib.hexaslide.checked import Checked, checked_calibration
+from calib.hexaslide.platform import PlatformError, platform_error
+from protocols.hexaslide import HexaSlideMeasurements, read_truth
+from protocols.hexaslide_measured import measured_in
+
+if TYPE_CHECKING:  # heavy: imported where used
+    from calib.diagnosis.hexaslide import HexaSlideDiagnosis
+    from protocols.hexaslide_session import PostureSession
+    from protocols.record import Record
+
+LACK_OF_FIT_LEVEL = 0.01
+"""Below this p-value more is left than noise."""
+
+SHARE = 0.2
+"""Of the postures, kept out as a check."""
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedMachine(Checked):
+    """A calibration with its checks, what it means at the platform, and the file it is from."""
+
+    name: str
+    source: HexaSlideMeasurements
+    platform: PlatformError
+
+
+def calibrate_file(path: Path, truth: Path | None, share: float) -> CalibratedMachine:
+    """Identify from a file of measured postures, about ``share`` of them kept out.
+
+    Raises RecordError for a file, CalibrationError where the postures give no result.
+    """
+    source = measured_in(path)
+    true = None if truth is None else read_truth(truth, source).whole()
+    nominal = source.machine.whole()
+    checked = checked_calibration(source.readings(), nominal, true, share)
+    platform = platform_error(nominal, checked.found)
+    return CalibratedMachine(**vars(checked), name=path.name, source=source, platform=platform)
+
+
+def decided(solved: CalibratedMachine, tolerance_mm: float) -> Decision:
+    """Whether the platform was in tolerance as measured: its error, give or take the bound."""
+    off_mm, bound_m = 1000.0 * solved.platform.now.places_rms_m, solved.platform.bound_m
+    if bound_m is None:
+        return "undecided"
+    # what the model does not have may do more at the platform than any bound of it counts
+    fits = solved.p_value is None or solved.p_value >= LACK_OF_FIT_LEVEL
+    if off_mm + 1000.0 * bound_m <= tolerance_mm and fits:
+        return "pass"
+    return "fail" if off_mm - 1000.0 * bound_m > tolerance_mm else "undecided"
+
+
+@dataclass(frozen=True, eq=False)
+class VerifiedMachine:
+    """A session after the calibrated machine was entered, judged beside the one before.
+
+    ``decision`` is None where no tolerance is known. ``same_machine`` tells that both sessions were
+    measured with one machine file: nothing was entered.
+    """
+
+    before: CalibratedMachine
+    after: CalibratedMachine
+    tolerance_mm: float | None
+    decision: Decision | None
+    same_machine: bool
+
+
+def verify_sessions(before: Path, after: Path, tolerance_mm: float | None) -> VerifiedMachine:
+    """The platform is off by what the second session finds, give or take its bound.
+
+    Raises RecordError for a file, CalibrationError where a session gives no result.
+    """
+    earlier, later = (calibrate_file(path, None, 0.0) for path in (before, after))
+    tolerance = tolerance_mm or later.source.machine.platform_tolerance_mm
+    decision = None if tolerance is None else decided(later, tolerance)
+    is_same = earlier.source.machine == later.source.machine
+    return VerifiedMachine(earlier, later, tolerance, decision, is_same)
+
+
+@dataclass(frozen=True, eq=False)
+class PostureResult:
+    """All that a session gives: the machine from all of its postures, once more with some kept out
+    as a check, and the diagnosis, None for the reason in ``not_diagnosed``.
+    """
+
+    session: PostureSession
+    record: Record
+    solved: CalibratedMachine
+    checked: CalibratedMachine
+    diagnosis: HexaSlideDiagnosis | None
+    not_diagnosed: str
+
+
+def posture_result(path: Path) -> PostureResult:
+    """Raises RecordError for a file that is no session, CalibrationError as `calibrate_file`."""
+    from app.evaluating.hexaslide import diagnose_postures
+    from protocols.hexaslide_session import read_postures
+
+    session, record = read_postures(path)
+    diagnosis, reason = None, ""
+    try:
+        diagnosis = diagnose_postures(path)
+    except CalibrationError as problem:
+        reason = f"{problem}"
+    solved, checked = (calibrate_file(path, None, share) for share in (0.0, SHARE))
+    return PostureResult(session, record, solved, checked, diagnosis, reason)

@@ -1,0 +1,98 @@
+"""The past of a machine that is measured in postures: what each session says, and what changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from datetime import datetime
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+from pydantic import AwareDatetime
+
+from protocols.documents import Document
+
+Origin = Literal["measured", "simulated", "imported"]
+Decision = Literal["pass", "fail", "undecided"]
+
+
+class PostureEntry(Document):
+    """What one record says of its machine; ``problem`` in place of a result where it gives none.
+
+    ``name`` is that of the machine before any calibration, ``machine`` its file by keys.
+    ``now_mm`` is how far the platform was off, r.m.s. over the box, ``bound_mm`` (95 %) how far it
+    is at most with the calibrated machine, None where that is not known. ``effects`` are None where
+    nobody asked for a diagnosis.
+    """
+
+    began: AwareDatetime
+    name: str
+    machine: dict[str, Any]
+    origin: Origin = "measured"
+    unfinished: bool = False
+    temperature_c: float | None = None
+    procedure: str = ""
+    postures: int = 0
+    now_mm: float | None = None
+    bound_mm: float | None = None
+    decision: Decision | None = None
+    effects: tuple[str, ...] | None = None
+    problem: str = ""
+
+    @property
+    def has_result(self) -> bool:
+        """Whether the record gave a machine."""
+        return self.now_mm is not None
+
+
+class PostureSessions(Protocol):
+    """Sessions of a kind of machine."""
+
+    @property
+    def reads(self) -> Callable[[Path], bool]:
+        """Whether a file is one of them."""
+
+    @property
+    def past(self) -> Callable[[Path, bool], PostureEntry]:
+        """What a file says, with a diagnosis where that is asked for."""
+
+
+@dataclass(frozen=True)
+class PosturePoint:
+    """A session with a result; ``event`` is what changed before it, empty for nothing known."""
+
+    path: Path
+    entry: PostureEntry
+    event: str
+
+
+@dataclass(frozen=True)
+class PostureHistory:
+    """Sessions of one machine by their date, all of one origin."""
+
+    machine: str
+    origin: Origin
+    points: tuple[PosturePoint, ...]
+
+    @property
+    def last(self) -> datetime:
+        """When the last session began."""
+        return self.points[-1].entry.began
+
+
+def posture_history(
+    name: str, origin: Origin, entries: Iterable[tuple[Path, PostureEntry]]
+) -> PostureHistory:
+    """The sessions of one machine in turn, and what changed between neighbours."""
+    ordered = sorted(entries, key=lambda pair: (pair[1].began, pair[0]))
+    events = ["", *(_event(a, b) for (_, a), (_, b) in pairwise(ordered))]
+    points = (PosturePoint(*pair, event) for pair, event in zip(ordered, events, strict=True))
+    return PostureHistory(name, origin, tuple(points))
+
+
+def _event(before: PostureEntry, after: PostureEntry) -> str:
+    """What the machine files say was changed between two sessions."""
+    keys = [key for key, value in after.machine.items() if before.machine.get(key) != value]
+    keys = [key for key in keys if key not in ("name", "schema")]
+    return f"machine file changed: {', '.join(keys)}" if keys else ""

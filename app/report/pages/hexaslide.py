@@ -1,0 +1,304 @@
+"""The report on a session of postures, in the frame of that on readings of legs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from rich.table import Table
+
+from app.evaluating.hexaslide_calibration import (
+    CalibratedMachine,
+    PostureResult,
+    VerifiedMachine,
+    decided,
+    posture_result,
+    verify_sessions,
+)
+from app.evaluating.posture_history import Decision
+from app.report.certificate import DIGEST_LETTERS
+from app.report.charts.hexaslide import drawn_machine, residual_charts
+from app.report.pages.contents import CalibrationReport
+from app.report.pages.figures import drawings_svg, svg_of
+from app.report.pages.two_pages import Picture, Section, shortened
+from app.report.schema.hexaslide import HexaSlideCalibrationReport
+from app.report.text.hexaslide_calibration import (
+    caveats,
+    check_words,
+    figure_lines,
+    left_parts,
+    next_lines,
+    off_words,
+    parameter_table,
+)
+from app.report.text.hexaslide_diagnosis import diagnosis_parts, verdict_words
+from app.report.text.hexaslide_session import readings_table, remark_lines
+from app.report.text.tables import new_table, signed
+from app.version import program
+from protocols.hexaslide import Chain, HexaSlideMachine, machine_like
+
+RULE = (
+    "Pass: the error of the platform and its 95 % bound together are within the tolerance. Fail: "
+    "the error less its bound exceeds the tolerance. Otherwise undecided."
+)
+ENTER = (
+    "Enter the calibrated machine: the file that glidecal export --format model writes, or with "
+    "--format linuxcnc-kins what LinuxCNC takes. All its values are in the annex."
+)
+NOT_VERIFIED = (
+    "No session after the calibrated machine was entered belongs to this document. The error of "
+    "the platform with it is predicted from the readings, not measured."
+)
+SIMULATED = "SIMULATED: no machine was measured. These readings were computed by the program."
+UNTRACED = (
+    "No certificate of an instrument is named, so no traceability to the SI is shown. Attached: "
+)
+MOST_LIMITS, LONGEST = 3, 400
+"""Sentences on the pages that are signed, and letters of one: seven motions of frames have room."""
+
+
+def posture_report(
+    path: Path, after: Path | None = None, tolerance_mm: float | None = None
+) -> CalibrationReport:
+    """The report of one session, with what a later one says of the machine that was entered.
+
+    Raises as `posture_result` and `verify_sessions`.
+    """
+    verified = verify_sessions(path, after, tolerance_mm) if after else None
+    return report_page(posture_result(path), verified, tolerance_mm)
+
+
+def report_page(
+    result: PostureResult,
+    verified: VerifiedMachine | None = None,
+    tolerance_mm: float | None = None,
+) -> CalibrationReport:
+    """The report of results that are there."""
+    solved = result.solved
+    document = HexaSlideCalibrationReport.of(solved)
+    calibrated = machine_like(solved.source.machine, "", solved.found.machine)
+    tolerance = tolerance_mm or solved.source.machine.platform_tolerance_mm
+    return CalibrationReport(
+        machine=solved.source.machine.name,
+        decision=_decision(solved, verified, tolerance),
+        sentences=(_at_most(document), _verdict(result)),
+        first_page=[
+            Section("", [_object(result), SIMULATED if document.origin == "simulated" else ""]),
+            Section("Traceability", [UNTRACED + _attached(result)]),
+            Section("Result", [_errors(document), RULE, ENTER, *_moved(solved, calibrated)]),
+        ],
+        second_page=[
+            Section("Entered and verified", _verified(verified)),
+            Section("The machine", [_drawn(solved)]),
+            Section("What is left at each posture", _charts(solved)),
+            Section("Limits of this result", _limits(result, document)),
+        ],
+        sections=[
+            Section("What was measured", [_machine(solved.source.machine, tolerance)]),
+            Section("What to enter in the controller", [ENTER, _values(solved, calibrated)]),
+            Section(
+                "Parameters",
+                [parameter_table(document), *figure_lines(document, solved.factor)],
+            ),
+            Section("What limits this result", _all_limits(result, document)),
+            Section("What is missing from the model", _missing(result)),
+            Section(
+                "What the calibrated machine leaves",
+                [
+                    *left_parts(document),
+                    check_words(HexaSlideCalibrationReport.of(result.checked)),
+                ],
+            ),
+            Section(
+                f"Readings of {result.session.name}",
+                [*remark_lines(result.session), readings_table(result.session)],
+            ),
+        ],
+        program=program(),
+        identification=f"Record {result.record.digest[:DIGEST_LETTERS]}",
+    )
+
+
+def _decision(
+    solved: CalibratedMachine, verified: VerifiedMachine | None, tolerance_mm: float | None
+) -> str:
+    """The decision that heads the report: after a verification that of the later session."""
+    if verified is not None:
+        words = "measured again"
+        return _judged(verified.decision, verified.after, verified.tolerance_mm, words)
+    decision = None if tolerance_mm is None else decided(solved, tolerance_mm)
+    return _judged(decision, solved, tolerance_mm, "as it was measured")
+
+
+def _judged(
+    decision: Decision | None, solved: CalibratedMachine, tolerance_mm: float | None, when: str
+) -> str:
+    if decision is None:
+        return (
+            "NOT JUDGED: no tolerance was given (--tolerance), nor does the machine file state one "
+            "(platform_tolerance_mm)."
+        )
+    return f"{decision.upper()}, {when}: {off_words(solved, tolerance_mm)}"
+
+
+def _at_most(document: HexaSlideCalibrationReport) -> str:
+    bound_mm = document.platform.bound_rms_mm
+    if bound_mm is None:
+        return "What the platform is off by with the calibrated machine is not known."
+    return f"With the calibrated machine the platform is off by at most {bound_mm:.3g} mm (95 %)."
+
+
+def _verdict(result: PostureResult) -> str:
+    if result.diagnosis is None:
+        return f"NOT DIAGNOSED. {result.not_diagnosed}"
+    return f"{result.diagnosis.verdict.upper()}. {verdict_words(result.diagnosis)}"
+
+
+def _object(result: PostureResult) -> Table:
+    """The machine, and the session that was measured."""
+    session, opened = result.session, result.session.opened
+    celsius = opened.temperature_c
+    table = new_table("object", shortened(opened.machine.name), left=2)
+    for heading, value in (
+        ("measured", f"{opened.at:%Y-%m-%d}"),
+        ("operator", opened.operator),
+        ("temperature", "" if celsius is None else f"{celsius:g} °C"),
+        ("procedure", opened.procedure.name),
+        ("postures that count", f"{len(session.readings)}"),
+        ("origin", opened.origin),
+        ("machine file", opened.machine_file),
+        ("measured with", opened.program),
+        ("record", session.name),
+    ):
+        table.add_row(heading, shortened(value) or "not stated")
+    table.add_row("SHA-256 of its last line", result.record.digest)
+    return table
+
+
+def _attached(result: PostureResult) -> str:
+    return shortened(result.session.opened.procedure.attach, LONGEST) or "not stated."
+
+
+def _errors(document: HexaSlideCalibrationReport) -> Table:
+    """What the platform is off by, now and with the calibrated machine."""
+    platform = document.platform
+    table = new_table("error of the platform over the box, mm", "now", "calibrated, 95 % bound")
+    bound = "not known" if platform.bound_rms_mm is None else f"{platform.bound_rms_mm:.3g}"
+    table.add_row("r.m.s.", f"{platform.now_rms_mm:.3g}", bound)
+    table.add_row("worst", f"{platform.now_worst_mm:.3g}", "")
+    return table
+
+
+def _moved(solved: CalibratedMachine, calibrated: HexaSlideMachine) -> Iterator[str | Table]:
+    """By how much each chain of the calibrated machine differs from its file."""
+    table = new_table("chain", "start, mm", "joint, mm", "link, mm", "rail, mrad")
+    for number, was, now in _chains(solved, calibrated):
+        mrad = f"{1000.0 * math.dist(was.rail, now.rail):.3f}" if was.rail and now.rail else ""
+        table.add_row(
+            number,
+            f"{math.dist(was.start_mm, now.start_mm):.3f}",
+            f"{math.dist(was.joint_mm, now.joint_mm):.3f}",
+            signed(now.link_mm - was.link_mm),
+            mrad,
+        )
+    yield "Distances between the values of the machine file and the calibrated ones:"
+    yield table
+
+
+def _chains(
+    solved: CalibratedMachine, calibrated: HexaSlideMachine
+) -> Iterator[tuple[str, Chain, Chain]]:
+    """Number, chain of the machine file and calibrated chain."""
+    pairs = zip(solved.source.machine.chain, calibrated.chain, strict=True)
+    for number, (was, now) in enumerate(pairs, start=1):
+        yield f"{number}", was, now
+
+
+def _values(solved: CalibratedMachine, calibrated: HexaSlideMachine) -> Table:
+    """Every value of the machine file beside the calibrated one."""
+    table = new_table("chain", "key", "machine file", "calibrated", "change", left=2)
+
+    def add(place: str, key: str, was: Sequence[float], now: Sequence[float], digits: int) -> None:
+        axes = "xyz" if len(was) > 1 else ("",)
+        for axis, first, second in zip(axes, was, now, strict=True):
+            shown = (signed(value, digits) for value in (first, second, second - first))
+            table.add_row(place, f"{key} {axis}".rstrip(), *shown)
+
+    for number, was, now in _chains(solved, calibrated):
+        add(number, "start_mm", was.start_mm, now.start_mm, 4)
+        add(number, "joint_mm", was.joint_mm, now.joint_mm, 4)
+        if was.rail and now.rail:
+            add(number, "rail", was.rail, now.rail, 7)
+        add(number, "link_mm", (was.link_mm,), (now.link_mm,), 4)
+    ends, ends_now = solved.source.machine.constraint_link, calibrated.constraint_link
+    if ends is not None and ends_now is not None and ends != ends_now:
+        add("link", "platform_end_mm", ends.platform_end_mm, ends_now.platform_end_mm, 4)
+        add("link", "base_end_mm", ends.base_end_mm, ends_now.base_end_mm, 4)
+        add("link", "length_mm", (ends.length_mm,), (ends_now.length_mm,), 4)
+    return table
+
+
+def _verified(verified: VerifiedMachine | None) -> list[str]:
+    """What a later session says of the machine that was entered."""
+    if verified is None:
+        return [NOT_VERIFIED]
+    words = off_words(verified.after, verified.tolerance_mm)
+    was_mm = 1000.0 * verified.before.platform.now.places_rms_m
+    return [
+        f"{(verified.decision or 'undecided').upper()}: {words}",
+        f"Before: {was_mm:.3g} mm r.m.s. Session: {verified.after.name}.",
+        *next_lines(verified),
+    ]
+
+
+def _drawn(solved: CalibratedMachine) -> Picture:
+    machine = solved.source.machine.whole()
+    caption = "The machine at the middle of its box"
+    if not machine.geometry.telescopic:
+        caption += "; dotted: rails, as far as the sliders go there"
+    return Picture(drawings_svg(drawn_machine(machine, machine.box.centre)), f"{caption}.")
+
+
+def _charts(solved: CalibratedMachine) -> list[Picture]:
+    caption = "Measured less predicted with the calibrated machine, by posture."
+    return [Picture(svg_of(chart), caption) for chart in residual_charts(solved)]
+
+
+def _all_limits(result: PostureResult, document: HexaSlideCalibrationReport) -> list[str]:
+    unfinished = [result.record.unfinished] if result.record.unfinished else []
+    return [*unfinished, *caveats(document), *remark_lines(result.session)]
+
+
+def _limits(result: PostureResult, document: HexaSlideCalibrationReport) -> list[str]:
+    limits = _all_limits(result, document)
+    more_count = len(limits) - MOST_LIMITS
+    return [
+        *(shortened(words, LONGEST) for words in limits[:MOST_LIMITS]),
+        *([f"{more_count} more in the annex."] if more_count > 0 else []),
+        "The results are of this machine as it was when it was measured.",
+    ]
+
+
+def _machine(machine: HexaSlideMachine, tolerance_mm: float | None) -> Table:
+    """What was known of it before; tolerances of parts are standard deviations."""
+    table = new_table("machine", machine.name, left=2)
+    box = machine.box
+    for axis in "xyz":
+        low, high = getattr(box, f"{axis}_mm")
+        table.add_row(f"box, {axis}", f"{low:g} … {high:g} mm")
+    for angle in ("theta", "psi", "phi"):
+        low, high = getattr(box, f"{angle}_deg")
+        table.add_row(f"box, {angle}", f"{low:g} … {high:g}°")
+    tolerances = machine.tolerances
+    spread = f"{tolerances.start_mm:g}, {tolerances.joint_mm:g} and {tolerances.link_mm:g} mm"
+    table.add_row("tolerance of starts, joints and links (standard deviation)", spread)
+    platform = "not stated" if tolerance_mm is None else f"{tolerance_mm:g} mm r.m.s."
+    table.add_row("tolerance of the platform", platform)
+    return table
+
+
+def _missing(result: PostureResult) -> list[str | Table]:
+    if result.diagnosis is None:
+        return [result.not_diagnosed]
+    return diagnosis_parts(result.diagnosis)

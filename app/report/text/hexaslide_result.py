@@ -1,0 +1,103 @@
+"""What the result screen of a session of postures says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from app.evaluating.hexaslide_calibration import PostureResult, decided
+from app.report.schema.hexaslide import HexaSlideCalibrationReport
+from app.report.text.hexaslide_calibration import (
+    caveats,
+    check_words,
+    figure_lines,
+    left_parts,
+    off_words,
+    parameter_table,
+)
+from app.report.text.hexaslide_diagnosis import diagnosis_parts, verdict_words
+from app.report.text.hexaslide_session import readings_table, remark_lines
+from app.report.text.tables import PAGE_HELP, paragraphs
+from calib.errors import GlidecalError
+
+POSTURE_RESULT_HELP = f"""\
+{{postures.export}}  the calibrated machine and its kinematics, into a folder
+{{postures.report}}  the report to sign, as HTML or PDF
+{PAGE_HELP}
+
+The result of a session of postures. What no reading shows is named: frames
+that are turned or shifted as wholes stay as the machine file has them. More
+postures are measured in the terminal: glidecal run --continue."""
+
+LOOKING = "Working out the machine …"
+NO_RESULT = "This session gives no machine."
+WHICH_REPORT = "Write the report as"
+ENDINGS = (".html", ".pdf")
+REPORT_WRITTEN = "Report written: {}"
+
+
+def heading_text(path: Path, result: PostureResult | None) -> str:
+    """Which session this is."""
+    if result is None:
+        return path.name
+    opened = result.session.opened
+    return f"{path.name}   {opened.machine.name}, {opened.procedure.name}, {opened.origin}"
+
+
+def problem_text(problem: GlidecalError) -> str:
+    """Why there is no result."""
+    return paragraphs(f"{NO_RESULT} {problem}")
+
+
+def glance_text(result: PostureResult, *, read_only: bool) -> str:
+    """The verdict, the platform now and then, what no reading shows, and the next key."""
+    solved = result.solved
+    document = HexaSlideCalibrationReport.of(solved)
+    tolerance_mm = solved.source.machine.platform_tolerance_mm
+    words = off_words(solved, tolerance_mm)
+    if tolerance_mm is not None:
+        words = f"{decided(solved, tolerance_mm).upper()}: {words}"
+    bound_mm = document.platform.bound_rms_mm
+    then = "not known" if bound_mm is None else f"at most {bound_mm:.3g} mm r.m.s. (95 %)"
+    verdict = f"NOT DIAGNOSED. {result.not_diagnosed}"
+    if result.diagnosis is not None:
+        verdict = f"{result.diagnosis.verdict.upper()}. {verdict_words(result.diagnosis)}"
+    enter = "Next: {postures.export} writes the calibrated machine, {postures.report} the report."
+    return paragraphs(
+        verdict,
+        f"As measured: {words}",
+        f"With the calibrated machine: {then}.",
+        "\n".join(caveats(document)),
+        "" if read_only else enter,
+    )
+
+
+def details_text(result: PostureResult) -> str:
+    """Parameters, and what is known only together."""
+    document = HexaSlideCalibrationReport.of(result.solved)
+    lines = "\n".join(figure_lines(document, result.solved.factor))
+    return paragraphs(parameter_table(document), lines)
+
+
+def left_text(result: PostureResult) -> str:
+    """What the calibrated machine leaves, and the check on postures that were kept out."""
+    parts = left_parts(HexaSlideCalibrationReport.of(result.solved))
+    return paragraphs(*parts, check_words(HexaSlideCalibrationReport.of(result.checked)))
+
+
+def missing_text(result: PostureResult) -> str:
+    """The diagnosis, or why there is none."""
+    if result.diagnosis is None:
+        return paragraphs(result.not_diagnosed)
+    return paragraphs(*diagnosis_parts(result.diagnosis))
+
+
+def readings_text(result: PostureResult) -> str:
+    """Every reading, those that do not count with the reason."""
+    remarks = "\n".join(remark_lines(result.session))
+    return paragraphs(result.record.unfinished, readings_table(result.session), remarks)
+
+
+def exported_text(paths: Sequence[Path]) -> str:
+    """Where the calibrated machine is."""
+    return f"Written to {paths[0].parent}: {', '.join(path.name for path in paths)}."

@@ -1,0 +1,108 @@
+"""The result of a session of postures: what to enter, what is left, the diagnosis, the readings."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import ClassVar
+
+from textual import work
+from textual.binding import Binding, BindingType
+
+from app.evaluating.hexaslide_calibration import PostureResult, posture_result
+from app.exports.hexaslide import write_calibrated
+from app.report.charts.hexaslide import drawn_machine, residual_charts
+from app.report.text import hexaslide_result as texts
+from app.report.text.home import REPORTS_SERVED
+from app.report.text.result import ONLY_SHOWN
+from app.screens.interface import ChoiceDialog
+from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.pages import apart
+from calib.errors import GlidecalError, extra
+
+
+class HexaSlideResultScreen(PagedScreen[None]):
+    """One session of postures; the calibrated machine and the report can be written."""
+
+    HELP = texts.POSTURE_RESULT_HELP
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("e", "export", "Export", id="postures.export"),
+        Binding("r", "report", "Report", id="postures.report"),
+        *PAGE_KEYS,
+    ]
+    PAGES = (
+        Page("result", "Result", charts=2, beside=True),
+        Page("details", "Details"),
+        Page("left", "What is left", charts=2),
+        Page("diagnosis", "Diagnosis"),
+        Page("readings", "Readings"),
+    )
+
+    def __init__(self, path: Path, first: str = "") -> None:
+        super().__init__()
+        self.path = path
+        self.first = first
+        self.result: PostureResult | None = None
+
+    def begin(self) -> None:
+        """Work everything out apart from the screen."""
+        self.looking = True
+        self.head(texts.heading_text(self.path, None))
+        self.wait(texts.LOOKING)
+        self._look()
+
+    @work(group="look", exclusive=True)
+    async def _look(self) -> None:
+        try:
+            result = await apart(self, posture_result, self.path)
+        except GlidecalError as problem:
+            self.looking = False
+            self.wait(texts.problem_text(problem))
+            return
+        self.looking, self.result = False, result
+        self.refresh_bindings()
+        machine = result.solved.source.machine.whole()
+        self.head(texts.heading_text(self.path, result))
+        drawings = drawn_machine(machine, machine.box.centre)
+        self.put("result", texts.glance_text(result, read_only=self.app.read_only), *drawings)
+        self.put("details", texts.details_text(result))
+        self.put("left", texts.left_text(result), *residual_charts(result.solved))
+        self.put("diagnosis", texts.missing_text(result))
+        self.put("readings", texts.readings_text(result))
+
+    def why_not(self, action: str) -> str:
+        if action not in ("export", "report"):
+            return ""
+        if self.app.read_only:
+            return f"{ONLY_SHOWN} {REPORTS_SERVED}" if action == "report" else ONLY_SHOWN
+        if self.result is None:
+            return texts.LOOKING if self.looking else texts.NO_RESULT
+        return ""
+
+    @work(exclusive=True, group="write")
+    async def action_export(self) -> None:
+        """The calibrated machine and its kinematics, into a folder beside the session."""
+        result, folder = self.result, self.path.with_suffix("")
+        if result is not None and (
+            paths := await self.app.written(partial(write_calibrated, result.solved, folder))
+        ):
+            self.app.notify(texts.exported_text(paths), markup=False)
+
+    @work(exclusive=True, group="write")
+    async def action_report(self) -> None:
+        """The report to sign, beside the session."""
+        choices = [(ending, f"{self.path.with_suffix(ending).name}") for ending in texts.ENDINGS]
+        ending = await self.ask(ChoiceDialog(texts.WHICH_REPORT, choices))
+        if ending is None:
+            return
+        with self.app.complaining(), extra("the report", "report"):
+            from app.report.pages.hexaslide import report_page
+            from app.report.pages.report import write_page
+
+            def job(*, replace: bool) -> Path:
+                assert self.result is not None, "offered with a result alone"
+                output = self.path.with_suffix(ending)
+                return write_page(report_page(self.result), output, replace=replace)
+
+            if path := await self.app.written(job):
+                self.app.notify(texts.REPORT_WRITTEN.format(path), markup=False)

@@ -1,0 +1,43 @@
+"""Sessions of postures of a hidden machine, for tests of what shows them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from app.evaluating.hexaslide_calibration import calibrate_file
+from app.exports.hexaslide import write_calibrated
+from app.measuring.hexaslide import PosturePlan, PostureTaking, measure_simulated
+from protocols.hexaslide import HexaSlideMachine, load_hexaslide
+from protocols.hexaslide_session import load_posture_procedure, read_postures, simulated_truth
+
+TOLERANCE_MM = 0.1
+
+
+def quiet(_words: str) -> None:
+    """Nothing is said."""
+
+
+def posture_session(
+    path: Path,
+    procedure: str,
+    seed: int,
+    machine: HexaSlideMachine | None = None,
+    truth: HexaSlideMachine | None = None,
+) -> Path:
+    """A closed session of a simulated machine, its file with a tolerance of the platform."""
+    machine = machine or load_hexaslide().model_copy(update={"platform_tolerance_mm": TOLERANCE_MM})
+    stated = load_posture_procedure(procedure)
+    plan = PosturePlan(path, machine, "machine.toml", stated, seed=seed, truth=truth)
+    taking = PostureTaking.begin(plan)
+    measure_simulated(taking, seed, quiet)
+    taking.close()
+    return path
+
+
+def before_and_after(folder: Path) -> tuple[Path, Path]:
+    """A session, and one with the calibrated machine entered, of the same hidden machine."""
+    before = posture_session(folder / "before.jsonl", "position", 12)
+    write_calibrated(calibrate_file(before, None, 0.0), folder / "entered", replace=False)
+    entered = load_hexaslide(folder / "entered" / "machine.toml")
+    truth = simulated_truth(read_postures(before)[0])
+    return before, posture_session(folder / "after.jsonl", "position", 13, entered, truth)

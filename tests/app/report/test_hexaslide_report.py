@@ -1,0 +1,151 @@
+"""The report and the history of sessions of postures: numbers, what is refused, hostile names."""
+
+from __future__ import annotations
+
+import json
+import re
+from datetime import timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.evaluating.hexaslide_calibration import posture_result
+from app.evaluating.history import read_history
+from app.machines.registry import LOOKS
+from app.report.pages.hexaslide import posture_report
+from app.report.pages.report import html_of
+from calib.hexaslide.geometry import forward, inverse
+from protocols.hexaslide import load_hexaslide, machine_like
+from protocols.hexaslide_session import POSTURE_FORM, read_postures, simulated_truth
+from protocols.journal import write_whole
+from tests.app.cli import glidecal, refused
+from tests.app.posture_sessions import TOLERANCE_MM, before_and_after, posture_session
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    return before_and_after(tmp_path_factory.mktemp("pair"))
+
+
+def words(page: str) -> str:
+    return " ".join(re.sub(r"<[^>]+>", " ", page).split())
+
+
+def test_the_report_says_what_is_to_be_entered(pair: tuple[Path, Path], tmp_path: Path) -> None:
+    """Its values are those of the file that export writes; its error is that of the truth."""
+    before, _ = pair
+    output = tmp_path / "report.html"
+    assert glidecal("report", before, "-o", output).status == 0
+    text = words(output.read_text("utf-8"))
+    assert glidecal("export", before, "--format", "model", "-o", tmp_path / "m.toml").status == 0
+    exported = load_hexaslide(tmp_path / "m.toml")
+    for number, chain in enumerate(exported.chain, start=1):
+        assert re.search(rf" {number} link_mm \+880\.0000 \+{chain.link_mm:.4f} ", text)
+        for axis, value in zip("xyz", chain.joint_mm, strict=True):
+            shown = re.search(rf" {number} joint_mm {axis} \S+ (\S+) ", text)
+            assert shown is not None
+            assert float(shown[1]) == pytest.approx(value, abs=5.1e-5)
+    session, _ = read_postures(before)
+    truth, machine = simulated_truth(session).whole(), session.opened.machine.whole()
+    postures = machine.box.random(400, np.random.default_rng(8))
+    stands = forward(truth.geometry, inverse(machine.geometry, postures), truth.box)
+    off_mm = 1000.0 * np.sqrt(((stands - postures)[:, :3] ** 2).sum(axis=1).mean())
+    stated = re.search(r"off by (\S+) mm r\.m\.s\. over the box", text)
+    assert stated is not None
+    # of 400 and of 200 random postures an r.m.s. varies by a few percent
+    assert float(stated[1]) == pytest.approx(off_mm, rel=0.1)
+    assert "FAIL, as it was measured" in text
+    assert "NOT IDENTIFIABLE, left as the machine file has it: platform frame turned" in text
+    assert "SIMULATED" in text
+    assert "No session after the calibrated machine was entered" in text
+    assert output.read_text("utf-8").count("data:image/svg+xml") == 2
+
+
+def test_a_later_session_decides(pair: tuple[Path, Path], tmp_path: Path) -> None:
+    before, after = pair
+    output = tmp_path / "report.pdf"
+    run = glidecal("report", before, "--after", after, "-o", output)
+    assert run.status == 0, run.err
+    assert output.read_bytes().startswith(b"%PDF")
+    text = words(html_of(posture_report(before, after)))
+    assert text.count("PASS") == 2, "as the decision, and where it was verified"
+    assert f"tolerance {TOLERANCE_MM:g} mm" in text
+    streamed = glidecal("report", before, "--after", after, "-o", "-")
+    assert words(streamed.out) == text
+
+
+def test_what_a_report_of_postures_does_not_take(pair: tuple[Path, Path], tmp_path: Path) -> None:
+    before, after = pair
+    output = tmp_path / "r.html"
+    assert "one of this kind" in refused(2, "report", before, after, "-o", output)
+    assert "--model" in refused(2, "report", before, "--model", "m.json", "-o", output)
+    assert ".html, .pdf" in refused(2, "report", before, "-o", tmp_path / "r.xml")
+    measurements = tmp_path / "m.json"
+    measured = read_postures(before)[0].measurements()
+    measurements.write_text(measured.text(), encoding="utf-8")
+    refused(3, "report", measurements, "-o", output)
+    assert not output.exists()
+
+
+def test_too_few_spare_readings_are_said(tmp_path: Path) -> None:
+    """With whole postures without noise nothing can be diagnosed, and the report says so."""
+    path = posture_session(tmp_path / "s.jsonl", "pose-forward", 3)
+    session, record = read_postures(path)
+    procedure = session.opened.procedure.model_copy(update={"noise_mm": 0.0, "noise_deg": 0.0})
+    opened = session.opened.model_copy(update={"procedure": procedure})
+    write_whole(tmp_path / "n.jsonl", opened, list(record.events[1:-1]), POSTURE_FORM)
+    result = posture_result(tmp_path / "n.jsonl")
+    assert result.diagnosis is None
+    assert "NOT DIAGNOSED. diagnosis: found no stated noise" in words(
+        html_of(posture_report(tmp_path / "n.jsonl"))
+    )
+
+
+def test_strange_names_stay_texts(tmp_path: Path) -> None:
+    path = posture_session(tmp_path / "s.jsonl", "position", 4)
+    session, record = read_postures(path)
+    machine = session.opened.machine.model_copy(update={"name": "<script>a</script>\u202e{{ 7 }}"})
+    opened = session.opened.model_copy(update={"machine": machine, "operator": "[red]x<b>"})
+    write_whole(tmp_path / "h.jsonl", opened, list(record.events[1:-1]), POSTURE_FORM)
+    page = html_of(posture_report(tmp_path / "h.jsonl"))
+    assert "<script" not in page
+    assert "\u202e" not in page
+    assert "&lt;script&gt;a&lt;/script&gt;" in page
+
+
+def test_the_history_is_that_of_one_machine(pair: tuple[Path, Path], tmp_path: Path) -> None:
+    """A calibrated machine is the one that it was before, and what was entered is an event."""
+    for path in pair:
+        session, record = read_postures(path)
+        later = timedelta(days=40 if path.stem == "after" else 0)
+        opened = session.opened.model_copy(update={"at": session.opened.at + later})
+        write_whole(tmp_path / path.name, opened, list(record.events[1:-1]), POSTURE_FORM)
+    (tmp_path / "cut.jsonl").write_bytes((tmp_path / "after.jsonl").read_bytes()[:-900])
+    index = tmp_path / "index"
+    history = read_history(tmp_path, effects=True, index=index, of_postures=LOOKS)
+    assert history.machines == ()
+    (machine,) = history.of_postures
+    assert (machine.machine, machine.origin) == ("hexaslide-h60", "simulated")
+    first, second = machine.points
+    assert second.event == "machine file changed: chain"
+    assert (first.entry.decision, second.entry.decision) == ("fail", "pass")
+    assert first.entry.effects == second.entry.effects == ()
+    assert first.entry.now_mm is not None
+    assert second.entry.now_mm is not None
+    assert second.entry.now_mm < 0.02 * first.entry.now_mm
+    assert [path.name for path, _ in history.problems] == ["cut.jsonl"]
+    assert read_history(tmp_path, index=index, of_postures=LOOKS) == history, "as it is remembered"
+    shown = glidecal("history", tmp_path).out
+    assert "hexaslide-h60, simulated: 2 sessions" in shown
+    document = json.loads(glidecal("history", tmp_path, "--json").out)
+    sessions = document["posture_machines"][0]["sessions"]
+    assert [session["decision"] for session in sessions] == ["fail", "pass"]
+    assert glidecal("history", tmp_path, "-o", tmp_path / "h.html").status == 0
+    assert "fail" in words((tmp_path / "h.html").read_text("utf-8"))
+
+
+def test_a_calibrated_name_ends_so_once() -> None:
+    machine = load_hexaslide()
+    once = machine_like(machine, f"{machine.name}, calibrated", machine.whole())
+    assert once.before_calibration == machine.before_calibration == machine.name

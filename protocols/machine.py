@@ -243,6 +243,11 @@ class Machine(Document):
             raise ValueError("motion, feed_mm_min: more than fastest_feed_mm_min")
         return self
 
+    @property
+    def title(self) -> str:
+        """Its name, with its serial number where one is stated."""
+        return f"{self.name}, no. {self.serial_number}" if self.serial_number else self.name
+
     def home_at_mm(self) -> Triple | None:
         """Joint coordinates of the home switches of drives x, y, z as the file states them."""
         return self.home_offset_mm or self.tripped_at_mm(self.position_endstop_mm)

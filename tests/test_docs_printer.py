@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.evaluating.solution import solve_files
+from app.report.text.glance import next_text
 from app.report.text.session import step_text
 from protocols.procedure import Step
 from protocols.record import read_record
@@ -128,6 +130,16 @@ def test_the_printer_is_a_better_one(walked: tuple[Path, str]) -> None:
     (uneven_mm,) = re.findall(r"heights of the plate differ by (\S+) mm", after)
     assert float(uneven_mm) < 0.008
     assert "the probe limits what can be seen, not the geometry. Leave the firmware as" in after
+
+
+def test_values_that_help_are_the_next_step_on_the_screen(walked: tuple[Path, str]) -> None:
+    """Before: joint offsets alone did not, so that the screen said to leave all as it is."""
+    solved = solve_files([walked[0] / "printer.jsonl"])
+    assert solved.printer_change is not None
+    assert solved.printer_change.helps
+    assert not solved.correction.helps
+    said = next_text(solved, (), exports=True, measures=False)
+    assert said == "Next: {result.export} writes these values as files for the controller."
 
 
 def test_before_and_after_are_compared_though_the_firmware_holds_other_values(

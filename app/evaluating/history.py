@@ -88,6 +88,7 @@ class Point:
 class MachineHistory:
     """Sessions of one machine by their date; ``joints`` are offsets x, y, z over ``days``.
 
+    Machines are known apart by name and serial number; ``machine`` is both.
     ``origin`` is that of all of them: what was simulated or imported is no part of a machine's own
     history.
 
@@ -165,7 +166,7 @@ def read_history(
                 of_machine = entry.name, entry.origin
                 posture_files.setdefault(of_machine, []).append((path, entry))
             else:
-                files.setdefault((entry.machine.name, entry.origin), []).append((path, entry))
+                files.setdefault((entry.machine.title, entry.origin), []).append((path, entry))
     machines = [history_of_machine(*key, files[key]) for key in sorted(files, key=_by_origin)]
     measured_in_postures = [
         posture_history(*key, posture_files[key]) for key in sorted(posture_files, key=_by_origin)

@@ -282,4 +282,5 @@ def calibrated(
     left = [errors(parts, run) for run in (BELIEVED, fitted(met, 6), fitted(met, 9), ours)]
     touched = rms(left[-1] - left[-1].mean(axis=0))
     turned = np.array([turn_free(error) for error in left])
-    return Result(*map(rms, left), turned, touched, float(said), abs(zero))
+    before, six, nine, after = map(rms, left)
+    return Result(before, six, nine, after, turned, touched, float(said), abs(zero))

@@ -10,7 +10,13 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList, Select
 
-from app.measuring.indicators import RememberedIndicators, last_used, port_is_gone, remember
+from app.measuring.indicators import (
+    RememberedIndicators,
+    last_serial_number,
+    last_used,
+    port_is_gone,
+    remember,
+)
 from app.measuring.opening import open_indicators, start_session
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
@@ -89,7 +95,7 @@ async def test_profiles_are_tried_where_asked_and_those_that_fit_stand_first(
             "sylvac-simplex",
             "tesa",
         ]
-        assert "answer alike" in text(interface, "#summary")
+        assert "give the same answers" in " ".join(text(interface, "#summary").split())
         profile.value = "tesa"
         await pilot.pause()
         await pilot.press("escape")
@@ -168,6 +174,7 @@ async def test_what_was_typed_stays_and_is_judged_once_it_is_typed(twin: TwinPor
         await pilot.pause()
         assert interface.screen is screen
         await fill_in(pilot, interface, "indicator2", certificate_date="2026-01-31")
+        screen.query_one("#serial", Input).value = "OG-7"
         screen.query_one("#operator", Input).value = "Ada"
         screen.query_one("#temperature", Input).value = "21,5"
         screen.query_one("#note", Input).value = "after the crash"
@@ -191,6 +198,7 @@ async def test_what_was_typed_stays_and_is_judged_once_it_is_typed(twin: TwinPor
     (known,) = record.opened.instruments
     assert (known.serial_number, str(known.certificate_date)) == ("4711 [x]", "2026-01-31")
     assert (record.opened.operator, record.opened.temperature_c) == ("Ada", 21.5)
+    assert record.opened.machine.serial_number == last_serial_number("orthoglide") == "OG-7"
     assert "after the crash" in path.read_text(encoding="utf-8")
     assert last_used("orthoglide") == (known,)
 
@@ -218,6 +226,20 @@ async def test_the_indicators_used_last_are_proposed_and_a_missing_port_is_said(
         assert "none yet" in text(interface, "#indicator1")
         await pilot.press("f5")
         await until(pilot, "words", lambda: "indicators: found none" in said(interface))
+        await pilot.press("f10")
+
+
+async def test_the_serial_number_of_a_machine_is_asked_once(tmp_path: Path) -> None:
+    remember("orthoglide", [SYLVAC], "OG-7")
+    other = tmp_path / "other.toml"
+    other.write_text('schema = "glidecal.machine/1"\nserial_number = "OG-9"\n', encoding="utf-8")
+    interface = Glidecal(HomeScreen())
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await form(pilot, interface)
+        assert screen.query_one("#serial", Input).value == "OG-7"
+        screen.query_one("#machine", Input).value = str(other)
+        await pilot.pause()
+        assert screen.query_one("#serial", Input).value == "OG-9"
         await pilot.press("f10")
 
 

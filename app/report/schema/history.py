@@ -59,7 +59,9 @@ class PastMachine(Report):
     """Sessions of one machine by their date."""
 
     of = Source[MachineHistory]()
-    machine: str = of(lambda r: r.machine)
+    machine: str = of(lambda r: r.last.machine.name)
+    serial_number: str | None = of(lambda r: r.last.machine.serial_number, "null: none stated")
+    place: str | None = of(lambda r: r.last.machine.place, "of the last session")
     origin: str = of(
         lambda r: r.origin, "measured, simulated or imported: each has a history of its own"
     )
@@ -82,7 +84,9 @@ class PastPostureSession(Report):
     )
     procedure: str = of(lambda r: r.entry.procedure)
     postures: int = of(lambda r: r.entry.postures)
-    platform_now_mm: float | None = of(lambda r: r.entry.now_mm, "how far the platform was off")
+    platform_now_mm: float = of(
+        lambda r: cast("float", r.entry.now_mm), "how far the platform was off"
+    )
     platform_bound_mm: float | None = of(
         lambda r: r.entry.bound_mm, "at most with the calibrated machine (95 %); null: not known"
     )

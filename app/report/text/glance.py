@@ -88,7 +88,7 @@ def next_text(
         return ""
     if Done.EXPORTED in done:
         return f"Next: enter the values in the controller; {AGAIN if measures else REPORT}"
-    if solved.correction.helps:
+    if solved.entered.helps:
         return "Next: {result.export} writes these values as files for the controller."
     return f"Next: {MORE_THAN_OFFSETS if solved.corrections.more_helps else LEAVE_AS_IT_IS}"
 

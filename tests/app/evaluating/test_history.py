@@ -156,6 +156,21 @@ def test_a_rebuilt_machine_is_an_event(tmp_path: Path) -> None:
     assert found.points[1].event == "machine changed: leg_length_mm"
 
 
+def test_machines_of_one_name_are_known_apart_by_their_serial_numbers(tmp_path: Path) -> None:
+    for number, serial_number in enumerate(("A1", "B2", "A1")):
+        measured(tmp_path, number, (0.5, -0.3, 0.2), serial_number=serial_number, place="hall 3")
+    machines = read_history(tmp_path, index=tmp_path / "index").machines
+    assert [(each.machine, len(each.points)) for each in machines] == [
+        ("orthoglide, no. A1", 2),
+        ("orthoglide, no. B2", 1),
+    ]
+    documents = json.loads(glidecal("history", tmp_path, "--json").out)["machines"]
+    assert [(each["machine"], each["serial_number"], each["place"]) for each in documents] == [
+        ("orthoglide", "A1", "hall 3"),
+        ("orthoglide", "B2", "hall 3"),
+    ]
+
+
 def test_the_index_is_never_the_truth(tmp_path: Path) -> None:
     path = measured(tmp_path, 0, (0.1, 0.1, 0.1))
     index = tmp_path / "index"

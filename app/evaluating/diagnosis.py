@@ -60,7 +60,7 @@ from protocols.session import Closed, Line, Opened, Reading, Session, Superseded
 
 @dataclass(frozen=True)
 class RankedSize:
-    """A size of what was named, or of a candidate, and how that stands."""
+    """The size of a named effect or of a candidate, and why it is one."""
 
     effect: Annotated[str, Quantity("effect", words="id of the effect")]
     where: Annotated[str, Quantity("where", words="leg, axis or place where it acts")]

@@ -252,7 +252,7 @@ FIELDS = (
     ("random", "Random order seed", "empty: the order as written"),
     ("motion", "Moved by", "empty: you; or linuxcnc:HOST:PORT, grbl:PORT"),
 )
-SERIAL_NUMBER = ("serial", "Its serial number", "tells it from others of its name in the history")
+SERIAL_NUMBER = ("serial", "Its serial number", "separates machines of one name in the history")
 INDICATORS = ("indicator1", "indicator2")
 SEED = re.compile(r"\d{1,9}", re.ASCII)
 

@@ -275,7 +275,7 @@ class Imitation:
 
     effect: Named
     by: Named
-    contained: Annotated[float, Quantity(words="1 is never to be told apart")]
+    contained: Annotated[float, Quantity(words="1: they cannot be separated")]
     left_in_noise_variances: Annotated[float, Quantity(words="of an unremarkable size")]
 
 

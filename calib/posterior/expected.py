@@ -22,7 +22,7 @@ from calib.tripod.planning import TripodPlanning
 
 
 def _to_expect(label: str, words: str) -> Quantity:
-    return Quantity(label, "", "uncertainty", 3, words, "not told")
+    return Quantity(label, "", "uncertainty", 3, words, "not determined")
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ class TiltOfTouchedPlate(PlateTilt):
     """A plate that falls one way, as the tool meets it in contacts: nothing of an indicator."""
 
     id = "plate_tilt"
-    title = "the plate that the tool meets is askew"
+    title = "the plate that the tool touches is tilted"
     kind = Kind.MACHINE
     controller = "nothing to enter: level the plate"
 
@@ -66,7 +66,7 @@ class BowOfTouchedPlate(TiltOfTouchedPlate):
 
     shape: Shape = "first"
     id = "plate_bow"
-    title = "the plate that the tool meets is not flat"
+    title = "the plate that the tool touches is not flat"
     controller = "nothing to enter: lay a flat plate, or probe one"
 
     @property

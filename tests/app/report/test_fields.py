@@ -107,7 +107,7 @@ def test_text_of_others_is_no_markup_in_a_notebook() -> None:
         (Quantity("a", decimals=1), 0.25, "0.2"),
         (Quantity("a"), 0.25, "0.25"),
         (Quantity("a"), 7, "7"),
-        (Quantity("a", missing="not told"), None, "not told"),
+        (Quantity("a", missing="not determined"), None, "not determined"),
     ],
 )
 def test_a_value_as_its_field_says(quantity: Quantity, value: object, shown: str) -> None:

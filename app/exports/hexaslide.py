@@ -120,7 +120,7 @@ def strut_pins(machine: HexaSlide) -> str:
     """``setp`` lines for ``genhexkins``, whose joints are whole lengths of legs, millimetres."""
     geometry = machine.geometry
     lengths = enumerate((1000.0 * geometry.links).tolist())
-    lines = [f"# Joint {k} is at the reading of its drive + {mm:.6f}" for k, mm in lengths]
+    lines = [f"# Joint {k} = reading of its drive + {mm:.6f}" for k, mm in lengths]
     for name, points in (("base", geometry.base), ("platform", geometry.platform)):
         for leg, point in enumerate((1000.0 * points).tolist()):
             lines += [

@@ -250,6 +250,7 @@ class Interface(App[str]):
         self.guided: GuidedSession | None = None
         self._motion_keys = MotionKeys()
         self._attending: Timer | None = None
+        self._cramped = False  # the window is too small, and that was said
         self.form: Screen[None] | None = None
         """Of the preparation, as it was left."""
         self._status = Exit.DONE
@@ -335,15 +336,21 @@ class Interface(App[str]):
         return self.theme_variables
 
     def on_resize(self, event: Resize) -> None:
-        """Smaller than every screen is made for: said after each change of its size."""
+        """Smaller than every screen is made for: said after each change, until it is larger."""
         self.set_timer(ATTEND_S, self._say_too_small)
 
     def _say_too_small(self) -> None:
         columns, rows = self.size
-        if columns < LEAST_SIZE.width or rows < LEAST_SIZE.height:
+        cramped = columns < LEAST_SIZE.width or rows < LEAST_SIZE.height
+        if cramped and not self.screen.is_mounted:
+            self.set_timer(ATTEND_S, self._say_too_small)
+        elif cramped:
             here = f"This window has {columns} × {rows} characters, and words are cut. "
             needed = f"glidecal needs {LEAST_SIZE.width} × {LEAST_SIZE.height}: make it larger."
             self.notify(here + needed, severity="warning", timeout=10, markup=False)
+        elif self._cramped:
+            self.clear_notifications()
+        self._cramped = cramped
 
     def get_line_filters(self) -> Sequence[LineFilter]:
         return [*super().get_line_filters(), PRINTABLE_ROWS]

@@ -17,6 +17,7 @@ import numpy as np
 from calib.arrays import Conditions, FloatArray, IntArray, numbered, rows_of
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
 from calib.tripod.effects.candidates import Candidate, Share, candidates_together
+from calib.tripod.effects.contacts import BowOfTouchedPlate, PlatformTilt
 from calib.tripod.effects.drives import StraightnessOfFourthOrder, effects_of
 from calib.tripod.effects.effect import Effect, EffectInstance, Kind
 from calib.tripod.effects.empirical import BASES, Coupling, Empirical
@@ -90,6 +91,10 @@ def other_bars(number: int) -> Component:
     return Component(OTHER_BARS, f"session {number + 1}", "mistake", np.ones(3), None, log_prior)
 
 
+STATED_ONLY = frozenset({BowOfTouchedPlate.id, PlatformTilt.id})
+"""What is looked for where the machine file has its tolerance: a bowed plate and a wrong radius
+together explain a wrong distance between marks."""
+
 POWERS = tuple(
     name for name, basis in BASES.items() if basis.stage == Stage.ACTUATOR and basis.power
 )
@@ -105,7 +110,8 @@ def laws(geometry: Geometry, effects: Sequence[Effect] = CATALOGUE) -> tuple[Eff
         StraightnessOfFourthOrder(),
         Coupling(),
     )
-    return effects_of(dict.fromkeys((*effects, *BESIDE_CATALOGUE, *nameless)), geometry)
+    beside = (effect for effect in BESIDE_CATALOGUE if effect.id not in STATED_ONLY)
+    return effects_of(dict.fromkeys((*effects, *beside, *nameless)), geometry)
 
 
 def library(
@@ -119,7 +125,7 @@ def library(
     """
     tolerances = beyond or {}
     effects = CATALOGUE if effects is None else effects
-    ids = {effect.id for effect in effects}
+    ids = {effect.id for effect in effects} - STATED_ONLY
     components = []
     candidates = candidates_together(sessions, laws(sessions[0][0].geometry, effects))
     for candidate in (*candidates, *_one_way(candidates)):

@@ -267,7 +267,5 @@ async def test_a_terminal_that_is_too_small_says_what_is_needed() -> None:
     async with interface.run_test(size=(60, 18), notifications=True) as pilot:
         await until(pilot, "words", lambda: "60 × 18" in said(interface))
         assert "needs 80 × 24" in said(interface)
-        interface.clear_notifications()
         await pilot.resize_terminal(80, 24)
-        await pilot.pause()
-        assert not said(interface)
+        await until(pilot, "nothing", lambda: not said(interface))

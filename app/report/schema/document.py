@@ -16,7 +16,6 @@ from protocols.documents import Document
 if TYPE_CHECKING:
     from pydantic.config import JsonDict
 
-R = TypeVar("R")
 S = TypeVar("S")
 V = TypeVar("V")
 D = TypeVar("D", bound="Report")

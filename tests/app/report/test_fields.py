@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import pytest
@@ -16,6 +19,7 @@ from app.report.schema.document import Report, Source, to_json
 from app.report.text.tables import result_table, table_text
 from calib.quantity import Quantity
 from protocols.data_table import DataTable
+from tests.conftest import LONG, ROOT
 
 
 @dataclass(frozen=True)
@@ -108,3 +112,29 @@ def test_text_of_others_is_no_markup_in_a_notebook() -> None:
 )
 def test_a_value_as_its_field_says(quantity: Quantity, value: object, shown: str) -> None:
     assert quantity.shown(value) == shown
+
+
+WRONG = """
+from app.report.schema.document import Report, Source
+from tests.app.report.test_fields import Play
+
+class Wrong(Report):
+    of = Source[Play]()
+    missing: float = of(lambda r: r.wear)
+    joint: float = of(lambda r: r.joint)
+    right: str = of(lambda r: r.joint)
+
+Wrong.of("x")
+"""
+
+
+@LONG
+def test_a_type_checker_sees_what_a_key_is_read_from(tmp_path: Path) -> None:
+    (tmp_path / "wrong.py").write_text(WRONG, encoding="utf-8")
+    command = (sys.executable, "-m", "mypy", "--strict", str(tmp_path / "wrong.py"))
+    run = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    faults = [line.partition("error: ")[2] for line in run.stdout.splitlines() if "error:" in line]
+    assert len(faults) == 3, run.stdout
+    assert '"Play" has no attribute "wear"' in faults[0]
+    assert 'expression has type "str", variable has type "float"' in faults[1]
+    assert 'incompatible type "str"; expected "Play"' in faults[2]

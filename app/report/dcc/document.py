@@ -43,7 +43,7 @@ class Uncertainty:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class CertifiedValue:
     """A value in a unit of D-SI; ``words`` say what it is, if the name does not."""
 
     name: str
@@ -65,7 +65,7 @@ class Result:
 
     name: str
     words: str
-    quantities: Sequence[Quantity]
+    quantities: Sequence[CertifiedValue]
 
 
 def check_head(head: CertificateHead | None) -> CertificateHead:
@@ -99,7 +99,7 @@ def certificate_xml(calibration: CertifiedCalibration) -> str:
         results=[*results_of(calibration)],
         conformities=[*_conformities(calibration)],
         diagnosis=calibration.diagnosed.diagnosis,
-        tolerance=Quantity("tolerance", calibration.tolerance_mm or 0.0, UNITS["mm"]),
+        tolerance=CertifiedValue("tolerance", calibration.tolerance_mm or 0.0, UNITS["mm"]),
         probability=COVERAGE_PROBABILITY,
         program_version=version(),
     )
@@ -150,12 +150,12 @@ def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
     )
 
 
-def _entered(calibration: CertifiedCalibration) -> tuple[str, list[Quantity]]:
+def _entered(calibration: CertifiedCalibration) -> tuple[str, list[CertifiedValue]]:
     """What they are, and the values: those of a printer's firmware, else joint offsets."""
     solved = calibration.solved
     if change := solved.printer_change:
         towers = [
-            Quantity(f"tower {tower.tower}: {name}", entry.then, unit)
+            CertifiedValue(f"tower {tower.tower}: {name}", entry.then, unit)
             for tower in change.towers
             for name, entry, unit in (
                 ("endstop", tower.endstop, UNITS["mm"]),
@@ -163,10 +163,10 @@ def _entered(calibration: CertifiedCalibration) -> tuple[str, list[Quantity]]:
                 ("angle", tower.angle, UNITS["°"]),
             )
         ]
-        radius = Quantity("radius", change.radius.then, UNITS["mm"])
+        radius = CertifiedValue("radius", change.radius.then, UNITS["mm"])
         held = ("rotation_distance", "mm") if change.turns else ("steps per mm", "1/mm")
         travels = [
-            Quantity(f"tower {tower.tower}: {held[0]}", tower.travel.then, UNITS[held[1]])
+            CertifiedValue(f"tower {tower.tower}: {held[0]}", tower.travel.then, UNITS[held[1]])
             for tower in change.towers
             if tower.travel
         ]
@@ -180,14 +180,14 @@ def _entered(calibration: CertifiedCalibration) -> tuple[str, list[Quantity]]:
     )
 
 
-def _in_mm(name: str, value_mm: float, uncertainty_mm: tuple[float, float]) -> Quantity:
-    return Quantity(name, value_mm, UNITS["mm"], Uncertainty(*uncertainty_mm))
+def _in_mm(name: str, value_mm: float, uncertainty_mm: tuple[float, float]) -> CertifiedValue:
+    return CertifiedValue(name, value_mm, UNITS["mm"], Uncertainty(*uncertainty_mm))
 
 
-def _bounds(first: Frame, bound_mm: dict[Frame, float], when: str) -> Iterator[Quantity]:
+def _bounds(first: Frame, bound_mm: dict[Frame, float], when: str) -> Iterator[CertifiedValue]:
     for frame in frames_of(first):
         name = f"{FREE_WORDS[frame]}, {when}"
-        yield Quantity(name, bound_mm[frame], UNITS["mm"], words="Upper 95 % bound.")
+        yield CertifiedValue(name, bound_mm[frame], UNITS["mm"], words="Upper 95 % bound.")
 
 
 def _procedures(calibration: CertifiedCalibration) -> list[str]:
@@ -196,9 +196,9 @@ def _procedures(calibration: CertifiedCalibration) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _temperatures(calibration: CertifiedCalibration) -> list[Quantity]:
+def _temperatures(calibration: CertifiedCalibration) -> list[CertifiedValue]:
     return [
-        Quantity(f"temperature, {session.name}", session.opened.temperature_c, UNITS["°C"])
+        CertifiedValue(f"temperature, {session.name}", session.opened.temperature_c, UNITS["°C"])
         for session in calibration.sessions
         if session.opened.temperature_c is not None
     ]

@@ -22,7 +22,7 @@ D = TypeVar("D", bound="Report")
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadOff:
     """How the value of a field is read off the result."""
 
     read: Callable[[Any], object]
@@ -44,7 +44,7 @@ class Source(Generic[S]):
     ) -> V:
         """A field and how its value is read; one that is ``asked`` for is no key while None."""
         left_out: dict[str, Any] = {"default": None, "exclude_if": _is_none} if asked else {}
-        field = Field(description=words, json_schema_extra=Reading(read), **left_out)
+        field = Field(description=words, json_schema_extra=ReadOff(read), **left_out)
         return cast("V", field)
 
     def __get__(self, part: object, kind: type[D]) -> Callable[[S], D]:
@@ -74,7 +74,7 @@ class Report(Document):
         values: dict[str, Any] = {
             name: field.json_schema_extra.read(result)
             for name, field in cls.model_fields.items()
-            if isinstance(field.json_schema_extra, Reading)
+            if isinstance(field.json_schema_extra, ReadOff)
         }
         return cls.model_construct(**values)
 

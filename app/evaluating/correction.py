@@ -112,7 +112,7 @@ class SessionCorrection:
 
     @property
     def now_mm(self) -> float:
-        """The same with what the controller holds now."""
+        """The same with the present values of the controller."""
         return self.off_now.bound_mm[self.frame]
 
     @property
@@ -192,7 +192,7 @@ class ControllerCorrections:
 
     @cached_property
     def off_now(self) -> ToolOff:
-        """The tool with what the controller holds now."""
+        """The tool with the present values of the controller."""
         return ToolOff(self.posterior, nothing_entered(self.posterior))
 
     @property

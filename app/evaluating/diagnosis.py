@@ -174,7 +174,7 @@ class DiagnosedTool:
 
     @property
     def now_mm(self) -> float:
-        """95 % of the posterior keep it with what the controller holds now."""
+        """95 % of the posterior keep it with the present values of the controller."""
         return self.now.bound_mm[self.frame]
 
     @property

@@ -25,7 +25,7 @@ REPRAPFIRMWARE_PUT = (
 )
 MARLIN_PUT = (
     "send these lines, then M500, then home. Marlin 2 that has M665 A B C (trims of the bars) is "
-    "needed: M503 must show them after; older ones take B for another value. What M665 holds "
+    "needed: M503 must show them after; older ones take B for another value. What M665 has "
     "beside these (S) stays. DELTA_RADIUS_TRIM_TOWER must be 0, 0, 0 in the configuration"
 )
 SMOOTHIEWARE_PUT = (

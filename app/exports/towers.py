@@ -67,9 +67,9 @@ def endstops_now_mm(offsets: Offsets) -> list[float]:
 
 
 STEPS = (
-    "the travel of each tower is left as it is, since the machine file does not state what the "
-    "firmware holds: rotation_distance_mm (Klipper) or steps_per_mm, as import writes them, or "
-    "--steps X,Y,Z"
+    "the travel of each tower is not changed, since the machine file does not state the "
+    "present value of the firmware: rotation_distance_mm (Klipper) or steps_per_mm, as import "
+    "writes them, or --steps X,Y,Z"
 )
 
 
@@ -137,28 +137,24 @@ def comments(offsets: Offsets, values: Entered, put: str, controller_words: str)
     x, y, z = values.moved_mm.tolist()
     each_radius = values.entries.radii
     radius = f"radius {_three(now.radius_mm if each_radius else now.radius_mm[:1])} mm"
-    height_words = (
-        "these values keep the height of the tool in the middle of the plate as it is now"
-    )
+    height_words = "these values keep the present height of the tool in the middle of the plate"
     if abs(z) >= SEEN_MM:
         way = "higher" if z > 0.0 else "lower"
-        height_words = (
-            f"with these values the tool at Zero stands about {abs(z):.2f} mm {way} than now"
-        )
+        height_words = f"with these values the tool at Zero is about {abs(z):.2f} mm {way} than now"
     lines = [
         f"{TOUCH}; {height_words}",
         *origin(offsets),
         put,
-        f"made for a controller that now holds {radius}, lengths of the bars "
+        f"made for a controller with {radius}, lengths of the bars "
         f"{_three(now.length_mm)} mm, towers at {_three(now.angle_deg)}°{controller_words}; if it "
-        "holds others, these values are wrong",
+        "has others, these values are wrong",
         f"tool error over the workspace, if the model is right: {values.before_mm:.4f} mm r.m.s. "
         f"now, {values.after_mm:.4f} mm with these values",
     ]
     if max(abs(x), abs(y), abs(z)) >= LEAST_MM:
         lines.append(
-            f"sent to Zero the tool then stands ({x:+z.4f}, {y:+z.4f}, {z:+z.4f}) mm from its "
-            "present place there: errors count from the new one"
+            f"sent to Zero the tool is then ({x:+z.4f}, {y:+z.4f}, {z:+z.4f}) mm from its "
+            "present place there: errors are relative to the new one"
         )
     alone = dict(each_alone(offsets.model, values.entries))
     if exact_entries := [name for name, left_mm in alone.items() if left_mm < LEAST_MM]:
@@ -166,7 +162,7 @@ def comments(offsets: Offsets, values: Entered, put: str, controller_words: str)
     if short := {name: mm for name, mm in alone.items() if mm >= LEAST_MM}:
         shortfalls = ", ".join(f"{name} leaves {mm:.4f} mm" for name, mm in short.items())
         lines.append(
-            f"not wholly: the firmware has no value for all of {', '.join(short)}. By itself "
+            f"not wholly: the firmware has no value for all of {', '.join(short)}. Alone "
             f"{shortfalls}, together {values.after_mm:.4f} mm r.m.s. at the tool"
         )
     for name, offset in offsets.parameters.items():
@@ -195,8 +191,8 @@ def printer_cfg(offsets: Offsets) -> Export:
         for name, drive in zip(FIRMWARE_TOWERS, drives, strict=True)
     ]
     put = (
-        "put '[include FILE]' with the name of this file at the end of printer.cfg, where it wins "
-        "over what stands above and over saved values; then home. Later saved calibrations are "
+        "put '[include FILE]' with the name of this file at the end of printer.cfg, where it "
+        "replaces the lines above and saved values; then home. Later saved calibrations are "
         "refused while it is included"
     )
     comment_lines = comments(offsets, values, put, "".join(steppers))

@@ -310,6 +310,6 @@ def _all_stated(thing: str, names: Container[str]) -> None:
         raise RecordError(
             thing,
             f"no {' and no '.join(missing)}",
-            ", ".join(JOINT_OFFSETS) + ": an offset that nobody stated is not 0",
+            ", ".join(JOINT_OFFSETS) + ": an offset that is not stated is not 0",
             "Identify the joint offsets, or state every one of them.",
         )

@@ -143,7 +143,7 @@ def imported_printer(
 
 
 NOTE = (
-    "What no firmware knows stands here as it is usual for printers: tolerances (standard",
+    "What no firmware knows has usual values of printers here: tolerances (standard",
     "deviations of what is off before calibration), and the box that errors of the tool are",
     "judged over. Change them as you know better.",
 )
@@ -163,7 +163,7 @@ def _held(paths: Sequence[Path]) -> Held:
             f"{WHAT} {strange[0]}",
             "no geometry and no answer of a probe",
             "files of one printer: its configuration, a log of its probe",
-            "Known are printer.cfg and the answers of PROBE (Klipper), config.g and those of G32 "
+            "They are printer.cfg and the answers of PROBE (Klipper), config.g and those of G32 "
             "(RepRapFirmware), M503 with G30 or G33 (Marlin), M205 with G29 (Repetier).",
         )
     return DIALECTS[best].held(texts)

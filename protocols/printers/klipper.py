@@ -189,7 +189,7 @@ def held(texts: Texts) -> Held:
     paths = [path for path, text in texts if is_config(text)]
     if len(paths) > 1:
         names = ", ".join(map(str, paths))
-        raise RecordError(WHAT, names, "one printer.cfg; it includes others by itself")
+        raise RecordError(WHAT, names, "one printer.cfg; it includes the others")
     config = Config.read(paths[0]) if paths else None
     of_config = _held_in(paths[0], config) if config else Held(None, ())
     contacts, odd = [*of_config.contacts], [*of_config.odd]
@@ -254,7 +254,7 @@ def _turn_mm(config: Config, stepper: str) -> float:
         raise RecordError(
             f"{WHAT} {config.path}, [{stepper}] rotation_distance",
             "nothing" if old is None else f"step_distance: {old}, as Klipper had it before 2021",
-            "the travel for one turn, in mm: without it steps are no length",
+            "the travel for one turn, in mm: without it steps have no length",
             "Give the printer.cfg that the printer starts with today.",
         )
     return config.number(stepper, "rotation_distance", above=0.0) / _gearing(config, stepper)

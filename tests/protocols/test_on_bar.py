@@ -238,7 +238,9 @@ def test_chosen_postures_and_the_turns_between_them_stay_on_the_bar(
 
 @pytest.mark.parametrize("part", [(0.9, 0.2), (0.5, 0.5)])
 def test_an_empty_interval_is_refused(part: tuple[float, float]) -> None:
-    with pytest.raises(ValueError, match=r"usable_bar of bar x: found 0\.\d … 0\.\d, no part"):
+    with pytest.raises(
+        ValueError, match=r"usable_bar of bar x: found 0\.\d … 0\.\d, not a part of it"
+    ):
         Machine(usable_bar=part)
     with pytest.raises(CalibrationError):
         Geometry(usable_bar=((0.05, 0.95), (0.05, 0.95), part))
@@ -313,8 +315,8 @@ def test_an_older_record_with_such_points_is_solved_and_not_repeated(tmp_path: P
     assert len(sessions[0].readings) == len(made.readings)
     assert warnings == [
         "old.jsonl: readings off the bars: 6, the first at station 0.65 of leg x touched at 0.972 "
-        "of the bar in posture MIN; usable is 0.05 … 0.95. They are used as if the bar went on "
-        "there."
+        "of the bar in posture MIN; usable is 0.05 … 0.95. They are used as if the bar "
+        "continued there."
     ]
     assert solve_sessions(sessions).reading_count == len(made.readings)
     again = plan_to_repeat(path)

@@ -27,7 +27,7 @@ async def test_pages_by_keys(bowed: Path) -> None:
         assert re.search(r"leg_bow \(xy\), machine", verdict(interface))
         assert re.search(r"gap 0\.\d{4} → 0\.\d{4} mm", verdict(interface))
         assert "Held out (one side" in verdict(interface)
-        bound = r"Tool over the workspace, .*: at most 0\.\d+ mm as it is\. With joint offsets"
+        bound = r"Tool over the workspace, .*: at most 0\.\d+ mm now\. With joint offsets"
         assert re.search(bound, " ".join(verdict(interface).split()))
         tabs = screen.query_one(TabbedContent)
         pages = []

@@ -213,7 +213,9 @@ async def test_the_result_with_an_adopted_model_is_exported(tmp_path: Path) -> N
         await until(pilot, "text", lambda: "backlash y: play" in text(interface, "#details-text"))
         await pilot.press("e")
         await until(
-            pilot, "caution", lambda: "WARNING: nobody stated" in text(interface, "#result-text")
+            pilot,
+            "caution",
+            lambda: "WARNING: the present HOME_OFFSET" in text(interface, "#result-text"),
         )
         await pilot.press("f10")
     written = sorted(path.name for path in (tmp_path / "play").iterdir())

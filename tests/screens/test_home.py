@@ -190,7 +190,7 @@ async def test_export_writes_what_the_result_screen_writes(folder: Path) -> None
         written = folder / "before [mm]"
         await shown(pilot, interface, HelpDialog)  # a caution stays until it is read
         assert f"Written to {written.name}" in text(interface, "Static")
-        assert "nobody stated the present HOME_OFFSET" in text(interface, "Static")
+        assert "the present HOME_OFFSET is not stated" in text(interface, "Static")
         await pilot.press("escape")
         await shown(pilot, interface, HomeScreen)
         names = {path.name for path in written.iterdir()}

@@ -226,7 +226,7 @@ def _set_ups(session: Session) -> list[Picture]:
         first.setdefault(step.leg, step)
     drawn = [drawn_set_up(session, step, session.opened.instruments) for step in first.values()]
     drawings = [drawing for drawing in drawn if drawing is not None]
-    caption = "Where the indicators stood; + is where readings grow."
+    caption = "Places of the indicators; + is the direction in which readings grow."
     return [Picture(drawings_svg(drawings), caption)] if drawings else []
 
 
@@ -247,8 +247,8 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
         table.add_row(name, *row)
     sentence = (
         "True position of a joint = believed position + offset. These are the values that glidecal "
-        "export writes for a controller that holds joint offsets, on top of those entered when it "
-        f"was measured. They leave least of the tool's error, {FRAME_WORDS[correction.frame]}."
+        "export writes for a controller with joint offsets, in addition to those entered when it "
+        f"was measured. They leave the smallest tool error, {FRAME_WORDS[correction.frame]}."
     )
     if change := solved.printer_change:
         return Section(
@@ -283,7 +283,7 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
 def _vectors(solved: SessionSolution) -> Picture:
     """Which way the tool is off, now and with the values entered."""
     correction = solved.correction
-    states = (("as it is now", correction.off_now), ("with these values entered", correction.off))
+    states = (("now", correction.off_now), ("with these values entered", correction.off))
     maps = [(words, vector_maps(off, correction.frame)) for words, off in states]
     caption = (
         f"Expected error of the tool, {FRAME_WORDS[correction.frame]}, on three planes through "
@@ -391,7 +391,7 @@ def _fit(solved: SessionSolution) -> Section:
         parts.append(Picture(svg_of(over_time), "Residuals over time: drift shows here."))
     caption = (
         "Residuals in the order of their size. On the line they are normal with the noise of the "
-        "readings; steeper is more than noise, a point far from the others is one by itself."
+        "readings; steeper is more than noise; a point far from the others is an outlier."
     )
     parts.append(Picture(svg_of(residuals_over_normal(solved)), caption))
     return Section("Differences", parts)
@@ -463,9 +463,9 @@ def _readings(session: Session) -> Section:
 
 def _state(session: Session, reading: Reading) -> str:
     if reading.reading in session.superseded:
-        return f"does not count: {session.superseded[reading.reading]}"
+        return f"not used: {session.superseded[reading.reading]}"
     if reading.reading in session.restored:
-        return f"counts again: {session.restored[reading.reading]}"
+        return f"used again: {session.restored[reading.reading]}"
     return ""
 
 

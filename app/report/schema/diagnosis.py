@@ -65,9 +65,9 @@ class ToolEntry(Report):
 
     of = Source[DiagnosedTool]()
     frame: Frame = of(lambda r: r.frame)
-    now_mm: float = of(lambda r: r.now_mm, "with what the controller holds now")
+    now_mm: float = of(lambda r: r.now_mm, "with the present values of the controller")
     entered_mm: dict[Holds, float] = of(
-        lambda r: r.entered_mm, "with what a controller holds entered"
+        lambda r: r.entered_mm, "with all values that a controller can take entered"
     )
 
 

@@ -42,7 +42,7 @@ class ForwardDifferences(Report):
     step_m: float = DIFFERENCE_STEP
     postures: int = of(lambda r: r.posture_count)
     row_count: int = of(lambda r: r.row_count)
-    rank: int = of(lambda r: r.counted, "what the rule counts")
+    rank: int = of(lambda r: r.counted, "rank by the rule")
     true_rank: int = of(lambda r: r.rank)
     decided_by: Literal["geometry", "rows", "parameters", "postures"] = of(lambda r: r.decided_by)
     tolerance: float = of(lambda r: r.qr.tolerance)
@@ -54,7 +54,7 @@ class ForwardDifferences(Report):
 class PaperRules(ClassicalQr):
     """The rule of papers/001 on exact derivatives, and as the paper took them."""
 
-    rank: int = field(metadata={"description": "what the rule counts"})
+    rank: int = field(metadata={"description": "rank by the rule"})
     forward_differences: tuple[ForwardDifferences, ...]
 
 
@@ -294,7 +294,7 @@ class PlatformReport(Report):
         lambda r: None if r.bound_m is None else 1000.0 * r.bound_m,
         "off at most with the calibrated machine, 95 %; null where not known",
     )
-    left_open: int = of(lambda r: r.left_open, "lost combinations that are no motions of frames")
+    left_open: int = of(lambda r: r.left_open, "lost combinations other than motions of frames")
 
 
 class HexaSlideVerificationReport(Report):

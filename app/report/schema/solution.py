@@ -128,7 +128,7 @@ class CorrectionEntry(Report):
     )
     bound_now: FramesEntry = of(
         lambda r: FramesEntry.of(r.correction.off_now.bound_mm),
-        "with what the controller holds now",
+        "with the present values of the controller",
     )
     left_out: tuple[LeftOut, ...] = of(lambda r: r.correction.left_out)
     others: tuple[Gain, ...] = of(lambda r: r.others, "in the same frame")
@@ -235,7 +235,7 @@ class SolutionReport(Report):
     noise: ReadingNoise = of(lambda r: ReadingNoise.of(r.solution.noise))
     display_step_found_mm: float | None = of(
         lambda r: r.solved.display_found_mm,
-        "step of the display that the values show and nobody stated; null where they show none",
+        "step of the display as the values show it, if it is not stated; null: they show none",
     )
     suspect_readings: tuple[SuspectReading, ...] = of(
         lambda r: tuple(map(SuspectReading.of, r.solved.suspects))

@@ -56,8 +56,8 @@ def aligned_text(aligned: Aligned) -> str:
 def lines_of_drives(name: str) -> tuple[str, ...]:
     """The comments above a machine file of drives as they lie."""
     return (
-        f"The drives as glidecal align tells them from {name}. Lengths in mm.",
-        "For a controller that is told of them, as glidecal export --format linuxcnc-kins does.",
+        f"The drives as glidecal align found them in {name}. Lengths in mm.",
+        "For a controller that has them, as with glidecal export --format linuxcnc-kins.",
         "One that reckons with square drives needs the machine file from before.",
     )
 
@@ -113,8 +113,8 @@ def screw_text(work: Round, number: int) -> str:
 
 
 MOVE_QUESTION = (
-    "From here on the machine is another one: what this round measured no longer counts, and every "
-    "step is measured again. Move the rails now?"
+    "From here on the machine is another one: what this round measured is not used any more, and "
+    "every step is measured again. Move the rails now?"
 )
 MOVE_CHOICES = (("no", "No, not yet"), ("move", "Yes"))
 

@@ -15,8 +15,8 @@ from protocols.procedure import position_words
 from protocols.session import Reading
 
 UNKNOWN_HOME_OFFSET = (
-    "nobody stated the present HOME_OFFSET: the files hold only what to add to it. State it in the "
-    "machine file, or by glidecal export --ini or --home-offset."
+    "the present HOME_OFFSET is not stated: the files contain only what to add to it. State it "
+    "in the machine file, or by glidecal export --ini or --home-offset."
 )
 
 MOST_NAMED = 8
@@ -51,7 +51,7 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
         yield (
             f"WARNING: the residual is {math.sqrt(fit.statistic):.1f} times the noise: these "
             "parameters alone do not explain the readings (glidecal diagnose). With the residual "
-            "counted as noise the "
+            "as noise the "
             f"uncertainty is ±{uncertain(larger)} mm (k = {solution.lack_of_fit_factor:.3f}, "
             f"{free_words(fit.degrees_of_freedom)})."
         )
@@ -108,7 +108,7 @@ def _of_noise(solved: SessionSolution) -> Iterator[str]:
     if noise.cycle_drift_mm is not None:
         yield (
             f"NOTE: the {taken_word(solved)}s drift from cycle to cycle by "
-            f"{uncertain(noise.cycle_drift_mm)} mm r.m.s. This is not counted as noise, but drift "
+            f"{uncertain(noise.cycle_drift_mm)} mm r.m.s. This is not part of the noise, but drift "
             "within a cycle is part of the differences. Is the machine warm? Is the "
             f"{'probe' if solved.of_contacts else 'stand'} firm? "
             "glidecal diagnose looks for drift."
@@ -193,7 +193,7 @@ def _of_the_measurement(solved: SessionSolution) -> Iterator[str]:
     if in_place:
         yield (
             f"NOTE: {in_place} readings were taken without leaving the posture. They have the "
-            "error of the reading before, so they are averaged with it and are no repeats."
+            "error of the reading before, so they are averaged with it and not used as repeats."
         )
     touched = {reading.leg for session in solved.sessions for reading in session.readings}
     missing = [leg.upper() for leg in LEG_NAMES if leg not in touched]

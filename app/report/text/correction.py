@@ -95,7 +95,7 @@ def bound_table(first: Frame, off_now: ToolOff, off: ToolOff) -> Table:
 
 def gains_table(solved: SessionSolution) -> Table:
     """What other exports of the same controller would keep."""
-    table = new_table("if the controller holds", "tool at most, mm")
+    table = new_table("if the controller has", "tool at most, mm")
     for gain in solved.others:
         table.add_row(HOLDS_WORDS[gain.holds], uncertain(gain.bound_mm))
     return table
@@ -172,17 +172,17 @@ def doubt_lines(solved: SessionSolution) -> Iterator[str]:
         yield (
             "WARNING: likely a mistake in the readings, with its probability: "
             f"{mistake_words}. The values "
-            "count with it put right, as far as it is likely; the record is not changed. Look, and "
-            "measure again."
+            "include its correction, weighted by its probability; the record is not changed. Check "
+            "it, and measure again."
         )
     if furthest := solved.furthest_distance:
         distance = furthest.distance
         way = "longer" if furthest.off_mm > 0.0 else "shorter"
         yield (
             f"WARNING: distance {distance.distance} of {furthest.session}, "
-            f"{distance.value_mm:g} mm, is {abs(furthest.off_mm):.2f} mm {way} than the machine "
-            f"makes it: {abs(furthest.deviations):.0f} standard deviations. Measure it again, or "
-            "take it out."
+            f"{distance.value_mm:g} mm, is {abs(furthest.off_mm):.2f} mm {way} than on the "
+            f"machine of the model: {abs(furthest.deviations):.0f} standard deviations. "
+            "Measure it again, or remove it."
         )
 
 

@@ -54,7 +54,7 @@ effects that fit equally well
 
 Where shows the mean residual at each place, in µm, after the fit of
 offsets, lengths and zeros. ▲ and ▼ are more than noise, ▲▲ and ▼▼ much
-more. Adopting changes no record: the old session stays as it is."""
+more. Adopting changes no record: the old session is not changed."""
 
 LOOKING = "Looking for what is missing …"
 NOT_YET = "The diagnosis is not ready yet."
@@ -66,7 +66,7 @@ NOTHING_NAMED = (
 NO_NEXT = "No measurement is proposed: there are no two effects that one would decide between."
 CORRECT = "correct"
 WHAT_TO_ADOPT = "What do you want to adopt into the model, or to correct?"
-CORRECTED = "Corrected session written: {}. Diagnosing it; {} stays as it is."
+CORRECTED = "Corrected session written: {}. Diagnosing it; {} is not changed."
 WHICH_SESSION = "Write the corrected session to which file?"
 WHICH_FILE = "Write the model to which file?"
 ADOPTED = "Adopted in {}: gap {:.4f} → {:.4f} mm."
@@ -179,7 +179,7 @@ def tool_text(tool: DiagnosedTool) -> str:
         words += f" With {WITH[best]}: {uncertain(entered[best])} mm."
     return (
         f"Tool over the workspace, r.m.s. (95 %), {FRAME_WORDS[tool.frame]}: at most "
-        f"{uncertain(tool.now_mm)} mm as it is. {words}"
+        f"{uncertain(tool.now_mm)} mm now. {words}"
     )
 
 
@@ -245,7 +245,7 @@ def gap_text(diagnosis: Diagnosis) -> str:
     if noise_mm is None:
         return (
             f"Gap {before.rms_mm:.4f} mm r.m.s., {freedom_words(before)}; "
-            "without repeats or a stated noise nothing tells whether that is chance."
+            "without repeats or a stated noise it may be chance."
         )
     sentence = (
         f"Gap {before.rms_mm:.4f} mm r.m.s. beyond the scatter of repeats (noise of a reading "

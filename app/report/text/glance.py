@@ -95,8 +95,8 @@ def next_text(
 
 AGAIN = "then {result.verify} measures again and compares."
 REPORT = "{result.report} writes the report to sign."
-LEAVE_AS_IT_IS = f"leave the controller as it is; {REPORT}"
+LEAVE_AS_IT_IS = f"change nothing in the controller; {REPORT}"
 MORE_THAN_OFFSETS = (
-    "glidecal export --format writes what the controller can hold beside joint offsets. That "
-    "makes the tool more accurate."
+    "glidecal export --format writes what the controller can hold beside joint offsets. The "
+    "tool becomes more accurate."
 )

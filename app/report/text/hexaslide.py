@@ -169,10 +169,10 @@ def grouped(names: list[str]) -> dict[str, list[str]]:
 def _known(view: HexaSlideSeen) -> str:
     known_names = view.seen.found.individually_known
     if len(known_names) == len(view.seen.found.names):
-        return "Every parameter is known by itself."
+        return "Every parameter is identifiable alone."
     if not known_names:
-        return "No parameter is known by itself: each is part of what is not identifiable."
-    return f"Known by themselves ({len(known_names)}): {', '.join(known_names)}."
+        return "No parameter is identifiable alone: each is part of a combination that is not."
+    return f"Identifiable alone ({len(known_names)}): {', '.join(known_names)}."
 
 
 def _conditions(view: HexaSlideSeen) -> str:
@@ -195,7 +195,7 @@ def _rule(view: HexaSlideSeen) -> str:
     counted = len(identifiability.names) - len(qr.flagged)
     lines = [
         f"Rule of papers/001, QR in the order of the parameters, |r_ii| ≤ {qr.tolerance:.2g}: "
-        f"counts {counted} with exact derivatives, flags {', '.join(qr.flagged) or 'none'}."
+        f"rank {counted} with exact derivatives, flags {', '.join(qr.flagged) or 'none'}."
     ]
     if counted != identifiability.rank:
         lines.append(
@@ -212,7 +212,7 @@ def _rule(view: HexaSlideSeen) -> str:
 def _on_differences(rule: PaperRule) -> str:
     words = (
         f"With forward differences of {DIFFERENCE_STEP:g} m, as in the paper, at "
-        f"{rule.posture_count} postures it counts {rule.counted}"
+        f"{rule.posture_count} postures the rank is {rule.counted}"
     )
     if rule.decided_by == "geometry":
         return f"{words}."
@@ -239,7 +239,7 @@ HEXASLIDE_HELP = f"""\
 
 Drawing: rails ·, links thin with their number, platform thick, box :
 Postures: x start, o optimum. A posture is a place and three angles, so
-each stands once in every plot. Nothing here writes a file."""
+each appears once in every plot. Nothing here writes a file."""
 
 PROCEDURE_WORDS = {
     ProcedureKind.POSE_INVERSE: "whole posture, residuals of the sliders",

@@ -126,7 +126,7 @@ def platform_text(document: HexaSlideCalibrationReport) -> str:
         else "by an unknown amount with the calibrated machine: no noise is known."
         if not platform.left_open
         else f"by an unknown amount with the calibrated machine: {platform.left_open} combinations "
-        "that are no frames stay open."
+        "other than frames remain open."
     )
     return (
         f"The platform, over the box: off by {platform.now_rms_mm:.3g} mm r.m.s. now (worst "
@@ -171,7 +171,7 @@ def caveats(document: HexaSlideCalibrationReport) -> list[str]:
             f"{platform.now_rms_mm:.3g} mm. Keep the file, or measure more or better postures."
         )
     if not document.lost_count:
-        return [*lines, "Every parameter is known by itself."]
+        return [*lines, "Every parameter is identifiable alone."]
     motions = document.lost_motions
     if motions:
         lines.append(f"NOT IDENTIFIABLE, left as the machine file has it: {'; '.join(motions)}.")
@@ -198,7 +198,7 @@ def parameter_table(document: HexaSlideCalibrationReport) -> str | Table:
             "unknown" if half is None else f"{1000.0 * half:.4f}",
             THOUSANDTHS[parameter.unit],
         )
-    return table if document.individually_known else "No parameter is known by itself."
+    return table if document.individually_known else "No parameter is identifiable alone."
 
 
 def figure_lines(document: HexaSlideCalibrationReport, factor: float | None) -> list[str]:

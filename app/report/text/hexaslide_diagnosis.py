@@ -64,9 +64,7 @@ def diagnosis_parts(diagnosis: HexaSlideDiagnosis) -> list[str | Table]:
             "postures that no parameter takes over."
         )
     if diagnosis.unidentifiable:
-        lines.append(
-            f"No reading shows, so nothing is said of: {'; '.join(diagnosis.unidentifiable)}."
-        )
+        lines.append(f"The readings do not show: {'; '.join(diagnosis.unidentifiable)}.")
     parts: list[str | Table] = [verdict_words(diagnosis)]
     parts += [claims] if diagnosis.claims else []
     parts += [sizes] if diagnosis.sizes else []

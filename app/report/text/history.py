@@ -14,9 +14,7 @@ from calib.control_chart import FEWEST, RULES
 
 DAYS_A_MONTH = 30.44  # 365.25 / 12
 
-TOO_EARLY = (
-    f"Whether it drifts cannot be told yet: that takes {FEWEST} sessions over a day or longer."
-)
+TOO_EARLY = f"A drift cannot be determined yet: this takes {FEWEST} sessions over a day or longer."
 
 HISTORY_HELP = f"""\
 {{history.next_figure}}, {{history.figure_before}}  Charts: another joint or machine
@@ -120,7 +118,7 @@ def due_words(machine: MachineHistory) -> str:
     if not any(joint.drift and joint.drift.shown for joint in machine.joints):
         return "No drift beyond its uncertainty."
     if machine.last.machine.tool_tolerance_mm is None:
-        return "When it is due cannot be told: the machine file states no tool_tolerance_mm."
+        return "The due date is unknown: the machine file states no tool_tolerance_mm."
     return "Drift does not use up the tolerance within a hundred years."
 
 

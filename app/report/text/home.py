@@ -141,7 +141,7 @@ FIELD_HELP = {
     ),
     "operator": "Operator: a name for the record.",
     "temperature": "Temperature of the machine for the record, in °C.",
-    "note": "Note for the record; it stands below the result.",
+    "note": "Note for the record; it is shown below the result.",
     "random": (
         "Random order seed: shuffles the levels after Zero in each cycle, so\n"
         "that drift does not look like displacement. One seed gives one order.\n"
@@ -166,8 +166,8 @@ the other. Only do it where an indicator is plugged in, never at the port of a c
 Other ports are not touched
 {indicator.done}, {indicator.back}  stop trying; go back, with what is in the form
 
-Where several profiles fit, the indicators answer alike: take the one
-whose name stands on yours."""
+Where several profiles fit, the indicators give the same answers: take
+the name that is on yours."""
 
 INDICATOR_FIELDS = {
     "port": ("Port", "/dev/ttyUSB0, COM5, socket://HOST:PORT"),

@@ -62,7 +62,7 @@ def _limits_text(plan: Plan, remarks: tuple[str, ...]) -> str:
 def check_text(plan: Plan, mover: Mover) -> str:
     """The same on the screen, before the key that begins; the question is always in sight."""
     return paragraphs(
-        f"{{check.begin}} begins; nothing moves yet. {QUESTION} Every posture stands below.",
+        f"{{check.begin}} begins; nothing moves yet. {QUESTION} Every posture is listed below.",
         _limits_text(plan, mover.facts),
         _postures_text(plan),
     )
@@ -137,7 +137,7 @@ def moving_text(mover: Mover, step: Step) -> str:
     place = f"At step {step.number}" if move is None else "Half-way"
     words = {
         State.MOVING: f"MOVING {goal}. Any key stops it.",
-        State.CONSENTED: f"{place}. It goes on by itself; any key stops it.",
+        State.CONSENTED: f"{place}. It continues without a key; any key stops it.",
         State.STOPPING: "STOPPING …",
         State.HELD: f"HELD: {sentence(mover.why)} {{measure.go}} asks what to do.",
         State.FAULT: f"FAULT: {sentence(mover.why)} {{measure.go}} asks what to do.",

@@ -85,7 +85,7 @@ def _verdict(seen_by: SeenBy) -> str:
         words = f"{rank} of {count} combinations of the parameters are identifiable"
         words += f", {count - rank} not."
     known_names = ", ".join(seen_by.found.individually_known) or "none"
-    words += f"\nParameters identifiable by themselves: {known_names}."
+    words += f"\nParameters identifiable alone: {known_names}."
     words += f"\n{seen_by.examined.remark}" if seen_by.examined.remark else ""
     fewest = seen_by.examined.fewest_postures
     if seen_by.limited_by == "too-few-postures" and fewest is not None:

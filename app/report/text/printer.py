@@ -103,7 +103,7 @@ def change_answers(solved: SessionSolution, change: PrinterChange) -> Iterator[s
         yield (
             f"The heights of the plate differ by {uncertain(uneven.now)} mm r.m.s., hardly more "
             "than that: the probe limits what can be seen, not the geometry."
-            + ("" if change.helps else " Leave the firmware as it is.")
+            + ("" if change.helps else " Change nothing in the firmware.")
         )
     else:
         yield (
@@ -149,7 +149,7 @@ def _remedy(effect: EffectInstance, towers: Mapping[str, str]) -> str | None:
         out, back = ("out", "in") if effect.place[1:] == "r" else ("anticlockwise", "clockwise")
         way, against = (out, back) if value > 0.0 else (back, out)
         return (
-            f"foot of tower {tower} stands {abs(value):.3f} mm too far {way}: the exported values "
+            f"foot of tower {tower} is {abs(value):.3f} mm too far {way}: the exported values "
             f"allow for it; or move the tower {against}"
         )
     if isinstance(law, AxisSquareness):

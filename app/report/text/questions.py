@@ -71,7 +71,7 @@ def _asked(step_taken: TakenStep, session: Session) -> str:
         mover = "machine or stand"
     if step_taken.doubt is Doubt.STAND:
         last = step_name(session.steps()[(step_taken.earlier[0].step or 1) - 1], session)
-        return f"Unchanged since {last}: was the stand set up anew, at {step_taken.step.touched}?"
+        return f"Unchanged since {last}: was the stand set up again, at {step_taken.step.touched}?"
     questions = {
         Doubt.UNCHANGED: f"Unchanged since {before}: did {mover} move?",
         Doubt.TOO_SOON: f"So soon after {before} the machine cannot be there: did it move?",
@@ -144,14 +144,14 @@ def question_choices(step_taken: TakenStep) -> tuple[tuple[str, str], ...]:
     if doubt is Doubt.ODD:
         return (
             ("earlier", f"Measure step {earlier} again"),
-            ("keep", f"Step {earlier} is right: keep it as it is"),
+            ("keep", f"Step {earlier} is right: keep it"),
         )
     if doubt is Doubt.STAND:
         return (
             ("read", "No. I set it up now and take again"),
-            ("keep", "Yes, it stands there: keep the reading"),
+            ("keep", "Yes, it is there: keep the reading"),
         )
-    first, last = "Read again here, without moving", "Keep the reading as it is"
+    first, last = "Read again here, without moving", "Keep the reading"
     if doubt in (Doubt.UNCHANGED, Doubt.TOO_SOON):
         first, last = "No. I move it now and take again", "Yes, it moved: keep the reading"
     elif doubt is Doubt.REPEATS:

@@ -290,8 +290,8 @@ def bound_sentence(correction: SessionCorrection | PrinterChange, frame: Frame) 
     """What the tool keeps with the values to enter, and what it keeps now."""
     return (
         f"With these values entered the tool is off by at most {uncertain(correction.bound_mm)} "
-        f"mm r.m.s. over the workspace (95 %), {FRAME_WORDS[frame]}; as it is now by "
-        f"at most {uncertain(correction.now_mm)} mm."
+        f"mm r.m.s. over the workspace (95 %), {FRAME_WORDS[frame]}; now by at "
+        f"most {uncertain(correction.now_mm)} mm."
     )
 
 
@@ -300,7 +300,7 @@ def judged_sentence(judged: Judgement, *, verified: bool) -> str:
     if verified:
         return _against(judged.tolerance_mm, judged.before)
     return (
-        f"{DECIDED[judged.after]} with these values entered, {DECIDED[judged.before]} as it is "
+        f"{DECIDED[judged.after]} with these values entered, {DECIDED[judged.before]} "
         f"now: tolerance {judged.tolerance_mm:g} mm for the tool, r.m.s., against the bound."
     )
 

@@ -24,7 +24,7 @@ WHAT_IF_HELP = """\
 {what_if.smaller}, {what_if.larger}  the size smaller, larger, by a step no larger than its ±
 {what_if.much_smaller}, {what_if.much_larger}  ten times as far
 {what_if.size_before}, {what_if.next_size}  another size, where the effect has several (> is moved)
-{what_if.nothing}  nothing: the model as it is without the effect
+{what_if.nothing}  nothing: the model without the effect
 {what_if.best}  the size that fits best
 {what_if.adopt}  adopt: at the size shown, which is then held and not fitted again; after \
 {what_if.best} the size stays free and is fitted
@@ -33,9 +33,9 @@ WHAT_IF_HELP = """\
 {page.copy}  copy the numbers to the clipboard
 {page.back}, {page.quit}  drop it: nothing is written; quit
 
-Offsets and lengths are fitted anew at every size, other effects of
-the model, too. Tool, effect not compensated: what the effect by
-itself does there, over the workspace. Tool, values without it: what
+Offsets and lengths are fitted again at every size, other effects of
+the model, too. Tool, effect not compensated: what the effect
+alone does there, over the workspace. Tool, values without it: what
 the tool is off by if the effect is real and the values found without
 it are entered."""
 

@@ -143,7 +143,7 @@ def test_the_bound_at_the_tool_and_what_lowers_it(tmp_path: Path, samples: Path)
     assert "further" not in diagnosed(session)
     text = " ".join(glidecal("diagnose", session).out.split())
     assert re.search(
-        r"Tool over the workspace, r\.m\.s\. \(95 %\), touched off: at most [\d.]+ mm as it is\."
+        r"Tool over the workspace, r\.m\.s\. \(95 %\), touched off: at most [\d.]+ mm now\."
         r" With joint offsets entered: [\d.]+ mm\.",
         text,
     )

@@ -316,7 +316,7 @@ def test_postures_all_alike_are_refused_or_told(tmp_path: Path) -> None:
     assert (found["rank"], found["lost_count"]) == (6, 43)
     assert found["individually_known"] == []
     said = calibration_text(calibrate_file(path, None, 0.2)).replace("\n", " ")
-    assert "No parameter is known by itself." in said
+    assert "No parameter is identifiable alone." in said
     assert "more combinations" in said
 
 

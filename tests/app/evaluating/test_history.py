@@ -145,7 +145,7 @@ def test_two_sessions_tell_no_drift_and_none_is_denied(tmp_path: Path) -> None:
     measured(tmp_path, 0, (0.1, 0.1, 0.1))
     measured(tmp_path, 1, (0.1, 0.1, 0.1))
     text = " ".join(history_text(read_history(tmp_path, index=tmp_path / "index"), NOW).split())
-    assert "Whether it drifts cannot be told yet: that takes 3 sessions" in text
+    assert "A drift cannot be determined yet: this takes 3 sessions" in text
     assert "No drift" not in text
 
 

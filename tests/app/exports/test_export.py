@@ -76,7 +76,7 @@ def test_linuxcnc_includes_as_golden_text(session: Path, tmp_path: Path) -> None
         "export", session, "--format", "linuxcnc", *LINEAR, "--home-offset", "10,-2.5,0", "-o", out
     )
     assert run.status == 0, run.err
-    assert "nobody stated the present HOME_OFFSET" not in run.err
+    assert "the present HOME_OFFSET is not stated" not in run.err
     golden = ROOT / "tests" / "golden" / "linuxcnc"
     names = sorted(p.name for p in out.iterdir())
     assert names == ["calib_joint0.inc", "calib_joint1.inc", "calib_joint2.inc"]
@@ -103,7 +103,7 @@ def test_an_unknown_home_offset_gives_no_value_to_enter(session: Path, tmp_path:
     """Nothing that could undo a calibration: only what to add to the value that is there."""
     run = glidecal("export", session, "--format", "linuxcnc", *LINEAR, "-o", tmp_path)
     assert run.status == 0
-    assert "nobody stated the present HOME_OFFSET" in run.err
+    assert "the present HOME_OFFSET is not stated" in run.err
     for n, change in enumerate(("-0.485579", "+0.49", "-1.67")):
         text = (tmp_path / f"calib_joint{n}.inc").read_text()
         assert not [line for line in text.splitlines() if not line.startswith("#")]

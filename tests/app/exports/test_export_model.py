@@ -163,7 +163,7 @@ def test_adopting_states_fitted_offsets_and_none_that_nobody_fitted(tmp_path: Pa
     assert json.loads(both.read_text())["parameters_mm"] == {}
     (tmp_path / "m.ini").write_text(INI)
     export = ("export", both, "--format", "linuxcnc", "--ini", tmp_path / "m.ini")
-    assert "an offset that nobody stated is not 0" in refused(3, *export, "-o", tmp_path / "o")
+    assert "an offset that is not stated is not 0" in refused(3, *export, "-o", tmp_path / "o")
 
 
 def test_what_the_joints_hold_already_is_not_entered_twice(samples: Path, tmp_path: Path) -> None:

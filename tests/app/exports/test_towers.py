@@ -306,7 +306,7 @@ def test_bars_towers_and_switches_go_into_the_firmware_of_printers(
     moved = ANYTHING.tool(READ[kind](text)(zero)) - ANYTHING.tool(BELIEVED(zero))
     assert abs(moved[2]) < 1e-5, "the height at the plate stays"
     x, y = (f"{part:+.4f}" for part in moved[:2])
-    assert f"then stands ({x}, {y}, " in said
+    assert f"is then ({x}, {y}, " in said
 
 
 STRETCHED = Hidden(
@@ -339,7 +339,7 @@ def test_travels_that_nobody_stated_stay_and_the_file_says_so(kind: str, tmp_pat
     text = exported(STRETCHED, kind, tmp_path, **silent).read_text()
     assert "rotation_distance:" not in text
     assert "M92" not in text
-    assert "the travel of each tower is left as it is" in comments(text)
+    assert "the travel of each tower is not changed" in comments(text)
     assert "no value for all of actuator_scale" in comments(text)
     held = str(TURN_MM if kind == "klipper" else STEPS)
     asked = ("--steps", ",".join([held] * 3))
@@ -415,7 +415,7 @@ def test_controllers_with_one_length_say_what_unequal_bars_leave(kind: str, tmp_
     after = rms(errors(ANYTHING, READ_ALIKE[kind](text)))
     assert 0.01 < after < 0.5 * rms(errors(ANYTHING, BELIEVED))
     assert f"{after:.4f} mm with these values" in comments(text)
-    assert "no value for all of d_L. By itself d_L leaves 0." in comments(text)
+    assert "no value for all of d_L. Alone d_L leaves 0." in comments(text)
 
 
 @pytest.mark.parametrize("kind", READ_ALIKE)
@@ -511,7 +511,7 @@ def test_the_first_line_says_to_touch_the_plate_again(
     if hidden == Hidden():
         assert "keep the height" in comments(absolute)
         return
-    stated = re.search(r"stands about ([\d.]+) mm (lower|higher) than now", comments(absolute))
+    stated = re.search(r"is about ([\d.]+) mm (lower|higher) than now", comments(absolute))
     assert stated
     assert abs(raised) > 0.1, "else this test shows nothing"
     value = float(stated[1]) * {"lower": -1.0, "higher": 1.0}[stated[2]]
@@ -578,7 +578,7 @@ def test_what_klipper_has_no_value_for_is_named_with_what_it_leaves(tmp_path: Pa
     assert raised == pytest.approx(0.0, abs=0.001), "the height is no part of the bargain"
     assert "wholly in these values: d_rho" in said
     assert re.search(
-        r"no value for all of axis_squareness\. By itself axis_squareness leaves 0\.", said
+        r"no value for all of axis_squareness\. Alone axis_squareness leaves 0\.", said
     )
 
 
@@ -606,7 +606,7 @@ def test_lineardeltakins_says_what_unequal_bars_leave(tmp_path: Path) -> None:
     assert f"{after:.4f} mm with these values" in said
     only = exported(alone, "lineardeltakins", tmp_path / "alone")
     left = rms(errors(alone, lineardeltakins(only)))
-    assert f"By itself d_L leaves {left:.4f} mm" in said
+    assert f"Alone d_L leaves {left:.4f} mm" in said
 
 
 @pytest.mark.parametrize("kind", [*READ, "lineardeltakins"])

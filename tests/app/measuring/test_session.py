@@ -427,7 +427,7 @@ def test_a_stand_that_was_not_taken_to_the_next_leg_is_asked_about(tmp_path: Pat
             assert guided.session.done() == {1, 2, 3, 4}
         assert taken is not None
         assert (
-            "Unchanged since step 4, leg X ZERO, end: was the stand set up anew"
+            "Unchanged since step 4, leg X ZERO, end: was the stand set up again"
             in question_text(taken, guided.session)
         )
         gauges[1].show(0.6)

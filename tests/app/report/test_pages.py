@@ -176,8 +176,8 @@ def test_readings_that_were_questioned_stand_by_themselves(tmp_path: Path) -> No
     write_whole(path, record.opened, [*record.events[1:-1], doubted, restored, left_out])
     section = _section(report_of([path]), "Questioned and superseded readings")
     rows = [(row[1], row[4]) for row in _cells(*_tables(section))]
-    assert ("3", "does not count: questioned: not as expected") in rows
-    assert ("4", "counts again: kept: looked twice") in rows
+    assert ("3", "not used: questioned: not as expected") in rows
+    assert ("4", "used again: kept: looked twice") in rows
     sentences = [part for part in section.parts if isinstance(part, str)]
     assert sentences == ["doubted.jsonl: 1 step left out: no room"]
 
@@ -230,7 +230,7 @@ def test_the_decision_rule_stands_with_the_decision() -> None:
     solved = solve_files([SIMULATED])
     tolerance_mm = 0.9 * solved.correction.bound_mm
     report = report_of([SIMULATED], tolerance_mm=tolerance_mm)
-    assert report.decision.startswith("UNDECIDED with these values entered, FAIL as it is now")
+    assert report.decision.startswith("UNDECIDED with these values entered, FAIL now")
     judged = judge(solved, tolerance_mm)
     assert (judged.after, judged.before) == ("undecided", "fail")
     with_rule = Page(html_of(report)).text

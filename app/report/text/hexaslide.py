@@ -212,7 +212,7 @@ def _rule(view: HexaSlideSeen) -> str:
 def _on_differences(rule: PaperRule) -> str:
     words = (
         f"With forward differences of {DIFFERENCE_STEP:g} m, as in the paper, at "
-        f"{rule.posture_count} postures the rank is {rule.counted}"
+        f"{rule.posture_count} postures its rank is {rule.counted}"
     )
     if rule.decided_by == "geometry":
         return f"{words}."

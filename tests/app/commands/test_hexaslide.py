@@ -95,9 +95,9 @@ def test_what_is_lost_is_told_by_its_motions_and_their_number() -> None:
 
 def test_the_rule_of_the_paper_is_told_beside_with_what_decides_it() -> None:
     said = told(Request("position"))
-    assert "counts 46 with exact derivatives, flags Bz5, By6, Bz6." in said
-    assert "at 16 postures it counts 48. WARNING: that is the number of rows" in said
-    assert "at 100 postures it counts 49. WARNING: that is the number of parameters" in said
+    assert "rank 46 with exact derivatives, flags Bz5, By6, Bz6." in said
+    assert "at 16 postures its rank is 48. WARNING: that is the number of rows" in said
+    assert "at 100 postures its rank is 49. WARNING: that is the number of parameters" in said
     assert "orders of magnitude too tight" in said
     rules = rules_of(seen_of(Request("constraint-link")))
     whole, few = rules.forward_differences
@@ -108,7 +108,7 @@ def test_the_rule_of_the_paper_is_told_beside_with_what_decides_it() -> None:
     assert 1e4 < least < largest < 1e9
     said = told(Request("pose-inverse"))
     assert "WARNING" not in said
-    assert "at 9 postures it counts 49." in said
+    assert "at 9 postures its rank is 49." in said
     assert "WARNING: 45 is wrong: without exchange of columns" in told(
         Request("position", postures=16)
     )

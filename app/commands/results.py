@@ -213,8 +213,10 @@ def export(
     from app.report.offsets import offsets_from_file
     from app.report.text.caveats import UNKNOWN_HOME_OFFSET
     from calib.tripod.controller import ControllerJoints
+    from protocols.documents import read_bytes
 
     if format_name not in FORMATS:
+        read_bytes(source, "file")  # a file that is not there is no question of its format
         raise UsageError("--format", f"{format_name} of {source}", ", ".join(FORMATS))
     _check_joints(home_offset, endstops, ini, format_name)
     offsets = offsets_from_file(source, subset, method, model, frame)

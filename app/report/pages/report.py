@@ -48,7 +48,9 @@ HEADING_LETTERS, BOLD = 14, 1.15
 def html_of(page: CalibrationReport | HistoryPage) -> str:
     """One page without a script or anything from elsewhere; texts of strangers are inert."""
     name = "report.html" if isinstance(page, CalibrationReport) else "history.html"
-    return _environment().get_template(name).render(page=page, one_piece=ONE_PIECE)
+    return (
+        _environment().get_template(name).render(page=page, one_piece=ONE_PIECE, width_em=WIDTH_EM)
+    )
 
 
 @cache

@@ -129,7 +129,7 @@ def test_the_printer_is_a_better_one(walked: tuple[Path, str]) -> None:
     after = words(glidecal("solve", folder / "after.jsonl").out)
     (uneven_mm,) = re.findall(r"heights of the plate differ by (\S+) mm", after)
     assert float(uneven_mm) < 0.008
-    assert "the probe limits what can be seen, not the geometry. Leave the firmware as" in after
+    assert "the probe limits what can be seen, not the geometry. Change nothing in the" in after
 
 
 def test_values_that_help_are_the_next_step_on_the_screen(walked: tuple[Path, str]) -> None:

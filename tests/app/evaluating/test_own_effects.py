@@ -111,7 +111,7 @@ def test_the_documented_effect_in_the_demonstration(folder: Path, tmp_path: Path
         ("EFFECTS = (3,)", "which lacks one of the texts"),
         (documented().replace("bent_arm", "Bent Arm"), "the id 'Bent Arm'"),
         (documented().replace("bent_arm", "backlash"), "the id 'backlash'"),
-        (documented().replace("Stage.READING", '"reading"'), "no Stage"),
+        (documented().replace("Stage.READING", '"reading"'), "not a Kind or a Stage"),
         (documented().replace("50.0)", "0.0)"), "a tolerance outside 1e-09"),
         (documented().replace("stage_input**2", "abs(stage_input)"), "complex values do not pass"),
         (documented().replace("values[0]", "(1 + values[0])"), "a value of 0 changes readings"),

@@ -39,7 +39,8 @@ def file_of(session: Path, kind: str, folder: Path, *more: str) -> str:
     assert run.status == 0, run.err
     text = out.read_text(encoding="utf-8")
     assert true.comments(text).startswith(
-        "BEFORE THE FIRST MOVE: home, then touch the plate again; these values keep the height"
+        "BEFORE THE FIRST MOVE: home, then touch the plate again; these values keep the present "
+        "height"
     )
     return text
 

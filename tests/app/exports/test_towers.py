@@ -502,14 +502,14 @@ def test_the_first_line_says_to_touch_the_plate_again(
     """Where the machine file says nothing of the plate, how the height changes, too."""
     text = exported(hidden, kind, tmp_path).read_text()
     assert comments(text).startswith(
-        "BEFORE THE FIRST MOVE: home, then touch the plate again; these values keep the height of "
-        "the tool in the middle of the plate"
+        "BEFORE THE FIRST MOVE: home, then touch the plate again; these values keep the present "
+        "height of the tool in the middle of the plate"
     )
     absolute = exported(hidden, kind, tmp_path / "absolute", set_at_zero=False).read_text()
     zero = np.zeros(3)
     raised = (hidden.tool(READ[kind](absolute)(zero)) - hidden.tool(BELIEVED(zero)))[2]
     if hidden == Hidden():
-        assert "keep the height" in comments(absolute)
+        assert "keep the present height" in comments(absolute)
         return
     stated = re.search(r"is about ([\d.]+) mm (lower|higher) than now", comments(absolute))
     assert stated

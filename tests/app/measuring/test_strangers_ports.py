@@ -161,7 +161,7 @@ def begun(folder: Path, ports: Sequence[str], computer: str | None) -> Path:
 def test_ports_of_another_computer_are_asked_for_again(tmp_path: Path) -> None:
     ports = ("/dev/ttyUSB0", "/dev/ttyUSB1")
     path = begun(tmp_path, ports, "0123456789abcdef")
-    with pytest.raises(PortsUnknown, match="named anew: --indicator PROFILE:PORT@xyz --indicator"):
+    with pytest.raises(PortsUnknown, match="named again: --indicator PROFILE:PORT@xyz --indicator"):
         plan_to_continue(path)
     before = path.read_bytes()
     assert "not named on this computer" in refused(2, "run", "--continue", path, cwd=tmp_path)

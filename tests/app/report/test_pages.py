@@ -235,7 +235,7 @@ def test_the_decision_rule_stands_with_the_decision() -> None:
     assert (judged.after, judged.before) == ("undecided", "fail")
     with_rule = Page(html_of(report)).text
     assert "Decision rule (ISO 14253-1)" in with_rule
-    assert "Where the indicators stood" in with_rule
+    assert "Places of the indicators" in with_rule
 
 
 def test_without_a_tolerance_nothing_is_judged(experiment: CalibrationReport) -> None:

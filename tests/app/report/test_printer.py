@@ -102,8 +102,8 @@ def test_a_probe_that_scatters_is_not_taken_for_geometry(tmp_path: Path) -> None
         (ActuatorScale(), "y", 5.0, "belt of tower b: multiply its rotation_distance (Klipper) by"),
         (Backlash(), "z", 0.08, "belt or joints of tower c are slack by 0.080 mm: tighten them"),
         (LegLength(), "x", -0.4, "arm of tower a: -0.400 mm, in the exported values"),
-        (AxisOffset(), "zr", 0.8, "foot of tower c stands 0.800 mm too far out: "),
-        (AxisOffset(), "xt", -0.3, "foot of tower a stands 0.300 mm too far clockwise: "),
+        (AxisOffset(), "zr", 0.8, "foot of tower c is 0.800 mm too far out: "),
+        (AxisOffset(), "xt", -0.3, "foot of tower a is 0.300 mm too far clockwise: "),
         (AxisSquareness(), "xy", 4.0, "towers a and b lean, for which firmware has no value: "),
     ],
 )

@@ -282,7 +282,7 @@ async def test_export_names_what_it_wrote(
         await pilot.press("e")
         await until(pilot, "written", lambda: bool(said))
         await until(
-            pilot, "caution", lambda: "\nWARNING: nobody" in text(interface, "#result-text")
+            pilot, "caution", lambda: "\nWARNING: the present" in text(interface, "#result-text")
         )
     written = sorted(p.name for p in path.with_suffix("").iterdir())
     assert "offsets.csv" in written

@@ -167,6 +167,8 @@ class Machine(Document):
     ``entered_offsets_mm`` are joint offsets already entered when the session is measured;
     ``offset_tolerance_mm`` and ``length_tolerance_mm`` are standard deviations of how far joint
     offsets and leg lengths of such machines are off, before anything is measured;
+    ``length_correlation`` is that of what the legs are off by: 0.8 where all bars were cut with one
+    jig, so that they are long or short together;
     ``across_tolerance_mm``, ``lean_tolerance_mrad`` and ``scale_tolerance_mm_m`` the same of where
     the line of a drive lies in each direction across it, of its direction, and of its travel;
     ``plate_bow_tolerance_mm`` the same of how far a plate that the tool meets is from flat, 100 mm
@@ -205,6 +207,7 @@ class Machine(Document):
     entered_offsets_mm: Triple = ZERO
     offset_tolerance_mm: Tolerance = 2.0
     length_tolerance_mm: Tolerance = 0.1
+    length_correlation: Annotated[float, Field(ge=0.0, le=0.95)] = 0.0
     across_tolerance_mm: LineTolerance = 0.0
     lean_tolerance_mrad: LineTolerance = 0.0
     scale_tolerance_mm_m: LineTolerance = 0.0

@@ -308,6 +308,7 @@ def case_of(
         state=(machine.name, machine.adjusted),
         entered_mm=machine.entered_offsets_mm,
         distances=measured_distances(session),
+        length_correlation=machine.length_correlation,
     )
 
 

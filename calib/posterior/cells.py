@@ -66,9 +66,8 @@ STEPS = 6
 """Of Gauss and Newton: from any machine within its tolerances three do."""
 
 ALIKE = 0.8
-"""Correlation of what towers are off by from the middle, and of what their bars are off by: owners
-find one radius wrong by some tenths, and single towers by half of that; bars are cut with one jig
-and measured with one ruler."""
+"""Correlation of what towers are off by from the middle: owners find one radius wrong by some
+tenths, and single towers by half of that."""
 
 
 def is_radial(law: Effect, place: str) -> bool:
@@ -93,7 +92,8 @@ ADOPTED = 4.0
 class SessionCase:
     """One session: the model it was measured against, and what is known of machine and indicators.
 
-    ``tolerance_mm`` ``(6,)`` are standard deviations of joint offsets and bar lengths. Where these
+    ``tolerance_mm`` ``(6,)`` are standard deviations of joint offsets and bar lengths, and
+    ``length_correlation`` how alike bars are off, from 0 to below 1. Where these
     readings tell no noise, that of ``others`` holds: of sessions with the same indicators. Effects
     of the model that are ``free``, laws at places, have other sizes than it states. ``geometry``
     are parameters of the drives' lines, laws at places, with their standard deviations. What is
@@ -116,6 +116,7 @@ class SessionCase:
     entered_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     homing_mm: float = HOMING_MM
     distances: Distances = field(default_factory=Distances.none)
+    length_correlation: float = 0.0
 
     @cached_property
     def free_spread(self) -> dict[tuple[Effect, str], FloatArray]:
@@ -146,10 +147,9 @@ class SessionCase:
 
     @property
     def base_correlation(self) -> FloatArray:
-        """Of joint offsets and bar lengths ``(6, 6)``: bars of towers are off alike."""
+        """Of what joint offsets and bar lengths ``(6, 6)`` are off by."""
         correlation = np.eye(BASE)
-        if any(is_radial(*law) for law in self.geometry):
-            correlation[3:, 3:] += ALIKE * (1.0 - np.eye(BASE - 3))
+        correlation[3:, 3:] += self.length_correlation * (1.0 - np.eye(BASE - 3))
         return correlation
 
     @property

@@ -88,7 +88,7 @@ def test_a_folder_in_a_browser(served: Served, folder: Path, tmp_path: Path) -> 
     status, history = fetch(served.address + found["History of this folder"])
     assert status == 200
     assert "damaged.jsonl" in history
-    assert "counted once" in " ".join(history.split())
+    assert "used once" in " ".join(history.split())
     assert history.count("data:image/svg+xml") == 2, "control charts of one machine"
     assert len(re.findall(r"</a> \d+ readings", page)) == 4, "the state of each beside it"
     assert "<script" not in history

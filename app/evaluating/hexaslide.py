@@ -1,24 +1,57 @@
-"""What is missing in a Hexa Slide's model, and what a session says of its machine in a history."""
+"""A session of postures: its machine, what is missing there, and its line of a history."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
-from app.evaluating.hexaslide_calibration import calibrate_file, decided
+from app.evaluating.hexaslide_calibration import SHARE, CalibratedMachine, calibrated, decided
 from app.evaluating.posture_history import PostureEntry
 from calib.diagnosis.hexaslide import HexaSlideDiagnosis, diagnosed
-from calib.errors import GlidecalError
+from calib.errors import CalibrationError, GlidecalError
+from protocols.hexaslide import HexaSlideMeasurements
 from protocols.hexaslide_measured import measured_in
-from protocols.hexaslide_session import read_postures
+from protocols.hexaslide_session import PostureSession, read_postures
+from protocols.record import Record
 
 
 def diagnose_postures(path: Path) -> HexaSlideDiagnosis:
     """Raises RecordError for a file, CalibrationError where its postures give no result."""
-    source = measured_in(path)
+    return _diagnosed(measured_in(path))
+
+
+def _diagnosed(source: HexaSlideMeasurements) -> HexaSlideDiagnosis:
     readings, machine = source.readings(), source.machine
     tolerances = machine.tolerances.of(readings.procedure.parameters)
     lead_m = None if machine.lead_mm is None else machine.lead_mm / 1000.0
     return diagnosed(readings, machine.whole(), tolerances, lead_m)
+
+
+@dataclass(frozen=True, eq=False)
+class PostureResult:
+    """All that a session gives: the machine from all of its postures, once more with some kept out
+    as a check, and the diagnosis, None for the reason in ``not_diagnosed``.
+    """
+
+    session: PostureSession
+    record: Record
+    solved: CalibratedMachine
+    checked: CalibratedMachine
+    diagnosis: HexaSlideDiagnosis | None
+    not_diagnosed: str
+
+
+def posture_result(path: Path) -> PostureResult:
+    """Raises RecordError for a file that is no session, CalibrationError as `calibrate_file`."""
+    session, record = read_postures(path)
+    source = session.measurements()
+    diagnosis, reason = None, ""
+    try:
+        diagnosis = _diagnosed(source)
+    except CalibrationError as problem:
+        reason = f"{problem}"
+    solved, checked = (calibrated(path.name, source, share) for share in (0.0, SHARE))
+    return PostureResult(session, record, solved, checked, diagnosis, reason)
 
 
 def posture_entry(path: Path, effects: bool) -> PostureEntry:
@@ -36,8 +69,9 @@ def posture_entry(path: Path, effects: bool) -> PostureEntry:
         postures=len(session.readings),
     )
     try:
-        solved = calibrate_file(path, None, 0.0)
-        named = _named(path) if effects else None
+        source = session.measurements()
+        solved = calibrated(path.name, source, 0.0)
+        named = _named(source) if effects else None
     except GlidecalError as problem:
         return entry.model_copy(update={"problem": f"{path.name}: {problem}"})
     bound_m, tolerance_mm = solved.platform.bound_m, opened.machine.platform_tolerance_mm
@@ -52,6 +86,6 @@ def posture_entry(path: Path, effects: bool) -> PostureEntry:
     )
 
 
-def _named(path: Path) -> tuple[str, ...]:
-    named = diagnose_postures(path).named
-    return tuple(f"{cause}:{where}" for claim in named for cause, where in claim.causes)
+def _named(source: HexaSlideMeasurements) -> tuple[str, ...]:
+    claims = _diagnosed(source).named
+    return tuple(f"{cause}:{where}" for claim in claims for cause, where in claim.causes)

@@ -4,19 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from app.evaluating.posture_history import Decision
-from calib.errors import CalibrationError
 from calib.hexaslide.checked import Checked, checked_calibration
 from calib.hexaslide.platform import PlatformError, platform_error
 from protocols.hexaslide import HexaSlideMeasurements, read_truth
 from protocols.hexaslide_measured import measured_in
-
-if TYPE_CHECKING:  # heavy: imported where used
-    from calib.diagnosis.hexaslide import HexaSlideDiagnosis
-    from protocols.hexaslide_session import PostureSession
-    from protocols.record import Record
 
 LACK_OF_FIT_LEVEL = 0.01
 """Below this p-value more is left than noise."""
@@ -39,12 +32,18 @@ def calibrate_file(path: Path, truth: Path | None, share: float) -> CalibratedMa
 
     Raises RecordError for a file, CalibrationError where the postures give no result.
     """
-    source = measured_in(path)
+    return calibrated(path.name, measured_in(path), share, truth)
+
+
+def calibrated(
+    name: str, source: HexaSlideMeasurements, share: float, truth: Path | None = None
+) -> CalibratedMachine:
+    """The same from what was read. Raises CalibrationError, RecordError for the ``truth``."""
     true = None if truth is None else read_truth(truth, source).whole()
     nominal = source.machine.whole()
     checked = checked_calibration(source.readings(), nominal, true, share)
     platform = platform_error(nominal, checked.found)
-    return CalibratedMachine(**vars(checked), name=path.name, source=source, platform=platform)
+    return CalibratedMachine(**vars(checked), name=name, source=source, platform=platform)
 
 
 def decided(solved: CalibratedMachine, tolerance_mm: float) -> Decision:
@@ -84,32 +83,3 @@ def verify_sessions(before: Path, after: Path, tolerance_mm: float | None) -> Ve
     decision = None if tolerance is None else decided(later, tolerance)
     is_same = earlier.source.machine == later.source.machine
     return VerifiedMachine(earlier, later, tolerance, decision, is_same)
-
-
-@dataclass(frozen=True, eq=False)
-class PostureResult:
-    """All that a session gives: the machine from all of its postures, once more with some kept out
-    as a check, and the diagnosis, None for the reason in ``not_diagnosed``.
-    """
-
-    session: PostureSession
-    record: Record
-    solved: CalibratedMachine
-    checked: CalibratedMachine
-    diagnosis: HexaSlideDiagnosis | None
-    not_diagnosed: str
-
-
-def posture_result(path: Path) -> PostureResult:
-    """Raises RecordError for a file that is no session, CalibrationError as `calibrate_file`."""
-    from app.evaluating.hexaslide import diagnose_postures
-    from protocols.hexaslide_session import read_postures
-
-    session, record = read_postures(path)
-    diagnosis, reason = None, ""
-    try:
-        diagnosis = diagnose_postures(path)
-    except CalibrationError as problem:
-        reason = f"{problem}"
-    solved, checked = (calibrate_file(path, None, share) for share in (0.0, SHARE))
-    return PostureResult(session, record, solved, checked, diagnosis, reason)

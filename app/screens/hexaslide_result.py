@@ -9,7 +9,7 @@ from typing import ClassVar
 from textual import work
 from textual.binding import Binding, BindingType
 
-from app.evaluating.hexaslide_calibration import PostureResult, posture_result
+from app.evaluating.hexaslide import PostureResult, posture_result
 from app.exports.hexaslide import write_calibrated
 from app.report.charts.hexaslide import drawn_machine, residual_charts
 from app.report.text import hexaslide_result as texts

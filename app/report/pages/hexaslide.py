@@ -8,12 +8,11 @@ from pathlib import Path
 
 from rich.table import Table
 
+from app.evaluating.hexaslide import PostureResult, posture_result
 from app.evaluating.hexaslide_calibration import (
     CalibratedMachine,
-    PostureResult,
     VerifiedMachine,
     decided,
-    posture_result,
     verify_sessions,
 )
 from app.evaluating.posture_history import Decision

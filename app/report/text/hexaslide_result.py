@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from app.evaluating.hexaslide_calibration import PostureResult, decided
+from app.evaluating.hexaslide import PostureResult
+from app.evaluating.hexaslide_calibration import decided
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import (
     caveats,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.evaluating.hexaslide_calibration import posture_result
+from app.evaluating.hexaslide import posture_result
 from app.evaluating.history import read_history
 from app.machines.registry import LOOKS
 from app.report.pages.hexaslide import posture_report

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
 
@@ -20,9 +19,11 @@ from pydantic import AwareDatetime, ValidationError
 
 from app.evaluating.posture_history import (
     Origin,
+    Point,
     PostureEntry,
     PostureHistory,
     PostureSessions,
+    in_turn,
     posture_history,
 )
 from app.settings import cache_path
@@ -75,15 +76,6 @@ class Entry(Document):
 AnyEntry = Entry | PostureEntry
 
 
-@dataclass(frozen=True)
-class Point:
-    """A session with a result; ``event`` is what changed before it, empty for nothing known."""
-
-    path: Path
-    entry: Entry
-    event: str
-
-
 @dataclass(frozen=True, eq=False)
 class MachineHistory:
     """Sessions of one machine by their date; ``joints`` are offsets x, y, z over ``days``.
@@ -98,7 +90,7 @@ class MachineHistory:
 
     machine: str
     origin: str
-    points: tuple[Point, ...]
+    points: tuple[Point[Entry], ...]
     days: tuple[float, ...]
     joints: tuple[Watched, ...]
     due: datetime | None
@@ -247,19 +239,17 @@ def history_of_machine(
     name: str, origin: str, entries: Iterable[tuple[Path, Entry]]
 ) -> MachineHistory:
     """The sessions of one machine in turn, and what changed between neighbours."""
-    ordered = sorted(entries, key=lambda pair: (pair[1].began, pair[0]))
-    events = ["", *(_event(a, b) for (_, a), (_, b) in pairwise(ordered))]
-    points = tuple(Point(*pair, event) for pair, event in zip(ordered, events, strict=True))
-    first = ordered[0][1].began
-    days = [(entry.began - first).total_seconds() / DAY_S for _, entry in ordered]
-    rebuilt = [event.startswith(MECHANICAL) for event in events]
+    points = in_turn(entries, _event)
+    ordered = [point.entry for point in points]
+    days = [(entry.began - ordered[0].began).total_seconds() / DAY_S for entry in ordered]
+    rebuilt = [point.event.startswith(MECHANICAL) for point in points]
     columns = zip(
-        zip(*(entry.offsets_mm or () for _, entry in ordered), strict=True),
-        zip(*(entry.expanded_mm or () for _, entry in ordered), strict=True),
+        zip(*(entry.offsets_mm or () for entry in ordered), strict=True),
+        zip(*(entry.expanded_mm or () for entry in ordered), strict=True),
         strict=True,
     )
     joints = tuple(watch(days, values, expanded, rebuilt) for values, expanded in columns)
-    return MachineHistory(name, origin, points, tuple(days), joints, _due(ordered[-1][1], joints))
+    return MachineHistory(name, origin, points, tuple(days), joints, _due(ordered[-1], joints))
 
 
 MECHANICAL, ENTERED = "machine changed", "offsets entered"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from pydantic import AwareDatetime
 
@@ -58,13 +58,33 @@ class PostureSessions(Protocol):
         """What a file says, with a diagnosis where that is asked for."""
 
 
+class Dated(Protocol):
+    """What a record says, of any kind of machine."""
+
+    @property
+    def began(self) -> datetime:
+        """When its session began."""
+
+
+E = TypeVar("E", bound=Dated)
+
+
 @dataclass(frozen=True)
-class PosturePoint:
+class Point(Generic[E]):
     """A session with a result; ``event`` is what changed before it, empty for nothing known."""
 
     path: Path
-    entry: PostureEntry
+    entry: E
     event: str
+
+
+def in_turn(
+    entries: Iterable[tuple[Path, E]], changed: Callable[[E, E], str]
+) -> tuple[Point[E], ...]:
+    """The sessions of one machine by their date, and what ``changed`` between neighbours."""
+    ordered = sorted(entries, key=lambda pair: (pair[1].began, pair[0]))
+    events = ["", *(changed(a, b) for (_, a), (_, b) in pairwise(ordered))]
+    return tuple(Point(*pair, event) for pair, event in zip(ordered, events, strict=True))
 
 
 @dataclass(frozen=True)
@@ -73,7 +93,7 @@ class PostureHistory:
 
     machine: str
     origin: Origin
-    points: tuple[PosturePoint, ...]
+    points: tuple[Point[PostureEntry], ...]
 
     @property
     def last(self) -> datetime:
@@ -85,10 +105,7 @@ def posture_history(
     name: str, origin: Origin, entries: Iterable[tuple[Path, PostureEntry]]
 ) -> PostureHistory:
     """The sessions of one machine in turn, and what changed between neighbours."""
-    ordered = sorted(entries, key=lambda pair: (pair[1].began, pair[0]))
-    events = ["", *(_event(a, b) for (_, a), (_, b) in pairwise(ordered))]
-    points = (PosturePoint(*pair, event) for pair, event in zip(ordered, events, strict=True))
-    return PostureHistory(name, origin, tuple(points))
+    return PostureHistory(name, origin, in_turn(entries, _event))
 
 
 def _event(before: PostureEntry, after: PostureEntry) -> str:

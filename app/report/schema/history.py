@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal, cast
 
-from app.evaluating.history import History, MachineHistory, Point
-from app.evaluating.posture_history import Decision, PostureHistory, PosturePoint
+from app.evaluating.history import Entry, History, MachineHistory
+from app.evaluating.posture_history import Decision, Point, PostureEntry, PostureHistory
 from app.report.schema.document import Numbers, Report, Source, finite, schema
 from calib.control_chart import Drift, Watched
 from protocols.documents import Triple
@@ -16,7 +16,7 @@ from protocols.documents import Triple
 class PastSession(Report):
     """One session; offsets with what was entered before added, mm."""
 
-    of = Source[Point]()
+    of = Source[Point[Entry]]()
     session: str = of(lambda r: r.path.name)
     began: datetime = of(lambda r: r.entry.began)
     event: str = of(
@@ -76,7 +76,7 @@ class PastMachine(Report):
 class PastPostureSession(Report):
     """One session of postures; mm r.m.s. over the box."""
 
-    of = Source[PosturePoint]()
+    of = Source[Point[PostureEntry]]()
     session: str = of(lambda r: r.path.name)
     began: datetime = of(lambda r: r.entry.began)
     event: str = of(

@@ -167,7 +167,7 @@ class Machine(Document):
     ``entered_offsets_mm`` are joint offsets already entered when the session is measured;
     ``offset_tolerance_mm`` and ``length_tolerance_mm`` are standard deviations of how far joint
     offsets and leg lengths of such machines are off, before anything is measured;
-    ``length_correlation`` is that of what the legs are off by: 0.8 where all bars were cut with one
+    ``length_correlation`` is that of what the legs are off by: 0.7 where all bars were cut with one
     jig, so that they are long or short together;
     ``across_tolerance_mm``, ``lean_tolerance_mrad`` and ``scale_tolerance_mm_m`` the same of where
     the line of a drive lies in each direction across it, of its direction, and of its travel;

@@ -181,7 +181,7 @@ class TowerPrinter:
                 procedure="plate-rings",
                 offset_tolerance_mm=1.0,
                 length_tolerance_mm=0.4,
-                length_correlation=0.8,  # cut with one jig, measured with one ruler
+                length_correlation=0.7,  # cut with one jig, measured with one ruler
                 across_tolerance_mm=0.4,
                 lean_tolerance_mrad=1.0,
                 scale_tolerance_mm_m=1.0,

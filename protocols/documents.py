@@ -7,8 +7,9 @@ import re
 import tomllib
 from collections.abc import Iterator, Sequence
 from datetime import date
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
@@ -56,7 +57,9 @@ class Document(BaseModel):
     )
 
 
-MOST_FAULTS = 3
+MOST_FAULTS, MOST_KEYS = 3, 20
+"""That a message names."""
+
 MOST_BYTES = 16_000_000
 MOST_WRITTEN_BYTES = 1_000_000
 """Of a file that a person writes."""
@@ -77,16 +80,28 @@ def read_toml(path: Path, kind: type[D], what: str) -> D:
     try:
         return kind.model_validate_json(content)
     except ValidationError as problem:
-        strange = any(
-            fault["type"] == "extra_forbidden" and len(fault["loc"]) == 1
-            for fault in problem.errors()
-        )
-        keys = ", ".join(field.alias or name for name, field in kind.model_fields.items())
         raise RecordError(
-            f"{what} {path}",
-            reason=describe(problem, text),
-            next_step=f"Keys: {keys}" if strange else "",
+            f"{what} {path}", reason=describe(problem, text), next_step=_keys_for(problem, kind)
         ) from problem
+
+
+def _keys_for(problem: ValidationError, kind: type[BaseModel]) -> str:
+    """Which keys there are, for faults of unknown ones: those most like them, else all of few."""
+    unknown = [
+        str(fault["loc"][0])
+        for fault in problem.errors()
+        if fault["type"] == "extra_forbidden" and len(fault["loc"]) == 1
+    ][:MOST_FAULTS]
+    if not unknown:
+        return ""
+    keys = [field.alias or name for name, field in kind.model_fields.items()]
+    alike = dict.fromkeys(match for key in unknown for match in get_close_matches(key, keys, 2))
+    if alike:
+        return f"Keys like these: {', '.join(alike)}"
+    if len(keys) <= MOST_KEYS:
+        return f"Keys: {', '.join(keys)}"
+    schema = get_args(kind.model_fields["schema_id"].annotation)[-1].removeprefix("glidecal.")
+    return f"docs/schemas/{schema.replace('/', '-')}.json lists the {len(keys)} keys"
 
 
 def read_json(path: Path, kind: type[D], what: str, requirement: str, next_step: str = "") -> D:

@@ -136,7 +136,8 @@ FRONT, BACK = "-100.0, -60.0, 0.0", "0.0, 120.0, 0.0"
         (drives((FRONT, UP), ("300.0, 0.0, 0.0", UP), (BACK, UP)), "too short at Zero"),
         (drives((FRONT, UP), (BACK, UP)), "drive"),
         ('schema = "glidecal.hexaslide/1"\n', "another kind of machine"),
-        (drives((FRONT, UP), more="tower = 1\n"), r"tower: .* Keys: schema, name, .*, drive, "),
+        (drives((FRONT, UP), more="tower = 1\n"), r"tower: .*machine-1\.json lists the 4\d keys"),
+        (drives((FRONT, UP), more="leg_lenght_mm = 1.0\n"), "Keys like these: leg_length_mm"),
     ],
 )
 def test_machine_files_that_cannot_be(tmp_path: Path, text: str, said: str) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -202,17 +203,18 @@ def report(
     With the file of a ``certificate`` it is one; .xml is a digital one.
     """
     from app.report.certificate import read_head
-    from app.report.pages.report import write_report
+    from app.report.pages.report import source_of_legs, write_report
 
-    return write_report(
+    head = read_head(Path(certificate)) if certificate else None
+    source = partial(
+        source_of_legs,
         [Path(path) for path in sessions],
-        Path(output),
-        Path(model) if model else None,
-        Path(after) if after else None,
+        model=Path(model) if model else None,
+        after=Path(after) if after else None,
         tolerance_mm=tolerance_mm,
-        head=read_head(Path(certificate)) if certificate else None,
-        replace=replace,
+        head=head,
     )
+    return write_report(source, Path(output), head, replace=replace)
 
 
 def _given(sessions: Iterable[File | Session]) -> list[Session]:

@@ -26,6 +26,9 @@ Country = Annotated[str, Field(pattern="^[A-Z]{2}$")]
 """As ISO 3166-1 writes it: DE, FR."""
 
 
+MOST_INSTRUMENTS = 100
+
+
 class Organisation(Document):
     """A laboratory or a customer with its address."""
 
@@ -63,11 +66,21 @@ class MachineIdentity(Document):
     serial_number: Entry | None = None
 
 
+class InstrumentIdentity(Document):
+    """A measuring instrument, and the certificate that makes its readings traceable."""
+
+    name: Entry
+    serial_number: Entry | None = None
+    certificate: Entry | None = None
+    certificate_date: Day | None = None
+
+
 class CertificateOrder(Document):
     """What a person states of one certificate.
 
     ``place`` says where the machine was calibrated, ``performed_at`` whose place that is;
-    ``issued`` is the day of issue, ``signed_by`` who signs.
+    ``issued`` is the day of issue, ``signed_by`` who signs; ``instrument`` are instruments that no
+    record names, such as a laser tracker.
     """
 
     schema_id: Literal["glidecal.certificate/1"] = Field(
@@ -80,6 +93,7 @@ class CertificateOrder(Document):
     signed_by: Entry | None = None
     customer: Organisation
     machine: MachineIdentity = MachineIdentity()
+    instrument: Annotated[tuple[InstrumentIdentity, ...], Field(max_length=MOST_INSTRUMENTS)] = ()
 
 
 def read_order(path: Path) -> CertificateOrder:

@@ -6,11 +6,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 
 from PIL import Image
 
-from app.report.pages.report import write_report
+from app.report.pages.report import source_of_legs, write_report
 
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "pictures"
@@ -43,8 +44,10 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         before, after = demonstration(folder)
-        page = write_report([before], folder / "demo.html", after=after, tolerance_mm=0.25)
+        source = partial(source_of_legs, [before], after=after, tolerance_mm=0.25)
+        page = write_report(source, folder / "demo.html")
         photograph(page, "report_demo")
         published = ROOT / "sample_sessions" / "experiment_2_twelve.jsonl"
-        page = write_report([published], folder / "experiment.html", tolerance_mm=0.5)
+        source = partial(source_of_legs, [published], tolerance_mm=0.5)
+        page = write_report(source, folder / "experiment.html")
         photograph(page, "report_experiment_2")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -40,6 +42,7 @@ from calib.errors import UsageError, extra
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.evaluating.solution import TableName
+    from app.report.pages.report import ReportSource
     from protocols.data_table import DataTable
 
 PASSWORD_VARIABLE = "GLIDECAL_KEY_PASSWORD"
@@ -357,19 +360,17 @@ def report(
 
     if sign and (certificate is None or output.suffix != ".xml"):
         raise UsageError("--sign", f"--output {output}", "--certificate and an output as .xml")
-    if (verbs := family_of_files(None, sessions).sessions) is not None:
-        if wrong := typed(context, ("model", "certificate", "sign")):
+    verbs = family_of_files(None, sessions).sessions
+    if verbs is not None:
+        if wrong := typed(context, ("model",)):
             raise UsageError(wrong, f"session {sessions[0]}", "sessions of indicators on legs")
         if len(sessions) > 1:
             raise UsageError("report", f"{len(sessions)} sessions", "one of this kind of machine")
-        _report_of_machine(verbs, sessions[0], output, after, tolerance, force=force)
-        return
     streamed = output == STANDARD_OUTPUT
     may = force if streamed else may_replace(force, output)
     with extra("glidecal report", "report"):
         from app.report.certificate import read_head
-        from app.report.pages.contents import report_of
-        from app.report.pages.report import html_of, write_report
+        from app.report.pages.report import html_of, source_of_legs, write_report
 
         head = read_head(certificate) if certificate else None
     key = None
@@ -378,38 +379,16 @@ def report(
             from app.report.dcc.signature import read_key
 
         key = read_key(sign, _key_password)
+    source: Callable[[], ReportSource] = partial(
+        source_of_legs, sessions, model=model, after=after, tolerance_mm=tolerance, head=head
+    )
+    if verbs is not None:
+        source = partial(verbs.reported, sessions[0], after, tolerance, head)
     if streamed:
-        page = report_of(sessions, model=model, after=after, tolerance_mm=tolerance, head=head)
-        typer.echo(html_of(page), nl=False)
+        typer.echo(html_of(source().page()), nl=False)
         return
     with working("Writing the report"):
-        path = write_report(
-            sessions, output, model, after, tolerance_mm=tolerance, head=head, key=key, replace=may
-        )
-    say(f"written: {path}")
-
-
-def _report_of_machine(
-    verbs: SessionVerbs,
-    session: Path,
-    output: Path,
-    after: Path | None,
-    tolerance_mm: float | None,
-    *,
-    force: bool,
-) -> None:
-    """A session of its own form, as a page."""
-    from protocols.files import STANDARD_OUTPUT
-
-    with extra("glidecal report", "report"):
-        from app.report.pages.report import PAGES, check_output, html_of, write_page
-    if output == STANDARD_OUTPUT:
-        typer.echo(html_of(verbs.reported(session, after, tolerance_mm)), nl=False)
-        return
-    may = may_replace(force, output)
-    check_output(output, PAGES, replace=may)
-    with working("Writing the report"):
-        path = write_page(verbs.reported(session, after, tolerance_mm), output, replace=may)
+        path = write_report(source, output, head, key, replace=may)
     say(f"written: {path}")
 
 

@@ -25,7 +25,8 @@ from calib.errors import IndicatorError, RecordError, UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.hexaslide import PosturePlan, PostureTaking
-    from app.report.pages.contents import CalibrationReport
+    from app.report.certificate import CertificateHead
+    from app.report.pages.report import ReportSource
     from drivers.line import IndicatorLine
     from protocols.files import Written
 
@@ -325,11 +326,13 @@ def diagnosed(path: Path) -> Answer:
     )
 
 
-def reported(path: Path, after: Path | None, tolerance_mm: float | None) -> CalibrationReport:
+def reported(
+    path: Path, after: Path | None, tolerance_mm: float | None, head: CertificateHead | None
+) -> ReportSource:
     """The report to sign."""
-    from app.report.pages.hexaslide import posture_report
+    from app.report.pages.hexaslide import source_of_postures
 
-    return posture_report(path, after, tolerance_mm)
+    return source_of_postures(path, after, tolerance_mm, head)
 
 
 SESSIONS = SessionVerbs(run, imported, validated, replayed, exported, verified, diagnosed, reported)

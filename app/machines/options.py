@@ -17,7 +17,8 @@ from calib.errors import UsageError
 from protocols.machine_files import USUAL_MACHINE, machine_names
 
 if TYPE_CHECKING:  # heavy: imported where used
-    from app.report.pages.contents import CalibrationReport
+    from app.report.certificate import CertificateHead
+    from app.report.pages.report import ReportSource
     from app.report.schema.document import Report
     from app.screens import Look, MakeScreen
     from calib.design.criteria import Criterion
@@ -324,7 +325,8 @@ class SessionVerbs:
     ``run`` and ``imported`` take the options of `Family.options`; ``validated`` is a sentence,
     raising RecordError; ``exported`` are the files of a format, by name, with cautions;
     ``verified`` has the decision of `app.exit_codes.VERIFIED` beside the answer; ``reported`` is
-    the page of a session, with a later one and a tolerance in mm where they are given.
+    what the report of a session is written from, with a later one, a tolerance in mm, and the head
+    of a certificate where they are given.
     """
 
     run: Callable[[Running, Any, Say], None]
@@ -334,7 +336,7 @@ class SessionVerbs:
     exported: Callable[[Path, str], tuple[Written, tuple[str, ...]]]
     verified: Callable[[Path, Path, float | None], tuple[Answer, str]]
     diagnosed: Callable[[Path], Answer]
-    reported: Callable[[Path, Path | None, float | None], CalibrationReport]
+    reported: Callable[[Path, Path | None, float | None, CertificateHead | None], ReportSource]
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,10 @@ from app.evaluating.solution import Judgement, SessionSolution, judge, solve_fil
 from app.report.text.result import decided, judged_sentence
 from app.settings import WHAT, data_path, read_settings, settings_path
 from calib.errors import RecordError, UsageError
-from protocols.certificate import CertificateOrder, Laboratory, read_order
+from protocols.certificate import CertificateOrder, InstrumentIdentity, Laboratory, read_order
 from protocols.documents import Document, Name, read_bytes, read_remembered
 from protocols.files import write_files
-from protocols.machine import Instrument, Machine
+from protocols.machine import Machine
 from protocols.session import Session
 
 MOST_LOGO_BYTES, MOST_LOGO_PIXELS = 1_000_000, 20_000_000
@@ -76,14 +76,25 @@ class CertifiedCalibration:
         return (*self.solved.sessions, *later)
 
     @property
-    def instruments(self) -> tuple[Instrument, ...]:
-        """Each indicator once, whatever axes it measured along."""
-        by_identity = {
-            (indicator.profile, indicator.serial_number, indicator.certificate): indicator
+    def instruments(self) -> tuple[InstrumentIdentity, ...]:
+        """Each indicator once, whatever axes it measured along, then those of the order."""
+        recorded = (
+            InstrumentIdentity.model_construct(  # a record may hold what an order may not
+                name=indicator.profile,
+                serial_number=indicator.serial_number,
+                certificate=indicator.certificate,
+                certificate_date=indicator.certificate_date,
+            )
             for session in self.sessions
             for indicator in session.opened.instruments
-        }
-        return tuple(by_identity.values())
+        )
+        ordered = self.head.order.instrument if self.head else ()
+        return tuple(dict.fromkeys((*recorded, *ordered)))
+
+    @property
+    def digests(self) -> tuple[str, ...]:
+        """Of the records, in their order."""
+        return tuple(session.digest for session in self.sessions)
 
     @property
     def judged(self) -> Judgement | None:
@@ -107,10 +118,13 @@ class CertifiedCalibration:
 
     @property
     def identification(self) -> str:
-        """What stands on every page: the number, or the beginning of the record's digest."""
-        if self.head:
-            return f"Certificate {self.head.order.number}"
-        return f"Record {self.sessions[-1].digest[:DIGEST_LETTERS]}"
+        """As `identification_of`."""
+        return identification_of(self.head, self.digests)
+
+
+def identification_of(head: CertificateHead | None, digests: Sequence[str]) -> str:
+    """What stands on every page: the number, or the beginning of the last record's digest."""
+    return f"Certificate {head.order.number}" if head else f"Record {digests[-1][:DIGEST_LETTERS]}"
 
 
 def calibration_of(
@@ -139,17 +153,16 @@ class IssuedNumbers(Document):
     numbers: dict[Name, tuple[str, ...]] = Field(default_factory=dict)
 
 
-def issue_number(calibration: CertifiedCalibration) -> None:
+def issue_number(head: CertificateHead | None, digests: tuple[str, ...]) -> None:
     """Remember the number of a certificate; the same records may have it in every format.
 
     Raises UsageError for the number of other records, and as `read_remembered` and `write_files`.
     """
-    if calibration.head is None:
+    if head is None:
         return
     path = data_path().with_name("certificates.json")
     numbers = read_remembered(path, IssuedNumbers, "numbers of certificates,").numbers
-    number = calibration.head.order.number
-    digests = tuple(session.digest for session in calibration.sessions)
+    number = head.order.number
     if numbers.get(number, digests) != digests:
         raise UsageError(
             f"certificate {number}",

@@ -96,13 +96,15 @@ class HexaSlideResultScreen(PagedScreen[None]):
         if ending is None:
             return
         with self.app.complaining(), extra("the report", "report"):
-            from app.report.pages.hexaslide import report_page
-            from app.report.pages.report import write_page
+            from app.report.pages.hexaslide import source_from
+            from app.report.pages.report import write_report
+            from app.report.posture_certificate import CertifiedPostures
 
             def job(*, replace: bool) -> Path:
                 assert self.result is not None, "offered with a result alone"
+                certified = CertifiedPostures(self.result)
                 output = self.path.with_suffix(ending)
-                return write_page(report_page(self.result), output, replace=replace)
+                return write_report(lambda: source_from(certified), output, replace=replace)
 
             if path := await self.app.written(job):
                 self.app.notify(texts.REPORT_WRITTEN.format(path), markup=False)

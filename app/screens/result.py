@@ -180,10 +180,11 @@ class ResultScreen(PagedScreen[None]):
 
     def _write_report(self, target: Path, *, replace: bool) -> bool:
         with extra("glidecal report", "report"):
-            from app.report.pages.report import write_report
+            from app.report.pages.report import source_of_legs, write_report
         first = partner_of(self.path, self.solved.sessions[0].opened.verifies)
         after = self.path if first else None
-        write_report([first or self.path], target, after=after, replace=replace)
+        source = partial(source_of_legs, [first or self.path], after=after)
+        write_report(source, target, replace=replace)
         return True
 
     @work(exclusive=True, group="what-if")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from app.evaluating.hexaslide_calibration import calibrate_file
 from app.exports.hexaslide import write_calibrated
 from app.measuring.hexaslide import PosturePlan, PostureTaking, measure_simulated
@@ -23,10 +25,16 @@ def posture_session(
     seed: int,
     machine: HexaSlideMachine | None = None,
     truth: HexaSlideMachine | None = None,
+    random: int = 0,
 ) -> Path:
-    """A closed session of a simulated machine, its file with a tolerance of the platform."""
+    """A closed session of a simulated machine, its file with a tolerance of the platform.
+
+    In so many ``random`` postures, 0: in those of the procedure.
+    """
     machine = machine or load_hexaslide().model_copy(update={"platform_tolerance_mm": TOLERANCE_MM})
     stated = load_posture_procedure(procedure)
+    if random:
+        stated = stated.with_postures(machine.whole().random(random, np.random.default_rng(seed)))
     plan = PosturePlan(path, machine, "machine.toml", stated, seed=seed, truth=truth)
     taking = PostureTaking.begin(plan)
     measure_simulated(taking, seed, quiet)

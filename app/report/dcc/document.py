@@ -1,28 +1,29 @@
-"""The results of sessions as a digital calibration certificate, XML."""
+"""A digital calibration certificate, XML, of what was calibrated."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from datetime import date
 from functools import cache
 from importlib import resources
 
 from jinja2 import Environment, StrictUndefined, Template
 
-from app.report.certificate import CertificateHead, CertifiedCalibration
-from app.report.text.correction import FREE_WORDS, frames_of
+from app.report.certificate import CertificateHead
 from app.version import version
-from calib.arrays import LEG_NAMES
 from calib.errors import UsageError
-from calib.posterior.tool import Frame
 from calib.printable import printable
+from protocols.certificate import InstrumentIdentity
 
 COVERAGE_PROBABILITY = 0.95
 
 UNITS = {
     "mm": r"\milli\metre",
     "1/mm": r"\milli\metre\tothe{-1}",
+    "m/m": r"\one",
+    "mrad": r"\milli\radian",
     "°": r"\degree",
     "°C": r"\degreecelsius",
 }
@@ -68,6 +69,39 @@ class Result:
     quantities: Sequence[CertifiedValue]
 
 
+@dataclass(frozen=True)
+class RecordedSession:
+    """A record that the results are from."""
+
+    name: str
+    digest: str
+    day: date
+    simulated: bool
+    temperature_c: float | None
+    procedure: str
+
+
+@dataclass(frozen=True)
+class CertificateContents:
+    """What a certificate says of a calibrated machine, whichever kind it is.
+
+    ``conformities`` are what was judged, each with its decision, against a ``tolerance_mm`` of what
+    is ``moved``, the tool or the platform.
+    """
+
+    head: CertificateHead
+    machine: str
+    serial_number: str
+    sessions: Sequence[RecordedSession]
+    instruments: Sequence[InstrumentIdentity]
+    traceability: str
+    completeness: str
+    results: Sequence[Result]
+    moved: str
+    conformities: Sequence[tuple[str, str]]
+    tolerance_mm: float | None
+
+
 def check_head(head: CertificateHead | None) -> CertificateHead:
     """What the schema asks for is stated. Raises UsageError."""
     thing = "a certificate as XML"
@@ -83,136 +117,30 @@ def check_head(head: CertificateHead | None) -> CertificateHead:
     return head
 
 
-def certificate_xml(calibration: CertifiedCalibration) -> str:
-    """The certificate, not signed. Raises as `check_head`."""
-    head = check_head(calibration.head)
+def certificate_xml(contents: CertificateContents) -> str:
+    """The certificate, not signed."""
+    sessions = contents.sessions
     text = _template().render(
-        order=head.order,
-        laboratory=head.laboratory,
-        machine=calibration.machine.name,
-        serial_number=calibration.serial_number,
-        sessions=calibration.sessions,
-        days=sorted(session.opened.at.date() for session in calibration.sessions),
-        procedures=_procedures(calibration),
-        instruments=calibration.instruments,
-        temperatures=_temperatures(calibration),
-        results=[*results_of(calibration)],
-        conformities=[*_conformities(calibration)],
-        diagnosis=calibration.diagnosed.diagnosis,
-        tolerance=CertifiedValue("tolerance", calibration.tolerance_mm or 0.0, UNITS["mm"]),
+        contents=contents,
+        order=contents.head.order,
+        laboratory=contents.head.laboratory,
+        days=sorted(session.day for session in sessions),
+        procedures=list(dict.fromkeys(session.procedure for session in sessions)),
+        temperatures=[
+            CertifiedValue(f"temperature, {session.name}", session.temperature_c, UNITS["°C"])
+            for session in sessions
+            if session.temperature_c is not None
+        ],
+        tolerance=CertifiedValue("tolerance", contents.tolerance_mm or 0.0, UNITS["mm"]),
         probability=COVERAGE_PROBABILITY,
         program_version=version(),
     )
     return "".join(line for line in text.splitlines(keepends=True) if not line.isspace())
 
 
-def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
-    """Values to enter, errors of the tool, and what a later session says of the values."""
-    solved, frame = calibration.solved, calibration.solved.frame
-    yield Result("Values to enter", *_entered(calibration))
-    now, then = solved.corrections.off_now.bound_mm, solved.entered.off.bound_mm
-    yield Result(
-        "Error of the tool over the workspace",
-        "Root mean square that 95 of 100 machines with these readings keep.",
-        [
-            *_bounds(frame, now, "as measured"),
-            *_bounds(frame, then, "with the values entered, predicted"),
-        ],
-    )
-    view = solved.solution
-    columns = (view.values_mm, view.expanded_mm, view.uncertainty_mm)
-    yield Result(
-        f"Identified parameters, set {view.subset}",
-        "The uncertainty is of the noise of the readings alone; parts may be off within their "
-        "tolerance beside it.",
-        [
-            _in_mm(name, value, (wide, u))
-            for name, value, wide, u in zip(
-                view.names, *(column.tolist() for column in columns), strict=True
-            )
-        ],
-    )
-    if not calibration.verified:
-        return
-    later = calibration.verified.compared.after
-    yield Result(
-        "Error of the tool after the values were entered",
-        "Root mean square that 95 of 100 machines with the later readings keep.",
-        [*_bounds(later.frame, later.corrections.off_now.bound_mm, "as measured again")],
-    )
-    yield Result(
-        "Joint offsets that remain",
-        "From the later session; the uncertainty is of both sessions.",
-        [
-            _in_mm(offset.name, offset.found_mm, (offset.expanded_mm, offset.standard_mm))
-            for offset in calibration.verified.offsets
-        ],
-    )
-
-
-def _entered(calibration: CertifiedCalibration) -> tuple[str, list[CertifiedValue]]:
-    """What they are, and the values: those of a printer's firmware, else joint offsets."""
-    solved = calibration.solved
-    if change := solved.printer_change:
-        towers = [
-            CertifiedValue(f"tower {tower.tower}: {name}", entry.then, unit)
-            for tower in change.towers
-            for name, entry, unit in (
-                ("endstop", tower.endstop, UNITS["mm"]),
-                ("arm", tower.arm, UNITS["mm"]),
-                ("angle", tower.angle, UNITS["°"]),
-            )
-        ]
-        radius = CertifiedValue("radius", change.radius.then, UNITS["mm"])
-        held = ("rotation_distance", "mm") if change.turns else ("steps per mm", "1/mm")
-        travels = [
-            CertifiedValue(f"tower {tower.tower}: {held[0]}", tower.travel.then, UNITS[held[1]])
-            for tower in change.towers
-            if tower.travel
-        ]
-        words = "Values that the firmware of the printer is to hold."
-        return words, [*towers, radius, *travels]
-    standard, expanded = (column.tolist() for column in solved.corrections.uncertainties_mm())
-    values = zip(LEG_NAMES, solved.joint_offsets_mm, expanded, standard, strict=True)
-    return (
-        "True position of a joint = believed position + d_rho; added to what was entered before.",
-        [_in_mm(f"d_rho_{leg}", value, (wide, u)) for leg, value, wide, u in values],
-    )
-
-
-def _in_mm(name: str, value_mm: float, uncertainty_mm: tuple[float, float]) -> CertifiedValue:
+def value_in_mm(name: str, value_mm: float, uncertainty_mm: tuple[float, float]) -> CertifiedValue:
+    """With its expanded and its standard uncertainty."""
     return CertifiedValue(name, value_mm, UNITS["mm"], Uncertainty(*uncertainty_mm))
-
-
-def _bounds(first: Frame, bound_mm: dict[Frame, float], when: str) -> Iterator[CertifiedValue]:
-    for frame in frames_of(first):
-        name = f"{FREE_WORDS[frame]}, {when}"
-        yield CertifiedValue(name, bound_mm[frame], UNITS["mm"], words="Upper 95 % bound.")
-
-
-def _procedures(calibration: CertifiedCalibration) -> list[str]:
-    procedures = (session.opened.procedure for session in calibration.sessions)
-    names = (procedure.name if procedure else "table of readings" for procedure in procedures)
-    return list(dict.fromkeys(names))
-
-
-def _temperatures(calibration: CertifiedCalibration) -> list[CertifiedValue]:
-    return [
-        CertifiedValue(f"temperature, {session.name}", session.opened.temperature_c, UNITS["°C"])
-        for session in calibration.sessions
-        if session.opened.temperature_c is not None
-    ]
-
-
-def _conformities(calibration: CertifiedCalibration) -> Iterator[tuple[str, str]]:
-    """What was judged, and the decision; undecided is none of the words of the schema."""
-    judged = calibration.judged
-    if judged is None:
-        return
-    yield "tool as measured", judged.before
-    yield "tool with the values entered, predicted", judged.after
-    if calibration.verified and calibration.verified.decision:
-        yield "tool measured again with the values entered", calibration.verified.decision
 
 
 @cache

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from app.evaluating.hexaslide import PostureResult, posture_result
-from app.evaluating.hexaslide_calibration import (
-    CalibratedMachine,
-    VerifiedMachine,
-    decided,
-    verify_sessions,
-)
+from app.evaluating.hexaslide import PostureResult
+from app.evaluating.hexaslide_calibration import CalibratedMachine, VerifiedMachine
 from app.evaluating.posture_history import Decision
-from app.report.certificate import DIGEST_LETTERS
+from app.report.certificate import CertificateHead
 from app.report.charts.hexaslide import drawn_machine, residual_charts
 from app.report.pages.contents import CalibrationReport
 from app.report.pages.figures import drawings_svg, svg_of
-from app.report.pages.two_pages import Picture, Section, shortened
+from app.report.pages.report import ReportSource
+from app.report.pages.two_pages import Picture, Section, ordered_rows, shortened, traceability
+from app.report.posture_certificate import CertifiedPostures, certified_postures
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import (
     caveats,
@@ -36,6 +34,10 @@ from app.report.text.hexaslide_session import readings_table, remark_lines
 from app.report.text.tables import new_table, signed
 from app.version import program
 from protocols.hexaslide import Chain, HexaSlideMachine, machine_like
+from protocols.hexaslide_session import PostureSession
+
+if TYPE_CHECKING:  # of a digital certificate alone
+    from app.report.dcc.document import CertificateContents
 
 RULE = (
     "Pass: the error of the platform and its 95 % bound together are within the tolerance. Fail: "
@@ -50,51 +52,57 @@ NOT_VERIFIED = (
     "the platform with it is predicted from the readings, not measured."
 )
 SIMULATED = "SIMULATED: no machine was measured. These readings were computed by the program."
-UNTRACED = (
-    "No certificate of an instrument is named, so no traceability to the SI is shown. Attached: "
-)
 MOST_LIMITS, LONGEST = 3, 400
 """Sentences on the pages that are signed, and letters of one: seven motions of frames have room."""
 
 
-def posture_report(
-    path: Path, after: Path | None = None, tolerance_mm: float | None = None
-) -> CalibrationReport:
-    """The report of one session, with what a later one says of the machine that was entered.
-
-    Raises as `posture_result` and `verify_sessions`.
-    """
-    verified = verify_sessions(path, after, tolerance_mm) if after else None
-    return report_page(posture_result(path), verified, tolerance_mm)
-
-
-def report_page(
-    result: PostureResult,
-    verified: VerifiedMachine | None = None,
+def source_of_postures(
+    path: Path,
+    after: Path | None = None,
     tolerance_mm: float | None = None,
-) -> CalibrationReport:
+    head: CertificateHead | None = None,
+) -> ReportSource:
+    """Of a session, with what a later one says of the machine that was entered.
+
+    Raises as `certified_postures`.
+    """
+    return source_from(certified_postures(path, after, tolerance_mm, head))
+
+
+def source_from(certified: CertifiedPostures) -> ReportSource:
+    """Of results that are there."""
+
+    def certificate() -> CertificateContents:
+        from app.report.dcc.postures import contents_of
+
+        return contents_of(certified)
+
+    return ReportSource(certified.digests, lambda: report_page(certified), certificate)
+
+
+def report_page(certified: CertifiedPostures) -> CalibrationReport:
     """The report of results that are there."""
-    solved = result.solved
+    result, solved, later = certified.result, certified.solved, certified.later
     document = HexaSlideCalibrationReport.of(solved)
     calibrated = machine_like(solved.source.machine, "", solved.found.machine)
-    tolerance = tolerance_mm or solved.source.machine.platform_tolerance_mm
+    simulated = any(session.opened.origin == "simulated" for session, _ in certified.sessions)
     return CalibrationReport(
         machine=solved.source.machine.name,
-        decision=_decision(solved, verified, tolerance),
+        decision=_decision(certified),
         sentences=(_at_most(document), _verdict(result)),
         first_page=[
-            Section("", [_object(result), SIMULATED if document.origin == "simulated" else ""]),
-            Section("Traceability", [UNTRACED + _attached(result)]),
+            Section("", [_object(certified), SIMULATED if simulated else ""]),
+            Section("Traceability", _traceability(certified)),
             Section("Result", [_errors(document), RULE, ENTER, *_moved(solved, calibrated)]),
             Section("The machine", [_drawn(solved)]),
         ],
         second_page=[
-            Section("Entered and verified", _verified(verified)),
+            Section("Entered and verified", _verified(later.verified if later else None)),
             Section("What is left at each posture", _charts(solved)),
             Section("Limits of this result", _limits(result, document)),
         ],
         sections=[
-            Section("What was measured", [_machine(solved.source.machine, tolerance)]),
+            Section("What was measured", [_machine(solved.source.machine, certified.tolerance_mm)]),
             Section("What to enter in the controller", [ENTER, _values(solved, calibrated)]),
             Section(
                 "Parameters",
@@ -109,25 +117,26 @@ def report_page(
                     check_words(HexaSlideCalibrationReport.of(result.checked)),
                 ],
             ),
-            Section(
-                f"Readings of {result.session.name}",
-                [*remark_lines(result.session), readings_table(result.session)],
-            ),
+            *(_readings(session) for session, _ in certified.sessions),
         ],
         program=program(),
-        identification=f"Record {result.record.digest[:DIGEST_LETTERS]}",
+        identification=certified.identification,
+        head=certified.head,
     )
 
 
-def _decision(
-    solved: CalibratedMachine, verified: VerifiedMachine | None, tolerance_mm: float | None
-) -> str:
+def _readings(session: PostureSession) -> Section:
+    heading = f"Readings of {session.name}"
+    return Section(heading, [*remark_lines(session), readings_table(session)])
+
+
+def _decision(certified: CertifiedPostures) -> str:
     """The decision that heads the report: after a verification that of the later session."""
-    if verified is not None:
-        words = "measured again"
+    if certified.later is not None:
+        verified, words = certified.later.verified, "measured again"
         return _judged(verified.decision, verified.after, verified.tolerance_mm, words)
-    decision = None if tolerance_mm is None else decided(solved, tolerance_mm)
-    return _judged(decision, solved, tolerance_mm, "as it was measured")
+    words = "as it was measured"
+    return _judged(certified.decision, certified.solved, certified.tolerance_mm, words)
 
 
 def _judged(
@@ -154,29 +163,39 @@ def _verdict(result: PostureResult) -> str:
     return f"{result.diagnosis.verdict.upper()}. {verdict_words(result.diagnosis)}"
 
 
-def _object(result: PostureResult) -> Table:
-    """The machine, and the session that was measured."""
-    session, opened = result.session, result.session.opened
-    celsius = opened.temperature_c
-    table = new_table("object", shortened(opened.machine.name), left=2)
-    for heading, value in (
-        ("measured", f"{opened.at:%Y-%m-%d}"),
-        ("operator", opened.operator),
-        ("temperature", "" if celsius is None else f"{celsius:g} °C"),
-        ("procedure", opened.procedure.name),
-        ("postures used", f"{len(session.readings)}"),
-        ("origin", opened.origin),
-        ("machine file", opened.machine_file),
-        ("measured with", opened.program),
-        ("record", session.name),
-    ):
-        table.add_row(heading, shortened(value) or "not stated")
-    table.add_row("SHA-256 of its last line", result.record.digest)
+def _object(certified: CertifiedPostures) -> Table:
+    """The machine, the customer, and the sessions that were measured."""
+    opened = [session.opened for session, _ in certified.sessions]
+    celsius = [start.temperature_c for start in opened]
+    counts = (f"{len(session.readings)}" for session, _ in certified.sessions)
+    table = new_table("object", shortened(opened[0].machine.name), left=2)
+    rows: list[tuple[str, Iterable[str | None]]] = [
+        *ordered_rows(certified.head, certified.serial_number),
+        ("measured", dict.fromkeys(f"{start.at:%Y-%m-%d}" for start in opened)),
+        ("operator", dict.fromkeys(start.operator for start in opened)),
+        ("temperature", dict.fromkeys("" if c is None else f"{c:g} °C" for c in celsius)),
+        ("procedure", dict.fromkeys(start.procedure.name for start in opened)),
+        ("postures used", counts),
+        ("origin", dict.fromkeys(start.origin for start in opened)),
+        ("machine file", dict.fromkeys(start.machine_file for start in opened)),
+        ("measured with", dict.fromkeys(start.program for start in opened)),
+    ]
+    for heading, values in rows:
+        table.add_row(heading, shortened(", ".join(filter(None, values))) or "not stated")
+    for session, record in certified.sessions:
+        table.add_row("record", shortened(session.name))
+        table.add_row("SHA-256 of its last line", record.digest)
     return table
 
 
-def _attached(result: PostureResult) -> str:
-    return shortened(result.session.opened.procedure.attach, LONGEST) or "not stated."
+def _traceability(certified: CertifiedPostures) -> list[str | Table]:
+    """Certificates of the instruments that the order names, and what was attached."""
+    instruments = certified.head.order.instrument if certified.head else ()
+    attached = certified.result.session.opened.procedure.attach
+    return [
+        *traceability(instruments, "instrument"),
+        f"Attached: {shortened(attached, LONGEST) or 'not stated.'}",
+    ]
 
 
 def _errors(document: HexaSlideCalibrationReport) -> Table:

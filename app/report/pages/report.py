@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from base64 import b64encode
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,11 +22,11 @@ from calib.errors import UsageError
 from calib.printable import printable
 from protocols.files import check_targets, write_files
 
-if TYPE_CHECKING:  # of the extra sign
+if TYPE_CHECKING:  # of a digital certificate alone, and of the extra sign
+    from app.report.dcc.document import CertificateContents
     from app.report.dcc.signature import SigningKey
 
-PAGES = (".html", ".pdf")
-ENDINGS = (*PAGES, ".xml")
+ENDINGS = (".html", ".pdf", ".xml")
 
 PDF_NEEDS = (
     "the system's library Pango (Debian: libpangoft2-1.0-0); or write .html and print that "
@@ -144,52 +145,72 @@ def pdf_of(html: str) -> bytes:
     return printed
 
 
-def write_report(
+@dataclass(frozen=True)
+class ReportSource:
+    """Results of records, as a page and as a digital certificate; ``digests`` are the records'."""
+
+    digests: tuple[str, ...]
+    page: Callable[[], CalibrationReport]
+    certificate: Callable[[], CertificateContents]
+
+
+def source_of_legs(
     sessions: Sequence[Path],
-    output: Path,
+    *,
     model: Path | None = None,
     after: Path | None = None,
-    *,
     tolerance_mm: float | None = None,
     head: CertificateHead | None = None,
+) -> ReportSource:
+    """Of sessions of a machine with three drives. Raises as `calibration_of`."""
+    calibration = calibration_of(
+        sessions, model=model, after=after, tolerance_mm=tolerance_mm, head=head
+    )
+
+    def certificate() -> CertificateContents:
+        from app.report.dcc.legs import contents_of
+
+        return contents_of(calibration)
+
+    return ReportSource(calibration.digests, lambda: report_from(calibration), certificate)
+
+
+def write_report(
+    source: Callable[[], ReportSource],
+    output: Path,
+    head: CertificateHead | None = None,
     key: SigningKey | None = None,
+    *,
     replace: bool = False,
 ) -> Path:
-    """Write the report of session files to a path that ends with ``.html``, ``.pdf`` or ``.xml``.
+    """Write a report to a path that ends with ``.html``, ``.pdf`` or ``.xml``.
 
     With ``head`` it is a certificate; XML is a digital one, signed with ``key`` where there is one.
-    Raises UsageError for another ending, and as `calibration_of`, `issue_number`, `check_head` and
+    Raises UsageError for another ending, and as ``source``, `issue_number`, `check_head` and
     `write_files`.
     """
-    check_output(output, ENDINGS, replace=replace)
+    check_output(output, replace=replace)
     digital = output.suffix == ".xml"
     if digital:
         from app.report.dcc.document import certificate_xml, check_head
 
         check_head(head)
-    calibration = calibration_of(
-        sessions, model=model, after=after, tolerance_mm=tolerance_mm, head=head
-    )
-    issue_number(calibration)
+    results = source()
+    issue_number(head, results.digests)
     if not digital:
-        return write_page(report_from(calibration), output, replace=replace)
-    written = certificate_xml(calibration)
+        html = html_of(results.page())
+        written = pdf_of(html) if output.suffix == ".pdf" else html
+        return write_files(output, {"": written}, replace=replace)[0]
+    xml = certificate_xml(results.certificate())
     if key:
         from app.report.dcc.signature import signed
 
-        return write_files(output, {"": signed(written, key)}, replace=replace)[0]
-    return write_files(output, {"": written}, replace=replace)[0]
+        return write_files(output, {"": signed(xml, key)}, replace=replace)[0]
+    return write_files(output, {"": xml}, replace=replace)[0]
 
 
-def check_output(output: Path, endings: Sequence[str], *, replace: bool) -> None:
+def check_output(output: Path, *, replace: bool) -> None:
     """Before long work. Raises UsageError for another ending, and as `check_targets`."""
-    if output.suffix not in endings:
-        raise UsageError("--output", f"{output}", f"a path that ends with {', '.join(endings)}")
+    if output.suffix not in ENDINGS:
+        raise UsageError("--output", f"{output}", f"a path that ends with {', '.join(ENDINGS)}")
     check_targets([output], replace=replace)
-
-
-def write_page(page: CalibrationReport, output: Path, *, replace: bool) -> Path:
-    """A report that is there, as HTML or PDF by its ending. Raises as `pdf_of`, `write_files`."""
-    html = html_of(page)
-    written = pdf_of(html) if output.suffix == ".pdf" else html
-    return write_files(output, {"": written}, replace=replace)[0]

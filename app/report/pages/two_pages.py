@@ -9,7 +9,7 @@ from rich.table import Table
 
 from app.evaluating.comparison import Verification
 from app.evaluating.solution import SessionSolution
-from app.report.certificate import CertifiedCalibration
+from app.report.certificate import CertificateHead, CertifiedCalibration
 from app.report.charts.legs import LegFigure
 from app.report.pages.figures import leg_sheet_svg, pareto_svg
 from app.report.text.caveats import caveats, caveats_of_view, gauge_word, taken_word
@@ -24,11 +24,12 @@ from app.report.text.printer import change_answers, change_tables
 from app.report.text.result import DECISION_RULE, decided, offsets_table, what_to_do
 from app.report.text.tables import new_table
 from calib.printable import printable
+from protocols.certificate import InstrumentIdentity
 
 LONGEST, LONGEST_ENTRY, LONGEST_CELL = 220, 60, 28
 """Letters of a sentence, an entry and a narrow cell on these pages; the annex has the whole."""
 
-MOST_SESSIONS, MOST_INDICATORS, MOST_LIMITS, MOST_WARNINGS = 2, 3, 3, 2
+MOST_SESSIONS, MOST_INSTRUMENTS, MOST_LIMITS, MOST_WARNINGS = 2, 3, 3, 2
 """So many are on these pages; the annex has all."""
 
 MOST_LEGS = 12
@@ -56,7 +57,7 @@ def first_page(calibration: CertifiedCalibration) -> list[Section]:
     solved = calibration.solved
     return [
         Section("", [_object(calibration), *_not_measured(calibration)]),
-        Section("Traceability", _traceability(calibration)),
+        Section("Traceability", traceability(calibration.instruments, gauge_word(solved))),
         Section("Result", _result(solved)),
     ]
 
@@ -99,25 +100,13 @@ def limits_of(calibration: CertifiedCalibration) -> list[str]:
 
 def _object(calibration: CertifiedCalibration) -> Table:
     """The machine, the customer, and the sessions that were measured."""
-    machine, sessions, head = calibration.machine, calibration.sessions, calibration.head
+    machine, sessions = calibration.machine, calibration.sessions
     opened = [session.opened for session in sessions]
     table = new_table("object", shortened(machine.name), left=2)
-    rows: list[tuple[str, Iterable[str | None]]] = []
-    if calibration.serial_number or head:
-        rows.append(("serial number", [calibration.serial_number]))
-    if head:
-        order = head.order
-        stated, customer = order.machine, order.customer
-        rows += [
-            ("manufacturer, model", (stated.manufacturer, stated.model)),
-            ("customer", [customer.name]),
-            ("address", customer.address),
-            ("place of calibration", [order.place]),
-            ("date of issue", [f"{order.issued}" if order.issued else ""]),
-        ]
     procedures = (start.procedure.name if start.procedure else None for start in opened)
     count = sum(len(session.readings) for session in sessions)
-    rows += [
+    rows: list[tuple[str, Iterable[str | None]]] = [
+        *ordered_rows(calibration.head, calibration.serial_number),
         ("measured", dict.fromkeys(f"{start.at:%Y-%m-%d}" for start in opened)),
         ("operator", dict.fromkeys(start.operator for start in opened)),
         ("temperature", dict.fromkeys(_temperature(start.temperature_c) for start in opened)),
@@ -134,6 +123,26 @@ def _object(calibration: CertifiedCalibration) -> Table:
     return table
 
 
+def ordered_rows(
+    head: CertificateHead | None, serial_number: str
+) -> list[tuple[str, Iterable[str | None]]]:
+    """Which machine it is, for whom and where, as the order of a certificate states it."""
+    rows: list[tuple[str, Iterable[str | None]]] = []
+    if serial_number or head:
+        rows.append(("serial number", [serial_number]))
+    if head:
+        order = head.order
+        stated, customer = order.machine, order.customer
+        rows += [
+            ("manufacturer, model", (stated.manufacturer, stated.model)),
+            ("customer", [customer.name]),
+            ("address", customer.address),
+            ("place of calibration", [order.place]),
+            ("date of issue", [f"{order.issued}" if order.issued else ""]),
+        ]
+    return rows
+
+
 def _temperature(value_c: float | None) -> str:
     return "" if value_c is None else f"{value_c:g} °C"
 
@@ -145,21 +154,19 @@ def _not_measured(calibration: CertifiedCalibration) -> list[str]:
     return ["SIMULATED: no machine was measured. These readings were computed by the program."]
 
 
-def _traceability(calibration: CertifiedCalibration) -> list[str | Table]:
-    """The certificates of the indicators; without one nothing is traceable."""
-    instruments = calibration.instruments
-    gauge = gauge_word(calibration.solved)
+def traceability(instruments: Sequence[InstrumentIdentity], gauge: str) -> list[str | Table]:
+    """The certificates of instruments, each a ``gauge``; without one nothing is traceable."""
     if not instruments:
         return [f"No {gauge} is named, so no traceability to the SI is shown."]
     table = new_table(gauge, "serial number", "certificate", "of", left=4)
-    for indicator in instruments[:MOST_INDICATORS]:
-        date = f"{indicator.certificate_date}" if indicator.certificate_date else ""
-        serial, certificate = indicator.serial_number or "", indicator.certificate or "none stated"
-        entries = (indicator.profile, serial, certificate)
+    for instrument in instruments[:MOST_INSTRUMENTS]:
+        date = f"{instrument.certificate_date}" if instrument.certificate_date else ""
+        serial, certificate = instrument.serial_number or "", instrument.certificate
+        entries = (instrument.name, serial, certificate or "none stated")
         table.add_row(*(shortened(entry, LONGEST_CELL) for entry in entries), date)
-    if len(instruments) > MOST_INDICATORS:
-        table.add_row(f"{len(instruments) - MOST_INDICATORS} more in the annex", "", "", "")
-    if all(indicator.certificate for indicator in instruments):
+    if len(instruments) > MOST_INSTRUMENTS:
+        table.add_row(f"{len(instruments) - MOST_INSTRUMENTS} more in the annex", "", "", "")
+    if all(instrument.certificate for instrument in instruments):
         words = f"Lengths are traceable to the SI through these certificates of the {gauge}s."
     else:
         words = f"Traceability to the SI is not shown: not every {gauge} has a certificate."

@@ -17,6 +17,7 @@ import pytest
 from app.evaluating.solution import solve_files
 from app.report.certificate import calibration_of, read_head
 from app.report.dcc.document import UNITS, certificate_xml
+from app.report.dcc.legs import contents_of
 from protocols.journal import write_whole
 from protocols.record import read_record
 from tests.app.cli import glidecal, refused
@@ -57,7 +58,8 @@ def order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def written(order: Path, session: Path, after: Path | None = None) -> str:
     """The certificate of a session with a tolerance."""
     head = read_head(order)
-    return certificate_xml(calibration_of([session], after=after, head=head, tolerance_mm=0.1))
+    calibration = calibration_of([session], after=after, head=head, tolerance_mm=0.1)
+    return certificate_xml(contents_of(calibration))
 
 
 def later_session(folder: Path) -> Path:

@@ -13,7 +13,7 @@ import pytest
 from app.evaluating.hexaslide import posture_result
 from app.evaluating.history import read_history
 from app.machines.registry import LOOKS
-from app.report.pages.hexaslide import posture_report
+from app.report.pages.hexaslide import source_of_postures
 from app.report.pages.report import html_of
 from calib.hexaslide.geometry import forward, inverse
 from protocols.hexaslide import load_hexaslide, machine_like
@@ -68,7 +68,7 @@ def test_a_later_session_decides(pair: tuple[Path, Path], tmp_path: Path) -> Non
     run = glidecal("report", before, "--after", after, "-o", output)
     assert run.status == 0, run.err
     assert output.read_bytes().startswith(b"%PDF")
-    text = words(html_of(posture_report(before, after)))
+    text = words(html_of(source_of_postures(before, after).page()))
     assert text.count("PASS") == 2, "as the decision, and where it was verified"
     assert f"tolerance {TOLERANCE_MM:g} mm" in text
     streamed = glidecal("report", before, "--after", after, "-o", "-")
@@ -80,7 +80,7 @@ def test_what_a_report_of_postures_does_not_take(pair: tuple[Path, Path], tmp_pa
     output = tmp_path / "r.html"
     assert "one of this kind" in refused(2, "report", before, after, "-o", output)
     assert "--model" in refused(2, "report", before, "--model", "m.json", "-o", output)
-    assert ".html, .pdf" in refused(2, "report", before, "-o", tmp_path / "r.xml")
+    assert ".html, .pdf, .xml" in refused(2, "report", before, "-o", tmp_path / "r.txt")
     measurements = tmp_path / "m.json"
     measured = read_postures(before)[0].measurements()
     measurements.write_text(measured.text(), encoding="utf-8")
@@ -98,7 +98,7 @@ def test_too_few_spare_readings_are_said(tmp_path: Path) -> None:
     result = posture_result(tmp_path / "n.jsonl")
     assert result.diagnosis is None
     assert "NOT DIAGNOSED. diagnosis: found no stated noise" in words(
-        html_of(posture_report(tmp_path / "n.jsonl"))
+        html_of(source_of_postures(tmp_path / "n.jsonl").page())
     )
 
 
@@ -108,7 +108,7 @@ def test_strange_names_stay_texts(tmp_path: Path) -> None:
     machine = session.opened.machine.model_copy(update={"name": "<script>a</script>\u202e{{ 7 }}"})
     opened = session.opened.model_copy(update={"machine": machine, "operator": "[red]x<b>"})
     write_whole(tmp_path / "h.jsonl", opened, list(record.events[1:-1]), POSTURE_FORM)
-    page = html_of(posture_report(tmp_path / "h.jsonl"))
+    page = html_of(source_of_postures(tmp_path / "h.jsonl").page())
     assert "<script" not in page
     assert "\u202e" not in page
     assert "&lt;script&gt;a&lt;/script&gt;" in page

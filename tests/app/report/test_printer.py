@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.report.certificate import calibration_of
-from app.report.dcc.document import results_of
+from app.report.dcc.legs import results_of
 from app.report.text.printer import tower_remedies
 from calib.tripod.effects.bars import GravitySag, LegLength
 from calib.tripod.effects.drives import ActuatorScale, AxisOffset, AxisSquareness, Backlash

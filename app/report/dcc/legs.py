@@ -1,0 +1,142 @@
+"""What a digital certificate says of a machine with three drives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from app.report.certificate import CertifiedCalibration
+from app.report.dcc.document import (
+    UNITS,
+    CertificateContents,
+    CertifiedValue,
+    RecordedSession,
+    Result,
+    check_head,
+    value_in_mm,
+)
+from app.report.text.correction import FREE_WORDS, frames_of
+from calib.arrays import LEG_NAMES
+from calib.posterior.tool import Frame
+from protocols.session import Session
+
+
+def contents_of(calibration: CertifiedCalibration) -> CertificateContents:
+    """Raises as `check_head`."""
+    diagnosis = calibration.diagnosed.diagnosis
+    return CertificateContents(
+        head=check_head(calibration.head),
+        machine=calibration.machine.name,
+        serial_number=calibration.serial_number,
+        sessions=[*map(_recorded, calibration.sessions)],
+        instruments=calibration.instruments,
+        traceability="Lengths are those of the indicators. Each names its calibration "
+        "certificate, where one was stated.",
+        completeness=f"{diagnosis.verdict}: {diagnosis.sentence}",
+        results=[*results_of(calibration)],
+        moved="tool",
+        conformities=[*_conformities(calibration)],
+        tolerance_mm=calibration.tolerance_mm,
+    )
+
+
+def _recorded(session: Session) -> RecordedSession:
+    opened = session.opened
+    return RecordedSession(
+        session.name,
+        session.digest,
+        opened.at.date(),
+        opened.origin == "simulated",
+        opened.temperature_c,
+        opened.procedure.name if opened.procedure else "table of readings",
+    )
+
+
+def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
+    """Values to enter, errors of the tool, and what a later session says of the values."""
+    solved, frame = calibration.solved, calibration.solved.frame
+    yield Result("Values to enter", *_entered(calibration))
+    now, then = solved.corrections.off_now.bound_mm, solved.entered.off.bound_mm
+    yield Result(
+        "Error of the tool over the workspace",
+        "Root mean square that 95 of 100 machines with these readings keep.",
+        [
+            *_bounds(frame, now, "as measured"),
+            *_bounds(frame, then, "with the values entered, predicted"),
+        ],
+    )
+    view = solved.solution
+    columns = (view.values_mm, view.expanded_mm, view.uncertainty_mm)
+    yield Result(
+        f"Identified parameters, set {view.subset}",
+        "The uncertainty is of the noise of the readings alone; parts may be off within their "
+        "tolerance beside it.",
+        [
+            value_in_mm(name, value, (wide, u))
+            for name, value, wide, u in zip(
+                view.names, *(column.tolist() for column in columns), strict=True
+            )
+        ],
+    )
+    if not calibration.verified:
+        return
+    later = calibration.verified.compared.after
+    yield Result(
+        "Error of the tool after the values were entered",
+        "Root mean square that 95 of 100 machines with the later readings keep.",
+        [*_bounds(later.frame, later.corrections.off_now.bound_mm, "as measured again")],
+    )
+    yield Result(
+        "Joint offsets that remain",
+        "From the later session; the uncertainty is of both sessions.",
+        [
+            value_in_mm(offset.name, offset.found_mm, (offset.expanded_mm, offset.standard_mm))
+            for offset in calibration.verified.offsets
+        ],
+    )
+
+
+def _entered(calibration: CertifiedCalibration) -> tuple[str, list[CertifiedValue]]:
+    """What they are, and the values: those of a printer's firmware, else joint offsets."""
+    solved = calibration.solved
+    if change := solved.printer_change:
+        towers = [
+            CertifiedValue(f"tower {tower.tower}: {name}", entry.then, unit)
+            for tower in change.towers
+            for name, entry, unit in (
+                ("endstop", tower.endstop, UNITS["mm"]),
+                ("arm", tower.arm, UNITS["mm"]),
+                ("angle", tower.angle, UNITS["°"]),
+            )
+        ]
+        radius = CertifiedValue("radius", change.radius.then, UNITS["mm"])
+        held = ("rotation_distance", "mm") if change.turns else ("steps per mm", "1/mm")
+        travels = [
+            CertifiedValue(f"tower {tower.tower}: {held[0]}", tower.travel.then, UNITS[held[1]])
+            for tower in change.towers
+            if tower.travel
+        ]
+        words = "Values that the firmware of the printer is to hold."
+        return words, [*towers, radius, *travels]
+    standard, expanded = (column.tolist() for column in solved.corrections.uncertainties_mm())
+    values = zip(LEG_NAMES, solved.joint_offsets_mm, expanded, standard, strict=True)
+    return (
+        "True position of a joint = believed position + d_rho; added to what was entered before.",
+        [value_in_mm(f"d_rho_{leg}", value, (wide, u)) for leg, value, wide, u in values],
+    )
+
+
+def _bounds(first: Frame, bound_mm: dict[Frame, float], when: str) -> Iterator[CertifiedValue]:
+    for frame in frames_of(first):
+        name = f"{FREE_WORDS[frame]}, {when}"
+        yield CertifiedValue(name, bound_mm[frame], UNITS["mm"], words="Upper 95 % bound.")
+
+
+def _conformities(calibration: CertifiedCalibration) -> Iterator[tuple[str, str]]:
+    """What was judged, and the decision; undecided is none of the words of the schema."""
+    judged = calibration.judged
+    if judged is None:
+        return
+    yield "tool as measured", judged.before
+    yield "tool with the values entered, predicted", judged.after
+    if calibration.verified and calibration.verified.decision:
+        yield "tool measured again with the values entered", calibration.verified.decision

@@ -1,0 +1,90 @@
+"""What a report and a certificate of a session of postures are made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.evaluating.hexaslide import PostureResult, posture_result
+from app.evaluating.hexaslide_calibration import (
+    CalibratedMachine,
+    VerifiedMachine,
+    decided,
+    verify_sessions,
+)
+from app.evaluating.posture_history import Decision
+from app.report.certificate import CertificateHead, identification_of
+from protocols.hexaslide_session import PostureSession, read_postures
+from protocols.record import Record
+
+
+@dataclass(frozen=True, eq=False)
+class VerifyingSession:
+    """A later session, and what it says of the machine that was entered."""
+
+    session: PostureSession
+    record: Record
+    verified: VerifiedMachine
+
+
+@dataclass(frozen=True, eq=False)
+class CertifiedPostures:
+    """The results of a session, and of a ``later`` one with the calibrated machine entered.
+
+    ``stated_mm`` is the tolerance that was given. Without ``head`` nobody certifies it.
+    """
+
+    result: PostureResult
+    later: VerifyingSession | None = None
+    stated_mm: float | None = None
+    head: CertificateHead | None = None
+
+    @property
+    def solved(self) -> CalibratedMachine:
+        """The machine that the session gives."""
+        return self.result.solved
+
+    @property
+    def tolerance_mm(self) -> float | None:
+        """Of the platform: as given, else as the machine file states it."""
+        return self.stated_mm or self.solved.source.machine.platform_tolerance_mm
+
+    @property
+    def decision(self) -> Decision | None:
+        """On the platform as it was measured; None without a tolerance."""
+        return None if self.tolerance_mm is None else decided(self.solved, self.tolerance_mm)
+
+    @property
+    def serial_number(self) -> str:
+        """As the order states it; empty where it does not."""
+        return (self.head and self.head.order.machine.serial_number) or ""
+
+    @property
+    def sessions(self) -> tuple[tuple[PostureSession, Record], ...]:
+        """Both with their records, the later one last."""
+        later = [(self.later.session, self.later.record)] if self.later else []
+        return ((self.result.session, self.result.record), *later)
+
+    @property
+    def digests(self) -> tuple[str, ...]:
+        """Of the records, in their order."""
+        return tuple(record.digest for _, record in self.sessions)
+
+    @property
+    def identification(self) -> str:
+        """As `identification_of`."""
+        return identification_of(self.head, self.digests)
+
+
+def certified_postures(
+    path: Path,
+    after: Path | None = None,
+    tolerance_mm: float | None = None,
+    head: CertificateHead | None = None,
+) -> CertifiedPostures:
+    """Of a session and a later one. Raises as `posture_result` and `verify_sessions`."""
+    later = None
+    if after is not None:
+        verified = verify_sessions(path, after, tolerance_mm)
+        later = VerifyingSession(*read_postures(after), verified)
+    return CertifiedPostures(posture_result(path), later, tolerance_mm, head)

@@ -14,8 +14,7 @@ from pathlib import Path
 import jinja2
 import numpy as np
 
-from app.planning.hexaslide import Request, hexaslide_planning
-from app.report.text.hexaslide import postures_table
+from app.planning.hexaslide import Request, hexaslide_planning, posture_table
 from calib.arrays import FloatArray
 from calib.errors import GlidecalError
 from calib.hexaslide.planning import (
@@ -33,6 +32,9 @@ from protocols.hexaslide import load_hexaslide
 from studies import THREADS, tables
 
 PAGE = Path(__file__).parents[1] / "docs" / "hexaslide.md"
+SETS = "posture_sets"
+"""The folder beside the page with a table of the best postures for each procedure."""
+
 TEMPLATES = jinja2.Environment(
     loader=jinja2.FileSystemLoader(Path(__file__).parent),
     undefined=jinja2.StrictUndefined,
@@ -43,10 +45,10 @@ TEMPLATES = jinja2.Environment(
 SEED = 0
 
 MORE_POSTURES = {
-    ProcedureKind.POSE_INVERSE: (10, 12, 16, 24, 48),
-    ProcedureKind.POSE_FORWARD: (10, 12, 16, 24, 48),
-    ProcedureKind.POSITION: (17, 20, 24, 32, 64),
-    ProcedureKind.CONSTRAINT_LINK: (50, 55, 64, 96),
+    ProcedureKind.POSE_INVERSE: (12, 24, 48),
+    ProcedureKind.POSE_FORWARD: (12, 24, 48),
+    ProcedureKind.POSITION: (20, 32, 64),
+    ProcedureKind.CONSTRAINT_LINK: (55, 64, 96),
 }
 
 
@@ -136,8 +138,8 @@ def random_conditions(view: HexaSlideSeen, count: int, sets: int) -> dict[str, F
     return {units: np.array([one[units] for one in found]) for units in found[0]}
 
 
-def page(asked: Request, effort: Effort) -> str:
-    """The page: every table, put into its sentences."""
+def page(asked: Request, effort: Effort) -> tuple[str, dict[str, str]]:
+    """The page, every table in its sentences, and the table of the best postures by procedure."""
     begin = time.perf_counter()
     kinds = kinds_of(asked)
     studies = [study(replace(asked, procedure=kind.value), effort) for kind in kinds]
@@ -149,26 +151,23 @@ def page(asked: Request, effort: Effort) -> str:
         "box": tables.box(studies[0].view),
         "conditions": tables.conditions(studies),
         "of_link": tables.random_words(linked) if linked else "",
-        "bounds": tables.bounds(studies),
         "units": tables.units(studies),
         "more": tables.more(studies),
-        **tables.subsets(asked, kinds),
+        "subsets": tables.subsets(asked, kinds),
         "joints": tables.joints(studies),
-        "simulated": tables.simulated(kinds, asked.machine_file),
     }
-    return TEMPLATES.get_template("hexaslide.md.jinja").render(
+    text = TEMPLATES.get_template("hexaslide.md.jinja").render(
         **found,
-        studies=studies,
         effort=effort,
         seed=SEED,
         threads=THREADS,
-        postures_table=postures_table,
         seconds=round(time.perf_counter() - begin),
     )
+    return text, {one.kind.value: posture_table(one.postures) for one in studies}
 
 
 def main() -> None:
-    """Write the page."""
+    """Write the page, and the sets of postures beside it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--starts", type=int)
@@ -181,10 +180,15 @@ def main() -> None:
         effort = Effort(effort.random_sets, asked.starts, more, joint)
     request = Request(ProcedureKind.POSE_INVERSE.value, asked.machine_file, seed=SEED)
     try:
-        text = page(request, effort)
+        text, posture_sets = page(request, effort)
     except GlidecalError as problem:
         parser.exit(1, f"studies.hexaslide: {problem}\n")
     asked.output.write_text(text, encoding="utf-8", newline="\n")
+    folder = asked.output.parent / SETS
+    folder.mkdir(exist_ok=True)
+    for kind, postures in posture_sets.items():
+        path = folder / f"hexaslide-{kind}.csv"
+        path.write_text(postures, encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":

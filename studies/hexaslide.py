@@ -44,13 +44,6 @@ TEMPLATES = jinja2.Environment(
 )
 SEED = 0
 
-MORE_POSTURES = {
-    ProcedureKind.POSE_INVERSE: (12, 24, 48),
-    ProcedureKind.POSE_FORWARD: (12, 24, 48),
-    ProcedureKind.POSITION: (20, 32, 64),
-    ProcedureKind.CONSTRAINT_LINK: (55, 64, 96),
-}
-
 
 @dataclass(frozen=True)
 class Effort:
@@ -58,23 +51,22 @@ class Effort:
 
     random_sets: int
     starts: int
-    more_starts: int
+    few_starts: int
     joint_starts: int
 
 
-FULL = Effort(random_sets=400, starts=20, more_starts=2, joint_starts=2)
-QUICK = Effort(random_sets=8, starts=1, more_starts=0, joint_starts=0)
+FULL = Effort(random_sets=400, starts=20, few_starts=2, joint_starts=2)
+QUICK = Effort(random_sets=8, starts=1, few_starts=1, joint_starts=0)
 
 
 @dataclass(frozen=True, eq=False)
 class Studied:
-    """One procedure: what it sees, random sets ``(n,)`` in each unit, the best set."""
+    """One procedure: what it sees, condition numbers of random sets ``(n,)``, the best set."""
 
     view: HexaSlideSeen
-    random: dict[str, FloatArray]
+    random: FloatArray
     random_of_paper: FloatArray
     best: BestPostures
-    more: dict[int, float]
     few: BestPostures | None
     in_box: BestPostures
     in_joints: BestPostures | None
@@ -104,18 +96,14 @@ def study(request: Request, effort: Effort) -> Studied:
     paper = PUBLISHED_SETS[kind].count
     same = random if paper == view.fewest else random_conditions(view, paper, effort.random_sets)
     best = searched(view, view.fewest, effort.starts)
-    more = {
-        count: searched(view, count, effort.more_starts).condition_number
-        for count in (MORE_POSTURES[kind] if effort.more_starts else ())
-    }
     few = None
     if paper < view.fewest:
-        few = searched(view, paper, max(effort.more_starts, 1), few=True)
+        few = searched(view, paper, effort.few_starts, few=True)
     # a link has the most postures and the slowest search
     starts = effort.joint_starts if kind is not ProcedureKind.CONSTRAINT_LINK else 0
     in_box = searched(view, view.fewest, starts) if starts else best
     in_joints = searched(view, view.fewest, starts, in_joints=True) if starts else None
-    return Studied(view, random, same["m, rad"], best, more, few, in_box, in_joints)
+    return Studied(view, random, same, best, few, in_box, in_joints)
 
 
 def searched(
@@ -126,16 +114,16 @@ def searched(
     return best_postures(view.procedure, view.machine, count, search)
 
 
-def random_conditions(view: HexaSlideSeen, count: int, sets: int) -> dict[str, FloatArray]:
-    """Condition numbers ``(sets,)`` in each unit, of what so many random postures see."""
+def random_conditions(view: HexaSlideSeen, count: int, sets: int) -> FloatArray:
+    """Condition numbers ``(sets,)``, metres and radians, of what so many random postures see."""
     generator, scale = np.random.default_rng(SEED), Scale.of(view.procedure, view.machine)
     found = []
     for _ in range(sets):
         postures = view.machine.box.random(count, generator)
         rows = sensitivity(view.procedure, view.machine, postures).jacobian
         rank = min(view.seen.found.rank, len(rows))
-        found.append(conditions_by_units(view.procedure, rows, rank, scale))
-    return {units: np.array([one[units] for one in found]) for units in found[0]}
+        found.append(conditions_by_units(view.procedure, rows, rank, scale)["m, rad"])
+    return np.array(found)
 
 
 def page(asked: Request, effort: Effort) -> tuple[str, dict[str, str]]:
@@ -151,9 +139,8 @@ def page(asked: Request, effort: Effort) -> tuple[str, dict[str, str]]:
         "box": tables.box(studies[0].view),
         "conditions": tables.conditions(studies),
         "of_link": tables.random_words(linked) if linked else "",
-        "units": tables.units(studies),
-        "more": tables.more(studies),
         "subsets": tables.subsets(asked, kinds),
+        "in_units": tables.in_units(studies[0]),
         "joints": tables.joints(studies),
     }
     text = TEMPLATES.get_template("hexaslide.md.jinja").render(
@@ -176,8 +163,8 @@ def main() -> None:
     asked = parser.parse_args()
     effort = QUICK if asked.quick else FULL
     if asked.starts:
-        more, joint = (min(asked.starts, n) for n in (effort.more_starts, effort.joint_starts))
-        effort = Effort(effort.random_sets, asked.starts, more, joint)
+        few, joint = (min(asked.starts, n) for n in (effort.few_starts, effort.joint_starts))
+        effort = Effort(effort.random_sets, asked.starts, few, joint)
     request = Request(ProcedureKind.POSE_INVERSE.value, asked.machine_file, seed=SEED)
     try:
         text, posture_sets = page(request, effort)

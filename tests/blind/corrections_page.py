@@ -97,7 +97,7 @@ def page(lines: Sequence[Json]) -> str:
 
 
 def _left(groups: Groups, names: Sequence[str], frame: str, title: str) -> list[str]:
-    rows = [_row(f"hidden; {title}", *names), _row(*["---"] * (len(names) + 1))]
+    rows = _head(f"hidden; {title}", *names)
     for group, lines in groups.items():
         cells = []
         for name in names:
@@ -108,7 +108,7 @@ def _left(groups: Groups, names: Sequence[str], frame: str, title: str) -> list[
 
 
 def _kept(groups: Groups, names: Sequence[str], frame: str, title: str) -> list[str]:
-    rows = [_row(f"hidden; {title}", *names), _row(*["---"] * (len(names) + 1))]
+    rows = _head(f"hidden; {title}", *names)
     for group, lines in groups.items():
         cells = []
         for name in names:
@@ -125,7 +125,7 @@ def _kept(groups: Groups, names: Sequence[str], frame: str, title: str) -> list[
 
 
 def _worse(groups: Groups, names: Sequence[str]) -> list[str]:
-    rows = [_row("hidden", "answer", *FRAMES.values()), _row(*["---"] * (len(FRAMES) + 2))]
+    rows = _head("hidden", "answer", *FRAMES.values())
     for title, lines in groups.items():
         for name in names:
             cells, total = [], 0
@@ -140,6 +140,10 @@ def _worse(groups: Groups, names: Sequence[str]) -> list[str]:
             if total or title == ALL:
                 rows.append(_row(title, name, *cells))
     return rows
+
+
+def _head(*cells: str) -> list[str]:
+    return [_row(*cells), "|---" * len(cells) + "|"]
 
 
 def _row(*cells: str) -> str:

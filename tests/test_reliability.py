@@ -1,4 +1,4 @@
-"""docs/reliability.csv names tests that exist, and the page has its promises."""
+"""docs/reliability.csv names tests that exist, and those of the page are among its promises."""
 
 from __future__ import annotations
 
@@ -34,11 +34,12 @@ def test_every_promise_names_tests_that_exist() -> None:
             ), f"{path}::{function}"
 
 
-def test_the_page_has_every_promise_in_its_section() -> None:
+def test_what_the_page_promises_is_in_the_table_with_its_tests() -> None:
     section, listed = "", []
     for line in PAGE.read_text(encoding="utf-8").splitlines():
         if line.startswith("## "):
             section = line.removeprefix("## ")
         if line.startswith("- "):
             listed.append((section, line.removeprefix("- ")))
-    assert listed == [(row["section"], row["promise"]) for row in promises()]
+    assert len(listed) > 60
+    assert set(listed) <= {(row["section"], row["promise"]) for row in promises()}

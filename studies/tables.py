@@ -47,7 +47,6 @@ SHOWN_SUBSETS = (
 )
 ROW_COUNT_SETS = {
     ProcedureKind.POSE_INVERSE: (8, 9, 100),
-    ProcedureKind.POSE_FORWARD: (8, 9, 100),
     ProcedureKind.POSITION: (15, 16, 17, 100),
     ProcedureKind.CONSTRAINT_LINK: (46, 47, 48, 55, 200),
 }
@@ -88,7 +87,7 @@ def box(view: HexaSlideSeen) -> str:
 def row_counts(asked: Request, kinds: Sequence[ProcedureKind]) -> str:
     """Rank and rows for several numbers of postures."""
     rows = []
-    for kind, counts in ROW_COUNT_SETS.items():
+    for kind, counts in ROW_COUNT_SETS.items():  # pose-forward as pose-inverse
         if kind not in kinds:
             continue
         said = []

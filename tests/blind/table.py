@@ -150,7 +150,7 @@ def _head(told: Told) -> str:
         (
             "# The blind table",
             "",
-            "`tests/blind/` makes sessions with hidden effects by a machine simulation of its own.",
+            "`tests/blind/` draws sessions with hidden effects by a machine simulation of its own.",
             "They are diagnosed, and only then compared with the sealed truths (`make blind`).",
             "",
             f"- {len(told.scored)} of the {len(plan())} planned sessions, seed {told.seed};",

@@ -271,7 +271,7 @@ def delay_row(when: str, delays_s: list[float], limit: str = "p99 ≤ 50 ms") ->
     """Median and 99th percentile of the delays."""
     ms = [1e3 * value for value in statistics.quantiles(delays_s, n=100)]
     figures = f"median {ms[49]:.1f}, p99 {ms[98]:.1f} ms, n = {len(delays_s)}"
-    return f"| reading → digits on the screen, {when} | {figures} | {limit} |"
+    return f"| reading → screen, {when} | {figures} | {limit} |"
 
 
 def interface() -> list[str]:

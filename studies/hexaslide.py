@@ -14,8 +14,7 @@ from pathlib import Path
 import jinja2
 import numpy as np
 
-from app.planning.hexaslide import Request, hexaslide_planning
-from app.report.text.hexaslide import postures_table
+from app.planning.hexaslide import Request, hexaslide_planning, posture_table
 from calib.arrays import FloatArray
 from calib.errors import GlidecalError
 from calib.hexaslide.planning import (
@@ -33,6 +32,9 @@ from protocols.hexaslide import load_hexaslide
 from studies import THREADS, tables
 
 PAGE = Path(__file__).parents[1] / "docs" / "hexaslide.md"
+SETS = "posture_sets"
+"""The folder beside the page with a table of the best postures for each procedure."""
+
 TEMPLATES = jinja2.Environment(
     loader=jinja2.FileSystemLoader(Path(__file__).parent),
     undefined=jinja2.StrictUndefined,
@@ -42,13 +44,6 @@ TEMPLATES = jinja2.Environment(
 )
 SEED = 0
 
-MORE_POSTURES = {
-    ProcedureKind.POSE_INVERSE: (10, 12, 16, 24, 48),
-    ProcedureKind.POSE_FORWARD: (10, 12, 16, 24, 48),
-    ProcedureKind.POSITION: (17, 20, 24, 32, 64),
-    ProcedureKind.CONSTRAINT_LINK: (50, 55, 64, 96),
-}
-
 
 @dataclass(frozen=True)
 class Effort:
@@ -56,23 +51,22 @@ class Effort:
 
     random_sets: int
     starts: int
-    more_starts: int
+    few_starts: int
     joint_starts: int
 
 
-FULL = Effort(random_sets=400, starts=20, more_starts=2, joint_starts=2)
-QUICK = Effort(random_sets=8, starts=1, more_starts=0, joint_starts=0)
+FULL = Effort(random_sets=400, starts=20, few_starts=2, joint_starts=2)
+QUICK = Effort(random_sets=8, starts=1, few_starts=1, joint_starts=0)
 
 
 @dataclass(frozen=True, eq=False)
 class Studied:
-    """One procedure: what it sees, random sets ``(n,)`` in each unit, the best set."""
+    """One procedure: what it sees, condition numbers of random sets ``(n,)``, the best set."""
 
     view: HexaSlideSeen
-    random: dict[str, FloatArray]
+    random: FloatArray
     random_of_paper: FloatArray
     best: BestPostures
-    more: dict[int, float]
     few: BestPostures | None
     in_box: BestPostures
     in_joints: BestPostures | None
@@ -102,18 +96,14 @@ def study(request: Request, effort: Effort) -> Studied:
     paper = PUBLISHED_SETS[kind].count
     same = random if paper == view.fewest else random_conditions(view, paper, effort.random_sets)
     best = searched(view, view.fewest, effort.starts)
-    more = {
-        count: searched(view, count, effort.more_starts).condition_number
-        for count in (MORE_POSTURES[kind] if effort.more_starts else ())
-    }
     few = None
     if paper < view.fewest:
-        few = searched(view, paper, max(effort.more_starts, 1), few=True)
+        few = searched(view, paper, effort.few_starts, few=True)
     # a link has the most postures and the slowest search
     starts = effort.joint_starts if kind is not ProcedureKind.CONSTRAINT_LINK else 0
     in_box = searched(view, view.fewest, starts) if starts else best
     in_joints = searched(view, view.fewest, starts, in_joints=True) if starts else None
-    return Studied(view, random, same["m, rad"], best, more, few, in_box, in_joints)
+    return Studied(view, random, same, best, few, in_box, in_joints)
 
 
 def searched(
@@ -124,20 +114,20 @@ def searched(
     return best_postures(view.procedure, view.machine, count, search)
 
 
-def random_conditions(view: HexaSlideSeen, count: int, sets: int) -> dict[str, FloatArray]:
-    """Condition numbers ``(sets,)`` in each unit, of what so many random postures see."""
+def random_conditions(view: HexaSlideSeen, count: int, sets: int) -> FloatArray:
+    """Condition numbers ``(sets,)``, metres and radians, of what so many random postures see."""
     generator, scale = np.random.default_rng(SEED), Scale.of(view.procedure, view.machine)
     found = []
     for _ in range(sets):
         postures = view.machine.box.random(count, generator)
         rows = sensitivity(view.procedure, view.machine, postures).jacobian
         rank = min(view.seen.found.rank, len(rows))
-        found.append(conditions_by_units(view.procedure, rows, rank, scale))
-    return {units: np.array([one[units] for one in found]) for units in found[0]}
+        found.append(conditions_by_units(view.procedure, rows, rank, scale)["m, rad"])
+    return np.array(found)
 
 
-def page(asked: Request, effort: Effort) -> str:
-    """The page: every table, put into its sentences."""
+def page(asked: Request, effort: Effort) -> tuple[str, dict[str, str]]:
+    """The page, every table in its sentences, and the table of the best postures by procedure."""
     begin = time.perf_counter()
     kinds = kinds_of(asked)
     studies = [study(replace(asked, procedure=kind.value), effort) for kind in kinds]
@@ -149,26 +139,22 @@ def page(asked: Request, effort: Effort) -> str:
         "box": tables.box(studies[0].view),
         "conditions": tables.conditions(studies),
         "of_link": tables.random_words(linked) if linked else "",
-        "bounds": tables.bounds(studies),
-        "units": tables.units(studies),
-        "more": tables.more(studies),
-        **tables.subsets(asked, kinds),
+        "subsets": tables.subsets(asked, kinds),
+        "in_units": tables.in_units(studies[0]),
         "joints": tables.joints(studies),
-        "simulated": tables.simulated(kinds, asked.machine_file),
     }
-    return TEMPLATES.get_template("hexaslide.md.jinja").render(
+    text = TEMPLATES.get_template("hexaslide.md.jinja").render(
         **found,
-        studies=studies,
         effort=effort,
         seed=SEED,
         threads=THREADS,
-        postures_table=postures_table,
         seconds=round(time.perf_counter() - begin),
     )
+    return text, {one.kind.value: posture_table(one.postures) for one in studies}
 
 
 def main() -> None:
-    """Write the page."""
+    """Write the page, and the sets of postures beside it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--starts", type=int)
@@ -177,14 +163,19 @@ def main() -> None:
     asked = parser.parse_args()
     effort = QUICK if asked.quick else FULL
     if asked.starts:
-        more, joint = (min(asked.starts, n) for n in (effort.more_starts, effort.joint_starts))
-        effort = Effort(effort.random_sets, asked.starts, more, joint)
+        few, joint = (min(asked.starts, n) for n in (effort.few_starts, effort.joint_starts))
+        effort = Effort(effort.random_sets, asked.starts, few, joint)
     request = Request(ProcedureKind.POSE_INVERSE.value, asked.machine_file, seed=SEED)
     try:
-        text = page(request, effort)
+        text, posture_sets = page(request, effort)
     except GlidecalError as problem:
         parser.exit(1, f"studies.hexaslide: {problem}\n")
     asked.output.write_text(text, encoding="utf-8", newline="\n")
+    folder = asked.output.parent / SETS
+    folder.mkdir(exist_ok=True)
+    for kind, postures in posture_sets.items():
+        path = folder / f"hexaslide-{kind}.csv"
+        path.write_text(postures, encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":

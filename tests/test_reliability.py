@@ -1,23 +1,29 @@
-"""docs/reliability.md names tests that exist."""
+"""docs/reliability.csv names tests that exist, and those of the page are among its promises."""
 
 from __future__ import annotations
 
 import ast
+import csv
 import re
 
 from tests.conftest import ROOT
 
-NAMED = re.compile(r"`(tests/[\w/]+\.py)(?:::(\w+))?`")
+PAGE = ROOT / "docs" / "reliability.md"
+NAMED = re.compile(r"(tests/[\w/]+\.py)(?:::(\w+))?")
+
+
+def promises() -> list[dict[str, str]]:
+    with PAGE.with_suffix(".csv").open(encoding="utf-8", newline="") as table:
+        return list(csv.DictReader(table))
 
 
 def test_every_promise_names_tests_that_exist() -> None:
-    page = (ROOT / "docs" / "reliability.md").read_text(encoding="utf-8")
-    rows = [line for line in page.splitlines() if line.startswith("| ") and "| promise" not in line]
-    assert len(rows) > 30
-    for row in rows:
-        named = NAMED.findall(row.rsplit("|", 2)[1])
-        assert named, row
-        for path, function in named:
+    assert len(promises()) > 90
+    for row in promises():
+        parts = row["tests"].split(", ")
+        named = [found for part in parts if (found := NAMED.fullmatch(part))]
+        assert len(named) == len(parts), row
+        for path, function in (found.groups() for found in named):
             tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
             functions = {n.name for n in tree.body if isinstance(n, ast.FunctionDef)}
             functions |= {n.name for n in tree.body if isinstance(n, ast.AsyncFunctionDef)}
@@ -26,3 +32,14 @@ def test_every_promise_names_tests_that_exist() -> None:
                 if function
                 else any(name.startswith("test_") for name in functions)
             ), f"{path}::{function}"
+
+
+def test_what_the_page_promises_is_in_the_table_with_its_tests() -> None:
+    section, listed = "", []
+    for line in PAGE.read_text(encoding="utf-8").splitlines():
+        if line.startswith("## "):
+            section = line.removeprefix("## ")
+        if line.startswith("- "):
+            listed.append((section, line.removeprefix("- ")))
+    assert len(listed) > 60
+    assert set(listed) <= {(row["section"], row["promise"]) for row in promises()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -164,8 +165,10 @@ def test_answers_of_another_run_stand_beside(
     main([*asked, "--jsonl", str(lines)])
     main([*asked, "--beside", str(lines)])
     text = capsys.readouterr().out
-    assert "| nothing | was mine | – | 2/2 100% (16% … 100%)" in text
-    assert "| nothing | mine | 0/2 (0% … 84%) | 0/2 (0% … 84%)" in text
+    *_, bound = re.findall(r"hidden; aligned \| offsets .*\n.*\n\| nothing \| (.*) \|", text)
+    assert [cell.split(",")[0] for cell in bound.split(" | ")] == ["2/2"] * 4
+    assert text.count("hidden; touched off") == 2, "an error in each page, and no bound"
+    assert "| all | was mine | 0/2 (0% … 84%) | 0/2 (0% … 84%)" in text
     main([*asked, "--seed", "7", "--jsonl", str(lines)])
     known = [json.loads(line) for line in lines.read_text(encoding="utf-8").splitlines()]
     with pytest.raises(ValueError, match="another seed"):

@@ -280,10 +280,10 @@ def answers(perfect: bool) -> Told:
 
 def test_the_page_tells_a_perfect_diagnosis_from_a_liar() -> None:
     good, bad = page(answers(True)), page(answers(False))
-    for text, share in ((good, "0.0 %"), (bad, "100.0 %")):
+    for text, share in ((good, " 0.0 ("), (bad, " 100.0 (")):
         line = next(each for each in text.splitlines() if each.startswith("| false name, no"))
         assert share in line.split("|")[3]
-    assert "| wrong confident name | ≤ 1 % | 0.0 % (0.0 … 70.8; 0/3) |" in good
+    assert "| wrong confident name | ≤ 1 | 0.0 (0.0–70.8), 0/3 |" in good
     assert "**no**" in bad
     assert all(f"\n| {what} |" in good for what in EARLIER)
 

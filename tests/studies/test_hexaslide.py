@@ -9,8 +9,14 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from app.planning.hexaslide import Request, hexaslide_planning
+from calib.arrays import FloatArray
+from calib.hexaslide.planning import conditions_at, look_at
+from protocols.hexaslide import load_postures
+from studies.hexaslide import SETS
 from tests.conftest import ROOT
 
 PAGE = ROOT / "docs" / "hexaslide.md"
@@ -48,15 +54,15 @@ def rows(page: str, heading: str) -> dict[str, list[str]]:
     return {row[0]: row[1:] for row in cells[2:]}
 
 
-def posture_sets(page: str) -> dict[str, list[list[float]]]:
-    """The posture tables, by procedure."""
-    found: dict[str, list[list[float]]] = {}
-    for name, block in re.findall(
-        r"^(\S+), condition number [\d.]+:\n\n((?:    .*\n)+)", page, re.M
-    ):
-        lines = block.splitlines()[2:]
-        found[name] = [[float(value) for value in line.split()[1:]] for line in lines]
-    return found
+def posture_sets(folder: Path) -> dict[str, FloatArray]:
+    """The posture tables beside the page, metres and degrees, by procedure."""
+    paths = [folder / f"hexaslide-{name}.csv" for name in POSTURES]
+    return {path.stem.removeprefix("hexaslide-"): in_degrees(path) for path in paths}
+
+
+def in_degrees(path: Path) -> FloatArray:
+    postures = load_postures(path)
+    return np.hstack([postures[:, :3], np.degrees(postures[:, 3:])])
 
 
 def page_made(option: str, path: Path) -> subprocess.CompletedProcess[str]:
@@ -74,21 +80,26 @@ def page_made(option: str, path: Path) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> str:
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page as the script makes it now, with little effort."""
     path = tmp_path_factory.mktemp("page") / "made [x].md"
     done = page_made("--output", path)
     assert done.returncode == 0, done.stderr
-    return path.read_text(encoding="utf-8")
+    return path
 
 
 @pytest.fixture(params=["committed", "made"])
-def page(request: pytest.FixtureRequest) -> str:
+def path(request: pytest.FixtureRequest) -> Path:
     if request.param == "committed":
-        return PAGE.read_text(encoding="utf-8")
-    text = request.getfixturevalue("made")
-    assert isinstance(text, str)
-    return text
+        return PAGE
+    made = request.getfixturevalue("made")
+    assert isinstance(made, Path)
+    return made
+
+
+@pytest.fixture
+def page(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
 
 
 def test_ranks_beside_the_papers(page: str) -> None:
@@ -129,24 +140,33 @@ def test_the_committed_optima_stay_below_the_limits() -> None:
         assert float(found[name][2].strip("*")) < limit, name
 
 
-def test_posture_sets_are_whole_and_in_the_box(page: str) -> None:
-    found = posture_sets(page)
+def test_posture_sets_are_whole_and_in_the_box(path: Path) -> None:
+    found = posture_sets(path.parent / SETS)
     assert {name: len(postures) for name, postures in found.items()} == POSTURES
+    low, high = np.transpose(BOX)
     for postures in found.values():
-        for posture in postures:
-            assert all(low <= v <= high for v, (low, high) in zip(posture, BOX, strict=True))
+        assert np.all((postures >= low - 1e-9) & (postures <= high + 1e-9))
+
+
+def test_the_committed_sets_have_the_condition_numbers_of_the_page() -> None:
+    found = {row[0]: row[1:] for row in rows(PAGE.read_text("utf-8"), "## Random").values()}
+    for name in POSTURES:
+        view = look_at(hexaslide_planning(Request(name)))
+        postures = load_postures(PAGE.parent / SETS / f"hexaslide-{name}.csv")
+        stated = float(found[name][2].strip("*"))
+        assert conditions_at(view, postures)["m, rad"] == pytest.approx(stated, rel=0.01)
 
 
 def test_a_tilt_measured_too(page: str) -> None:
     found = rows(page, "## Any measured components")
-    assert found["x, y, z, theta"][:2] == ["48 of 49", "platform frame turned about its Z"]
-    assert found["x, y, z, theta, psi, phi"][0] == "49 of 49"
+    assert found["`x,y,z,theta`"][:2] == ["48 of 49", "turns Z"]
+    assert found["`x,y,z,theta,psi,phi`"][0] == "49 of 49"
 
 
-def test_the_committed_page_is_that_of_the_script(made: str) -> None:
-    """Sentences, not numbers: everything outside tables, posture sets and the last line."""
+def test_the_committed_page_is_that_of_the_script(made: Path) -> None:
+    """Sentences, not numbers: everything outside tables and commands."""
     committed = PAGE.read_text(encoding="utf-8")
-    assert sentences(committed) == sentences(made)
+    assert sentences(committed) == sentences(made.read_text(encoding="utf-8"))
 
 
 def sentences(text: str) -> list[str]:

@@ -126,11 +126,11 @@ def with_columns(glossary: str) -> str:
     parts = [glossary.partition(COLUMNS)[0], COLUMNS]
     for kind in result_rows():
         sentence = f"{kind.__doc__}".partition("\n")[0]
-        parts.append(f"\n{sentence}\n\n| column | unit | meaning |\n|---|---|---|\n")
+        parts.append(f"\n{sentence}\n\n")
         parts += [
-            f"| {quantity.label or '–'} | {quantity.unit} | {quantity.words} |\n"
+            f"- **{quantity.label}**{quantity.unit and f', {quantity.unit}'}: {quantity.words}\n"
             for quantity in quantities(kind).values()
-            if quantity.label is not None
+            if quantity.label
         ]
     return "".join(parts)
 

@@ -19,7 +19,6 @@ from app.exit_codes import exit_code
 from app.measuring.gauges import PushResult, SpindleCheck
 from app.measuring.indicators import (
     adapter_before,
-    adapters,
     indicator_words,
     moved_adapters,
     port_is_gone,
@@ -195,7 +194,7 @@ class CheckScreen(Screen[None]):
             self._show_trial(NO_OTHER_PORT_HERE)
             return
         question = port_question(indicator_words(number, instruments[number]))
-        choices = port_choices(ports, adapters(), adapter)
+        choices = port_choices(ports, adapter)
         self.app.ask(ChoiceDialog(question, choices), lambda port: self._at_port(number, port))
 
     def _at_port(self, number: int, port: str) -> None:

@@ -27,7 +27,6 @@ from app.screens.interface import ChoiceDialog, TextDialog
 from app.screens.paged import PAGE_KEYS, Page, PagedScreen
 from app.screens.pages import apart
 from app.screens.what_if import tried
-from calib.errors import GlidecalError
 from protocols.files import unused_path
 from protocols.model_file import EffectEntry, ModelFile, read_model_file
 
@@ -65,19 +64,12 @@ class DiagnoseScreen(PagedScreen[None]):
         self.refresh_bindings()
         self.head(texts.heading_text([path.name for path in self.paths], self.model))
         self.wait(texts.LOOKING)
-        self._diagnose()
+        job = partial(_diagnosis, self.paths, self.model, self._adopted_words)
+        self.look(job, self._show, texts.problem_text)
 
-    @work(group="diagnose", exclusive=True)
-    async def _diagnose(self) -> None:
-        try:
-            self._known, diagnosed, at_tool = await apart(
-                self, _diagnosis, self.paths, self.model, self._adopted_words
-            )
-        except GlidecalError as problem:
-            self.looking = False
-            self.wait(texts.problem_text(problem))
-            return
-        self.looking, self.diagnosed, adopted = False, diagnosed, ""
+    def _show(self, outcome: tuple[ModelFile | None, SessionDiagnosis, str]) -> None:
+        (self._known, diagnosed, at_tool), adopted = outcome, ""
+        self.diagnosed = diagnosed
         self.refresh_bindings()
         if self.model is not None and self._gap_before_mm is not None:
             now = diagnosed.diagnosis.gap_before.rms_mm

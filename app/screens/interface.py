@@ -221,7 +221,6 @@ class Interface(App[str]):
 
     TITLE = "glidecal"
     CSS_PATH = "glidecal.tcss"
-    ENABLE_COMMAND_PALETTE = True
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+c", "interrupt", "Stop", show=False, priority=True),
         Binding("f1", "help", "Help", id="app.help"),
@@ -284,11 +283,8 @@ class Interface(App[str]):
         if mover is None or not isinstance(event, Key | MouseDown | Paste):
             return False
         key = event.key if isinstance(event, Key) else ""
-        goes, views = (key in self._keys_of(keys) for keys in (GO, VIEW))
+        goes, views = (key in split(self._settings.keys.get(*keys)) for keys in (GO, VIEW))
         return self._motion_keys.ends_here(mover, goes=goes, views=views) and key not in LEAVING
-
-    def _keys_of(self, binding: tuple[str, str]) -> tuple[str, ...]:
-        return tuple(map(str.strip, self._settings.keys.get(*binding).split(",")))
 
     def attend(self, look: Callable[[], object]) -> None:
         """Tell the thread of the controller that the screens run, and look at the indicators.
@@ -521,7 +517,7 @@ class Interface(App[str]):
 
         What is still computed in a thread then is waited for: a signal may end that.
         """
-        forget_signals()
+        on_signals(None)
         await self._leave()
 
     async def _leave(self) -> str:
@@ -564,8 +560,8 @@ class Interface(App[str]):
         self.switch_screen(screen)
 
 
-def on_signals(leave: Callable[[], object]) -> None:
-    """Call ``leave`` in the running loop for each of the signals, until they are forgotten.
+def on_signals(leave: Callable[[], object] | None) -> None:
+    """Call ``leave`` in the running loop for each of the signals; without it they end the program.
 
     Where a loop takes no signals (Windows, another thread than the main one) nothing happens: the
     terminal's own keys leave as before.
@@ -573,15 +569,10 @@ def on_signals(leave: Callable[[], object]) -> None:
     loop = asyncio.get_running_loop()
     with suppress(NotImplementedError, RuntimeError, ValueError):
         for number in SIGNALS:
-            loop.add_signal_handler(number, _receive, number, leave)
-
-
-def forget_signals() -> None:
-    """They end the program again, as any other."""
-    loop = asyncio.get_running_loop()
-    with suppress(NotImplementedError, RuntimeError, ValueError):
-        for number in SIGNALS:
-            loop.remove_signal_handler(number)
+            if leave:
+                loop.add_signal_handler(number, _receive, number, leave)
+            else:
+                loop.remove_signal_handler(number)
 
 
 def _receive(number: signal.Signals, leave: Callable[[], object]) -> None:

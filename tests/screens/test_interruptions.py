@@ -169,7 +169,6 @@ async def test_at_continue_a_port_that_has_gone_is_chosen_anew(
     gone, here = str(tmp_path / "ttyOLD"), str(tmp_path / "ttyNEW")
     where = {gone: "A1"}
     monkeypatch.setattr("app.measuring.indicators.adapters", lambda: where)
-    monkeypatch.setattr("app.screens.check.adapters", lambda: where)
     monkeypatch.setattr(
         "app.measuring.indicators.serial_ports", lambda: [(port, "USB") for port in where]
     )

@@ -18,8 +18,6 @@ from app.evaluating.diagnosis import (
     resize,
     write_procedure,
 )
-from app.evaluating.solution import solve_files
-from app.measuring.plan import plan_to_repeat
 from app.report.charts.results import residuals_before_and_after
 from app.report.text import diagnosis as texts
 from app.report.text.result import ONLY_SHOWN
@@ -183,13 +181,11 @@ class DiagnoseScreen(PagedScreen[None]):
     @work(group="result", exclusive=True)
     async def action_result(self) -> None:
         """What these sessions give, with the adopted effects where there are any."""
-        from app.screens.result import ResultScreen
+        from app.screens.result import result_of
 
-        path, model = self.paths[0], self.model
+        job = partial(result_of, self.paths, self.model, verified=not self.app.read_only)
         with self.app.complaining():
-            solved = await apart(self, solve_files, self.paths, model=model)
-            plan = None if self.app.read_only else await apart(self, plan_to_repeat, path)
-            self.app.push_screen(ResultScreen(solved, plan, path, model))
+            self.app.push_screen(await apart(self, job))
 
 
 def _diagnosis(

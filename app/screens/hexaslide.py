@@ -16,12 +16,7 @@ from app.report.text import hexaslide as texts
 from app.screens.interface import ChoiceDialog, TextDialog
 from app.screens.paged import PAGE_KEYS, Page, PagedScreen
 from app.screens.pages import apart
-from calib.hexaslide.planning import (
-    KINDS,
-    HexaSlideSeen,
-    conditions_at,
-    look_at,
-)
+from calib.hexaslide.planning import KINDS, HexaSlideSeen, conditions_at, look_at
 from calib.hexaslide.procedures import ProcedureKind
 from calib.hexaslide.search import BestPostures, Search, searches
 

@@ -40,11 +40,11 @@ class MotionDialog(Dialog[None]):
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog alarm"):
-            text = self.app.keyed(motion.event_text(self._mover))
-            yield Static(text, id="event", markup=False)
+            yield Static("", id="event", markup=False)
 
     def on_mount(self) -> None:
         self.app.bell()
+        self._show()
         self.set_interval(LOOK_S, self._show)
 
     def _show(self) -> None:

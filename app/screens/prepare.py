@@ -258,8 +258,8 @@ class PrepareScreen(Screen[None]):
         self._source = ""
         self._proposed_for: Machine | None = None
         self._offered_for = load_machine(None)
+        self._usual = self._offered_for.usual_procedure
         self._answered: dict[str, str] = {}
-        self._moving = False
 
     def compose(self) -> ComposeResult:
         yield Title()
@@ -297,7 +297,6 @@ class PrepareScreen(Screen[None]):
             machine = self._machine()
             self._offer(machine)
             self._propose(machine)
-            self._follow(machine)
             procedure = self._procedure(machine)
             none = texts.NO_INDICATOR if procedure.plate is None else texts.NO_INDICATOR_AT_PLATE
             axes = [instrument.axes for instrument in self._some(procedure)]
@@ -316,22 +315,15 @@ class PrepareScreen(Screen[None]):
             self.query_one(f"#{name}", IndicatorField).update(self.app.keyed(line))
 
     def _offer(self, machine: Machine) -> None:
-        """What another machine can measure; a procedure that was chosen stays if it is there."""
-        before, self._offered_for = self._offered_for, machine
-        if machine == before:
-            return
+        """What the machine can measure: as usual by hand or with a controller, or as chosen."""
         procedures, rows = self.query_one("#procedure", Select), _procedures(machine)
-        chosen = str(procedures.value)
-        procedures.set_options((Content(words), name) for words, name in rows)
-        if chosen in [name for _, name in rows] and chosen != before.usual_procedure:
-            procedures.value = chosen
-
-    def _follow(self, machine: Machine) -> None:
-        """Whether a controller moves decides the procedure, unless another one was chosen."""
-        before, self._moving = self._moving, bool(self._value("motion"))
-        procedures = self.query_one("#procedure", Select)
-        if before != self._moving and procedures.value == procedure_of(machine, moving=before):
-            procedures.value = procedure_of(machine, moving=self._moving)
+        chosen, before = str(procedures.value), self._usual
+        self._usual = procedure_of(machine, moving=bool(self._value("motion")))
+        if machine != self._offered_for:
+            procedures.set_options((Content(words), name) for words, name in rows)
+        self._offered_for = machine
+        stays = chosen != before and chosen in [name for _, name in rows]
+        procedures.value = chosen if stays else self._usual
 
     def _propose(self, machine: Machine) -> None:
         """The indicators of the machine file, else those used last, until others are chosen."""

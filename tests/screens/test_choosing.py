@@ -317,7 +317,7 @@ async def test_a_linear_delta_is_offered_plates_and_begins_with_one_indicator(
         await pilot.press("f5")
         await until(pilot, "check", lambda: isinstance(interface.screen, CheckScreen))
         await until(pilot, "indicators open", lambda: interface.indicators is not None)
-        assert "along Z at the tool" in text(interface, "#trial")
+        await until(pilot, "trial", lambda: "along Z at the tool" in text(interface, "#trial"))
         await pilot.press("escape")
         await until(pilot, "back", lambda: isinstance(interface.screen, PrepareScreen))
         screen.query_one("#machine", Input).value = ""

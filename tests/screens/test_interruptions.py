@@ -105,8 +105,7 @@ async def test_an_indicator_goes_on_at_another_port(
         where = {first.url: "A1"}
         for module in ("app.measuring.gauges", "app.screens.measure"):
             monkeypatch.setattr(f"{module}.adapter_at", lambda port: where.get(port, ""))
-        for module in ("app.measuring.indicators", "app.screens.measure"):
-            monkeypatch.setattr(f"{module}.adapters", lambda: where)
+        monkeypatch.setattr("app.measuring.indicators.adapters", lambda: where)
         monkeypatch.setattr(
             "app.measuring.indicators.serial_ports", lambda: [(port, "USB") for port in where]
         )

@@ -59,8 +59,7 @@ def settings() -> None:
 
     path = settings_path()
     present = settings_for_screens(path)
-    rows = [(key.key_id, key.keys, key.words) for key in known_keys().values()]
-    typer.echo(settings_text(path, path.exists(), present, rows))
+    typer.echo(settings_text(path, path.exists(), present, known_keys().values()))
 
 
 cli.command("demo")(demo.demo)

@@ -20,8 +20,7 @@ BESIDE_THE_CORE = (
     "app.report.dcc",
     "app.report.pages",
     "app.screens.hexaslide",
-    "app.screens.serving",
-    "app.screens.serving_reports",
+    "app.serving",
     "calib.diagnosis.hexaslide",
     "calib.hexaslide",
     MOTION,
@@ -62,10 +61,18 @@ SESSION = str(SAMPLES / "simulated_zero-max-min.jsonl")
 )
 def test_the_core_works_alone(arguments: tuple[str, ...], tmp_path: Path) -> None:
     removed = [name for name in BESIDE_THE_CORE if name != MOTION or arguments[0] != "run"]
+    works(removed, arguments, tmp_path)
+
+
+def test_keys_are_listed_without_the_extra_that_serves_a_browser(tmp_path: Path) -> None:
+    works(["aiohttp", "textual_serve"], ("settings",), tmp_path)
+
+
+def works(removed: list[str], arguments: tuple[str, ...], folder: Path) -> None:
     run = subprocess.run(
         [sys.executable, "-c", WITHOUT.format(removed=removed), *arguments],
-        cwd=tmp_path,
-        env={"PYTHONPATH": str(ROOT), "HOME": str(tmp_path)},
+        cwd=folder,
+        env={"PYTHONPATH": str(ROOT), "HOME": str(folder)},
         capture_output=True,
         text=True,
     )

@@ -405,7 +405,7 @@ def serve(
         elif next(path.rglob("*.jsonl"), None) is None:
             raise RecordError(f"folder {path}", "no session file", "files that end with .jsonl")
     with extra("glidecal serve", "serve"):
-        from app.screens.serving import Pages, listen
+        from app.serving.server import Pages, listen
     pages = Pages(sessions, listen(port))
     say(pages.announcement())
     pages.serve()

@@ -141,11 +141,18 @@ def port_of(adapter: str, port: str) -> str | None:
     return next((device for device, number in here.items() if number == adapter), None)
 
 
-def ports_to_choose(adapter: str, used: Collection[str]) -> list[tuple[str, str]]:
-    """The serial ports that are not used, with what the system says: those of the adapter first."""
+def ports_to_choose(adapter: str, used: Collection[str]) -> list[tuple[str, str, bool]]:
+    """The serial ports that are not used, with what the system says, those of the adapter first.
+
+    Each with whether it is that of the adapter.
+    """
     numbers = adapters()
-    free = [(port, words) for port, words in serial_ports() if port not in used]
-    return sorted(free, key=lambda port: not adapter or numbers.get(port[0]) != adapter)
+    free = [
+        (port, words, bool(adapter) and numbers.get(port) == adapter)
+        for port, words in serial_ports()
+        if port not in used
+    ]
+    return sorted(free, key=lambda port: not port[2])
 
 
 class RememberedIndicators(Document):

@@ -19,7 +19,6 @@ from app.exit_codes import exit_code
 from app.measuring.gauges import PushResult, SpindleCheck
 from app.measuring.indicators import (
     adapter_before,
-    adapters,
     indicator_words,
     moved_adapters,
     port_is_gone,
@@ -29,7 +28,7 @@ from app.measuring.opening import begin, first_step, open_indicators
 from app.measuring.plan import Plan
 from app.measuring.session import Indicators
 from app.report.text import motion
-from app.report.text.home import CHECK_HELP
+from app.report.text.home import CHECK_HELP, DRY_RUN_HELP
 from app.report.text.preparing import (
     NO_OTHER_PORT_HERE,
     adapter_lines,
@@ -195,7 +194,7 @@ class CheckScreen(Screen[None]):
             self._show_trial(NO_OTHER_PORT_HERE)
             return
         question = port_question(indicator_words(number, instruments[number]))
-        choices = port_choices(ports, adapters(), adapter)
+        choices = port_choices(ports, adapter)
         self.app.ask(ChoiceDialog(question, choices), lambda port: self._at_port(number, port))
 
     def _at_port(self, number: int, port: str) -> None:
@@ -235,11 +234,7 @@ class DryRunScreen(Screen[None]):
     """Every step of a procedure, to scroll through, then what it will tell."""
 
     app: Interface
-    HELP = (
-        "The steps in the order in which they are measured, each with the\n"
-        "line to type at the controller; at the end what to expect of the\n"
-        "result. Nothing is opened or written."
-    )
+    HELP = DRY_RUN_HELP
     AUTO_FOCUS = "#dry-run"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "app.pop_screen", "Back", id="dry-run.back"),

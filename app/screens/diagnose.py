@@ -18,8 +18,6 @@ from app.evaluating.diagnosis import (
     resize,
     write_procedure,
 )
-from app.evaluating.solution import solve_files
-from app.measuring.plan import plan_to_repeat
 from app.report.charts.results import residuals_before_and_after
 from app.report.text import diagnosis as texts
 from app.report.text.result import ONLY_SHOWN
@@ -27,7 +25,6 @@ from app.screens.interface import ChoiceDialog, TextDialog
 from app.screens.paged import PAGE_KEYS, Page, PagedScreen
 from app.screens.pages import apart
 from app.screens.what_if import tried
-from calib.errors import GlidecalError
 from protocols.files import unused_path
 from protocols.model_file import EffectEntry, ModelFile, read_model_file
 
@@ -65,19 +62,12 @@ class DiagnoseScreen(PagedScreen[None]):
         self.refresh_bindings()
         self.head(texts.heading_text([path.name for path in self.paths], self.model))
         self.wait(texts.LOOKING)
-        self._diagnose()
+        job = partial(_diagnosis, self.paths, self.model, self._adopted_words)
+        self.look(job, self._show, texts.problem_text)
 
-    @work(group="diagnose", exclusive=True)
-    async def _diagnose(self) -> None:
-        try:
-            self._known, diagnosed, at_tool = await apart(
-                self, _diagnosis, self.paths, self.model, self._adopted_words
-            )
-        except GlidecalError as problem:
-            self.looking = False
-            self.wait(texts.problem_text(problem))
-            return
-        self.looking, self.diagnosed, adopted = False, diagnosed, ""
+    def _show(self, outcome: tuple[ModelFile | None, SessionDiagnosis, str]) -> None:
+        (self._known, diagnosed, at_tool), adopted = outcome, ""
+        self.diagnosed = diagnosed
         self.refresh_bindings()
         if self.model is not None and self._gap_before_mm is not None:
             now = diagnosed.diagnosis.gap_before.rms_mm
@@ -191,13 +181,11 @@ class DiagnoseScreen(PagedScreen[None]):
     @work(group="result", exclusive=True)
     async def action_result(self) -> None:
         """What these sessions give, with the adopted effects where there are any."""
-        from app.screens.result import ResultScreen
+        from app.screens.result import result_of
 
-        path, model = self.paths[0], self.model
+        job = partial(result_of, self.paths, self.model, verified=not self.app.read_only)
         with self.app.complaining():
-            solved = await apart(self, solve_files, self.paths, model=model)
-            plan = None if self.app.read_only else await apart(self, plan_to_repeat, path)
-            self.app.push_screen(ResultScreen(solved, plan, path, model))
+            self.app.push_screen(await apart(self, job))
 
 
 def _diagnosis(

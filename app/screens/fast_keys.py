@@ -13,7 +13,7 @@ from textual.await_complete import AwaitComplete
 from textual.command import CommandPalette
 from textual.dom import DOMNode
 from textual.events import Mount
-from textual.screen import ModalScreen, Screen, ScreenResultType
+from textual.screen import Screen, ScreenResultType
 from textual.widget import Widget
 from textual.widgets import Header, OptionList, Static
 from textual.worker import Worker
@@ -39,10 +39,6 @@ class LeftOnce(Screen[ScreenResultType]):
 
     def dismiss(self, result: ScreenResultType | None = None) -> AwaitComplete:
         return super().dismiss(result) if self.is_active else AwaitComplete()
-
-
-class Dialog(ModalScreen[ScreenResultType], LeftOnce[ScreenResultType]):
-    """A dialog that goes once."""
 
 
 class Palette(CommandPalette, LeftOnce[None]):

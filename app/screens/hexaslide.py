@@ -16,13 +16,7 @@ from app.report.text import hexaslide as texts
 from app.screens.interface import ChoiceDialog, TextDialog
 from app.screens.paged import PAGE_KEYS, Page, PagedScreen
 from app.screens.pages import apart
-from calib.errors import GlidecalError
-from calib.hexaslide.planning import (
-    KINDS,
-    HexaSlideSeen,
-    conditions_at,
-    look_at,
-)
+from calib.hexaslide.planning import KINDS, HexaSlideSeen, conditions_at, look_at
 from calib.hexaslide.procedures import ProcedureKind
 from calib.hexaslide.search import BestPostures, Search, searches
 
@@ -60,7 +54,6 @@ class HexaSlideScreen(PagedScreen[None]):
         self.request = request or Request(ProcedureKind.POSE_INVERSE)
         self.view: HexaSlideSeen | None = None
         self.found: BestPostures | None = None
-        self.looking = False
         self.searching = False
         self._count = 0
         self._drawn_at = 0
@@ -76,19 +69,11 @@ class HexaSlideScreen(PagedScreen[None]):
         self.looking = True
         self.head(texts.heading_text(request.machine_file, None))
         self.wait(texts.LOOKING)
-        self._look_apart(request)
+        self.look(lambda: look_at(hexaslide_planning(request)), self._seen, texts.problem_text)
 
-    @work(group="look", exclusive=True)
-    async def _look_apart(self, request: Request) -> None:
-        try:
-            view = await apart(self, lambda: look_at(hexaslide_planning(request)))
-        except GlidecalError as problem:
-            self.looking = False
-            self.wait(texts.problem_text(problem))
-            return
-        self.looking = False
+    def _seen(self, view: HexaSlideSeen) -> None:
         self.view, self._drawn_at, self._count = view, 0, view.fewest
-        self.head(texts.heading_text(request.machine_file, view))
+        self.head(texts.heading_text(self.request.machine_file, view))
         self._show_all()
 
     def _show_all(self) -> None:

@@ -17,8 +17,7 @@ from app.report.text.home import REPORTS_SERVED
 from app.report.text.result import ONLY_SHOWN
 from app.screens.interface import ChoiceDialog
 from app.screens.paged import PAGE_KEYS, Page, PagedScreen
-from app.screens.pages import apart
-from calib.errors import GlidecalError, extra
+from calib.errors import extra
 
 
 class HexaSlideResultScreen(PagedScreen[None]):
@@ -49,17 +48,10 @@ class HexaSlideResultScreen(PagedScreen[None]):
         self.looking = True
         self.head(texts.heading_text(self.path, None))
         self.wait(texts.LOOKING)
-        self._look()
+        self.look(partial(posture_result, self.path), self._show, texts.problem_text)
 
-    @work(group="look", exclusive=True)
-    async def _look(self) -> None:
-        try:
-            result = await apart(self, posture_result, self.path)
-        except GlidecalError as problem:
-            self.looking = False
-            self.wait(texts.problem_text(problem))
-            return
-        self.looking, self.result = False, result
+    def _show(self, result: PostureResult) -> None:
+        self.result = result
         self.refresh_bindings()
         machine = result.solved.source.machine.whole()
         self.head(texts.heading_text(self.path, result))

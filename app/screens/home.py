@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import ClassVar, ParamSpec, TypeVar
+from typing import ClassVar
 
 from textual import work
 from textual.app import ComposeResult
@@ -29,11 +29,9 @@ from app.report.text import home as texts
 from app.screens import Look, look_of
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
-from app.screens.pages import apart, last_lines
+from app.screens.pages import Found, Given, apart, last_lines
 
 DEMO_FOLDER = Path("demo-sessions")
-Given = ParamSpec("Given")
-Found = TypeVar("Found")
 
 
 class HomeScreen(Screen[None]):
@@ -205,13 +203,10 @@ class HomeScreen(Screen[None]):
 
 
 def _result(path: Path, read_only: bool) -> tuple[Screen[None], tuple[str, ...]]:
-    from app.evaluating.solution import solve_files
-    from app.measuring.plan import plan_to_repeat
-    from app.screens.result import ResultScreen
+    from app.screens.result import result_of
 
-    solved = solve_files([path]).work_out()
-    plan = None if read_only else plan_to_repeat(path)
-    return ResultScreen(solved, plan, path), tuple(solved.warnings)
+    screen = result_of([path], verified=not read_only)
+    return screen, tuple(screen.solved.work_out().warnings)
 
 
 def _export(path: Path, *, replace: bool) -> str:
@@ -244,11 +239,7 @@ class PickScreen(LeftOnce[SessionFile]):
     """Recent sessions with their state, or the path of another one; none by Escape."""
 
     app: Interface
-    HELP = (
-        "The list shows the readings and the state of each session.\n"
-        "Choose an unreadable file to see the reason.\n"
-        "The last line takes the path of a session in another folder."
-    )
+    HELP = texts.PICK_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "Back", id="pick.back"),
         Binding("f10", "app.quit", "Quit", id="pick.quit"),
@@ -289,10 +280,7 @@ class ReplayChoiceScreen(Screen[None]):
     """The sessions that were named, those of folders and their history, and no other ones."""
 
     app: Interface
-    HELP = (
-        f"{texts.LIST_KEYS} open a session.\n"
-        f"For a folder: the newest {MOST_LISTED} sessions, and its history."
-    )
+    HELP = texts.REPLAY_CHOICE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f10", "app.quit", "Quit", id="replay-choice.quit")
     ]

@@ -27,7 +27,7 @@ from textual.events import Event, InputEvent, Key, MouseDown, Paste, Resize
 from textual.filter import LineFilter
 from textual.geometry import Size
 from textual.notifications import SeverityLevel
-from textual.screen import ModalScreen, Screen
+from textual.screen import ModalScreen, Screen, ScreenResultType
 from textual.theme import ThemeProvider
 from textual.timer import Timer
 from textual.widget import Widget
@@ -36,10 +36,10 @@ from textual.widgets.option_list import Option
 
 from app.exit_codes import Exit
 from app.measuring.motion_keys import MotionKeys
-from app.report.text.home import LIST_KEYS, REPLACE_CHOICES, WORDS_OF_LOOKS, key_list_text
+from app.report.text import home as texts
 from app.report.text.tables import copied_text, keyed
 from app.screens import Look
-from app.screens.fast_keys import Dialog, Palette, ready
+from app.screens.fast_keys import LeftOnce, Palette, ready
 from app.screens.keys import key_words, split, usual_key
 from app.screens.pages import Message, legible, signalled
 from app.settings import Settings, save_theme, settings_path
@@ -55,13 +55,18 @@ if TYPE_CHECKING:
 Thing = TypeVar("Thing")
 
 
+class Dialog(ModalScreen[ScreenResultType], LeftOnce[ScreenResultType]):
+    """A dialog that goes once."""
+
+    app: Interface
+
+
 class TextDialog(Dialog[str | None]):
     """One line of text: a note, a reason.
 
     ``without`` says what happens where there is none: then Enter gives nothing back by itself.
     """
 
-    app: Interface
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "Cancel", id="dialog.cancel")
     ]
@@ -97,7 +102,6 @@ class ChoiceDialog(Dialog[Thing | None]):
     ``choices`` are pairs of an answer and the words that stand for it.
     """
 
-    app: Interface
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "Cancel", id="dialog.cancel"),
         *((str(number), f"pick({number})", "") for number in range(1, 10)),
@@ -122,7 +126,7 @@ class ChoiceDialog(Dialog[Thing | None]):
             numbered = enumerate((words for _, words in self._choices), 1)
             options = (Option(f"{n if n < 10 else ' '}  {words}") for n, words in numbered)
             yield OptionList(*options, markup=False)
-            ends = f"{LIST_KEYS}, or the number. {self._leaving}"
+            ends = f"{texts.LIST_KEYS}, or the number. {self._leaving}"
             yield Static(self.app.keyed(ends), markup=False)
 
     def on_mount(self) -> None:
@@ -141,7 +145,6 @@ class ChoiceDialog(Dialog[Thing | None]):
 class HelpDialog(Dialog[None]):
     """Words about the present screen and the panel that has the focus."""
 
-    app: Interface
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,f1,enter", "dismiss(None)", "Close", id="help.close")
     ]
@@ -161,13 +164,6 @@ GO, VIEW = ("measure.go", "g"), ("measure.plot", "v")
 
 LEAVING = ("ctrl+c", "ctrl+q", "f10")
 
-PALETTE = (
-    ("Theme", "Choose the colours; kept in the settings"),
-    ("Light or dark", "The other of the two plain themes; kept in the settings"),
-    ("Screenshot", "Save this screen as an SVG picture in the current folder"),
-    ("Keys", "Every key of this screen"),
-    ("Quit", "Leave; an open session is paused and can be continued"),
-)
 WIDE = 110
 """Columns from which text and plot stand side by side."""
 
@@ -175,7 +171,6 @@ LEAST_SIZE = Size(80, 24)
 TALL = 30
 """Rows from which panels have room for more than their digits."""
 
-NO_HELP = "The keys of this screen are in its last line."
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Windows knows no SIGHUP."""
 
@@ -221,7 +216,6 @@ class Interface(App[str]):
 
     TITLE = "glidecal"
     CSS_PATH = "glidecal.tcss"
-    ENABLE_COMMAND_PALETTE = True
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+c", "interrupt", "Stop", show=False, priority=True),
         Binding("f1", "help", "Help", id="app.help"),
@@ -284,11 +278,8 @@ class Interface(App[str]):
         if mover is None or not isinstance(event, Key | MouseDown | Paste):
             return False
         key = event.key if isinstance(event, Key) else ""
-        goes, views = (key in self._keys_of(keys) for keys in (GO, VIEW))
+        goes, views = (key in split(self._settings.keys.get(*keys)) for keys in (GO, VIEW))
         return self._motion_keys.ends_here(mover, goes=goes, views=views) and key not in LEAVING
-
-    def _keys_of(self, binding: tuple[str, str]) -> tuple[str, ...]:
-        return tuple(map(str.strip, self._settings.keys.get(*binding).split(",")))
 
     def attend(self, look: Callable[[], object]) -> None:
         """Tell the thread of the controller that the screens run, and look at the indicators.
@@ -357,7 +348,7 @@ class Interface(App[str]):
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
         """The palette offers what an operator can use, no tools of the developer."""
-        theme, light, picture, keys, leave = PALETTE
+        theme, light, picture, keys, leave = texts.PALETTE
         yield SystemCommand(*theme, self.action_change_theme)
         yield SystemCommand(*light, self.action_light_or_dark)
         if not self.read_only:
@@ -393,7 +384,7 @@ class Interface(App[str]):
             for entry in active
             if entry.enabled and entry.binding.description
         ]
-        self.push_screen(HelpDialog(key_list_text(keys)))
+        self.push_screen(HelpDialog(texts.key_list_text(keys)))
 
     def action_help(self) -> None:
         """Words about the focused panel, then about the screen."""
@@ -401,9 +392,9 @@ class Interface(App[str]):
         panels = (self.focused or self.screen).ancestors_with_self  # the screen is the last of them
         words = [p.HELP or str(p.tooltip or "") for p in panels if isinstance(p, Widget)]
         help_text = "\n\n".join(dict.fromkeys(text for text in words if text))
-        help_text = self.keyed(help_text.replace(WORDS_OF_LOOKS, of_machines))
+        help_text = self.keyed(help_text.replace(texts.WORDS_OF_LOOKS, of_machines))
         if not isinstance(self.screen, HelpDialog):
-            self.push_screen(HelpDialog(help_text or NO_HELP))
+            self.push_screen(HelpDialog(help_text or texts.NO_HELP))
 
     def key(self, key_id: str) -> str | None:
         """The first key of a binding by its id, as in force now; None for what is no such id."""
@@ -483,7 +474,7 @@ class Interface(App[str]):
             try:
                 return await asyncio.to_thread(job, replace=False)
             except FilesThere as problem:
-                dialog = ChoiceDialog(f"{problem.words}.", REPLACE_CHOICES)
+                dialog = ChoiceDialog(f"{problem.words}.", texts.REPLACE_CHOICES)
                 if await self.push_screen_wait(dialog) == "replace":
                     return await asyncio.to_thread(job, replace=True)
         return None
@@ -521,7 +512,7 @@ class Interface(App[str]):
 
         What is still computed in a thread then is waited for: a signal may end that.
         """
-        forget_signals()
+        on_signals(None)
         await self._leave()
 
     async def _leave(self) -> str:
@@ -564,8 +555,8 @@ class Interface(App[str]):
         self.switch_screen(screen)
 
 
-def on_signals(leave: Callable[[], object]) -> None:
-    """Call ``leave`` in the running loop for each of the signals, until they are forgotten.
+def on_signals(leave: Callable[[], object] | None) -> None:
+    """Call ``leave`` in the running loop for each of the signals; without it they end the program.
 
     Where a loop takes no signals (Windows, another thread than the main one) nothing happens: the
     terminal's own keys leave as before.
@@ -573,15 +564,10 @@ def on_signals(leave: Callable[[], object]) -> None:
     loop = asyncio.get_running_loop()
     with suppress(NotImplementedError, RuntimeError, ValueError):
         for number in SIGNALS:
-            loop.add_signal_handler(number, _receive, number, leave)
-
-
-def forget_signals() -> None:
-    """They end the program again, as any other."""
-    loop = asyncio.get_running_loop()
-    with suppress(NotImplementedError, RuntimeError, ValueError):
-        for number in SIGNALS:
-            loop.remove_signal_handler(number)
+            if leave:
+                loop.add_signal_handler(number, _receive, number, leave)
+            else:
+                loop.remove_signal_handler(number)
 
 
 def _receive(number: signal.Signals, leave: Callable[[], object]) -> None:

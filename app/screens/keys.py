@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from textual.app import App
@@ -14,6 +13,7 @@ from textual.keys import Keys
 from textual.screen import Screen
 from textual.theme import BUILTIN_THEMES
 
+from app.report.text.home import KeyRow
 from app.settings import WHAT, Settings, read_settings
 from calib.errors import RecordError
 from protocols.documents import line_of, read_text
@@ -22,25 +22,15 @@ MODIFIERS = ("ctrl", "shift", "alt", "super", "hyper", "meta")
 NAMED_KEYS = frozenset(key.value for key in Keys) | {"space", "comma"}
 
 
-@dataclass(frozen=True)
-class KnownKey:
-    """One binding: its id, the keys it has without settings, what it does."""
-
-    key_id: str
-    keys: tuple[str, ...]
-    words: str
-
-
-def known_keys() -> dict[str, KnownKey]:
+def known_keys() -> dict[str, KeyRow]:
     """Every binding that has an id, in the order of the ids."""
-    by_id: dict[str, KnownKey] = {}
+    by_id: dict[str, KeyRow] = {}
     for place in _places():
         for key, binding in place:
             if binding.id:
-                before = by_id.get(binding.id)
-                keys = dict.fromkeys([*(before.keys if before else ()), key])
-                words = binding.description or binding.action
-                by_id[binding.id] = KnownKey(binding.id, tuple(keys), words)
+                _, before, _ = by_id.get(binding.id, ("", (), ""))
+                keys = tuple(dict.fromkeys([*before, key]))
+                by_id[binding.id] = binding.id, keys, binding.description or binding.action
     return dict(sorted(by_id.items()))
 
 

@@ -16,7 +16,7 @@ from textual.widgets import Footer
 
 from app.measuring.doubts import TakenStep
 from app.measuring.gauges import Live, Motion
-from app.measuring.indicators import adapter_at, adapters, port_of, ports_to_choose, remember
+from app.measuring.indicators import adapter_at, port_of, ports_to_choose, remember
 from app.measuring.moving import Mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
@@ -274,7 +274,7 @@ class MeasureScreen(Corrections, Resting):
         if not ports:
             self.say(questions.NO_OTHER_PORT)
             return
-        choices = questions.port_choices(ports, adapters(), gauge.adapter)
+        choices = questions.port_choices(ports, gauge.adapter)
         question = questions.port_question(self.guided.name_of(number))
 
         def chosen(port: str | None) -> None:
@@ -403,7 +403,7 @@ class MeasureScreen(Corrections, Resting):
     def _answered(self, answer: str, step_taken: TakenStep) -> None:
         """What the operator says to readings in question; only "keep" lets them count."""
         reason = questions.answer_reason(answer, step_taken)
-        unsure: tuple[int, ...] = ()
+        unsure: list[int] = []  # steps that are measured again for a new zero
         if answer == "keep":
             if self.write(lambda: self.guided.keep(step_taken, reason)):
                 self.say(questions.answered_text(answer, step_taken))
@@ -411,7 +411,7 @@ class MeasureScreen(Corrections, Resting):
             return
         self.write(lambda: self.guided.note(f"step {step_taken.step.number}: {reason}"))
         if answer == "stand":
-            unsure = self._set_up_anew(reason)
+            self.write(lambda: unsure.extend(self.guided.remount_since(reason)))
         elif answer == "earlier":
             self.write(lambda: self.guided.measure_earlier(step_taken, reason))
         self.say(questions.answered_text(answer, step_taken, unsure))
@@ -419,12 +419,6 @@ class MeasureScreen(Corrections, Resting):
             self._show_step()
         else:
             self.proceed()
-
-    def _set_up_anew(self, reason: str) -> tuple[int, ...]:
-        """A new zero from here on; the steps that are measured again for it."""
-        unsure: list[int] = []
-        self.write(lambda: unsure.extend(self.guided.remount_since(reason)))
-        return tuple(unsure)
 
     def _go_on(self, step: Step) -> None:
         """To the next step; after the last one of a leg its review comes between."""
@@ -507,10 +501,6 @@ class MeasureScreen(Corrections, Resting):
         elif mover is not None and answer == "home":
             mover.home()
         self.write(lambda: self.guided.note(f"homing: {answer or 'not answered'}"))
-
-    def action_leave(self) -> None:
-        """A machine that moves was stopped by the same key."""
-        super().action_leave()
 
     def action_plot(self) -> None:
         """The next page: the plot, larger strip charts, the table."""

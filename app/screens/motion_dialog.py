@@ -12,8 +12,7 @@ from textual.widgets import Static
 
 from app.measuring.moving import Mover
 from app.report.text import motion
-from app.screens.fast_keys import Dialog
-from app.screens.interface import Interface
+from app.screens.interface import Dialog
 from drivers.motion.line import DEAD_S
 from drivers.motion.states import State
 
@@ -27,7 +26,6 @@ class MotionDialog(Dialog[None]):
     as it is: the key that goes on asks again.
     """
 
-    app: Interface
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "answer", "I looked", id="motion.answer"),
         Binding("s", "vouch", "It does not move", id="motion.still"),
@@ -42,11 +40,11 @@ class MotionDialog(Dialog[None]):
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog alarm"):
-            text = self.app.keyed(motion.event_text(self._mover))
-            yield Static(text, id="event", markup=False)
+            yield Static("", id="event", markup=False)
 
     def on_mount(self) -> None:
         self.app.bell()
+        self._show()
         self.set_interval(LOOK_S, self._show)
 
     def _show(self) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, TypeVar
 
+from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
@@ -16,8 +17,9 @@ from textual.widgets import Static, TabbedContent, TabPane, Tabs
 from app.report.charts.charts import Chart
 from app.screens.fast_keys import LeftOnce
 from app.screens.interface import Interface
-from app.screens.pages import last_lines, signalled
+from app.screens.pages import apart, last_lines, signalled
 from app.screens.plot import ChartPlot
+from calib.errors import GlidecalError
 
 Answer = TypeVar("Answer")
 
@@ -112,6 +114,23 @@ class PagedScreen(LeftOnce[ScreenResultType]):
             plot = self.query_one(f"#{name}-chart{number}", ChartPlot)
             plot.display = True
             plot.show(chart)
+
+    @work(group="look", exclusive=True)
+    async def look(
+        self,
+        job: Callable[[], Answer],
+        show: Callable[[Answer], None],
+        problem_text: Callable[[GlidecalError], str],
+    ) -> None:
+        """Work out apart what the pages show; where it cannot be, they say why."""
+        try:
+            outcome = await apart(self, job)
+        except GlidecalError as problem:
+            self.looking = False
+            self.wait(problem_text(problem))
+        else:
+            self.looking = False
+            show(outcome)
 
     def wait(self, text: str) -> None:
         """The same words on every page, in the place of texts and charts."""

@@ -46,7 +46,6 @@ from drivers.profiles import PROFILES
 from protocols.data_table import NUMBER
 from protocols.documents import MOST_LETTERS
 from protocols.machine import Instrument, Machine, load_machine
-from protocols.machine_files import USUAL_MACHINE, machine_names
 from protocols.motion import procedure_of
 from protocols.procedure import Procedure, guided_procedure_names, load_procedure, shuffled
 
@@ -107,23 +106,13 @@ class IndicatorScreen(LeftOnce[Form]):
         self.query_one(first).focus()
 
     def on_select_changed(self, event: Select.Changed) -> None:
-        name, value = str(event.select.id), event.value
-        if not isinstance(value, str):
-            return
-        if name == "here":
-            self.query_one("#port", Input).value = value
-            return
-        if value == self._form.get(name, USUAL.get(name)):
-            return
-        if name == "profile":
-            self._form = {k: v for k, v in self._form.items() if k not in OF_ITS_OWN}
-        self._form[name] = value
-        self._say_what_is_wrong()
+        if event.select.id == "here" and isinstance(event.value, str):
+            self.query_one("#port", Input).value = event.value
+        self.on_input_changed()
 
-    def on_input_changed(self, event: Input.Changed) -> None:
-        name, value = str(event.input.id), event.value.strip()
-        if value != str(self._form.get(name, "")):
-            self._form[name] = value
+    def on_input_changed(self) -> None:
+        before = dict(self._form)
+        if self._read() != before:
             self._say_what_is_wrong()
 
     def on_input_submitted(self) -> None:
@@ -131,9 +120,14 @@ class IndicatorScreen(LeftOnce[Form]):
 
     def _read(self) -> Form:
         """What stands in the form now: a key may come before the news of what was typed."""
-        for typed in self.query(Input):
-            if typed.value.strip() != str(self._form.get(str(typed.id), "")):
-                self._form[str(typed.id)] = typed.value.strip()
+        usual = USUAL | self._form
+        for field in (*self.query(Input), *self.query(Select)):
+            name, value = str(field.id), field.value
+            stands = isinstance(value, str) and name != "here"
+            if stands and value.strip() != str(usual.get(name, "")):
+                self._form[name] = value.strip()
+        if self._form.get("profile") != usual.get("profile"):
+            self._form = {k: v for k, v in self._form.items() if k not in OF_ITS_OWN}
         return self._form
 
     def _say_what_is_wrong(self) -> None:
@@ -201,14 +195,9 @@ class IndicatorScreen(LeftOnce[Form]):
         other_profiles = [profile for profile in PROFILES.values() if profile not in fitting]
         profiles = self.query_one("#profile", Select)
         rows = [*texts.profile_rows(fitting, "fits: "), *texts.profile_rows(other_profiles)]
-        profile_chosen = (
-            str(chosen) if chosen in [profile_fitting.name for profile_fitting in fitting] else best
-        )
-        if profile_chosen != chosen:
-            self._form = {k: v for k, v in self._form.items() if k not in OF_ITS_OWN}
-            self._form["profile"] = profile_chosen
         profiles.set_options((Content(words), name) for words, name in rows)
-        profiles.value = profile_chosen
+        profiles.value = str(chosen) if chosen in [profile.name for profile in fitting] else best
+        self._read()
 
 
 def row(label: str, widget: Widget) -> ComposeResult:
@@ -230,29 +219,11 @@ def choice(
 ) -> Select[str]:
     """A list to choose from; without a value nothing is chosen."""
     options = [(Content(words), value_of_row) for words, value_of_row in rows]
-    chosen = next(
-        (value_of_row for _, value_of_row in options if value_of_row == value), Select.NULL
-    )
-    return Select(
-        options,
-        prompt=prompt,
-        allow_blank=bool(prompt),
-        value=chosen,
-        id=name,
-        compact=True,
-    )
+    chosen = next((choosable for _, choosable in options if choosable == value), Select.NULL)
+    blank = bool(prompt)
+    return Select(options, prompt=prompt, allow_blank=blank, value=chosen, id=name, compact=True)
 
 
-OTHERS = ", ".join(name for name in machine_names() if name != USUAL_MACHINE)
-MACHINE = ("machine", "Machine", f"empty: {USUAL_MACHINE}; or {OTHERS}, or a file")
-FIELDS = (
-    ("operator", "Operator", ""),
-    ("temperature", "Temperature, °C", ""),
-    ("note", "Note", "shown below the result"),
-    ("random", "Random order seed", "empty: the order as written"),
-    ("motion", "Moved by", "empty: you; or linuxcnc:HOST:PORT, grbl:PORT"),
-)
-SERIAL_NUMBER = ("serial", "Its serial number", "separates machines of one name in the history")
 INDICATORS = ("indicator1", "indicator2")
 SEED = re.compile(r"\d{1,9}", re.ASCII)
 
@@ -287,18 +258,18 @@ class PrepareScreen(Screen[None]):
         self._source = ""
         self._proposed_for: Machine | None = None
         self._offered_for = load_machine(None)
+        self._usual = self._offered_for.usual_procedure
         self._answered: dict[str, str] = {}
-        self._moving = False
 
     def compose(self) -> ComposeResult:
         yield Title()
         with VerticalScroll(id="form"):
-            yield from entry(*MACHINE)
-            yield from entry(*SERIAL_NUMBER)
+            yield from entry(*texts.MACHINE)
+            yield from entry(*texts.SERIAL_NUMBER)
             yield from row("Procedure", choice("procedure", _procedures(self._offered_for)))
             for name, words in zip(INDICATORS, texts.WHICH_INDICATOR, strict=True):
                 yield from row(words, IndicatorField(id=name, markup=False))
-            for field in FIELDS:
+            for field in texts.FIELDS:
                 yield from entry(*field)
             yield Static("", id="summary", markup=False)
         yield from last_lines()
@@ -326,7 +297,6 @@ class PrepareScreen(Screen[None]):
             machine = self._machine()
             self._offer(machine)
             self._propose(machine)
-            self._follow(machine)
             procedure = self._procedure(machine)
             none = texts.NO_INDICATOR if procedure.plate is None else texts.NO_INDICATOR_AT_PLATE
             axes = [instrument.axes for instrument in self._some(procedure)]
@@ -345,22 +315,15 @@ class PrepareScreen(Screen[None]):
             self.query_one(f"#{name}", IndicatorField).update(self.app.keyed(line))
 
     def _offer(self, machine: Machine) -> None:
-        """What another machine can measure; a procedure that was chosen stays if it is there."""
-        before, self._offered_for = self._offered_for, machine
-        if machine == before:
-            return
+        """What the machine can measure: as usual by hand or with a controller, or as chosen."""
         procedures, rows = self.query_one("#procedure", Select), _procedures(machine)
-        chosen = str(procedures.value)
-        procedures.set_options((Content(words), name) for words, name in rows)
-        if chosen in [name for _, name in rows] and chosen != before.usual_procedure:
-            procedures.value = chosen
-
-    def _follow(self, machine: Machine) -> None:
-        """Whether a controller moves decides the procedure, unless another one was chosen."""
-        before, self._moving = self._moving, bool(self._value("motion"))
-        procedures = self.query_one("#procedure", Select)
-        if before != self._moving and procedures.value == procedure_of(machine, moving=before):
-            procedures.value = procedure_of(machine, moving=self._moving)
+        chosen, before = str(procedures.value), self._usual
+        self._usual = procedure_of(machine, moving=bool(self._value("motion")))
+        if machine != self._offered_for:
+            procedures.set_options((Content(words), name) for words, name in rows)
+        self._offered_for = machine
+        stays = chosen != before and chosen in [name for _, name in rows]
+        procedures.value = chosen if stays else self._usual
 
     def _propose(self, machine: Machine) -> None:
         """The indicators of the machine file, else those used last, until others are chosen."""
@@ -436,13 +399,9 @@ class PrepareScreen(Screen[None]):
         """The indicators; without any, two."""
         return self._instruments(procedure) or simulated_indicators()
 
-    def _identified(self) -> Machine:
-        """The machine with the serial number that stands in the form."""
-        serial_number = self._value("serial") or None
-        return self._machine().model_copy(update={"serial_number": serial_number})
-
     def _plan(self) -> Plan:
-        machine = self._identified()
+        serial_number = self._value("serial") or None
+        machine = self._machine().model_copy(update={"serial_number": serial_number})
         procedure = self._procedure(machine)
         instruments = self._instruments(procedure)
         if not instruments:

@@ -14,9 +14,9 @@ from textual.widgets import TabbedContent
 
 from app.evaluating.comparison import partner_of
 from app.evaluating.diagnosis import resize
-from app.evaluating.solution import SessionSolution, solve_sessions
+from app.evaluating.solution import SessionSolution, solve_files, solve_sessions
 from app.exports import export_offsets
-from app.measuring.plan import Plan, verification_plan
+from app.measuring.plan import Plan, plan_to_repeat, verification_plan
 from app.report.charts.legs import leg_figures
 from app.report.charts.results import before_and_after, measured_and_predicted
 from app.report.text import result as texts
@@ -217,3 +217,11 @@ class ResultScreen(PagedScreen[None]):
 
     def action_home(self) -> None:
         self.app.go_to(self.app.home())
+
+
+def result_of(
+    paths: Sequence[Path], model: Path | None = None, *, verified: bool = True
+) -> ResultScreen:
+    """That of sessions, with the effects of a model; with a plan where it may be ``verified``."""
+    solved = solve_files(paths, model=model)
+    return ResultScreen(solved, plan_to_repeat(paths[0]) if verified else None, paths[0], model)

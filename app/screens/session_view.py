@@ -26,8 +26,7 @@ from app.report.charts.tripod import drawn_set_up
 from app.report.text import session as texts
 from app.report.text.leg_review import REVIEW_HELP, review_text
 from app.report.text.tables import signed
-from app.screens.fast_keys import Dialog
-from app.screens.interface import WIDE, Interface
+from app.screens.interface import WIDE, Dialog, Interface
 from app.screens.pages import Resting, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError, sentence
@@ -325,7 +324,6 @@ class SetUpScreen(Dialog[None]):
     """Where the indicators of a step stand: words and picture, as large as the terminal."""
 
     HELP = "Thick: the bar that is touched, x: where. Dots: each spindle, up to its body."
-    app: Interface
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,w,enter,space", "dismiss(None)", "Back", id="set-up.back")
     ]
@@ -351,7 +349,6 @@ UNATTENDED_S = 1.0
 class LegReviewScreen(Dialog[bool]):
     """Look, then go on to the next leg; dismissed with whether the session shall be on hold."""
 
-    app: Interface
     HELP = REVIEW_HELP
     AUTO_FOCUS = "#review"
     BINDINGS: ClassVar[list[BindingType]] = [

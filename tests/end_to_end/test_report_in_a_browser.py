@@ -27,7 +27,7 @@ from app.report.certificate import read_head
 from app.report.pages.contents import report_of
 from app.report.pages.history import history_page
 from app.report.pages.report import html_of
-from app.screens.serving_reports import HEADERS
+from app.serving.reports import HEADERS
 from tests.app.report.certificates import laboratory
 from tests.app.report.test_certificate import check_pages, page_texts
 from tests.app.report.test_pages import SIMULATED, hostile_session

@@ -105,8 +105,7 @@ async def test_an_indicator_goes_on_at_another_port(
         where = {first.url: "A1"}
         for module in ("app.measuring.gauges", "app.screens.measure"):
             monkeypatch.setattr(f"{module}.adapter_at", lambda port: where.get(port, ""))
-        for module in ("app.measuring.indicators", "app.screens.measure"):
-            monkeypatch.setattr(f"{module}.adapters", lambda: where)
+        monkeypatch.setattr("app.measuring.indicators.adapters", lambda: where)
         monkeypatch.setattr(
             "app.measuring.indicators.serial_ports", lambda: [(port, "USB") for port in where]
         )
@@ -169,7 +168,6 @@ async def test_at_continue_a_port_that_has_gone_is_chosen_anew(
     gone, here = str(tmp_path / "ttyOLD"), str(tmp_path / "ttyNEW")
     where = {gone: "A1"}
     monkeypatch.setattr("app.measuring.indicators.adapters", lambda: where)
-    monkeypatch.setattr("app.screens.check.adapters", lambda: where)
     monkeypatch.setattr(
         "app.measuring.indicators.serial_ports", lambda: [(port, "USB") for port in where]
     )

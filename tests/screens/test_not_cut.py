@@ -32,12 +32,12 @@ from app.screens.align import AlignScreen
 from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.corrections import Corrections
 from app.screens.diagnose import DiagnoseScreen
-from app.screens.fast_keys import Dialog, LeftOnce, Palette
+from app.screens.fast_keys import LeftOnce, Palette
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.hexaslide_result import HexaSlideResultScreen
 from app.screens.history import CompareScreen, HistoryScreen
 from app.screens.home import HomeScreen, PickScreen, ReplayChoiceScreen
-from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
+from app.screens.interface import ChoiceDialog, Dialog, HelpDialog, Interface, TextDialog
 from app.screens.measure import MeasureScreen
 from app.screens.motion_dialog import MotionDialog
 from app.screens.paged import PagedScreen

@@ -20,7 +20,7 @@ from pathlib import Path
 import aiohttp
 import pytest
 
-from app.screens.serving import MOST_TABS, replay_command
+from app.serving.server import MOST_TABS, replay_command
 from tests.app.cli import glidecal, refused
 from tests.conftest import SAMPLES
 

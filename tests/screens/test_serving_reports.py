@@ -19,10 +19,10 @@ from aiohttp.test_utils import TestClient, TestServer
 from textual.widgets import OptionList
 from yarl import URL
 
-from app.screens import serving_reports
 from app.screens.home import ReplayChoiceScreen
-from app.screens.serving_reports import HEADERS, MOST_MADE, ReportPages
 from app.screens.start import Glidecal
+from app.serving import reports
+from app.serving.reports import HEADERS, MOST_MADE, ReportPages
 from tests.app.cli import glidecal, refused
 from tests.conftest import LONG, SAMPLES
 from tests.screens.driving import SIZE, history_shown, said, until
@@ -161,7 +161,7 @@ async def listed(
 
 def program(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
     """In place of the program."""
-    monkeypatch.setattr(serving_reports, "PROGRAM", (sys.executable, "-c", code))
+    monkeypatch.setattr(reports, "PROGRAM", (sys.executable, "-c", code))
 
 
 async def test_pages_tell_the_browser_to_run_and_load_nothing(
@@ -191,11 +191,11 @@ async def test_what_takes_too_long_or_too_much_is_ended(
     before = children(os.getpid())
     async with listed(folder) as (client, found):
         program(monkeypatch, SLEEPS)
-        monkeypatch.setattr(serving_reports, "MAKING_S", 0.5)
+        monkeypatch.setattr(reports, "MAKING_S", 0.5)
         assert (await client.get(found["damaged.jsonl"])).status == 504
-        monkeypatch.setattr(serving_reports, "MAKING_S", PATIENCE_S)
+        monkeypatch.setattr(reports, "MAKING_S", PATIENCE_S)
         program(monkeypatch, "while True: print('x' * 100_000)")
-        monkeypatch.setattr(serving_reports, "MOST_BYTES", 1_000_000)
+        monkeypatch.setattr(reports, "MOST_BYTES", 1_000_000)
         assert (await client.get(found["damaged.jsonl"])).status == 507
         program(monkeypatch, "import sys\nwhile True: print('x' * 100_000, file=sys.stderr)")
         assert (await client.get(found["damaged.jsonl"])).status == 507

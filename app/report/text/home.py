@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from app.measuring.recorded import SessionFile
+from app.measuring.recorded import MOST_LISTED, SessionFile
 from app.report.text.tables import new_table, paragraphs
 from app.settings import FILE_VARIABLE, Settings
 from drivers.profile import Evidence, Profile
+from protocols.machine_files import USUAL_MACHINE, machine_names
 
 WORDS_OF_LOOKS = "{looks}"
 """Where the help has the lines of the machines' own screens."""
@@ -64,6 +65,13 @@ NO_COMPARISON = (
 )
 NO_SESSIONS = "No session files in this folder or in demo-sessions."
 ELSEWHERE = "A session in another place: type its path"
+PICK_HELP = """\
+The list shows the readings and the state of each session.
+Choose an unreadable file to see the reason.
+The last line takes the path of a session in another folder."""
+REPLAY_CHOICE_HELP = f"""\
+{LIST_KEYS} open a session.
+For a folder: the newest {MOST_LISTED} sessions, and its history."""
 PICK_KEYS = f"{LIST_KEYS}. {{pick.back}} goes back."
 
 
@@ -150,6 +158,18 @@ FIELD_HELP = {
 }
 """Words of F1 for each field of the form."""
 
+OTHERS = ", ".join(name for name in machine_names() if name != USUAL_MACHINE)
+MACHINE = ("machine", "Machine", f"empty: {USUAL_MACHINE}; or {OTHERS}, or a file")
+SERIAL_NUMBER = ("serial", "Its serial number", "separates machines of one name in the history")
+FIELDS = (
+    ("operator", "Operator", ""),
+    ("temperature", "Temperature, °C", ""),
+    ("note", "Note", "shown below the result"),
+    ("random", "Random order seed", "empty: the order as written"),
+    ("motion", "Moved by", "empty: you; or linuxcnc:HOST:PORT, grbl:PORT"),
+)
+"""Name, label and hint of what is typed."""
+
 WHICH_INDICATOR = ("First indicator", "Second indicator")
 NO_INDICATOR = (
     "none yet: {prepare.choose} chooses",
@@ -231,6 +251,20 @@ Nothing is recorded before {check.begin}, which begins without the rest,
 too; the record then notes that. {check.exchange} exchanges the ports where
 the other one moved. A panel that shows a fault names its kind; glidecal
 indicator doctor examines it."""
+
+DRY_RUN_HELP = """\
+The steps in the order in which they are measured, each with the
+line to type at the controller; at the end what to expect of the
+result. Nothing is opened or written."""
+
+PALETTE = (
+    ("Theme", "Choose the colours; kept in the settings"),
+    ("Light or dark", "The other of the two plain themes; kept in the settings"),
+    ("Screenshot", "Save this screen as an SVG picture in the current folder"),
+    ("Keys", "Every key of this screen"),
+    ("Quit", "Leave; an open session is paused and can be continued"),
+)
+NO_HELP = "The keys of this screen are in its last line."
 
 KeyRow = tuple[str, Sequence[str], str]
 """Id of a binding, its keys without settings, what it does."""

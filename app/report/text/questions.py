@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import groupby
 
 from app.measuring.doubts import Doubt, TakenStep
@@ -237,14 +237,9 @@ def port_question(name: str) -> str:
     return f"At which port is {name} now?"
 
 
-def port_choices(
-    ports: Sequence[tuple[str, str]], numbers: Mapping[str, str], adapter: str
-) -> list[tuple[str, str]]:
+def port_choices(ports: Sequence[tuple[str, str, bool]], adapter: str) -> list[tuple[str, str]]:
     """Ports with what the system says of them; the one of the same ``adapter`` is named."""
-    words_of_port = {port: f", the same adapter, no. {adapter}" for port in numbers if adapter}
-    words_of_port = {
-        port: words for port, words in words_of_port.items() if numbers[port] == adapter
-    }
+    named = f", the same adapter, no. {adapter}"
     return [
-        (port, f"{port}  {words}{words_of_port.get(port, '')}".rstrip()) for port, words in ports
+        (port, f"{port}  {words}{named if same else ''}".rstrip()) for port, words, same in ports
     ]

@@ -85,10 +85,10 @@ def test_an_adapter_is_known_under_another_name_by_its_serial_number(
     assert moved_adapters([first, plain]) == {}
     plugged(monkeypatch, Port("/dev/ttyGONE2", None), Port("/dev/ttyGONE7", "A1"))
     assert moved_adapters([first, plain]) == {0: "/dev/ttyGONE7"}
-    assert [port for port, _ in ports_to_choose("A1", ["/dev/ttyGONE2"])] == ["/dev/ttyGONE7"]
-    assert [port for port, _ in ports_to_choose("A1", [])] == ["/dev/ttyGONE7", "/dev/ttyGONE2"]
-    assert [port for port, _ in ports_to_choose("", [])] == ["/dev/ttyGONE2", "/dev/ttyGONE7"]
-    choices = port_choices(ports_to_choose("A1", []), adapters(), "A1")
+    assert [port for port, *_ in ports_to_choose("A1", ["/dev/ttyGONE2"])] == ["/dev/ttyGONE7"]
+    assert [port for port, *_ in ports_to_choose("A1", [])] == ["/dev/ttyGONE7", "/dev/ttyGONE2"]
+    assert [port for port, *_ in ports_to_choose("", [])] == ["/dev/ttyGONE2", "/dev/ttyGONE7"]
+    choices = port_choices(ports_to_choose("A1", []), "A1")
     assert choices[0][1] == "/dev/ttyGONE7  USB serial, the same adapter, no. A1"
     assert choices[1][1] == "/dev/ttyGONE2  USB serial"
 

@@ -30,7 +30,7 @@ from textual_serve.app_service import AppService
 from textual_serve.download_manager import DownloadManager
 from textual_serve.server import Server, to_int
 
-from app.screens.serving_reports import PROGRAM, ReportPages
+from app.serving.reports import PROGRAM, ReportPages
 from calib.errors import UsageError
 from protocols.files import reason_of
 

@@ -5,9 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.evaluating.hexaslide_calibration import SHARE, CalibratedMachine, calibrated, decided
+from app.evaluating.hexaslide_calibration import (
+    SHARE,
+    CalibratedMachine,
+    calibrated,
+    decided,
+    diagnosis_of,
+)
 from app.evaluating.posture_history import PostureEntry
-from calib.diagnosis.hexaslide import HexaSlideDiagnosis, diagnosed
+from calib.diagnosis.hexaslide import HexaSlideDiagnosis
 from calib.errors import CalibrationError, GlidecalError
 from protocols.hexaslide import HexaSlideMeasurements
 from protocols.hexaslide_measured import measured_in
@@ -17,14 +23,7 @@ from protocols.record import Record
 
 def diagnose_postures(path: Path) -> HexaSlideDiagnosis:
     """Raises RecordError for a file, CalibrationError where its postures give no result."""
-    return _diagnosed(measured_in(path))
-
-
-def _diagnosed(source: HexaSlideMeasurements) -> HexaSlideDiagnosis:
-    readings, machine = source.readings(), source.machine
-    tolerances = machine.tolerances.of(readings.procedure.parameters)
-    lead_m = None if machine.lead_mm is None else machine.lead_mm / 1000.0
-    return diagnosed(readings, machine.whole(), tolerances, lead_m)
+    return diagnosis_of(measured_in(path))
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +46,7 @@ def posture_result(path: Path) -> PostureResult:
     source = session.measurements()
     diagnosis, reason = None, ""
     try:
-        diagnosis = _diagnosed(source)
+        diagnosis = diagnosis_of(source)
     except CalibrationError as problem:
         reason = f"{problem}"
     solved, checked = (calibrated(path.name, source, share) for share in (0.0, SHARE))
@@ -87,5 +86,5 @@ def posture_entry(path: Path, effects: bool) -> PostureEntry:
 
 
 def _named(source: HexaSlideMeasurements) -> tuple[str, ...]:
-    claims = _diagnosed(source).named
+    claims = diagnosis_of(source).named
     return tuple(f"{cause}:{where}" for claim in claims for cause, where in claim.causes)

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.evaluating.posture_history import Decision
+from calib.diagnosis.hexaslide import HexaSlideDiagnosis, diagnosed
+from calib.errors import CalibrationError
 from calib.hexaslide.checked import Checked, checked_calibration
+from calib.hexaslide.planning import fewest_postures
 from calib.hexaslide.platform import PlatformError, platform_error
 from protocols.hexaslide import HexaSlideMeasurements, read_truth
 from protocols.hexaslide_measured import measured_in
@@ -20,11 +23,15 @@ SHARE = 0.2
 
 @dataclass(frozen=True, eq=False)
 class CalibratedMachine(Checked):
-    """A calibration with its checks, what it means at the platform, and the file it is from."""
+    """A calibration with its checks, what it means at the platform, and the file it is from.
+
+    ``left_out`` are the numbers of postures that the diagnosis names as mistakes.
+    """
 
     name: str
     source: HexaSlideMeasurements
     platform: PlatformError
+    left_out: tuple[int, ...] = ()
 
 
 def calibrate_file(path: Path, truth: Path | None, share: float) -> CalibratedMachine:
@@ -40,10 +47,36 @@ def calibrated(
 ) -> CalibratedMachine:
     """The same from what was read. Raises CalibrationError, RecordError for the ``truth``."""
     true = None if truth is None else read_truth(truth, source).whole()
-    nominal = source.machine.whole()
-    checked = checked_calibration(source.readings(), nominal, true, share)
+    nominal, readings = source.machine.whole(), source.readings()
+    wrong = wrong_postures(source)
+    checked = checked_calibration(readings.without(wrong), nominal, true, share)
     platform = platform_error(nominal, checked.found)
-    return CalibratedMachine(**vars(checked), name=name, source=source, platform=platform)
+    return CalibratedMachine(
+        **vars(checked), name=name, source=source, platform=platform, left_out=wrong
+    )
+
+
+def diagnosis_of(source: HexaSlideMeasurements) -> HexaSlideDiagnosis:
+    """What is missing in the model. Raises CalibrationError where postures give no result."""
+    readings, machine = source.readings(), source.machine
+    tolerances = machine.tolerances.of(readings.procedure.parameters)
+    lead_m = None if machine.lead_mm is None else machine.lead_mm / 1000.0
+    return diagnosed(readings, machine.whole(), tolerances, lead_m)
+
+
+def wrong_postures(source: HexaSlideMeasurements) -> tuple[int, ...]:
+    """Numbers of postures that are surely mistakes; none where that cannot be told.
+
+    One that is believed would spoil all parameters: it is not missing from the machine, so what is
+    entered must not make up for it.
+    """
+    try:
+        wrong = diagnosis_of(source).wrong_postures
+        readings, nominal = source.readings(), source.machine.whole()
+    except CalibrationError:
+        return ()
+    enough = len(readings.sliders) - len(wrong) >= fewest_postures(readings.procedure, nominal)
+    return wrong if enough else ()
 
 
 def decided(solved: CalibratedMachine, tolerance_mm: float) -> Decision:

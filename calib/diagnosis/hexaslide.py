@@ -99,7 +99,8 @@ class HexaSlideDiagnosis:
     the sizes, and what it does at the platform that no parameter takes over, metres r.m.s.
 
     ``gap_before`` and ``gap_after`` are mean squares of what is left in noise variances, with
-    p-values; ``unidentifiable`` are motions that no reading shows.
+    p-values; ``unidentifiable`` are motions that no reading shows; ``wrong_postures`` are numbers
+    of those that are named as mistakes.
     """
 
     verdict: Verdict
@@ -113,6 +114,7 @@ class HexaSlideDiagnosis:
     p_after: float
     spare: int
     unidentifiable: tuple[str, ...]
+    wrong_postures: tuple[int, ...] = ()
 
 
 def diagnosed(
@@ -183,7 +185,17 @@ def diagnosed(
         platform_m=_at_platform(machine, postures, best, causes, mean),
         gap_after=after[0],
         p_after=after[1],
+        wrong_postures=tuple(
+            readings.number(row)
+            for row in range(len(readings.sliders))
+            if any(_mistake(readings, row) in claim.causes for claim in named)
+        ),
     )
+
+
+def _mistake(readings: Readings, row: int) -> tuple[str, str]:
+    """Id and place of the cause that a posture is wrong."""
+    return "wrong_posture", f"posture {readings.number(row)}"
 
 
 def causes_of(
@@ -219,7 +231,7 @@ def causes_of(
         "thermal_growth", f"all {part}s", ("growth",), "mm/m", UNIT_GROWTH, 1e3, [time * growing]
     )
     for row in range(len(sliders)):
-        yield effects.of_posture(row, f"posture {readings.number(row)}")
+        yield effects.of_posture(row, *_mistake(readings, row))
 
 
 def _of_rail(
@@ -275,14 +287,14 @@ class _Effects:
         places = np.stack([change[:, :3].ravel() for change in moved], axis=1)
         return HexaSlideCause(cause, where, names, unit, size * shown, columns, places)
 
-    def of_posture(self, row: int, where: str) -> HexaSlideCause:
+    def of_posture(self, row: int, cause: str, where: str) -> HexaSlideCause:
         """All values of a posture wrong: a mistake, which moves nothing."""
         columns = np.zeros((self._count, len(self._noise), len(self._noise)))
         columns[row] = UNIT_OF_NOISE * np.eye(len(self._noise))
         flat = columns.reshape(-1, len(self._noise))
         places = np.zeros((3 * self._count, flat.shape[1]))
         names = tuple(f"{name} off" for name in self._names)
-        return HexaSlideCause("wrong_posture", where, names, "noise", UNIT_OF_NOISE, flat, places)
+        return HexaSlideCause(cause, where, names, "noise", UNIT_OF_NOISE, flat, places)
 
 
 def _sides(geometry: Geometry, chain: int) -> tuple[FloatArray, FloatArray]:

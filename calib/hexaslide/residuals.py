@@ -7,7 +7,7 @@ link keeps its length.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -92,6 +92,11 @@ class Readings:
             self.angle_noise_rad,
             tuple(self.number(int(row)) for row in np.flatnonzero(rows)),
         )
+
+    def without(self, numbers: Collection[int]) -> Readings:
+        """All postures but those of these numbers."""
+        kept_rows = [self.number(row) not in numbers for row in range(len(self.sliders))]
+        return self.take(np.array(kept_rows, dtype=np.bool_))
 
 
 @dataclass(frozen=True, eq=False)

@@ -132,6 +132,7 @@ class PosturesUsed(Report):
     fitted: int = of(lambda r: len(r.numbers))
     held_out: tuple[int, ...] = of(lambda r: r.held_out.numbers if r.held_out else ())
     fewest: int = of(lambda r: r.fewest)
+    left_out: tuple[int, ...] = of(lambda r: r.left_out, "named as mistakes by the diagnosis")
 
 
 @dataclass(frozen=True)

@@ -150,6 +150,12 @@ def _both(before: Rms, after: Rms) -> str:
 def caveats(document: HexaSlideCalibrationReport) -> list[str]:
     """What stands against the result, and what it leaves out."""
     lines = []
+    if wrong := document.postures.left_out:
+        postures = f"posture{'s' if len(wrong) > 1 else ''} {', '.join(map(str, wrong))}"
+        lines.append(
+            f"LEFT OUT: {postures}. The diagnosis names a mistake there. The calibrated machine is "
+            "from the other postures."
+        )
     p_value = document.lack_of_fit.p_value
     if p_value is not None and p_value < LACK_OF_FIT_LEVEL:
         ratio = math.sqrt(document.lack_of_fit.statistic or 0.0)

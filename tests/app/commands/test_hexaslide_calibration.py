@@ -220,15 +220,30 @@ def test_what_was_said_without_noise_or_check(tmp_path: Path) -> None:
     assert "Against the truth" not in said
 
 
-def test_a_wrong_reading_is_warned_of_and_located(tmp_path: Path) -> None:
+def test_a_wrong_reading_is_located_and_left_out(tmp_path: Path) -> None:
     path, _ = written(tmp_path, "pose-inverse", 30)
     content = json.loads(path.read_text(encoding="utf-8"))
     content["postures"][6]["sliders"][3] += 0.002
     path.write_text(json.dumps(content), encoding="utf-8")
     found = document(path, None, 0.0)
-    rows = found["residuals"]
-    assert max(rows["by_posture"], key=lambda row: row["share"])["posture"] == 7
-    assert max(rows["by_component"], key=lambda row: row["share"])["component"] == "lambda4"
+    assert found["postures"]["left_out"] == [7]
+    assert found["lack_of_fit"]["p_value"] > 0.001
+    del content["postures"][6]
+    path.write_text(json.dumps(content), encoding="utf-8")
+    alone = document(path, None, 0.0)
+    assert alone["postures"]["left_out"] == []
+    for name, parameter in found["parameters"].items():
+        assert parameter["value"] == pytest.approx(alone["parameters"][name]["value"], abs=1e-9)
+
+
+def test_many_wrong_readings_are_warned_of(tmp_path: Path) -> None:
+    """More than can be told apart: none is left out, and what is left says so."""
+    path, _ = written(tmp_path, "pose-inverse", 30)
+    content = json.loads(path.read_text(encoding="utf-8"))
+    for row in range(0, 30, 3):
+        content["postures"][row]["sliders"][row % 6] += 0.002
+    path.write_text(json.dumps(content), encoding="utf-8")
+    found = document(path, None, 0.0)
     assert found["lack_of_fit"]["p_value"] < 1e-6
     assert "WARNING: what is left is" in calibration_text(calibrate_file(path, None, 0.0))
 

@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 
 from app.evaluating.hexaslide import posture_result
+from app.evaluating.hexaslide_calibration import calibrate_file
 from app.evaluating.history import read_history
 from app.machines.registry import LOOKS
 from app.report.pages.hexaslide import source_of_postures
 from app.report.pages.report import html_of
+from calib.hexaslide.checked import frames_apart
 from calib.hexaslide.geometry import forward, inverse
 from protocols.hexaslide import load_hexaslide, machine_like
-from protocols.hexaslide_session import POSTURE_FORM, read_postures, simulated_truth
+from protocols.hexaslide_session import POSTURE_FORM, PostureReading, read_postures, simulated_truth
 from protocols.journal import write_whole
 from tests.app.cli import glidecal, refused
 from tests.app.posture_sessions import TOLERANCE_MM, before_and_after, posture_session
@@ -149,3 +151,48 @@ def test_a_calibrated_name_ends_so_once() -> None:
     machine = load_hexaslide()
     once = machine_like(machine, f"{machine.name}, calibrated", machine.whole())
     assert once.before_calibration == machine.before_calibration == machine.name
+
+
+def spoilt(path: Path, output: Path, posture: int, off_mm: float) -> Path:
+    """The session with the x of one posture wrong, as if mistyped and kept."""
+    session, record = read_postures(path)
+    events = [
+        event.model_copy(update={"values": (event.values[0] + off_mm, *event.values[1:])})
+        if isinstance(event, PostureReading) and event.posture == posture
+        else event
+        for event in record.events[1:-1]
+    ]
+    write_whole(output, session.opened, events, POSTURE_FORM)
+    return output
+
+
+def off_mm(path: Path) -> float:
+    """Truly at the platform with the machine that is exported, frames laid over."""
+    session, _ = read_postures(path)
+    solved = calibrate_file(path, None, 0.0)
+    machine, entered = session.opened.machine.whole(), solved.found.machine
+    truth = simulated_truth(session).whole()
+    postures = machine.box.random(300, np.random.default_rng(9))
+    sliders = inverse(machine.geometry, postures)
+    stands, believed = (forward(one.geometry, sliders, one.box) for one in (truth, entered))
+    free = solved.found.unidentifiable
+    return 1000.0 * frames_apart(np.asarray(believed), np.asarray(stands), free).places_rms_m
+
+
+@pytest.mark.parametrize("procedure", ["position", "pose-forward"])
+def test_a_wrong_posture_does_not_spoil_the_machine(procedure: str, tmp_path: Path) -> None:
+    """1 mm in one of the postures: believed, it left 0.11 mm at the platform instead of 0.013."""
+    sound = posture_session(tmp_path / "sound.jsonl", procedure, 4)
+    wrong = spoilt(sound, tmp_path / "wrong.jsonl", 7, 1.0)
+    solved = calibrate_file(wrong, None, 0.0)
+    assert solved.left_out == (7,)
+    assert calibrate_file(sound, None, 0.0).left_out == ()
+    assert off_mm(wrong) < 1.5 * off_mm(sound)
+    assert solved.platform.bound_m is not None
+    assert off_mm(wrong) < 1000.0 * solved.platform.bound_m < 0.03
+    text = words(html_of(source_of_postures(wrong).page()))
+    assert "LEFT OUT: posture 7. The diagnosis names a mistake there." in text
+    assert "posture 7 read or taken wrong" in text
+    postures = json.loads(glidecal("solve", wrong, "--json").out)["postures"]
+    assert postures["left_out"] == [7]
+    assert postures["fitted"] + len(postures["held_out"]) == postures["count"] - 1

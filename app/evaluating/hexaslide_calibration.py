@@ -6,11 +6,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.evaluating.posture_history import Decision
-from calib.diagnosis.hexaslide import HexaSlideDiagnosis, diagnosed
+from calib.arrays import FloatArray
+from calib.diagnosis.hexaslide import (
+    HexaSlideDiagnosis,
+    WeighedCauses,
+    diagnosed,
+    diagnosis_from,
+    weighed,
+)
+from calib.diagnosis.hexaslide_correction import HexaSlideCorrection, correction_of
 from calib.errors import CalibrationError
+from calib.hexaslide.calibration import calibrate
 from calib.hexaslide.checked import Checked, checked_calibration
+from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import fewest_postures
 from calib.hexaslide.platform import PlatformError, platform_error
+from calib.hexaslide.residuals import Readings
 from protocols.hexaslide import HexaSlideMeasurements, read_truth
 from protocols.hexaslide_measured import measured_in
 
@@ -25,11 +36,13 @@ SHARE = 0.2
 class CalibratedMachine(Checked):
     """A calibration with its checks, what it means at the platform, and the file it is from.
 
-    ``left_out`` are the numbers of postures that the diagnosis names as mistakes.
+    ``found`` is that of the parameters alone, ``entered`` the machine to enter: it counts what else
+    may be missing. ``left_out`` are the numbers of postures that the diagnosis names as mistakes.
     """
 
     name: str
     source: HexaSlideMeasurements
+    entered: HexaSlide
     platform: PlatformError
     left_out: tuple[int, ...] = ()
 
@@ -48,33 +61,49 @@ def calibrated(
     """The same from what was read. Raises CalibrationError, RecordError for the ``truth``."""
     true = None if truth is None else read_truth(truth, source).whole()
     nominal, readings = source.machine.whole(), source.readings()
-    wrong = wrong_postures(source)
-    checked = checked_calibration(readings.without(wrong), nominal, true, share)
-    platform = platform_error(nominal, checked.found)
+    models = _weighed(source, readings)
+    wrong = () if models is None else _mistakes(models, nominal)
+    if wrong:  # one that is believed spoils all parameters, and the machine has nothing of it
+        readings = readings.without(wrong)
+        models = _weighed(source, readings)
+    checked = checked_calibration(readings, nominal, true, share)
+    correction = None if models is None else correction_of(models, nominal)
+    if correction is None:
+        full = checked.found if checked.held_out is None else calibrate(readings, nominal)
+        correction = HexaSlideCorrection(full.machine, platform_error(nominal, full))
     return CalibratedMachine(
-        **vars(checked), name=name, source=source, platform=platform, left_out=wrong
+        **vars(checked),
+        name=name,
+        source=source,
+        entered=correction.machine,
+        platform=correction.platform,
+        left_out=wrong,
     )
 
 
 def diagnosis_of(source: HexaSlideMeasurements) -> HexaSlideDiagnosis:
     """What is missing in the model. Raises CalibrationError where postures give no result."""
-    readings, machine = source.readings(), source.machine
-    tolerances = machine.tolerances.of(readings.procedure.parameters)
-    lead_m = None if machine.lead_mm is None else machine.lead_mm / 1000.0
-    return diagnosed(readings, machine.whole(), tolerances, lead_m)
+    return diagnosed(source.readings(), source.machine.whole(), *_stated(source))
 
 
-def wrong_postures(source: HexaSlideMeasurements) -> tuple[int, ...]:
-    """Numbers of postures that are surely mistakes; none where that cannot be told.
+def _stated(source: HexaSlideMeasurements) -> tuple[FloatArray, float | None]:
+    """Tolerances ``(k,)`` of the parameters, and the lead of the drives' screws in metres."""
+    machine = source.machine
+    tolerances = machine.tolerances.of(source.readings().procedure.parameters)
+    return tolerances, None if machine.lead_mm is None else machine.lead_mm / 1000.0
 
-    One that is believed would spoil all parameters: it is not missing from the machine, so what is
-    entered must not make up for it.
-    """
+
+def _weighed(source: HexaSlideMeasurements, readings: Readings) -> WeighedCauses | None:
+    """What may be missing; None where that cannot be told."""
     try:
-        wrong = diagnosis_of(source).wrong_postures
-        readings, nominal = source.readings(), source.machine.whole()
+        return weighed(readings, source.machine.whole(), *_stated(source))
     except CalibrationError:
-        return ()
+        return None
+
+
+def _mistakes(models: WeighedCauses, nominal: HexaSlide) -> tuple[int, ...]:
+    """Numbers of postures that are surely mistakes, where enough others remain."""
+    wrong, readings = diagnosis_from(models).wrong_postures, models.readings
     enough = len(readings.sliders) - len(wrong) >= fewest_postures(readings.procedure, nominal)
     return wrong if enough else ()
 

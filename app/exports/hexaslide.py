@@ -47,7 +47,7 @@ def calibrated_files(solved: CalibratedMachine, wanted: Path | None) -> Written:
     Raises RecordError for that file, CalibrationError for postures that cannot be reached.
     """
     head, file = _head(solved), calibrated_machine(solved)
-    calibrated, source_machine = solved.found.machine, solved.source.machine
+    calibrated, source_machine = solved.entered, solved.source.machine
     telescopic = calibrated.geometry.telescopic
     files = {"machine.toml": machine_text(file, head)}
     if not telescopic:
@@ -67,7 +67,7 @@ def calibrated_files(solved: CalibratedMachine, wanted: Path | None) -> Written:
 def calibrated_machine(solved: CalibratedMachine) -> HexaSlideMachine:
     """The machine file with the calibrated values."""
     source = solved.source.machine
-    return machine_like(source, f"{source.before_calibration}{CALIBRATED}", solved.found.machine)
+    return machine_like(source, f"{source.before_calibration}{CALIBRATED}", solved.entered)
 
 
 def _head(solved: CalibratedMachine) -> list[str]:
@@ -87,7 +87,7 @@ def ros2_parameters(solved: CalibratedMachine) -> str:
     a machine: its links are a tree, and these chains close.
     """
     machine, bound_m = calibrated_machine(solved), solved.platform.bound_m
-    telescopic = solved.found.machine.geometry.telescopic
+    telescopic = solved.entered.geometry.telescopic
     lines = [
         *(f"# {line}" for line in _head(solved)),
         "# Lengths in metres.",

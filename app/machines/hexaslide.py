@@ -319,7 +319,7 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
         deliver(
             options.corrected, calibrated_files(solved, options.posture_file), force=options.force
         )
-        say(kinematics_words(solved.found.machine))
+        say(kinematics_words(solved.entered))
     return Answer(lambda: calibration_text(solved), lambda: HexaSlideCalibrationReport.of(solved))
 
 

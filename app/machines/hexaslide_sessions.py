@@ -294,7 +294,7 @@ def exported(path: Path, format_name: str) -> tuple[Written, tuple[str, ...]]:
         return {"": ros2_parameters(solved)}, cautions
     if format_name == "json":
         return {"": to_json(report) + "\n"}, cautions
-    return files, (*cautions, kinematics_words(solved.found.machine))
+    return files, (*cautions, kinematics_words(solved.entered))
 
 
 def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Answer, str]:

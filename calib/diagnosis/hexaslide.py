@@ -18,7 +18,7 @@ from calib.arrays import EXACT_BLIND, FloatArray, svd_of_all, without
 from calib.diagnosis.claims import AGREED, OPEN, SURE
 from calib.diagnosis.diagnose import UNLIKELY
 from calib.errors import NotIdentifiable
-from calib.hexaslide.calibration import calibrate
+from calib.hexaslide.calibration import Calibration, calibrate
 from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import CHAINS, Geometry, HexaSlide, Legs, legs
 from calib.hexaslide.procedures import COMPONENTS, Procedure, ProcedureKind
@@ -117,9 +117,62 @@ class HexaSlideDiagnosis:
     wrong_postures: tuple[int, ...] = ()
 
 
-def diagnosed(
+@dataclass(frozen=True, eq=False)
+class WeighedCauses:
+    """Models of what may be missing, weighed: ``entries`` the heaviest first, none where too few
+    readings are ``spare``.
+
+    ``base`` ``(n, k)`` are derivatives by the parameters in ``tolerances`` ``(k,)``, ``whitened``
+    ``(n,)`` what the ``calibrated`` machine leaves, both in the noise. Its singular values
+    ``sizes`` ``(rank,)`` have ``axes`` ``(n, rank)`` in the readings, which span what parameters
+    can do, and ``directions`` ``(k, rank)`` in the parameters.
+    """
+
+    readings: Readings
+    calibrated: Calibration
+    tolerances: FloatArray
+    lead_m: float | None
+    base: FloatArray
+    whitened: FloatArray
+    axes: FloatArray
+    sizes: FloatArray
+    directions: FloatArray
+    causes: tuple[HexaSlideCause, ...]
+    race: Race
+    entries: tuple[RaceEntry, ...]
+
+    @property
+    def spare(self) -> int:
+        """Readings beyond the parameters that they determine."""
+        return len(self.whitened) - len(self.sizes)
+
+    @property
+    def weights(self) -> FloatArray:
+        """Of the entries, together 1."""
+        logs = np.array([entry.log_weight for entry in self.entries])
+        weights = np.exp(logs - logs.max())
+        return np.asarray(weights / weights.sum())
+
+    def columns(self, entry: RaceEntry) -> FloatArray:
+        """What a model's values do to the readings ``(n, r)``."""
+        of_members = (self.causes[k].columns for k in entry.members)
+        return np.hstack([np.zeros((len(self.base), 0)), *of_members])
+
+    def values(self, entry: RaceEntry) -> tuple[FloatArray, FloatArray]:
+        """Mean ``(r,)`` and covariance ``(r, r)`` of a model's values, in unremarkable sizes."""
+        return _sizes(self.race, entry)
+
+    def mean_square(self, entry: RaceEntry | None) -> tuple[float, float]:
+        """What parameters and a model leave, in variances of the noise, and its p-value."""
+        remainder = self.whitened
+        if entry is not None:
+            remainder = remainder - self.columns(entry) @ self.values(entry)[0]
+        return _mean_square(remainder, self.axes, self.spare)
+
+
+def weighed(
     readings: Readings, nominal: HexaSlide, tolerances: FloatArray, lead_m: float | None = None
-) -> HexaSlideDiagnosis:
+) -> WeighedCauses:
     """Of readings in the order in which they were taken, noise stated; ``tolerances`` ``(k,)`` of
     the procedure's parameters, ``lead_m`` of the drives' screws.
 
@@ -141,12 +194,37 @@ def diagnosed(
     base = (slopes / noise[:, None]).reshape(residual.values.size, -1) * tolerances
     expected = (nominal.parameters(names) - machine.parameters(names)) / tolerances
     whitened = (residual.values / noise).ravel()
-    about = About.of(base, whitened, expected)
+    axes, sizes, directions = svd_of_all(base)
+    rank = int((sizes > EXACT_BLIND * sizes[0]).sum())
     causes = tuple(causes_of(readings, machine, postures, lead_m))
-    axes, sizes, _ = svd_of_all(base)
-    directions = axes[:, : int((sizes > EXACT_BLIND * sizes[0]).sum())]
-    spare = len(whitened) - directions.shape[1]
-    gap = _mean_square(whitened, directions, spare)
+    race = _race(About.of(base, whitened, expected), causes, len(whitened))
+    return WeighedCauses(
+        readings=readings,
+        calibrated=calibrated,
+        tolerances=tolerances,
+        lead_m=lead_m,
+        base=base,
+        whitened=whitened,
+        axes=axes[:, :rank],
+        sizes=sizes[:rank],
+        directions=np.asarray(directions[:rank].T),
+        causes=causes,
+        race=race,
+        entries=tuple(race.run()) if len(whitened) - rank >= FEWEST_SPARE else (),
+    )
+
+
+def diagnosed(
+    readings: Readings, nominal: HexaSlide, tolerances: FloatArray, lead_m: float | None = None
+) -> HexaSlideDiagnosis:
+    """`diagnosis_from` of `weighed`, and raises as that."""
+    return diagnosis_from(weighed(readings, nominal, tolerances, lead_m))
+
+
+def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
+    """Names, sizes and the gap, from the weights."""
+    readings, causes, entries = models.readings, models.causes, models.entries
+    gap = models.mean_square(None)
     result = HexaSlideDiagnosis(
         verdict="cannot-tell",
         named=(),
@@ -157,32 +235,27 @@ def diagnosed(
         p_before=gap[1],
         gap_after=gap[0],
         p_after=gap[1],
-        spare=spare,
-        unidentifiable=calibrated.unidentifiable,
+        spare=models.spare,
+        unidentifiable=models.calibrated.unidentifiable,
     )
-    if spare < FEWEST_SPARE:
+    if not entries:
         return result
-    race = _race(about, causes, len(whitened))
-    entries = race.run()
-    weights = _weights(entries, causes)
+    weights = _weights(models)
     named = _sure(weights)
     claims = _claims(weights)
     heaviest_names = (
         tuple(sorted(cause for claim in named for cause in claim.causes)) or claims[0].causes
     )
     best = next((entry for entry in entries if _names(entry, causes) == heaviest_names), entries[0])
-    mean, covariance = _sizes(race, best)
-    model_columns = np.hstack(
-        [np.zeros((len(base), 0)), *(causes[k].columns for k in best.members)]
-    )
-    after = _mean_square(whitened - model_columns @ mean, directions, spare)
+    mean, covariance = models.values(best)
+    after = models.mean_square(best)
     return replace(
         result,
         verdict=_verdict(weights, named, after[1]),
         named=named,
         claims=claims,
         sizes=tuple(_shown(best, causes, mean, covariance)),
-        platform_m=_at_platform(machine, postures, best, causes, mean),
+        platform_m=_at_platform(models, best, mean),
         gap_after=after[0],
         p_after=after[1],
         wrong_postures=tuple(
@@ -201,12 +274,28 @@ def _mistake(readings: Readings, row: int) -> tuple[str, str]:
 def causes_of(
     readings: Readings, machine: HexaSlide, postures: FloatArray, lead_m: float | None
 ) -> Iterator[HexaSlideCause]:
-    """Every cause of this kind of machine, at every place."""
+    """Every cause of this kind of machine, at every place, then every mistake."""
+    effects, middle = _Effects(readings, machine, postures), readings.sliders.mean(axis=0)
+    yield from causes_of_machine(readings, machine, postures, lead_m, middle)
+    for row in range(len(readings.sliders)):
+        yield effects.of_posture(row, *_mistake(readings, row))
+
+
+def causes_of_machine(
+    readings: Readings,
+    machine: HexaSlide,
+    postures: FloatArray,
+    lead_m: float | None,
+    middle: FloatArray,
+) -> Iterator[HexaSlideCause]:
+    """Those that move the platform; scale and bow do nothing where sliders are in the ``middle``
+    ``(6,)``.
+    """
     effects = _Effects(readings, machine, postures)
     sliders, at = readings.sliders, legs(machine.geometry, postures)
     telescopic = machine.geometry.telescopic
     part = "leg" if telescopic else "rail"
-    from_middle = sliders - sliders.mean(axis=0)
+    from_middle = sliders - middle
     ways = np.sign(np.diff(sliders, axis=0, prepend=sliders[:1] - 1.0))
     for k in range(CHAINS):
         of_rail, where = np.eye(CHAINS)[k], f"{part} {k + 1}"
@@ -230,8 +319,6 @@ def causes_of(
     yield effects.of_sliders(
         "thermal_growth", f"all {part}s", ("growth",), "mm/m", UNIT_GROWTH, 1e3, [time * growing]
     )
-    for row in range(len(sliders)):
-        yield effects.of_posture(row, *_mistake(readings, row))
 
 
 def _of_rail(
@@ -333,15 +420,13 @@ def _names(entry: RaceEntry, causes: tuple[HexaSlideCause, ...]) -> Names:
     return tuple(sorted((causes[k].id, causes[k].where) for k in entry.members))
 
 
-def _weights(entries: list[RaceEntry], causes: tuple[HexaSlideCause, ...]) -> dict[Names, float]:
+def _weights(models: WeighedCauses) -> dict[Names, float]:
     """Of every set of causes, summed over scales; together 1."""
     weights: dict[Names, float] = {}
-    best = entries[0].log_weight
-    for entry in entries:
-        names = _names(entry, causes)
-        weights[names] = weights.get(names, 0.0) + math.exp(entry.log_weight - best)
-    total = sum(weights.values())
-    return {names: weight / total for names, weight in weights.items()}
+    for entry, weight in zip(models.entries, models.weights.tolist(), strict=True):
+        names = _names(entry, models.causes)
+        weights[names] = weights.get(names, 0.0) + weight
+    return weights
 
 
 def _sure(weights: dict[Names, float]) -> tuple[HexaSlideClaim, ...]:
@@ -401,17 +486,13 @@ def _shown(
             yield CauseSize(words, cause.size * value, cause.size * deviation, cause.unit)
 
 
-def _at_platform(
-    machine: HexaSlide,
-    postures: FloatArray,
-    entry: RaceEntry,
-    causes: tuple[HexaSlideCause, ...],
-    mean: FloatArray,
-) -> float:
+def _at_platform(models: WeighedCauses, entry: RaceEntry, mean: FloatArray) -> float:
     """R.m.s. movement of the platform's origin by a model that no parameter takes over, metres."""
     if not entry.members:
         return 0.0
-    moved = np.hstack([causes[k].places for k in entry.members]) @ mean
+    machine = models.calibrated.machine
+    postures = postures_of(models.readings, machine)
+    moved = np.hstack([models.causes[k].places for k in entry.members]) @ mean
     forward = Procedure.of(ProcedureKind.POSE_FORWARD).on(machine)
     derivatives = jacobian(forward, machine.geometry, postures)
     places = np.asarray(derivatives[:, :3]).reshape(len(moved), -1)

@@ -6,6 +6,7 @@ platform's origin; frames moved as wholes, which no reading shows, are laid over
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,9 @@ PLACES = 200
 """So many random postures of the box stand for all of it: their r.m.s. varies by a few percent."""
 
 SEED = 0
+FRAMES = 1e-9
+"""Singular values, by the largest, of frames that move places."""
+
 OUTSIDE = 0.05
 """One machine in twenty may be off by more than the bound."""
 
@@ -40,46 +44,95 @@ class PlatformError:
     left_open: int
 
 
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Random postures for all of the box: ``aims`` ``(p, 6)`` of the controller, its ``sliders``
+    ``(p, 6)``, the machine's ``postures`` ``(p, 6)``, and by how much parameters of its geometry
+    move the platform's origin there, ``moved`` ``(3 p, k)``. The columns of ``frames`` span what
+    frames that no reading shows do there; it is taken out.
+    """
+
+    aims: FloatArray
+    sliders: FloatArray
+    postures: FloatArray
+    moved: FloatArray
+    frames: FloatArray
+    motion_count: int
+
+    @staticmethod
+    def of(
+        reference: HexaSlide,
+        machine: HexaSlide,
+        free: tuple[str, ...],
+        count: int = PLACES,
+        seed: int = SEED,
+    ) -> Places:
+        """Where a controller that holds ``reference`` sends a ``machine``; ``free`` of `MOTIONS`.
+
+        Raises UnreachablePosture, CalibrationError.
+        """
+        aims = held_postures(reference, count, seed)
+        sliders = reference.sliders_at(aims)
+        stands = np.asarray(forward_near(machine.geometry, sliders, aims))
+        motions = [k for k, name in enumerate(MOTIONS) if name in free]
+        frames = frame_motions(stands[:, :3], rotation(stands[:, 3:]))[:, :3]
+        vectors, size, _ = np.linalg.svd(
+            frames.reshape(-1, frames.shape[-1])[:, motions], full_matrices=False
+        )
+        vectors = vectors[:, size > FRAMES * size.max(initial=0.0)]
+        forward = Procedure.of(ProcedureKind.POSE_FORWARD).on(machine)
+        moved = np.asarray(jacobian(forward, machine.geometry, stands)[:, :3])
+        moved = without(vectors, moved.reshape(3 * len(stands), -1))
+        return Places(aims, sliders, stands, moved, vectors, len(motions))
+
+    @property
+    def count(self) -> int:
+        """Of the postures."""
+        return len(self.postures)
+
+    def shows_all(self, calibrated: Calibration) -> bool:
+        """Whether readings leave nothing open but frames."""
+        return calibrated.unidentifiable_count == self.motion_count
+
+    def error(
+        self, calibrated: Calibration, machine: HexaSlide, bound_m: float | None
+    ) -> PlatformError:
+        """How far the ``machine`` is from the aims, and the bound with it entered."""
+        stands = np.asarray(forward_near(machine.geometry, self.sliders, self.aims))
+        now = frames_apart(self.aims, stands, calibrated.unidentifiable)
+        return PlatformError(now, bound_m, calibrated.unidentifiable_count - self.motion_count)
+
+    def without_frames(self, moved: FloatArray) -> FloatArray:
+        """Movements ``(3 p, c)`` less what frames take over: that is no error."""
+        return without(self.frames, moved)
+
+
 def platform_error(reference: HexaSlide, calibrated: Calibration) -> PlatformError:
     """Of a controller that holds ``reference``. Raises UnreachablePosture, CalibrationError."""
-    machine, free = calibrated.machine, calibrated.unidentifiable
-    postures = held_postures(reference, PLACES, SEED)
-    sliders = reference.sliders_at(postures)
-    stands = np.asarray(forward_near(machine.geometry, sliders, postures))
-    motions = [k for k, name in enumerate(MOTIONS) if name in free]
-    left_open = calibrated.unidentifiable_count - len(motions)
+    places = Places.of(reference, calibrated.machine, calibrated.unidentifiable)
     bound = None
-    if calibrated.covariance is not None and left_open == 0:
-        count = len(machine.geometry.names)
-        covariance = calibrated.covariance[:count, :count]
-        bound = _bound_m(machine, stands, covariance, motions)
+    if calibrated.covariance is not None and places.shows_all(calibrated):
+        count = places.moved.shape[1]
+        squares = calibrated.covariance[:count, :count] @ (places.moved.T @ places.moved)
+        mean, variance = np.trace(squares), 2.0 * np.trace(squares @ squares)
+        bound = quantile_m(np.ones(1), np.array([[mean, variance / places.count]]) / places.count)
         # one coverage factor counts that the noise itself is known from few degrees of freedom
         bound *= coverage_factor(calibrated.degrees_of_freedom) / coverage_factor(np.inf)
         if calibrated.lack_of_fit is not None:  # more is left than noise: at least so much is wrong
             bound *= max(1.0, calibrated.lack_of_fit) ** 0.5
-    return PlatformError(frames_apart(postures, stands, free), bound, left_open)
+    return places.error(calibrated, calibrated.machine, bound)
 
 
-def _bound_m(
-    machine: HexaSlide, postures: FloatArray, covariance: FloatArray, motions: list[int]
-) -> float:
-    """The quantile of the r.m.s. of places that parameters of this covariance ``(k, k)`` move.
+def quantile_m(weights: FloatArray, squares: FloatArray) -> float:
+    """The quantile of an r.m.s. whose square has, in models of these ``weights`` ``(m,)``, means
+    and variances ``(m, 2)``.
 
     The mean square is a sum of squares of normal values; its quantile is that of a multiple of chi
     square with the same mean and variance (Satterthwaite).
     """
-    forward = Procedure.of(ProcedureKind.POSE_FORWARD).on(machine)
-    moved = jacobian(forward, machine.geometry, postures)
-    places = np.asarray(moved[:, :3]).reshape(-1, len(covariance))
-    if motions:  # what frames take over is no error: both ways of moving are known by places alone
-        frames = frame_motions(postures[:, :3], rotation(postures[:, 3:]))[:, :3]
-        basis = frames.reshape(-1, frames.shape[-1])[:, motions]
-        vectors, size, _ = np.linalg.svd(basis, full_matrices=False)
-        vectors = vectors[:, size > 1e-9 * size[0]] if size[0] > 0.0 else vectors[:, :0]
-        places = without(vectors, places)
-    squares = covariance @ (places.T @ places) / len(postures)
-    mean, spread = float(np.trace(squares)), float(np.trace(squares @ squares))
-    if mean <= 0.0:
-        return 0.0
-    degrees = mean**2 / spread
+    mean = float(weights @ squares[:, 0])
+    variance = float(weights @ (squares[:, 1] + squares[:, 0] ** 2)) - mean**2
+    if mean <= 0.0 or variance <= 0.0:
+        return math.sqrt(max(mean, 0.0))
+    degrees = 2.0 * mean**2 / variance
     return float(np.sqrt(mean * chdtri(degrees, OUTSIDE) / degrees))

@@ -66,7 +66,7 @@ def _results(certified: CertifiedPostures) -> Iterator[Result]:
     """The machine to enter, what is known of it, and errors of the platform."""
     solved, later = certified.solved, certified.later
     document = HexaSlideCalibrationReport.of(solved)
-    calibrated = machine_like(solved.source.machine, "", solved.found.machine)
+    calibrated = machine_like(solved.source.machine, "", solved.entered)
     yield Result("Values to enter", NOT_ALONE, [*_entered(calibrated)])
     yield Result(
         "Error of the platform over the box",

@@ -84,7 +84,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
     """The report of results that are there."""
     result, solved, later = certified.result, certified.solved, certified.later
     document = HexaSlideCalibrationReport.of(solved)
-    calibrated = machine_like(solved.source.machine, "", solved.found.machine)
+    calibrated = machine_like(solved.source.machine, "", solved.entered)
     simulated = any(session.opened.origin == "simulated" for session, _ in certified.sessions)
     return CalibrationReport(
         machine=solved.source.machine.name,

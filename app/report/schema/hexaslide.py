@@ -168,7 +168,9 @@ def _lack_of_fit(solved: CalibratedMachine) -> LackOfFitEntry:
 
 @dataclass(frozen=True)
 class HexaSlideParameter:
-    """Uncertainties of those only that are known one by one; of others they mean nothing."""
+    """The value to enter. Uncertainties of those only that are known one by one, from the noise
+    alone; of others they mean nothing.
+    """
 
     value: float
     nominal: float
@@ -181,13 +183,14 @@ class HexaSlideParameter:
 
 def _parameters(solved: CalibratedMachine) -> dict[str, HexaSlideParameter]:
     calibrated, u, factor = solved.found, solved.uncertainty, solved.factor
+    entered = solved.entered.parameters(calibrated.names).tolist()
     parameters = {}
     for k, name in enumerate(calibrated.names):
         is_known = name in calibrated.known
         deviation = float(u[k]) if is_known and u is not None else None
         uncertain = () if deviation is None else (deviation, deviation * (factor or 0.0), factor)
-        value, nominal = float(calibrated.parameters[k]), float(solved.start[k])
-        parameters[name] = HexaSlideParameter(value, nominal, unit_of(name), is_known, *uncertain)
+        nominal, unit = float(solved.start[k]), unit_of(name)
+        parameters[name] = HexaSlideParameter(entered[k], nominal, unit, is_known, *uncertain)
     return parameters
 
 

@@ -1,0 +1,117 @@
+"""What to enter for a machine in which something may be missing: least error of its platform.
+
+A controller holds parameters alone. Where a model has a cause, the parameters are those beside it
+and, on top, what of its effect over the box parameters can imitate: the best name is not the best
+correction. Models count with their weights, in the entered values and in the bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arrays import FloatArray
+from calib.diagnosis.hexaslide import WeighedCauses, causes_of_machine
+from calib.hexaslide.geometry import HexaSlide
+from calib.hexaslide.platform import Places, PlatformError, quantile_m
+from calib.hexaslide.procedures import Procedure, ProcedureKind
+from calib.hexaslide.residuals import Readings
+
+LEAST_WEIGHT = 1e-5
+"""Models of less weight change nothing that could be entered."""
+
+IMITATED_AT = 400
+"""So many places, of the seed of this number, show what parameters can imitate."""
+
+IMITATED = 1e-6
+"""Singular values, by the largest, of parameters over the box that imitate an effect."""
+
+
+@dataclass(frozen=True, eq=False)
+class HexaSlideCorrection:
+    """The machine to enter, and what the platform is off by now and then at most."""
+
+    machine: HexaSlide
+    platform: PlatformError
+
+
+def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorrection | None:
+    """For a controller that holds ``reference`` now; None where no model could be weighed.
+
+    Raises UnreachablePosture, CalibrationError.
+    """
+    if not models.entries:
+        return None
+    calibrated = models.calibrated
+    machine, names, free = calibrated.machine, calibrated.names, calibrated.unidentifiable
+    along, by_axes = models.directions, models.directions / models.sizes
+    columns = np.hstack([cause.columns for cause in models.causes])
+    # parameters beside an effect give way; those that are entered imitate it over the box
+    given_way = -by_axes @ (models.axes.T @ columns)
+    some = Places.of(reference, machine, free, IMITATED_AT, IMITATED_AT)
+    imitated = np.linalg.pinv(_moved(models, some) @ along, rcond=IMITATED)
+    entered = given_way + along @ (imitated @ _over_box(models, some))
+    # judged at other places than those where it is imitated
+    places = Places.of(reference, machine, free)
+    moved = _moved(models, places)
+    by_noise = moved @ by_axes
+    stands = moved @ given_way + _over_box(models, places)
+    ends = np.cumsum([cause.columns.shape[1] for cause in models.causes])
+    members = [range(e - c.columns.shape[1], e) for e, c in zip(ends, models.causes, strict=True)]
+
+    usual = models.weights > LEAST_WEIGHT
+    weights = models.weights[usual] / models.weights[usual].sum()
+    models_of = [entry for entry, kept in zip(models.entries, usual, strict=True) if kept]
+    values = [models.values(entry) for entry in models_of]
+    index = [[c for k in entry.members for c in members[k]] for entry in models_of]
+    change = np.zeros(len(names))
+    for weight, (mean, _), of_entry in zip(weights, values, index, strict=True):
+        change += weight * (entered[:, of_entry] @ mean)
+    squares = []
+    for (mean, covariance), of_entry in zip(values, index, strict=True):
+        off = stands[:, of_entry] @ mean - moved @ change
+        spread = stands[:, of_entry] @ np.linalg.cholesky(covariance)
+        squares.append(_square(off, np.hstack([by_noise, spread]), places.count))
+    bound_m = None
+    if places.shows_all(calibrated):
+        bound_m = quantile_m(weights, np.array(squares))
+        bound_m *= max(1.0, models.mean_square(models.entries[0])[0]) ** 0.5
+    parameters = calibrated.parameters + models.tolerances * change
+    entered_machine = machine.with_parameters(names, parameters)
+    return HexaSlideCorrection(entered_machine, places.error(calibrated, entered_machine, bound_m))
+
+
+def _moved(models: WeighedCauses, places: Places) -> FloatArray:
+    """By how much parameters in their tolerances move the platform ``(q, k)``; those of a link do
+    not.
+    """
+    others = len(models.calibrated.names) - places.moved.shape[1]
+    moved = np.hstack([places.moved, np.zeros((len(places.moved), others))])
+    return np.asarray(moved * models.tolerances)
+
+
+def _over_box(models: WeighedCauses, places: Places) -> FloatArray:
+    """What all causes do to the platform ``(q, c)``, frames taken out: mistakes do nothing."""
+    machine, readings = models.calibrated.machine, models.readings
+    forward = Procedure.of(ProcedureKind.POSE_FORWARD).on(machine)
+    noise = readings.length_noise_m, readings.angle_noise_rad or 1.0
+    box = Readings(forward, places.sliders, places.postures, *noise)
+    middle = readings.sliders.mean(axis=0)
+    causes = causes_of_machine(box, machine, places.postures, models.lead_m, middle)
+    moved = np.hstack([cause.places for cause in causes])
+    mistakes = sum(cause.columns.shape[1] for cause in models.causes) - moved.shape[1]
+    return places.without_frames(np.hstack([moved, np.zeros((len(moved), mistakes))]))
+
+
+def _square(off: FloatArray, spread: FloatArray, count: int) -> tuple[float, float]:
+    """Mean and variance of the mean square of ``count`` places that are ``off`` ``(q,)``, give or
+    take normal values along ``spread`` ``(q, r)``; other places of the box vary, too.
+    """
+    inner, along = spread.T @ spread, spread.T @ off
+    of_places = (off.reshape(count, -1) ** 2).sum(axis=1) + (
+        spread.reshape(count, -1, spread.shape[1]) ** 2
+    ).sum(axis=(1, 2))
+    mean = float(off @ off + np.trace(inner)) / count
+    variance = float(2.0 * (inner**2).sum() + 4.0 * (along @ along)) / count**2
+    return mean, variance + float(of_places.var()) / count

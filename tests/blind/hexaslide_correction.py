@@ -1,0 +1,106 @@
+"""What a Hexa Slide keeps at its platform: ``python -m tests.blind.hexaslide_correction 60``.
+
+Hidden machines as in `tests.blind.hexaslide`. The controller gets the parameters of a plain fit, or
+the machine that the program enters; spheres about the carriages, the hidden cause with them, say
+where the platform then truly stands, at places that the program does not see.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import defaultdict
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import fsolve
+
+from calib.diagnosis.hexaslide import diagnosed, weighed
+from calib.diagnosis.hexaslide_correction import correction_of
+from calib.hexaslide.calibration import calibrate
+from calib.hexaslide.checked import frames_apart
+from calib.hexaslide.geometry import HexaSlide, inverse
+from protocols.hexaslide import load_hexaslide
+from tests.blind.hexaslide import LEAD_M, POSTURES, Array, Hidden, Plain, hidden, measured, moved
+
+PLACES, SEEDS = 300, 50_000
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """R.m.s. at the platform with each machine, and the stated bound, mm."""
+
+    cause: str
+    plain_mm: float
+    entered_mm: float
+    bound_mm: float
+
+
+def off_mm(
+    entered: HexaSlide, true: Plain, what: Hidden, middle: Array, free: tuple[str, ...]
+) -> float:
+    """Truly over the box, frames that no reading shows laid over; ``middle`` ``(6,)`` is that of
+    the sliders when the cause was measured.
+    """
+    chance = np.random.default_rng(77)
+    aims = chance.uniform(entered.box.lower, entered.box.upper, (PLACES, 6))
+    goal = np.asarray(inverse(entered.geometry, aims))
+    around = goal - goal.mean(axis=0) + middle  # moved takes a cause about the mean
+    shift = moved(true, goal, what)
+    if what.cause in ("rail_scale", "straightness"):
+        shift = moved(true, np.vstack([goal, goal + 2.0 * (around - goal)]), what)[:PLACES]
+    if what.cause == "thermal_growth":  # as warm as in the middle of the session
+        shift = 0.5 * what.size * goal[:, :, None] * true.rail
+    offset = np.zeros(6)
+    if what.cause == "joint_offset":
+        offset[what.place] = what.size
+    stands = [
+        fsolve(true.off, aim, (true.start + at[:, None] * true.rail + off, offset), xtol=1e-12)
+        for aim, at, off in zip(aims, goal, shift, strict=True)
+    ]
+    return 1000.0 * frames_apart(aims, np.array(stands), free).places_rms_m
+
+
+def remaining(kind: str, seed: int, what: Hidden | None = None) -> Remaining:
+    """One hidden machine, measured and corrected; ``what`` is hidden, None: by chance."""
+    chance = np.random.default_rng(SEEDS + seed)
+    file = load_hexaslide()
+    what = what or hidden(chance, POSTURES[kind])
+    true, nominal = Plain(file, chance), file.whole()
+    readings = measured(true, file, kind, what, chance)
+    middle = readings.sliders.mean(axis=0)
+    tolerances = file.tolerances.of(readings.procedure.parameters)
+    plain = calibrate(readings, nominal)
+    wrong = diagnosed(readings, nominal, tolerances, LEAD_M).wrong_postures
+    models = weighed(readings.without(wrong), nominal, tolerances, LEAD_M)
+    correction = correction_of(models, nominal)
+    assert correction is not None
+    free = plain.unidentifiable
+    plain_mm, entered_mm = (
+        off_mm(machine, true, what, middle, free) for machine in (plain.machine, correction.machine)
+    )
+    bound_m = correction.platform.bound_m
+    bound_mm = np.inf if bound_m is None else 1000.0 * bound_m
+    return Remaining(what.cause or "nothing", plain_mm, entered_mm, bound_mm)
+
+
+def main(count: int) -> None:
+    """The table."""
+    print("| procedure | hidden | machines | plain fit, mm | entered, mm | bound held |")
+    print("|---|---|---|---|---|---|")
+    for kind in POSTURES:
+        by_cause: dict[str, list[Remaining]] = defaultdict(list)
+        for seed in range(count):
+            machine = remaining(kind, seed)
+            by_cause[machine.cause].append(machine)
+        for cause, machines in by_cause.items():
+            plain, entered = (
+                float(np.sqrt(np.mean(np.square(column))))
+                for column in zip(*((m.plain_mm, m.entered_mm) for m in machines), strict=True)
+            )
+            within = sum(m.entered_mm <= m.bound_mm for m in machines)
+            row = (kind, cause, len(machines), f"{plain:.4f}", f"{entered:.4f}")
+            print(f"| {' | '.join(map(str, row))} | {within} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

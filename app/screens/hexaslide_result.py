@@ -88,9 +88,9 @@ class HexaSlideResultScreen(PagedScreen[None]):
         if ending is None:
             return
         with self.app.complaining(), extra("the report", "report"):
+            from app.report.hexaslide_certificate import CertifiedPostures
             from app.report.pages.hexaslide import source_from
             from app.report.pages.report import write_report
-            from app.report.posture_certificate import CertifiedPostures
 
             def job(*, replace: bool) -> Path:
                 assert self.result is not None, "offered with a result alone"

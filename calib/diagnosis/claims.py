@@ -16,6 +16,7 @@ import numpy as np
 
 from calib.arrays import TOOL, descending
 from calib.diagnosis.results import Named, Verdict
+from calib.diagnosis.thresholds import AGREED, EVEN, MISSING, OPEN, SURE
 from calib.posterior.gaussian import About
 from calib.posterior.library import Component
 from calib.posterior.models import Posterior
@@ -27,29 +28,12 @@ Key = TypeVar("Key", str, Named)
 NAMES = ("named", "beside", "mistake")
 """Kinds of components that have a name for a mechanic."""
 
-MISSING = 0.9
-"""Probability that anything is missing, from which on the verdict says so: of 114 blind sessions
-that hide nothing none came beyond 0.78."""
-
-SURE = 0.95
-"""Probability of a claim that is made without a rival, or that names do not explain everything."""
-
-OPEN = 0.01
-"""Claims that lack a name and have together so little weight of what is missing are no rivals: the
-truth is to be in the set 99 times of 100."""
-
-AGREED = 0.6
-"""Probability that nothing is missing, from which on readings agree: before any it is 0.45."""
-
 UNSEEN = 2.0
 """Standard deviations of noise by which a model, at the sizes that it expects, changes all readings
 together, beside what lengths and offsets of their tolerances do, from which on readings of the tool
 show it. A plate shows little of a machine: play that is always taken up one way, say, is as likely
 after any readings as before, and such laws together kept a fifth of sound machines from agreeing.
 """
-
-EVEN = 0.5
-"""Probability from which on the simpler is told: nothing is missing, nothing acts beside a name."""
 
 
 @dataclass(frozen=True)

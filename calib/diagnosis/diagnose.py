@@ -19,7 +19,7 @@ from calib.arrays import (
     without,
     without_means,
 )
-from calib.diagnosis.claims import EVEN, MISSING, NAMES, Claims, NamedVerdict, name_of
+from calib.diagnosis.claims import NAMES, Claims, NamedVerdict, name_of
 from calib.diagnosis.gap import AGREEMENT, Leftover, locate, residuals, timed_laws, where_words
 from calib.diagnosis.held_out import left_out_postures, on_other_sessions
 from calib.diagnosis.pattern import repeats_words, shared_pattern
@@ -36,6 +36,7 @@ from calib.diagnosis.results import (
     Value,
     Verdict,
 )
+from calib.diagnosis.thresholds import EVEN, MISSING, UNLIKELY
 from calib.errors import CalibrationError
 from calib.noise.reading import still_rows
 from calib.posterior.cells import Cells, SessionCase
@@ -49,10 +50,6 @@ from calib.tripod.effects.empirical import EMPIRICAL
 
 BARS_DIFFER = "the bars are not those of the first session: diagnose the sessions one at a time"
 """Of the component that is no law: bars of other lengths."""
-
-UNLIKELY = 0.001
-"""Chance of a gap below which readings do not agree, whatever is likeliest: repeats that did not
-leave their posture tell too little noise."""
 
 FAR_OFF = 5.0
 """Tolerances beyond which a joint offset is more likely a mistake in what was entered."""

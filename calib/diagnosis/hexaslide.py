@@ -15,8 +15,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from calib.arrays import EXACT_BLIND, FloatArray, svd_of_all, without
-from calib.diagnosis.claims import AGREED, OPEN, SURE
-from calib.diagnosis.diagnose import UNLIKELY
+from calib.diagnosis.thresholds import AGREED, OPEN, SURE, UNLIKELY
 from calib.errors import NotIdentifiable
 from calib.hexaslide.calibration import Calibration, calibrate
 from calib.hexaslide.derivatives import jacobian
@@ -454,7 +453,7 @@ def _claims(weights: dict[Names, float]) -> tuple[HexaSlideClaim, ...]:
 def _verdict(
     weights: dict[Names, float], named: tuple[HexaSlideClaim, ...], p_after: float
 ) -> Verdict:
-    """By the constants of `calib.diagnosis.claims`."""
+    """By the constants of `calib.diagnosis.thresholds`."""
     if p_after < UNLIKELY:
         return "unexplained"
     if weights.get((), 0.0) >= AGREED:

@@ -14,11 +14,11 @@ from app.evaluating.hexaslide_calibration import CalibratedMachine, VerifiedMach
 from app.evaluating.posture_history import Decision
 from app.report.certificate import CertificateHead
 from app.report.charts.hexaslide import drawn_machine, residual_charts
+from app.report.hexaslide_certificate import CertifiedPostures, certified_postures
 from app.report.pages.contents import CalibrationReport
 from app.report.pages.figures import drawings_svg, svg_of
 from app.report.pages.report import ReportSource
 from app.report.pages.two_pages import Picture, Section, ordered_rows, shortened, traceability
-from app.report.posture_certificate import CertifiedPostures, certified_postures
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import (
     caveats,
@@ -73,7 +73,7 @@ def source_from(certified: CertifiedPostures) -> ReportSource:
     """Of results that are there."""
 
     def certificate() -> CertificateContents:
-        from app.report.dcc.postures import contents_of
+        from app.report.dcc.hexaslide import contents_of
 
         return contents_of(certified)
 

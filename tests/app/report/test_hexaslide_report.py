@@ -21,6 +21,7 @@ from calib.hexaslide.geometry import forward, inverse
 from protocols.hexaslide import load_hexaslide, machine_like
 from protocols.hexaslide_session import POSTURE_FORM, PostureReading, read_postures, simulated_truth
 from protocols.journal import write_whole
+from protocols.session import Line
 from tests.app.cli import glidecal, refused
 from tests.app.posture_sessions import TOLERANCE_MM, before_and_after, posture_session
 
@@ -156,7 +157,7 @@ def test_a_calibrated_name_ends_so_once() -> None:
 def spoilt(path: Path, output: Path, posture: int, off_mm: float) -> Path:
     """The session with the x of one posture wrong, as if mistyped and kept."""
     session, record = read_postures(path)
-    events = [
+    events: list[Line] = [
         event.model_copy(update={"values": (event.values[0] + off_mm, *event.values[1:])})
         if isinstance(event, PostureReading) and event.posture == posture
         else event
@@ -166,7 +167,7 @@ def spoilt(path: Path, output: Path, posture: int, off_mm: float) -> Path:
     return output
 
 
-def off_mm(path: Path) -> float:
+def truly_off_mm(path: Path) -> float:
     """Truly at the platform with the machine that is exported, frames laid over."""
     session, _ = read_postures(path)
     solved = calibrate_file(path, None, 0.0)
@@ -187,9 +188,9 @@ def test_a_wrong_posture_does_not_spoil_the_machine(procedure: str, tmp_path: Pa
     solved = calibrate_file(wrong, None, 0.0)
     assert solved.left_out == (7,)
     assert calibrate_file(sound, None, 0.0).left_out == ()
-    assert off_mm(wrong) < 1.5 * off_mm(sound)
+    assert truly_off_mm(wrong) < 1.5 * truly_off_mm(sound)
     assert solved.platform.bound_m is not None
-    assert off_mm(wrong) < 1000.0 * solved.platform.bound_m < 0.03
+    assert truly_off_mm(wrong) < 1000.0 * solved.platform.bound_m < 0.03
     text = words(html_of(source_of_postures(wrong).page()))
     assert "LEFT OUT: posture 7. The diagnosis names a mistake there." in text
     assert "posture 7 read or taken wrong" in text

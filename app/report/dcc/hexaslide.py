@@ -13,7 +13,7 @@ from app.report.dcc.document import (
     Uncertainty,
     check_head,
 )
-from app.report.posture_certificate import CertifiedPostures
+from app.report.hexaslide_certificate import CertifiedPostures
 from app.report.schema.hexaslide import HexaSlideCalibrationReport, PlatformReport
 from app.report.text.hexaslide_diagnosis import verdict_words
 from protocols.hexaslide import HexaSlideMachine, machine_like

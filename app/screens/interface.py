@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 from rich.cells import cell_len
+from rich.console import RenderableType
 from rich.segment import Segment
 from textual.actions import ActionParseResult
 from textual.app import App, ComposeResult, SystemCommand
@@ -248,6 +249,14 @@ class Interface(App[str]):
         self.form: Screen[None] | None = None
         """Of the preparation, as it was left."""
         self._status = Exit.DONE
+        self._left = False
+
+    def exit(
+        self, result: str | None = None, return_code: int = 0, message: RenderableType | None = None
+    ) -> None:
+        """As Textual's; keys that come while screens are taken apart do nothing."""
+        self._left = True
+        super().exit(result, return_code, message)
 
     def on_mount(self) -> None:
         on_signals(lambda: self.run_worker(self._hang_up()))
@@ -303,7 +312,7 @@ class Interface(App[str]):
         namespaces: Mapping[str, DOMNode] | None = None,
     ) -> bool:
         """What a key does; nothing where it comes before its screen is ready, or too late."""
-        if not ready(default_namespace):
+        if self._left or not ready(default_namespace):
             return False
         if isinstance(default_namespace, Refusing):
             why_not = default_namespace.why_not(str(action).partition("(")[0])

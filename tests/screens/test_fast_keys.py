@@ -55,13 +55,21 @@ async def test_mashed_keys(folder: Path, served: bool, seed: int) -> None:
     while left > 0:
         first: Screen[None] = ReplayScreen(SAMPLE) if served else HomeScreen()
         interface = Glidecal(first, read_only=served)
-        async with interface.run_test(size=SIZE):  # raises what the screens raise
+        async with interface.run_test(size=SIZE) as pilot:  # raises what the screens raise
             while left > 0 and interface.is_running and interface.return_value is None:
                 left -= 1
                 strike(interface, drawn.choice(KEYS))
                 if drawn.random() < 0.3:
                     await asyncio.sleep(0.02 * drawn.random())
+            await acted_on(pilot, interface)
         assert not interface.return_code
+
+
+async def acted_on(pilot: Pilot[str], interface: Interface) -> None:
+    """All keys so far: the end of a test takes the screens apart while it still hands on keys."""
+    last = asyncio.Event()
+    interface.call_later(last.set)
+    await until(pilot, "the last key", lambda: last.is_set() or not interface.is_running)
 
 
 async def struck(pilot: Pilot[str], interface: Interface, *keys: str) -> None:

@@ -41,8 +41,6 @@ RIGHT = (
 LEFT = {
     # written by programs
     "docs/benchmarks.md": 2,
-    "docs/nuisances.md": 2,
-    "docs/resolving.md": 3,
 }
 """Places that are not clean yet, with the idioms that each may have at most: only lower them.
 

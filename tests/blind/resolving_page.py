@@ -40,18 +40,15 @@ def _head(trials: Sequence[Trial], followed: Sequence[Trial], drawn: int, seed: 
     return (
         "# Does the proposed measurement resolve what stayed ambiguous?\n\n"
         "Made by `python -m tests.blind.resolving -o docs/resolving.md`; never edited by hand.\n\n"
-        "Sessions with one hidden effect, 1, 2 and 4 times the noise, all procedures, from the\n"
-        "simulation of `tests/blind/`. Where the diagnosis is `ambiguous`, the measurement that\n"
-        "it proposes is taken from its JSON document, measured on the same hidden machine with\n"
-        "new "
-        "mountings and new noise, and both sessions are diagnosed together. Of the names that the\n"
-        "proposal is to separate at most one may be left, and the truth must not be lost: then\n"
-        "they are *resolved*. *Single* is harder: one name, the right one, at the right place, no\n"
-        "rival at all. Brackets hold 95 % bounds (Clopper and Pearson) and counts.\n\n"
-        f"- {drawn} sessions drawn, seed {seed}; {len(trials)} were ambiguous.\n"
-        f"- {len(followed)} had a proposal: {changed['nothing']} as the machine stands, "
-        f"{changed['offset']} with a joint\n  offset shifted, {changed['load']} with the tool "
-        "loaded to twice its weight."
+        "Sessions with one hidden effect of 1, 2 or 4 times the noise, simulated by "
+        "`tests/blind/`.\nWhere the diagnosis is `ambiguous`, the proposed measurement is made on "
+        "the same machine with\nnew mountings and noise, and both sessions are diagnosed together. "
+        "*Resolved*: of the names to\nseparate at most one is left, and the truth is not lost. "
+        "*Single*: one name is left, the right\none at the right place. In brackets: 95 % bounds "
+        "(Clopper and Pearson) and sessions.\n\n"
+        f"{drawn} sessions drawn, seed {seed}; {len(trials)} were ambiguous. "
+        f"{len(followed)} had a proposal:\n{changed['nothing']} on the unchanged machine, "
+        f"{changed['offset']} with a joint offset shifted, {changed['load']} with twice the weight."
     )
 
 
@@ -64,12 +61,12 @@ def _preparation(one: Trial) -> str:
 
 def _main(trials: Sequence[Trial], followed: Sequence[Trial], promised: Sequence[Trial]) -> str:
     resolved = rate_of(promised, Trial.resolved)
-    holds = "yes" if resolved.share >= TARGET else "**no**"
+    kept = "yes" if resolved.share >= TARGET else "**no**"
     lines = [
-        "| what | target | found | holds |",
+        "| what | target | found | kept |",
         "|---|---|---|---|",
         f"| resolved, where {EVIDENCE_FLOOR:g} noise variances or more are expected | ≥ 90 % | "
-        f"{shown(resolved)} | {holds} |",
+        f"{shown(resolved)} | {kept} |",
         f"| resolved, every proposal | – | {shown(rate_of(followed, Trial.resolved))} | – |",
         f"| explained by a wrong name | – | {shown(rate_of(followed, Trial.wrong))} | – |",
         *(
@@ -93,8 +90,8 @@ def _by_promise(followed: Sequence[Trial]) -> str:
     ]
     for low, high in BINS:
         some = [one for one in followed if low <= one.expected < high]
-        said = f"{low:g} … {high:g}" if high < float("inf") else f"{low:g} and more"
-        lines.append(f"| {said} | {_both(some)} |")
+        bounds = f"{low:g} … {high:g}" if high < float("inf") else f"{low:g} and more"
+        lines.append(f"| {bounds} | {_both(some)} |")
     return "\n".join(lines)
 
 
@@ -108,28 +105,33 @@ def _by_effect(followed: Sequence[Trial]) -> str:
 
 def _both(some: Sequence[Trial]) -> str:
     resolved, single = rate_of(some, Trial.resolved), rate_of(some, lambda one: one.single(1))
-    return f"{shown(resolved)} | {shown(single)}"
+    return f"{resolved.hits}/{resolved.count} | {single.hits}/{single.count}"
 
 
 def _unresolved(trials: Sequence[Trial], followed: Sequence[Trial]) -> str:
     alike = Counter(_names(one) for one in trials if not one.followed)
     missed = Counter(
-        f"{one.hidden['id']}: {_told(one.between)}, {one.expected:.0f} expected"
+        f"{one.hidden['id']}: {_listed(one.between)}, {one.expected:.0f}"
         for one in followed
         if not one.resolved()
     )
-    lines = ["## What stayed open", ""]
-    lines += [f"- No measurement separates {names} ({n} times)." for names, n in alike.items()]
-    lines += [f"- Hidden {words}." for words in missed]
+    lines = ["## What stayed open", "", "No measurement separates these (sessions):", ""]
+    lines += [f"- {names}: {n}" for names, n in alike.items()]
+    lines += [
+        "",
+        "The proposal did not resolve these (hidden effect: names, expected separation):",
+        "",
+    ]
+    lines += [f"- {words}" for words in missed]
     return "\n".join(lines)
 
 
 def _names(one: Trial) -> str:
     effect = one.first["effects"][0]
-    return _told(
+    return _listed(
         {(each["id"], each["where"]) for each in (effect, *effect["indistinguishable_from"])}
     )
 
 
-def _told(names: set[Name]) -> str:
+def _listed(names: set[Name]) -> str:
     return ", ".join(f"{name} ({where})" for name, where in sorted(names))

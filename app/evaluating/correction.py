@@ -108,12 +108,12 @@ class SessionCorrection:
     @property
     def bound_mm(self) -> float:
         """What 95 of 100 such machines keep in the chosen frame."""
-        return self.off.bound_mm[self.frame]
+        return self.off.bound_in(self.frame)
 
     @property
     def now_mm(self) -> float:
         """The same with the present values of the controller."""
-        return self.off_now.bound_mm[self.frame]
+        return self.off_now.bound_in(self.frame)
 
     @property
     def helps(self) -> bool:

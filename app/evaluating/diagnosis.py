@@ -175,12 +175,12 @@ class DiagnosedTool:
     @property
     def now_mm(self) -> float:
         """95 % of the posterior keep it with the present values of the controller."""
-        return self.now.bound_mm[self.frame]
+        return self.now.bound_in(self.frame)
 
     @property
     def entered_mm(self) -> dict[Holds, float]:
         """The same with what each controller holds entered."""
-        return {holds: off.bound_mm[self.frame] for holds, off in self.entered.items()}
+        return {holds: off.bound_in(self.frame) for holds, off in self.entered.items()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.app.cli import glidecal, refused
+from tests.conftest import first_quick
 
 D_RHO = (0.8, -0.5, 0.3)
 NAMES = ("d_rho_x", "d_rho_y", "d_rho_z")
@@ -26,12 +27,15 @@ def session(folder: Path, name: str, times: float, seed: int, **more: object) ->
 
 @pytest.mark.parametrize(
     ("times", "entered", "decision"),
-    [
-        (0.0, "as expected", "pass"),
-        (1.0, "not entered", "fail"),
-        (2.0, "wrong sign", "fail"),
-        (0.5, "something else", "fail"),
-    ],
+    first_quick(
+        [
+            (0.0, "as expected", "pass"),
+            (1.0, "not entered", "fail"),
+            (2.0, "wrong sign", "fail"),
+            (0.5, "something else", "fail"),
+        ],
+        several=True,
+    ),
 )
 def test_what_was_entered_and_whether_it_will_do(
     times: float, entered: str, decision: str, tmp_path: Path

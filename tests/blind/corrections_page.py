@@ -89,8 +89,8 @@ def page(lines: Sequence[Json]) -> str:
         "",
         "## Worse than joint offsets alone",
         "",
-        f"Sessions where an answer leaves {worse} more than joint offsets alone, and the 95 %",
-        "interval of their share. Rows without any are left out, except for all sessions.",
+        f"Sessions where an answer leaves {worse} more than joint offsets alone (of all sessions:",
+        "with the 95 % interval of their share). Rows without any are left out.",
         "",
     ]
     others = [name for name in names if name not in (BEFORE, LAW, OFFSETS)]
@@ -136,7 +136,8 @@ def _worse(groups: Groups, names: Sequence[str]) -> list[str]:
                 ]
                 count = sum(a > WORSE * b and a > b + WORSE_MM for a, b in pairs)
                 low, high = Rate(count, len(pairs)).bounds
-                cells.append(f"{count}/{len(pairs)} ({low:.0%} … {high:.0%})")
+                bounds = f" ({low:.0%} … {high:.0%})" if title == ALL else ""
+                cells.append(f"{count}/{len(pairs)}{bounds}")
                 total += count
             if total or title == ALL:
                 rows.append(_row(title, name, *cells))

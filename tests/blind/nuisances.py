@@ -344,10 +344,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 PAGE = """# Set-ups of a workshop
 
 {count} simulated sessions of each kind (`python -m tests.blind.nuisances --count {count} -o
-docs/nuisances.md`, seed {seed}), with joint offsets, bars and what the row names. An effect is named
-from a probability of one half; a mistake, or "none", is listed from 5 %. Lengths are those of bars;
-u: standard uncertainty. A first take within the play is judged where it differs from both ends of
-the play by three standard deviations.
+docs/nuisances.md`, seed {seed}), with joint offsets, bars and what the row names. An effect is
+named from a probability of one half; a mistake, or "none", is listed from 5 %. Lengths are those of
+bars; u: standard uncertainty. A first take within the play is judged where it differs from both
+ends of the play by three standard deviations.
 """
 
 HEAD = (

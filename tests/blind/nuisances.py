@@ -352,8 +352,8 @@ ends of the play by three standard deviations.
 
 HEAD = (
     "| kind | effect named | of time | none listed | the right mistake listed | only "
-    "another listed | lengths and play within 2 u | CPU s |\n"
-    "|---|---|---|---|---|---|---|---|"
+    "another listed | lengths and play within 2 u |\n"
+    "|---|---|---|---|---|---|---|"
 )
 
 
@@ -369,7 +369,6 @@ def _row(kind: str, results: Sequence[dict[str, Any]]) -> str:
         f"{sum(one['place'] for one in results if one['shown'])} of {shown}" if shown else "–",
         sum(bool(one["mistakes"]) and not one["place"] for one in results),
         f"{int((off <= 2.0).sum())} of {len(off)}",
-        f"{np.mean([one['cpu_s'] for one in results]):.2f}",
     )
     return f"| {' | '.join(map(str, cells))} |"
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 from tests.blind.baselines import BASELINES
 from tests.blind.cases import BARS, STRENGTHS, plan
@@ -45,14 +43,6 @@ Choice = Callable[[Scored], bool]
 
 MOST_WRONG = 7
 """Confident mistakes that the page lists, the commonest ones."""
-
-EARLIER: dict[str, list[str]] = json.loads(
-    Path(__file__).with_name("figures_84cc33a.json").read_text(encoding="utf-8")
-)
-"""What the judges before the posterior had in all 5,484 sessions of seed 11; each in both columns.
-
-They looked for what is beside the catalogue only where they were asked to.
-"""
 
 
 @dataclass(frozen=True)
@@ -101,8 +91,7 @@ class Line:
         target = "; ".join("–" if one is None else f"{sign} {100 * one:g}" for one in limits)
         both = self._holds(rich, self.limit), self._holds(poor, poor_limit)
         holds = "; ".join(dict.fromkeys(both)) if self.limit is not None else "–"
-        earlier = "; ".join(EARLIER.get(self.what, ("–",))).replace(" %", "")
-        return f"| {self.what} | {target} | {brief(rich)} | {brief(poor)} | {holds} | {earlier} |"
+        return f"| {self.what} | {target} | {brief(rich)} | {brief(poor)} | {holds} |"
 
     def _holds(self, found: Rate, limit: float | None) -> str:
         if not found.count or limit is None:
@@ -139,7 +128,7 @@ def brief(found: Rate) -> str:
 def page(told: Told) -> str:
     """The whole page."""
     parts = [_head(told), _must_hold(told), _by_noise(told), _figures(told), _probabilities(told)]
-    parts += [_by_effect(told), _verdicts(told), _against_baselines(told), _wrong(told)]
+    parts += [_by_effect(told), _against_baselines(told), _wrong(told)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -160,11 +149,10 @@ def _head(told: Told) -> str:
             f"- SHA-256 of the sealed truths: `{told.digest}`",
             f"- The last run took {told.seconds:.0f} s on two processes.",
             "",
-            "Figures are in %, with 95 % bounds (Clopper and Pearson) in brackets, and the number",
-            "of sessions. Strength is the r.m.s. of an effect in the readings when base",
-            "parameters and zeros are refitted, over the noise; of two effects without what the",
-            "other can imitate. An effect is *separable* if its nearest rival, by the generator's",
-            "derivatives, misses it by at least 25 in χ². Lines of sets leave out effects below",
+            "Figures are in %, with 95 % bounds (Clopper and Pearson). Strength is the r.m.s. of",
+            "an effect in the readings when base parameters and zeros are refitted, over the",
+            "noise; of two effects without what the other can imitate. It is *separable* if its",
+            "nearest rival misses it by at least 25 in χ². Lines of sets leave out effects below",
             "the strength that is found nine times in ten at 1 % over 100 candidates. Slow wander",
             "may be called thermal_drift. The ideal judge knows the machine, the noise and the",
             "other effect, and takes the name of the largest Bayes factor.",
@@ -174,8 +162,8 @@ def _head(told: Told) -> str:
 
 def _must_hold(told: Told) -> str:
     lines = [line.markdown() for line in (*_false_lines(told), *_true_lines(told))]
-    head = "| what | target | two-station and sweep | zero-max-min | kept | 84cc33a |\n"
-    return "\n".join(("## What must hold", "", head + "|---|---|---|---|---|---|", *lines))
+    head = "| what | target | two-station and sweep | zero-max-min | kept |\n"
+    return "\n".join(("## What must hold", "", head + "|---|---|---|---|---|", *lines))
 
 
 def _false_lines(told: Told) -> list[Line]:
@@ -383,14 +371,6 @@ def _by_effect(told: Told) -> str:
 def _percent(chosen: list[Scored], hit: Choice) -> str:
     found = rate(chosen, hit)
     return f"{100 * found.share:.0f}" if found.count else "–"
-
-
-def _verdicts(told: Told) -> str:
-    rows = []
-    for cell in dict.fromkeys(one.cell for one in told.scored):
-        counts = Counter(one.verdict for one in told.cell(cell))
-        rows.append([cell, ", ".join(f"{word} {counts[word]}" for word in sorted(counts))])
-    return _grid("Verdicts", ["cell", "sessions"], rows)
 
 
 def _against_baselines(told: Told) -> str:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 from tests.blind.baselines import BASELINES
 from tests.blind.cases import BARS, STRENGTHS, plan
@@ -43,6 +45,14 @@ Choice = Callable[[Scored], bool]
 
 MOST_WRONG = 7
 """Confident mistakes that the page lists, the commonest ones."""
+
+EARLIER: dict[str, list[str]] = json.loads(
+    Path(__file__).with_name("figures_84cc33a.json").read_text(encoding="utf-8")
+)
+"""What the judges before the posterior had in all 5,484 sessions of seed 11; each in both columns.
+
+They looked for what is beside the catalogue only where they were asked to.
+"""
 
 
 @dataclass(frozen=True)
@@ -91,7 +101,8 @@ class Line:
         target = "; ".join("–" if one is None else f"{sign} {100 * one:g}" for one in limits)
         both = self._holds(rich, self.limit), self._holds(poor, poor_limit)
         holds = "; ".join(dict.fromkeys(both)) if self.limit is not None else "–"
-        return f"| {self.what} | {target} | {brief(rich)} | {brief(poor)} | {holds} |"
+        earlier = "; ".join(EARLIER.get(self.what, ("–",))).replace(" %", "")
+        return f"| {self.what} | {target} | {brief(rich)} | {brief(poor)} | {holds} | {earlier} |"
 
     def _holds(self, found: Rate, limit: float | None) -> str:
         if not found.count or limit is None:
@@ -162,8 +173,8 @@ def _head(told: Told) -> str:
 
 def _must_hold(told: Told) -> str:
     lines = [line.markdown() for line in (*_false_lines(told), *_true_lines(told))]
-    head = "| what | target | two-station and sweep | zero-max-min | kept |\n"
-    return "\n".join(("## What must hold", "", head + "|---|---|---|---|---|", *lines))
+    head = "| what | target | two-station and sweep | zero-max-min | kept | 84cc33a |\n"
+    return "\n".join(("## What must hold", "", head + "|---|---|---|---|---|---|", *lines))
 
 
 def _false_lines(told: Told) -> list[Line]:

@@ -44,7 +44,7 @@ from tests.blind.scoring import (
 )
 from tests.blind.signatures import Columns, contained, named_by_a_judge, parts
 from tests.blind.steps import PLANS, rows_of
-from tests.blind.table import Told, page
+from tests.blind.table import EARLIER, Told, page
 
 Json = dict[str, Any]
 SEED = 3
@@ -285,6 +285,7 @@ def test_the_page_tells_a_perfect_diagnosis_from_a_liar() -> None:
         assert share in line.split("|")[3]
     assert "| wrong confident name | ≤ 1 | 0.0 (0.0–70.8), 0/3 |" in good
     assert "**no**" in bad
+    assert all(f"\n| {what} |" in good for what in EARLIER)
 
 
 def test_a_right_name_at_a_wrong_place_counts() -> None:

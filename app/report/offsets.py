@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -26,7 +25,6 @@ from calib.identify.solution import Method, Subset
 from calib.posterior.correction import Holds, ToolOff
 from calib.printable import printable
 from calib.quantity import rows
-from calib.stats import coverage_factor
 from calib.tripod.controller import ControllerJoints, tool_error_mm
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model, StageEffect
@@ -184,14 +182,14 @@ def entered_parameters(correction: SessionCorrection) -> dict[str, Offset]:
     """d_rho and d_L of a correction; how well they are known, where offsets are entered alone."""
     names = [name for name in correction.values if name in PARAMETER_NAMES]
     values = {name: correction.values[name].value for name in names}
-    if correction.half_widths_mm is None:
+    if correction.uncertainties_mm is None:
         return {name: Offset(values[name]) for name in names}
-    # u is that of a normal distribution: few models would widen the deviation of all beyond it
-    entries = [
-        (name, wide / coverage_factor(math.inf), wide)
-        for name, wide in zip(names, correction.half_widths_mm.tolist(), strict=True)
-    ]
-    return {name: Offset(values[name], u, wide, wide / u) for name, u, wide in entries}
+    standard_mm, expanded_mm = (column.tolist() for column in correction.uncertainties_mm)
+    # a few unlikely models widen u more than the interval: then their ratio is below 1.96
+    return {
+        name: Offset(values[name], u, wide, wide / u)
+        for name, u, wide in zip(names, standard_mm, expanded_mm, strict=True)
+    }
 
 
 def _leave_mm(model: Model, numbers: Collection[int]) -> float:

@@ -64,8 +64,8 @@ def correction_table(correction: SessionCorrection) -> Table:
     table = new_table("enter", "value", "", "± U (95 %)")
     wide = (
         {}
-        if correction.half_widths_mm is None
-        else dict(zip("xyz", correction.half_widths_mm, strict=True))
+        if correction.uncertainties_mm is None
+        else dict(zip("xyz", correction.uncertainties_mm[1], strict=True))
     )
     for name, entry in correction.values.items():
         half = wide.get(name[-1]) if name.startswith("d_rho") else None

@@ -19,6 +19,7 @@ from protocols.hexaslide import HexaSlideMeasurements
 from protocols.hexaslide_measured import measured_in
 from protocols.hexaslide_session import PostureSession, read_postures
 from protocols.record import Record
+from protocols.session import measured_at
 
 
 def diagnose_postures(path: Path) -> HexaSlideDiagnosis:
@@ -58,7 +59,7 @@ def posture_entry(path: Path, effects: bool) -> PostureEntry:
     session, record = read_postures(path)
     opened = session.opened
     entry = PostureEntry(
-        began=opened.at,
+        began=measured_at(opened),
         name=opened.machine.before_calibration,
         machine=opened.machine.model_dump(mode="json"),
         origin=opened.origin,

@@ -37,6 +37,7 @@ from protocols.model_file import (
     read_model_file,
     to_model,
 )
+from protocols.session import measured_at, measured_words
 
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
@@ -70,6 +71,7 @@ class Offsets:
     model: Model
     controller: ControllerJoints | None
     measured: datetime | None = None
+    measured_words: str = ""
     digests: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
     lacks_fit: bool = False
@@ -83,7 +85,7 @@ class Offsets:
         if self.measured is None:
             return ""
         digests = ", ".join(digest[:DIGITS] for digest in self.digests)
-        return f"measured {self.measured:{MINUTE}}, digest {digests}, {program()}"
+        return f"measured {self.measured_words}, digest {digests}, {program()}"
 
     @property
     def joint_offsets_mm(self) -> tuple[float, float, float]:
@@ -203,13 +205,15 @@ def _leave_mm(model: Model, numbers: Collection[int]) -> float:
 def offsets_from_solved(solved: SessionSolution, *, view: bool = False) -> Offsets:
     """What is exported of sessions; with ``view`` the set of parameters that is shown."""
     machine = solved.sessions[0].opened.machine
+    last = max((session.opened for session in solved.sessions), key=measured_at)
     offsets = Offsets(
         source=", ".join(solved.names),
         machine=machine,
         parameters={},
         model=Model(machine.geometry()),
         controller=_stated(machine),
-        measured=max(recorded.opened.at for recorded in solved.sessions),
+        measured=measured_at(last),
+        measured_words=measured_words(last, MINUTE),
         digests=tuple(session.digest for session in solved.sessions),
         cautions=tuple(map(one_line, caveats(solved))),
         solved=solved,

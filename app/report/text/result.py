@@ -132,6 +132,7 @@ def _measured_words(session: Session) -> str:
     """When a session was measured, by whom, how warm, and with which indicators."""
     opened = session.opened
     words = [f"{session.name}: {opened.origin} {opened.at:%Y-%m-%d %H:%M %Z}"]
+    words += [f"measured on {opened.measured_on}"] if opened.measured_on else []
     words += [f"by {opened.operator}"] if opened.operator else []
     words += [] if opened.temperature_c is None else [f"at {opened.temperature_c:g} °C"]
     indicators = dict.fromkeys(map(indicator_words, opened.instruments))

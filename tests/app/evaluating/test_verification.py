@@ -63,7 +63,7 @@ def test_the_tolerance_is_the_machines(tmp_path: Path) -> None:
     assert "Tolerance: 0.05 mm" in passed.out
     assert (passed.status, passed.err) == (0, "")
     undecided = glidecal("verify", first, second, "--tolerance", "0.0001")
-    assert "UNDECIDED: tolerance 0.0001 mm" in undecided.out
+    assert "Tolerance: 0.0001 mm" in undecided.out
     assert undecided.status == 7
     assert "the verification did not pass: UNDECIDED" in undecided.err
 

@@ -104,7 +104,7 @@ def test_not_even_force_writes_over_a_session(name: str, tmp_path: Path, samples
 
 @needs_links
 @pytest.mark.parametrize("force", first_quick([("--force",), ()]))
-@pytest.mark.parametrize("behind", ["nothing", "a file"])
+@pytest.mark.parametrize("behind", first_quick(["nothing", "a file"]))
 @pytest.mark.parametrize("name", WRITING)
 def test_no_verb_writes_through_a_link(
     name: str, behind: str, force: tuple[str, ...], tmp_path: Path, samples: Path

@@ -313,6 +313,7 @@ def test_wrong_use_is_one_paragraph(
     assert said in refused(status, *arguments, cwd=tmp_path)
 
 
+@LONG
 def test_plan_with_and_without_sessions(samples: Path) -> None:
     blank = document("plan")
     assert blank["schema"] == "glidecal.plan/1"
@@ -339,6 +340,7 @@ def test_plan_goes_to_the_legs_that_were_not_measured(tmp_path: Path) -> None:
     assert next_measurement(load_sessions([session])[0]).best.candidate.legs == ("z",)
 
 
+@LONG
 def test_plan_goes_by_the_frame_and_by_what_the_controller_holds(tmp_path: Path) -> None:
     session = write_session(tmp_path / "s.jsonl", "sweep", 3, "axis_squareness:xy", 2.0)
     bounds = {}
@@ -460,6 +462,7 @@ def test_what_to_expect_of_every_parameter_is_the_papers_covariance(tmp_path: Pa
     assert delta["expected"][0]["all_mm"] is None  # a plate does not tell the sum of offsets
 
 
+@LONG
 def test_minutes_are_those_of_a_machine_that_moves_itself(tmp_path: Path) -> None:
     """At 50 mm/s a step of zero-max-min takes 1.97 s of way and 1 s of rest, by hand 20 s."""
     path = tmp_path / "moving.toml"

@@ -373,7 +373,7 @@ def scenario(name: str, seed: int, ticker: Ticker) -> Scenario:
 
 
 @pytest.mark.timeout(900 + SEEDS * 5)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", first_quick(NAMES))
 def test_ill_controllers(name: str, ticker: Ticker, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivers.motion.line.Guard", Present)
     with ThreadPoolExecutor(AT_ONCE) as pool:

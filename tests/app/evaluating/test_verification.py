@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from app.evaluating.comparison import entered_word
 from tests.app.cli import glidecal, refused
 from tests.conftest import first_quick
 
@@ -23,6 +24,13 @@ def session(folder: Path, name: str, times: float, seed: int, **more: object) ->
     run = glidecal("simulate", "--model", model, "-o", path, "--seed", str(seed))
     assert run.status == 0, run.err
     return path
+
+
+def test_chance_is_no_mechanical_change() -> None:
+    """95 intervals of 100 hold the truth: of three values one is often outside."""
+    words = [entered_word(1.0, left_mm, 0.01) for left_mm in (0.009, 0.016, 0.018, 0.984, 1.99)]
+    assert words == ["as expected", "as expected", "something else", "not entered", "wrong sign"]
+    assert entered_word(0.005, 0.009, 0.01) == "as expected"
 
 
 @pytest.mark.parametrize(

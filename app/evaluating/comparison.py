@@ -174,8 +174,8 @@ class RemainingOffset:
 
 
 SURE = 1.7
-"""Of U (95 %): of three sound offsets one is beyond U in 14 of 100 verifications, beyond this in 3 of
-1,000. Only then it is asked what was changed mechanically."""
+"""Of U (95 %): of three sound offsets one is beyond U in 14 of 100 verifications, beyond this in 3
+of 1,000. Only then it is asked what was changed mechanically."""
 
 
 def entered_word(before_mm: float, found_mm: float, expanded_mm: float) -> Entered:

@@ -38,8 +38,8 @@ TIED = 1e-4
 that makes it, and no combination that does nothing is entered at all."""
 
 WORTH = 0.1
-"""Of the expected mean square of the tool's error: what gains less, a twentieth of the r.m.s. error,
-is not worth an entry. Tables of a controller for 0.0068 instead of 0.0066 mm are a burden."""
+"""Of the expected mean square of the tool's error: what gains less, a twentieth of the r.m.s.
+error, is not worth an entry. Tables for 0.0066 instead of 0.0068 mm are a burden."""
 
 DOUBTED = 0.05
 """Weight from which a model has a say on each part."""

@@ -9,7 +9,7 @@ from app.evaluating.solution import NoisyChannel, SessionSolution
 from app.report.text.correction import SUBSET_WORDS
 from app.report.text.tables import free_words, signed, uncertain
 from calib.arrays import LEG_NAMES
-from calib.noise.reading import LEAST_NOISE_MM
+from calib.noise.reading import LEAST_NOISE_MM, Repeated
 from protocols.observations import indicator_figures
 from protocols.procedure import position_words
 from protocols.session import Reading
@@ -205,13 +205,22 @@ def _of_the_measurement(solved: SessionSolution) -> Iterator[str]:
         )
 
 
+REPEATS_WORDS: dict[Repeated, str] = {
+    "nothing": "there are no repeats",
+    "equal": "all repeats read the same",
+    "rounding": "repeats scatter by less than rounding",
+    "scatter": "repeats are not used",
+}
+
+
 def _of_residuals(solved: SessionSolution) -> Iterator[str]:
     """A fit without residuals cannot be checked."""
     solution = solved.solution
     if solution.noise.source == "residuals":
         yield (
-            f"NOTE: there are no repeats and no stated figures of the {gauge_word(solved)}, so the "
-            "residual is taken as noise and cannot show whether the model fits. Measure more "
+            f"NOTE: {REPEATS_WORDS[solution.noise.repeated]}, and there are no stated figures of "
+            f"the {gauge_word(solved)}, so the residual is taken as noise and cannot show whether "
+            "the model fits. Measure more "
             "cycles, or import with --resolution and --repeatability."
         )
     elif solution.lack_of_fit is None:

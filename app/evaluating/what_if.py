@@ -18,10 +18,12 @@ from calib.tripod.effects.candidates import Candidate, candidates
 from calib.tripod.effects.effect import Effect, EffectInstance, EffectParameter, Kind
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
-from protocols.model_file import (
+from protocols.effect_entries import (
     EffectEntry,
-    ModelFile,
     ParameterEntry,
+)
+from protocols.model_file import (
+    ModelFile,
     effect_entry,
     placed_effects,
     sizes_of,

@@ -54,23 +54,21 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
     entered = given_way + along @ (imitated @ _over_box(models, some))
     # judged at other places than those where it is imitated
     places = Places.of(reference, machine, free)
-    moved = _moved(models, places)
+    moved, over_box = _moved(models, places), _over_box(models, places)
     by_noise = moved @ by_axes
-    stands = moved @ given_way + _over_box(models, places)
-    ends = np.cumsum([cause.columns.shape[1] for cause in models.causes])
-    members = [range(e - c.columns.shape[1], e) for e, c in zip(ends, models.causes, strict=True)]
+    stands, adopted = moved @ given_way + over_box, over_box @ models.stated
 
     usual = models.weights > LEAST_WEIGHT
     weights = models.weights[usual] / models.weights[usual].sum()
     models_of = [entry for entry, kept in zip(models.entries, usual, strict=True) if kept]
     values = [models.values(entry) for entry in models_of]
-    index = [[c for k in entry.members for c in members[k]] for entry in models_of]
-    change = np.zeros(len(names))
+    index = [models.index(entry) for entry in models_of]
+    change = (entered - given_way) @ models.stated
     for weight, (mean, _), of_entry in zip(weights, values, index, strict=True):
         change += weight * (entered[:, of_entry] @ mean)
     squares = []
     for (mean, covariance), of_entry in zip(values, index, strict=True):
-        off = stands[:, of_entry] @ mean - moved @ change
+        off = adopted + stands[:, of_entry] @ mean - moved @ change
         spread = stands[:, of_entry] @ np.linalg.cholesky(covariance)
         squares.append(_square(off, np.hstack([by_noise, spread]), places.count))
     bound_m = None

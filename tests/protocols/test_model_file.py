@@ -20,17 +20,19 @@ from calib.tripod.effects.drives import ActuatorCyclic, AxisOffset
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import Empirical
 from calib.tripod.pipeline import Flow, Model, Stage
+from protocols.effect_entries import (
+    EffectEntry,
+    Provenance,
+    with_effect,
+    without_effect,
+)
 from protocols.machine import Machine
 from protocols.model_file import (
-    EffectEntry,
     ModelFile,
-    Provenance,
     effect_entry,
     model_file,
     read_model,
     read_model_file,
-    with_effect,
-    without_effect,
 )
 from tests.builders import postures
 

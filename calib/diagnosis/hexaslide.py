@@ -30,6 +30,9 @@ from calib.stats import variance_ratio_p_value
 FEWEST_SPARE = 8
 """Readings beyond the parameters that they determine: fewer tell no cause from another."""
 
+MISTAKE = "wrong_posture"
+"""The cause that is one of the readings, not of the machine."""
+
 UNIT_SCALE = 1e-4
 UNIT_GROWTH = 5e-5
 UNIT_LENGTH_M = 2e-5
@@ -228,6 +231,8 @@ class WeighedCauses:
 
     def resized(self) -> tuple[AdoptedEffect, ...]:
         """Adopted effects with sizes that these readings, too, have been asked for."""
+        if not self.entries:
+            return self.adopted
         loose = tuple((effect.id, effect.where) for effect in self.adopted if not effect.held)
         sizes = {(effect.id, effect.where): effect for effect in self.sizes_of(loose)}
         return tuple(sizes.get((effect.id, effect.where), effect) for effect in self.adopted)
@@ -238,8 +243,8 @@ class WeighedCauses:
         """Whole sizes and variances of each cause of a model."""
         mean, covariance = self.values(entry)
         mean, variance = mean + self.stated[self.index(entry)], covariance.diagonal()
-        ends = np.cumsum([len(self.race.columns[k]) for k in entry.members])[:-1]
-        parts = zip(np.split(mean, ends), np.split(variance, ends), strict=True)
+        ends = np.cumsum([len(self.race.columns[k]) for k in entry.members], dtype=np.intp)
+        parts = zip(np.split(mean, ends)[:-1], np.split(variance, ends)[:-1], strict=True)
         for k, part in zip(entry.members, parts, strict=True):
             yield (self.causes[k].id, self.causes[k].where), part
 
@@ -400,7 +405,7 @@ def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
 
 def _mistake(readings: Readings, row: int) -> tuple[str, str]:
     """Id and place of the cause that a posture is wrong."""
-    return "wrong_posture", f"posture {readings.number(row)}"
+    return MISTAKE, f"posture {readings.number(row)}"
 
 
 def causes_of(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.evaluating.posture_history import Decision
+from calib.arrays import FloatArray
 from calib.diagnosis.hexaslide import (
     FEWEST_SPARE,
     AdoptedEffect,
@@ -113,14 +114,17 @@ def _lead_m(source: HexaSlideMeasurements) -> float | None:
 
 
 def beside_effects(
-    source: HexaSlideMeasurements, readings: Readings, effects: Sequence[AdoptedEffect]
+    source: HexaSlideMeasurements,
+    readings: Readings,
+    effects: Sequence[AdoptedEffect],
+    middle: FloatArray | None = None,
 ) -> WeighedCauses:
-    """What may be missing beside these effects.
+    """What may be missing beside these effects; ``middle`` as `weighed` takes it.
 
     Raises CalibrationError where that cannot be told; with effects also for too few readings.
     """
     tolerances = source.machine.tolerances.of(readings.procedure.parameters)
-    models = weighed(readings, source.machine.whole(), tolerances, _lead_m(source), effects)
+    models = weighed(readings, source.machine.whole(), tolerances, _lead_m(source), effects, middle)
     if effects and not models.entries:
         raise NotIdentifiable(
             "sizes of effects of the model",
@@ -148,7 +152,8 @@ def models_without_mistakes(source: HexaSlideMeasurements, models: WeighedCauses
     wrong = _mistakes(models, source.machine.whole())
     if not wrong:
         return models
-    return beside_effects(source, source.readings().without(wrong), models.adopted)
+    readings = source.readings().without(wrong)
+    return beside_effects(source, readings, models.adopted, models.middle)
 
 
 def effects_of(

@@ -341,6 +341,19 @@ def modelled(path: Path, effect: str, why: str) -> tuple[str, str]:
     return model_text(model), model.text().rstrip("\n")
 
 
+def compared(before: Path, after: Path) -> Answer:
+    """Whether the machine is the same in both sessions."""
+    from app.evaluating.hexaslide_comparison import compare_postures
+    from app.report.schema.hexaslide_comparison import HexaSlideComparisonReport
+    from app.report.text.hexaslide_comparison import comparison_text
+
+    with working("Solving"):
+        comparison = compare_postures(before, after)
+    return Answer(
+        lambda: comparison_text(comparison), lambda: HexaSlideComparisonReport.of(comparison)
+    )
+
+
 def reported(
     path: Path, after: Path | None, tolerance_mm: float | None, head: CertificateHead | None
 ) -> ReportSource:
@@ -351,5 +364,6 @@ def reported(
 
 
 SESSIONS = SessionVerbs(
-    *(run, imported, validated, replayed, exported, verified, diagnosed, reported, modelled)
+    *(run, imported, validated, replayed, exported, verified, diagnosed),
+    *(compared, reported, modelled),
 )

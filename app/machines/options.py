@@ -336,6 +336,7 @@ class SessionVerbs:
 
     ``run`` and ``imported`` take the options of `Family.options`; ``validated`` is a sentence,
     raising RecordError; ``exported`` are the files of a format, by name, with cautions;
+    ``compared`` is of two sessions of one machine,
     ``verified`` has the decision of `app.exit_codes.VERIFIED` beside the answer; ``reported`` is
     what the report of a session is written from, with a later one, a tolerance in mm, and the head
     of a certificate where they are given; ``modelled`` is a model file in words and as
@@ -349,6 +350,7 @@ class SessionVerbs:
     exported: Callable[[Path, str], tuple[Written, tuple[str, ...]]]
     verified: Callable[[Path, Path, float | None], tuple[Answer, str]]
     diagnosed: Callable[[Path, Diagnosing, Say], Answer]
+    compared: Callable[[Path, Path], Answer]
     reported: Callable[[Path, Path | None, float | None, CertificateHead | None], ReportSource]
     modelled: Callable[[Path, str, str], tuple[str, str]]
 

@@ -158,6 +158,7 @@ class WeighedCauses:
     calibrated: Calibration
     tolerances: FloatArray
     lead_m: float | None
+    middle: FloatArray
     expected: FloatArray
     base: FloatArray
     whitened: FloatArray
@@ -210,6 +211,21 @@ class WeighedCauses:
         members = (self.causes[k] for k in entry.members if k not in self.free.members)
         return tuple(sorted((cause.id, cause.where) for cause in members))
 
+    @property
+    def given_way(self) -> FloatArray:
+        """By how much parameters in tolerances give way ``(k, c)`` to the columns of all causes."""
+        columns = np.hstack([cause.columns for cause in self.causes])
+        return np.asarray(-(self.directions / self.sizes) @ (self.axes.T @ columns))
+
+    def mixture(self) -> tuple[FloatArray, FloatArray]:
+        """Mean ``(c,)`` of all columns of causes over the models, and covariance ``(c, c)``."""
+        mean, square = np.zeros(len(self.stated)), np.zeros((len(self.stated),) * 2)
+        for entry, weight in zip(self.entries, self.weights.tolist(), strict=True):
+            index, (values, covariance) = self.index(entry), self.values(entry)
+            mean[index] += weight * values
+            square[np.ix_(index, index)] += weight * (covariance + np.outer(values, values))
+        return mean + self.stated, square - np.outer(mean, mean)
+
     def given(self, names: Names) -> WeighedCauses:
         """Only models that have these names, perhaps none."""
         fitting = (entry for entry in self.entries if {*names} <= {*self.names(entry)})
@@ -255,10 +271,12 @@ def weighed(
     tolerances: FloatArray,
     lead_m: float | None = None,
     adopted: Sequence[AdoptedEffect] = (),
+    middle: FloatArray | None = None,
 ) -> WeighedCauses:
     """Of readings in the order in which they were taken, noise stated; ``tolerances`` ``(k,)`` of
     the procedure's parameters, ``lead_m`` of the drives' screws. ``adopted`` effects are in every
-    model; they are some of `causes_of_machine`.
+    model; they are some of `causes_of_machine`. Scale and bow are about the ``middle`` ``(6,)`` of
+    the sliders, None: that of these readings.
 
     Raises NotIdentifiable without stated noise, and as `calibrate`.
     """
@@ -281,7 +299,8 @@ def weighed(
     whitened = (residual.values / noise).ravel()
     axes, sizes, directions = svd_of_all(base)
     rank = int((sizes > EXACT_BLIND * sizes[0]).sum())
-    causes = tuple(causes_of(readings, machine, postures, lead_m))
+    middle = readings.sliders.mean(axis=0) if middle is None else middle
+    causes = tuple(causes_of(readings, machine, postures, lead_m, middle))
     race = _race(About.of(base, whitened, expected), causes, len(whitened))
     by_name = {(effect.id, effect.where): effect for effect in adopted}
     places = [by_name.get((cause.id, cause.where)) for cause in causes]
@@ -296,6 +315,7 @@ def weighed(
         calibrated=calibrated,
         tolerances=tolerances,
         lead_m=lead_m,
+        middle=middle,
         expected=expected,
         base=base,
         whitened=whitened,
@@ -409,10 +429,14 @@ def _mistake(readings: Readings, row: int) -> tuple[str, str]:
 
 
 def causes_of(
-    readings: Readings, machine: HexaSlide, postures: FloatArray, lead_m: float | None
+    readings: Readings,
+    machine: HexaSlide,
+    postures: FloatArray,
+    lead_m: float | None,
+    middle: FloatArray,
 ) -> Iterator[HexaSlideCause]:
     """Every cause of this kind of machine, at every place, then every mistake."""
-    effects, middle = _Effects(readings, machine, postures), readings.sliders.mean(axis=0)
+    effects = _Effects(readings, machine, postures)
     yield from causes_of_machine(readings, machine, postures, lead_m, middle)
     for row in range(len(readings.sliders)):
         yield effects.of_posture(row, *_mistake(readings, row))

@@ -18,17 +18,8 @@ from calib.tripod.effects.candidates import Candidate, candidates
 from calib.tripod.effects.effect import Effect, EffectInstance, EffectParameter, Kind
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
-from protocols.effect_entries import (
-    EffectEntry,
-    ParameterEntry,
-)
-from protocols.model_file import (
-    ModelFile,
-    effect_entry,
-    placed_effects,
-    sizes_of,
-    to_model,
-)
+from protocols.effect_entries import EffectEntry, ParameterEntry
+from protocols.model_file import ModelFile, effect_entry, placed_effects, sizes_of, to_model
 from protocols.observations import indicator_figures, to_observations
 from protocols.session import Session
 

@@ -43,8 +43,8 @@ def _platform(apart: MachinesApart) -> str:
     )
     if apart.chance_m is None:
         return (
-            f"{words} A session has too few readings, leaves more open than frames, or has no noise "
-            "that is known."
+            f"{words} A session has too few readings, leaves more open than frames, or has no "
+            "known noise."
         )
     words += f" Noise alone gives up to {1000.0 * apart.chance_m:.3g} mm r.m.s. (95 %)."
     if apart.changed:

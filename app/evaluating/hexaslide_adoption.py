@@ -229,16 +229,9 @@ def _chosen(diagnosed: DiagnosedPostures, candidate: str | None) -> Names:
 
 
 def _likely(diagnosed: DiagnosedPostures) -> dict[tuple[str, str], float]:
-    """Effects with the weight of all models that have them, the likeliest first."""
-    weights: dict[tuple[str, str], float] = {}
-    models = diagnosed.models
-    if not models.entries:
-        return weights
-    for entry, weight in zip(models.entries, models.weights.tolist(), strict=True):
-        for name in models.names(entry):
-            if name[0] != MISTAKE:
-                weights[name] = weights.get(name, 0.0) + weight
-    return dict(sorted(weights.items(), key=lambda item: (-item[1], item[0])))
+    """Effects with their weights, the likeliest first; without mistakes."""
+    likely = diagnosed.models.likely().items()
+    return {name: weight for name, weight in likely if name[0] != MISTAKE}
 
 
 def _refused(diagnosed: DiagnosedPostures, reason: str, thing: str = "--adopt") -> UsageError:

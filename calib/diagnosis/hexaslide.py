@@ -180,7 +180,9 @@ class WeighedCauses:
 
     @property
     def weights(self) -> FloatArray:
-        """Of the entries, together 1."""
+        """Of the entries, together 1; none without any."""
+        if not self.entries:
+            return np.zeros(0)
         logs = np.array([entry.log_weight for entry in self.entries])
         weights = np.exp(logs - logs.max())
         return np.asarray(weights / weights.sum())
@@ -225,6 +227,14 @@ class WeighedCauses:
             mean[index] += weight * values
             square[np.ix_(index, index)] += weight * (covariance + np.outer(values, values))
         return mean + self.stated, square - np.outer(mean, mean)
+
+    def likely(self) -> dict[tuple[str, str], float]:
+        """Causes with the weight of all models that have them, the likeliest first."""
+        weights: dict[tuple[str, str], float] = {}
+        for entry, weight in zip(self.entries, self.weights.tolist(), strict=True):
+            for name in self.names(entry):
+                weights[name] = weights.get(name, 0.0) + weight
+        return dict(sorted(weights.items(), key=lambda item: (-item[1], item[0])))
 
     def given(self, names: Names) -> WeighedCauses:
         """Only models that have these names, perhaps none."""
@@ -287,7 +297,8 @@ def weighed(
     if readings.procedure.kind is ProcedureKind.POSE_INVERSE:  # noise is in what is measured
         procedure = Procedure.of(ProcedureKind.POSE_FORWARD).on(nominal)
         readings = replace(readings, procedure=procedure)
-    acting = with_effects(readings, nominal, lead_m, adopted)
+    middle = readings.sliders.mean(axis=0) if middle is None else middle
+    acting = with_effects(readings, nominal, lead_m, adopted, middle)
     calibrated = calibrate(acting, nominal)
     machine, names = calibrated.machine, readings.procedure.parameters
     tolerances = np.minimum(tolerances, UNKNOWN)
@@ -299,7 +310,6 @@ def weighed(
     whitened = (residual.values / noise).ravel()
     axes, sizes, directions = svd_of_all(base)
     rank = int((sizes > EXACT_BLIND * sizes[0]).sum())
-    middle = readings.sliders.mean(axis=0) if middle is None else middle
     causes = tuple(causes_of(readings, machine, postures, lead_m, middle))
     race = _race(About.of(base, whitened, expected), causes, len(whitened))
     by_name = {(effect.id, effect.where): effect for effect in adopted}
@@ -352,15 +362,21 @@ def _entries(race: Race, free: RaceEntry, looked_for: Sequence[int]) -> Iterator
 
 
 def with_effects(
-    readings: Readings, machine: HexaSlide, lead_m: float | None, effects: Sequence[AdoptedEffect]
+    readings: Readings,
+    machine: HexaSlide,
+    lead_m: float | None,
+    effects: Sequence[AdoptedEffect],
+    middle: FloatArray | None = None,
 ) -> Readings:
-    """Readings with carriages where they are on a ``machine`` that has these effects.
+    """Readings with carriages where they are on a ``machine`` that has these effects; ``middle`` as
+    `weighed` takes it.
 
     Raises as `postures_of`.
     """
     if not effects:
         return readings
-    postures, middle = postures_of(readings, machine), readings.sliders.mean(axis=0)
+    postures = postures_of(readings, machine)
+    middle = readings.sliders.mean(axis=0) if middle is None else middle
     causes = causes_of_machine(readings, machine, postures, lead_m, middle)
     by_name = {(cause.id, cause.where): cause for cause in causes}
     sliders = readings.sliders.copy()

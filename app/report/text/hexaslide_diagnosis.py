@@ -38,8 +38,13 @@ MOST_CLAIMS = 8
 
 
 def _title(causes: Names) -> str:
-    titles = (TITLES.get(cause, f"{cause} of {{}}").format(where) for cause, where in causes)
-    return " and ".join(titles) or "nothing"
+    return " and ".join(map(title_of, causes)) or "nothing"
+
+
+def title_of(name: tuple[str, str]) -> str:
+    """A cause at its place."""
+    cause, where = name
+    return TITLES.get(cause, f"{cause} of {{}}").format(where)
 
 
 def diagnosis_text(diagnosed: DiagnosedPostures, adoption: Adoption | None = None) -> str:

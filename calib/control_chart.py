@@ -24,8 +24,8 @@ TO_THREE_SIGMA = 1.5
 FEWEST = 3
 """Values that a drift is told from."""
 
-LEAST_DAYS = 1.0
-"""So far apart they are at least: minutes of warming up are not what months bring."""
+LEAST_DAYS = 7.0
+"""So far apart they are at least: warming up and the weather of a day are not what months bring."""
 
 
 RULES = (

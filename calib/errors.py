@@ -20,7 +20,6 @@ import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import metadata
 
 from calib.printable import printable
 
@@ -125,6 +124,8 @@ def install_command(name: str) -> str:
     It names the packages, for that is right in a clone as from a wheel: the program itself need be
     in no index.
     """
+    from importlib import metadata  # 0.02 s to import: only where an extra is missing
+
     try:
         requirements = metadata.requires("glidecal") or []
     except metadata.PackageNotFoundError:  # never installed: run from its folder

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal, cast, get_args
 
@@ -37,10 +38,14 @@ from protocols.hexaslide import (
     machine_like,
 )
 from protocols.record import Record, RecordForm, read_record
-from protocols.session import Closed, Line, Noted, Skipped, Superseded
+from protocols.session import Closed, Line, Noted, Origin, Skipped, Superseded
 
-SessionSchema = Literal["glidecal.hexaslide-session/1", "glidecal.hexaslide-session/2"]
-"""Of 1 every chain has a rail."""
+SessionSchema = Literal[
+    "glidecal.hexaslide-session/1",
+    "glidecal.hexaslide-session/2",
+    "glidecal.hexaslide-session/3",
+]
+"""Of 1 every chain has a rail; from 3 on the day of an imported table can be stated."""
 
 NAME, NUMBER_OF_SCHEMA = "glidecal.hexaslide-session", len(get_args(SessionSchema))
 SCHEMA_ID: SessionSchema = get_args(SessionSchema)[-1]
@@ -245,7 +250,8 @@ class PosturesOpened(Line):
     event: Literal["opened"] = "opened"
     schema_id: SessionSchema = Field(alias="schema", default=SCHEMA_ID)
     program: Name
-    origin: Literal["measured", "simulated", "imported"]
+    origin: Origin
+    measured_on: date | None = None
     machine: HexaSlideMachine
     machine_file: Name
     procedure: PostureProcedure

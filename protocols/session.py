@@ -7,10 +7,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Literal, Protocol, get_args
 
 from pydantic import AfterValidator, AwareDatetime, Field, TypeAdapter, model_validator
 
@@ -42,6 +42,7 @@ SchemaId = Literal[
     "glidecal.session/6",
     "glidecal.session/7",
     "glidecal.session/8",
+    "glidecal.session/9",
 ]
 """Every schema of a record. A changed event needs a new one: docs/decisions/0003-record.md."""
 
@@ -65,6 +66,43 @@ class Line(Document):
     seal: str = ""
 
 
+Origin = Literal["measured", "simulated", "imported"]
+
+
+class Beginning(Protocol):
+    """The first line of a record."""
+
+    @property
+    def at(self) -> datetime:
+        """When it was written."""
+
+    @property
+    def origin(self) -> Origin:
+        """Where the readings are from."""
+
+    @property
+    def measured_on(self) -> date | None:
+        """The day that is stated of an imported table."""
+
+
+def measured_at(opened: Beginning) -> datetime:
+    """When it was measured: of an imported table the stated day, else when it was imported."""
+    day = opened.measured_on
+    return datetime(day.year, day.month, day.day, tzinfo=UTC) if day else opened.at
+
+
+def is_dated(opened: Beginning) -> bool:
+    """Whether it is known when it was measured."""
+    return opened.origin != "imported" or opened.measured_on is not None
+
+
+def measured_words(opened: Beginning, form: str = "%Y-%m-%d") -> str:
+    """When it was measured in this form, the day alone where it is stated, or that it is not."""
+    if not is_dated(opened):
+        return f"not stated, imported {opened.at:%Y-%m-%d}"
+    return f"{opened.measured_on or format(opened.at, form)}"
+
+
 def _beside(name: str) -> str:
     if name in {"", ".", ".."} or any(mark in name for mark in "/\\\0"):
         raise ValueError("the name of a session in the same folder, without a path")
@@ -81,13 +119,15 @@ class Opened(Line):
     ``seed`` is set for simulated machines only, so that an interrupted simulation can go on;
     ``computer`` tells the computers apart on which ports were named;
     ``verifies`` names the session whose offsets were entered before this one; ``aligned_to`` is the
-    rail that stays where rails are aligned between rounds.
+    rail that stays where rails are aligned between rounds. ``measured_on`` is stated of an imported
+    table, whose lines were written later.
     """
 
     event: Literal["opened"] = "opened"
     schema_id: SchemaId = Field(alias="schema", default=SCHEMA)
     program: Name
-    origin: Literal["measured", "simulated", "imported"]
+    origin: Origin
+    measured_on: date | None = None
     machine: Machine
     procedure: Procedure | None = None
     instruments: Annotated[tuple[Instrument, ...], Field(max_length=2)] = ()

@@ -10,6 +10,7 @@ event, every key. Those that exist are kept, as a later program could not write 
 from __future__ import annotations
 
 import sys
+from datetime import date
 from pathlib import Path
 
 from app.measuring.simulated import simulated_session
@@ -142,6 +143,7 @@ def _contacts(path: Path) -> None:
         machine = load_machine("linear-delta")
         opened, events, _ = opened_table(HERE / "tables" / "contacts.csv", machine, program())
         measured = distances_of_table(HERE / "tables" / "distances.csv")
+        opened = opened.model_copy(update={"measured_on": date(2026, 11, 26)})
         write_whole(path, opened, [*events, *checked(measured, machine.geometry())])
 
 

@@ -33,16 +33,12 @@ SHOWN_SUBSETS = (
     ("pose-forward", "x,y,z"),
     ("pose-forward", "x,y,z,theta"),
     ("pose-forward", "x,y,z,phi"),
-    ("pose-forward", "x,y,z,theta,psi"),
     ("pose-forward", "x,y,z,theta,psi,phi"),
-    ("pose-forward", "z"),
     ("constraint-link", ""),
     ("constraint-link", "theta,psi"),
     ("constraint-link", "theta,psi,phi"),
-    ("constraint-link", "x,y,z,theta,psi,phi"),
     ("pose-forward", SWINGS),
     ("pose-forward", f"{SWINGS},theta,psi"),
-    ("constraint-link", "swing1,swing3,swing5"),
     ("constraint-link", f"theta,psi,{SWINGS}"),
 )
 ROW_COUNT_SETS = {

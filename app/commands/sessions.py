@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -98,6 +99,12 @@ def import_table(
     remark: Annotated[
         list[str] | None, typer.Option(help="A remark for the record; may be repeated.")
     ] = None,
+    measured_on: Annotated[
+        datetime | None,
+        typer.Option(
+            metavar="DATE", formats=["%Y-%m-%d"], help="The day it was measured: YYYY-MM-DD."
+        ),
+    ] = None,
     template: Annotated[
         bool, typer.Option("--template", help="Write the table, a row a reading, without values.")
     ] = False,
@@ -115,8 +122,8 @@ def import_table(
     options = options_of(context, family, f"the machine {name}", own)
     if family.sessions is not None:
         _check_postures(context, name, source)
-        remarks = tuple(remark or ())
-        asked_for = Importing(source[0], output, machine, protocol, template, remarks, force)
+        remarks, day = tuple(remark or ()), _day(measured_on)
+        asked_for = Importing(source[0], output, machine, protocol, template, remarks, day, force)
         family.sessions.imported(asked_for, options, say)
     elif template:
         _write_template(source, machine, protocol, force=force)
@@ -135,8 +142,18 @@ def import_table(
             distances=distances,
             distance_deviation=distance_deviation,
             remarks=tuple(remark or ()),
+            measured_on=_day(measured_on),
             force=force,
         )
+
+
+def _day(measured_on: datetime | None) -> date | None:
+    """The day that is stated. Raises UsageError for one to come."""
+    if measured_on is None:
+        return None
+    if measured_on.astimezone() > datetime.now().astimezone():
+        raise UsageError("--measured-on", f"{measured_on:%Y-%m-%d}", "a day of the past")
+    return measured_on.date()
 
 
 def import_files(
@@ -150,6 +167,7 @@ def import_files(
     distances: Path | None = None,
     distance_deviation: float | None = None,
     remarks: tuple[str, ...] = (),
+    measured_on: date | None = None,
     force: bool = False,
 ) -> None:
     """A session of indicators or contacts, and what is said of it; lengths in millimetres.
@@ -181,6 +199,7 @@ def import_files(
         raise UsageError(
             "--machine-file-out", f"{source[0]}, without geometry", "a printer's configuration"
         )
+    opened = opened.model_copy(update={"measured_on": measured_on})
     session = fold([opened, *events])
     if output is not None and session.all_readings:
         write_whole(output, opened, [*events])

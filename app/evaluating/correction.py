@@ -79,8 +79,8 @@ class SessionCorrection:
     """The best values that a controller can hold, and what the tool keeps with them.
 
     ``model`` is the machine as the controller then knows it; ``off_now`` and ``off`` are the tool
-    without and with the values. ``half_widths_mm`` ``(3,)`` tell how well joint offsets are known
-    (95 %) where they are entered alone.
+    without and with the values. ``uncertainties_mm`` of joint offsets that are entered alone are
+    standard, and expanded for 95 %, ``(3,)`` each.
     """
 
     frame: Frame
@@ -89,7 +89,7 @@ class SessionCorrection:
     off_now: ToolOff
     off: ToolOff
     left_out: tuple[LeftOut, ...]
-    half_widths_mm: FloatArray | None
+    uncertainties_mm: tuple[FloatArray, FloatArray] | None
 
     @property
     def values(self) -> dict[str, EnteredValue]:
@@ -108,12 +108,12 @@ class SessionCorrection:
     @property
     def bound_mm(self) -> float:
         """What 95 of 100 such machines keep in the chosen frame."""
-        return self.off.bound_mm[self.frame]
+        return self.off.bound_in(self.frame)
 
     @property
     def now_mm(self) -> float:
         """The same with the present values of the controller."""
-        return self.off_now.bound_mm[self.frame]
+        return self.off_now.bound_in(self.frame)
 
     @property
     def helps(self) -> bool:
@@ -254,7 +254,7 @@ class ControllerCorrections:
             off_now=self.off_now,
             off=projected.off,
             left_out=projected.left_out,
-            half_widths_mm=self.half_widths_mm() if alone else None,
+            uncertainties_mm=self.uncertainties_mm() if alone else None,
         )
 
     def _projected(self, holds: Holds, absent: dict[str, str], *, tabled: bool) -> Correction:

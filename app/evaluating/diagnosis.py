@@ -57,7 +57,7 @@ from protocols.observations import (
     corrected_readings,
 )
 from protocols.record import read_record
-from protocols.session import Closed, Line, Opened, Reading, Session, Superseded
+from protocols.session import Closed, Line, Opened, Reading, Session, Superseded, measured_at
 
 
 @dataclass(frozen=True)
@@ -177,12 +177,12 @@ class DiagnosedTool:
     @property
     def now_mm(self) -> float:
         """95 % of the posterior keep it with the present values of the controller."""
-        return self.now.bound_mm[self.frame]
+        return self.now.bound_in(self.frame)
 
     @property
     def entered_mm(self) -> dict[Holds, float]:
         """The same with what each controller holds entered."""
-        return {holds: off.bound_mm[self.frame] for holds, off in self.entered.items()}
+        return {holds: off.bound_in(self.frame) for holds, off in self.entered.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,7 +312,7 @@ def adopt(
     source = Provenance(
         sessions=diagnosed.names,
         digests=tuple(session.digest for session in diagnosed.sessions),
-        measured=max(item.opened.at for item in diagnosed.sessions),
+        measured=max(measured_at(item.opened) for item in diagnosed.sessions),
         found=datetime.now(UTC),
         verdict=diagnosed.diagnosis.verdict,
     )

@@ -18,6 +18,7 @@ from calib.errors import CalibrationError, GlidecalError
 from protocols.hexaslide import HexaSlideMeasurements
 from protocols.hexaslide_session import PostureSession, read_postures
 from protocols.record import Record
+from protocols.session import measured_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,7 @@ def posture_entry(path: Path, effects: bool) -> PostureEntry:
     session, record = read_postures(path)
     opened = session.opened
     entry = PostureEntry(
-        began=opened.at,
+        began=measured_at(opened),
         name=opened.machine.before_calibration,
         machine=opened.machine.model_dump(mode="json"),
         origin=opened.origin,

@@ -34,7 +34,7 @@ from calib.identify.accuracy import days_in_tolerance
 from protocols.documents import Document, read_bytes
 from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record
-from protocols.session import Session
+from protocols.session import Session, is_dated, measured_at
 
 ORIGINS = ("measured", "imported", "simulated")
 """In this order the histories of a folder follow each other."""
@@ -52,9 +52,11 @@ class Entry(Document):
     ``offsets_mm`` are d_rho with what was entered before added: where the joints truly stand, so
     that entering offsets changes nothing. ``expanded_mm`` (95 %) is over all
     that may be true of the machine. ``effects`` are None where nobody asked for a diagnosis.
+    ``dated`` is false for an imported table whose day nobody stated.
     """
 
     began: AwareDatetime
+    dated: bool = True
     machine: Machine
     origin: Origin = "measured"
     unfinished: bool = False
@@ -199,7 +201,8 @@ def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
     record = check_record(path, content)
     session, opened = record.session, record.opened
     entry = Entry(
-        began=opened.at,
+        began=measured_at(opened),
+        dated=is_dated(opened),
         machine=opened.machine,
         origin=opened.origin,
         unfinished=bool(record.unfinished),
@@ -242,13 +245,14 @@ def history_of_machine(
     points = in_turn(entries, _event)
     ordered = [point.entry for point in points]
     days = [(entry.began - ordered[0].began).total_seconds() / DAY_S for entry in ordered]
+    known = days if all(entry.dated for entry in ordered) else [0.0] * len(days)  # no drift of it
     rebuilt = [point.event.startswith(MECHANICAL) for point in points]
     columns = zip(
         zip(*(entry.offsets_mm or () for entry in ordered), strict=True),
         zip(*(entry.expanded_mm or () for entry in ordered), strict=True),
         strict=True,
     )
-    joints = tuple(watch(days, values, expanded, rebuilt) for values, expanded in columns)
+    joints = tuple(watch(known, values, expanded, rebuilt) for values, expanded in columns)
     return MachineHistory(name, origin, points, tuple(days), joints, _due(ordered[-1], joints))
 
 

@@ -178,8 +178,8 @@ def printer_change(
         ),
         ValueChange(float(now.radius_mm[0]), float(then.radius_mm[0])),
         best.off,
-        corrections.off_now.bound_mm[corrections.frame],
-        best.off.bound_mm[corrections.frame],
+        corrections.off_now.bound_in(corrections.frame),
+        best.off.bound_in(corrections.frame),
         _uneven_mm(contacts, best),
         turns is not None,
     )

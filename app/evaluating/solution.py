@@ -565,7 +565,7 @@ def judge(solved: SessionSolution, tolerance_mm: float) -> Judgement:
 
 def decided_in(off: ToolOff, frame: Frame, tolerance_mm: float) -> Decision:
     """The decision on what the tool is off by in a frame."""
-    return decide(off.least_mm[frame], off.bound_mm[frame], tolerance_mm)
+    return decide(off.least_mm[frame], off.bound_in(frame), tolerance_mm)
 
 
 def check_tolerance(tolerance_mm: float | None) -> None:

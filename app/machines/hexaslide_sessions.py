@@ -94,7 +94,8 @@ def imported(importing: Importing, options: ImportOptions, say: Say) -> None:
     if options.posture_file is not None:
         raise UsageError("--posture-file", "no --template", "with --template, or with run")
     session, odd = import_postures(
-        importing.source, replace(plan, note=" ".join(importing.remarks))
+        importing.source,
+        replace(plan, note=" ".join(importing.remarks), measured_on=importing.measured_on),
     )
     for words in odd:
         say(f"glidecal: {words}")

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -298,6 +299,7 @@ class Importing:
     protocol: str | None
     template: bool
     remarks: tuple[str, ...]
+    measured_on: date | None
     force: bool
 
 

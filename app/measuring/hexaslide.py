@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from datetime import date
 from pathlib import Path
 
 from app.version import program
@@ -57,6 +58,7 @@ class PosturePlan:
     seed: int | None = None
     truth: HexaSlideMachine | None = None
     indicator: str = ""
+    measured_on: date | None = None
 
     def commands(self) -> PostureCommands:
         """Where the sliders are sent. Raises RecordError for a posture that cannot be."""
@@ -278,6 +280,7 @@ def import_postures(source: Path, plan: PosturePlan) -> tuple[PostureSession, tu
     opened = PosturesOpened(
         program=program(),
         origin="imported",
+        measured_on=plan.measured_on,
         machine=plan.machine,
         machine_file=plan.machine_file,
         procedure=procedure,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -26,13 +25,13 @@ from calib.identify.solution import Method, Subset
 from calib.posterior.correction import Holds, ToolOff
 from calib.printable import printable
 from calib.quantity import rows
-from calib.stats import coverage_factor
 from calib.tripod.controller import ControllerJoints, tool_error_mm
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model, StageEffect
 from protocols.files import Written
 from protocols.machine import Frame, Machine
 from protocols.model_file import ambiguity, ambiguous_effects, is_model, read_model_file, to_model
+from protocols.session import measured_at, measured_words
 
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
@@ -66,6 +65,7 @@ class Offsets:
     model: Model
     controller: ControllerJoints | None
     measured: datetime | None = None
+    measured_words: str = ""
     digests: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
     lacks_fit: bool = False
@@ -79,7 +79,7 @@ class Offsets:
         if self.measured is None:
             return ""
         digests = ", ".join(digest[:DIGITS] for digest in self.digests)
-        return f"measured {self.measured:{MINUTE}}, digest {digests}, {program()}"
+        return f"measured {self.measured_words}, digest {digests}, {program()}"
 
     @property
     def joint_offsets_mm(self) -> tuple[float, float, float]:
@@ -178,14 +178,14 @@ def entered_parameters(correction: SessionCorrection) -> dict[str, Offset]:
     """d_rho and d_L of a correction; how well they are known, where offsets are entered alone."""
     names = [name for name in correction.values if name in PARAMETER_NAMES]
     values = {name: correction.values[name].value for name in names}
-    if correction.half_widths_mm is None:
+    if correction.uncertainties_mm is None:
         return {name: Offset(values[name]) for name in names}
-    # u is that of a normal distribution: few models would widen the deviation of all beyond it
-    entries = [
-        (name, wide / coverage_factor(math.inf), wide)
-        for name, wide in zip(names, correction.half_widths_mm.tolist(), strict=True)
-    ]
-    return {name: Offset(values[name], u, wide, wide / u) for name, u, wide in entries}
+    standard_mm, expanded_mm = (column.tolist() for column in correction.uncertainties_mm)
+    # a few unlikely models widen u more than the interval: then their ratio is below 1.96
+    return {
+        name: Offset(values[name], u, wide, wide / u)
+        for name, u, wide in zip(names, standard_mm, expanded_mm, strict=True)
+    }
 
 
 def _leave_mm(model: Model, numbers: Collection[int]) -> float:
@@ -199,13 +199,15 @@ def _leave_mm(model: Model, numbers: Collection[int]) -> float:
 def offsets_from_solved(solved: SessionSolution, *, view: bool = False) -> Offsets:
     """What is exported of sessions; with ``view`` the set of parameters that is shown."""
     machine = solved.sessions[0].opened.machine
+    last = max((session.opened for session in solved.sessions), key=measured_at)
     offsets = Offsets(
         source=", ".join(solved.names),
         machine=machine,
         parameters={},
         model=Model(machine.geometry()),
         controller=_stated(machine),
-        measured=max(recorded.opened.at for recorded in solved.sessions),
+        measured=measured_at(last),
+        measured_words=measured_words(last, MINUTE),
         digests=tuple(session.digest for session in solved.sessions),
         cautions=tuple(map(one_line, caveats(solved))),
         solved=solved,

@@ -37,10 +37,11 @@ class MotionDialog(Dialog[None]):
         super().__init__()
         self._mover = mover
         self._opened_s = time.monotonic()
+        self._event = Static("", id="event", markup=False)
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog alarm"):
-            yield Static("", id="event", markup=False)
+            yield self._event
 
     def on_mount(self) -> None:
         self.app.bell()
@@ -49,8 +50,7 @@ class MotionDialog(Dialog[None]):
 
     def _show(self) -> None:
         if self._mover.interrupted:
-            text = self.app.keyed(motion.event_text(self._mover))
-            self.query_one("#event", Static).update(text)
+            self._event.update(self.app.keyed(motion.event_text(self._mover)))
         else:
             self.dismiss(None)
 

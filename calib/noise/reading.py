@@ -75,6 +75,14 @@ class Noise:
         )
 
     @property
+    def scatter_of_repeats(self) -> tuple[float, float]:
+        """What repeats scatter by, mean square over the indicators, mm; its degrees of freedom."""
+        scatter_mm2 = sum(indicator.repeatability_mm2 for indicator in self.indicators)
+        estimates = {*self.estimates.tolist()}
+        free = sum(self.indicators[number].degrees_of_freedom for number in estimates)
+        return math.sqrt(scatter_mm2 / len(self.indicators)), free
+
+    @property
     def quiet_mm2(self) -> float:
         """Variance of a single reading of the quietest indicator."""
         return min(indicator.variance_mm2 for indicator in self.indicators)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
@@ -71,11 +71,19 @@ class ToolOff:
 
     posterior: Posterior
     values: FloatArray
+    _bounds_mm: dict[Frame, float] = field(default_factory=dict)
 
-    @cached_property
+    def bound_in(self, frame: Frame) -> float:
+        """95 % of the posterior keep it in this frame, mm; worked out once."""
+        if frame not in self._bounds_mm:
+            errors = self.posterior.tool_errors[frame]
+            self._bounds_mm[frame] = errors.bound_mm(self.values)
+        return self._bounds_mm[frame]
+
+    @property
     def bound_mm(self) -> dict[Frame, float]:
-        """95 % of the posterior keep it."""
-        return {frame: self.posterior.tool_errors[frame].bound_mm(self.values) for frame in FRAMES}
+        """The same in every frame."""
+        return {frame: self.bound_in(frame) for frame in FRAMES}
 
     @cached_property
     def least_mm(self) -> dict[Frame, float]:

@@ -81,10 +81,13 @@ def offset_uncertainties_mm(
         into = into - into.mean(axis=0)
     middle = into @ posterior.mean
     means, variances = [], []
+    of_bases: dict[int, FloatArray] = {}
     for model in posterior.models_in_field:
+        if id(model.base) not in of_bases:
+            of_bases[id(model.base)] = ((into @ model.base) * into).sum(axis=1)
+        of_base, of_root = of_bases[id(model.base)], ((into @ model.root) ** 2).sum(axis=1)
         means.append(into @ model.mean - middle)
-        of_base = np.einsum("ij,jk,ik->i", into, model.base, into)
-        variances.append(model.inflated**2 * of_base + ((into @ model.root) ** 2).sum(axis=1))
+        variances.append(model.inflated**2 * of_base + of_root)
     off, variance = np.array(means), np.maximum(np.array(variances), 1e-18)
     weight = np.array([model.weight for model in posterior.models])
     standard = np.sqrt(weight @ (variance + off**2))

@@ -75,7 +75,7 @@ def expected_of(planned: TripodPlanning, tolerance_mm: FloatArray) -> ExpectedRe
         for name, kind, six, last in rows
     )
     worst = _worst(before, offsets.off.values)
-    return ExpectedResult(parameters, offsets.off.bound_mm["touched-off"], worst)
+    return ExpectedResult(parameters, offsets.off.bound_in("touched-off"), worst)
 
 
 def _nothing_new(planned: TripodPlanning, tolerance_mm: FloatArray) -> SessionCase:

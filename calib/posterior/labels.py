@@ -326,9 +326,11 @@ class _Moved:
 
     def _mistake(self, k: int) -> Mistake:
         exchange, visited = self.every[k], self.visited
-        rows = np.union1d(exchange.here, exchange.there)
+        changed = np.zeros(len(visited), dtype=bool)
+        changed[exchange.here] = changed[exchange.there] = True
+        rows = np.flatnonzero(changed)
         # of each mounting all readings but one tell a unit: its zero is free
-        free = len(rows) - len(np.unique(visited.mount[rows]))
+        free = len(rows) - np.count_nonzero(np.bincount(visited.mount[rows]))
         log_prior = math.log(PRIOR[exchange.id] / self.places[exchange.id])
         log_prior += free * math.log(abs(exchange.factor))
         source = exchange.source(len(visited))

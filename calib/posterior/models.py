@@ -205,38 +205,53 @@ class Posterior:
         Of two axes that lean readings show the sum, of two that miss each other the distance. The
         rest turns or shifts the machine as a whole; it is taken to be as large, r.m.s.
         """
-        deviation = np.zeros(self.field.rows.shape[1])
-        tolerances = self.sessions[-1].case.geometry
-        components = (self.components[k] for k in model.everywhere)
-        visible = {
-            (share.effect, share.place) for component in components for share in component.shares
-        }
-        for unseen in tolerances.keys() - visible:
-            deviation[self.field.columns_of(unseen)[0]] = tolerances[unseen]
+        if model.everywhere not in self._unstated:
+            self._unstated[model.everywhere] = self._of_tolerances(model.everywhere)
+        deviation = self._unstated[model.everywhere].copy()
         if not self.geometry.common_zero:  # readings are of the tool, in the frame of its plate
             return deviation
-        rigid = {"axis_squareness": deviation[-3:], "axis_offset": deviation[-RIGID:-3]}
-        unit = {"axis_squareness": PER_THOUSAND, "axis_offset": 1.0}
-
-        def add(law: Effect, place: str, size: float) -> None:
-            if law.id in rigid:
-                (third,) = {0, 1, 2} - {"xyz".index(name) for name in place[:2]}
-                rigid[law.id][third] = math.hypot(rigid[law.id][third], unit[law.id] * size)
-
-        for (law, place), tolerance in tolerances.items():
-            add(law, place, tolerance)
         for k, at in zip(model.members, self.starts(model), strict=True):
-            component = self.components[k]
-            values = slice(at, at + len(component.unit))
-            square = model.mean[values] ** 2 + model.variance[values]
-            for ids in rigid:
-                shares = [share for share in component.shares if share.effect.id == ids]
-                if not shares:
-                    continue
-                size = math.sqrt(float(np.mean([square[list(s.values)] for s in shares])))
-                for share in shares:
-                    add(share.effect, share.place, size)
+            if leans := self._leans[k]:
+                values = slice(at, at + len(self.components[k].unit))
+                square = model.mean[values] ** 2 + model.variance[values]
+                for column, unit, of_values in leans:
+                    size = unit * math.sqrt(float(square[of_values].mean()))
+                    deviation[column] = math.hypot(deviation[column], size)
         return deviation
+
+    @cached_property
+    def _unstated(self) -> dict[tuple[int, ...], FloatArray]:
+        """What tolerances alone leave unseen ``(f,)``, by the components that a base has."""
+        return {}
+
+    def _of_tolerances(self, everywhere: tuple[int, ...]) -> FloatArray:
+        deviation = np.zeros(self.field.rows.shape[1])
+        tolerances = self.sessions[-1].case.geometry
+        shares = (share for k in everywhere for share in self.components[k].shares)
+        for unseen in tolerances.keys() - {(share.effect, share.place) for share in shares}:
+            deviation[self.field.columns_of(unseen)[0]] = tolerances[unseen]
+        if self.geometry.common_zero:
+            for (law, place), tolerance in tolerances.items():
+                if turn := _turn_of(law, place):
+                    column, unit = turn
+                    deviation[column] = math.hypot(deviation[column], unit * tolerance)
+        return deviation
+
+    @cached_property
+    def _leans(self) -> list[list[tuple[int, float, IntArray]]]:
+        """Turns and shifts of the whole machine that may go with each component.
+
+        The column of the field, its unit, and the values ``(v,)`` that are as large, r.m.s.
+        """
+        leans = []
+        for component in self.components:
+            turns: dict[str, list[tuple[tuple[int, float], tuple[int, ...]]]] = {}
+            for share in component.shares:
+                if turn := _turn_of(share.effect, share.place):
+                    turns.setdefault(share.effect.id, []).append((turn, share.values))
+            alike = {id: np.concatenate([values for _, values in of]) for id, of in turns.items()}
+            leans.append([(*turn, alike[id]) for id, of in turns.items() for turn, _ in of])
+        return leans
 
     @cached_property
     def distances_left(self) -> FloatArray:
@@ -290,3 +305,16 @@ def effects_of_tool(model: Model) -> list[EffectInstance]:
         for effect in model.effects
         if isinstance(effect, EffectInstance) and effect.stage in MOVES_THE_TOOL
     ]
+
+
+def _turn_of(law: Effect, place: str) -> tuple[int, float] | None:
+    """Column from the end of the field, and unit, of the turn or shift that may hide beside a law.
+
+    About, or along, the axis that is neither of the two at its place.
+    """
+    first_and_unit = {"axis_squareness": (-3, PER_THOUSAND), "axis_offset": (-RIGID, 1.0)}
+    if law.id not in first_and_unit:
+        return None
+    first, unit = first_and_unit[law.id]
+    (third,) = {0, 1, 2} - {"xyz".index(name) for name in place[:2]}
+    return first + third, unit

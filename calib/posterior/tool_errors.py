@@ -88,6 +88,20 @@ class ToolErrors:
         return np.array([model.mean for model in self.models])
 
     @cached_property
+    def _inflation(self) -> FloatArray:
+        """``(n_models,)``."""
+        return np.array([model.inflated**2 for model in self.models])
+
+    @cached_property
+    def _roots(self) -> FloatArray:
+        """Those of every model ``(n_models, f, k)``, filled up with zeros."""
+        most = max(model.root.shape[1] for model in self.models)
+        roots = np.zeros((*self._mean.shape, most))
+        for filled, model in zip(roots, self.models, strict=True):
+            filled[:, : model.root.shape[1]] = model.root
+        return roots
+
+    @cached_property
     def _alike(self) -> list[list[int]]:
         """Models of each base."""
         alike: dict[int, list[int]] = {}
@@ -130,9 +144,8 @@ class ToolErrors:
         for alike in self._alike:
             slopes = slope[alike]
             along[alike] = (slopes @ self.models[alike[0]].base * slopes).sum(axis=1)
-        for k, model in enumerate(self.models):
-            of_root = slope[k] @ model.root
-            along[k] = model.inflated**2 * along[k] + float(of_root @ of_root)
+        of_root = (slope[:, None, :] @ self._roots)[:, 0]
+        along = self._inflation * along + (of_root**2).sum(axis=1)
         size = self._spread[:, 0] + self.expected(values)
         variance = 2.0 * self._spread[:, 1] + 4.0 * along
         return np.column_stack([self._weight, size, variance])

@@ -127,6 +127,10 @@ class JointEntries:
         return replace(self, home_change_mm=-self.home_change_mm, table=table)
 
 
+FAR_SWITCH = 0.25
+"""Of the travel: a switch so far beyond it is not where readings tell what acts along a drive."""
+
+
 @dataclass(frozen=True, eq=False)
 class Kinematics:
     """Feet as polynomials of true carriage coordinates: origin + direction c + bend (c - zero)².
@@ -223,9 +227,27 @@ def joint_entries(model: Model, drive: int, joint: ControllerJoint, way: int = 1
     play = float(table.error_down_mm.mean())
     if max(abs(table.error_up_mm).max(), abs(table.error_down_mm - play).max()) < PLAY_ALONE_MM:
         return JointEntries(change, joint.backlash_mm + play)
+    if not joint.absolute_encoder:
+        _refuse_far_switch(model, drive, joint)
     half = joint.backlash_mm / 2.0  # the controller adds it upwards and takes it off downwards
     with_play = Table(table.joint_mm, table.error_up_mm - half, table.error_down_mm + half)
     return JointEntries(change, table=with_play)
+
+
+def _refuse_far_switch(model: Model, drive: int, joint: ControllerJoint) -> None:
+    """What acts along a drive was measured over its travel: it is no law for a place far away."""
+    geometry, zero_mm = model.geometry, float(model.geometry.zero_mm[drive])
+    low, high = zero_mm + geometry.travel_min_mm, zero_mm + geometry.travel_max_mm
+    beyond_mm = FAR_SWITCH * (high - low)
+    if not low - beyond_mm <= joint.home_offset_mm <= high + beyond_mm:
+        raise ImpossibleRequest(
+            f"HOME_OFFSET of the joint of drive {LEG_NAMES[drive]}, the place of its switch",
+            f"{joint.home_offset_mm:g} mm",
+            f"at most {beyond_mm:g} mm beyond the travel in the machine file, which is "
+            f"{low:g} to {high:g} mm in coordinates of this joint",
+            "Effects along the drives are known there alone. Does the joint count from another "
+            "zero than the machine file? --format csv has the joint offsets alone.",
+        )
 
 
 def kinematics_of(model: Model) -> Kinematics:

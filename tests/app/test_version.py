@@ -14,7 +14,7 @@ import pytest
 
 from app import version as versions
 from tests.app.cli import glidecal
-from tests.conftest import ROOT
+from tests.conftest import LONG, ROOT
 
 NAME = ("-c", "user.name=a", "-c", "user.email=a@b")
 
@@ -110,6 +110,7 @@ def test_the_next_release_is_told_once() -> None:
     assert f"{heading[1]}.dev0" == versions.NEXT_RELEASE
 
 
+@LONG
 def test_the_program_its_records_and_its_exports_tell_the_version(
     tmp_path: Path, samples: Path
 ) -> None:

@@ -223,12 +223,10 @@ def page(hidden: Sequence[Scored], plain: Sequence[Scored], seed: int) -> str:
     lines = [
         "# What is claimed, against hidden machines",
         "",
-        f"Made by `python -m tests.blind.claims` (seed {seed}); the simulation shares nothing with "
-        "the program. Strength 1 is what is found nine times in ten; joint offsets up to 2 mm, "
-        "bars off by 0.03 and 0.1 mm. The tool's true error is its r.m.s. distance over the "
-        "reachable workspace in the machine's own frame, with the joint offsets of the correction "
-        "entered (touched off), coming up and down. Formula: "
-        "[theory.md](theory.md).",
+        f"Made by `python -m tests.blind.claims` (seed {seed}). Strength 1 is what is found nine "
+        "times in ten; joint offsets up to 2 mm, bars off by 0.03 and 0.1 mm. The tool's true "
+        "error is its r.m.s. distance over the reachable workspace in the machine's own frame, "
+        "with the joint offsets of the correction entered (touched off).",
         "",
         "| hidden | sessions | true ≤ bound (95 % bounds) | bound / true, median |",
         "|---|---|---|---|",

@@ -14,22 +14,23 @@ Json = dict[str, Any]
 INTRODUCTION = """# What a correction leaves at the tool
 
 Each simulated machine (`tests/blind/`) has joint offsets, wrong bars and the hidden effects of its
-row. Its readings are solved, and the values for a controller are entered: nothing (before), joint
-offsets alone, or what also a controller with play, tables or kinematics takes
-([export](export.md)). For `law` the hidden effects and their places are given and only their sizes
-are fitted to the same readings. Then the error of the hidden tool is computed over the workspace.
+row. Its readings are solved, and values are entered: nothing (before), joint offsets alone (with
+play the r.m.s. is the same within 0.2 µm), or what a controller with tables or kinematics takes too
+([export](export.md)). For `law` the hidden effects and places are given and only sizes are fitted.
+Then the error of the hidden tool is computed over the workspace.
 
 Frames: touched off, the best shift is removed; aligned, the best shift and turn; machine, nothing;
-near, errors near Zero relative to that at Zero. The bound is that of 95 % in the
-[theory](theory.md#uncertainty-at-the-tool). Made by
-`python -m tests.blind.corrections -o docs/corrections.md`.
+near, errors near Zero relative to that at Zero. [Bound](theory.md#uncertainty-at-the-tool) of 95 %.
+Made by `python -m tests.blind.corrections -o docs/corrections.md`.
 """
 
 BEFORE, LAW, OFFSETS = "before", "law", "offsets"
+LEFT_OUT = ("play",)
+"""Answers whose r.m.s. is that of joint offsets within 0.2 µm."""
 ALL = "all"
 FRAMES = {"touched_off": "touched off", "aligned": "aligned", "machine": "machine", "near": "near"}
-ERRORS_OF = ("touched_off", "aligned", "machine")
-"""Errors near Zero are about two thirds of those touched off."""
+STATED = ("touched_off", "machine")
+"""Frames of errors and bounds. Aligned errors are smaller, those near Zero two thirds as large."""
 WORSE, WORSE_MM = 1.1, 0.005
 """A correction is worse than offsets alone where it leaves so many times, and so many mm more."""
 
@@ -63,7 +64,7 @@ def page(lines: Sequence[Json]) -> str:
         groups.setdefault(line["cell"], []).append(line)
     groups[ALL] = kept
     names = list(dict.fromkeys(name for line in kept for name in line["errors"]))
-    names = [BEFORE, *(name for name in names if name not in (BEFORE, LAW)), LAW]
+    names = [BEFORE, *(name for name in names if name not in (BEFORE, LAW, *LEFT_OUT)), LAW]
     text = [
         f"{len(lines)} sessions, {len(failed)} without an answer; "
         f"{np.mean([line['cpu_s'] for line in lines]):.2f} s CPU for an answer.",
@@ -73,7 +74,7 @@ def page(lines: Sequence[Json]) -> str:
         "",
         "R.m.s. over the workspace and the sessions, and [median of the sessions], mm.",
     ]
-    for frame in ERRORS_OF:
+    for frame in STATED:
         text += ["", *_left(groups, names, frame, FRAMES[frame])]
     text += [
         "",
@@ -82,16 +83,16 @@ def page(lines: Sequence[Json]) -> str:
         "Sessions whose true error is within the bound, and the median of bound over truth.",
     ]
     bounded = [name for name in names if any(line["bounds"].get(name) for line in kept)]
-    for frame, title in FRAMES.items():
+    for frame in STATED:
         if any(frame in bounds for line in kept for bounds in line["bounds"].values()):
-            text += ["", *_kept(groups, bounded, frame, title)]
+            text += ["", *_kept(groups, bounded, frame, FRAMES[frame])]
     worse = f"more than {WORSE - 1:.0%} and {WORSE_MM * 1e3:g} µm"
     text += [
         "",
         "## Worse than joint offsets alone",
         "",
-        f"Sessions where an answer leaves {worse} more than joint offsets alone, and the 95 %",
-        "interval of their share. Rows without any are left out, except for all sessions.",
+        f"Sessions where an answer leaves {worse} more than joint offsets alone (of all sessions:",
+        "with the 95 % interval of their share). Rows without any are left out.",
         "",
     ]
     others = [name for name in names if name not in (BEFORE, LAW, OFFSETS)]
@@ -137,7 +138,8 @@ def _worse(groups: Groups, names: Sequence[str]) -> list[str]:
                 ]
                 count = sum(a > WORSE * b and a > b + WORSE_MM for a, b in pairs)
                 low, high = Rate(count, len(pairs)).bounds
-                cells.append(f"{count}/{len(pairs)} ({low:.0%} … {high:.0%})")
+                bounds = f" ({low:.0%} … {high:.0%})" if title == ALL else ""
+                cells.append(f"{count}/{len(pairs)}{bounds}")
                 total += count
             if total or title == ALL:
                 rows.append(_row(title, name, *cells))

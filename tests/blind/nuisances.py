@@ -344,17 +344,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 PAGE = """# Set-ups of a workshop
 
 {count} simulated sessions of each kind (`python -m tests.blind.nuisances --count {count} -o
-docs/nuisances.md`, seed {seed}; never edited by hand), with joint offsets, bars and what the row
-names. An effect is named from a probability of one half; a mistake, or "none", is listed from 5 %.
-Lengths are those of bars, within their tolerance and beyond; u: standard uncertainty. A first take
-within the play is judged where it differs from both ends of the play by three standard deviations
-(otherwise it looks as if reached from a side).
+docs/nuisances.md`, seed {seed}), with joint offsets, bars and what the row names. An effect is
+named from a probability of one half; a mistake, or "none", is listed from 5 %. Lengths are those of
+bars; u: standard uncertainty. A first take within the play is judged where it differs from both
+ends of the play by three standard deviations.
 """
 
 HEAD = (
     "| kind | effect named | of time | none listed | the right mistake listed | only "
-    "another listed | lengths and play within 2 u | CPU s |\n"
-    "|---|---|---|---|---|---|---|---|"
+    "another listed | lengths and play within 2 u |\n"
+    "|---|---|---|---|---|---|---|"
 )
 
 
@@ -370,7 +369,6 @@ def _row(kind: str, results: Sequence[dict[str, Any]]) -> str:
         f"{sum(one['place'] for one in results if one['shown'])} of {shown}" if shown else "–",
         sum(bool(one["mistakes"]) and not one["place"] for one in results),
         f"{int((off <= 2.0).sum())} of {len(off)}",
-        f"{np.mean([one['cpu_s'] for one in results]):.2f}",
     )
     return f"| {' | '.join(map(str, cells))} |"
 

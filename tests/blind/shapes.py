@@ -103,12 +103,13 @@ def confusion() -> dict[str, list[str]]:
 
 
 def table(names: dict[str, list[str]]) -> str:
-    """A row for each effect, a column for each machine: its name where it is another's."""
+    """A column for each machine, a row for each effect that another picture names once."""
     columns = (f"size × {one.factor:g}, ± {1000.0 * one.scatter_mm:g} µm" for one in MACHINES)
     lines = [f"| effect | {' | '.join(columns)} |", "|---" * (1 + len(MACHINES)) + "|"]
     for effect, given in names.items():
-        cells = ("✓" if name == effect else f"{name}" for name in given)
-        lines.append(f"| `{effect}` | {' | '.join(cells)} |")
+        if set(given) != {effect}:
+            cells = ("✓" if name == effect else f"{name}" for name in given)
+            lines.append(f"| `{effect}` | {' | '.join(cells)} |")
     right = [
         sum(given[k] == effect for effect, given in names.items()) for k in range(len(MACHINES))
     ]

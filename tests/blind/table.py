@@ -139,7 +139,7 @@ def brief(found: Rate) -> str:
 def page(told: Told) -> str:
     """The whole page."""
     parts = [_head(told), _must_hold(told), _by_noise(told), _figures(told), _probabilities(told)]
-    parts += [_by_effect(told), _verdicts(told), _against_baselines(told), _wrong(told)]
+    parts += [_by_effect(told), _against_baselines(told), _wrong(told)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -160,11 +160,10 @@ def _head(told: Told) -> str:
             f"- SHA-256 of the sealed truths: `{told.digest}`",
             f"- The last run took {told.seconds:.0f} s on two processes.",
             "",
-            "Figures are in %, with 95 % bounds (Clopper and Pearson) in brackets, and the number",
-            "of sessions. Strength is the r.m.s. of an effect in the readings when base",
-            "parameters and zeros are refitted, over the noise; of two effects without what the",
-            "other can imitate. An effect is *separable* if its nearest rival, by the generator's",
-            "derivatives, misses it by at least 25 in χ². Lines of sets leave out effects below",
+            "Figures are in %, with 95 % bounds (Clopper and Pearson). Strength is the r.m.s. of",
+            "an effect in the readings when base parameters and zeros are refitted, over the",
+            "noise; of two effects without what the other can imitate. It is *separable* if its",
+            "nearest rival misses it by at least 25 in χ². Lines of sets leave out effects below",
             "the strength that is found nine times in ten at 1 % over 100 candidates. Slow wander",
             "may be called thermal_drift. The ideal judge knows the machine, the noise and the",
             "other effect, and takes the name of the largest Bayes factor.",
@@ -383,14 +382,6 @@ def _by_effect(told: Told) -> str:
 def _percent(chosen: list[Scored], hit: Choice) -> str:
     found = rate(chosen, hit)
     return f"{100 * found.share:.0f}" if found.count else "–"
-
-
-def _verdicts(told: Told) -> str:
-    rows = []
-    for cell in dict.fromkeys(one.cell for one in told.scored):
-        counts = Counter(one.verdict for one in told.cell(cell))
-        rows.append([cell, ", ".join(f"{word} {counts[word]}" for word in sorted(counts))])
-    return _grid("Verdicts", ["cell", "sessions"], rows)
 
 
 def _against_baselines(told: Told) -> str:

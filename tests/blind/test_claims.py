@@ -31,6 +31,7 @@ def test_the_tool_keeps_its_bound(tmp_path: Path) -> None:
     assert np.median([one.bound_mm / one.true_mm for one in found]) <= 3.0
 
 
+@LONG
 def test_intervals_of_offsets_and_lengths_hold_the_truth(tmp_path: Path) -> None:
     """90 intervals at 95 %: fewer than 78 happens in 0.2 % of runs, were they independent."""
     every = [scored(case, SEED, tmp_path, TOLERANCE_MM) for case in plain_cases(1)]

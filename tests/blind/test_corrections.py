@@ -152,7 +152,7 @@ def test_the_program_corrects_what_it_names() -> None:
 
 def nothing_entered(_: str, __: float | None) -> list[Answer]:
     """An answerer that leaves every controller as it is and promises 0.1 mm."""
-    bounds = {"machine": 0.1, "aligned": 10.0}
+    bounds = {"machine": 10.0}
     return [Answer(OFFSETS, nothing(), bounds), Answer("mine", nothing(), bounds)]
 
 
@@ -165,7 +165,7 @@ def test_answers_of_another_run_stand_beside(
     main([*asked, "--jsonl", str(lines)])
     main([*asked, "--beside", str(lines)])
     text = capsys.readouterr().out
-    *_, bound = re.findall(r"hidden; aligned \| offsets .*\n.*\n\| nothing \| (.*) \|", text)
+    *_, bound = re.findall(r"hidden; machine \| offsets .*\n.*\n\| nothing \| (.*) \|", text)
     assert [cell.split(",")[0] for cell in bound.split(" | ")] == ["2/2"] * 4
     assert text.count("hidden; touched off") == 2, "an error in each page, and no bound"
     assert "| all | was mine | 0/2 (0% … 84%) | 0/2 (0% … 84%)" in text

@@ -32,7 +32,7 @@ def diagnosed(folder: Path, hidden: Hidden, seed: int) -> Diagnosis:
 
 
 @pytest.mark.parametrize("seed", first_quick([1, 2]))
-@pytest.mark.parametrize("effect", list(HIDDEN))
+@pytest.mark.parametrize("effect", first_quick(list(HIDDEN)))
 def test_what_is_hidden_is_named_or_among_the_names(tmp_path: Path, effect: str, seed: int) -> None:
     """Never another name alone; nothing is called nothing."""
     found = diagnosed(tmp_path, HIDDEN[effect], seed)

@@ -15,9 +15,10 @@ import pytest
 from protocols.record import read_record
 from protocols.session import fold
 from tests.app.cli import glidecal
+from tests.conftest import first_quick
 
 
-@pytest.mark.parametrize("procedure", ["zero-max-min", "sweep"])
+@pytest.mark.parametrize("procedure", first_quick(["zero-max-min", "sweep"]))
 def test_demo_headless(tmp_path: Path, procedure: str) -> None:
     run = glidecal("demo", "--headless", "--protocol", procedure, "--seed", "7", cwd=tmp_path)
     assert run.status == 0, run.err

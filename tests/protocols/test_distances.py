@@ -15,7 +15,7 @@ from protocols.observations import measured_distances
 from protocols.record import read_record
 from protocols.session import Changed, Distance, Event, fold
 from tests.app.cli import glidecal, refused
-from tests.conftest import ROOT
+from tests.conftest import LONG, ROOT
 
 HEADER = "from_x_mm,from_y_mm,from_z_mm,to_x_mm,to_y_mm,to_z_mm,distance_mm,deviation_mm"
 ROWS = ("-60,0,0,60,0,0,120.13,0.02", "0,-60,0,0,60,0,119.9,")
@@ -73,6 +73,7 @@ def test_a_distance_that_cannot_be_is_named(tmp_path: Path) -> None:
         assert ("WARNING: distance" in words) == warned
 
 
+@LONG
 def test_distances_stand_beside_readings_of_legs(tmp_path: Path) -> None:
     readings = ROOT / "sample_sessions" / "tables" / "experiment_1_six.csv"
     out = tmp_path / "s.jsonl"

@@ -31,6 +31,7 @@ from protocols.journal import write_whole
 from protocols.machine import Drive, Instrument, Machine
 from protocols.procedure import Leg, Procedure, load_procedure
 from tests.app.cli import refused
+from tests.conftest import LONG
 
 RAW = 0.002
 """Of a bar: by so much a raw machine and a way straight in joint coordinates leave the interval."""
@@ -196,6 +197,7 @@ def test_what_is_measured_and_simulated_stays_on_the_bar(
             assert_on_bar(machine, wrong_mm, leg, station, levels)
 
 
+@LONG
 @FEW
 @given(machines(), errors_mm())
 def test_what_plan_and_next_propose_stays_on_the_bar(

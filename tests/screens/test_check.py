@@ -63,9 +63,8 @@ async def test_a_swap_is_found_before_the_first_reading(tmp_path: Path) -> None:
             assert "moved" not in text(interface, "#trial"), "nothing to exchange yet"
             await push(1, f"Indicator 2 (mitutoyo-01a, {second}) moved")
             await pilot.press("x")
-            assert f"along Z of leg X and let it go: indicator 2 (mitutoyo-01a, {first})" in text(
-                interface, "#trial"
-            )
+            words = f"along Z of leg X and let it go: indicator 2 (mitutoyo-01a, {first})"
+            await until(pilot, "the exchange", lambda: words in text(interface, "#trial"))
             left = interface.screen.query(GaugeDisplay).first()
             assert left.border_subtitle is not None
             assert second in left.border_subtitle

@@ -19,7 +19,7 @@ from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.replay import ReplayScreen
 from app.screens.start import Glidecal
-from tests.conftest import SAMPLES
+from tests.conftest import SAMPLES, first_quick
 from tests.screens.driving import SIZE, until
 
 SAMPLE = SAMPLES / "simulated_zero-max-min.jsonl"
@@ -47,7 +47,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize(("served", "seed"), [(True, 12), (True, 4), (False, 100)])
+@pytest.mark.parametrize(
+    ("served", "seed"), first_quick([(True, 12), (True, 4), (False, 100)], several=True)
+)
 async def test_mashed_keys(folder: Path, served: bool, seed: int) -> None:
     """The crashes that were found: palette, lists, screens left twice or before they were there."""
     drawn = random.Random(seed)

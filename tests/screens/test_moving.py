@@ -24,7 +24,7 @@ from app.screens.prepare import PrepareScreen
 from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from drivers.motion.guard import LEFT
-from drivers.motion.line import Patience
+from drivers.motion.line import DEAD_S, Patience
 from drivers.motion.states import State
 from drivers.motion.twins import TWINS, MotionTrouble, MotionTwin
 from protocols.machine import Instrument, Machine, MotionLimits
@@ -249,13 +249,15 @@ async def test_what_befalls_it_is_said_and_answered_before_it_moves(
         await moved.comes(State.HELD, State.FAULT)
         assert not moved.bench.axes.moving
         moves = len(moved.twin.moves)
+        monkeypatch.setattr("app.screens.motion_dialog.DEAD_S", 600.0)  # however slow this runs
         dialog = await moved.dialog()
-        await moved.pilot.press("p", "g", "enter")  # 0.3 s later, as one who is startled
+        await moved.pilot.press("p", "g", "enter")  # as one who is startled
         await moved.pilot.pause(0.3)
         assert moved.interface.screen is dialog
         assert len(moved.twin.moves) == moves
         moved.twin.mend()
         moved.bench.unplugged = False
+        monkeypatch.setattr("app.screens.motion_dialog.DEAD_S", DEAD_S)
         await moved.pilot.pause(QUIET_S)
         await moved.pilot.press("enter")
         await moved.comes(State.READY)

@@ -76,6 +76,7 @@ class RecordedSession:
     name: str
     digest: str
     day: date
+    dated: bool
     simulated: bool
     temperature_c: float | None
     procedure: str

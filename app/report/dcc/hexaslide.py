@@ -19,6 +19,7 @@ from app.report.text.hexaslide_diagnosis import verdict_words
 from protocols.hexaslide import HexaSlideMachine, machine_like
 from protocols.hexaslide_session import PostureSession
 from protocols.record import Record
+from protocols.session import is_dated, measured_at
 
 THOUSANDTHS = {"m": UNITS["mm"], "rad": UNITS["mrad"]}
 NOT_ALONE = (
@@ -55,7 +56,8 @@ def _recorded(session: PostureSession, record: Record) -> RecordedSession:
     return RecordedSession(
         session.name,
         record.digest,
-        opened.at.date(),
+        measured_at(opened).date(),
+        is_dated(opened),
         opened.origin == "simulated",
         opened.temperature_c,
         opened.procedure.name,

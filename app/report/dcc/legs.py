@@ -17,7 +17,7 @@ from app.report.dcc.document import (
 from app.report.text.correction import FREE_WORDS, frames_of
 from calib.arrays import LEG_NAMES
 from calib.posterior.tool import Frame
-from protocols.session import Session
+from protocols.session import Session, is_dated, measured_at
 
 
 def contents_of(calibration: CertifiedCalibration) -> CertificateContents:
@@ -44,7 +44,8 @@ def _recorded(session: Session) -> RecordedSession:
     return RecordedSession(
         session.name,
         session.digest,
-        opened.at.date(),
+        measured_at(opened).date(),
+        is_dated(opened),
         opened.origin == "simulated",
         opened.temperature_c,
         opened.procedure.name if opened.procedure else "table of readings",

@@ -75,7 +75,7 @@ from calib.printable import printable
 from protocols.machine import Machine
 from protocols.model_file import read_model_file
 from protocols.procedure import Step
-from protocols.session import Reading, Session
+from protocols.session import Reading, Session, measured_words
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def _sessions(sessions: Sequence[Session]) -> list[Table]:
     contacts = all(session.of_contacts for session in sessions)
     rows: dict[str, list[str]] = {
         "origin": [record.origin for record in opened],
-        "began": [f"{record.at:%Y-%m-%d %H:%M %Z}" for record in opened],
+        "began": [measured_words(record, "%Y-%m-%d %H:%M %Z") for record in opened],
         "operator": [record.operator for record in opened],
         "temperature": [
             "" if record.temperature_c is None else f"{record.temperature_c:g} °C"

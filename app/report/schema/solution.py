@@ -48,7 +48,7 @@ from calib.posterior.models import LikelyMistake
 from calib.quantity import rows
 from calib.tripod.workspace import PlaneMap
 from protocols.machine import Frame, Instrument
-from protocols.session import Session
+from protocols.session import Session, measured_at
 
 
 class Covariance(Report):
@@ -177,7 +177,7 @@ class MeasuredSession(Report):
 
     of = Source[Session]()
     origin: str = of(lambda r: r.opened.origin)
-    begun: datetime = of(lambda r: r.opened.at)
+    begun: datetime = of(lambda r: measured_at(r.opened))
     operator: str = of(lambda r: r.opened.operator)
     temperature_c: float | None = of(lambda r: r.opened.temperature_c)
     indicators: tuple[Instrument, ...] = of(lambda r: r.opened.instruments)

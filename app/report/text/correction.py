@@ -64,8 +64,8 @@ def correction_table(correction: SessionCorrection) -> Table:
     table = new_table("enter", "value", "", "± U (95 %)")
     wide = (
         {}
-        if correction.half_widths_mm is None
-        else dict(zip("xyz", correction.half_widths_mm, strict=True))
+        if correction.uncertainties_mm is None
+        else dict(zip("xyz", correction.uncertainties_mm[1], strict=True))
     )
     for name, entry in correction.values.items():
         half = wide.get(name[-1]) if name.startswith("d_rho") else None
@@ -88,7 +88,7 @@ def bound_table(first: Frame, off_now: ToolOff, off: ToolOff) -> Table:
     """What the tool is off by at most, now and with the values, in each frame."""
     table = new_table("tool error, r.m.s. (95 %)", "now, mm", "with these values, mm")
     for frame in frames_of(first):
-        now, after = off_now.bound_mm[frame], off.bound_mm[frame]
+        now, after = off_now.bound_in(frame), off.bound_in(frame)
         table.add_row(FREE_WORDS[frame], uncertain(now), uncertain(after))
     return table
 
@@ -105,11 +105,11 @@ def off_line(frame: Frame, off_now: ToolOff, off: ToolOff) -> str:
     """The bound as one line, the chosen frame first."""
     first, *frames_beside = frames_of(frame)
     beside = ", ".join(
-        f"{FRAME_WORDS[name]} {uncertain(off.bound_mm[name])} mm" for name in frames_beside
+        f"{FRAME_WORDS[name]} {uncertain(off.bound_in(name))} mm" for name in frames_beside
     )
     return (
-        f"{BOUND}at most {uncertain(off_now.bound_mm[first])} mm now, at most "
-        f"{uncertain(off.bound_mm[first])} mm with these values, {FRAME_WORDS[first]}; {beside}."
+        f"{BOUND}at most {uncertain(off_now.bound_in(first))} mm now, at most "
+        f"{uncertain(off.bound_in(first))} mm with these values, {FRAME_WORDS[first]}; {beside}."
     )
 
 

@@ -86,7 +86,7 @@ def _travel_table(change: PrinterChange) -> Table:
 def change_answers(solved: SessionSolution, change: PrinterChange) -> Iterator[str]:
     """Does it repeat; is it the probe or the geometry; how good can it get."""
     noise, uneven = solved.solution.noise, change.uneven_mm
-    scatter_mm = noise.standard_deviation_mm if noise.source == "repeats" else None
+    scatter_mm, free = noise.scatter_of_repeats if noise.source == "repeats" else (None, 0.0)
     probe_limits = bool(uneven and scatter_mm and uneven.now < BEYOND_NOISE * scatter_mm)
     if not change.helps and not probe_limits:
         yield NOT_WORTH_IT
@@ -97,7 +97,7 @@ def change_answers(solved: SessionSolution, change: PrinterChange) -> Iterator[s
     else:
         yield (
             f"Contacts at one place repeat to {uncertain(scatter_mm)} mm (standard deviation, "
-            f"{noise.degrees_of_freedom:.0f} degrees of freedom)."
+            f"{free:.0f} degrees of freedom)."
         )
     if probe_limits:
         yield (

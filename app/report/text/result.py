@@ -132,6 +132,7 @@ def _measured_words(session: Session) -> str:
     """When a session was measured, by whom, how warm, and with which indicators."""
     opened = session.opened
     words = [f"{session.name}: {opened.origin} {opened.at:%Y-%m-%d %H:%M %Z}"]
+    words += [f"measured on {opened.measured_on}"] if opened.measured_on else []
     words += [f"by {opened.operator}"] if opened.operator else []
     words += [] if opened.temperature_c is None else [f"at {opened.temperature_c:g} °C"]
     indicators = dict.fromkeys(map(indicator_words, opened.instruments))
@@ -449,13 +450,9 @@ WRONG = {
 def verification_text(verification: Verification) -> str:
     """The decision first, then what was expected and found, then what to do."""
     before, after = verification.compared.before, verification.compared.after
-    expected = before.entered
     return paragraphs(
         [f"before: {before.names[0]}", f"after:  {after.names[0]}"],
-        f"{decided(verification)} Tool over the workspace, r.m.s. (95 %), "
-        f"{FRAME_WORDS[after.frame]}: at "
-        f"most {uncertain(expected.bound_mm)} mm was expected, at most "
-        f"{uncertain(after.correction.now_mm)} mm is left.",
+        f"{decided(verification)} At most {uncertain(before.entered.bound_mm)} mm was expected.",
         offsets_table(verification),
         "\n".join(what_to_do(verification)),
         *(f"Remark: {remark}" for remark in verification.compared.remarks),
@@ -468,10 +465,20 @@ def offsets_table(verification: Verification) -> Table:
 
 
 def decided(verification: Verification) -> str:
-    """The decision in a sentence."""
+    """The decision in a sentence, with the figure that decides."""
+    after = verification.compared.after
+    figure = (
+        f"the tool is off by at most {uncertain(after.correction.now_mm)} mm r.m.s. over the "
+        f"workspace (95 %), {FRAME_WORDS[after.frame]}"
+    )
     if verification.decision is None or verification.tolerance_mm is None:
-        return "NOT JUDGED: there is no --tolerance, and no tool_tolerance_mm in the machine file."
-    return _against(verification.tolerance_mm, verification.decision)
+        return (
+            f"NOT JUDGED: {figure}. There is no --tolerance, and no tool_tolerance_mm in the "
+            "machine file."
+        )
+    return (
+        f"{DECIDED[verification.decision]}: {figure}. Tolerance: {verification.tolerance_mm:g} mm."
+    )
 
 
 def what_to_do(verification: Verification) -> list[str]:

@@ -98,6 +98,29 @@ def test_import_keeps_everything_and_solves_the_same(samples: Path, tmp_path: Pa
     assert glidecal("validate", made).status == 0
 
 
+def test_the_day_of_a_table_is_stated_or_not_made_up(samples: Path, tmp_path: Path) -> None:
+    """A certificate once had the day of the import as that of the measurement."""
+    table, made, silent = (
+        samples / "tables" / "experiment_2_twelve.csv",
+        tmp_path / "s.jsonl",
+        tmp_path / "silent.jsonl",
+    )
+    assert glidecal("import", table, "--measured-on", "2008-05-12", "-o", made).status == 0
+    assert glidecal("import", table, "-o", silent).status == 0
+    assert "imported" in glidecal("solve", silent).out
+    assert "measured on 2008-05-12" in glidecal("solve", made).out
+    files = {session: session.with_suffix(".csv") for session in (made, silent)}
+    for session, csv in files.items():
+        assert glidecal("export", session, "--format", "csv", "-o", csv).status == 0
+    assert "measured 2008-05-12, digest" in files[made].read_text()
+    assert "measured not stated, imported 20" in files[silent].read_text()
+    page = tmp_path / "p.html"
+    assert glidecal("report", silent, "-o", page).status == 0
+    assert "not stated, imported 20" in page.read_text()
+    asked = ("import", table, "--measured-on", "2999-01-01", "-o", tmp_path / "later.jsonl")
+    assert "2999-01-01. Allowed: a day of the past" in refused(2, *asked)
+
+
 def test_import_of_one_posture_is_kept_but_cannot_be_solved(tmp_path: Path) -> None:
     table = tmp_path / "t.csv"
     table.write_text("leg,axis,displacement_mm,value_mm,colour\nx,y,0,0.1,red\nx,y,0,0.2,blue\n")

@@ -310,6 +310,7 @@ def test_no_uncertainty_is_rounded_to_nothing(tmp_path: Path) -> None:
     assert f"{first['value']:+.{decimals}f} {half:.{decimals}f}" in said
 
 
+@LONG
 def test_plan_goes_by_the_noise_of_the_readings_unless_another_is_asked_for(
     tmp_path: Path,
 ) -> None:

@@ -15,7 +15,7 @@ from calib.printable import HIDDEN, printable
 from protocols.documents import is_deep
 from tests.app.cli import glidecal, refused, run_here
 from tests.app.commands.hostile_files import chained
-from tests.conftest import ROOT
+from tests.conftest import LONG, ROOT
 
 EXPERIMENT = ROOT / "sample_sessions" / "experiment_2_twelve.jsonl"
 TABLE = ROOT / "sample_sessions" / "tables" / "experiment_2_twelve.csv"
@@ -135,6 +135,7 @@ def test_reader_of_the_output_goes_away() -> None:
     assert "Traceback" not in run.stderr
 
 
+@LONG
 def test_thousands_of_readings_stay_cheap(tmp_path: Path) -> None:
     """The map from readings to differences is sparse; a dense one took 2 GB here."""
     table = tmp_path / "t.csv"

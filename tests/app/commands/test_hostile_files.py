@@ -18,6 +18,7 @@ import pytest
 from calib.printable import HIDDEN
 from tests.app.cli import run_here
 from tests.app.commands.hostile_files import KINDS, hostile_case
+from tests.conftest import first_quick
 
 SEEDS = int(os.environ.get("GLIDECAL_FUZZ", "0")) or 2 * len(KINDS)
 AT_ONCE = 10
@@ -84,7 +85,7 @@ def faults_of(seed: int, folder: Path, patch: pytest.MonkeyPatch) -> list[str]:
     return faults
 
 
-@pytest.mark.parametrize("first", range(0, SEEDS, AT_ONCE))
+@pytest.mark.parametrize("first", first_quick(range(0, SEEDS, AT_ONCE)))
 def test_strangers_files(first: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     faults = []
     for seed in range(first, min(first + AT_ONCE, SEEDS)):

@@ -65,7 +65,7 @@ def target_of(name: str, at: Path) -> Path:
     return Path(suffix.replace("{}", str(at)))
 
 
-@pytest.mark.parametrize("name", WRITING)
+@pytest.mark.parametrize("name", first_quick(WRITING))
 def test_a_file_that_is_there_is_kept_in_a_pipe_and_replaced_by_force(
     name: str, tmp_path: Path, samples: Path
 ) -> None:
@@ -104,7 +104,7 @@ def test_not_even_force_writes_over_a_session(name: str, tmp_path: Path, samples
 
 @needs_links
 @pytest.mark.parametrize("force", first_quick([("--force",), ()]))
-@pytest.mark.parametrize("behind", ["nothing", "a file"])
+@pytest.mark.parametrize("behind", first_quick(["nothing", "a file"]))
 @pytest.mark.parametrize("name", WRITING)
 def test_no_verb_writes_through_a_link(
     name: str, behind: str, force: tuple[str, ...], tmp_path: Path, samples: Path
@@ -195,16 +195,18 @@ def test_a_record_is_a_file(name: str, tmp_path: Path, samples: Path) -> None:
 
 @pytest.mark.parametrize(
     "arguments",
-    [
-        ("export", SAMPLE, "--format", "json"),
-        ("export", SAMPLE, "--format", "csv"),
-        ("export", SAMPLE, "--format", "model"),
-        ("export", SAMPLE, "--format", "csv", "--table", "residuals"),
-        ("export", "{delta}", "--format", "klipper", "--endstops", "300,300,300"),
-        ("export", "{delta}", "--format", "reprapfirmware", "--endstops", "300,300,300"),
-        ("simulate", *HEXA),
-        ("report", SAMPLE),
-    ],
+    first_quick(
+        [
+            ("export", SAMPLE, "--format", "json"),
+            ("export", SAMPLE, "--format", "csv"),
+            ("export", SAMPLE, "--format", "model"),
+            ("export", SAMPLE, "--format", "csv", "--table", "residuals"),
+            ("export", "{delta}", "--format", "klipper", "--endstops", "300,300,300"),
+            ("export", "{delta}", "--format", "reprapfirmware", "--endstops", "300,300,300"),
+            ("simulate", *HEXA),
+            ("report", SAMPLE),
+        ]
+    ),
 )
 def test_one_text_goes_to_standard_output(
     arguments: tuple[str, ...], tmp_path: Path, samples: Path

@@ -25,6 +25,7 @@ from calib.tripod.pool import leg_pool, levels_mm
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
 from tests.app.cli import glidecal, refused
+from tests.conftest import LONG, first_quick
 from tests.hidden_sessions import write_session
 
 
@@ -149,7 +150,7 @@ def test_postures_as_json() -> None:
     assert found["coordinates_on_bound"] == sum(on_limit) + sum(on_end)
 
 
-@pytest.mark.parametrize("criterion", Criterion)
+@pytest.mark.parametrize("criterion", first_quick(Criterion))
 def test_twelve_chosen_postures_beat_the_twelve_of_a_procedure(
     tmp_path: Path, criterion: Criterion
 ) -> None:
@@ -178,6 +179,7 @@ def test_common_postures_are_one_procedure_that_runs(tmp_path: Path) -> None:
     assert glidecal("solve", session, "--subset", "both").status == 0
 
 
+@LONG
 def test_free_postures_are_one_procedure_for_each_mounting(tmp_path: Path) -> None:
     run = glidecal(
         *("postures", "orthoglide", "--procedure", "sweep", "--count", "13"),
@@ -255,7 +257,7 @@ def test_moved_postures_are_those_of_the_written_procedure(tmp_path: Path) -> No
     assert any(level % 10.0 for level in levels)
 
 
-@pytest.mark.parametrize("criterion", list(Criterion))
+@pytest.mark.parametrize("criterion", first_quick(list(Criterion)))
 def test_nine_postures_do_for_every_criterion(criterion: Criterion) -> None:
     """Sets of nine that see next to nothing have fine condition numbers."""
     found = optimum_postures(orthoglide("zero-max-min", 0.02), 9, criterion=criterion)
@@ -311,6 +313,7 @@ def test_wrong_use_is_one_paragraph(
     assert said in refused(status, *arguments, cwd=tmp_path)
 
 
+@LONG
 def test_plan_with_and_without_sessions(samples: Path) -> None:
     blank = document("plan")
     assert blank["schema"] == "glidecal.plan/1"
@@ -337,6 +340,7 @@ def test_plan_goes_to_the_legs_that_were_not_measured(tmp_path: Path) -> None:
     assert next_measurement(load_sessions([session])[0]).best.candidate.legs == ("z",)
 
 
+@LONG
 def test_plan_goes_by_the_frame_and_by_what_the_controller_holds(tmp_path: Path) -> None:
     session = write_session(tmp_path / "s.jsonl", "sweep", 3, "axis_squareness:xy", 2.0)
     bounds = {}
@@ -458,6 +462,7 @@ def test_what_to_expect_of_every_parameter_is_the_papers_covariance(tmp_path: Pa
     assert delta["expected"][0]["all_mm"] is None  # a plate does not tell the sum of offsets
 
 
+@LONG
 def test_minutes_are_those_of_a_machine_that_moves_itself(tmp_path: Path) -> None:
     """At 50 mm/s a step of zero-max-min takes 1.97 s of way and 1 s of rest, by hand 20 s."""
     path = tmp_path / "moving.toml"

@@ -12,6 +12,7 @@ from app.report.text.result import view_parts
 from app.report.text.tables import paragraphs
 from calib.identify.solution import SUBSETS
 from tests.app.cli import glidecal, refused
+from tests.conftest import LONG
 
 
 def test_another_set_comes_from_the_choice_and_tells_what_a_solution_of_its_own_tells(
@@ -46,6 +47,7 @@ def test_everything_at_once(samples: Path) -> None:
     assert "3000 simulated sessions" in said
 
 
+@LONG
 def test_a_guard_band_leaves_some_undecided(samples: Path) -> None:
     """Between what 95 of 100 machines exceed and what 95 of 100 keep nothing is decided."""
     session = samples / "experiment_2_twelve.jsonl"

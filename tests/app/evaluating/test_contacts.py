@@ -115,6 +115,7 @@ def test_contacts_and_readings_of_a_plate_stand_in_one_solution(tmp_path: Path) 
     assert size.value == pytest.approx(20.0, abs=3.0 * size.standard_uncertainty)
 
 
+@LONG
 def test_texts_of_contacts_name_no_indicator(tmp_path: Path) -> None:
     for cycles, name in ((3, "repeated"), (1, "once")):
         path, out = tmp_path / f"{name}.csv", tmp_path / f"{name}.jsonl"

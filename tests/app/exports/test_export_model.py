@@ -50,6 +50,22 @@ def entry(text: str, key: str) -> str | None:
     return lines[0].partition(" = ")[2] if lines else None
 
 
+def test_no_error_is_made_up_at_a_switch_far_from_the_travel(tmp_path: Path) -> None:
+    """Of 209 mm of polynomial beyond the travel came 0.4 mm of HOME_OFFSET, without a word."""
+    far = INI.replace("HOME_OFFSET = 301", "HOME_OFFSET = 1.5")
+    asked = asked_of(tmp_path, effect("actuator_scale", "y", scale=2.0), ini=far)
+    words = refused(2, *asked)
+    assert "HOME_OFFSET of the joint of drive y" in words
+    assert "1.5 mm" in words
+    assert "210.25 to 370.25 mm" in words
+    only_play = exported(tmp_path, effect("backlash", "y", play=0.06), ini=far)
+    assert entry(only_play["calib_joint1.inc"], "HOME_OFFSET") == "1.310000"
+    encoder = far.replace("HOME_LATCH_VEL = -1", "HOME_ABSOLUTE_ENCODER = 1")
+    (tmp_path / "new").mkdir()
+    met = exported(tmp_path / "new", effect("actuator_scale", "y", scale=2.0), ini=encoder)
+    assert entry(met["calib_joint1.inc"], "HOME_OFFSET") == "1.250000"
+
+
 def test_play_is_backlash_and_latched_downwards_in_home_offset(tmp_path: Path) -> None:
     found = exported(tmp_path, effect("backlash", "y", play=0.06))
     assert entry(found["calib_joint1.inc"], "BACKLASH") == "0.060000"
@@ -77,7 +93,7 @@ def test_scale_is_a_table_with_numbers_alone(tmp_path: Path) -> None:
 
 
 def test_a_table_in_inches(tmp_path: Path) -> None:
-    ini = INI.replace("= mm", "= inch")
+    ini = INI.replace("= mm", "= inch").replace("HOME_OFFSET = 30", "HOME_OFFSET = 11.8")
     found = exported(tmp_path, effect("actuator_scale", "x", scale=0.5), ini=ini)
     first, second = (line.split() for line in found["calib_joint0.comp"].splitlines())
     assert (float(second[0]) - float(first[0])) * 25.4 == pytest.approx(160.0, abs=1e-3)
@@ -171,7 +187,7 @@ def test_what_the_joints_hold_already_is_not_entered_twice(samples: Path, tmp_pa
     session, out = samples / "simulated_sweep.jsonl", tmp_path
     ini = tmp_path / "m.ini"
     joints = "".join(
-        f"[JOINT_{n}]\n#INCLUDE calib_joint{n}.inc\nHOME_OFFSET = 1\n" for n in range(3)
+        f"[JOINT_{n}]\n#INCLUDE calib_joint{n}.inc\nHOME_OFFSET = 300\n" for n in range(3)
     )
     ini.write_text(f"[TRAJ]\nLINEAR_UNITS = mm\n{joints}")
     asked = ("export", session, "--format", "linuxcnc", "--ini", ini, "-o", out)

@@ -333,7 +333,7 @@ def test_travels_of_towers_go_into_the_firmware_with_the_height_kept(
     assert rms(errors(hidden, worse)) > 1.5 * rms(errors(hidden, BELIEVED))
 
 
-@pytest.mark.parametrize("kind", READ)
+@pytest.mark.parametrize("kind", first_quick(READ))
 def test_travels_that_nobody_stated_stay_and_the_file_says_so(kind: str, tmp_path: Path) -> None:
     silent = {"rotation_distance_mm": None, "steps_per_mm": None}
     text = exported(STRETCHED, kind, tmp_path, **silent).read_text()
@@ -518,6 +518,7 @@ def test_the_first_line_says_to_touch_the_plate_again(
     assert value == pytest.approx(raised, abs=0.005)
 
 
+@LONG
 def test_the_bound_counts_what_the_firmware_has_no_value_for(tmp_path: Path) -> None:
     """Readings against a plate, of a machine whose towers lean, with the effect in the model."""
     leaning, session = tmp_path / "m.json", tmp_path / "s.jsonl"

@@ -20,11 +20,11 @@ from protocols.record import read_record
 from protocols.session import Noted, Superseded
 from tests.app.cli import glidecal, refused
 from tests.app.report.certificates import LABORATORY, ORDER, laboratory
-from tests.conftest import SAMPLES
+from tests.conftest import LONG, SAMPLES, first_quick
 
 SIXTY = SAMPLES / "simulated_zero-max-min.jsonl"
 MANY = SAMPLES / "simulated_two-station.jsonl"
-LONG = "W" * 180
+WIDE = "W" * 180
 
 pytestmark = pytest.mark.filterwarnings("ignore:HarfBuzz-Subset:DeprecationWarning")
 
@@ -61,7 +61,7 @@ def check_pages(pages: Sequence[str], identification: str) -> None:
     assert "Signature" not in " ".join([first, third, *pages[3:]])
 
 
-@pytest.mark.parametrize("session", [SIXTY, MANY])
+@pytest.mark.parametrize("session", first_quick([SIXTY, MANY]))
 def test_a_certificate_has_two_pages_and_an_annex(
     session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -81,33 +81,34 @@ def test_a_certificate_has_two_pages_and_an_annex(
     assert "Name: A. Example" in pages[1]
 
 
+@LONG
 def test_two_pages_are_enough_for_the_longest_words(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Three sessions with names, notes and doubts as long as they may be, and one after them."""
-    order = ORDER.replace("A. Example", LONG).replace("hall 3", LONG).replace("Maker", LONG)
-    shop = LABORATORY.replace("Long Street 12", LONG).replace("Brunswick", LONG)
+    order = ORDER.replace("A. Example", WIDE).replace("hall 3", WIDE).replace("Maker", WIDE)
+    shop = LABORATORY.replace("Long Street 12", WIDE).replace("Brunswick", WIDE)
     head = read_head(laboratory(tmp_path, monkeypatch, shop, order))
     record = read_record(SIXTY)
-    machine = record.opened.machine.model_copy(update={"name": LONG})
-    known = {"serial_number": LONG, "certificate_date": date(2026, 1, 1)}
+    machine = record.opened.machine.model_copy(update={"name": WIDE})
+    known = {"serial_number": WIDE, "certificate_date": date(2026, 1, 1)}
     paths = []
     for number in range(4):
         instruments = tuple(
-            indicator.model_copy(update={**known, "certificate": f"{number}{axis}{LONG}"})
+            indicator.model_copy(update={**known, "certificate": f"{number}{axis}{WIDE}"})
             for axis, indicator in zip("yz", record.opened.instruments, strict=True)
         )
         opened = record.opened.model_copy(
             update={
                 "machine": machine,
-                "operator": LONG,
+                "operator": WIDE,
                 "instruments": instruments,
                 "temperature_c": 20.0 + number,
             }
         )
-        doubt = Superseded(readings=(3 + number,), reason=LONG)
+        doubt = Superseded(readings=(3 + number,), reason=WIDE)
         paths.append(tmp_path / f"{'session' * 20}{number}.jsonl")
-        write_whole(paths[-1], opened, [*record.events[1:-1], Noted(text=LONG), doubt])
+        write_whole(paths[-1], opened, [*record.events[1:-1], Noted(text=WIDE), doubt])
     report = report_of(paths[:3], after=paths[3], head=head, tolerance_mm=0.1)
     check_pages(printed_pages(html_of(report)), "Certificate 2026-0042")
 
@@ -183,6 +184,7 @@ def test_what_is_missing_is_one_sentence(
     assert not target.exists()
 
 
+@LONG
 def test_a_number_is_of_one_certificate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = laboratory(tmp_path, monkeypatch)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))

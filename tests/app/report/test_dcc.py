@@ -23,7 +23,7 @@ from protocols.record import read_record
 from tests.app.cli import glidecal, refused
 from tests.app.report.certificates import LABORATORY, laboratory
 from tests.app.report.test_pages import HOSTILE, hostile_session
-from tests.conftest import ROOT, SAMPLES
+from tests.conftest import LONG, ROOT, SAMPLES
 
 SCHEMAS = ROOT.parent / "shared" / "data" / "dcc"
 SIMULATED = SAMPLES / "simulated_zero-max-min.jsonl"
@@ -97,6 +97,7 @@ def test_a_verified_one_is_valid(
     assert [decision.text for decision in decisions] == ["fail", "pass", "pass"]
 
 
+@LONG
 def test_words_of_strangers_are_text(
     order: Path, tmp_path: Path, faults_of: Callable[[str], list[str]]
 ) -> None:

@@ -24,6 +24,7 @@ from tests.app.exports.test_imported_printers import (
     heights,
     session_of,
 )
+from tests.conftest import LONG
 from tests.protocols.printers.printers import printer_cfg
 from tests.protocols.printers.test_firmwares import m503, real_eeprom
 
@@ -60,6 +61,7 @@ def test_screws_of_the_endstops_mend_what_is_off_there(tmp_path: Path) -> None:
     assert after < 0.15 * before
 
 
+@LONG
 def test_the_table_is_what_the_file_holds(tmp_path: Path) -> None:
     session = session_of(tmp_path, m503(true.OFF_IN_ALL, 2))
     table, text = rows(told(session)), file_of(session, "klipper", tmp_path)

@@ -61,13 +61,16 @@ def test_with_bars_of_their_tolerance_nothing_is_missing() -> None:
 
 @pytest.mark.parametrize(
     ("name", "freedom", "least_mm"),
-    [
-        ("experiment_1_six", 3, 0.3),
-        ("experiment_2_six", 3, 0.08),
-        ("experiment_3_six", 3, 0.08),
-        ("experiment_2_twelve", 9, 0.08),
-        ("experiment_3_twelve", 9, 0.08),
-    ],
+    first_quick(
+        [
+            ("experiment_1_six", 3, 0.3),
+            ("experiment_2_six", 3, 0.08),
+            ("experiment_3_six", 3, 0.08),
+            ("experiment_2_twelve", 9, 0.08),
+            ("experiment_3_twelve", 9, 0.08),
+        ],
+        several=True,
+    ),
 )
 def test_published_gaps_are_not_closed_by_bars_of_metres(
     name: str, freedom: int, least_mm: float

@@ -306,7 +306,7 @@ def test_swapped_indicators_beside_a_strong_effect(seed: int) -> None:
     assert {finding.id for finding in diagnosis.effects} == {"gauge_swap", "axis_offset"}
 
 
-@pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
+@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP, TWO_STATION]))
 @pytest.mark.parametrize(
     ("effect", "where", "values"),
     [
@@ -329,7 +329,7 @@ def test_strong_effects_are_no_mistakes(
         assert mistakes(diagnose([session], CATALOGUE)) == []
 
 
-@pytest.mark.parametrize("taken", [SWEEP, TWO_STATION])
+@pytest.mark.parametrize("taken", first_quick([SWEEP, TWO_STATION]))
 def test_repeats_read_in_place_get_no_name(taken: Observations) -> None:
     """Every posture is off by the scatter of a reading; the repeats do not show it."""
     keys = np.stack([taken.mount, taken.displacement_mm, taken.approach])
@@ -405,7 +405,7 @@ def test_a_reading_of_heavy_tails_is_not_moved() -> None:
     assert single(diagnosed(session, observed)) == []
 
 
-@pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
+@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP, TWO_STATION]))
 @pytest.mark.parametrize("size_mm", [0.1, 0.4, 5.0])
 def test_two_mistakes_do_not_hide_each_other(taken: Observations, size_mm: float) -> None:
     """Each of them alone would make the other look like scatter."""
@@ -439,7 +439,7 @@ def wildest(noises: Sequence[FloatArray], count: int) -> list[tuple[int, FloatAr
     return order[:count]
 
 
-@pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
+@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP, TWO_STATION]))
 def test_heavy_tails_hold_no_wrong_labels(taken: Observations) -> None:
     """Of forty sessions; were labels doubted from 6 standard deviations on, three would fail."""
     noises = [
@@ -464,7 +464,7 @@ def test_two_wrong_labels_are_both_told() -> None:
     assert left_out(diagnosis, len(observed)) == [first, second]
 
 
-@pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
+@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP, TWO_STATION]))
 def test_first_readings_off_by_a_large_play_are_not_wild(taken: Observations) -> None:
     """Before the first reading nobody knows from where the machine came."""
     plays = [EffectInstance(LAWS["backlash"], leg, (0.5,)) for leg in "xyz"]
@@ -472,7 +472,7 @@ def test_first_readings_off_by_a_large_play_are_not_wild(taken: Observations) ->
         assert single(diagnose([case(taken, *plays, seed=seed)], CATALOGUE)) == []
 
 
-@pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
+@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP, TWO_STATION]))
 def test_indicators_that_scatter_unequally_are_no_mistakes(taken: Observations) -> None:
     """One of six scatters three times as much as the others, in forty sessions."""
     noises = []

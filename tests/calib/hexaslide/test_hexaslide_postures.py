@@ -20,7 +20,7 @@ from calib.hexaslide.procedures import Procedure, ProcedureKind, looseness
 from calib.hexaslide.search import BestPostures, Search, best_postures, judged_postures
 from tests.calib.hexaslide.hexaslide_draws import jacobian_and_slopes
 from tests.calib.hexaslide.test_hexaslide import H60, random_machine, some
-from tests.conftest import LONG
+from tests.conftest import LONG, first_quick
 
 PROCEDURES = {
     "pose-inverse": Procedure.of("pose-inverse"),
@@ -128,7 +128,7 @@ def best(kind: ProcedureKind) -> BestPostures:
     return best_postures(Procedure.of(kind), H60, count, Search(starts=starts))
 
 
-@pytest.mark.parametrize("kind", list(ProcedureKind))
+@pytest.mark.parametrize("kind", first_quick(list(ProcedureKind)))
 def test_condition_numbers_on_the_example_machine(kind: ProcedureKind) -> None:
     (count, rank, starts, limit), found = LIMITS[kind], best(kind)
     postures = found.refined.coordinates
@@ -312,6 +312,7 @@ def test_limits_of_sliders_are_kept_and_cost_something() -> None:
         best_postures(procedure, none, 9)
 
 
+@LONG
 def test_between_the_ends_of_the_rails_more_is_seen_than_in_the_box() -> None:
     """The sliders come to the ends of their rails, the platform stays held, on its branch."""
     procedure, search = PROCEDURES["pose-forward"], Search(starts=1)

@@ -17,6 +17,7 @@ from calib.noise.reading import IndicatorFigures
 from calib.tripod.pipeline import Model
 from tests.builders import observed, postures
 from tests.calib.identify.identified import identify
+from tests.conftest import LONG
 
 TOLERANCES_MM = np.array([2.0] * 3 + [0.1] * 3)
 MODEL = Model()
@@ -96,6 +97,7 @@ def test_weighting_by_14_against_its_own_formula() -> None:
     assert solution.covariance_mm2 == pytest.approx(0.02**2 * np.linalg.inv(normal))
 
 
+@LONG
 def test_intervals_cover_the_truth() -> None:
     """95 % intervals with noise from repeats: between 93 and 97 % of 600 sessions x 3."""
     truth = [0.4, -0.3, 0.8, 0.0, 0.0, 0.0]

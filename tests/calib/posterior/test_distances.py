@@ -205,6 +205,7 @@ def test_distances_tell_the_common_size_that_contacts_leave_open() -> None:
     assert np.sqrt((both[:, 0] ** 2).mean()) < 0.6 * np.sqrt((contacts[:, 0] ** 2).mean())
 
 
+@LONG
 def test_the_interval_covers() -> None:
     """Of 24 machines 95 % would be 22.8; fewer than 20 come once in a hundred times."""
     both = np.array([solved(seed, with_distances=True) for seed in MACHINES])

@@ -33,6 +33,7 @@ from drivers.motion.linuxcnc import LinuxCnc
 from drivers.motion.states import MAY_MOVE, State
 from drivers.motion.twins import GrblTwin, MotionTrouble, SimulatedAxes
 from drivers.twins import Transport
+from tests.conftest import first_quick
 from tests.drivers.motion.adversary import (
     SPAN_S,
     STRANGERS,
@@ -372,7 +373,7 @@ def scenario(name: str, seed: int, ticker: Ticker) -> Scenario:
 
 
 @pytest.mark.timeout(900 + SEEDS * 5)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", first_quick(NAMES))
 def test_ill_controllers(name: str, ticker: Ticker, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivers.motion.line.Guard", Present)
     with ThreadPoolExecutor(AT_ONCE) as pool:
@@ -728,7 +729,7 @@ def stranger(name: str, stream: bytes, every_s: float, ticker: Ticker) -> list[s
     return [f"{stream[:30]!r} each {every_s:g} s: {words}" for words in wrong]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", first_quick(NAMES))
 def test_a_stranger_behind_the_port(name: str, ticker: Ticker) -> None:
     """An indicator, a printer, FluidNC, no line's end, or nothing; now and then or without end."""
     devices = [(b"", 0.0), *((s, 0.0) for s in STRANGERS), *((s, 0.1) for s in STRANGERS[::3])]

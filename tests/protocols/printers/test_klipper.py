@@ -20,6 +20,7 @@ from protocols.record import read_record
 from protocols.session import Session, fold
 from tests.app.cli import glidecal, refused
 from tests.app.exports import test_towers as true
+from tests.conftest import LONG
 from tests.protocols.printers.printers import (
     MOTOR,
     NOW,
@@ -179,6 +180,7 @@ def test_distances_are_between_the_marks_as_they_were_commanded(tmp_path: Path) 
         assert one.value_mm == pytest.approx(np.linalg.norm(ends[0] - ends[1]), abs=1e-4)
 
 
+@LONG
 def test_distances_go_with_the_contacts_into_record_and_result(tmp_path: Path) -> None:
     """A machine whose bars are longer alike: the tool is known better than by contacts alone."""
     hidden = true.Hidden(switch_mm=(0.2, -0.1, 0.1), bar_mm=(0.5, 0.5, 0.5))
@@ -235,7 +237,7 @@ def test_a_long_log_takes_no_square_of_its_length(tmp_path: Path) -> None:
     begin = time.process_time()
     found = read(tmp_path, PRINTER + steppers(), log)
     assert [one.cycle for one in found.contacts] == [1] * 10_000 + [2] * 10_000
-    assert time.process_time() - begin < 10.0  # comparing each with each takes minutes
+    assert time.process_time() - begin < 10.0  # comparing each with each takes minutes; this 2 s
 
 
 def test_what_stands_above_the_saved_block_wins_or_is_included_there(tmp_path: Path) -> None:

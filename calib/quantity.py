@@ -122,3 +122,14 @@ def uncertain(value_mm: float, least: int = 3) -> str:
 def signed(value: float, decimals: int = 3) -> str:
     """A number with its sign; zero is never shown as minus zero."""
     return f"{round(value, decimals) + 0.0:+.{decimals}f}"
+
+
+def round_step(size: float) -> float:
+    """1, 2 or 5 of a power of ten, the nearest one below."""
+    decade = 10.0 ** math.floor(math.log10(size) + 1e-9)
+    factor = max(
+        factor_of_decade
+        for factor_of_decade in (1.0, 2.0, 5.0)
+        if factor_of_decade * decade <= size * (1.0 + 1e-9)
+    )
+    return float(f"{factor * decade:.6g}")

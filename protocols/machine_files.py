@@ -19,6 +19,9 @@ BEGINNING_BYTES = 400
 OWN_FORM = re.compile(rb'"schema":"glidecal\.([a-z]+)-session/')
 """In the first line of a record that is none of indicators on legs."""
 
+OWN_MODEL = re.compile(rb'"schema"\s*:\s*"glidecal\.([a-z]+)-model/')
+"""Near the beginning of a model file of another kind of machine."""
+
 MACHINES = Path(__file__).with_name("machines")
 
 
@@ -37,6 +40,12 @@ def schema_of(text: str) -> str:
     """
     match = SCHEMA_LINE.search(text)
     return match[1] if match else ""
+
+
+def model_form(path: Path) -> str:
+    """What the kind of machine of a model file is called, empty: with three linear drives."""
+    match = OWN_MODEL.search(beginning_of(path))
+    return match[1].decode() if match else ""
 
 
 def form_name(path: Path) -> str:

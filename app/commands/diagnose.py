@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +11,7 @@ import typer
 from app.machines.options import (
     Answer,
     AsJson,
+    Diagnosing,
     Force,
     argument,
     file,
@@ -18,7 +20,7 @@ from app.machines.options import (
     say,
     working,
 )
-from app.machines.registry import family_of_files, typed
+from app.machines.registry import family_of_files, family_of_model, typed
 from calib.errors import UsageError
 from protocols.machine_files import machine_names
 
@@ -26,7 +28,9 @@ if TYPE_CHECKING:
     from app.evaluating.diagnosis import AdoptedTool, SessionDiagnosis
 
 
-def _of_own_form(context: typer.Context, sessions: list[Path], *, as_json: bool) -> bool:
+def _of_own_form(
+    context: typer.Context, sessions: list[Path], asked: Diagnosing, *, as_json: bool
+) -> bool:
     """Whether these are sessions of another form, then told. Raises UsageError for options."""
     verbs = family_of_files(None, sessions).sessions
     if verbs is None:
@@ -35,12 +39,17 @@ def _of_own_form(context: typer.Context, sessions: list[Path], *, as_json: bool)
         raise UsageError(wrong, f"session {sessions[0]}", "sessions of indicators on legs")
     if len(sessions) > 1:
         raise UsageError("diagnose", f"{len(sessions)} sessions", "one of this kind of machine")
-    typer.echo(verbs.diagnosed(sessions[0]).shown(as_json=as_json))
+    if asked.candidate and not asked.adopt:
+        raise UsageError("--candidate", "no --adopt", "--adopt with the model to write")
+    beside = None if asked.adopt == asked.model else asked.adopt
+    may = may_replace(asked.replace, beside) or asked.adopt == asked.model
+    answer = verbs.diagnosed(sessions[0], replace(asked, replace=may), say)
+    typer.echo(answer.shown(as_json=as_json))
     return True
 
 
 OF_INDICATORS = (
-    *("aliases", "model", "adopt", "candidate", "correct", "held_out"),
+    *("aliases", "correct", "held_out"),
     *("next_procedure", "procedure", "machine"),
 )
 
@@ -77,7 +86,8 @@ def diagnose(
     as_json: AsJson = False,
 ) -> None:
     """What is missing in the model, and where it shows. The gap before and after."""
-    if sessions and _of_own_form(context, sessions, as_json=as_json):
+    asked = Diagnosing(model, adopt, candidate, force)
+    if sessions and _of_own_form(context, sessions, asked, as_json=as_json):
         return
     from app.evaluating import diagnosis as evaluated
     from app.evaluating.diagnosis import diagnose_files
@@ -149,12 +159,18 @@ def model(
     as_json: AsJson = False,
 ) -> None:
     """Parameters, effects and history of a model. Effects can be removed again."""
+    if remove and not why:
+        raise UsageError("--remove", "no reason", "--why with the reason, for the history")
+    if (verbs := family_of_model(path).sessions) is not None:
+        words, text = verbs.modelled(path, remove or "", why)
+        if remove:
+            say(f"{remove} removed from {path}")
+        typer.echo(text if as_json else words)
+        return
     from app.evaluating.diagnosis import remove as take_out
     from app.report.text.model import model_text
     from protocols.model_file import read_model_file
 
-    if remove and not why:
-        raise UsageError("--remove", "no reason", "--why with the reason, for the history")
     model_file = take_out(path, remove, why) if remove else read_model_file(path)
     if remove:
         say(f"{remove} removed from {path}")

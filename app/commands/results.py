@@ -77,6 +77,9 @@ def compare(
     as_json: AsJson = False,
 ) -> None:
     """The differences before and after a calibration. After: with the offsets entered."""
+    if (verbs := family_of_files(None, [before, after]).sessions) is not None:
+        typer.echo(verbs.compared(before, after).shown(as_json=as_json))
+        return
     from app.evaluating.comparison import compare_files
     from app.report.schema.solution import ComparisonReport
     from app.report.text.result import comparison_report

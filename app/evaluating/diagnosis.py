@@ -31,12 +31,17 @@ from calib.tripod.effects.effect import Effect, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
 from calib.tripod.pipeline import Model
 from protocols.data_table import DataTable, Tabled
+from protocols.effect_entries import (
+    EffectEntry,
+    Provenance,
+    with_effect,
+    with_sizes,
+    without_effect,
+)
 from protocols.files import write_files
 from protocols.journal import write_whole
 from protocols.model_file import (
-    EffectEntry,
     ModelFile,
-    Provenance,
     ambiguity,
     ambiguous_effects,
     effect_entry,
@@ -44,10 +49,7 @@ from protocols.model_file import (
     model_file,
     read_model_file,
     to_model,
-    with_effect,
-    with_sizes,
     with_solution,
-    without_effect,
 )
 from protocols.motion import seconds_per_step
 from protocols.observations import (

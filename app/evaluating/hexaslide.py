@@ -16,15 +16,9 @@ from app.evaluating.posture_history import PostureEntry
 from calib.diagnosis.hexaslide import HexaSlideDiagnosis
 from calib.errors import CalibrationError, GlidecalError
 from protocols.hexaslide import HexaSlideMeasurements
-from protocols.hexaslide_measured import measured_in
 from protocols.hexaslide_session import PostureSession, read_postures
 from protocols.record import Record
 from protocols.session import measured_at
-
-
-def diagnose_postures(path: Path) -> HexaSlideDiagnosis:
-    """Raises RecordError for a file, CalibrationError where its postures give no result."""
-    return diagnosis_of(measured_in(path))
 
 
 @dataclass(frozen=True, eq=False)

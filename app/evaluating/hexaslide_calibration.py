@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from app.evaluating.posture_history import Decision
 from calib.arrays import FloatArray
 from calib.diagnosis.hexaslide import (
+    FEWEST_SPARE,
+    AdoptedEffect,
     HexaSlideDiagnosis,
     WeighedCauses,
-    diagnosed,
+    causes_of_machine,
     diagnosis_from,
     weighed,
+    with_effects,
 )
 from calib.diagnosis.hexaslide_correction import HexaSlideCorrection, correction_of
-from calib.errors import CalibrationError
+from calib.errors import CalibrationError, NotIdentifiable, RecordError, UsageError
 from calib.hexaslide.calibration import calibrate
 from calib.hexaslide.checked import Checked, checked_calibration
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import fewest_postures
 from calib.hexaslide.platform import PlatformError, platform_error
-from calib.hexaslide.residuals import Readings
+from calib.hexaslide.residuals import Readings, postures_of
 from protocols.hexaslide import HexaSlideMeasurements, read_truth
 from protocols.hexaslide_measured import measured_in
+from protocols.hexaslide_model import HexaSlideModel, read_hexaslide_model
 
 LACK_OF_FIT_LEVEL = 0.01
 """Below this p-value more is left than noise."""
@@ -37,7 +42,8 @@ class CalibratedMachine(Checked):
     """A calibration with its checks, what it means at the platform, and the file it is from.
 
     ``found`` is that of the parameters alone, ``entered`` the machine to enter: it counts what else
-    may be missing. ``left_out`` are the numbers of postures that the diagnosis names as mistakes.
+    may be missing. ``left_out`` are the numbers of postures that the diagnosis names as mistakes,
+    ``adopted`` effects of a model, with sizes that were fitted again.
     """
 
     name: str
@@ -45,27 +51,42 @@ class CalibratedMachine(Checked):
     entered: HexaSlide
     platform: PlatformError
     left_out: tuple[int, ...] = ()
+    adopted: tuple[AdoptedEffect, ...] = ()
 
 
-def calibrate_file(path: Path, truth: Path | None, share: float) -> CalibratedMachine:
-    """Identify from a file of measured postures, about ``share`` of them kept out.
+def calibrate_file(
+    path: Path, truth: Path | None, share: float, model: Path | None = None
+) -> CalibratedMachine:
+    """Identify from a file of measured postures, about ``share`` of them kept out, beside the
+    effects of a ``model``.
 
-    Raises RecordError for a file, CalibrationError where the postures give no result.
+    Raises RecordError for a file, CalibrationError where the postures give no result, UsageError
+    for the model of another machine.
     """
-    return calibrated(path.name, measured_in(path), share, truth)
+    source = measured_in(path)
+    effects: tuple[AdoptedEffect, ...] = ()
+    if model is not None:
+        effects = effects_of(read_hexaslide_model(model), source, f"model {model}")
+    return calibrated(path.name, source, share, truth, effects)
 
 
 def calibrated(
-    name: str, source: HexaSlideMeasurements, share: float, truth: Path | None = None
+    name: str,
+    source: HexaSlideMeasurements,
+    share: float,
+    truth: Path | None = None,
+    effects: Sequence[AdoptedEffect] = (),
 ) -> CalibratedMachine:
     """The same from what was read. Raises CalibrationError, RecordError for the ``truth``."""
     true = None if truth is None else read_truth(truth, source).whole()
     nominal, readings = source.machine.whole(), source.readings()
-    models = _weighed(source, readings)
+    models = _weighed(source, readings, effects)
     wrong = () if models is None else _mistakes(models, nominal)
     if wrong:  # one that is believed spoils all parameters, and the machine has nothing of it
         readings = readings.without(wrong)
-        models = _weighed(source, readings)
+        models = _weighed(source, readings, effects)
+    adopted = () if models is None else models.resized()
+    readings = with_effects(readings, nominal, _lead_m(source), adopted)
     checked = checked_calibration(readings, nominal, true, share)
     correction = None if models is None else correction_of(models, nominal)
     if correction is None:
@@ -78,27 +99,106 @@ def calibrated(
         entered=correction.machine,
         platform=correction.platform,
         left_out=wrong,
+        adopted=adopted,
     )
 
 
 def diagnosis_of(source: HexaSlideMeasurements) -> HexaSlideDiagnosis:
     """What is missing in the model. Raises CalibrationError where postures give no result."""
-    return diagnosed(source.readings(), source.machine.whole(), *_stated(source))
+    return diagnosis_from(beside_effects(source, source.readings(), ()))
 
 
-def _stated(source: HexaSlideMeasurements) -> tuple[FloatArray, float | None]:
-    """Tolerances ``(k,)`` of the parameters, and the lead of the drives' screws in metres."""
-    machine = source.machine
-    tolerances = machine.tolerances.of(source.readings().procedure.parameters)
-    return tolerances, None if machine.lead_mm is None else machine.lead_mm / 1000.0
+def _lead_m(source: HexaSlideMeasurements) -> float | None:
+    """Lead of the drives' screws."""
+    return None if source.machine.lead_mm is None else source.machine.lead_mm / 1000.0
 
 
-def _weighed(source: HexaSlideMeasurements, readings: Readings) -> WeighedCauses | None:
-    """What may be missing; None where that cannot be told."""
+def beside_effects(
+    source: HexaSlideMeasurements,
+    readings: Readings,
+    effects: Sequence[AdoptedEffect],
+    middle: FloatArray | None = None,
+) -> WeighedCauses:
+    """What may be missing beside these effects; ``middle`` as `weighed` takes it.
+
+    Raises CalibrationError where that cannot be told; with effects also for too few readings.
+    """
+    tolerances = source.machine.tolerances.of(readings.procedure.parameters)
+    models = weighed(readings, source.machine.whole(), tolerances, _lead_m(source), effects, middle)
+    if effects and not models.entries:
+        raise NotIdentifiable(
+            "sizes of effects of the model",
+            f"{models.spare} readings beyond parameters and sizes",
+            f"{FEWEST_SPARE} or more",
+            "Measure more postures.",
+        )
+    return models
+
+
+def _weighed(
+    source: HexaSlideMeasurements, readings: Readings, effects: Sequence[AdoptedEffect]
+) -> WeighedCauses | None:
+    """The same; None where it cannot be told and no effects need it."""
     try:
-        return weighed(readings, source.machine.whole(), *_stated(source))
+        return beside_effects(source, readings, effects)
     except CalibrationError:
+        if effects:
+            raise
         return None
+
+
+def models_without_mistakes(source: HexaSlideMeasurements, models: WeighedCauses) -> WeighedCauses:
+    """Models of readings without postures that are named as mistakes, where enough remain."""
+    wrong = _mistakes(models, source.machine.whole())
+    if not wrong:
+        return models
+    readings = source.readings().without(wrong)
+    return beside_effects(source, readings, models.adopted, models.middle)
+
+
+def effects_of(
+    model: HexaSlideModel, source: HexaSlideMeasurements, subject: str
+) -> tuple[AdoptedEffect, ...]:
+    """The effects of a model for readings of its machine; ``subject`` names it in errors.
+
+    Raises UsageError for another machine, RecordError for an effect that it cannot have.
+    """
+    if model.machine.before_calibration != source.machine.before_calibration:
+        raise UsageError(
+            "--model",
+            f"the model of another machine, {model.machine.name}",
+            f"one of {source.machine.before_calibration}",
+        )
+    readings, machine = source.readings(), source.machine.whole()
+    postures, middle = postures_of(readings, machine), readings.sliders.mean(axis=0)
+    causes = list(causes_of_machine(readings, machine, postures, _lead_m(source), middle))
+    effects = []
+    for entry in model.effects:
+        places = [cause for cause in causes if cause.id == entry.id]
+        cause = next((cause for cause in places if cause.where == entry.where), None)
+        if cause is None:
+            allowed = [cause.where for cause in places] or [cause.id for cause in causes]
+            raise RecordError(
+                f"{subject}, effect",
+                f"{entry.id} at {entry.where}",
+                ", ".join(dict.fromkeys(allowed)),
+                "" if places else "A wave needs lead_mm in the machine file.",
+            )
+        sizes = {name: size.unit for name, size in entry.parameters.items()}
+        if sizes != dict.fromkeys(cause.names, cause.unit):
+            raise RecordError(
+                f"{subject}, parameters of {entry.id}",
+                ", ".join(f"{name} in {unit}" for name, unit in sizes.items()) or "none",
+                ", ".join(f"{name} in {cause.unit}" for name in cause.names),
+            )
+        effects.append(
+            AdoptedEffect(
+                *(entry.id, entry.where),
+                tuple(entry.parameters[name].value for name in cause.names),
+                held=any(size.held for size in entry.parameters.values()),
+            )
+        )
+    return tuple(effects)
 
 
 def _mistakes(models: WeighedCauses, nominal: HexaSlide) -> tuple[int, ...]:

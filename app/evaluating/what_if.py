@@ -13,20 +13,14 @@ from app.evaluating.solution import SessionSolution, solve_sessions
 from calib.errors import NotIdentifiable, UsageError
 from calib.identify.identify import IdentificationCase, identify
 from calib.identify.solution import FittedSize, Solution, Subset
+from calib.quantity import round_step
 from calib.tripod.controller import commanded_with, tool_error_mm
 from calib.tripod.effects.candidates import Candidate, candidates
 from calib.tripod.effects.effect import Effect, EffectInstance, EffectParameter, Kind
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
-from protocols.model_file import (
-    EffectEntry,
-    ModelFile,
-    ParameterEntry,
-    effect_entry,
-    placed_effects,
-    sizes_of,
-    to_model,
-)
+from protocols.effect_entries import EffectEntry, ParameterEntry
+from protocols.model_file import ModelFile, effect_entry, placed_effects, sizes_of, to_model
 from protocols.observations import indicator_figures, to_observations
 from protocols.session import Session
 
@@ -116,7 +110,9 @@ class Trial:
             uncertainties = [size.standard_uncertainty for size in self.fitted]
         except NotIdentifiable:
             uncertainties = tolerances
-        return tuple(_round(u or least) for u, least in zip(uncertainties, tolerances, strict=True))
+        return tuple(
+            round_step(u or least) for u, least in zip(uncertainties, tolerances, strict=True)
+        )
 
     def begin(self) -> tuple[Solution, tuple[float, ...]]:
         """What is solved without it, and `steps`: worked out once. Raises NotIdentifiable."""
@@ -361,14 +357,3 @@ def _of_the_diagnosis(diagnosis: Diagnosis) -> Iterator[Choice]:
 def _entry_of(finding: Finding | Contender) -> EffectEntry:
     values = {v.name: (v.value, v.standard_uncertainty) for v in finding.parameters}
     return effect_entry(finding.where, finding.effects, values)
-
-
-def _round(size: float) -> float:
-    """1, 2 or 5 of a power of ten, the nearest one below."""
-    decade = 10.0 ** math.floor(math.log10(size) + 1e-9)
-    factor = max(
-        factor_of_decade
-        for factor_of_decade in (1.0, 2.0, 5.0)
-        if factor_of_decade * decade <= size * (1.0 + 1e-9)
-    )
-    return float(f"{factor * decade:.6g}")

@@ -284,6 +284,9 @@ def simulate(simulation: Simulation, options: SimulateOptions, say: Say) -> None
 class SolveOptions:
     """Of ``solve``."""
 
+    model: Annotated[
+        Path | None, file("Fit the sizes of this model's effects together with the parameters.")
+    ] = None
     truth: Annotated[Path | None, file("Hexa Slide: the true machine that simulate wrote.")] = None
     held_out: Annotated[
         float | None,
@@ -312,7 +315,7 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
         raise UsageError("--posture-file", "no --corrected", "both, or none")
     share = SHARE if options.held_out is None else options.held_out
     with working("Solving"):
-        solved = calibrate_file(files[0], options.truth, share)
+        solved = calibrate_file(files[0], options.truth, share, options.model)
     if options.corrected is not None:
         from app.exports.hexaslide import calibrated_files, kinematics_words
 

@@ -13,6 +13,7 @@ import typer
 from app.exit_codes import Exit
 from app.machines.options import (
     Answer,
+    Diagnosing,
     Importing,
     Running,
     Say,
@@ -313,17 +314,44 @@ def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Ans
     return answer, verification.decision or "undecided"
 
 
-def diagnosed(path: Path) -> Answer:
-    """What is missing in the model of the machine."""
-    from app.evaluating.hexaslide import diagnose_postures
-    from app.report.schema.hexaslide_diagnosis import DiagnosedPostures, HexaSlideDiagnosisReport
+def diagnosed(path: Path, asked: Diagnosing, say: Say) -> Answer:
+    """What is missing in the model of the machine, and the model with it."""
+    from app.evaluating.hexaslide_adoption import adopted, diagnose_postures, write_model
+    from app.report.schema.hexaslide_diagnosis import HexaSlideDiagnosisReport, PostureDiagnosis
     from app.report.text.hexaslide_diagnosis import diagnosis_text
 
     with working("Diagnosing"):
-        diagnosis = diagnose_postures(path)
+        diagnosis = diagnose_postures(path, asked.model)
+        adoption = adopted(diagnosis, asked.candidate) if asked.adopt else None
+    if adoption is not None and asked.adopt is not None:
+        write_model(adoption, asked.adopt, replace=asked.replace)
+        say(f"model written: {asked.adopt}")
     return Answer(
-        lambda: diagnosis_text(path.name, diagnosis),
-        lambda: HexaSlideDiagnosisReport.of(DiagnosedPostures(path.name, diagnosis)),
+        lambda: diagnosis_text(diagnosis, adoption),
+        lambda: HexaSlideDiagnosisReport.of(PostureDiagnosis(diagnosis, adoption)),
+    )
+
+
+def modelled(path: Path, effect: str, why: str) -> tuple[str, str]:
+    """A model as it stands, or without an effect: in words, and the file."""
+    from app.evaluating.hexaslide_adoption import remove
+    from app.report.text.hexaslide_diagnosis import model_text
+    from protocols.hexaslide_model import read_hexaslide_model
+
+    model = remove(path, effect, why) if effect else read_hexaslide_model(path)
+    return model_text(model), model.text().rstrip("\n")
+
+
+def compared(before: Path, after: Path) -> Answer:
+    """Whether the machine is the same in both sessions."""
+    from app.evaluating.hexaslide_comparison import compare_postures
+    from app.report.schema.hexaslide_comparison import HexaSlideComparisonReport
+    from app.report.text.hexaslide_comparison import comparison_text
+
+    with working("Solving"):
+        comparison = compare_postures(before, after)
+    return Answer(
+        lambda: comparison_text(comparison), lambda: HexaSlideComparisonReport.of(comparison)
     )
 
 
@@ -336,4 +364,7 @@ def reported(
     return source_of_postures(path, after, tolerance_mm, head)
 
 
-SESSIONS = SessionVerbs(run, imported, validated, replayed, exported, verified, diagnosed, reported)
+SESSIONS = SessionVerbs(
+    *(run, imported, validated, replayed, exported, verified, diagnosed),
+    *(compared, reported, modelled),
+)

@@ -321,14 +321,28 @@ class Running:
 
 
 @dataclass(frozen=True)
+class Diagnosing:
+    """How a session is diagnosed: beside a ``model``; the model to write with a named effect, or
+    with a ``candidate``, replaced where ``replace`` says so.
+    """
+
+    model: Path | None = None
+    adopt: Path | None = None
+    candidate: str | None = None
+    replace: bool = False
+
+
+@dataclass(frozen=True)
 class SessionVerbs:
     """What a kind of machine does with sessions of its own form.
 
     ``run`` and ``imported`` take the options of `Family.options`; ``validated`` is a sentence,
     raising RecordError; ``exported`` are the files of a format, by name, with cautions;
+    ``compared`` is of two sessions of one machine,
     ``verified`` has the decision of `app.exit_codes.VERIFIED` beside the answer; ``reported`` is
     what the report of a session is written from, with a later one, a tolerance in mm, and the head
-    of a certificate where they are given.
+    of a certificate where they are given; ``modelled`` is a model file in words and as
+    it stands, without an effect where one is named, for a reason.
     """
 
     run: Callable[[Running, Any, Say], None]
@@ -337,8 +351,10 @@ class SessionVerbs:
     replayed: Callable[[Path, Say], Answer]
     exported: Callable[[Path, str], tuple[Written, tuple[str, ...]]]
     verified: Callable[[Path, Path, float | None], tuple[Answer, str]]
-    diagnosed: Callable[[Path], Answer]
+    diagnosed: Callable[[Path, Diagnosing, Say], Answer]
+    compared: Callable[[Path, Path], Answer]
     reported: Callable[[Path, Path | None, float | None, CertificateHead | None], ReportSource]
+    modelled: Callable[[Path, str, str], tuple[str, str]]
 
 
 @dataclass(frozen=True)

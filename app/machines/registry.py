@@ -14,7 +14,7 @@ from typer.core import TyperCommand, TyperOption
 from app.machines import hexaslide, tripod
 from app.machines.options import Family
 from calib.errors import RecordError, UsageError
-from protocols.machine_files import schema_of
+from protocols.machine_files import model_form, schema_of
 
 FAMILIES = (tripod.FAMILY, hexaslide.FAMILY)
 """Machine files of no known schema, and files to solve that nobody knows, are of the first."""
@@ -78,6 +78,12 @@ def family_of_files(name: str | None, files: Sequence[Path]) -> Family:
     if name not in NAMES:
         raise UsageError("--machine", repr(name), f"{', '.join(NAMES)}, or none: by the file")
     return family_of(name)
+
+
+def family_of_model(path: Path) -> Family:
+    """That of a model file; the first for one that names no other kind."""
+    form = model_form(path)
+    return next((family for family in FAMILIES if family.name == form), FAMILIES[0])
 
 
 def family_with(verb: str, name: str | None) -> tuple[Family, Any]:

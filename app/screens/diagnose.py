@@ -25,8 +25,9 @@ from app.screens.interface import ChoiceDialog, TextDialog
 from app.screens.paged import PAGE_KEYS, Page, PagedScreen
 from app.screens.pages import apart
 from app.screens.what_if import tried
+from protocols.effect_entries import EffectEntry
 from protocols.files import unused_path
-from protocols.model_file import EffectEntry, ModelFile, read_model_file
+from protocols.model_file import ModelFile, read_model_file
 
 
 class DiagnoseScreen(PagedScreen[None]):

@@ -10,13 +10,17 @@ from textual import work
 from textual.binding import Binding, BindingType
 
 from app.evaluating.hexaslide import PostureResult, posture_result
+from app.evaluating.hexaslide_what_if import causes_to_try
 from app.exports.hexaslide import write_calibrated
 from app.report.charts.hexaslide import drawn_machine, residual_charts
 from app.report.text import hexaslide_result as texts
+from app.report.text.hexaslide_what_if import WHICH, cause_words
 from app.report.text.home import REPORTS_SERVED
 from app.report.text.result import ONLY_SHOWN
+from app.screens.hexaslide_what_if import PostureWhatIfScreen
 from app.screens.interface import ChoiceDialog
 from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.pages import apart
 from calib.errors import extra
 
 
@@ -27,6 +31,7 @@ class HexaSlideResultScreen(PagedScreen[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("e", "export", "Export", id="postures.export"),
         Binding("r", "report", "Report", id="postures.report"),
+        Binding("w", "what_if", "What if", id="postures.what_if"),
         *PAGE_KEYS,
     ]
     PAGES = (
@@ -63,13 +68,25 @@ class HexaSlideResultScreen(PagedScreen[None]):
         self.put("readings", texts.readings_text(result))
 
     def why_not(self, action: str) -> str:
-        if action not in ("export", "report"):
+        if action not in ("export", "report", "what_if"):
             return ""
-        if self.app.read_only:
+        if self.app.read_only and action != "what_if":
             return f"{ONLY_SHOWN} {REPORTS_SERVED}" if action == "report" else ONLY_SHOWN
         if self.result is None:
             return texts.LOOKING if self.looking else texts.NO_RESULT
         return ""
+
+    @work(exclusive=True, group="what-if")
+    async def action_what_if(self) -> None:
+        """A cause that a person chooses, its size moved."""
+        if self.result is None:
+            return
+        with self.app.complaining():
+            causes = await apart(self, causes_to_try, self.result.solved.source)
+            listed = [(name, cause_words(name, w)) for name, w in causes.likely.items()]
+            name = await self.ask(ChoiceDialog(WHICH, listed))
+            if name is not None:
+                await self.ask(PostureWhatIfScreen(self.path, causes, name))
 
     @work(exclusive=True, group="write")
     async def action_export(self) -> None:

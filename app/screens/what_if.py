@@ -23,7 +23,8 @@ from app.screens.pages import apart, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError, NotIdentifiable
 from calib.identify.solution import FittedSize, Subset
-from protocols.model_file import EffectEntry, read_model_file
+from protocols.effect_entries import EffectEntry
+from protocols.model_file import read_model_file
 from protocols.session import Session
 
 

@@ -8,13 +8,13 @@ the kinematics, and what is read with it. `calib.posterior.race` weighs models o
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
 
-from calib.arrays import EXACT_BLIND, FloatArray, svd_of_all, without
+from calib.arrays import EXACT_BLIND, FloatArray, IntArray, svd_of_all, without
 from calib.diagnosis.thresholds import AGREED, OPEN, SURE, UNLIKELY
 from calib.errors import NotIdentifiable
 from calib.hexaslide.calibration import Calibration, calibrate
@@ -30,6 +30,9 @@ from calib.stats import variance_ratio_p_value
 FEWEST_SPARE = 8
 """Readings beyond the parameters that they determine: fewer tell no cause from another."""
 
+MISTAKE = "wrong_posture"
+"""The cause that is one of the readings, not of the machine."""
+
 UNIT_SCALE = 1e-4
 UNIT_GROWTH = 5e-5
 UNIT_LENGTH_M = 2e-5
@@ -44,6 +47,10 @@ BOW_M = 0.5
 STEP = 1e-6
 """Metres and radians, for slopes of what is read by the posture: central differences."""
 
+ADOPTED = 4.0
+"""Unremarkable sizes, or as many as a model states: by so much may an adopted effect have changed
+since, as on a tripod."""
+
 UNKNOWN = 10.0
 """Standard deviation of a parameter without tolerance, metres or radians."""
 
@@ -56,7 +63,8 @@ Verdict = Literal["agrees", "explained", "ambiguous", "unexplained", "cannot-tel
 @dataclass(frozen=True, eq=False)
 class HexaSlideCause:
     """What may be missing: its effect on what is read, ``columns`` ``(n, r)`` per unremarkable
-    size, and on places ``(3 p, r)``; ``names`` of its values, their ``unit`` and its ``size``.
+    size, on places ``(3 p, r)`` and on carriages ``(p, 6, r)``; ``names`` of its values, their
+    ``unit`` and its ``size``.
     """
 
     id: str
@@ -66,6 +74,20 @@ class HexaSlideCause:
     size: float
     columns: FloatArray
     places: FloatArray
+    carriages: FloatArray
+
+
+@dataclass(frozen=True)
+class AdoptedEffect:
+    """A cause that a model has at a place, its ``values`` ``(r,)`` in its unit; no fit changes them
+    where they are ``held``. ``deviations`` ``(r,)`` are their standard uncertainties.
+    """
+
+    id: str
+    where: str
+    values: tuple[float, ...]
+    held: bool = False
+    deviations: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -124,13 +146,20 @@ class WeighedCauses:
     ``base`` ``(n, k)`` are derivatives by the parameters in ``tolerances`` ``(k,)``, ``whitened``
     ``(n,)`` what the ``calibrated`` machine leaves, both in the noise. Its singular values
     ``sizes`` ``(rank,)`` have ``axes`` ``(n, rank)`` in the readings, which span what parameters
-    can do, and ``directions`` ``(k, rank)`` in the parameters.
+    can do, and ``directions`` ``(k, rank)`` in the parameters. ``expected`` ``(k,)`` is the machine
+    file, by the calibrated one in tolerances.
+
+    Effects that are ``adopted`` are in all of this at the sizes that they have in their model,
+    ``stated`` ``(c,)`` in unremarkable sizes for the columns of all causes. ``free`` tells of each
+    entry what such sizes differ by, and is a part of all of them.
     """
 
     readings: Readings
     calibrated: Calibration
     tolerances: FloatArray
     lead_m: float | None
+    middle: FloatArray
+    expected: FloatArray
     base: FloatArray
     whitened: FloatArray
     axes: FloatArray
@@ -139,18 +168,29 @@ class WeighedCauses:
     causes: tuple[HexaSlideCause, ...]
     race: Race
     entries: tuple[RaceEntry, ...]
+    adopted: tuple[AdoptedEffect, ...]
+    stated: FloatArray
+    free: RaceEntry
 
     @property
     def spare(self) -> int:
-        """Readings beyond the parameters that they determine."""
-        return len(self.whitened) - len(self.sizes)
+        """Readings beyond the parameters and adopted sizes that they determine."""
+        sizes_of_model = sum(len(self.race.columns[k]) for k in self.free.members)
+        return len(self.whitened) - len(self.sizes) - sizes_of_model
 
     @property
     def weights(self) -> FloatArray:
-        """Of the entries, together 1."""
+        """Of the entries, together 1; none without any."""
+        if not self.entries:
+            return np.zeros(0)
         logs = np.array([entry.log_weight for entry in self.entries])
         weights = np.exp(logs - logs.max())
         return np.asarray(weights / weights.sum())
+
+    def index(self, entry: RaceEntry) -> IntArray:
+        """Which of all columns of causes are a model's ``(r,)``."""
+        columns = (self.race.columns[k] for k in entry.members)
+        return np.concatenate([np.zeros(0, dtype=np.intp), *columns])
 
     def columns(self, entry: RaceEntry) -> FloatArray:
         """What a model's values do to the readings ``(n, r)``."""
@@ -158,22 +198,95 @@ class WeighedCauses:
         return np.hstack([np.zeros((len(self.base), 0)), *of_members])
 
     def values(self, entry: RaceEntry) -> tuple[FloatArray, FloatArray]:
-        """Mean ``(r,)`` and covariance ``(r, r)`` of a model's values, in unremarkable sizes."""
+        """Mean ``(r,)`` and covariance ``(r, r)`` of a model's values, in unremarkable sizes; of
+        adopted effects what they differ by from ``stated``.
+        """
         return _sizes(self.race, entry)
 
-    def mean_square(self, entry: RaceEntry | None) -> tuple[float, float]:
+    def mean_square(self, entry: RaceEntry) -> tuple[float, float]:
         """What parameters and a model leave, in variances of the noise, and its p-value."""
-        remainder = self.whitened
-        if entry is not None:
-            remainder = remainder - self.columns(entry) @ self.values(entry)[0]
+        remainder = self.whitened - self.columns(entry) @ self.values(entry)[0]
         return _mean_square(remainder, self.axes, self.spare)
+
+    def names(self, entry: RaceEntry) -> Names:
+        """What a model has beside adopted effects."""
+        members = (self.causes[k] for k in entry.members if k not in self.free.members)
+        return tuple(sorted((cause.id, cause.where) for cause in members))
+
+    @property
+    def given_way(self) -> FloatArray:
+        """By how much parameters in tolerances give way ``(k, c)`` to the columns of all causes."""
+        columns = np.hstack([cause.columns for cause in self.causes])
+        return np.asarray(-(self.directions / self.sizes) @ (self.axes.T @ columns))
+
+    def mixture(self) -> tuple[FloatArray, FloatArray]:
+        """Mean ``(c,)`` of all columns of causes over the models, and covariance ``(c, c)``."""
+        mean, square = np.zeros(len(self.stated)), np.zeros((len(self.stated),) * 2)
+        for entry, weight in zip(self.entries, self.weights.tolist(), strict=True):
+            index, (values, covariance) = self.index(entry), self.values(entry)
+            mean[index] += weight * values
+            square[np.ix_(index, index)] += weight * (covariance + np.outer(values, values))
+        return mean + self.stated, square - np.outer(mean, mean)
+
+    def likely(self) -> dict[tuple[str, str], float]:
+        """Causes with the weight of all models that have them, the likeliest first."""
+        weights: dict[tuple[str, str], float] = {}
+        for entry, weight in zip(self.entries, self.weights.tolist(), strict=True):
+            for name in self.names(entry):
+                weights[name] = weights.get(name, 0.0) + weight
+        return dict(sorted(weights.items(), key=lambda item: (-item[1], item[0])))
+
+    def given(self, names: Names) -> WeighedCauses:
+        """Only models that have these names, perhaps none."""
+        fitting = (entry for entry in self.entries if {*names} <= {*self.names(entry)})
+        return replace(self, entries=tuple(fitting))
+
+    def sizes_of(self, names: Names) -> tuple[AdoptedEffect, ...]:
+        """Causes that all entries have, with their sizes as all of them weigh these."""
+        effects, weights = [], self.weights
+        means_of = [dict(self._values_of(entry)) for entry in self.entries]
+        for name in names:
+            cause = next(cause for cause in self.causes if (cause.id, cause.where) == name)
+            means, variances = np.moveaxis(np.array([means[name] for means in means_of]), 1, 0)
+            mean = weights @ means
+            deviations = np.sqrt(weights @ (variances + means**2) - mean**2)
+            sizes = ((cause.size * part).tolist() for part in (mean, deviations))
+            values, uncertainties = (tuple(part) for part in sizes)
+            effects.append(AdoptedEffect(*name, values, deviations=uncertainties))
+        return tuple(effects)
+
+    def resized(self) -> tuple[AdoptedEffect, ...]:
+        """Adopted effects with sizes that these readings, too, have been asked for."""
+        if not self.entries:
+            return self.adopted
+        loose = tuple((effect.id, effect.where) for effect in self.adopted if not effect.held)
+        sizes = {(effect.id, effect.where): effect for effect in self.sizes_of(loose)}
+        return tuple(sizes.get((effect.id, effect.where), effect) for effect in self.adopted)
+
+    def _values_of(
+        self, entry: RaceEntry
+    ) -> Iterator[tuple[tuple[str, str], tuple[FloatArray, FloatArray]]]:
+        """Whole sizes and variances of each cause of a model."""
+        mean, covariance = self.values(entry)
+        mean, variance = mean + self.stated[self.index(entry)], covariance.diagonal()
+        ends = np.cumsum([len(self.race.columns[k]) for k in entry.members], dtype=np.intp)
+        parts = zip(np.split(mean, ends)[:-1], np.split(variance, ends)[:-1], strict=True)
+        for k, part in zip(entry.members, parts, strict=True):
+            yield (self.causes[k].id, self.causes[k].where), part
 
 
 def weighed(
-    readings: Readings, nominal: HexaSlide, tolerances: FloatArray, lead_m: float | None = None
+    readings: Readings,
+    nominal: HexaSlide,
+    tolerances: FloatArray,
+    lead_m: float | None = None,
+    adopted: Sequence[AdoptedEffect] = (),
+    middle: FloatArray | None = None,
 ) -> WeighedCauses:
     """Of readings in the order in which they were taken, noise stated; ``tolerances`` ``(k,)`` of
-    the procedure's parameters, ``lead_m`` of the drives' screws.
+    the procedure's parameters, ``lead_m`` of the drives' screws. ``adopted`` effects are in every
+    model; they are some of `causes_of_machine`. Scale and bow are about the ``middle`` ``(6,)`` of
+    the sliders, None: that of these readings.
 
     Raises NotIdentifiable without stated noise, and as `calibrate`.
     """
@@ -184,24 +297,36 @@ def weighed(
     if readings.procedure.kind is ProcedureKind.POSE_INVERSE:  # noise is in what is measured
         procedure = Procedure.of(ProcedureKind.POSE_FORWARD).on(nominal)
         readings = replace(readings, procedure=procedure)
-    calibrated = calibrate(readings, nominal)
+    middle = readings.sliders.mean(axis=0) if middle is None else middle
+    acting = with_effects(readings, nominal, lead_m, adopted, middle)
+    calibrated = calibrate(acting, nominal)
     machine, names = calibrated.machine, readings.procedure.parameters
     tolerances = np.minimum(tolerances, UNKNOWN)
-    postures = postures_of(readings, machine)
-    residual, slopes = residuals(readings, machine, postures)
+    postures = postures_of(acting, machine)
+    residual, slopes = residuals(acting, machine, postures)
     noise = readings.value_noise
     base = (slopes / noise[:, None]).reshape(residual.values.size, -1) * tolerances
     expected = (nominal.parameters(names) - machine.parameters(names)) / tolerances
     whitened = (residual.values / noise).ravel()
     axes, sizes, directions = svd_of_all(base)
     rank = int((sizes > EXACT_BLIND * sizes[0]).sum())
-    causes = tuple(causes_of(readings, machine, postures, lead_m))
+    causes = tuple(causes_of(readings, machine, postures, lead_m, middle))
     race = _race(About.of(base, whitened, expected), causes, len(whitened))
-    return WeighedCauses(
+    by_name = {(effect.id, effect.where): effect for effect in adopted}
+    places = [by_name.get((cause.id, cause.where)) for cause in causes]
+    stated = [
+        np.divide(effect.values, cause.size) if effect else np.zeros(len(cause.names))
+        for effect, cause in zip(places, causes, strict=True)
+    ]
+    members = tuple(k for k, effect in enumerate(places) if effect and not effect.held)
+    scales = tuple(max(ADOPTED, float(np.abs(stated[k]).max())) for k in members)
+    models = WeighedCauses(
         readings=readings,
         calibrated=calibrated,
         tolerances=tolerances,
         lead_m=lead_m,
+        middle=middle,
+        expected=expected,
         base=base,
         whitened=whitened,
         axes=axes[:, :rank],
@@ -209,8 +334,56 @@ def weighed(
         directions=np.asarray(directions[:rank].T),
         causes=causes,
         race=race,
-        entries=tuple(race.run()) if len(whitened) - rank >= FEWEST_SPARE else (),
+        entries=(),
+        adopted=tuple(adopted),
+        stated=np.concatenate(stated),
+        free=RaceEntry(members, scales, 0.0),
     )
+    if models.spare < FEWEST_SPARE:
+        return models
+    looked_for = [k for k, effect in enumerate(places) if effect is None]
+    return replace(models, entries=tuple(_entries(race, models.free, looked_for)))
+
+
+def _entries(race: Race, free: RaceEntry, looked_for: Sequence[int]) -> Iterator[RaceEntry]:
+    """Models of causes ``looked_for``, the ``free`` ones in each of them."""
+    index = np.concatenate([np.zeros(0, dtype=np.intp), *(race.columns[k] for k in free.members)])
+    scale = np.repeat(free.scales, [len(race.columns[k]) for k in free.members])
+    taken, products = race.products.taken_by(index, scale, slice(None)), race.products
+    beside = Products(
+        products.inner - taken.shown.T @ taken.shown,
+        products.along - taken.along @ taken.shown,
+        products.square - float(taken.along @ taken.along),
+    )
+    columns, prior = [race.columns[k] for k in looked_for], race.log_prior[[*looked_for]]
+    for entry in replace(race, products=beside, columns=columns, log_prior=prior).run():
+        members = tuple(looked_for[k] for k in entry.members)
+        yield RaceEntry((*members, *free.members), (*entry.scales, *free.scales), entry.log_weight)
+
+
+def with_effects(
+    readings: Readings,
+    machine: HexaSlide,
+    lead_m: float | None,
+    effects: Sequence[AdoptedEffect],
+    middle: FloatArray | None = None,
+) -> Readings:
+    """Readings with carriages where they are on a ``machine`` that has these effects; ``middle`` as
+    `weighed` takes it.
+
+    Raises as `postures_of`.
+    """
+    if not effects:
+        return readings
+    postures = postures_of(readings, machine)
+    middle = readings.sliders.mean(axis=0) if middle is None else middle
+    causes = causes_of_machine(readings, machine, postures, lead_m, middle)
+    by_name = {(cause.id, cause.where): cause for cause in causes}
+    sliders = readings.sliders.copy()
+    for effect in effects:
+        cause = by_name[effect.id, effect.where]
+        sliders += cause.carriages @ np.divide(effect.values, cause.size)
+    return replace(readings, sliders=sliders)
 
 
 def diagnosed(
@@ -222,8 +395,8 @@ def diagnosed(
 
 def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
     """Names, sizes and the gap, from the weights."""
-    readings, causes, entries = models.readings, models.causes, models.entries
-    gap = models.mean_square(None)
+    readings, entries = models.readings, models.entries
+    gap = models.mean_square(models.free)
     result = HexaSlideDiagnosis(
         verdict="cannot-tell",
         named=(),
@@ -245,15 +418,16 @@ def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
     heaviest_names = (
         tuple(sorted(cause for claim in named for cause in claim.causes)) or claims[0].causes
     )
-    best = next((entry for entry in entries if _names(entry, causes) == heaviest_names), entries[0])
+    best = next((entry for entry in entries if models.names(entry) == heaviest_names), entries[0])
     mean, covariance = models.values(best)
+    mean = mean + models.stated[models.index(best)]
     after = models.mean_square(best)
     return replace(
         result,
         verdict=_verdict(weights, named, after[1]),
         named=named,
         claims=claims,
-        sizes=tuple(_shown(best, causes, mean, covariance)),
+        sizes=tuple(_shown(best, models.causes, mean, covariance)),
         platform_m=_at_platform(models, best, mean),
         gap_after=after[0],
         p_after=after[1],
@@ -267,14 +441,18 @@ def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
 
 def _mistake(readings: Readings, row: int) -> tuple[str, str]:
     """Id and place of the cause that a posture is wrong."""
-    return "wrong_posture", f"posture {readings.number(row)}"
+    return MISTAKE, f"posture {readings.number(row)}"
 
 
 def causes_of(
-    readings: Readings, machine: HexaSlide, postures: FloatArray, lead_m: float | None
+    readings: Readings,
+    machine: HexaSlide,
+    postures: FloatArray,
+    lead_m: float | None,
+    middle: FloatArray,
 ) -> Iterator[HexaSlideCause]:
     """Every cause of this kind of machine, at every place, then every mistake."""
-    effects, middle = _Effects(readings, machine, postures), readings.sliders.mean(axis=0)
+    effects = _Effects(readings, machine, postures)
     yield from causes_of_machine(readings, machine, postures, lead_m, middle)
     for row in range(len(readings.sliders)):
         yield effects.of_posture(row, *_mistake(readings, row))
@@ -371,7 +549,8 @@ class _Effects:
         read = [np.einsum("pri,pi->pr", self._by_posture, change) / self._noise for change in moved]
         columns = np.stack([change.ravel() for change in read], axis=1)
         places = np.stack([change[:, :3].ravel() for change in moved], axis=1)
-        return HexaSlideCause(cause, where, names, unit, size * shown, columns, places)
+        carriages = size * np.stack(sliders, axis=-1)
+        return HexaSlideCause(cause, where, names, unit, size * shown, columns, places, carriages)
 
     def of_posture(self, row: int, cause: str, where: str) -> HexaSlideCause:
         """All values of a posture wrong: a mistake, which moves nothing."""
@@ -380,7 +559,8 @@ class _Effects:
         flat = columns.reshape(-1, len(self._noise))
         places = np.zeros((3 * self._count, flat.shape[1]))
         names = tuple(f"{name} off" for name in self._names)
-        return HexaSlideCause(cause, where, names, "noise", UNIT_OF_NOISE, flat, places)
+        still = np.zeros((self._count, CHAINS, flat.shape[1]))
+        return HexaSlideCause(cause, where, names, "noise", UNIT_OF_NOISE, flat, places, still)
 
 
 def _sides(geometry: Geometry, chain: int) -> tuple[FloatArray, FloatArray]:
@@ -415,15 +595,11 @@ def _mean_square(whitened: FloatArray, directions: FloatArray, spare: int) -> tu
     return ratio, variance_ratio_p_value(ratio, spare, np.inf)
 
 
-def _names(entry: RaceEntry, causes: tuple[HexaSlideCause, ...]) -> Names:
-    return tuple(sorted((causes[k].id, causes[k].where) for k in entry.members))
-
-
 def _weights(models: WeighedCauses) -> dict[Names, float]:
     """Of every set of causes, summed over scales; together 1."""
     weights: dict[Names, float] = {}
     for entry, weight in zip(models.entries, models.weights.tolist(), strict=True):
-        names = _names(entry, models.causes)
+        names = models.names(entry)
         weights[names] = weights.get(names, 0.0) + weight
     return weights
 

@@ -46,31 +46,28 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
     calibrated = models.calibrated
     machine, names, free = calibrated.machine, calibrated.names, calibrated.unidentifiable
     along, by_axes = models.directions, models.directions / models.sizes
-    columns = np.hstack([cause.columns for cause in models.causes])
     # parameters beside an effect give way; those that are entered imitate it over the box
-    given_way = -by_axes @ (models.axes.T @ columns)
+    given_way = models.given_way
     some = Places.of(reference, machine, free, IMITATED_AT, IMITATED_AT)
-    imitated = np.linalg.pinv(_moved(models, some) @ along, rcond=IMITATED)
-    entered = given_way + along @ (imitated @ _over_box(models, some))
+    imitated = np.linalg.pinv(moved_by(models, some) @ along, rcond=IMITATED)
+    entered = given_way + along @ (imitated @ over_all(models, some))
     # judged at other places than those where it is imitated
     places = Places.of(reference, machine, free)
-    moved = _moved(models, places)
+    moved, over_box = moved_by(models, places), over_all(models, places)
     by_noise = moved @ by_axes
-    stands = moved @ given_way + _over_box(models, places)
-    ends = np.cumsum([cause.columns.shape[1] for cause in models.causes])
-    members = [range(e - c.columns.shape[1], e) for e, c in zip(ends, models.causes, strict=True)]
+    stands, adopted = moved @ given_way + over_box, over_box @ models.stated
 
     usual = models.weights > LEAST_WEIGHT
     weights = models.weights[usual] / models.weights[usual].sum()
     models_of = [entry for entry, kept in zip(models.entries, usual, strict=True) if kept]
     values = [models.values(entry) for entry in models_of]
-    index = [[c for k in entry.members for c in members[k]] for entry in models_of]
-    change = np.zeros(len(names))
+    index = [models.index(entry) for entry in models_of]
+    change = (entered - given_way) @ models.stated
     for weight, (mean, _), of_entry in zip(weights, values, index, strict=True):
         change += weight * (entered[:, of_entry] @ mean)
     squares = []
     for (mean, covariance), of_entry in zip(values, index, strict=True):
-        off = stands[:, of_entry] @ mean - moved @ change
+        off = adopted + stands[:, of_entry] @ mean - moved @ change
         spread = stands[:, of_entry] @ np.linalg.cholesky(covariance)
         squares.append(_square(off, np.hstack([by_noise, spread]), places.count))
     bound_m = None
@@ -82,7 +79,7 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
     return HexaSlideCorrection(entered_machine, places.error(calibrated, entered_machine, bound_m))
 
 
-def _moved(models: WeighedCauses, places: Places) -> FloatArray:
+def moved_by(models: WeighedCauses, places: Places) -> FloatArray:
     """By how much parameters in their tolerances move the platform ``(q, k)``; those of a link do
     not.
     """
@@ -91,14 +88,13 @@ def _moved(models: WeighedCauses, places: Places) -> FloatArray:
     return np.asarray(moved * models.tolerances)
 
 
-def _over_box(models: WeighedCauses, places: Places) -> FloatArray:
+def over_all(models: WeighedCauses, places: Places) -> FloatArray:
     """What all causes do to the platform ``(q, c)``, frames taken out: mistakes do nothing."""
     machine, readings = models.calibrated.machine, models.readings
     forward = Procedure.of(ProcedureKind.POSE_FORWARD).on(machine)
     noise = readings.length_noise_m, readings.angle_noise_rad or 1.0
     box = Readings(forward, places.sliders, places.postures, *noise)
-    middle = readings.sliders.mean(axis=0)
-    causes = causes_of_machine(box, machine, places.postures, models.lead_m, middle)
+    causes = causes_of_machine(box, machine, places.postures, models.lead_m, models.middle)
     moved = np.hstack([cause.places for cause in causes])
     mistakes = sum(cause.columns.shape[1] for cause in models.causes) - moved.shape[1]
     return places.without_frames(np.hstack([moved, np.zeros((len(moved), mistakes))]))

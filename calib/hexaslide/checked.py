@@ -46,15 +46,20 @@ class FramesApart:
     """Constant motions that lay one machine over the other, and what they leave.
 
     ``turned_rad`` and ``shifted_m`` are those of the platform's frame, ``base_turned_rad`` of the
-    base. ``places_m`` ``(p,)`` and ``angles_rad`` ``(p,)`` are distances and angles left between
+    base. ``apart_m`` ``(p, 3)`` and ``angles_rad`` ``(p,)`` are movements and angles left between
     the postures.
     """
 
     turned_rad: float
     shifted_m: float
     base_turned_rad: float
-    places_m: FloatArray
+    apart_m: FloatArray
     angles_rad: FloatArray
+
+    @property
+    def places_m(self) -> FloatArray:
+        """Distances ``(p,)`` left between the places."""
+        return np.asarray(np.linalg.norm(self.apart_m, axis=1))
 
     @property
     def places_rms_m(self) -> float:
@@ -232,7 +237,7 @@ def frames_apart(calibrated: FloatArray, true: FloatArray, free: tuple[str, ...]
         turned_rad=float(np.linalg.norm(total[:3])),
         shifted_m=float(np.linalg.norm(total[3:6])),
         base_turned_rad=float(abs(total[6])),
-        places_m=np.asarray(np.linalg.norm(true[:, :3] - places, axis=1)),
+        apart_m=np.asarray(true[:, :3] - places),
         angles_rad=np.asarray(np.linalg.norm(angles, axis=1)),
     )
 

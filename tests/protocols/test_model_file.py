@@ -20,18 +20,9 @@ from calib.tripod.effects.drives import ActuatorCyclic, AxisOffset
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import Empirical
 from calib.tripod.pipeline import Flow, Model, Stage
+from protocols.effect_entries import EffectEntry, Provenance, with_effect, without_effect
 from protocols.machine import Machine
-from protocols.model_file import (
-    EffectEntry,
-    ModelFile,
-    Provenance,
-    effect_entry,
-    model_file,
-    read_model,
-    read_model_file,
-    with_effect,
-    without_effect,
-)
+from protocols.model_file import ModelFile, effect_entry, model_file, read_model, read_model_file
 from tests.builders import postures
 
 OFF = (1.2, -0.7, 0.4, 0.05, -0.02, 0.03)

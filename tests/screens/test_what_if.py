@@ -23,7 +23,8 @@ from app.screens.plot import ChartPlot
 from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
 from app.screens.what_if import WhatIfScreen
-from protocols.model_file import EffectEntry, ModelFile, ParameterEntry, read_model_file
+from protocols.effect_entries import EffectEntry, ParameterEntry
+from protocols.model_file import ModelFile, read_model_file
 from protocols.record import read_record
 from tests.conftest import SAMPLES
 from tests.hidden_sessions import write_session

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from app.evaluating.hexaslide_calibration import CalibratedMachine
 from app.report.charts.charts import (
@@ -15,6 +16,7 @@ from app.report.charts.charts import (
     points_of,
 )
 from calib.arrays import FloatArray
+from calib.diagnosis.hexaslide_what_if import CauseAtSize
 from calib.hexaslide.drawing import lines_at, outline
 from calib.hexaslide.geometry import Box, HexaSlide
 from calib.hexaslide.search import BestPostures
@@ -116,3 +118,13 @@ def residual_charts(solved: CalibratedMachine) -> tuple[Chart, ...]:
         if series:
             charts.append(Chart(title, "posture", f"{title}, {unit}", series))
     return tuple(charts)
+
+
+def left_with(numbers: Sequence[int], without: CauseAtSize, now: CauseAtSize) -> Chart:
+    """What is left at each posture without a cause and with it, in deviations of the noise."""
+    places = tuple(map(float, numbers))
+    series = tuple(
+        Series(name, places, tuple(at.by_posture.tolist()))
+        for name, at in (("without", without), ("with it", now))
+    )
+    return Chart("Left, r.m.s.", "posture", "times the noise", series)

@@ -251,7 +251,10 @@ class ResidualReport(Report):
     by_posture: tuple[PostureResidual, ...] = of(
         lambda r: tuple(map(PostureResidual, r.numbers, r.by_posture.tolist()))
     )
-    effects: tuple[str, ...] = ()
+    effects: tuple[str, ...] = of(
+        lambda r: tuple(f"{effect.id}:{effect.where}" for effect in r.adopted),
+        "of --model, in what is fitted",
+    )
     remark: str = "glidecal diagnose looks for what the parameters do not have."
 
 

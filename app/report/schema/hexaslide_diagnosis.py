@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from app.report.schema.document import Report, Source, schema
-from calib.diagnosis.hexaslide import CauseSize, HexaSlideClaim, HexaSlideDiagnosis
+from app.evaluating.hexaslide_adoption import Adoption, DiagnosedPostures
+from app.report.schema.document import Report, Source, maybe, schema
+from app.report.schema.hexaslide import PlatformReport
+from calib.diagnosis.hexaslide import AdoptedEffect, CauseSize, HexaSlideClaim, HexaSlideDiagnosis
+from calib.diagnosis.hexaslide_held_out import LeftOutGap
 
 
 @dataclass(frozen=True)
@@ -27,20 +30,52 @@ class MissingTogether(Report):
     weight: float = of(lambda r: r.weight)
 
 
-@dataclass(frozen=True)
-class DiagnosedPostures:
-    """A diagnosis with the name of its session."""
+@dataclass(frozen=True, eq=False)
+class PostureDiagnosis:
+    """A diagnosis, and what was adopted."""
 
-    name: str
-    diagnosis: HexaSlideDiagnosis
+    diagnosed: DiagnosedPostures
+    adoption: Adoption | None = None
+
+    @property
+    def diagnosis(self) -> HexaSlideDiagnosis:
+        """Of the session."""
+        return self.diagnosed.diagnosis
+
+
+class AdoptedEntry(Report):
+    """An effect of a model with the sizes that fit best, in its order of values."""
+
+    of = Source[AdoptedEffect]()
+    id: str = of(lambda r: r.id)
+    where: str = of(lambda r: r.where)
+    values: tuple[float, ...] = of(lambda r: r.values, "as in the model file")
+    standard_uncertainties: tuple[float, ...] = of(lambda r: r.deviations, "none: held")
+
+
+class AdoptionReport(Report):
+    """What follows if the adopted effects act."""
+
+    of = Source[Adoption]()
+    effects: tuple[AdoptedEntry, ...] = of(lambda r: tuple(map(AdoptedEntry.of, r.effects)))
+    platform_before: PlatformReport = of(
+        lambda r: PlatformReport.of(r.platform_before), "over all models"
+    )
+    platform: PlatformReport = of(lambda r: PlatformReport.of(r.platform))
+    mean_square_before: float = of(lambda r: r.gap_before, "in variances of the stated noise")
+    mean_square_after: float = of(lambda r: r.gap_after)
+    p_value_after: float = of(lambda r: r.p_after)
+    left_out: LeftOutGap | None = of(
+        lambda r: r.left_out, "a fifth of the postures left out at a time; null: too few"
+    )
 
 
 class HexaSlideDiagnosisReport(Report):
     """``diagnose --json`` of a session of postures."""
 
-    of = Source[DiagnosedPostures]()
+    of = Source[PostureDiagnosis]()
     schema_id: Literal["glidecal.hexaslide-diagnosis/1"] = schema("glidecal.hexaslide-diagnosis/1")
-    session: str = of(lambda r: r.name)
+    session: str = of(lambda r: r.diagnosed.name)
     verdict: Literal["agrees", "explained", "ambiguous", "unexplained", "cannot-tell"] = of(
         lambda r: r.diagnosis.verdict
     )
@@ -62,3 +97,11 @@ class HexaSlideDiagnosisReport(Report):
     p_value_after: float = of(lambda r: r.diagnosis.p_after)
     spare_readings: int = of(lambda r: r.diagnosis.spare, "beyond what parameters take")
     lost_motions: tuple[str, ...] = of(lambda r: r.diagnosis.unidentifiable)
+    effects_of_model: tuple[AdoptedEntry, ...] | None = of(
+        lambda r: tuple(map(AdoptedEntry.of, r.diagnosed.beside)) or None,
+        "with --model: what the readings were diagnosed beside",
+        asked=True,
+    )
+    adopted: AdoptionReport | None = of(
+        lambda r: maybe(AdoptionReport.of, r.adoption), "with --adopt", asked=True
+    )

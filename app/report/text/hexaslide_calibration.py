@@ -12,6 +12,7 @@ from app.evaluating.hexaslide_calibration import (
     VerifiedMachine,
 )
 from app.report.schema.hexaslide import HexaSlideCalibrationReport, Rms
+from app.report.text.hexaslide_diagnosis import beside_words
 from app.report.text.tables import new_table, paragraphs, signed
 from calib.hexaslide.procedures import ProcedureKind
 from protocols.hexaslide import HexaSlideMeasurements
@@ -54,6 +55,7 @@ def calibration_text(solved: CalibratedMachine) -> str:
         f"{document.measurements}: {document.machine} ({document.machine_file}), "
         f"{document.procedure.value}, "
         f"{document.postures.count} {document.origin} postures; read: {read}",
+        beside_words(solved.adopted),
         "\n".join([*verdict, platform_text(document), *caveats(document)]),
         parameter_table(document),
         "\n".join(figure_lines(document, solved.factor)),

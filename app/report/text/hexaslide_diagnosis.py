@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rich.table import Table
 
+from app.evaluating.hexaslide_adoption import Adoption, DiagnosedPostures
 from app.report.text.tables import new_table, paragraphs, result_table
-from calib.diagnosis.hexaslide import CauseSize, HexaSlideDiagnosis, Names
+from calib.diagnosis.hexaslide import AdoptedEffect, CauseSize, HexaSlideDiagnosis, Names
+from calib.hexaslide.platform import PlatformError
 from protocols.data_table import DataTable
+from protocols.effect_entries import EffectEntry
+from protocols.hexaslide_model import HexaSlideModel
 
 TITLES = {
     "rail_scale": "scale of {}",
@@ -32,12 +38,90 @@ MOST_CLAIMS = 8
 
 
 def _title(causes: Names) -> str:
-    return " and ".join(TITLES[cause].format(where) for cause, where in causes) or "nothing"
+    return " and ".join(map(title_of, causes)) or "nothing"
 
 
-def diagnosis_text(name: str, diagnosis: HexaSlideDiagnosis) -> str:
-    """The verdict, what may be true, sizes, and what no reading shows."""
-    return paragraphs(f"{name}: {diagnosis.verdict}", *diagnosis_parts(diagnosis))
+def title_of(name: tuple[str, str]) -> str:
+    """A cause at its place."""
+    cause, where = name
+    return TITLES.get(cause, f"{cause} of {{}}").format(where)
+
+
+def diagnosis_text(diagnosed: DiagnosedPostures, adoption: Adoption | None = None) -> str:
+    """The verdict, what may be true, sizes, what no reading shows, and what was adopted."""
+    return paragraphs(
+        f"{diagnosed.name}: {diagnosed.diagnosis.verdict}",
+        beside_words(diagnosed.beside),
+        *diagnosis_parts(diagnosed.diagnosis),
+        "" if adoption is None else adoption_words(adoption),
+    )
+
+
+def beside_words(effects: Sequence[AdoptedEffect]) -> str:
+    """Which effects of a model act; empty for none."""
+    names = tuple((effect.id, effect.where) for effect in effects)
+    return f"Beside the model's {_title(names)}." if effects else ""
+
+
+def adoption_words(adoption: Adoption) -> str:
+    """What follows if the adopted effects act."""
+    names = tuple((effect.id, effect.where) for effect in adoption.effects)
+    # the model's entry has the names of the values and their unit
+    entries = [e for e in adoption.model.effects if (e.id, e.where) in names]
+    before, after = adoption.platform_before, adoption.platform
+    lines = [
+        f"Adopted: {_title(names)}.",
+        *(line for entry in entries for line in size_lines(entry)),
+        f"If that acts, the platform is off by {1000.0 * after.now.places_rms_m:.3g} mm r.m.s. now,"
+        f" and {_bound(after)} with the calibrated machine (95 %); when all models count,"
+        f" {_bound(before)}.",
+        f"What is left, in variances of the noise: {adoption.gap_before:.3g} without it, "
+        f"{adoption.gap_after:.3g} with it (p = {adoption.p_after:.2g}).",
+    ]
+    if adoption.left_out is not None:
+        lines.append(
+            "Postures that are left out, a fifth at a time, are missed by "
+            f"{adoption.left_out.before:.2f} standard deviations of the noise without it, by "
+            f"{adoption.left_out.after:.2f} with it (r.m.s.)."
+        )
+    return "\n".join(lines)
+
+
+def _bound(platform: PlatformError) -> str:
+    bound_m = platform.bound_m
+    return "an unknown amount" if bound_m is None else f"at most {1000.0 * bound_m:.3g} mm"
+
+
+def size_lines(entry: EffectEntry) -> list[str]:
+    """The values of an effect of a model file."""
+    lines = []
+    for name, size in entry.parameters.items():
+        spread = size.standard_uncertainty
+        about = "" if spread is None else f" ± {spread:.2g}"
+        of_person = ", held" if size.held else ""
+        lines.append(f"    {name} = {size.value:+.4g}{about} {size.unit}{of_person}")
+    return lines
+
+
+def model_text(model: HexaSlideModel) -> str:
+    """Effects with their sizes and where they are from, and how they came and went."""
+    parts = []
+    for entry in model.effects:
+        lines = [f"{entry.id} ({entry.where}): {_title(((entry.id, entry.where),))}"]
+        lines += size_lines(entry)
+        if entry.provenance:
+            sessions = ", ".join(entry.provenance.sessions)
+            lines.append(f"    from {sessions}, verdict {entry.provenance.verdict}")
+        parts.append("\n".join(lines))
+    history = [
+        f"{h.at:%Y-%m-%d %H:%M} {h.action} {h.effect.id} ({h.effect.where}): {h.why}"
+        for h in model.history
+    ]
+    return paragraphs(
+        f"Model of {model.machine.name}",
+        *(parts or ["No effects."]),
+        "\n".join(["History", *history]) if history else "",
+    )
 
 
 def verdict_words(diagnosis: HexaSlideDiagnosis) -> str:

@@ -24,6 +24,7 @@ from calib.errors import GlidecalError
 POSTURE_RESULT_HELP = f"""\
 {{postures.export}}  the calibrated machine and its kinematics, into a folder
 {{postures.report}}  the report to sign, as HTML or PDF
+{{postures.what_if}}  what if: the size of a cause is moved
 {PAGE_HELP}
 
 The result of a session of postures. What no reading shows is named: frames

@@ -6,14 +6,9 @@ from app.evaluating.own_effects import known_effects
 from app.report.text.tables import hanging, new_table, paragraphs, signed, wrapped
 from calib.errors import RecordError
 from calib.tripod.effects.effect import remedies
+from protocols.effect_entries import EffectEntry
 from protocols.machine import Machine
-from protocols.model_file import (
-    EffectEntry,
-    ModelFile,
-    ambiguity,
-    ambiguous_effects,
-    placed_effects,
-)
+from protocols.model_file import ModelFile, ambiguity, ambiguous_effects, placed_effects
 
 
 def model_text(model: ModelFile) -> str:

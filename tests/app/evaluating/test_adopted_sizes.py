@@ -10,8 +10,9 @@ from app.evaluating.diagnosis import SessionDiagnosis, diagnose_files
 from app.evaluating.solution import load_sessions, solve_files
 from app.planning.tripod import next_measurement
 from calib.tripod.effects.drives import Backlash
+from protocols.effect_entries import EffectEntry, ParameterEntry
 from protocols.machine import Machine
-from protocols.model_file import EffectEntry, ModelFile, ParameterEntry, free_effects
+from protocols.model_file import ModelFile, free_effects
 from tests.hidden_sessions import write_session
 
 TRUE_MM, WRONG_MM = 0.05, 0.03

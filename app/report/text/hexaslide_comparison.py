@@ -1,0 +1,96 @@
+"""Two sessions of postures in words: whether their machine is the same."""
+
+from __future__ import annotations
+
+from rich.table import Table
+
+from app.evaluating.hexaslide_comparison import ComparedSession, ComparedSessions
+from app.report.schema.hexaslide_comparison import LengthOfBoth, lengths_of
+from app.report.text.hexaslide_diagnosis import verdict_words
+from app.report.text.tables import new_table, paragraphs, signed
+from calib.diagnosis.hexaslide_comparison import CHANGED, MachinesApart
+
+MOST_LENGTHS = 8
+LEAST_SHOWN = 1e-6
+"""Smaller chances are only such."""
+
+
+def comparison_text(compared: ComparedSessions) -> str:
+    """Whether the machine changed, by how much at the platform, and in which lengths."""
+    apart = compared.apart
+    laid_over = f"Laid over, for no reading shows it: {'; '.join(apart.free)}."
+    return paragraphs(
+        f"{compared.before.name} and {compared.after.name}: {_verdict(apart)}",
+        _platform(apart),
+        *_lengths(apart),
+        "\n".join(_session(each) for each in (compared.before, compared.after)),
+        laid_over if apart.free else "",
+    )
+
+
+def _verdict(apart: MachinesApart) -> str:
+    if apart.p_value is None:
+        return "not known whether the machine changed."
+    shown = f"of {apart.p_value:.2g}" if apart.p_value >= LEAST_SHOWN else f"below {LEAST_SHOWN:g}"
+    chance = f"one machine would differ so much with a chance {shown}"
+    return f"the machine changed; {chance}." if apart.changed else f"no change shows; {chance}."
+
+
+def _platform(apart: MachinesApart) -> str:
+    words = (
+        f"The platform, over the box: {1000.0 * apart.rms_m:.3g} mm r.m.s. from one to the other, "
+        f"at most {1000.0 * apart.largest_m:.3g} mm."
+    )
+    if apart.chance_m is None:
+        return (
+            f"{words} A session has too few readings, leaves more open than frames, or has no "
+            "known noise."
+        )
+    words += f" Noise alone gives up to {1000.0 * apart.chance_m:.3g} mm r.m.s. (95 %)."
+    if apart.changed:
+        words += f" The chance is below {CHANGED:g}: calibrate from the second session."
+    return words
+
+
+def _lengths(apart: MachinesApart) -> list[str | Table]:
+    """Lengths that differ most by their uncertainty."""
+    lengths = lengths_of(apart)
+    known = [(name, each, each.expanded_mm) for name, each in lengths.items()]
+    beyond = [
+        (abs(each.difference_mm) / half, name, each)
+        for name, each, half in known
+        if half and abs(each.difference_mm) > half
+    ]
+    if apart.expanded_m is None:
+        return []
+    least, most = 1000.0 * apart.expanded_m.min(), 1000.0 * apart.expanded_m.max()
+    words = (
+        f"{len(beyond)} of {len(lengths)} lengths that no frame changes differ by more than their "
+        f"uncertainty, ±{least:.3g} to ±{most:.3g} mm (95 %)"
+    )
+    if not beyond:
+        return [f"{words}."]
+    table = new_table("length", "before, mm", "after, mm", "difference, mm", "± U (95 %)")
+    for _, name, each in sorted(beyond, key=lambda row: (-row[0], row[1]))[:MOST_LENGTHS]:
+        table.add_row(name, *_row(each))
+    together = "of one machine one in twenty does, and those of a joint go together"
+    return [f"{words}; {together}.", table]
+
+
+def _row(each: LengthOfBoth) -> tuple[str, ...]:
+    return (
+        f"{each.before_mm:.4f}",
+        f"{each.after_mm:.4f}",
+        signed(each.difference_mm, 4),
+        f"{each.expanded_mm:.4f}",
+    )
+
+
+def _session(each: ComparedSession) -> str:
+    """What stands against a session."""
+    words = f"{each.name}: "
+    if each.left_out:
+        words += f"without posture {', '.join(map(str, each.left_out))}. "
+    if each.diagnosis is None:
+        return f"{words}no noise is stated; parameters alone are compared."
+    return f"{words}{verdict_words(each.diagnosis)}"

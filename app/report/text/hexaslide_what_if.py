@@ -1,0 +1,68 @@
+"""What a cause of some size would do to a session of postures, as the screen says it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from app.report.text.hexaslide_diagnosis import title_of
+from app.report.text.tables import PAGE_HELP, decimals, new_table, signed, table_text
+from calib.diagnosis.hexaslide_what_if import CauseAtSize, PostureTrial
+
+WHAT_IF_HELP = f"""\
+{{posture_if.smaller}}, {{posture_if.larger}}  the size smaller, larger, by a step below its ±
+{{posture_if.much_smaller}}, {{posture_if.much_larger}}  ten times as far
+{{posture_if.size_before}}, {{posture_if.next_size}}  another of several sizes (> is moved)
+{{posture_if.nothing}}  nothing: parameters alone
+{{posture_if.best}}  the size that fits best
+{PAGE_HELP}
+
+Parameters are fitted again at every size. Platform, cause not
+compensated: what the cause alone does there over the box, frames
+laid over. Platform, values
+without it entered: what the platform is off by if the cause is real
+and the parameters of a fit without it are entered. Nothing is
+written; glidecal diagnose --adopt writes a model."""
+
+WHICH = "Which cause?"
+WORKING = "Working out what it does …"
+NOT_SEEN = "The parameters can imitate it: the readings do not show its size."
+
+
+def cause_words(name: tuple[str, str], weight: float) -> str:
+    """A line of the list of causes."""
+    return f"{title_of(name)}, {100.0 * weight:.0f} %"
+
+
+def heading_text(name: tuple[str, str], path: Path) -> str:
+    """What is tried, on which readings."""
+    return f"What if {title_of(name)}   {path.name}"
+
+
+def sizes_text(trial: PostureTrial, values: Sequence[float], number: int) -> str:
+    """A line for each size: what it is now, what fits best, how far a key moves it."""
+    table = new_table("", "size", "", "fits best", "step", left=1)
+    for k, name in enumerate(trial.cause.names):
+        step, best = trial.steps[k], "not seen"
+        if trial.best:
+            places = decimals(trial.deviations[k])
+            best = f"{signed(trial.best[k], places)} ± {trial.deviations[k]:.{places}f}"
+        mark = ">" if k == number else " "
+        size = signed(values[k], decimals(step))
+        table.add_row(f"{mark} {name}", size, trial.cause.unit, best, f"{step:g}")
+    return "\n".join(filter(None, [table_text(table), "" if trial.best else NOT_SEEN]))
+
+
+def effect_text(before: CauseAtSize, now: CauseAtSize) -> str:
+    """Residuals and platform, without the cause and with it."""
+    table = new_table("", "without", "with it")
+    pair = before, now
+    table.add_row("readings left, times the noise", *(f"{each.times_noise:.2f}" for each in pair))
+    table.add_row("chance of so much by noise", *(f"{each.p_value:.2g}" for each in pair))
+    table.add_row("platform, cause not compensated, mm r.m.s.", "0", _mm(now.alone_m))
+    table.add_row("platform, values without it entered, mm r.m.s.", "0", _mm(now.misled_m))
+    return table_text(table)
+
+
+def _mm(size_m: float) -> str:
+    return f"{1000.0 * size_m:.4f}"

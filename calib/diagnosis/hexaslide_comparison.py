@@ -1,0 +1,174 @@
+"""Whether a machine is the same in two sessions: at its platform, and in lengths of its own.
+
+Each session has its machine from all of its models: parameters beside what may be missing, and
+that. Machines are laid over each other by motions of frames that no reading of either shows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arrays import FloatArray
+from calib.diagnosis.hexaslide import FEWEST_SPARE, WeighedCauses
+from calib.diagnosis.hexaslide_correction import moved_by, over_all
+from calib.hexaslide.calibration import Calibration
+from calib.hexaslide.checked import frames_apart, inner_lengths, inner_slopes
+from calib.hexaslide.geometry import MOTIONS, NAMES, HexaSlide
+from calib.hexaslide.platform import Places, quantile_m
+from calib.stats import coverage_factor, variance_ratio_p_value
+
+CHANGED = 0.01
+"""Chance of a difference so large, below which the machine is taken as changed."""
+
+SHOWN = 1e-6
+"""Singular values, by the largest, of parameters that move the platform over the box."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredMachine:
+    """What a session tells of its machine; without ``models`` parameters alone."""
+
+    calibrated: Calibration
+    models: WeighedCauses | None
+
+    def at(self, places: Places) -> tuple[FloatArray, FloatArray | None]:
+        """What the platform does beside the calibrated parameters there ``(q,)``, and a root of the
+        covariance of all of it ``(q, r)``; None where no noise is known.
+        """
+        models, calibrated = self.models, self.calibrated
+        if models is None:
+            if calibrated.covariance is None:
+                return np.zeros(len(places.moved)), None
+            count = places.moved.shape[1]
+            return np.zeros(len(places.moved)), places.moved @ self._root[:count]
+        acting = moved_by(models, places) @ models.given_way + over_all(models, places)
+        by_noise = moved_by(models, places) @ (models.directions / models.sizes)
+        mean, covariance = models.mixture()
+        return acting @ mean, self._inflation * np.hstack([by_noise, acting @ root_of(covariance)])
+
+    @property
+    def parameters(self) -> tuple[FloatArray, FloatArray | None]:
+        """Parameters beside what may be missing ``(k,)``, a root of their covariance ``(k, r)``."""
+        models, calibrated = self.models, self.calibrated
+        if models is None:
+            known = calibrated.covariance is not None
+            return calibrated.parameters, self._root if known else None
+        mean, covariance = models.mixture()
+        by_noise = models.directions / models.sizes
+        root = np.hstack([by_noise, models.given_way @ root_of(covariance)])
+        change = models.tolerances * (models.given_way @ mean)
+        scale = self._inflation * models.tolerances
+        return calibrated.parameters + change, scale[:, None] * root
+
+    @property
+    def tells(self) -> bool:
+        """Whether readings leave nothing open but frames, and would show what bends the rest."""
+        calibrated = self.calibrated
+        motions = sum(name in MOTIONS for name in calibrated.unidentifiable)
+        all_shown = calibrated.unidentifiable_count == motions
+        return all_shown and calibrated.free_values >= FEWEST_SPARE
+
+    @property
+    def _root(self) -> FloatArray:
+        covariance = self.calibrated.covariance
+        assert covariance is not None, "asked for with one alone"
+        return self._inflation * root_of(covariance)
+
+    @property
+    def _inflation(self) -> float:
+        """More than noise is left: everything is known so much worse."""
+        left = self.calibrated.lack_of_fit or 1.0
+        if self.models is not None:
+            left = self.models.mean_square(self.models.entries[0])[0]
+        return float(max(1.0, left) ** 0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class MachinesApart:
+    """How far two machines are apart at the platform over the box, r.m.s. and largest, metres;
+    ``chance_m`` what the noise of both makes of one machine at most, 95 %, r.m.s.; ``p_value`` of
+    such a difference, by all movements that are told. None where no noise is known, and where a
+    machine does not tell.
+
+    ``lengths_m`` ``(2, 26)`` are those that no frame changes, ``expanded_m`` ``(26,)`` 95 %
+    uncertainties of their differences. ``free`` are the motions that were laid over.
+    """
+
+    rms_m: float
+    largest_m: float
+    chance_m: float | None
+    p_value: float | None
+    lengths_m: FloatArray
+    expanded_m: FloatArray | None
+    free: tuple[str, ...]
+
+    @property
+    def changed(self) -> bool | None:
+        """None where that cannot be told."""
+        return None if self.p_value is None else self.p_value < CHANGED
+
+
+def apart(reference: HexaSlide, first: MeasuredMachine, second: MeasuredMachine) -> MachinesApart:
+    """Of machines where a controller that holds ``reference`` sends them.
+
+    Raises UnreachablePosture, CalibrationError.
+    """
+    both = first, second
+    free = tuple(dict.fromkeys(name for each in both for name in each.calibrated.unidentifiable))
+    places = [Places.of(reference, each.calibrated.machine, free) for each in both]
+    beside, roots = zip(*(each.at(at) for each, at in zip(both, places, strict=True)), strict=True)
+    moved = frames_apart(places[0].postures, places[1].postures, free).apart_m.ravel()
+    off = places[0].without_frames(moved + beside[1] - beside[0])
+    square = (off.reshape(-1, 3) ** 2).sum(axis=1)
+    chance_m = p_value = None
+    told = all(each.tells for each in both)
+    known = [root for root in roots if root is not None]
+    if told and len(known) == len(both):
+        spread = np.hstack(known)
+        inner = spread.T @ spread
+        mean, variance = np.trace(inner), 2.0 * (inner**2).sum()
+        count = places[0].count
+        chance_m = quantile_m(np.ones(1), np.array([[mean, variance / count]]) / count)
+        # what parameters do: what rarely acts beside them is no normal of its covariance
+        vectors, sizes, _ = np.linalg.svd(places[0].moved, full_matrices=False)
+        vectors = vectors[:, sizes > SHOWN * sizes[0]]
+        along, root = vectors.T @ off, vectors.T @ spread
+        ratio = float(along @ np.linalg.solve(root @ root.T, along)) / len(along)
+        freedom = min(each.calibrated.degrees_of_freedom for each in both)
+        p_value = variance_ratio_p_value(ratio, len(along), freedom)
+    lengths, expanded = _lengths(both, told=told)
+    return MachinesApart(
+        rms_m=float(np.sqrt(square.mean())),
+        largest_m=float(np.sqrt(square.max())),
+        chance_m=chance_m,
+        p_value=p_value,
+        lengths_m=lengths,
+        expanded_m=expanded,
+        free=free,
+    )
+
+
+def _lengths(
+    both: tuple[MeasuredMachine, MeasuredMachine], *, told: bool
+) -> tuple[FloatArray, FloatArray | None]:
+    """`inner_lengths` of both ``(2, 26)``, and uncertainties of their differences ``(26,)``."""
+    lengths, variance = [], np.zeros(26)
+    for each in both:
+        parameters, root = each.parameters
+        machine = each.calibrated.machine.with_parameters(each.calibrated.names, parameters)
+        lengths.append(np.asarray(inner_lengths(machine.geometry)))
+        names = machine.geometry.names
+        slopes = inner_slopes(machine.geometry)[:, [NAMES.index(name) for name in names]]
+        told = told and root is not None
+        if root is not None:
+            variance += ((slopes @ root[: len(names)]) ** 2).sum(axis=1)
+    factor = coverage_factor(min(each.calibrated.degrees_of_freedom for each in both))
+    return np.array(lengths), factor * np.sqrt(variance) if told else None
+
+
+def root_of(covariance: FloatArray) -> FloatArray:
+    """A root ``(c, c)`` of a covariance that need not be definite."""
+    square, axes = np.linalg.eigh(covariance)
+    return np.asarray(axes * np.sqrt(np.maximum(square, 0.0)))

@@ -1,0 +1,111 @@
+"""What a cause of a stated size would explain of readings, and do at the platform.
+
+About the calibrated machine all of it is linear in the size; parameters give way at every size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arrays import FloatArray, without
+from calib.diagnosis.hexaslide import HexaSlideCause, WeighedCauses
+from calib.diagnosis.hexaslide_correction import moved_by, over_all
+from calib.hexaslide.geometry import HexaSlide
+from calib.hexaslide.platform import Places
+from calib.quantity import round_step
+from calib.stats import variance_ratio_p_value
+
+FAR = 100.0
+"""Unremarkable sizes, or four times what fits best: so far a size can be moved."""
+
+DARK = 1e-6
+"""Share of a cause that parameters leave, below which readings do not show it."""
+
+
+@dataclass(frozen=True, eq=False)
+class CauseAtSize:
+    """Of ``values`` ``(r,)``: what is left of each posture, r.m.s. in standard deviations of the
+    noise ``(p,)``; of all readings, with a p-value; metres r.m.s. over the box that the cause by
+    itself does at the platform, and that it is off by where parameters without it are entered.
+    """
+
+    values: tuple[float, ...]
+    by_posture: FloatArray
+    times_noise: float
+    p_value: float
+    alone_m: float
+    misled_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class PostureTrial:
+    """A cause whose sizes are moved. Per unit of each size ``columns`` ``(n, r)`` are what it does
+    to the readings beside the parameters, ``alone`` and ``misled`` ``(q, r)`` to the platform.
+
+    ``best`` ``(r,)`` fits best, give or take ``deviations`` ``(r,)``; both are empty where the
+    readings do not show the cause.
+    """
+
+    cause: HexaSlideCause
+    models: WeighedCauses
+    columns: FloatArray
+    alone: FloatArray
+    misled: FloatArray
+    best: tuple[float, ...]
+    deviations: tuple[float, ...]
+
+    @staticmethod
+    def of(models: WeighedCauses, name: tuple[str, str], reference: HexaSlide) -> PostureTrial:
+        """Of one of the causes, where a controller that holds ``reference`` sends the machine.
+
+        Raises UnreachablePosture, CalibrationError.
+        """
+        names = [(cause.id, cause.where) for cause in models.causes]
+        cause, index = models.causes[names.index(name)], models.race.columns[names.index(name)]
+        places = Places.of(reference, models.calibrated.machine, models.calibrated.unidentifiable)
+        alone = over_all(models, places)[:, index]
+        misled = moved_by(models, places) @ models.given_way[:, index] + alone
+        columns = without(models.axes, cause.columns)
+        best: tuple[float, ...] = ()
+        deviations: tuple[float, ...] = ()
+        inner = columns.T @ columns
+        if (inner.diagonal() > DARK * (cause.columns**2).sum(axis=0)).all():
+            covariance = np.linalg.inv(inner)
+            sizes = covariance @ (columns.T @ models.whitened)
+            best = tuple((cause.size * sizes).tolist())
+            deviations = tuple((cause.size * np.sqrt(covariance.diagonal())).tolist())
+        columns, alone, misled = (part / cause.size for part in (columns, alone, misled))
+        return PostureTrial(cause, models, columns, alone, misled, best, deviations)
+
+    @property
+    def steps(self) -> tuple[float, ...]:
+        """Round steps no larger than the standard uncertainty of each size."""
+        sizes = self.deviations or (0.1 * self.cause.size,) * len(self.cause.names)
+        return tuple(map(round_step, sizes))
+
+    def at(self, values: Sequence[float]) -> CauseAtSize:
+        """With these sizes ``(r,)``, in the unit of the cause."""
+        sizes = np.array(values)
+        remainder = without(self.models.axes, self.models.whitened) - self.columns @ sizes
+        spare = max(self.models.spare, 1)
+        ratio = float(remainder @ remainder) / spare
+        by_posture = (remainder**2).reshape(len(self.models.readings.sliders), -1).mean(axis=1)
+        count = len(self.alone) // 3
+        alone, misled = (
+            float(np.sqrt(((part @ sizes) ** 2).sum() / count))
+            for part in (self.alone, self.misled)
+        )
+        p_value = variance_ratio_p_value(ratio, spare, np.inf)
+        root = np.asarray(np.sqrt(by_posture))
+        return CauseAtSize(tuple(values), root, ratio**0.5, p_value, alone, misled)
+
+    def moved(self, values: Sequence[float], number: int, steps: int) -> tuple[float, ...]:
+        """The sizes with one moved by so many of its steps, onto a multiple of them, in bounds."""
+        step = self.steps[number]
+        far = max(FAR * self.cause.size, 4.0 * abs(self.best[number]) if self.best else 0.0)
+        size = step * (round(values[number] / step) + steps)
+        size = float(f"{max(-far, min(far, size)):.6g}")
+        return (*values[:number], size, *values[number + 1 :])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.special import chdtrc, fdtrc, ndtri, stdtr, stdtrit
+from scipy.special import chdtrc, fdtrc, ndtr, ndtri, stdtr, stdtrit
 
 from calib.arrays import FloatArray
 
@@ -35,6 +35,25 @@ def coverage_factors(degrees_of_freedom: FloatArray) -> FloatArray:
     normal = np.isinf(degrees_of_freedom)
     student = stdtrit(np.where(normal, 1.0, degrees_of_freedom), upper)
     return np.asarray(np.where(normal, ndtri(upper), student))
+
+
+def mixture_uncertainties(
+    weight: FloatArray, off: FloatArray, variance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Standard and expanded uncertainties ``(k,)`` of values by weighted normal models.
+
+    ``weight`` ``(n,)`` sums to 1; ``off`` ``(n, k)`` are the models' means from the stated values,
+    ``variance`` ``(n, k)`` theirs. The expanded one is half of the interval about the stated value
+    that holds 95 %: of a mixture its ratio to the standard one may be any.
+    """
+    variance = np.maximum(variance, 1e-18)
+    standard = np.sqrt(weight @ (variance + off**2))
+    low, high, deviation = np.zeros(off.shape[1]), 30.0 * standard, np.sqrt(variance)
+    for _ in range(60):
+        half = (low + high) / 2.0
+        inside = weight @ (ndtr((half - off) / deviation) - ndtr((-half - off) / deviation))
+        low, high = np.where(inside < COVERAGE, half, low), np.where(inside < COVERAGE, high, half)
+    return standard, np.asarray(high)
 
 
 def normal_scores(values: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from calib.diagnosis.hexaslide import (
     weighed,
     with_effects,
 )
-from calib.diagnosis.hexaslide_correction import HexaSlideCorrection, correction_of
+from calib.diagnosis.hexaslide_correction import HexaSlideCorrection, Known, correction_of
 from calib.errors import CalibrationError, NotIdentifiable, RecordError, UsageError
 from calib.hexaslide.calibration import calibrate
 from calib.hexaslide.checked import Checked, checked_calibration
@@ -42,7 +42,8 @@ class CalibratedMachine(Checked):
     """A calibration with its checks, what it means at the platform, and the file it is from.
 
     ``found`` is that of the parameters alone, ``entered`` the machine to enter: it counts what else
-    may be missing. ``left_out`` are the numbers of postures that the diagnosis names as mistakes,
+    may be missing; so do ``known`` parameters to enter and ``lengths_m``, None where that cannot be
+    told. ``left_out`` are the numbers of postures that the diagnosis names as mistakes,
     ``adopted`` effects of a model, with sizes that were fitted again.
     """
 
@@ -50,6 +51,8 @@ class CalibratedMachine(Checked):
     source: HexaSlideMeasurements
     entered: HexaSlide
     platform: PlatformError
+    known: Known | None
+    lengths_m: Known | None
     left_out: tuple[int, ...] = ()
     adopted: tuple[AdoptedEffect, ...] = ()
 
@@ -98,6 +101,8 @@ def calibrated(
         source=source,
         entered=correction.machine,
         platform=correction.platform,
+        known=correction.parameters,
+        lengths_m=correction.lengths_m,
         left_out=wrong,
         adopted=adopted,
     )

@@ -13,10 +13,12 @@ import numpy as np
 
 from calib.arrays import FloatArray
 from calib.diagnosis.hexaslide import WeighedCauses, causes_of_machine
-from calib.hexaslide.geometry import HexaSlide
+from calib.hexaslide.checked import inner_lengths, inner_slopes
+from calib.hexaslide.geometry import NAMES, HexaSlide
 from calib.hexaslide.platform import Places, PlatformError, quantile_m
 from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings
+from calib.stats import mixture_uncertainties
 
 LEAST_WEIGHT = 1e-5
 """Models of less weight change nothing that could be entered."""
@@ -29,11 +31,26 @@ IMITATED = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
+class Known:
+    """Values ``(m,)`` with standard uncertainties and half widths of 95 %, over all models."""
+
+    values: FloatArray
+    standard: FloatArray
+    expanded: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class HexaSlideCorrection:
-    """The machine to enter, and what the platform is off by now and then at most."""
+    """The machine to enter, and what the platform is off by now and then at most.
+
+    ``parameters`` ``(k,)`` are those to enter, with what the true ones may differ by; ``lengths_m``
+    ``(26,)`` the lengths that no frame changes. None where no model could be weighed.
+    """
 
     machine: HexaSlide
     platform: PlatformError
+    parameters: Known | None = None
+    lengths_m: Known | None = None
 
 
 def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorrection | None:
@@ -76,7 +93,44 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
         bound_m *= max(1.0, models.mean_square(models.entries[0])[0]) ** 0.5
     parameters = calibrated.parameters + models.tolerances * change
     entered_machine = machine.with_parameters(names, parameters)
-    return HexaSlideCorrection(entered_machine, places.error(calibrated, entered_machine, bound_m))
+    return HexaSlideCorrection(
+        entered_machine,
+        places.error(calibrated, entered_machine, bound_m),
+        known_of(models, np.eye(len(names)), calibrated.parameters, parameters),
+        lengths_of(models),
+    )
+
+
+def known_of(
+    models: WeighedCauses, slopes: FloatArray, at: FloatArray, stated: FloatArray | None = None
+) -> Known:
+    """Values ``(m,)`` that are ``at`` for the calibrated machine and have these ``slopes``
+    ``(m, k)`` by its parameters: as they are expected over all models, or as they are ``stated``.
+    """
+    scaled = slopes * models.tolerances
+    square = max(1.0, models.mean_square(models.entries[0])[0])
+    by_noise = ((scaled @ (models.directions / models.sizes)) ** 2).sum(axis=1)
+    given_way = scaled @ models.given_way
+    means, variances = [], []
+    for entry in models.entries:
+        of_causes = given_way[:, models.index(entry)]
+        mean, covariance = models.values(entry)
+        means.append(at + of_causes @ mean)
+        variances.append(square * (by_noise + ((of_causes @ covariance) * of_causes).sum(axis=1)))
+    mean_values = np.array(means)
+    values = models.weights @ mean_values if stated is None else stated
+    off = mean_values - values
+    return Known(values, *mixture_uncertainties(models.weights, off, np.array(variances)))
+
+
+def lengths_of(models: WeighedCauses) -> Known:
+    """`inner_lengths` ``(26,)``, m."""
+    calibrated = models.calibrated
+    geometry = calibrated.machine.geometry
+    slopes = np.zeros((len(inner_slopes(geometry)), len(calibrated.names)))
+    columns = [NAMES.index(name) for name in geometry.names]
+    slopes[:, : len(columns)] = inner_slopes(geometry)[:, columns]
+    return known_of(models, slopes, np.asarray(inner_lengths(geometry)))
 
 
 def moved_by(models: WeighedCauses, places: Places) -> FloatArray:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import ndtr
 
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import ImpossibleRequest
@@ -13,7 +12,7 @@ from calib.posterior.cells import BASE
 from calib.posterior.correction import projector_of
 from calib.posterior.models import Posterior
 from calib.posterior.tool import Frame
-from calib.stats import COVERAGE
+from calib.stats import mixture_uncertainties
 from calib.tripod.effects.drives import ActuatorScale, AxisOffset
 from calib.tripod.effects.effect import PER_THOUSAND, EffectInstance
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model
@@ -88,13 +87,5 @@ def offset_uncertainties_mm(
         of_base, of_root = of_bases[id(model.base)], ((into @ model.root) ** 2).sum(axis=1)
         means.append(into @ model.mean - middle)
         variances.append(model.inflated**2 * of_base + of_root)
-    off, variance = np.array(means), np.maximum(np.array(variances), 1e-18)
     weight = np.array([model.weight for model in posterior.models])
-    standard = np.sqrt(weight @ (variance + off**2))
-    low, high = np.zeros(len(OFFSETS)), 30.0 * standard
-    deviation = np.sqrt(variance)
-    for _ in range(60):
-        half = (low + high) / 2.0
-        inside = weight @ (ndtr((half - off) / deviation) - ndtr((-half - off) / deviation))
-        low, high = np.where(inside < COVERAGE, half, low), np.where(inside < COVERAGE, high, half)
-    return standard, np.asarray(high)
+    return mixture_uncertainties(weight, np.array(means), np.array(variances))

@@ -7,7 +7,7 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from calib.stats import normal_scores
+from calib.stats import mixture_uncertainties, normal_scores
 
 
 def test_normal_scores_are_quantiles_of_the_ranks() -> None:
@@ -16,3 +16,16 @@ def test_normal_scores_are_quantiles_of_the_ranks() -> None:
     expected = [normal.inv_cdf((rank - 0.375) / 4.25) for rank in (3, 1, 4, 2)]
     assert normal_scores(values) == pytest.approx(expected, abs=1e-12)
     assert normal_scores(np.array([5.0])) == pytest.approx([0.0])
+
+
+def test_uncertainties_of_a_mixture_are_those_of_many_draws() -> None:
+    weight, off = np.array([0.9, 0.1]), np.array([[0.0, 0.2], [3.0, 0.2]])
+    variance = np.array([[1.0, 0.04], [0.25, 0.04]])
+    standard, expanded = mixture_uncertainties(weight, off, variance)
+    random = np.random.default_rng(1)
+    model = random.choice(2, size=400_000, p=weight)
+    drawn = off[model] + np.sqrt(variance[model]) * random.normal(size=(len(model), 2))
+    assert standard == pytest.approx(np.sqrt((drawn**2).mean(axis=0)), rel=0.01)
+    assert (np.abs(drawn) <= expanded).mean(axis=0) == pytest.approx(0.95, abs=0.002)
+    alone = mixture_uncertainties(np.ones(1), np.zeros((1, 1)), np.full((1, 1), 4.0))
+    assert alone[1] == pytest.approx(2.0 * NormalDist().inv_cdf(0.975))

@@ -75,7 +75,6 @@ def _results(certified: CertifiedPostures) -> Iterator[Result]:
         "Places of its origin, frames that no reading shows laid over.",
         [*_platform(document.platform, "as measured", "with the calibrated machine, predicted")],
     )
-    factor = solved.factor
     yield Result(
         "Lengths that no frame changes",
         "B: joints of the platform; A: starts of the rails, or joints of the base; l: links.",
@@ -84,7 +83,7 @@ def _results(certified: CertifiedPostures) -> Iterator[Result]:
                 name,
                 1000.0 * length.value_m,
                 UNITS["mm"],
-                _expanded(1000.0, length.standard_uncertainty_m, factor),
+                _scaled(1000.0, length.standard_uncertainty_m, length.expanded_uncertainty_m),
             )
             for name, length in document.inner_lengths.items()
         ],
@@ -103,7 +102,7 @@ def _results(certified: CertifiedPostures) -> Iterator[Result]:
                     name,
                     (size := 1.0 if parameter.unit == "m/m" else 1000.0) * parameter.value,
                     THOUSANDTHS.get(parameter.unit, UNITS["m/m"]),
-                    _expanded(size, parameter.standard_uncertainty, factor),
+                    _scaled(size, parameter.standard_uncertainty, parameter.expanded_uncertainty),
                 )
                 for name, parameter in alone.items()
             ],
@@ -117,10 +116,10 @@ def _results(certified: CertifiedPostures) -> Iterator[Result]:
         )
 
 
-def _expanded(size: float, standard: float | None, factor: float | None) -> Uncertainty | None:
-    if standard is None or factor is None:
+def _scaled(size: float, standard: float | None, expanded: float | None) -> Uncertainty | None:
+    if standard is None or expanded is None:
         return None
-    return Uncertainty(size * standard * factor, size * standard)
+    return Uncertainty(size * expanded, size * standard)
 
 
 def _platform(platform: PlatformReport, now: str, bound: str) -> Iterator[CertifiedValue]:

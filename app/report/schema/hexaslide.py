@@ -168,8 +168,8 @@ def _lack_of_fit(solved: CalibratedMachine) -> LackOfFitEntry:
 
 @dataclass(frozen=True)
 class HexaSlideParameter:
-    """The value to enter. Uncertainties of those only that are known one by one, from the noise
-    alone; of others they mean nothing.
+    """The value to enter. Uncertainties of those only that are known one by one, with what else may
+    be missing where that can be told; of others they mean nothing.
     """
 
     value: float
@@ -182,13 +182,17 @@ class HexaSlideParameter:
 
 
 def _parameters(solved: CalibratedMachine) -> dict[str, HexaSlideParameter]:
-    calibrated, u, factor = solved.found, solved.uncertainty, solved.factor
+    calibrated, u, factor, known = solved.found, solved.uncertainty, solved.factor, solved.known
     entered = solved.entered.parameters(calibrated.names).tolist()
     parameters = {}
     for k, name in enumerate(calibrated.names):
         is_known = name in calibrated.known
-        deviation = float(u[k]) if is_known and u is not None else None
-        uncertain = () if deviation is None else (deviation, deviation * (factor or 0.0), factor)
+        uncertain: tuple[float, ...] = ()
+        if is_known and known is not None:
+            deviation, half = float(known.standard[k]), float(known.expanded[k])
+            uncertain = deviation, half, half / deviation
+        elif is_known and u is not None and factor is not None:
+            uncertain = float(u[k]), factor * float(u[k]), factor
         nominal, unit = float(solved.start[k]), unit_of(name)
         parameters[name] = HexaSlideParameter(entered[k], nominal, unit, is_known, *uncertain)
     return parameters
@@ -200,6 +204,7 @@ class InnerLength:
 
     value_m: float
     standard_uncertainty_m: float | None = None
+    expanded_uncertainty_m: float | None = None
 
 
 INNER_NAMES = (
@@ -210,8 +215,11 @@ INNER_NAMES = (
 
 
 def _inner(solved: CalibratedMachine) -> dict[str, InnerLength]:
-    u = solved.inner_uncertainty_m
-    uncertain = () if u is None else (u,)
+    known, u, factor = solved.lengths_m, solved.inner_uncertainty_m, solved.factor
+    if known is not None:
+        columns = known.values, known.standard, known.expanded
+        return rows(InnerLength, INNER_NAMES, *columns)
+    uncertain = () if u is None or factor is None else (u, factor * u)
     return rows(InnerLength, INNER_NAMES, inner_lengths(solved.found.machine.geometry), *uncertain)
 
 

@@ -217,7 +217,7 @@ def figure_lines(document: HexaSlideCalibrationReport, factor: float | None) -> 
     ]
     if unknown:
         lines.append(f"{len(unknown)} parameters are known only together: {', '.join(unknown)}.")
-        lines += _inner(document, factor)
+        lines += _inner(document)
     lines += _noise(document, factor)
     lines.append(
         f"Condition number {document.condition_number:.4g} of the identifiable combinations "
@@ -240,14 +240,12 @@ def _noise(document: HexaSlideCalibrationReport, factor: float | None) -> list[s
     return [f"{words}; coverage factor {factor:.3f}."]
 
 
-def _inner(document: HexaSlideCalibrationReport, factor: float | None) -> list[str]:
-    uncertainties = {
-        name: joint.standard_uncertainty_m for name, joint in document.inner_lengths.items()
-    }
-    joints = [u for name, u in uncertainties.items() if name.startswith("B") and u is not None]
-    if not joints or factor is None:
+def _inner(document: HexaSlideCalibrationReport) -> list[str]:
+    halves = {name: joint.expanded_uncertainty_m for name, joint in document.inner_lengths.items()}
+    joints = [half for name, half in halves.items() if name.startswith("B") and half is not None]
+    if not joints:
         return []
-    least, longest = (1000.0 * factor * end(joints) for end in (min, max))
+    least, longest = (1000.0 * end(joints) for end in (min, max))
     return [
         f"Distances between platform joints do not depend on that: known to ±{least:.4f} "
         f"… ±{longest:.4f} mm (95 %)."

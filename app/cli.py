@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import gc
 import os
 import sys
@@ -15,7 +16,7 @@ from app.exit_codes import Exit, exit_code
 from app.machines.registry import LOOKS, NAMED_BESIDE, CommandOfMachines
 from app.report.streams import guard_standard_streams
 from app.version import program
-from calib.errors import GlidecalError
+from calib.errors import GlidecalError, RecordError
 
 cli = typer.Typer(
     name="glidecal",
@@ -125,7 +126,9 @@ def _give_up_output(problem: OSError) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     if isinstance(problem, BrokenPipeError):
         return Exit.INTERRUPTED
-    _tell(f"glidecal: standard output: {problem.strerror or problem}.")
+    reason = "closed" if problem.errno == errno.EBADF else problem.strerror or str(problem)
+    allowed = "a terminal, a pipe, or a file on a disk with free space"
+    _tell(f"glidecal: {RecordError('standard output', allowed=allowed, reason=reason)}")
     return Exit.RECORD
 
 

@@ -118,6 +118,16 @@ def test_standard_output_on_a_full_disk() -> None:
     assert "Traceback" not in run.stderr
 
 
+@pytest.mark.skipif(os.name != "posix", reason="needs a POSIX shell")
+@pytest.mark.parametrize("closed", [">&-", ">&- <&-", ">&- 2>&-"])
+def test_closed_streams(closed: str) -> None:
+    program = f'exec "{sys.executable}" -m app replay --headless "{EXPERIMENT}" {closed}'
+    run = subprocess.run(["sh", "-c", program], capture_output=True, text=True, check=False)
+    assert run.returncode == 3
+    assert "Traceback" not in run.stderr
+    assert ("standard output: closed. Allowed: a terminal" in run.stderr) == ("2>&-" not in closed)
+
+
 @pytest.mark.skipif(os.name != "posix", reason="needs a POSIX pipe")
 def test_reader_of_the_output_goes_away() -> None:
     read_end, write_end = os.pipe()

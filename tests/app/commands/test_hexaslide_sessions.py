@@ -180,6 +180,7 @@ def _exchanged(rows: Rows) -> None:
         (_cell(5, 9, ""), ["line 5, column z", "an empty cell"]),
         (_cell(6, 3, "1400"), ["line 6, column slider3", "0 to 1050 mm"]),
         (_cell(7, 7, "9e9"), ["line 7, column x", "up to 100000"]),
+        (_cell(7, 8, "1234.5"), ["line 7, column y: found 1234.5 mm. Allowed: what"]),
         (_other_frame, ["line 3, column", "a pose of another frame", "turned by", "off by (100."]),
         (
             _exchanged,

@@ -190,5 +190,8 @@ def test_a_number_is_of_one_certificate(tmp_path: Path, monkeypatch: pytest.Monk
         done = glidecal("report", SIXTY, "--certificate", path, "-o", tmp_path / name)
         assert done.status == 0, done.err
     again = ("report", MANY, "--certificate", path, "-o", tmp_path / "b.html")
-    assert "a number that another certificate has" in refused(2, *again)
+    refusal = refused(2, *again)
+    assert "a number that another certificate has" in refusal
+    digest = read_record(SIXTY).session.digest
+    assert f"begin with {digest[:12]}; {next(tmp_path.rglob('certificates.json'))} " in refusal
     assert not (tmp_path / "b.html").exists()

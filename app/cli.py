@@ -7,9 +7,10 @@ import errno
 import gc
 import os
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from app.commands import demo, diagnose, indicators, measuring, planning, results, sessions
 from app.exit_codes import Exit, exit_code
@@ -18,8 +19,34 @@ from app.report.streams import guard_standard_streams
 from app.version import program
 from calib.errors import GlidecalError, RecordError
 
+
+class Verbs(TyperGroup):
+    """What a person reads of an option that does not fit is in our words, as of a file."""
+
+    def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 (typer's own)
+        """As any group. Raises BadParameter."""
+        try:
+            return super().invoke(ctx)
+        except typer.BadParameter as problem:
+            problem.message = _plain(problem)
+            raise
+
+
+def _plain(problem: typer.BadParameter) -> str:
+    from pydantic import ValidationError
+
+    from protocols.documents import fault_words
+
+    if not isinstance(problem.__cause__, ValidationError):
+        return problem.message
+    fault = problem.__cause__.errors()[0]
+    message = fault_words(fault)
+    return message if fault["type"] == "value_error" else f"{message} (found {fault['input']!r})"
+
+
 cli = typer.Typer(
     name="glidecal",
+    cls=Verbs,
     help="Calibrate parallel kinematic machines with comparator indicators.",
     add_completion=False,
     pretty_exceptions_enable=False,

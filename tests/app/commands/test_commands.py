@@ -346,3 +346,15 @@ def test_a_certificate_has_a_date(tmp_path: Path, wrong: str) -> None:
     said = refused(3, *asked)
     assert f"machine file {machine}" in said
     assert "certificate_date" in said or "TOML" in said or "line 9" in said
+
+
+def test_an_option_that_does_not_fit_shows_the_value_and_what_is_allowed() -> None:
+    """In the words of files: none of a library for programmers."""
+    for option, value, words in (
+        ("--seed", "-1", "must be at least 0 (found '-1')"),
+        ("--seed", "x", "must be a whole number (found 'x')"),
+        ("--temperature", "1000", "must be at most 100 (found '1000')"),
+        ("--macro", "foo", "'foo' is not one of 'klipper',"),
+    ):
+        run = glidecal("run", "--simulated", option, value)
+        assert (run.status, f"'{option}': {words}" in run.err) == (2, True), run.err

@@ -162,9 +162,9 @@ def test_a_bad_logo_is_one_sentence(
 @pytest.mark.parametrize(
     ("order", "settings", "status", "words"),
     [
-        (ORDER.replace('number = "2026-0042"', ""), LABORATORY, 3, "number: Field required"),
+        (ORDER.replace('number = "2026-0042"', ""), LABORATORY, 3, "number: missing"),
         (ORDER.replace("2026-0042", "  "), LABORATORY, 3, "number: a text, not nothing"),
-        (ORDER.replace("[customer]", "[client]"), LABORATORY, 3, "customer: Field required"),
+        (ORDER.replace("[customer]", "[client]"), LABORATORY, 3, "customer: missing"),
         (ORDER, "", 2, "no laboratory in the settings file"),
         (ORDER, LABORATORY.replace('"DE"', '"Germany"'), 3, "line 6, laboratory.country"),
     ],

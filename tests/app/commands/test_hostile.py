@@ -97,7 +97,7 @@ def test_all_readings_zero_say_that_no_noise_is_seen(tmp_path: Path) -> None:
 
 def test_readings_of_another_world_are_refused(tmp_path: Path) -> None:
     table = tmp_path / "t.csv"
-    table.write_text(TABLE.read_text().replace("0.08", "9999"))
+    table.write_text(TABLE.read_text().replace("0.08", "999"))
     assert glidecal("import", table, "-o", tmp_path / "s.jsonl").status == 0
     refused(5, "solve", tmp_path / "s.jsonl", "--method", "linear", "--subset", "both")
 

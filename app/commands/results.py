@@ -354,7 +354,7 @@ def report(
     ] = None,
     force: Force = False,
 ) -> None:
-    """The calibration report to sign, as .html or .pdf. With -o - as HTML on standard output.
+    """The report to sign, as .html, .pdf or .xml. With -o - as HTML on standard output.
 
     With --certificate it has a number and the head of the laboratory in the settings file; as .xml
     it is a digital calibration certificate (DCC 3.2.1).

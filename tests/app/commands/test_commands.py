@@ -271,6 +271,7 @@ def test_the_list_of_verbs_has_a_line_for_each(monkeypatch: pytest.MonkeyPatch) 
         (line,) = (line for line in said.splitlines() if line.split()[:1] == [name])
         assert line.endswith((".", "?"))
         assert not deeper or name == "indicator"
+    assert "as .html, .pdf or .xml." in said
 
 
 @pytest.mark.parametrize(
@@ -280,6 +281,8 @@ def test_the_list_of_verbs_has_a_line_for_each(monkeypatch: pytest.MonkeyPatch) 
         ("postures hexaslide", "--few", "--budget"),
         ("simulate --machine=hexaslide", "--truth", "--effect"),
         ("simulate --machine linear-delta", "--effect", "--truth"),
+        ("run --machine hexaslide", "--behind", "--printable-radius"),
+        ("import --machine hexaslide", "--posture-file", "--distances"),
     ],
 )
 def test_help_beside_a_machine_shows_what_it_takes(words: str, own: str, other: str) -> None:

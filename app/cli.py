@@ -3,22 +3,50 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import gc
 import os
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from app.commands import demo, diagnose, indicators, measuring, planning, results, sessions
 from app.exit_codes import Exit, exit_code
 from app.machines.registry import LOOKS, NAMED_BESIDE, CommandOfMachines
 from app.report.streams import guard_standard_streams
 from app.version import program
-from calib.errors import GlidecalError
+from calib.errors import GlidecalError, RecordError
+
+
+class Verbs(TyperGroup):
+    """What a person reads of an option that does not fit is in our words, as of a file."""
+
+    def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 (typer's own)
+        """As any group. Raises BadParameter."""
+        try:
+            return super().invoke(ctx)
+        except typer.BadParameter as problem:
+            problem.message = _plain(problem)
+            raise
+
+
+def _plain(problem: typer.BadParameter) -> str:
+    from pydantic import ValidationError
+
+    from protocols.documents import fault_words
+
+    if not isinstance(problem.__cause__, ValidationError):
+        return problem.message
+    fault = problem.__cause__.errors()[0]
+    message = fault_words(fault)
+    return message if fault["type"] == "value_error" else f"{message} (found {fault['input']!r})"
+
 
 cli = typer.Typer(
     name="glidecal",
+    cls=Verbs,
     help="Calibrate parallel kinematic machines with comparator indicators.",
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -125,7 +153,9 @@ def _give_up_output(problem: OSError) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     if isinstance(problem, BrokenPipeError):
         return Exit.INTERRUPTED
-    _tell(f"glidecal: standard output: {problem.strerror or problem}.")
+    reason = "closed" if problem.errno == errno.EBADF else problem.strerror or str(problem)
+    allowed = "a terminal, a pipe, or a file on a disk with free space"
+    _tell(f"glidecal: {RecordError('standard output', allowed=allowed, reason=reason)}")
     return Exit.RECORD
 
 

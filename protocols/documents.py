@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
 
 from calib.errors import RecordError
 from calib.printable import printable
@@ -171,16 +172,65 @@ def describe(problem: ValidationError, text: str | None = None) -> str:
     errors = problem.errors(include_url=False)
     faults = []
     for fault in errors[:MOST_FAULTS]:
-        where = ".".join(str(part) for part in fault["loc"])[:60]
+        # of a choice of several kinds pydantic names the kind that was tried, too
+        parts = [str(part) for part in fault["loc"] if str(part) not in KINDS]
+        where = ".".join(part for part in parts if "[" not in part)[:60]
         line = line_of(text, fault["loc"]) if text else None
         where = f"line {line}, {where}" if line else where
-        from_validator = fault["type"] == "value_error"
-        message = str(fault["ctx"]["error"]) if from_validator else fault["msg"][:120]
+        message = fault_words(fault)
         nested = isinstance(fault["input"], dict) or "{" in repr(fault["input"])[:2]
-        value = "" if nested else f" (found {fault['input']!r:.40})"
+        value = "" if nested or fault["type"] == "missing" else f" (found {fault['input']!r:.40})"
         faults.append(f"{where}: {message}{value}" if where else message)
     more = len(errors) - len(faults)
     return "; ".join(faults) + (f"; and {more} more" if more > 0 else "")
+
+
+ALLOWED = {
+    "missing": "missing",
+    "extra_forbidden": "no such key",
+    "string_type": "must be a text",
+    "string_too_short": "must have at least {min_length} letters",
+    "string_too_long": "must have at most {max_length} letters",
+    "string_pattern_mismatch": "must be a text of the form {pattern}",
+    "float_type": "must be a number",
+    "float_parsing": "must be a number",
+    "int_type": "must be a whole number",
+    "int_parsing": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "finite_number": "must be a finite number",
+    "greater_than_equal": "must be at least {ge}",
+    "greater_than": "must be more than {gt}",
+    "less_than_equal": "must be at most {le}",
+    "less_than": "must be less than {lt}",
+    "bool_type": "must be true or false",
+    "bool_parsing": "must be true or false",
+    "literal_error": "must be {expected}",
+    "enum": "must be {expected}",
+    "model_type": "must be a table of keys",
+    "dict_type": "must be a table of keys",
+    "tuple_type": "must be a list",
+    "list_type": "must be a list",
+    "too_short": "must have {min_length} or more entries",
+    "too_long": "must have {max_length} or fewer entries",
+    "date_type": "must be a date as 2026-01-31",
+    "date_parsing": "must be a date as 2026-01-31",
+    "date_from_datetime_parsing": "must be a date as 2026-01-31",
+    "union_tag_invalid": "unknown {discriminator}: {tag}",
+    "json_invalid": "no JSON text: {error}",
+}
+"""By the kind of a fault, what is allowed; pydantic's own words are for programmers."""
+
+KINDS = ("float", "int", "str", "constrained-float", "constrained-int", "constrained-str")
+
+
+def fault_words(fault: ErrorDetails) -> str:
+    """What is wrong with a value, or would be right; the value is not in it."""
+    context = fault.get("ctx", {})
+    if fault["type"] == "value_error":
+        return str(context["error"])
+    words = {key: f"{v:g}" if isinstance(v, float) else f"{v}" for key, v in context.items()}
+    allowed = ALLOWED.get(fault["type"])
+    return fault["msg"][:120] if allowed is None else allowed.format(**words)
 
 
 STRING = r'"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\''

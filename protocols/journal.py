@@ -54,7 +54,7 @@ class Journal:
         """
         journal = cls(path, _open_new(path), form)
         try:
-            with _writing(path):
+            with _writing(path, new=True):
                 journal.append(opened)
                 files.sync_folder(path.parent)
         except BaseException:
@@ -121,7 +121,7 @@ class Journal:
             raise RecordError(f"session {self.path}", "a closed record", "one that is still open")
         lines, placed, digest = self._placed(events)
         check_size(self.path, len(self._content) + len(lines))
-        with _writing(self.path):
+        with _writing(self.path, new=len(self._events) < 2):
             self._check()
             self._cut_off()
             self._write(lines)
@@ -292,7 +292,7 @@ def check_new(path: Path) -> None:
 
 def _open_new(path: Path) -> io.FileIO:
     """A locked file without a byte. Raises RecordError."""
-    with _writing(path):
+    with _writing(path, new=True):
         check_new(path)
         file = files.open_to_write(path, "r+b" if os.path.lexists(path) else "x+b")
         try:
@@ -331,15 +331,20 @@ def _second_places(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def _writing(path: Path, refused: type[OSError] = OSError) -> Iterator[None]:
-    """Raises RecordError for what the system does not let be written."""
+def _writing(path: Path, refused: type[OSError] = OSError, *, new: bool = False) -> Iterator[None]:
+    """Raises RecordError for what the system does not let be written; of a ``new`` record no
+    reading was acknowledged yet.
+    """
     try:
         yield
     except refused as problem:
+        next_step = "" if new else "Every reading acknowledged before is on the disk."
+        if new and not path.parent.is_dir():
+            next_step = "Make that folder first, or name another."
         raise RecordError(
             f"writing {path}",
             "",
             "a folder with write permission and free space",
-            "Every reading acknowledged before is on the disk.",
+            next_step,
             reason=files.reason_of(problem),
         ) from problem

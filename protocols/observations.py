@@ -270,11 +270,24 @@ def _check_same_machine(sessions: Sequence[Session]) -> None:
     machines = [session.opened.machine for session in sessions]
     if len({session.adjusted for session in sessions}) > 1:
         raise changed_between(f"sessions of '{machines[0].name}'", "solve")
-    for machine in machines[1:]:
-        if machine != machines[0]:
+    first = machines[0]
+    for session, machine in zip(sessions[1:], machines[1:], strict=True):
+        keys = [key for key in Machine.model_fields if getattr(machine, key) != getattr(first, key)]
+        if keys == ["entered_offsets_mm"]:
+            offsets = (
+                f"({', '.join(f'{offset_mm:.4g}' for offset_mm in entered.entered_offsets_mm)})"
+                for entered in (first, machine)
+            )
+            raise UsageError(
+                f"sessions {sessions[0].name} and {session.name}",
+                f"offsets entered between them, entered_offsets_mm {' and '.join(offsets)}",
+                "sessions with the same offsets entered",
+                "glidecal verify BEFORE AFTER compares them; solve takes them one at a time.",
+            )
+        if keys:
             raise UsageError(
                 "sessions of different machines",
-                f"'{machines[0].name}' and '{machine.name}' with other dimensions or offsets",
+                f"'{first.name}' and '{machine.name}' with other {', '.join(keys)}",
                 "sessions of one machine with the same offsets entered",
                 "Solve them one at a time.",
             )

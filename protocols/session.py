@@ -109,6 +109,9 @@ def _beside(name: str) -> str:
     return name
 
 
+LARGEST_READING_MM = 1000.0
+"""No indicator moves so far: a reading beyond is a fault of the device, or of a table."""
+
 MeasuredMm = Annotated[LengthMm, Field(gt=0.0)]
 FileName = Annotated[Name, AfterValidator(_beside)]
 

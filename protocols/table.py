@@ -29,6 +29,7 @@ from protocols.documents import describe, read_text
 from protocols.machine import Instrument, Machine
 from protocols.procedure import ALL_AXES, SLIDING, Leg, Procedure, default_mount, may_stand, off_bar
 from protocols.session import (
+    LARGEST_READING_MM,
     MOVED,
     MOVED_MM,
     Event,
@@ -73,7 +74,6 @@ WORKBOOK, PARQUET = ".xlsx", ".parquet"
 LARGEST_COUNT = 1_000_000
 MOST_ROWS = 100_000
 LARGEST_NUMBER = 1e9
-LARGEST_READING_MM = 10_000.0
 
 T = TypeVar("T")
 
@@ -115,12 +115,13 @@ class Row:
             )
         return plain
 
-    def number(self, column: str) -> float:
+    def number(self, column: str, largest: float = LARGEST_NUMBER) -> float:
         """A finite number."""
         text = self.with_point(column)
         value = float(text)
-        if abs(value) > LARGEST_NUMBER:
-            raise self.fault(column, f"a number of sensible size, up to {LARGEST_NUMBER:g}")
+        if abs(value) > largest:
+            unit = " mm" if column.endswith("_mm") else ""
+            raise self.fault(column, f"a number of sensible size, up to {largest:g}{unit}")
         return value
 
     def whole(self, column: str, least: int) -> int:
@@ -388,9 +389,7 @@ def _leg_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geom
 def _of_any(row: Row, unknown: tuple[str, ...]) -> dict[str, Any]:
     """What readings of legs and of the tool have in common."""
     column = "height_mm" if "height_mm" in row.fields else "value_mm"
-    value = row.number(column)
-    if abs(value) > LARGEST_READING_MM:
-        raise row.fault(column, f"a reading up to {LARGEST_READING_MM:g} mm")
+    value = row.number(column, LARGEST_READING_MM)
     return {
         "value_mm": value,
         "text": row.fields.get("device_text") or row.with_point(column),

@@ -35,6 +35,7 @@ from app.machines.options import (
 from app.machines.registry import (
     LISTED,
     LOOKS,
+    OF_INDICATORS,
     family_of,
     family_of_files,
     options_of,
@@ -120,7 +121,7 @@ def run(
     family = family_of(machine) if machine else family_of_files(None, [resume] if resume else [])
     options = options_of(context, family, f"the machine {machine or family.name}", own)
     if family.sessions is not None:
-        if wrong := typed(context, OF_INDICATORS):
+        if wrong := typed(context, OF_INDICATORS["run"]):
             raise UsageError(wrong, f"the machine {family.name}", "machines read on their legs")
         running = Running(
             *(machine, protocol, output, resume, operator, temperature, note, seed),
@@ -174,11 +175,6 @@ def run(
     else:
         measured_until(plan, until, headless=headless)
 
-
-OF_INDICATORS = (
-    *("port", "profile", "random_order", "headless"),
-    *("motion", "prove", "until", "macro", "printable_radius"),
-)
 
 SETTLED = ("protocol", "output", "operator", "temperature", "note", "seed", "random_order")
 

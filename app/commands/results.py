@@ -25,6 +25,7 @@ from app.machines.options import (
     argument,
     deliver,
     file,
+    may_deliver,
     may_replace,
     number,
     say,
@@ -200,8 +201,6 @@ def export(
 
     With --table the numbers of a session instead. With -o - one text goes to standard output.
     """
-    from protocols.files import STANDARD_OUTPUT
-
     if (verbs := family_of_files(None, [source]).sessions) is not None:
         _export_of_machine(verbs, context, source, output, force=force)
         return
@@ -209,12 +208,11 @@ def export(
         beside: dict[str, object] = {"--home-offset": home_offset, "--endstops": endstops}
         beside |= {"--steps": steps, "--ini": ini}
         _refuse_beside_table(table or "readings", format_name, {**beside, "--frame": frame})
-        if output != STANDARD_OUTPUT or format_name != "csv":
-            force = may_replace(force, output)  # before long work
+        force = may_deliver(output, force=force, several=format_name != "csv")
         table_found = _table(source, table or "readings", subset, method, model)
         deliver(output, {"": table_found.written(format_name)}, force=force)
         return
-    from app.exports import FORMATS
+    from app.exports import FORMATS, IN_FOLDERS
     from app.exports.linuxcnc_ini import read_controller
     from app.report.offsets import offsets_from_file
     from app.report.text.caveats import UNKNOWN_HOME_OFFSET
@@ -225,6 +223,7 @@ def export(
         read_bytes(source, "file")  # a file that is not there is no question of its format
         raise UsageError("--format", f"{format_name} of {source}", ", ".join(FORMATS))
     _check_joints(home_offset, endstops, ini, format_name)
+    force = may_deliver(output, force=force, several=format_name in IN_FOLDERS)
     offsets = offsets_from_file(source, subset, method, model, frame)
     machine = offsets.machine.holding_steps(_triple("--steps", steps))
     offsets = replace(offsets, machine=machine)
@@ -259,7 +258,9 @@ def _export_of_machine(
     """A session of its own form. Raises UsageError for options that are not of it."""
     if wrong := typed(context, OF_INDICATORS):
         raise UsageError(wrong, f"session {source}", "sessions of indicators on legs")
-    files, cautions = verbs.exported(source, context.params["format_name"])
+    format_name = context.params["format_name"]
+    force = may_deliver(output, force=force, several=format_name == "linuxcnc-kins")
+    files, cautions = verbs.exported(source, format_name)
     for text in cautions:
         say(f"glidecal: {text}")
     deliver(output, files, force=force)
@@ -283,6 +284,8 @@ def history(
 
     from app.evaluating.history import read_history
 
+    if output is not None:
+        force = may_deliver(output, force=force)
     with working("Reading sessions"):
         history_found = read_history(folder, effects=effects, of_postures=LOOKS)
     if screen:
@@ -354,7 +357,7 @@ def report(
     ] = None,
     force: Force = False,
 ) -> None:
-    """The calibration report to sign, as .html or .pdf. With -o - as HTML on standard output.
+    """The report to sign, as .html, .pdf or .xml. With -o - as HTML on standard output.
 
     With --certificate it has a number and the head of the laboratory in the settings file; as .xml
     it is a digital calibration certificate (DCC 3.2.1).

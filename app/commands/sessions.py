@@ -35,6 +35,7 @@ from app.machines.options import (
 from app.machines.registry import (
     LISTED,
     LOOKS,
+    OF_INDICATORS,
     family_of,
     family_of_files,
     options_of,
@@ -232,7 +233,7 @@ def _taken(
 
 def _check_postures(context: typer.Context, name: str, source: list[Path]) -> None:
     """Raises UsageError for what is not of a table of postures."""
-    if wrong := typed(context, OF_INDICATORS):
+    if wrong := typed(context, OF_INDICATORS["import"]):
         raise UsageError(wrong, f"the machine {name}", "machines with indicators on legs")
     if len(source) > 1:
         raise UsageError("import", f"{len(source)} files", "one table")
@@ -255,12 +256,6 @@ def _write_template(
     empty = empty_table(procedure_asked, machine_known.geometry(), source[0])
     write_files(source[0], {"": empty}, replace=may_replace(force, source[0]))
     say(f"{procedure_asked.name} to be filled in, column value_mm: {source[0]}")
-
-
-OF_INDICATORS = (
-    *("machine_file_out", "resolution", "repeatability"),
-    *("distances", "distance_deviation"),
-)
 
 
 @dataclass(frozen=True)

@@ -80,6 +80,9 @@ FORMATS = {
 }
 """Each takes offsets and gives the files to write, by name ('' is the path itself)."""
 
+IN_FOLDERS = ("linuxcnc", "linuxcnc-kins", "lineardeltakins")
+"""Of these, what writes several files."""
+
 FILE_NAMES = {"json": "offsets.json", "csv": "offsets.csv", "model": "model.json"}
 
 

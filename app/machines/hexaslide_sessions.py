@@ -33,7 +33,11 @@ if TYPE_CHECKING:  # heavy: imported where used
 
 NAME = "hexaslide"
 HELP = "Hexa Slide: postures (.csv) instead of those of the procedure."
-WAYS = "again, keep, skip REASON, pause"
+WAYS = "again, skip REASON, pause"
+ANSWERS = (
+    "again (it does not count; its posture is read once more), keep (it counts), pause (the "
+    "session can be continued)"
+)
 
 
 @dataclass(frozen=True)
@@ -192,11 +196,14 @@ def _typed(taking: PostureTaking, say: Say) -> None:
 
 def _ask_all(taking: PostureTaking, line: IndicatorLine | None, say: Say) -> None:
     from app.report.text.hexaslide_session import doubt_text, prompt_text, task_text
+    from app.report.text.tables import wrapped
 
     while True:
         if taking.doubt is not None:
             say(doubt_text(taking.doubt))
-            _answer(taking, _prompt("again or keep"))
+            if not _answer(taking, typed := _prompt("again or keep")):
+                value = repr(typed) if typed else "an empty line"
+                say(wrapped(f"{UsageError('answer', value, ANSWERS)}"))
             continue
         task = taking.task
         if task is None:
@@ -208,7 +215,7 @@ def _ask_all(taking: PostureTaking, line: IndicatorLine | None, say: Say) -> Non
                 value, text = (typed, "") if typed or line is None else _indicated(line)
                 say(f"reading {taking.take(value, text).reading}: {value}")
         except (UsageError, IndicatorError) as problem:
-            say(f"{problem} Or: {WAYS}.")
+            say(wrapped(f"{problem} Or: {WAYS}."))
     taking.finish()
 
 

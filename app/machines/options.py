@@ -102,6 +102,19 @@ def may_write(output: Path | None, suffix: str, *, force: bool) -> bool:
     return may_replace(force, output)
 
 
+def may_deliver(output: Path, *, force: bool, several: bool = False) -> bool:
+    """As `may_replace`, before the work, of what `deliver` writes.
+
+    Into a folder that is there `deliver` looks itself: what files it gets is known only then.
+    Raises UsageError for standard output where it is ``several`` files.
+    """
+    from protocols.files import STANDARD_OUTPUT
+
+    if output.is_dir() or (output == STANDARD_OUTPUT and not several):
+        return force
+    return may_replace(force, output)
+
+
 def deliver(output: Path, written: Written, *, force: bool) -> None:
     """Write the files of a result and say so; one text goes to standard output for ``-o -``.
 

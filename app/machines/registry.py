@@ -43,6 +43,18 @@ LOOKS = tuple(family.look for family in FAMILIES if family.look is not None)
 NAMED_BESIDE = "With the name of a machine, --help shows the options of that machine only."
 """Below the help of a `CommandOfMachines`."""
 
+OF_INDICATORS = {
+    "run": (
+        *("port", "profile", "random_order", "headless"),
+        *("motion", "prove", "until", "macro", "printable_radius"),
+    ),
+    "import": (
+        *("machine_file_out", "resolution", "repeatability"),
+        *("distances", "distance_deviation"),
+    ),
+}
+"""By verb, options that no machine with sessions of its own form takes."""
+
 C = TypeVar("C", bound=Callable[..., None])
 
 
@@ -136,6 +148,8 @@ class CommandOfMachines(TyperCommand):
         named = next((family for family in FAMILIES if words.intersection(family.names)), None)
         all_options = {name for family in FAMILIES for name in _own(family, self.name or "")}
         other_options = all_options - _own(named, self.name or "") if named else set()
+        if named is not None and named.sessions is not None:
+            other_options |= {*OF_INDICATORS.get(self.name or "", ())}
         for option in self.params:
             if isinstance(option, TyperOption):
                 option.hidden = option.name in other_options

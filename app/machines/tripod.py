@@ -46,7 +46,9 @@ if TYPE_CHECKING:  # heavy: imported where used
     from protocols.procedure import Procedure
 
 
-Noise = Annotated[float | None, number("Standard deviation of a reading, mm.", most=10.0)]
+Noise = Annotated[
+    float | None, number("Standard deviation of a reading, mm, more than 0.", most=10.0)
+]
 MountingSeconds = Annotated[float, number("Time for a new mounting.", 0.0, 86400.0)]
 
 

@@ -11,7 +11,16 @@ from app.measuring.gauges import Gauge
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
 from protocols.expectation import ExpectedReading, Movement, contradiction, movement
 from protocols.procedure import Step
-from protocols.session import Event, Line, Noted, Reading, Session, Superseded, fold
+from protocols.session import (
+    LARGEST_READING_MM,
+    Event,
+    Line,
+    Noted,
+    Reading,
+    Session,
+    Superseded,
+    fold,
+)
 
 
 class Doubt(StrEnum):
@@ -33,9 +42,6 @@ HANDLED_MM = 0.2
 
 UNMOVED_MM = 0.01
 """So much a stand that nobody touched may drift until the next leg is read."""
-
-LONGEST_MM = 1000.0
-"""No indicator moves so far: a reading beyond is a fault of the device."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +73,7 @@ def plausible(outcome: Outcome, axis: str, resolution_before_mm: float | None) -
     """
     if not isinstance(outcome, IndicatorReading):
         return outcome
-    if abs(outcome.value_mm) > LONGEST_MM:
+    if abs(outcome.value_mm) > LARGEST_READING_MM:
         words = f"{outcome.value_mm:+.0f} mm is further than any indicator moves"
         return Fault(FaultKind.OVER_RANGE, outcome.text, words)
     if resolution_before_mm in (None, outcome.resolution_mm):

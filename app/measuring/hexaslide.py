@@ -315,10 +315,10 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
     if not gross:
         return tuple(odd)
     line, reading, departure = gross[0]
-    subject = f"table {path}, line {line}, column slider1 … slider6"
+    column, value_words = _cell(session, reading, departure)
+    subject = f"table {path}, line {line}, column {column}"
     allowed = "sliders of a posture that the machine file has"
     if departure is not None:
-        subject = f"table {path}, line {line}, column {departure.names[departure.worst]}"
         allowed = f"what the machine file and its tolerances allow ({departed(departure)})"
     frame = None
     if len(gross) > 1 and all(way is not None for _, _, way in gross):
@@ -338,7 +338,20 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
         next_step = f"As if: {'; '.join(ways)}."
     if len(gross) > 1:
         next_step += f" {len(gross)} of {len(session.readings)} rows are like that."
-    raise RecordError(subject, reading.text, allowed, next_step)
+    raise RecordError(subject, value_words, allowed, next_step)
+
+
+def _cell(
+    session: PostureSession, reading: PostureReading, departure: Departure | None
+) -> tuple[str, str]:
+    """The column of a table that departs most, and the value in it; the sliders where no posture
+    has them, or the length of a rigid link departs, which has no column.
+    """
+    values = dict(zip(session.opened.procedure.whole().measured, reading.values, strict=True))
+    if departure is not None and departure.shown[0] in values:
+        name, _, _, unit = departure.shown
+        return name, f"{values[name]:.10g} {unit}"
+    return "slider1 … slider6", f"{', '.join(f'{mm:.10g}' for mm in reading.sliders_mm)} mm"
 
 
 def departed(departure: Departure) -> str:

@@ -241,8 +241,9 @@ def check_indicators(instruments: Sequence[Instrument], *, legs: bool = True) ->
     if faults:
         raise UsageError(
             "indicators",
-            "; ".join(faults),
+            "; ".join(dict.fromkeys(faults)),
             "one or two different ports, known profiles, and axes that fit every leg",
+            "glidecal ports lists the ports and the profiles.",
         )
 
 

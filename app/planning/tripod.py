@@ -47,7 +47,7 @@ def stated_noise(machine: Machine, noise_mm: float | None) -> tuple[Noise, str]:
         if figures.noise() is None:
             figures = IndicatorFigures(repeatability_mm=PROTOTYPE_NOISE_MM)
             words = "that of the papers' indicators"
-    noise = figures.noise(2)
+    noise = None if noise_mm is not None and noise_mm < 0.0 else figures.noise(2)
     if noise is None:
         raise UsageError("--noise", f"{noise_mm:g} mm", "a positive length in mm")
     return noise, f"{noise.standard_deviation_mm:.4g} mm, {words}"

@@ -164,10 +164,12 @@ def issue_number(head: CertificateHead | None, digests: tuple[str, ...]) -> None
     numbers = read_remembered(path, IssuedNumbers, "numbers of certificates,").numbers
     number = head.order.number
     if numbers.get(number, digests) != digests:
+        records = ", ".join(digest[:DIGEST_LETTERS] for digest in numbers[number])
         raise UsageError(
             f"certificate {number}",
             "a number that another certificate has",
             "a number of its own, or the sessions and --after of that certificate",
+            f"The digests of its records begin with {records}; {path} lists all numbers.",
         )
     if number not in numbers:
         issued = IssuedNumbers(numbers={**numbers, number: digests})

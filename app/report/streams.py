@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 from typing import TextIO
 
@@ -50,12 +51,26 @@ def guard_standard_streams() -> None:
     The interface and the progress bar draw on ``sys.__stdout__`` and ``sys.__stderr__``, the
     interface through a filter of its own (app/screens/interface.py).
     """
+    _replace_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a console without UTF-8 gets "?", no traceback
             stream.reconfigure(errors="replace")
     if not isinstance(sys.stdout, PrintableStream):
         sys.stdout = PrintableStream(sys.stdout)
         sys.stderr = PrintableStream(sys.stderr)
+
+
+def _replace_closed_streams() -> None:
+    """Streams for those that the caller closed, in the place of which Python has None.
+
+    They take the free numbers, which no record gets then. Nothing is read, messages go nowhere, and
+    a result cannot be written: that is an OSError.
+    """
+    sys.stdin = sys.stdin or os.fdopen(os.open(os.devnull, os.O_RDONLY))
+    if sys.stdout is None:
+        number = os.open(os.devnull, os.O_RDONLY)
+        sys.stdout = os.fdopen(number, "w", encoding="utf-8", closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(os.open(os.devnull, os.O_WRONLY), "w")
 
 
 def need_terminal(what: str, instead: str) -> None:

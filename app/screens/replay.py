@@ -158,6 +158,7 @@ class ReplayScreen(Screen[None]):
     def action_list(self) -> None:
         """Every reading so far, or the picture again."""
         self.toggle_class("listing")
+        self.refresh_bindings()
         self._show_list()
 
     def action_page(self, by: int) -> None:
@@ -183,11 +184,16 @@ class ReplayScreen(Screen[None]):
         self.view.say(texts.COPIED.format(len(lines)))
 
     def action_back(self) -> None:
-        self.app.pop_screen()
+        """The picture again instead of the list, then the screen before, or home."""
+        if self.has_class("listing"):
+            self.action_list()
+        else:
+            self.app.action_go_back()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """There is a way back where this is not the first screen; below it is the empty one."""
-        return action != "back" or self in self.app.screen_stack[2:]
+        """Who only looks has no way back from the first screen; below it is the empty one."""
+        has_way = not self.app.read_only or self.has_class("listing")
+        return action != "back" or has_way or self in self.app.screen_stack[2:]
 
     @work
     async def action_result(self) -> None:

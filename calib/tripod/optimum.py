@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -92,10 +93,10 @@ def optimum_postures(
             "a procedure that reads legs from Zero",
         )
     pool = leg_pool(machine.geometry)
-    _check_count(count, len(pool), repeats=repeats)
     aim = Aim(criterion, FREE, metric)
     begin = time.perf_counter()
     search = _Search(machine, count, aim, seed, starts, repeats=repeats, common=common)
+    search.check_count(pool)
     pool, best = search.within(pool, budget_min)
     chosen: Sequence[int] = best.chosen
     if refine:
@@ -146,6 +147,30 @@ class _Search:
         used = np.asarray(np.abs(rows).max(axis=(0, 1)) > 0.0)
         used[:PARAMETERS] = True
         return Candidates(np.ascontiguousarray(rows[:, :, used]))
+
+    def check_count(self, pool: LegPool) -> None:
+        """Raises ImpossibleRequest for more postures than there are, or too few for any choice."""
+        least = self._least_count(pool)
+        most_words = "" if self.repeats else f", to {len(pool)}, the number of candidates"
+        if self.count < least or (self.count > len(pool) and not self.repeats):
+            raise ImpossibleRequest(
+                "--count",
+                f"{self.count}",
+                f"{least}, the fewest that can determine {PARAMETERS} parameters{most_words}",
+                "" if self.count < least else "Or add --repeats.",
+            )
+
+    def _least_count(self, pool: LegPool) -> int:
+        """A step gives two readings, and the first one of a mounting shows its zeros alone.
+
+        One mounting, or two where none sees every parameter.
+        """
+        candidates = self.candidates(pool)
+        for place in np.unique(pool.place):
+            with suppress(NotIdentifiable):
+                value_of(candidates.information(np.flatnonzero(pool.place == place)), self.aim)
+                return PARAMETERS // 2 + 1
+        return PARAMETERS // 2 + 2
 
     def minutes(self, pool: LegPool, chosen: Sequence[int]) -> float:
         """Steps, with those where the way turns, and set-up of each mounting."""
@@ -299,13 +324,6 @@ def _walked(passes: list[list[Visit]], ends_mm: Pair, *, up_first: bool) -> list
         walked.append(level)
         position = level
     return walked
-
-
-def _check_count(count: int, size: int, *, repeats: bool) -> None:
-    if count < 1 or (count > size and not repeats):
-        raise ImpossibleRequest(
-            "--count", f"{count}", f"1 to {size}, the number of candidates", "Or add --repeats."
-        )
 
 
 def _figures(information: FloatArray, aim: Aim, minutes: float, count: int) -> Figures:

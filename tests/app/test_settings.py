@@ -78,9 +78,9 @@ def test_keys_may_be_written_with_and_without_quotes(file: Path) -> None:
         ('[keys]\n"measure.take" = "u"\n', 2, "'u', which is measure.repeat too"),
         ('[keys]\n"app.help" = "space"\n', 2, "'space', which is"),
         ('[keys]\n"measure.take" = "ctrl+c"\n', 2, "'ctrl+c', which is"),
-        ('animations = "no"\n', 1, "valid boolean"),
-        ("[keys]\nmeasure.take = 5\n", 2, "valid string"),
-        ("colour = 5\n", 1, "Extra inputs"),
+        ('animations = "no"\n', 1, "true or false"),
+        ("[keys]\nmeasure.take = 5\n", 2, "must be a text"),
+        ("colour = 5\n", 1, "no such key"),
     ],
 )
 def test_what_does_not_fit_is_told_with_its_line(

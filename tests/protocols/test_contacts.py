@@ -85,7 +85,7 @@ def test_correcting_nothing_leaves_contacts_as_they_are(tmp_path: Path) -> None:
     ("header", "row", "said"),
     [
         (HEADER + ",value_mm", "0,0,0,0,1,0", "not both"),
-        (HEADER, "0,0,0.1,10001,1", "column height_mm: found '10001'. Allowed: a reading up to"),
+        (HEADER, "0,0,0.1,1001,1", "column height_mm: found '1001'. Allowed: a number of"),
         (HEADER, "0,0,zero,0,1", "column z_mm: found 'zero'"),
         (HEADER, "0,0,,0,1", "column z_mm: found ''"),
         ("x_mm,y_mm,height_mm", "0,0,0", "Missing: z_mm"),

@@ -22,11 +22,13 @@ def test_default_machine_is_the_prototype() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("leg_length = 300\n", "leg_length: Extra inputs"),
+        ("leg_length = 300\n", "leg_length: no such key"),
         ('leg_length_mm = "300"\n', "leg_length_mm"),
-        ("leg_length_mm = -3.0\n", "greater than or equal to 0.001"),
+        ("leg_length_mm = -3.0\n", "must be at least 0.001 \\(found -3.0\\)"),
         ("leg_length_mm = nan\n", "leg_length_mm"),
         ("leg_length_mm = inf\n", "leg_length_mm"),
+        ("usable_bar = [0.1]\n", "usable_bar.1: missing"),
+        ('frame = "foo"\n', "frame: must be 'touched-off', 'aligned' or 'machine' .found 'foo'"),
         ("travel_max_mm = -1.0\n", "joint limits"),
         ("travel_max_mm = 400.0\n", "travel_max_mm"),
         ("home_offset_mm = [1.0, 2.0]\n", "home_offset_mm"),

@@ -397,6 +397,12 @@ def test_an_interruption_behind_a_write_takes_the_lines_back(
     assert path.read_bytes() == acknowledged
 
 
+def test_without_a_folder_nothing_is_said_of_readings(path: Path) -> None:
+    with pytest.raises(RecordError, match="Make that folder first") as refusal:
+        Journal.create(path.parent / "none" / "s.jsonl", opened())
+    assert "reading" not in str(refusal.value)
+
+
 def test_full_disk_loses_nothing_acknowledged(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The system call fails after half of the bytes are written."""
     journal = Journal.create(path, opened())

@@ -62,9 +62,13 @@ def test_two_sessions_have_mountings_of_their_own() -> None:
 
 
 def test_sessions_of_different_machines_are_not_mixed() -> None:
-    other = session([("xy", 0.0)], machine=Machine(entered_offsets_mm=(1.0, 0.0, 0.0)))
-    with pytest.raises(UsageError, match="sessions of different machines"):
-        to_observations([session([("xy", 0.0)]), other])
+    first = session([("xy", 0.0)])
+    other = session([("xy", 0.0)], machine=Machine(leg_length_mm=300.0))
+    with pytest.raises(UsageError, match=r"sessions of different machines.* other leg_length_mm"):
+        to_observations([first, other])
+    entered = session([("xy", 0.0)], machine=Machine(entered_offsets_mm=(1.0, 0.0, 0.0)))
+    with pytest.raises(UsageError, match=r"offsets entered between them.*glidecal verify"):
+        to_observations([first, entered])
 
 
 def test_no_reading_at_all() -> None:

@@ -36,7 +36,7 @@ cycles = 1
     ("line", "said"),
     [
         ('levels = ["zero"]', "one posture only"),
-        ("stations = [0.2]", "at least 2"),
+        ("stations = [0.2]", "2 or more"),
         ("stations = [0.2, 0.2]", "one of them twice"),
         (
             "stations = [0.02, 0.9]",

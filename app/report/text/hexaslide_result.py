@@ -17,7 +17,7 @@ from app.report.text.hexaslide_calibration import (
     parameter_table,
 )
 from app.report.text.hexaslide_diagnosis import diagnosis_parts, verdict_words
-from app.report.text.hexaslide_session import readings_table, remark_lines
+from app.report.text.hexaslide_session import readings_parts, remark_lines
 from app.report.text.tables import PAGE_HELP, paragraphs
 from calib.errors import GlidecalError
 
@@ -97,7 +97,7 @@ def missing_text(result: PostureResult) -> str:
 def readings_text(result: PostureResult) -> str:
     """Every reading, those that do not count with the reason."""
     remarks = "\n".join(remark_lines(result.session))
-    return paragraphs(result.record.unfinished, readings_table(result.session), remarks)
+    return paragraphs(result.record.unfinished, *readings_parts(result.session), remarks)
 
 
 def exported_text(paths: Sequence[Path]) -> str:

@@ -2,34 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rich.table import Table
 
 from app.measuring.hexaslide import PostureDoubt, PostureTask, departed
-from app.report.text.tables import new_table, paragraphs
+from app.report.text.tables import WIDTH, hanging, new_table, paragraphs, wrapped
+from calib.hexaslide.geometry import CHAINS
 from calib.hexaslide.procedures import ANGLES
-from protocols.hexaslide_session import PostureCommands, PostureMmDeg, PostureSession
+from protocols.hexaslide_session import PostureCommands, PostureSession
 
 COORDINATES = ("x", "y", "z", "theta", "psi", "phi")
+SLIDERS = tuple(f"slider {chain}" for chain in range(1, CHAINS + 1))
 MOST_EXPLANATIONS = 3
 
-
-def _posture(posture: PostureMmDeg) -> str:
-    coordinate_words = [
-        f"{name} {value:.3f}" for name, value in zip(COORDINATES, posture, strict=True)
-    ]
-    return f"{'  '.join(coordinate_words[:3])} mm  {'  '.join(coordinate_words[3:])} °"
+GAP = 2
+"""Between columns of a table that would else be too wide."""
 
 
 def task_text(task: PostureTask) -> str:
     """Where to send the sliders, and what to attach."""
-    sliders = "  ".join(f"{value:.4f}" for value in task.sliders_mm)
+    slider_words = [f"{value:.4f}" for value in task.sliders_mm]
+    coordinate_words = [
+        f"{name} {value:.3f}" for name, value in zip(COORDINATES, task.posture, strict=True)
+    ]
     lines = [
         f"Posture {task.number} of {task.count}",
-        f"  sliders 1 … 6   {sliders} mm",
-        f"  platform        {_posture(task.posture)}",
+        f"  sliders 1 2 3   {'  '.join(slider_words[:3])} mm",
+        f"  sliders 4 5 6   {'  '.join(slider_words[3:])} mm",
+        f"  platform        {'  '.join(coordinate_words[:3])} mm",
+        f"                  {'  '.join(coordinate_words[3:])} °",
     ]
     if task.attach:
-        lines.append(f"  attach          {task.attach}")
+        lines.append(hanging(f"  attach          {task.attach}", " " * 18))
     return "\n".join(lines)
 
 
@@ -38,7 +43,7 @@ def prompt_text(task: PostureTask, *, indicated: bool) -> str:
     sliders = ["slider 1 … 6 as they stand"] if task.reads_sliders else []
     names = [f"{name} °" if name in ANGLES else f"{name} mm" for name in task.measured]
     typed = ", ".join((*sliders, *names))
-    return f"{typed}; an empty line reads the indicator" if indicated else typed
+    return wrapped(f"{typed}; an empty line reads the indicator" if indicated else typed)
 
 
 def doubt_text(doubt: PostureDoubt) -> str:
@@ -49,19 +54,22 @@ def doubt_text(doubt: PostureDoubt) -> str:
         lines = [f"Reading {number} departs: {departed(departure)} (95 %)."]
     if doubt.explanations:
         lines.append(f"As if: {'; '.join(doubt.explanations[:MOST_EXPLANATIONS])}.")
-    return "\n".join(lines)
+    return wrapped("\n".join(lines))
 
 
 def plan_text(planned: PostureCommands) -> str:
     """Every posture of a procedure, with the sliders for it."""
-    table = new_table("posture", *COORDINATES, *(f"slider {k}" for k in range(1, 7)))
-    for number, posture in enumerate(planned.procedure.postures, start=1):
-        values = (*posture, *planned.of(number))
-        table.add_row(str(number), *(f"{value:.2f}" for value in values))
+    rows = [
+        (
+            (str(number),),
+            (*(f"{v:.3f}" for v in posture), *(f"{v:.4f}" for v in planned.of(number))),
+        )
+        for number, posture in enumerate(planned.procedure.postures, start=1)
+    ]
     return paragraphs(
         f"{planned.procedure.name}: {len(planned.procedure.postures)} postures, mm and degrees. "
         f"{planned.procedure.attach}",
-        table,
+        _stacked(["posture"], [*COORDINATES, *SLIDERS], rows),
     )
 
 
@@ -71,16 +79,52 @@ def replay_text(session: PostureSession) -> str:
     return paragraphs(
         f"{session.name}: {opened.machine.name} ({opened.machine_file}), {opened.procedure.name}, "
         f"{opened.origin}, {len(session.readings)} of {len(session.all_readings)} readings count",
-        readings_table(session),
+        *readings_parts(session),
         "\n".join(remark_lines(session)) or "No remarks.",
     )
 
 
-def readings_table(session: PostureSession) -> Table:
-    """A row for each reading, with the reason where it does not count."""
+def readings_parts(session: PostureSession) -> tuple[Table, list[str]]:
+    """Every reading for a terminal, below them those that do not count with the reason."""
+    rows = [
+        (
+            (str(reading.reading), str(reading.posture)),
+            [f"{value:.4f}" for value in (*reading.sliders_mm, *reading.values)],
+        )
+        for reading in session.all_readings
+    ]
+    table = _stacked(["reading", "posture"], [*SLIDERS, *_heads(session)], rows)
+    reasons = [
+        f"Reading {number} does not count: {why}." for number, why in session.superseded.items()
+    ]
+    return table, reasons
+
+
+def _heads(session: PostureSession) -> list[str]:
     measured = session.opened.procedure.whole().measured
-    heads = [f"{name}, °" if name in ANGLES else f"{name}, mm" for name in measured]
-    table = new_table("reading", "posture", *(f"slider {k}" for k in range(1, 7)), *heads, "")
+    return [f"{name}, °" if name in ANGLES else f"{name}, mm" for name in measured]
+
+
+def _stacked(
+    first: Sequence[str],
+    names: Sequence[str],
+    rows: Sequence[tuple[Sequence[str], Sequence[str]]],
+) -> Table:
+    """A table with all digits: columns of ``names`` one below the other where they are more than a
+    terminal has room for beside those of ``first``.
+    """
+    widest = max(len(cell) for cells in (names, *(cells for _, cells in rows)) for cell in cells)
+    room = (WIDTH - sum(len(name) + GAP for name in first)) // (widest + GAP)
+    count = next((count for count in (6, 3, 2) if count <= room), 1)
+    table = new_table(*first, *("\n".join(names[k::count]) for k in range(count)), left=len(first))
+    for numbers, cells in rows:
+        table.add_row(*numbers, *("\n".join(cells[k::count]) for k in range(count)))
+    return table
+
+
+def readings_table(session: PostureSession) -> Table:
+    """A row for each reading, with the reason where it does not count; for a page of a report."""
+    table = new_table("reading", "posture", *SLIDERS, *_heads(session), "")
     for reading in session.all_readings:
         numbers = (*reading.sliders_mm, *reading.values)
         why = session.superseded.get(reading.reading, "")

@@ -54,6 +54,9 @@ def table_text(table: Table) -> str:
     console = Console(
         file=out, width=WIDTH, color_system=None, markup=False, emoji=False, highlight=False
     )
+    unlimited = console.options.update_width(10 * WIDTH)
+    if console.measure(table, options=unlimited).maximum > WIDTH:
+        table.collapse_padding = True  # closer together, before anything is broken or cut off
     console.print(table)
     return "\n".join(line.rstrip() for line in out.getvalue().strip("\n").splitlines()).strip("\n")
 

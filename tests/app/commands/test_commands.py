@@ -294,6 +294,7 @@ def test_the_list_of_verbs_has_a_line_for_each(monkeypatch: pytest.MonkeyPatch) 
         (line,) = (line for line in said.splitlines() if line.split()[:1] == [name])
         assert line.endswith((".", "?"))
         assert not deeper or name == "indicator"
+    assert "as .html, .pdf or .xml." in said
 
 
 @pytest.mark.parametrize(
@@ -303,6 +304,8 @@ def test_the_list_of_verbs_has_a_line_for_each(monkeypatch: pytest.MonkeyPatch) 
         ("postures hexaslide", "--few", "--budget"),
         ("simulate --machine=hexaslide", "--truth", "--effect"),
         ("simulate --machine linear-delta", "--effect", "--truth"),
+        ("run --machine hexaslide", "--behind", "--printable-radius"),
+        ("import --machine hexaslide", "--posture-file", "--distances"),
     ],
 )
 def test_help_beside_a_machine_shows_what_it_takes(words: str, own: str, other: str) -> None:
@@ -369,3 +372,15 @@ def test_a_certificate_has_a_date(tmp_path: Path, wrong: str) -> None:
     said = refused(3, *asked)
     assert f"machine file {machine}" in said
     assert "certificate_date" in said or "TOML" in said or "line 9" in said
+
+
+def test_an_option_that_does_not_fit_shows_the_value_and_what_is_allowed() -> None:
+    """In the words of files: none of a library for programmers."""
+    for option, value, words in (
+        ("--seed", "-1", "must be at least 0 (found '-1')"),
+        ("--seed", "x", "must be a whole number (found 'x')"),
+        ("--temperature", "1000", "must be at most 100 (found '1000')"),
+        ("--macro", "foo", "'foo' is not one of 'klipper',"),
+    ):
+        run = glidecal("run", "--simulated", option, value)
+        assert (run.status, f"'{option}': {words}" in run.err) == (2, True), run.err

@@ -171,7 +171,7 @@ def test_postures_of_a_file(tmp_path: Path) -> None:
         ("{columns}\n0,-0.8,-1.15,0,0,0\n0,-0.8,high,0,0,0\n", "line 3: no six numbers"),
         ("{columns}\n0,-0.8,-1.15,0,0\n", "line 2: no six numbers"),
         ("{columns}\n0,-0.8,nan,0,0,0\n", "line 2: "),
-        ("{columns}\n0,-0.8,-1.15,0,0,400\n", "less than or equal to 360"),
+        ("{columns}\n0,-0.8,-1.15,0,0,400\n", "must be at most 360"),
     ],
 )
 def test_a_wrong_posture_file_is_told(tmp_path: Path, text: str, words: str) -> None:
@@ -226,13 +226,13 @@ def test_wrong_input_is_told(tmp_path: Path) -> None:
     [
         ("rail = [0.0, -0.5", "rail = [0.0, -0.6", "line 9, chain.0.rail: a unit"),
         ("rail = [0.0, -0.5, -0.866025403784439]", "rail = [0.0, -1.0, 0.0]", "not level"),
-        ("link_mm = 880.0", "link = 880.0", "line 11, chain.0.link: Extra inputs"),
-        ("x_mm = [-300.0, 300.0]", "x_m = [-0.3, 0.3]", "line 51, box.x_m: Extra inputs"),
+        ("link_mm = 880.0", "link = 880.0", "line 11, chain.0.link: no such key"),
+        ("x_mm = [-300.0, 300.0]", "x_m = [-0.3, 0.3]", "line 51, box.x_m: no such key"),
         ("travel_mm = [0.0", "travel_mm = [2000.0", "chain.0.travel_mm: the lower bound"),
         ("x_mm = [-300.0, 300.0]", "x_mm = [300.0, -300.0]", "line 51, box.x_mm: the lower"),
         ("x_mm = [-300.0, 300.0]", "x_mm = [-2000.0, 300.0]", "line 50, box: posture (-2, "),
         ("start_mm = [0.0, 0.0, 0.0]", "start_mm = [0.1, 0.0, 0.0]", "the first rail at [0, 0, 0]"),
-        ("[constraint_link]", "[link]", "link: Extra inputs"),
+        ("[constraint_link]", "[link]", "link: no such key"),
     ],
 )
 def test_a_wrong_machine_file_is_told(tmp_path: Path, old: str, new: str, words: str) -> None:

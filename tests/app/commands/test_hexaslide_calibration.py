@@ -273,9 +273,9 @@ Damage = Callable[[str], str]
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda text: text[: len(text) // 2], "Invalid JSON: EOF"),
-        (lambda text: text[:390], "Invalid JSON: EOF"),
-        (lambda text: text.replace('"length": "m"', '"length": "mm"'), "Input should be 'm'"),
+        (lambda text: text[: len(text) // 2], "no JSON text: EOF"),
+        (lambda text: text[:390], "no JSON text: EOF"),
+        (lambda text: text.replace('"length": "m"', '"length": "mm"'), "must be 'm'"),
         (lambda text: text.replace('"position"', '"sideways"'), "'pose-inverse', 'pose-forward'"),
         (lambda text: text.replace('"values":[', '"values":[0.0,'), "has 4 values, 3 are measured"),
         (
@@ -285,7 +285,7 @@ Damage = Callable[[str], str]
         (lambda text: text.replace('["x", "y", "z"]', '["x", "y", "y"]'), "different ones of x"),
         (lambda text: text.replace('"length_mm": 0.01', '"length_mm": 0.0'), "both 0 (not known)"),
         (lambda text: text.replace("measurements/1", "measurements/2"), "measurements/1'"),
-        (lambda text: text.replace('"seed"', '"sead"'), "sead: Extra inputs"),
+        (lambda text: text.replace('"seed"', '"sead"'), "sead: no such key"),
     ],
     ids=["half", "head", "unit", "procedure", "extra", "nan", "twice", "noise", "schema", "key"],
 )
@@ -306,7 +306,7 @@ def test_a_value_that_is_no_number_is_named_by_its_place(tmp_path: Path) -> None
     lines[3] = "NaN" + lines[3][lines[3].index(",") :]
     path.write_text('{"sliders":['.join(lines), encoding="utf-8")
     said = refused(3, "solve", path)
-    assert "posture 3.sliders.0: Input should be a finite number (found nan)" in said
+    assert "posture 3.sliders.0: must be a finite number (found nan)" in said
 
 
 def test_too_few_and_impossible_postures_are_exit_5(tmp_path: Path) -> None:

@@ -180,6 +180,7 @@ def _exchanged(rows: Rows) -> None:
         (_cell(5, 9, ""), ["line 5, column z", "an empty cell"]),
         (_cell(6, 3, "1400"), ["line 6, column slider3", "0 to 1050 mm"]),
         (_cell(7, 7, "9e9"), ["line 7, column x", "up to 100000"]),
+        (_cell(7, 8, "1234.5"), ["line 7, column y: found 1234.5 mm. Allowed: what"]),
         (_other_frame, ["line 3, column", "a pose of another frame", "turned by", "off by (100."]),
         (
             _exchanged,
@@ -377,10 +378,13 @@ def test_postures_are_typed_in_a_terminal(tmp_path: Path) -> None:
     begin = ("run", "--machine", "hexaslide", "--protocol", "position", "-o", str(path))
     shown, status = _in_terminal(
         (*begin, "--posture-file", str(postures)),
-        ["0.2 -799.7", "0.2 -799.7 -1149.9", "100.0 -900.3 -1400", "again", "pause"],
+        ["0.2 -799.7", "0.2 -799.7 -1149.9", "100.0 -900.3 -1400", "foo", "skip", "again", "pause"],
     )
     assert status == 130
     assert "found 2 numbers" in shown
+    assert "found 'foo'. Allowed: again (it does not count" in shown
+    assert "found 'skip'. Allowed: again" in shown
+    assert max(map(len, shown.partition("Paused.")[0].splitlines())) <= 80
     assert "Posture 1 of 2" in shown
     assert "slider" in shown
     assert "Reading 2 departs: z is off by -300" in shown.replace("\r", "")
@@ -491,6 +495,23 @@ def test_wrong_requests_are_told(pose: Path, tmp_path: Path) -> None:
     assert "found 1. Allowed: 16 or more" in refused(5, "solve", out)
     shown = glidecal("run", "--machine", "hexaslide", "--protocol", "position", "--dry-run")
     assert (shown.status, "24 postures" in shown.out) == (0, True)
+    assert _digits(shown.out)[:13] == [
+        *("1", "300.000", "-701.418", "-1170.052", "-15.000", "15.000", "30.000"),
+        *("450.3451", "302.7620", "678.5024", "603.2283", "383.8239", "384.8398"),
+    ]
+
+
+def _digits(text: str) -> list[str]:
+    """What stands below the line of a table, in a terminal of 80 columns."""
+    assert "…" not in text.partition("─")[2]
+    assert max(map(len, text.splitlines())) < 80
+    return text.rpartition("─")[2].split()
+
+
+def test_a_replay_shows_all_digits(pose: Path) -> None:
+    first = read_postures(pose)[0].all_readings[0]
+    cells = _digits(glidecal("replay", pose, "--headless").out)
+    assert cells[:14] == ["1", "1", *(f"{v:.4f}" for v in (*first.sliders_mm, *first.values))]
 
 
 def _imported(pose: Path, folder: Path) -> Path:

@@ -97,7 +97,7 @@ def test_all_readings_zero_say_that_no_noise_is_seen(tmp_path: Path) -> None:
 
 def test_readings_of_another_world_are_refused(tmp_path: Path) -> None:
     table = tmp_path / "t.csv"
-    table.write_text(TABLE.read_text().replace("0.08", "9999"))
+    table.write_text(TABLE.read_text().replace("0.08", "999"))
     assert glidecal("import", table, "-o", tmp_path / "s.jsonl").status == 0
     refused(5, "solve", tmp_path / "s.jsonl", "--method", "linear", "--subset", "both")
 
@@ -116,6 +116,16 @@ def test_standard_output_on_a_full_disk() -> None:
     assert run.returncode == 3
     assert "standard output: No space left" in run.stderr
     assert "Traceback" not in run.stderr
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a POSIX shell")
+@pytest.mark.parametrize("closed", [">&-", ">&- <&-", ">&- 2>&-"])
+def test_closed_streams(closed: str) -> None:
+    program = f'exec "{sys.executable}" -m app replay --headless "{EXPERIMENT}" {closed}'
+    run = subprocess.run(["sh", "-c", program], capture_output=True, text=True, check=False)
+    assert run.returncode == 3
+    assert "Traceback" not in run.stderr
+    assert ("standard output: closed. Allowed: a terminal" in run.stderr) == ("2>&-" not in closed)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a POSIX pipe")

@@ -184,6 +184,20 @@ def test_standard_output_takes_one_text_alone(name: str, tmp_path: Path, samples
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("format_name", "output", "words"),
+    [("json", "there", "is there already"), ("linuxcnc", "-", "standard output")],
+)
+def test_an_export_is_refused_before_anything_is_worked_out(
+    format_name: str, output: str, words: str, tmp_path: Path, samples: Path
+) -> None:
+    (tmp_path / "there").touch()
+    sample = samples / "simulated_sweep.jsonl"
+    run = glidecal("export", sample, "--format", format_name, "-o", output, cwd=tmp_path)
+    (only_line,) = run.err.splitlines()
+    assert (run.status, words in only_line) == (2, True)
+
+
 @pytest.mark.parametrize("name", RECORDING)
 def test_a_record_is_a_file(name: str, tmp_path: Path, samples: Path) -> None:
     arguments = [

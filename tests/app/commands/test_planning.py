@@ -286,6 +286,8 @@ ORTHOGLIDE = ("postures", "orthoglide", "--procedure", "sweep")
         ),
         (2, ("identifiability", "orthoglide", "--procedure", "nothing"), "zero-max-min"),
         (2, ("identifiability", "orthoglide", "--procedure", "sweep", "--noise", "0"), "--noise"),
+        (2, (*ORTHOGLIDE, "--count", "9", "--noise", "-1"), "--noise: found -1 mm"),
+        (2, ("plan", "--noise", "-1"), "--noise: found -1 mm"),
         (
             2,
             ("postures", "delta", "--procedure", "sweep", "--count", "9"),
@@ -301,7 +303,7 @@ ORTHOGLIDE = ("postures", "orthoglide", "--procedure", "sweep")
         (2, (*ORTHOGLIDE, "--count", "13", "--common"), "multiple of the number of legs"),
         (2, (*ORTHOGLIDE, "--count", "12", "--budget", "2"), "--budget"),
         (2, (*ORTHOGLIDE, "--count", "12", "-o", "best.txt"), ".toml"),
-        (5, (*ORTHOGLIDE, "--count", "4"), "combinations of the parameters identifiable"),
+        (2, (*ORTHOGLIDE, "--count", "4"), "--count: found 4. Allowed: 5, the fewest"),
         (3, ("plan", "--session", "no.jsonl"), "no.jsonl"),
         (3, ("plan", "--machine", "no.toml"), "no.toml"),
         (2, ("plan", "--machine", "a.toml", "--model", "b.json"), "both"),

@@ -163,9 +163,9 @@ def test_a_bad_logo_is_one_sentence(
 @pytest.mark.parametrize(
     ("order", "settings", "status", "words"),
     [
-        (ORDER.replace('number = "2026-0042"', ""), LABORATORY, 3, "number: Field required"),
+        (ORDER.replace('number = "2026-0042"', ""), LABORATORY, 3, "number: missing"),
         (ORDER.replace("2026-0042", "  "), LABORATORY, 3, "number: a text, not nothing"),
-        (ORDER.replace("[customer]", "[client]"), LABORATORY, 3, "customer: Field required"),
+        (ORDER.replace("[customer]", "[client]"), LABORATORY, 3, "customer: missing"),
         (ORDER, "", 2, "no laboratory in the settings file"),
         (ORDER, LABORATORY.replace('"DE"', '"Germany"'), 3, "line 6, laboratory.country"),
     ],
@@ -192,5 +192,8 @@ def test_a_number_is_of_one_certificate(tmp_path: Path, monkeypatch: pytest.Monk
         done = glidecal("report", SIXTY, "--certificate", path, "-o", tmp_path / name)
         assert done.status == 0, done.err
     again = ("report", MANY, "--certificate", path, "-o", tmp_path / "b.html")
-    assert "a number that another certificate has" in refused(2, *again)
+    refusal = refused(2, *again)
+    assert "a number that another certificate has" in refusal
+    digest = read_record(SIXTY).session.digest
+    assert f"begin with {digest[:12]}; {next(tmp_path.rglob('certificates.json'))} " in refusal
     assert not (tmp_path / "b.html").exists()

@@ -101,7 +101,7 @@ def test_a_verified_one_holds_the_truth(
         if name in true:
             value, expanded, factor = values_of(real, "value", "uncertainty", "coverageFactor")
             within += abs(value - true.pop(name)) <= expanded
-            assert 1.9 < factor < 2.3
+            assert 1.0 < factor < 2.3  # of a mixture of models
             assert 0.0 < expanded < 1.0
     assert true == {}
     assert within >= 22

@@ -35,7 +35,7 @@ NAME = "hexaslide"
 HELP = "Hexa Slide: postures (.csv) instead of those of the procedure."
 WAYS = "again, skip REASON, pause"
 ANSWERS = (
-    "again (it does not count; its posture is read once more), keep (it counts), pause (the "
+    "again (it is not used; its posture is read once more), keep (it is used), pause (the "
     "session can be continued)"
 )
 

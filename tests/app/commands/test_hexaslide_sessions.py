@@ -382,7 +382,7 @@ def test_postures_are_typed_in_a_terminal(tmp_path: Path) -> None:
     )
     assert status == 130
     assert "found 2 numbers" in shown
-    assert "found 'foo'. Allowed: again (it does not count" in shown
+    assert "found 'foo'. Allowed: again (it is not used" in shown
     assert "found 'skip'. Allowed: again" in shown
     assert max(map(len, shown.partition("Paused.")[0].splitlines())) <= 80
     assert "Posture 1 of 2" in shown

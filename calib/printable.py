@@ -1,4 +1,4 @@
-"""Text of strangers in a form that no terminal obeys."""
+"""Text of strangers in a form that no terminal obeys, and counts of things."""
 
 from __future__ import annotations
 
@@ -17,6 +17,11 @@ def printable(text: str, keep: str = "") -> str:
     That is the notation of JSON: within a string of a JSON document the value stays the same.
     """
     return HIDDEN.sub(lambda match: match[0] if match[0] in keep else _escaped(match[0]), text)
+
+
+def counted(count: int, noun: str) -> str:
+    """``1 reading``, ``2 readings``."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def _escaped(character: str) -> str:

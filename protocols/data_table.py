@@ -162,6 +162,17 @@ def _cell(value: object) -> Cell:
     return ", ".join(f"{part:g}" if isinstance(part, float) else f"{part}" for part in parts)
 
 
+def check_separators(subject: str, header: Sequence[str]) -> None:
+    """Raises RecordError where tabs stand between the columns, which no message would show."""
+    if any("\t" in name for name in header):
+        raise RecordError(
+            subject,
+            "tabs between columns",
+            "commas, or semicolons beside decimal commas",
+            "Save it again as CSV; editors and spreadsheets offer that where they save.",
+        )
+
+
 def csv_text(rows: Iterable[Sequence[str]], notes: Iterable[str] = ()) -> str:
     """Notes as one ``#`` line each, then the rows. No text is a formula in a spreadsheet."""
     out = StringIO()

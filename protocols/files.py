@@ -220,8 +220,11 @@ def write_files(path: Path, written: Written, *, replace: bool = False) -> list[
     targets = targets_of(path, written)
     check_targets(targets, replace=replace)
     staged: dict[Path, Path] = {}
+    made: list[Path] = []
     try:
         for target, content in targets.items():
+            folders = (target.parent, *target.parent.parents)
+            made += [folder for folder in folders if not folder.exists()]
             target.parent.mkdir(parents=True, exist_ok=True)
             staged[target] = stage(target, content)
         _check_for_links(targets)  # once more: one that came meanwhile is not ours to replace
@@ -230,6 +233,9 @@ def write_files(path: Path, written: Written, *, replace: bool = False) -> list[
         for part in staged.values():
             with suppress(OSError):
                 part.unlink(missing_ok=True)
+        for folder in made:  # each before the one that it is in
+            with suppress(OSError):
+                folder.rmdir()
         raise RecordError(
             f"writing {path}",
             "",

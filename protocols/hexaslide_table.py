@@ -19,7 +19,7 @@ from typing import cast
 from calib.errors import RecordError
 from calib.hexaslide.geometry import CHAINS
 from calib.hexaslide.procedures import ANGLES, MEASURABLE
-from protocols.data_table import NUMBER, csv_text
+from protocols.data_table import NUMBER, check_separators, csv_text
 from protocols.documents import read_text
 from protocols.hexaslide import MOST_POSTURES, HexaSlideMachine
 from protocols.hexaslide_session import (
@@ -76,6 +76,8 @@ def readings_of_table(
     except csv.Error as problem:
         raise RecordError(f"table {path}", str(problem), "comma separated text") from problem
     rows = [(line, row) for line, row in rows if not row[0].startswith("#")]
+    if rows:
+        check_separators(f"table {path}, line {rows[0][0]}", rows[0][1])
     if len(rows) < 3:
         raise RecordError(f"table {path}", f"{len(rows)} rows", "a header, units, and postures")
     if len(rows) - 2 > MOST_POSTURES:

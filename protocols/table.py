@@ -15,10 +15,12 @@ from pydantic import ValidationError
 
 from calib.arrays import LEG_NAMES
 from calib.errors import RecordError
+from calib.printable import counted
 from calib.tripod.geometry import Geometry
 from protocols.data_table import (
     NUMBER,
     Texts,
+    check_separators,
     csv_text,
     parquet_rows,
     unprotected,
@@ -264,6 +266,7 @@ def _check_header(path: Path, header: list[str]) -> None:
     subject = f"table {path}, header"
     required, optional = _columns(header)
     missing = [name for name in required if name not in header]
+    check_separators(subject, header)
     if missing:
         raise RecordError(
             subject,
@@ -286,7 +289,7 @@ def _fields(path: Path, line: int, header: list[str], values: list[str]) -> dict
     if len(values) != len(header):
         raise RecordError(
             f"table {path}, line {line}",
-            f"{len(values)} fields",
+            counted(len(values), "field"),
             f"{len(header)} fields as in the header",
             "With decimal commas put semicolons between columns.",
         )

@@ -44,6 +44,7 @@ from app.machines.registry import (
 )
 from app.report.streams import need_terminal
 from calib.errors import GlidecalError, UsageError
+from calib.printable import counted
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.aligning import Aligned
@@ -295,7 +296,7 @@ def measure(plan: Plan, *, headless: bool, otherwise: str = WITHOUT_A_SCREEN) ->
             if isinstance(problem, KeyboardInterrupt | typer.Abort):
                 say(paused_text(guided, headless=True))
             raise
-    say(f"{len(guided.session.readings)} readings in {guided.path}")
+    say(f"{counted(len(guided.session.readings), 'reading')} in {guided.path}")
 
 
 def _consent(proposal: MoveProposal) -> bool:

@@ -44,6 +44,7 @@ from app.machines.registry import (
 )
 from app.report.streams import need_terminal
 from calib.errors import GlidecalError, RecordError, UsageError, extra
+from calib.printable import counted
 from protocols.machine_files import USUAL_MACHINE
 
 if TYPE_CHECKING:  # heavy: imported where used
@@ -226,9 +227,10 @@ def _taken(
     elif output is not None:
         word = "contacts" if session.of_contacts else "readings"
         yield from (f"glidecal: {caution}" for caution in _cautions(session, word))
+        taken = counted(len(session.all_readings), word.removesuffix("s"))
         if session.distances:
-            word += f" and {len(session.distances)} distances between marks"
-        yield f"{len(session.all_readings)} {word} written to {output}"
+            taken += f" and {counted(len(session.distances), 'distance')} between marks"
+        yield f"{taken} written to {output}"
 
 
 def _check_postures(context: typer.Context, name: str, source: list[Path]) -> None:
@@ -354,7 +356,7 @@ def validate(sessions: Sessions) -> None:
         session = record.session
         typer.echo(
             f"{path}: unbroken and closed, {len(record.events)} lines, "
-            f"{len(session.all_readings)} readings, {len(session.superseded)} superseded"
+            f"{counted(len(session.all_readings), 'reading')}, {len(session.superseded)} superseded"
         )
     raise typer.Exit(status)
 

@@ -23,6 +23,7 @@ from app.machines.options import (
     working,
 )
 from calib.errors import IndicatorError, RecordError, UsageError
+from calib.printable import counted
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.hexaslide import PosturePlan, PostureTaking
@@ -103,7 +104,7 @@ def imported(importing: Importing, options: ImportOptions, say: Say) -> None:
     )
     for words in odd:
         say(f"glidecal: {words}")
-    say(f"{len(session.readings)} postures written to {output}")
+    say(f"{counted(len(session.readings), 'posture')} written to {output}")
 
 
 def run(running: Running, options: RunOptions, say: Say) -> None:
@@ -136,7 +137,7 @@ def run(running: Running, options: RunOptions, say: Say) -> None:
         raise typer.Exit(Exit.INTERRUPTED) from None
     finally:
         taking.close()
-    say(f"{len(taking.session.readings)} postures in {taking.path}")
+    say(f"{counted(len(taking.session.readings), 'posture')} in {taking.path}")
 
 
 def _begun(running: Running, options: RunOptions) -> PosturePlan:
@@ -263,7 +264,7 @@ def validated(path: Path) -> str:
         raise RecordError(f"session {path}", reason=record.unfinished, next_step=next_step)
     return (
         f"{path}: unbroken and closed, {len(record.events)} lines, "
-        f"{len(session.all_readings)} readings, {len(session.superseded)} superseded"
+        f"{counted(len(session.all_readings), 'reading')}, {len(session.superseded)} superseded"
     )
 
 

@@ -37,6 +37,7 @@ from app.machines.options import (
     working,
 )
 from calib.errors import UsageError
+from calib.printable import counted
 from protocols.machine_files import SCHEMA, USUAL_MACHINE, machine_names
 
 if TYPE_CHECKING:  # heavy: imported where used
@@ -174,7 +175,7 @@ def simulate(simulation: Simulation, options: SimulateOptions, say: Say) -> None
         resolution_mm=options.resolution,
     )
     write_whole(simulation.output, simulated.opened, [*simulated.readings])
-    say(f"{len(simulated.readings)} simulated readings written to {simulation.output}")
+    say(f"{counted(len(simulated.readings), 'simulated reading')} written to {simulation.output}")
 
 
 @dataclass(frozen=True)

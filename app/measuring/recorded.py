@@ -11,6 +11,7 @@ from pathlib import Path
 
 from app.measuring.indicators import SIMULATED, asked_of, profile_of
 from calib.errors import GlidecalError, RecordError
+from calib.printable import counted
 from drivers.profile import IndicatorReading, Profile, Query
 from protocols.machine import Instrument
 from protocols.machine_files import form_name
@@ -126,15 +127,16 @@ def _state_by_ends(path: Path) -> SessionFile:
     opened, last = read_ends(path)
     end = next((event for event in reversed(last) if isinstance(event, Closed | Reading)), None)
     if isinstance(end, Closed):
-        return SessionFile(path, f"{end.readings} readings, closed", verifies=opened.verifies)
-    state = f"{end.reading} readings, not closed" if end else "not closed"
+        state = f"{counted(end.readings, 'reading')}, closed"
+        return SessionFile(path, state, verifies=opened.verifies)
+    state = f"{counted(end.reading, 'reading')}, not closed" if end else "not closed"
     can_go_on = opened.procedure is not None
     return SessionFile(path, state, interrupted=can_go_on, verifies=opened.verifies)
 
 
 def _state(record: Record) -> SessionFile:
     session = record.session
-    readings = f"{len(session.readings)} readings"
+    readings = counted(len(session.readings), "reading")
     verifies = record.opened.verifies
     if record.end == "closed":
         return SessionFile(record.path, f"{readings}, closed", verifies=verifies)

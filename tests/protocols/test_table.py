@@ -60,6 +60,11 @@ def test_windows_line_ends_byte_order_mark_and_blank_rows(tmp_path: Path, text: 
     assert len(read(tmp_path, text)[0]) == 2
 
 
+def test_tabs_between_columns_are_told(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match=r"found tabs between columns\. Allowed: commas"):
+        read(tmp_path, "leg\taxis\tdisplacement_mm\tvalue_mm\nx\ty\t0\t1\n")
+
+
 @pytest.mark.parametrize(
     ("row", "said"),
     [

@@ -16,6 +16,7 @@ from app.measuring.session import GuidedSession
 from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, paragraphs, signed
 from calib.arrays import LEG_NAMES
+from calib.printable import counted
 from calib.tripod.geometry import COORDINATES, Geometry
 from protocols.expectation import Movement
 from protocols.machine import Instrument, Machine
@@ -291,7 +292,7 @@ def replay_text(report: ReplayReport) -> str:
         place = (a.leg, a.axis, f"{a.station:g}", _at(a.displacement_mm, a.position_mm))
         averages.add_row(*place, signed(a.mean_mm, 4), str(a.readings))
     return paragraphs(
-        [f"{report.session}: {len(report.readings)} readings ({report.end})"],
+        [f"{report.session}: {counted(len(report.readings), 'reading')} ({report.end})"],
         *(f"Remark: {remark}" for remark in report.remarks),
         readings,
         "Averages",

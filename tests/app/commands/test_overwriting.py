@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import pytest
@@ -265,6 +266,18 @@ def test_the_known_model_goes_on_without_a_question(tmp_path: Path, samples: Pat
     said = glidecal("model", model).out
     assert "actuator_scale (all)" in said
     assert "gravity_sag (all)" in said
+
+
+def test_a_disk_that_is_full_leaves_no_folder_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(target: Path, content: str | bytes) -> Path:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(files, "stage", full)
+    with pytest.raises(RecordError, match="No space left"):
+        write_files(tmp_path / "new" / "deeper", {"a": "new", "b": "new"})
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_is_written_whole_or_not_at_all(tmp_path: Path) -> None:

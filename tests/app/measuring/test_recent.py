@@ -45,7 +45,7 @@ def test_a_last_event_too_large_to_look_at(tmp_path: Path) -> None:
     path = tmp_path / "s.jsonl"
     events: list[Line] = [reading(1), Noted(text="x" * SMALL_BYTES)]
     write_whole(path, opened(), events)
-    assert look_at(path).state == "1 readings, closed"
+    assert look_at(path).state == "1 reading, closed"
     path.write_bytes(path.read_bytes().rsplit(b"\n", 2)[0] + b"\n")
     assert look_at(path).state == "not closed"
 

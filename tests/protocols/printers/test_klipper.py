@@ -379,7 +379,7 @@ def test_a_log_without_a_geometry_needs_a_machine(tmp_path: Path) -> None:
     assert "contacts, and no geometry" in refused(3, "import", log, "-o", out)
     run = glidecal("import", log, "-o", out, "--machine", "linear-delta")
     assert run.status == 0, run.err
-    assert "1 contacts written" in run.err
+    assert "1 contact written" in run.err
     assert read_record(out).session.of_contacts
 
 

@@ -215,6 +215,12 @@ ALLOWED = {
     "date_type": "must be a date as 2026-01-31",
     "date_parsing": "must be a date as 2026-01-31",
     "date_from_datetime_parsing": "must be a date as 2026-01-31",
+    "date_from_datetime_inexact": "must be a date as 2026-01-31",
+    "datetime_type": "must be a time as 2026-01-31T12:00:00Z",
+    "datetime_from_date_parsing": "must be a time as 2026-01-31T12:00:00Z",
+    "datetime_parsing": "must be a time as 2026-01-31T12:00:00Z",
+    "timezone_aware": "must be a time as 2026-01-31T12:00:00Z",
+    "none_required": "must be left out",
     "union_tag_invalid": "unknown {discriminator}: {tag}",
     "json_invalid": "no JSON text: {error}",
 }

@@ -37,9 +37,12 @@ TIED = 1e-4
 """Of the mean square in the machine's own frame: what a frame leaves free is entered as small as
 that makes it, and no combination that does nothing is entered at all."""
 
-WORTH = 0.1
-"""Of the expected mean square of the tool's error: what gains less, a twentieth of the r.m.s.
-error, is not worth an entry. Tables for 0.0066 instead of 0.0068 mm are a burden."""
+WORTH = 0.01
+"""Of the expected mean square of the tool's error: what gains less is not worth an entry."""
+
+WORTH_A_TABLE = 0.1
+"""The same of tables, a twentieth of the r.m.s. error: 65 rows a joint for 0.0066 instead of 0.0068
+mm are a burden."""
 
 DOUBTED = 0.05
 """Weight from which a model has a say on each part."""
@@ -178,7 +181,8 @@ def correction(
             left_out += [LeftOut(part[0], reason)] if reason else []
             fitting += [] if reason else [part]
         projected = _projected(posterior, [*corrected, *fitting], frame)
-        if corrected and fitting and (reason := doubt(errors, projected, values)):
+        worth = WORTH_A_TABLE if group == "tables" else WORTH
+        if corrected and fitting and (reason := doubt(errors, projected, values, worth)):
             left_out.append(LeftOut(group, reason))
             continue
         corrected, values = [*corrected, *fitting], projected
@@ -212,8 +216,10 @@ def _projected(posterior: Posterior, parts: Sequence[Part], frame: Frame) -> Flo
     return values
 
 
-def doubt(errors: ToolErrors, with_it: FloatArray, without: FloatArray) -> str:
-    """Why more is not worth entering; empty where it is.
+def doubt(
+    errors: ToolErrors, with_it: FloatArray, without: FloatArray, worth: float = WORTH
+) -> str:
+    """Why more is not worth entering, empty where it is: it gains less than `worth`, or harms.
 
     What no reading of a leg shows of the frame is no reason against what they do show.
     """
@@ -222,8 +228,8 @@ def doubt(errors: ToolErrors, with_it: FloatArray, without: FloatArray) -> str:
     gain = float(weight @ loss_mm2)
     without_mm2 = errors.seen.expected_mm(without) ** 2
     worst = float(np.max(-loss_mm2[weight >= DOUBTED], initial=0.0))
-    if gain <= WORTH * without_mm2:
-        return f"it lowers the expected square of the tool's error by less than {WORTH:.0%}"
+    if gain <= worth * without_mm2:
+        return f"it lowers the expected square of the tool's error by less than {worth:.0%}"
     if worst > gain:
         return "it would raise the error under a model that the readings leave open"
     if float(weight[loss_mm2 < 0.0].sum()) > EVEN and gain < LARGE * without_mm2:

@@ -21,6 +21,7 @@ from textual.widgets import Footer, Input, Static, TabbedContent, TabPane
 from textual.widgets._toast import Toast
 
 from app.evaluating.comparison import compare_files
+from app.evaluating.hexaslide_what_if import causes_to_try
 from app.evaluating.history import read_history
 from app.evaluating.solution import load_sessions, solve_files
 from app.evaluating.what_if import choices, trial_of
@@ -35,6 +36,7 @@ from app.screens.diagnose import DiagnoseScreen
 from app.screens.fast_keys import LeftOnce, Palette
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.hexaslide_result import HexaSlideResultScreen
+from app.screens.hexaslide_what_if import PostureWhatIfScreen
 from app.screens.history import CompareScreen, HistoryScreen
 from app.screens.home import HomeScreen, PickScreen, ReplayChoiceScreen
 from app.screens.interface import ChoiceDialog, Dialog, HelpDialog, Interface, TextDialog
@@ -49,6 +51,7 @@ from app.screens.session_view import GaugeDisplay, LegReviewScreen, SetUpScreen
 from app.screens.start import Glidecal
 from app.screens.what_if import WhatIfScreen
 from drivers.motion.twins import MotionTrouble
+from protocols.hexaslide_measured import measured_in
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
 from protocols.record import read_record
@@ -99,6 +102,12 @@ def what_if(_: Path) -> Screen[Any]:
     return WhatIfScreen(found, trial, mistakes=True)
 
 
+def posture_what_if(folder: Path) -> Screen[Any]:
+    session = posture_session(folder / "moved.jsonl", "position", 24)
+    causes = causes_to_try(measured_in(session))
+    return PostureWhatIfScreen(session, causes, next(iter(causes.likely)))
+
+
 QUESTION = "Step 4, leg X ZERO:\nalong Y +0.2000 mm where +0.000 ± 0.050 mm is expected"
 FORM = {"port": "/dev/ttyUSB0", "profile": "mitutoyo-01a", "certificate": "D-K-15123 2025-11"}
 MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
@@ -118,6 +127,7 @@ MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     HexaSlideResultScreen: lambda folder: HexaSlideResultScreen(
         posture_session(folder / "postures.jsonl", "position", 12)
     ),
+    PostureWhatIfScreen: posture_what_if,
     HistoryScreen: lambda folder: HistoryScreen(read_history(folder)),
     LegReviewScreen: lambda _: LegReviewScreen(simulated(), simulated().steps()[-1]),
     SetUpScreen: set_up,

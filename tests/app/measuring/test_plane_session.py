@@ -221,7 +221,7 @@ def test_what_the_operator_reads_over_a_plane(tmp_path: Path) -> None:
         )
     told = dry_run_text(BOTH, MACHINE, (ACROSS, ALONG))
     last = next(line for line in told.split("\n") if line.split()[:1] == ["67"])
-    assert " ".join(last.split()) == "67 y MIN 3 p 0.1 z 2 G53 G0 X0.000 Y-100.000"
+    assert " ".join(last.split()) == "67 y MIN 3 p 0.1 z 2 G53 G0 X0.000 Y-100.000 Z0.000"
     assert "2: the second one reads" in told
 
 

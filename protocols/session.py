@@ -97,10 +97,11 @@ def is_dated(opened: Beginning) -> bool:
 
 
 def measured_words(opened: Beginning, form: str = "%Y-%m-%d") -> str:
-    """When it was measured in this form, the day alone where it is stated, or that it is not."""
-    if not is_dated(opened):
-        return f"not stated, imported {opened.at:%Y-%m-%d}"
-    return f"{opened.measured_on or format(opened.at, form)}"
+    """When it was measured in this form; of an imported table the day, or that nobody stated it."""
+    recorded = format(opened.at, form)
+    if opened.origin != "imported":
+        return recorded
+    return f"{opened.measured_on or 'not stated'}, imported {recorded}"
 
 
 def _beside(name: str) -> str:

@@ -57,7 +57,7 @@ from protocols.observations import (
     corrected_readings,
 )
 from protocols.record import read_record
-from protocols.session import Closed, Line, Opened, Reading, Session, Superseded, measured_at
+from protocols.session import Closed, Line, Opened, Reading, Session, Superseded
 
 
 @dataclass(frozen=True)
@@ -312,7 +312,7 @@ def adopt(
     source = Provenance(
         sessions=diagnosed.names,
         digests=tuple(session.digest for session in diagnosed.sessions),
-        measured=max(measured_at(item.opened) for item in diagnosed.sessions),
+        measured=max(item.opened.at for item in diagnosed.sessions),
         found=datetime.now(UTC),
         verdict=diagnosed.diagnosis.verdict,
     )

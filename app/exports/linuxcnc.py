@@ -159,8 +159,8 @@ def _refuse_what_is_not_known(offsets: Offsets) -> None:
     entered = controller.entered if controller else None
     if (
         entered
-        and offsets.measured
-        and offsets.measured.replace(second=0, microsecond=0) <= entered
+        and offsets.recorded
+        and offsets.recorded.replace(second=0, microsecond=0) <= entered
     ):
         raise UsageError(
             "--ini",

@@ -48,7 +48,7 @@ def read_controller(path: Path) -> ControllerJoints:
         joints,
         mm_per_unit,
         axes=named[1].upper() if named else None,
-        entered=max(ini.measured(), default=None),
+        entered=max(ini.recorded(), default=None),
         source=f"INI file {path}",
         kinematics=next(iter(kinematics.split()), ""),
         coordinates="".join((ini.find("TRAJ", "COORDINATES") or "").upper().split()),
@@ -114,10 +114,12 @@ class Entries:
         """Whether there is such a section."""
         return any(_bare(line).startswith(f"[{section}]") for line in self._lines)
 
-    def measured(self) -> Iterator[datetime]:
-        """When the sessions began whose offsets stand in includes of this program."""
+    def recorded(self) -> Iterator[datetime]:
+        """When the records began whose offsets stand in includes of this program."""
         comments = " ".join(line.lstrip("# ") for line in self._lines if line.startswith("# "))
-        for match in re.finditer(r"measured (\d{4}-\d\d-\d\d \d\d:\d\d [+-]\d{4})", comments):
+        for match in re.finditer(
+            r"(?:measured|imported) (\d{4}-\d\d-\d\d \d\d:\d\d [+-]\d{4})", comments
+        ):
             with suppress(ValueError):
                 yield datetime.strptime(match[1], MINUTE)
 

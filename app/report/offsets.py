@@ -31,7 +31,7 @@ from calib.tripod.pipeline import MOVES_THE_TOOL, Model, StageEffect
 from protocols.files import Written
 from protocols.machine import Frame, Machine
 from protocols.model_file import ambiguity, ambiguous_effects, is_model, read_model_file, to_model
-from protocols.session import measured_at, measured_words
+from protocols.session import measured_words
 
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
@@ -53,8 +53,9 @@ class Offsets:
 
     ``cautions`` are the bound at the tool, what is not in the files, what else to know of the
     readings, one line each. ``model`` holds the parameters, and effects with them. ``controller``
-    is what the controller holds now, None where nobody stated it; ``measured`` is when the last
-    session began, None where the source does not tell. ``bound`` is the caution that states the
+    is what the controller holds now, None where nobody stated it; ``recorded`` is when the record of
+    the last session began, None where the source does not tell, ``measured`` when it was measured,
+    in words. ``bound`` is the caution that states the
     bound at the tool. ``solved`` is the result that it is from, None for a model file; with
     ``view`` one of its sets is written as it is, in place of the correction.
     """
@@ -64,8 +65,8 @@ class Offsets:
     parameters: dict[str, Offset]
     model: Model
     controller: ControllerJoints | None
-    measured: datetime | None = None
-    measured_words: str = ""
+    recorded: datetime | None = None
+    measured: str = ""
     digests: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
     lacks_fit: bool = False
@@ -76,10 +77,10 @@ class Offsets:
     @property
     def made(self) -> str:
         """When it was measured, the beginnings of the digests, the program's version."""
-        if self.measured is None:
+        if self.recorded is None:
             return ""
         digests = ", ".join(digest[:DIGITS] for digest in self.digests)
-        return f"measured {self.measured_words}, digest {digests}, {program()}"
+        return f"measured {self.measured}, digest {digests}, {program()}"
 
     @property
     def joint_offsets_mm(self) -> tuple[float, float, float]:
@@ -199,15 +200,15 @@ def _leave_mm(model: Model, numbers: Collection[int]) -> float:
 def offsets_from_solved(solved: SessionSolution, *, view: bool = False) -> Offsets:
     """What is exported of sessions; with ``view`` the set of parameters that is shown."""
     machine = solved.sessions[0].opened.machine
-    last = max((session.opened for session in solved.sessions), key=measured_at)
+    last = max((session.opened for session in solved.sessions), key=lambda opened: opened.at)
     offsets = Offsets(
         source=", ".join(solved.names),
         machine=machine,
         parameters={},
         model=Model(machine.geometry()),
         controller=_stated(machine),
-        measured=measured_at(last),
-        measured_words=measured_words(last, MINUTE),
+        recorded=last.at,
+        measured=measured_words(last, MINUTE),
         digests=tuple(session.digest for session in solved.sessions),
         cautions=tuple(map(one_line, caveats(solved))),
         solved=solved,
@@ -283,15 +284,15 @@ def _offsets_from_model(path: Path) -> Offsets:
         provenance.provenance for provenance in model_file.effects if provenance.provenance
     ]
     cautions = [NOT_KNOWN, ambiguity(unsure), *(model_file.cautions or ())]
+    recorded = max((p.measured for p in provenances if p.measured), default=None)
     return Offsets(
         source=path.name,
         machine=model_file.machine,
         parameters={name: Offset(model_file.parameters_mm[name]) for name in stated},
         model=model,
         controller=_stated(model_file.machine),
-        measured=max(
-            (provenance.measured for provenance in provenances if provenance.measured), default=None
-        ),
+        recorded=recorded,
+        measured="" if recorded is None else format(recorded, MINUTE),
         digests=tuple(
             dict.fromkeys(digest for provenance in provenances for digest in provenance.digests)
         ),

@@ -77,7 +77,7 @@ class ControllerJoint:
 class ControllerJoints:
     """Joints, the controller's unit, and the axis of each joint (``"XYZ"``) where that is told.
 
-    ``entered`` is when the last session was measured whose offsets the joints hold, as far as the
+    ``entered`` is when the last record began whose offsets the joints hold, as far as the
     controller's files tell. ``source`` names the file that all this was read from, empty where a
     person stated it; ``kinematics`` is its module, ``coordinates`` the axes that it lists.
     """

@@ -112,7 +112,7 @@ def test_the_day_of_a_table_is_stated_or_not_made_up(samples: Path, tmp_path: Pa
     files = {session: session.with_suffix(".csv") for session in (made, silent)}
     for session, csv in files.items():
         assert glidecal("export", session, "--format", "csv", "-o", csv).status == 0
-    assert "measured 2008-05-12, digest" in files[made].read_text()
+    assert "measured 2008-05-12, imported 20" in files[made].read_text()
     assert "measured not stated, imported 20" in files[silent].read_text()
     page = tmp_path / "p.html"
     assert glidecal("report", silent, "-o", page).status == 0

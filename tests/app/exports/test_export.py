@@ -60,13 +60,14 @@ def session(samples: Path) -> Path:
     return samples / "experiment_2_twelve.jsonl"
 
 
-MADE = "measured not stated, imported 2026-01-01, digest 0123456789abcdef, glidecal VERSION"
+DAY = "measured not stated, imported"
+MADE = f"{DAY} 2026-01-01 00:00 +0000, digest 0123456789abcdef, glidecal VERSION"
 
 
 def without_version(text: str) -> str:
     """The text with its first comment on one line, and no date, digest and version in it."""
     head, entries = text.split("\n# old ", 1)
-    made = r"measured not stated, imported [\d-]{10}, digest [\da-f]{16}, glidecal \S+$"
+    made = DAY + r" [\d-]{10} [\d:]{5} \+0000, digest [\da-f]{16}, glidecal \S+$"
     return f"{re.sub(made, MADE, ' '.join(head.split(chr(10) + '# ')))}\n# old {entries}"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -180,6 +181,36 @@ def test_adopting_states_fitted_offsets_and_none_that_nobody_fitted(tmp_path: Pa
     (tmp_path / "m.ini").write_text(INI)
     export = ("export", both, "--format", "linuxcnc", "--ini", tmp_path / "m.ini")
     assert "an offset that is not stated is not 0" in refused(3, *export, "-o", tmp_path / "o")
+
+
+@pytest.mark.parametrize("day", [(), ("--measured-on", "2008-05-12")])
+def test_offsets_of_an_imported_table_are_not_entered_twice(
+    day: tuple[str, ...], samples: Path, tmp_path: Path
+) -> None:
+    """Its record is what an include can name to the minute; nobody knows when in the day it was."""
+    table, ini = samples / "tables" / "experiment_2_twelve.csv", tmp_path / "m.ini"
+    session, out = tmp_path / "s.jsonl", tmp_path / "out"
+    assert glidecal("import", table, *day, "-o", session).status == 0
+    ini.write_text(
+        "[TRAJ]\nLINEAR_UNITS = mm\n"
+        + "".join(
+            f"[JOINT_{n}]\n#INCLUDE out/calib_joint{n}.inc\nHOME_OFFSET = 300\n" for n in range(3)
+        )
+    )
+    asked = ("export", session, "--format", "linuxcnc", "--method", "linear", "--ini", ini)
+    run = glidecal(*asked, "-o", out)
+    assert run.status == 0, run.err
+    assert "joints with the offsets of a session of" in refused(2, *asked, "-o", tmp_path / "new")
+
+
+def test_a_model_file_says_when_its_session_began(samples: Path, tmp_path: Path) -> None:
+    found, out = tmp_path / "m.json", tmp_path / "o.csv"
+    session = samples / "simulated_zero-max-min.jsonl"
+    adopting = ("diagnose", session, "--adopt", found, "--candidate", "gravity_sag:x")
+    run = glidecal(*adopting)
+    assert run.status == 0, run.err
+    assert glidecal("export", found, "--format", "csv", "-o", out).status == 0
+    assert re.search(r"measured 20\d\d-\d\d-\d\d \d\d:\d\d \+0000, digest", out.read_text())
 
 
 def test_what_the_joints_hold_already_is_not_entered_twice(samples: Path, tmp_path: Path) -> None:

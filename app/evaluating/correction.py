@@ -260,7 +260,7 @@ class ControllerCorrections:
     def _projected(self, holds: Holds, absent: dict[str, str], *, tabled: bool) -> Correction:
         """What a controller holds, in tables of so many points where it is ``tabled``."""
         while True:
-            projected = correction(self.posterior, holds, self.frame, absent)
+            projected = correction(self.posterior, holds, self.frame, absent, tabled=tabled)
             impossible = _impossible(projected.model, tabled=tabled)
             if not impossible.keys() - absent.keys():
                 return projected

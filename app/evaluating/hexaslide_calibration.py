@@ -18,10 +18,16 @@ from calib.diagnosis.hexaslide import (
     weighed,
     with_effects,
 )
-from calib.diagnosis.hexaslide_correction import HexaSlideCorrection, Known, correction_of
+from calib.diagnosis.hexaslide_correction import HexaSlideCorrection, correction_of
 from calib.errors import CalibrationError, NotIdentifiable, RecordError, UsageError
 from calib.hexaslide.calibration import calibrate
-from calib.hexaslide.checked import Checked, checked_calibration
+from calib.hexaslide.checked import (
+    Checked,
+    Known,
+    checked_calibration,
+    lengths_alone,
+    parameters_alone,
+)
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import fewest_postures
 from calib.hexaslide.platform import PlatformError, platform_error
@@ -42,17 +48,17 @@ class CalibratedMachine(Checked):
     """A calibration with its checks, what it means at the platform, and the file it is from.
 
     ``found`` is that of the parameters alone, ``entered`` the machine to enter: it counts what else
-    may be missing; so do ``known`` parameters to enter and ``lengths_m``, None where that cannot be
-    told. ``left_out`` are the numbers of postures that the diagnosis names as mistakes,
-    ``adopted`` effects of a model, with sizes that were fitted again.
+    may be missing; so do its ``parameters`` and ``lengths_m``, but where that cannot be determined:
+    then they are by the noise alone. ``left_out`` are the numbers of postures that the diagnosis
+    names as mistakes, ``adopted`` effects of a model, with sizes that were fitted again.
     """
 
     name: str
     source: HexaSlideMeasurements
     entered: HexaSlide
     platform: PlatformError
-    known: Known | None
-    lengths_m: Known | None
+    parameters: Known
+    lengths_m: Known
     left_out: tuple[int, ...] = ()
     adopted: tuple[AdoptedEffect, ...] = ()
 
@@ -101,8 +107,8 @@ def calibrated(
         source=source,
         entered=correction.machine,
         platform=correction.platform,
-        known=correction.parameters,
-        lengths_m=correction.lengths_m,
+        parameters=correction.parameters or parameters_alone(checked.found),
+        lengths_m=correction.lengths_m or lengths_alone(checked.found),
         left_out=wrong,
         adopted=adopted,
     )

@@ -117,9 +117,9 @@ class Entries:
     def recorded(self) -> Iterator[datetime]:
         """When the records began whose offsets stand in includes of this program."""
         comments = " ".join(line.lstrip("# ") for line in self._lines if line.startswith("# "))
-        for match in re.finditer(
-            r"(?:measured|imported) (\d{4}-\d\d-\d\d \d\d:\d\d [+-]\d{4})", comments
-        ):
+        # as `made` of offsets has it
+        moment = r"(?:measured|imported) (\d{4}-\d\d-\d\d \d\d:\d\d [+-]\d{4})"
+        for match in re.finditer(moment, comments):
             with suppress(ValueError):
                 yield datetime.strptime(match[1], MINUTE)
 

@@ -53,11 +53,11 @@ class Offsets:
 
     ``cautions`` are the bound at the tool, what is not in the files, what else to know of the
     readings, one line each. ``model`` holds the parameters, and effects with them. ``controller``
-    is what the controller holds now, None where nobody stated it; ``recorded`` is when the record of
-    the last session began, None where the source does not tell, ``measured`` when it was measured,
-    in words. ``bound`` is the caution that states the
-    bound at the tool. ``solved`` is the result that it is from, None for a model file; with
-    ``view`` one of its sets is written as it is, in place of the correction.
+    is what the controller holds now, None where nobody stated it; ``recorded`` is when the last
+    record began, None where the source does not tell, ``measured`` when it was measured, in words.
+    ``bound`` is the caution that states the bound at the tool. ``solved`` is the result that it is
+    from, None for a model file; with ``view`` one of its sets is written as it is, in place of the
+    correction.
     """
 
     source: str

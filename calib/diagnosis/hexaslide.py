@@ -236,6 +236,11 @@ class WeighedCauses:
                 weights[name] = weights.get(name, 0.0) + weight
         return dict(sorted(weights.items(), key=lambda item: (-item[1], item[0])))
 
+    def usual(self, least: float) -> WeighedCauses:
+        """Only models of more weight than ``least``."""
+        pairs = zip(self.entries, self.weights.tolist(), strict=True)
+        return replace(self, entries=tuple(entry for entry, weight in pairs if weight > least))
+
     def given(self, names: Names) -> WeighedCauses:
         """Only models that have these names, perhaps none."""
         fitting = (entry for entry in self.entries if {*names} <= {*self.names(entry)})

@@ -12,12 +12,12 @@ import numpy as np
 
 from calib.arrays import FloatArray
 from calib.diagnosis.hexaslide import FEWEST_SPARE, WeighedCauses
-from calib.diagnosis.hexaslide_correction import moved_by, over_all
+from calib.diagnosis.hexaslide_correction import lengths_of, moved_by, over_all
 from calib.hexaslide.calibration import Calibration
-from calib.hexaslide.checked import frames_apart, inner_lengths, inner_slopes
-from calib.hexaslide.geometry import MOTIONS, NAMES, HexaSlide
+from calib.hexaslide.checked import Known, frames_apart, lengths_alone
+from calib.hexaslide.geometry import MOTIONS, HexaSlide
 from calib.hexaslide.platform import Places, quantile_m
-from calib.stats import coverage_factor, variance_ratio_p_value
+from calib.stats import variance_ratio_p_value
 
 CHANGED = 0.01
 """Chance of a difference so large, below which the machine is taken as changed."""
@@ -49,18 +49,9 @@ class MeasuredMachine:
         return acting @ mean, self._inflation * np.hstack([by_noise, acting @ root_of(covariance)])
 
     @property
-    def parameters(self) -> tuple[FloatArray, FloatArray | None]:
-        """Parameters beside what may be missing ``(k,)``, a root of their covariance ``(k, r)``."""
-        models, calibrated = self.models, self.calibrated
-        if models is None:
-            known = calibrated.covariance is not None
-            return calibrated.parameters, self._root if known else None
-        mean, covariance = models.mixture()
-        by_noise = models.directions / models.sizes
-        root = np.hstack([by_noise, models.given_way @ root_of(covariance)])
-        change = models.tolerances * (models.given_way @ mean)
-        scale = self._inflation * models.tolerances
-        return calibrated.parameters + change, scale[:, None] * root
+    def lengths_m(self) -> Known:
+        """`inner_lengths` ``(26,)``, of all models where there are any."""
+        return lengths_alone(self.calibrated) if self.models is None else lengths_of(self.models)
 
     @property
     def tells(self) -> bool:
@@ -89,8 +80,8 @@ class MeasuredMachine:
 class MachinesApart:
     """How far two machines are apart at the platform over the box, r.m.s. and largest, metres;
     ``chance_m`` what the noise of both makes of one machine at most, 95 %, r.m.s.; ``p_value`` of
-    such a difference, by all movements that are told. None where no noise is known, and where a
-    machine does not tell.
+    such a difference, by all movements that are determined. None where no noise is known, and where
+    a machine is not determined.
 
     ``lengths_m`` ``(2, 26)`` are those that no frame changes, ``expanded_m`` ``(26,)`` 95 %
     uncertainties of their differences. ``free`` are the motions that were laid over.
@@ -106,7 +97,7 @@ class MachinesApart:
 
     @property
     def changed(self) -> bool | None:
-        """None where that cannot be told."""
+        """None where that cannot be is_determined."""
         return None if self.p_value is None else self.p_value < CHANGED
 
 
@@ -123,10 +114,10 @@ def apart(reference: HexaSlide, first: MeasuredMachine, second: MeasuredMachine)
     off = places[0].without_frames(moved + beside[1] - beside[0])
     square = (off.reshape(-1, 3) ** 2).sum(axis=1)
     chance_m = p_value = None
-    told = all(each.tells for each in both)
-    known = [root for root in roots if root is not None]
-    if told and len(known) == len(both):
-        spread = np.hstack(known)
+    is_determined = all(each.tells for each in both)
+    roots_of_noise = [root for root in roots if root is not None]
+    if is_determined and len(roots_of_noise) == len(both):
+        spread = np.hstack(roots_of_noise)
         inner = spread.T @ spread
         mean, variance = np.trace(inner), 2.0 * (inner**2).sum()
         count = places[0].count
@@ -138,34 +129,17 @@ def apart(reference: HexaSlide, first: MeasuredMachine, second: MeasuredMachine)
         ratio = float(along @ np.linalg.solve(root @ root.T, along)) / len(along)
         freedom = min(each.calibrated.degrees_of_freedom for each in both)
         p_value = variance_ratio_p_value(ratio, len(along), freedom)
-    lengths, expanded = _lengths(both, told=told)
+    lengths = [each.lengths_m for each in both]
+    halves = [length.expanded for length in lengths if length.expanded is not None]
     return MachinesApart(
         rms_m=float(np.sqrt(square.mean())),
         largest_m=float(np.sqrt(square.max())),
         chance_m=chance_m,
         p_value=p_value,
-        lengths_m=lengths,
-        expanded_m=expanded,
+        lengths_m=np.array([length.values for length in lengths]),
+        expanded_m=np.hypot(*halves) if is_determined and len(halves) == len(both) else None,
         free=free,
     )
-
-
-def _lengths(
-    both: tuple[MeasuredMachine, MeasuredMachine], *, told: bool
-) -> tuple[FloatArray, FloatArray | None]:
-    """`inner_lengths` of both ``(2, 26)``, and uncertainties of their differences ``(26,)``."""
-    lengths, variance = [], np.zeros(26)
-    for each in both:
-        parameters, root = each.parameters
-        machine = each.calibrated.machine.with_parameters(each.calibrated.names, parameters)
-        lengths.append(np.asarray(inner_lengths(machine.geometry)))
-        names = machine.geometry.names
-        slopes = inner_slopes(machine.geometry)[:, [NAMES.index(name) for name in names]]
-        told = told and root is not None
-        if root is not None:
-            variance += ((slopes @ root[: len(names)]) ** 2).sum(axis=1)
-    factor = coverage_factor(min(each.calibrated.degrees_of_freedom for each in both))
-    return np.array(lengths), factor * np.sqrt(variance) if told else None
 
 
 def root_of(covariance: FloatArray) -> FloatArray:

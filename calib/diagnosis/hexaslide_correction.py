@@ -13,8 +13,8 @@ import numpy as np
 
 from calib.arrays import FloatArray
 from calib.diagnosis.hexaslide import WeighedCauses, causes_of_machine
-from calib.hexaslide.checked import inner_lengths, inner_slopes
-from calib.hexaslide.geometry import NAMES, HexaSlide
+from calib.hexaslide.checked import Known, inner_lengths, length_slopes
+from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.platform import Places, PlatformError, quantile_m
 from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings
@@ -28,15 +28,6 @@ IMITATED_AT = 400
 
 IMITATED = 1e-6
 """Singular values, by the largest, of parameters over the box that imitate an effect."""
-
-
-@dataclass(frozen=True, eq=False)
-class Known:
-    """Values ``(m,)`` with standard uncertainties and half widths of 95 %, over all models."""
-
-    values: FloatArray
-    standard: FloatArray
-    expanded: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +51,7 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
     """
     if not models.entries:
         return None
+    models = models.usual(LEAST_WEIGHT)
     calibrated = models.calibrated
     machine, names, free = calibrated.machine, calibrated.names, calibrated.unidentifiable
     along, by_axes = models.directions, models.directions / models.sizes
@@ -74,13 +66,10 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
     by_noise = moved @ by_axes
     stands, adopted = moved @ given_way + over_box, over_box @ models.stated
 
-    usual = models.weights > LEAST_WEIGHT
-    weights = models.weights[usual] / models.weights[usual].sum()
-    models_of = [entry for entry, kept in zip(models.entries, usual, strict=True) if kept]
-    values = [models.values(entry) for entry in models_of]
-    index = [models.index(entry) for entry in models_of]
+    values = [models.values(entry) for entry in models.entries]
+    index = [models.index(entry) for entry in models.entries]
     change = (entered - given_way) @ models.stated
-    for weight, (mean, _), of_entry in zip(weights, values, index, strict=True):
+    for weight, (mean, _), of_entry in zip(models.weights, values, index, strict=True):
         change += weight * (entered[:, of_entry] @ mean)
     squares = []
     for (mean, covariance), of_entry in zip(values, index, strict=True):
@@ -89,7 +78,7 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
         squares.append(_square(off, np.hstack([by_noise, spread]), places.count))
     bound_m = None
     if places.shows_all(calibrated):
-        bound_m = quantile_m(weights, np.array(squares))
+        bound_m = quantile_m(models.weights, np.array(squares))
         bound_m *= max(1.0, models.mean_square(models.entries[0])[0]) ** 0.5
     parameters = calibrated.parameters + models.tolerances * change
     entered_machine = machine.with_parameters(names, parameters)
@@ -126,11 +115,8 @@ def known_of(
 def lengths_of(models: WeighedCauses) -> Known:
     """`inner_lengths` ``(26,)``, m."""
     calibrated = models.calibrated
-    geometry = calibrated.machine.geometry
-    slopes = np.zeros((len(inner_slopes(geometry)), len(calibrated.names)))
-    columns = [NAMES.index(name) for name in geometry.names]
-    slopes[:, : len(columns)] = inner_slopes(geometry)[:, columns]
-    return known_of(models, slopes, np.asarray(inner_lengths(geometry)))
+    lengths_m = np.asarray(inner_lengths(calibrated.machine.geometry))
+    return known_of(models, length_slopes(calibrated), lengths_m)
 
 
 def moved_by(models: WeighedCauses, places: Places) -> FloatArray:

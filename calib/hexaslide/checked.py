@@ -105,6 +105,33 @@ class AgainstTruth:
 
 
 @dataclass(frozen=True, eq=False)
+class Known:
+    """Values ``(m,)`` with standard uncertainties and half widths of 95 %, None without noise."""
+
+    values: FloatArray
+    standard: FloatArray | None
+    expanded: FloatArray | None
+
+
+def parameters_alone(calibrated: Calibration) -> Known:
+    """Parameters ``(k,)`` by the noise alone; of those that are known together it means nothing."""
+    return _by_noise(calibrated, np.eye(len(calibrated.names)), calibrated.parameters)
+
+
+def lengths_alone(calibrated: Calibration) -> Known:
+    """`inner_lengths` ``(26,)``, m, by the noise alone."""
+    lengths_m = np.asarray(inner_lengths(calibrated.machine.geometry))
+    return _by_noise(calibrated, length_slopes(calibrated), lengths_m)
+
+
+def _by_noise(calibrated: Calibration, slopes: FloatArray, values: FloatArray) -> Known:
+    if calibrated.covariance is None:
+        return Known(values, None, None)
+    standard = np.sqrt(((slopes @ calibrated.covariance) * slopes).sum(axis=1))
+    return Known(values, standard, coverage_factor(calibrated.degrees_of_freedom) * standard)
+
+
+@dataclass(frozen=True, eq=False)
 class Checked:
     """A calibration with its checks. ``factor`` is the coverage factor of 95 %; ``p_value`` None
     where no noise is stated. ``by_column`` and ``by_posture`` share what is left; ``numbers`` are
@@ -128,17 +155,6 @@ class Checked:
         if self.found.covariance is None:
             return None
         return np.asarray(np.sqrt(self.found.covariance.diagonal()))
-
-    @property
-    def inner_uncertainty_m(self) -> FloatArray | None:
-        """Standard uncertainty ``(26,)`` of lengths that no frame changes."""
-        if self.found.covariance is None:
-            return None
-        names = self.found.machine.geometry.names
-        columns = [NAMES.index(name) for name in names]
-        slopes = inner_slopes(self.found.machine.geometry)[:, columns]
-        covariance = self.found.covariance[: len(names), : len(names)]
-        return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)))
 
 
 def checked_calibration(
@@ -265,6 +281,9 @@ def _about(vector: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_rotvec(vector).as_matrix())
 
 
+LENGTHS = 26
+
+
 def inner_lengths(geometry: Geometry) -> Numbers:
     """Lengths that no choice of frames changes ``(26,)`` in metres: between the joints of the
     platform (15, in the order of `PAIRS`), from the first rail's start to the other five, six
@@ -275,6 +294,15 @@ def inner_lengths(geometry: Geometry) -> Numbers:
     between = np.sqrt((apart * apart).sum(axis=1))
     starts = np.sqrt((geometry.base[1:] * geometry.base[1:]).sum(axis=1))
     return np.concatenate([between, starts, geometry.links])
+
+
+def length_slopes(calibrated: Calibration) -> FloatArray:
+    """Derivatives of `inner_lengths` by the calibrated parameters ``(26, k)``, 0 by a link's."""
+    names = calibrated.machine.geometry.names
+    slopes = np.zeros((LENGTHS, len(calibrated.names)))
+    all_slopes = inner_slopes(calibrated.machine.geometry)
+    slopes[:, : len(names)] = all_slopes[:, [NAMES.index(name) for name in names]]
+    return slopes
 
 
 def inner_slopes(geometry: Geometry) -> FloatArray:

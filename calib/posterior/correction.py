@@ -164,8 +164,10 @@ def correction(
     holds: Holds,
     frame: Frame = "touched-off",
     absent: Mapping[str, str] | None = None,
+    *,
+    tabled: bool = True,
 ) -> Correction:
-    """The best values to enter.
+    """The best values to enter; travels of drives in tables of many rows where it is ``tabled``.
 
     ``absent`` are parts that this controller does not take, with the reason: by their name
     (``play of x``), or all that begin with a word (``play``).
@@ -181,7 +183,7 @@ def correction(
             left_out += [LeftOut(part[0], reason)] if reason else []
             fitting += [] if reason else [part]
         projected = _projected(posterior, [*corrected, *fitting], frame)
-        worth = WORTH_A_TABLE if group == "tables" else WORTH
+        worth = WORTH_A_TABLE if tabled and group == "tables" else WORTH
         if corrected and fitting and (reason := doubt(errors, projected, values, worth)):
             left_out.append(LeftOut(group, reason))
             continue

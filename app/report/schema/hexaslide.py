@@ -11,7 +11,7 @@ from app.report.schema.document import LackOfFitEntry, Report, Source, maybe, sc
 from app.report.schema.identifiability import SeenReport
 from calib.design.criteria import Criterion, Observability
 from calib.design.identifiability import ClassicalQr, Combination
-from calib.hexaslide.checked import PAIRS, AgainstTruth, FramesApart, HeldOut, inner_lengths
+from calib.hexaslide.checked import PAIRS, AgainstTruth, FramesApart, HeldOut
 from calib.hexaslide.geometry import unit_of
 from calib.hexaslide.planning import DIFFERENCE_STEP, UNITS, HexaSlideSeen, PaperRule
 from calib.hexaslide.platform import PlatformError
@@ -182,17 +182,15 @@ class HexaSlideParameter:
 
 
 def _parameters(solved: CalibratedMachine) -> dict[str, HexaSlideParameter]:
-    calibrated, u, factor, known = solved.found, solved.uncertainty, solved.factor, solved.known
+    calibrated, known = solved.found, solved.parameters
     entered = solved.entered.parameters(calibrated.names).tolist()
     parameters = {}
     for k, name in enumerate(calibrated.names):
         is_known = name in calibrated.known
         uncertain: tuple[float, ...] = ()
-        if is_known and known is not None:
+        if is_known and known.standard is not None and known.expanded is not None:
             deviation, half = float(known.standard[k]), float(known.expanded[k])
             uncertain = deviation, half, half / deviation
-        elif is_known and u is not None and factor is not None:
-            uncertain = float(u[k]), factor * float(u[k]), factor
         nominal, unit = float(solved.start[k]), unit_of(name)
         parameters[name] = HexaSlideParameter(entered[k], nominal, unit, is_known, *uncertain)
     return parameters
@@ -215,12 +213,9 @@ INNER_NAMES = (
 
 
 def _inner(solved: CalibratedMachine) -> dict[str, InnerLength]:
-    known, u, factor = solved.lengths_m, solved.inner_uncertainty_m, solved.factor
-    if known is not None:
-        columns = known.values, known.standard, known.expanded
-        return rows(InnerLength, INNER_NAMES, *columns)
-    uncertain = () if u is None or factor is None else (u, factor * u)
-    return rows(InnerLength, INNER_NAMES, inner_lengths(solved.found.machine.geometry), *uncertain)
+    known = solved.lengths_m
+    uncertain = [column for column in (known.standard, known.expanded) if column is not None]
+    return rows(InnerLength, INNER_NAMES, known.values, *uncertain)
 
 
 @dataclass(frozen=True)

@@ -41,8 +41,8 @@ def _of_own_form(
         raise UsageError("diagnose", f"{len(sessions)} sessions", "one of this kind of machine")
     if asked.candidate and not asked.adopt:
         raise UsageError("--candidate", "no --adopt", "--adopt with the model to write")
-    beside = None if asked.adopt == asked.model else asked.adopt
-    may = may_replace(asked.replace, beside) or asked.adopt == asked.model
+    is_extended = asked.adopt == asked.model
+    may = is_extended or may_replace(asked.replace, asked.adopt)
     answer = verbs.diagnosed(sessions[0], replace(asked, replace=may), say)
     typer.echo(answer.shown(as_json=as_json))
     return True

@@ -13,13 +13,12 @@ from app.evaluating.hexaslide_calibration import (
 )
 from calib.diagnosis.hexaslide import (
     FEWEST_SPARE,
-    MISTAKE,
-    AdoptedEffect,
     HexaSlideDiagnosis,
     Names,
     WeighedCauses,
     diagnosis_from,
 )
+from calib.diagnosis.hexaslide_causes import MISTAKE, AdoptedEffect
 from calib.diagnosis.hexaslide_correction import correction_of
 from calib.diagnosis.hexaslide_held_out import LeftOutGap, left_out_gap
 from calib.diagnosis.thresholds import OPEN

@@ -10,14 +10,12 @@ from app.evaluating.posture_history import Decision
 from calib.arrays import FloatArray
 from calib.diagnosis.hexaslide import (
     FEWEST_SPARE,
-    AdoptedEffect,
     HexaSlideDiagnosis,
     WeighedCauses,
-    causes_of_machine,
     diagnosis_from,
     weighed,
-    with_effects,
 )
+from calib.diagnosis.hexaslide_causes import AdoptedEffect, causes_of_machine, with_effects
 from calib.diagnosis.hexaslide_correction import HexaSlideCorrection, correction_of
 from calib.errors import CalibrationError, NotIdentifiable, RecordError, UsageError
 from calib.hexaslide.calibration import calibrate

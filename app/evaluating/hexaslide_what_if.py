@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from app.evaluating.hexaslide_calibration import beside_effects, models_without_mistakes
-from calib.diagnosis.hexaslide import MISTAKE, WeighedCauses
+from calib.diagnosis.hexaslide import WeighedCauses
+from calib.diagnosis.hexaslide_causes import MISTAKE
 from calib.diagnosis.hexaslide_what_if import PostureTrial
 from protocols.hexaslide import HexaSlideMeasurements
 

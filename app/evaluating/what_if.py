@@ -31,9 +31,6 @@ if TYPE_CHECKING:  # heavy, and only where there is one
 FAR = 100.0
 """Sizes that nobody would remark on, or four times what was fitted: so far a size can be moved."""
 
-COARSE = 10
-"""Steps of a large step."""
-
 
 @dataclass(frozen=True, eq=False)
 class Trial:

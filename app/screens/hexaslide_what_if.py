@@ -7,18 +7,16 @@ from pathlib import Path
 from typing import ClassVar
 
 from textual.app import ComposeResult
-from textual.binding import Binding, BindingType
+from textual.binding import BindingType
 from textual.widgets import Static, TabbedContent
 
 from app.evaluating.hexaslide_what_if import CausesToTry
 from app.report.charts.hexaslide import left_with
 from app.report.text import hexaslide_what_if as texts
-from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.paged import PAGE_KEYS, SIZE_KEYS, Page, PagedScreen
 from app.screens.pages import signalled
 from app.screens.plot import ChartPlot
 from calib.diagnosis.hexaslide_what_if import PostureTrial
-
-COARSE = 10
 
 
 class PostureWhatIfScreen(PagedScreen[None]):
@@ -26,14 +24,7 @@ class PostureWhatIfScreen(PagedScreen[None]):
 
     HELP = texts.WHAT_IF_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("left", "move(-1)", "Smaller", id="posture_if.smaller"),
-        Binding("right", "move(1)", "Larger", id="posture_if.larger"),
-        Binding("shift+left", f"move({-COARSE})", show=False, id="posture_if.much_smaller"),
-        Binding("shift+right", f"move({COARSE})", show=False, id="posture_if.much_larger"),
-        Binding("up", "choose(-1)", "Size before", show=False, id="posture_if.size_before"),
-        Binding("down", "choose(1)", "Next size", show=False, id="posture_if.next_size"),
-        Binding("0", "nothing", "Nothing", id="posture_if.nothing"),
-        Binding("f", "best", "Fits best", id="posture_if.best"),
+        *SIZE_KEYS,
         *PAGE_KEYS,
     ]
     PAGES = (Page("left", "What is left", charts=1, text=False),)

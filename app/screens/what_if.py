@@ -13,12 +13,12 @@ from textual.containers import VerticalScroll
 from textual.widgets import Static, TabbedContent
 
 from app.evaluating.diagnosis import SessionDiagnosis, mistakes_of
-from app.evaluating.what_if import COARSE, Choice, Trial, WhatIf, choices, trial_of
+from app.evaluating.what_if import Choice, Trial, WhatIf, choices, trial_of
 from app.report.charts.results import predictions_with, residuals_with
 from app.report.text import what_if as texts
 from app.report.text.result import ONLY_SHOWN
 from app.screens.interface import ChoiceDialog
-from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.paged import PAGE_KEYS, SIZE_KEYS, Page, PagedScreen
 from app.screens.pages import apart, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError, NotIdentifiable
@@ -33,14 +33,7 @@ class WhatIfScreen(PagedScreen[EffectEntry | None]):
 
     HELP = texts.WHAT_IF_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("left", "move(-1)", "Smaller", id="what_if.smaller"),
-        Binding("right", "move(1)", "Larger", id="what_if.larger"),
-        Binding("shift+left", f"move({-COARSE})", show=False, id="what_if.much_smaller"),
-        Binding("shift+right", f"move({COARSE})", show=False, id="what_if.much_larger"),
-        Binding("up", "choose(-1)", "Size before", show=False, id="what_if.size_before"),
-        Binding("down", "choose(1)", "Next size", show=False, id="what_if.next_size"),
-        Binding("0", "nothing", "Nothing", id="what_if.nothing"),
-        Binding("f", "best", "Fits best", id="what_if.best"),
+        *SIZE_KEYS,
         Binding("enter", "adopt", "Adopt", id="what_if.adopt"),
         Binding("pagedown", "scroll(1)", "Down", show=False, id="what_if.down"),
         Binding("pageup", "scroll(-1)", "Up", show=False, id="what_if.up"),

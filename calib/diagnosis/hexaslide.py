@@ -1,8 +1,8 @@
 """What is missing in a Hexa Slide's model: its own causes as columns, weighed by the one race.
 
 About the calibrated machine the readings are linear: parameters with their tolerances are the base,
-each cause adds a few columns. What a cause does to a carriage moves the platform by the inverse of
-the kinematics, and what is read with it. `calib.posterior.race` weighs models of up to three.
+each cause adds a few columns (`hexaslide_causes`). `calib.posterior.race` weighs models of up to
+three.
 """
 
 from __future__ import annotations
@@ -15,41 +15,27 @@ from typing import Annotated, Literal
 import numpy as np
 
 from calib.arrays import EXACT_BLIND, FloatArray, IntArray, svd_of_all, without
+from calib.diagnosis.hexaslide_causes import (
+    AdoptedEffect,
+    HexaSlideCause,
+    causes_of,
+    mistake_at,
+    with_effects,
+)
 from calib.diagnosis.thresholds import AGREED, OPEN, SURE, UNLIKELY
 from calib.errors import NotIdentifiable
 from calib.hexaslide.calibration import Calibration, calibrate
 from calib.hexaslide.derivatives import jacobian
-from calib.hexaslide.geometry import CHAINS, Geometry, HexaSlide, Legs, legs
-from calib.hexaslide.procedures import COMPONENTS, Procedure, ProcedureKind
-from calib.hexaslide.residuals import Readings, postures_of, read_at, residuals
+from calib.hexaslide.geometry import HexaSlide
+from calib.hexaslide.procedures import Procedure, ProcedureKind
+from calib.hexaslide.residuals import Readings, postures_of, residuals
 from calib.posterior.gaussian import About
-from calib.posterior.race import Products, Race, RaceEntry
+from calib.posterior.race import ADOPTED, Products, Race, RaceEntry
 from calib.quantity import Quantity
 from calib.stats import variance_ratio_p_value
 
 FEWEST_SPARE = 8
 """Readings beyond the parameters that they determine: fewer tell no cause from another."""
-
-MISTAKE = "wrong_posture"
-"""The cause that is one of the readings, not of the machine."""
-
-UNIT_SCALE = 1e-4
-UNIT_GROWTH = 5e-5
-UNIT_LENGTH_M = 2e-5
-UNIT_WAVE_M = 1e-5
-UNIT_OF_NOISE = 10.0
-"""Unremarkable sizes: of a rail's scale and of growth (in 1), of play, offsets and crookedness, of
-a wave, and of a wrong reading in standard deviations of its noise."""
-
-BOW_M = 0.5
-"""A rail that is bowed is off by its size so far from the middle of its travel."""
-
-STEP = 1e-6
-"""Metres and radians, for slopes of what is read by the posture: central differences."""
-
-ADOPTED = 4.0
-"""Unremarkable sizes, or as many as a model states: by so much may an adopted effect have changed
-since, as on a tripod."""
 
 UNKNOWN = 10.0
 """Standard deviation of a parameter without tolerance, metres or radians."""
@@ -58,36 +44,6 @@ Names = tuple[tuple[str, str], ...]
 """Ids of causes with their places, sorted."""
 
 Verdict = Literal["agrees", "explained", "ambiguous", "unexplained", "cannot-tell"]
-
-
-@dataclass(frozen=True, eq=False)
-class HexaSlideCause:
-    """What may be missing: its effect on what is read, ``columns`` ``(n, r)`` per unremarkable
-    size, on places ``(3 p, r)`` and on carriages ``(p, 6, r)``; ``names`` of its values, their
-    ``unit`` and its ``size``.
-    """
-
-    id: str
-    where: str
-    names: tuple[str, ...]
-    unit: str
-    size: float
-    columns: FloatArray
-    places: FloatArray
-    carriages: FloatArray
-
-
-@dataclass(frozen=True)
-class AdoptedEffect:
-    """A cause that a model has at a place, its ``values`` ``(r,)`` in its unit; no fit changes them
-    where they are ``held``. ``deviations`` ``(r,)`` are their standard uncertainties.
-    """
-
-    id: str
-    where: str
-    values: tuple[float, ...]
-    held: bool = False
-    deviations: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -366,31 +322,6 @@ def _entries(race: Race, free: RaceEntry, looked_for: Sequence[int]) -> Iterator
         yield RaceEntry((*members, *free.members), (*entry.scales, *free.scales), entry.log_weight)
 
 
-def with_effects(
-    readings: Readings,
-    machine: HexaSlide,
-    lead_m: float | None,
-    effects: Sequence[AdoptedEffect],
-    middle: FloatArray | None = None,
-) -> Readings:
-    """Readings with carriages where they are on a ``machine`` that has these effects; ``middle`` as
-    `weighed` takes it.
-
-    Raises as `postures_of`.
-    """
-    if not effects:
-        return readings
-    postures = postures_of(readings, machine)
-    middle = readings.sliders.mean(axis=0) if middle is None else middle
-    causes = causes_of_machine(readings, machine, postures, lead_m, middle)
-    by_name = {(cause.id, cause.where): cause for cause in causes}
-    sliders = readings.sliders.copy()
-    for effect in effects:
-        cause = by_name[effect.id, effect.where]
-        sliders += cause.carriages @ np.divide(effect.values, cause.size)
-    return replace(readings, sliders=sliders)
-
-
 def diagnosed(
     readings: Readings, nominal: HexaSlide, tolerances: FloatArray, lead_m: float | None = None
 ) -> HexaSlideDiagnosis:
@@ -439,142 +370,9 @@ def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
         wrong_postures=tuple(
             readings.number(row)
             for row in range(len(readings.sliders))
-            if any(_mistake(readings, row) in claim.causes for claim in named)
+            if any(mistake_at(readings, row) in claim.causes for claim in named)
         ),
     )
-
-
-def _mistake(readings: Readings, row: int) -> tuple[str, str]:
-    """Id and place of the cause that a posture is wrong."""
-    return MISTAKE, f"posture {readings.number(row)}"
-
-
-def causes_of(
-    readings: Readings,
-    machine: HexaSlide,
-    postures: FloatArray,
-    lead_m: float | None,
-    middle: FloatArray,
-) -> Iterator[HexaSlideCause]:
-    """Every cause of this kind of machine, at every place, then every mistake."""
-    effects = _Effects(readings, machine, postures)
-    yield from causes_of_machine(readings, machine, postures, lead_m, middle)
-    for row in range(len(readings.sliders)):
-        yield effects.of_posture(row, *_mistake(readings, row))
-
-
-def causes_of_machine(
-    readings: Readings,
-    machine: HexaSlide,
-    postures: FloatArray,
-    lead_m: float | None,
-    middle: FloatArray,
-) -> Iterator[HexaSlideCause]:
-    """Those that move the platform; scale and bow do nothing where sliders are in the ``middle``
-    ``(6,)``.
-    """
-    effects = _Effects(readings, machine, postures)
-    sliders, at = readings.sliders, legs(machine.geometry, postures)
-    telescopic = machine.geometry.telescopic
-    part = "leg" if telescopic else "rail"
-    from_middle = sliders - middle
-    ways = np.sign(np.diff(sliders, axis=0, prepend=sliders[:1] - 1.0))
-    for k in range(CHAINS):
-        of_rail, where = np.eye(CHAINS)[k], f"{part} {k + 1}"
-        yield effects.of_sliders(
-            f"{part}_scale", where, ("scale",), "mm/m", UNIT_SCALE, 1e3, [from_middle * of_rail]
-        )
-        yield effects.of_sliders(
-            *("leg_backlash" if telescopic else "backlash", where, ("play",), "mm"),
-            *(UNIT_LENGTH_M, 1e3, [0.5 * ways * of_rail]),
-        )
-        if not telescopic:
-            yield from _of_rail(effects, machine.geometry, at, from_middle, k)
-        if lead_m is not None:
-            angle = 2.0 * np.pi * sliders / lead_m
-            waves = [np.sin(angle) * of_rail, np.cos(angle) * of_rail]
-            yield effects.of_sliders(
-                f"{part}_wave", where, ("sine", "cosine"), "mm", UNIT_WAVE_M, 1e3, waves
-            )
-    time = np.linspace(0.0, 1.0, len(sliders))[:, None]
-    growing = at.lean if telescopic else sliders
-    yield effects.of_sliders(
-        "thermal_growth", f"all {part}s", ("growth",), "mm/m", UNIT_GROWTH, 1e3, [time * growing]
-    )
-
-
-def _of_rail(
-    effects: _Effects, geometry: Geometry, at: Legs, from_middle: FloatArray, k: int
-) -> Iterator[HexaSlideCause]:
-    """What only a rail and the joint on its carriage can have."""
-    of_rail, where = np.eye(CHAINS)[k], f"rail {k + 1}"
-    unit = at.arms.unit
-    across = np.linalg.norm(unit - geometry.rails, axis=-1)
-    yield effects.of_sliders(
-        "joint_offset", where, ("offset",), "mm", UNIT_LENGTH_M, 1e3, [across * of_rail]
-    )
-    bow = (from_middle / BOW_M) ** 2
-    yield effects.of_sliders(
-        *("straightness", where, ("side 1", "side 2"), "mm", UNIT_LENGTH_M, 1e3),
-        [bow * (unit[:, k] @ side)[:, None] * of_rail for side in _sides(geometry, k)],
-    )
-
-
-class _Effects:
-    """What carriages and readings that are off do to what is read, in its noise."""
-
-    def __init__(self, readings: Readings, machine: HexaSlide, postures: FloatArray) -> None:
-        self._noise, self._names = readings.value_noise, readings.procedure.read
-        self._count = len(postures)
-        self._moved = np.linalg.inv(legs(machine.geometry, postures).arms.by_posture)
-        steps = [
-            (
-                read_at(readings.procedure, machine, postures + STEP * unit)
-                - read_at(readings.procedure, machine, postures - STEP * unit)
-            )
-            / (2.0 * STEP)
-            for unit in np.eye(len(COMPONENTS))
-        ]
-        self._by_posture = np.stack(steps, axis=-1)
-
-    def of_sliders(
-        self,
-        cause: str,
-        where: str,
-        names: tuple[str, ...],
-        unit: str,
-        size: float,
-        shown: float,
-        sliders: list[FloatArray],
-    ) -> HexaSlideCause:
-        """Carriages off by these ``(p, 6)`` per 1; ``size`` is unremarkable, in 1 are ``shown``
-        units.
-        """
-        moved = [np.einsum("pij,pj->pi", self._moved, change) * size for change in sliders]
-        read = [np.einsum("pri,pi->pr", self._by_posture, change) / self._noise for change in moved]
-        columns = np.stack([change.ravel() for change in read], axis=1)
-        places = np.stack([change[:, :3].ravel() for change in moved], axis=1)
-        carriages = size * np.stack(sliders, axis=-1)
-        return HexaSlideCause(cause, where, names, unit, size * shown, columns, places, carriages)
-
-    def of_posture(self, row: int, cause: str, where: str) -> HexaSlideCause:
-        """All values of a posture wrong: a mistake, which moves nothing."""
-        columns = np.zeros((self._count, len(self._noise), len(self._noise)))
-        columns[row] = UNIT_OF_NOISE * np.eye(len(self._noise))
-        flat = columns.reshape(-1, len(self._noise))
-        places = np.zeros((3 * self._count, flat.shape[1]))
-        names = tuple(f"{name} off" for name in self._names)
-        still = np.zeros((self._count, CHAINS, flat.shape[1]))
-        return HexaSlideCause(cause, where, names, "noise", UNIT_OF_NOISE, flat, places, still)
-
-
-def _sides(geometry: Geometry, chain: int) -> tuple[FloatArray, FloatArray]:
-    """Two directions across a rail, the first level."""
-    rail = np.asarray(geometry.rails[chain])
-    level = np.cross(rail, [0.0, 0.0, 1.0])
-    length = np.linalg.norm(level)
-    first = level / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
-    return first, np.cross(rail, first)
 
 
 def _race(about: About, causes: tuple[HexaSlideCause, ...], free: int) -> Race:

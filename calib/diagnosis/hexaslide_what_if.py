@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import FloatArray, without
-from calib.diagnosis.hexaslide import HexaSlideCause, WeighedCauses
+from calib.diagnosis.hexaslide import WeighedCauses
+from calib.diagnosis.hexaslide_causes import HexaSlideCause
 from calib.diagnosis.hexaslide_correction import moved_by, over_all
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.platform import Places

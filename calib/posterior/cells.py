@@ -35,6 +35,7 @@ from calib.noise.repeats import Repeats, disagreeing, set_apart, typical_mm2
 from calib.noise.serial import independent, serial_correlation
 from calib.posterior.distances import Distances
 from calib.posterior.gaussian import About, LittleOfAll
+from calib.posterior.race import ADOPTED
 from calib.tripod.effects.bars import LegLength
 from calib.tripod.effects.candidates import place_columns
 from calib.tripod.effects.contacts import BowOfTouchedPlate, PlatformTilt
@@ -83,9 +84,6 @@ OF_CONTACTS = (BowOfTouchedPlate.id, PlatformTilt.id)
 
 STATED_MM = 0.01
 """Of lengths that are as stated: bars that are measured, not made to tolerance."""
-
-ADOPTED = 4.0
-"""Unremarkable sizes by which an adopted effect may differ from its size in the model; at least."""
 
 
 @dataclass(frozen=True, eq=False)

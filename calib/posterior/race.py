@@ -27,6 +27,10 @@ SCALES = (1.0, 4.0, 16.0, 64.0)
 LOG_SCALES = np.log([0.4, 0.3, 0.2, 0.1])
 """Their prior: larger ones are rarer, none is impossible."""
 
+ADOPTED = 4.0
+"""Unremarkable sizes, or as many as its model states if these are more: by so much an adopted
+effect may have changed."""
+
 LOG_CAUSES = np.log([0.45, 0.42, 0.115, 0.015])
 """Prior of 0, 1, 2 and 3 components: each further one a quarter as likely, and less, for any three
 fit nearly any shape."""

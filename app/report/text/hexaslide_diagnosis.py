@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from rich.table import Table
 
 from app.evaluating.hexaslide_adoption import Adoption, DiagnosedPostures
+from app.report.text.effect_entries import history_words, origin_lines, size_lines
 from app.report.text.tables import new_table, paragraphs, result_table
-from calib.diagnosis.hexaslide import AdoptedEffect, CauseSize, HexaSlideDiagnosis, Names
+from calib.diagnosis.hexaslide import CauseSize, HexaSlideDiagnosis, Names
+from calib.diagnosis.hexaslide_causes import AdoptedEffect
 from calib.hexaslide.platform import PlatformError
 from protocols.data_table import DataTable
-from protocols.effect_entries import EffectEntry
 from protocols.hexaslide_model import HexaSlideModel
 
 TITLES = {
@@ -92,35 +93,16 @@ def _bound(platform: PlatformError) -> str:
     return "an unknown amount" if bound_m is None else f"at most {1000.0 * bound_m:.3g} mm"
 
 
-def size_lines(entry: EffectEntry) -> list[str]:
-    """The values of an effect of a model file."""
-    lines = []
-    for name, size in entry.parameters.items():
-        spread = size.standard_uncertainty
-        about = "" if spread is None else f" ± {spread:.2g}"
-        of_person = ", held" if size.held else ""
-        lines.append(f"    {name} = {size.value:+.4g}{about} {size.unit}{of_person}")
-    return lines
-
-
 def model_text(model: HexaSlideModel) -> str:
     """Effects with their sizes and where they are from, and how they came and went."""
     parts = []
     for entry in model.effects:
-        lines = [f"{entry.id} ({entry.where}): {_title(((entry.id, entry.where),))}"]
-        lines += size_lines(entry)
-        if entry.provenance:
-            sessions = ", ".join(entry.provenance.sessions)
-            lines.append(f"    from {sessions}, verdict {entry.provenance.verdict}")
-        parts.append("\n".join(lines))
-    history = [
-        f"{h.at:%Y-%m-%d %H:%M} {h.action} {h.effect.id} ({h.effect.where}): {h.why}"
-        for h in model.history
-    ]
+        title = f"{entry.id} ({entry.where}): {title_of((entry.id, entry.where))}"
+        parts.append("\n".join([title, *size_lines(entry), *origin_lines(entry)]))
     return paragraphs(
         f"Model of {model.machine.name}",
         *(parts or ["No effects."]),
-        "\n".join(["History", *history]) if history else "",
+        history_words(model.history),
     )
 
 

@@ -10,11 +10,11 @@ from app.report.text.tables import PAGE_HELP, decimals, new_table, signed, table
 from calib.diagnosis.hexaslide_what_if import CauseAtSize, PostureTrial
 
 WHAT_IF_HELP = f"""\
-{{posture_if.smaller}}, {{posture_if.larger}}  the size smaller, larger, by a step below its ±
-{{posture_if.much_smaller}}, {{posture_if.much_larger}}  ten times as far
-{{posture_if.size_before}}, {{posture_if.next_size}}  another of several sizes (> is moved)
-{{posture_if.nothing}}  nothing: parameters alone
-{{posture_if.best}}  the size that fits best
+{{what_if.smaller}}, {{what_if.larger}}  the size smaller, larger, by a step below its ±
+{{what_if.much_smaller}}, {{what_if.much_larger}}  ten times as far
+{{what_if.size_before}}, {{what_if.next_size}}  another of several sizes (> is moved)
+{{what_if.nothing}}  nothing: parameters alone
+{{what_if.best}}  the size that fits best
 {PAGE_HELP}
 
 Parameters are fitted again at every size. Platform, cause not

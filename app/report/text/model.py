@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from app.evaluating.own_effects import known_effects
-from app.report.text.tables import hanging, new_table, paragraphs, signed, wrapped
+from app.report.text.effect_entries import history_words, origin_lines, size_lines
+from app.report.text.tables import hanging, new_table, paragraphs, signed
 from calib.errors import RecordError
 from calib.tripod.effects.effect import remedies
 from protocols.effect_entries import EffectEntry
@@ -17,33 +18,21 @@ def model_text(model: ModelFile) -> str:
     for name, value in model.parameters_mm.items():
         table.add_row(name, signed(value, 4))
     unsure = ambiguity(ambiguous_effects(model))
-    history = [
-        f"{h.at:%Y-%m-%d %H:%M} {h.action} {h.effect.id} ({h.effect.where}): {h.why}"
-        for h in model.history
-    ]
     return paragraphs(
         [f"Model of {model.machine.name}"],
         table,
         *([effect_words(effect, model.machine)] for effect in model.effects),
         "" if model.effects else "No effects.",
         f"WARNING: {unsure}" if unsure else "",
-        "\n".join(["History", *history]) if history else "",
+        history_words(model.history),
     )
 
 
 def effect_words(effect: EffectEntry, machine: Machine) -> str:
     """One effect, its sizes, what to do against it, and where it was found."""
-    lines = [f"{effect.id} ({effect.where}): {effect.title}"]
-    for name, value in effect.parameters.items():
-        spread = value.standard_uncertainty
-        about = "" if spread is None else f" ± {spread:.2g}"
-        held_words = ", held" if value.held else ""
-        lines.append(f"    {name} = {value.value:+.4g}{about} {value.unit}{held_words}")
+    lines = [f"{effect.id} ({effect.where}): {effect.title}", *size_lines(effect)]
     lines += [hanging(f"    {remedy}", "    ") for remedy in _remedies(effect, machine)]
-    if effect.provenance:
-        sessions = ", ".join(effect.provenance.sessions)
-        lines.append(wrapped(f"    found in {sessions}, verdict {effect.provenance.verdict}"))
-    return "\n".join(lines)
+    return "\n".join([*lines, *origin_lines(effect)])
 
 
 def _remedies(effect: EffectEntry, machine: Machine) -> tuple[str, ...]:

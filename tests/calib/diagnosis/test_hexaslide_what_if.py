@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.diagnosis.hexaslide import AdoptedEffect, weighed
+from calib.diagnosis.hexaslide import weighed
+from calib.diagnosis.hexaslide_causes import AdoptedEffect
 from calib.diagnosis.hexaslide_what_if import PostureTrial
 from protocols.hexaslide import load_hexaslide
 from tests.blind.hexaslide import LEAD_M, Hidden, Plain, measured

@@ -6,23 +6,23 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.report.text.hexaslide_diagnosis import title_of
-from app.report.text.tables import PAGE_HELP, decimals, new_table, signed, table_text
+from app.report.text.tables import decimals, new_table, signed, table_text
 from calib.diagnosis.hexaslide_what_if import CauseAtSize, PostureTrial
 
-WHAT_IF_HELP = f"""\
-{{what_if.smaller}}, {{what_if.larger}}  the size smaller, larger, by a step below its ±
-{{what_if.much_smaller}}, {{what_if.much_larger}}  ten times as far
-{{what_if.size_before}}, {{what_if.next_size}}  another of several sizes (> is moved)
-{{what_if.nothing}}  nothing: parameters alone
-{{what_if.best}}  the size that fits best
-{PAGE_HELP}
+WHAT_IF_HELP = """\
+{what_if.smaller}, {what_if.larger}  the size smaller, larger, by a step below its ±
+{what_if.much_smaller}, {what_if.much_larger}  ten times as far
+{what_if.size_before}, {what_if.next_size}  another of several sizes (> is moved)
+{what_if.nothing}  nothing: parameters alone
+{what_if.best}  the size that fits best
+{page.copy}  copy the plot to the clipboard
+{page.back}, {page.quit}  back, quit
 
 Parameters are fitted again at every size. Platform, cause not
-compensated: what the cause alone does there over the box, frames
-laid over. Platform, values
-without it entered: what the platform is off by if the cause is real
-and the parameters of a fit without it are entered. Nothing is
-written; glidecal diagnose --adopt writes a model."""
+compensated: what the cause alone does there over the box, frames laid
+over. Platform, values without it entered: what the platform is off by
+if the cause is real and the parameters of a fit without it are
+entered. Nothing is written; glidecal diagnose --adopt writes a model."""
 
 WHICH = "Which cause?"
 WORKING = "Working out what it does …"

@@ -37,17 +37,17 @@ def postures(
 
 def observed(
     parameters_mm: Sequence[float],
-    taken: Conditions,
+    places: Conditions,
     *,
     scatter_mm: float = 0.0,
     seed: int = 0,
 ) -> Observations:
     """Readings of a machine with these parameters, arbitrary zeros and Gaussian scatter."""
     generator = np.random.default_rng(seed)
-    zeros = generator.normal(size=taken.mount_count)
-    values: FloatArray = Model(parameters_mm=tuple(parameters_mm)).readings(taken)
+    zeros = generator.normal(size=places.mount_count)
+    values: FloatArray = Model(parameters_mm=tuple(parameters_mm)).readings(places)
     return observe(
-        taken, values + zeros[taken.mount] + generator.normal(size=len(taken)) * scatter_mm
+        places, values + zeros[places.mount] + generator.normal(size=len(places)) * scatter_mm
     )
 
 

@@ -49,9 +49,9 @@ def first_quick(cases: Iterable[Any], *, several: bool = False) -> list[Any]:
 
     ``several``: each is a tuple of the values of several names.
     """
-    first, *others = cases
-    values = others if several else [(other,) for other in others]
-    return [first, *(pytest.param(*one, marks=LONG) for one in values)]
+    first, *remainder = cases
+    values = remainder if several else [(value,) for value in remainder]
+    return [first, *(pytest.param(*arguments, marks=LONG) for arguments in values)]
 
 
 def pytest_collection_finish() -> None:
@@ -75,9 +75,9 @@ def _no_leaked_thread() -> Iterator[None]:
     before = set(threading.enumerate())
     yield
     deadline = time.monotonic() + PATIENCE_S
-    while (left := _ours(before)) and time.monotonic() < deadline:
+    while (survivors := _ours(before)) and time.monotonic() < deadline:
         time.sleep(0.01)
-    assert not left, f"threads left behind: {[t.name for t in left]}"
+    assert not survivors, f"threads left behind: {[t.name for t in survivors]}"
 
 
 def _ours(before: set[threading.Thread]) -> list[threading.Thread]:

@@ -40,7 +40,10 @@ def lowest() -> list[str]:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     extras = project["optional-dependencies"]
     pins = []
-    for dependency in [*project["dependencies"], *(one for name in EXTRAS for one in extras[name])]:
+    for dependency in [
+        *project["dependencies"],
+        *(requirement for name in EXTRAS for requirement in extras[name]),
+    ]:
         bound = BOUND.fullmatch(dependency)
         if bound is None:
             raise ValueError(f"{dependency}: no lower bound alone, such as numpy>=1.26")
@@ -50,9 +53,9 @@ def lowest() -> list[str]:
 
 def pythons() -> dict[tuple[int, ...], str]:
     """Each Python of this machine that glidecal allows and that can make environments."""
-    known = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
+    versions_folder = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
     on_path = (shutil.which(f"python3.{minor}") for minor in range(LEAST_PYTHON[1], 30))
-    candidates = (*on_path, *known.glob("*/bin/python3"), sys.executable)
+    candidates = (*on_path, *versions_folder.glob("*/bin/python3"), sys.executable)
     script = "import ensurepip, sys, venv; print(*sys.version_info[:2])"
     interpreters = {}
     for candidate in (str(path) for path in candidates if path):
@@ -68,9 +71,15 @@ def pythons() -> dict[tuple[int, ...], str]:
 def run(*words: str | Path, cwd: Path, may_warn: bool = False) -> str:
     """Its output. Ends the program, with what was printed, where it fails or warns."""
     command = [str(word) for word in words]
-    kept = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
     done = subprocess.run(
-        command, cwd=cwd, env=kept, capture_output=True, text=True, timeout=PATIENCE_S, check=False
+        command,
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
     )
     if done.returncode or ("Warning: " in done.stderr and not may_warn):
         print(done.stdout[-5000:], done.stderr[-5000:], sep="\n")

@@ -31,15 +31,15 @@ def write_session(
     procedure = load_procedure(protocol, machine.geometry())
     truth = hidden_machine(machine.geometry(), seed)
     if effect:
-        taken = planned_readings(procedure, machine)
-        hidden = hidden_effect(effect, truth, taken, seed=seed, noise_mm=SCATTER_MM, size=size)
+        conditions = planned_readings(procedure, machine)
+        hidden = hidden_effect(effect, truth, conditions, seed=seed, noise_mm=SCATTER_MM, size=size)
         truth = replace(truth, effects=hidden)
     if unnamed:
         truth = replace(truth, effects=(unnamed,))
-    made = simulated_session(
+    session = simulated_session(
         procedure, machine, truth, seed=seed, scatter_mm=SCATTER_MM, resolution_mm=0.001
     )
-    write_whole(path, made.opened, [*made.readings])
+    write_whole(path, session.opened, [*session.readings])
     return path
 
 

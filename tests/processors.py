@@ -68,12 +68,12 @@ class Kind:
     @property
     def surroundings(self) -> dict[str, str]:
         """The environment in which a process computes like one."""
-        known = NUMPY.__cpu_dispatch__
+        features = NUMPY.__cpu_dispatch__
         return {
             **os.environ,
             "OPENBLAS_CORETYPE": self.core,
             "OPENBLAS_NUM_THREADS": str(self.threads),
-            "NPY_DISABLE_CPU_FEATURES": " ".join(name for name in self.without if name in known),
+            "NPY_DISABLE_CPU_FEATURES": " ".join(name for name in self.without if name in features),
         }
 
 
@@ -100,11 +100,11 @@ def cases() -> list[Case]:
 def look(folder: Path) -> Json:
     """What this process computes with, every text, and what each diagnosis says."""
     features = NUMPY.__cpu_features__
-    blas = [one for one in threadpool_info() if one["internal_api"] == "openblas"]
-    said = {}
+    blas = [library for library in threadpool_info() if library["internal_api"] == "openblas"]
+    texts = {}
     for name, arguments in {**TEXTS, **MORE_TEXTS}.items():
         run = glidecal(*arguments, cwd=ROOT)
-        said[name] = f"exit {run.status}\n{run.out}{run.err}"
+        texts[name] = f"exit {run.status}\n{run.out}{run.err}"
     for case in cases():
         session = folder / f"{case.session}.jsonl"
         if not session.exists():
@@ -113,13 +113,15 @@ def look(folder: Path) -> Json:
         names = [(e["id"], e["where"], sorted(e["also"])) for e in row["effects"]]
         rivals = [(c["id"], c["where"]) for c in row.get("candidates", ())]
         lines = [row["verdict"], *map(str, names), *map(str, rivals), str(row.get("error", ""))]
-        said[case.key] = "\n".join(lines)
+        texts[case.key] = "\n".join(lines)
     return {
-        "cores": sorted({SAME_AS.get(one["architecture"], one["architecture"]) for one in blas}),
+        "cores": sorted(
+            {SAME_AS.get(library["architecture"], library["architecture"]) for library in blas}
+        ),
         "copies": len(blas),
-        "threads": sorted({one["num_threads"] for one in blas}),
+        "threads": sorted({library["num_threads"] for library in blas}),
         "dispatched": [n for n in NUMPY.__cpu_dispatch__ if features[n]],
-        "said": said,
+        "said": texts,
     }
 
 
@@ -128,20 +130,20 @@ def asked(kind: Kind, folder: Path) -> Json:
     path = folder / f"{kind.core}.json"
     command = [sys.executable, "-m", "tests.processors", "--look", str(folder), "-o", str(path)]
     subprocess.run(command, cwd=ROOT, env=kind.surroundings, check=True)
-    found: Json = json.loads(path.read_text(encoding="utf-8"))
-    return found
+    facts: Json = json.loads(path.read_text(encoding="utf-8"))
+    return facts
 
 
-def wrong(kind: Kind, found: Json, wanted: dict[str, str]) -> list[str]:
+def wrong(kind: Kind, facts: Json, reference: dict[str, str]) -> list[str]:
     """What differs from the first kind, and settings that took no effect."""
     problems = []
     threads = min(kind.threads, os.cpu_count() or 1)
-    if found["cores"] != [kind.core] or found["threads"] != [threads]:
-        problems.append(f"asked for {kind.core}, {threads} threads; in use: {found['cores']}")
-    if set(found["dispatched"]) & set(kind.without):
-        problems.append(f"numpy still uses {found['dispatched']}")
-    for name, text in wanted.items():
-        lines = unified_diff(text.splitlines(), found["said"][name].splitlines(), lineterm="", n=0)
+    if facts["cores"] != [kind.core] or facts["threads"] != [threads]:
+        problems.append(f"asked for {kind.core}, {threads} threads; in use: {facts['cores']}")
+    if set(facts["dispatched"]) & set(kind.without):
+        problems.append(f"numpy still uses {facts['dispatched']}")
+    for name, text in reference.items():
+        lines = unified_diff(text.splitlines(), facts["said"][name].splitlines(), lineterm="", n=0)
         problems += [f"{name}: {line}" for line in lines if line[:3] not in ("---", "+++")]
     return problems
 
@@ -170,17 +172,17 @@ def main() -> int:
         # one after the other: threads of OpenBLAS wait by spinning, and two such programs on two
         # cores take ten times as long as one
         everything = [asked(kind, folder) for kind in kinds]
-    wanted = dict(everything[0]["said"])
+    reference = dict(everything[0]["said"])
     for name in TEXTS:
         golden = (GOLDEN / f"{name}.txt").read_text(encoding="utf-8")
-        wanted[name] = f"exit 0\n{golden}"
+        reference[name] = f"exit 0\n{golden}"
     failed = False
-    for kind, found in zip(kinds, everything, strict=True):
-        problems = wrong(kind, found, wanted)
-        using = " ".join(found["dispatched"]) or "its baseline"
+    for kind, facts in zip(kinds, everything, strict=True):
+        problems = wrong(kind, facts, reference)
+        using = " ".join(facts["dispatched"]) or "its baseline"
         print(
-            f"{kind.core}: {found['copies']} copies of OpenBLAS, {found['threads']} threads, numpy"
-            f" {using}: {len(wanted)} texts and diagnoses, {len(problems)} lines wrong"
+            f"{kind.core}: {facts['copies']} copies of OpenBLAS, {facts['threads']} threads, numpy"
+            f" {using}: {len(reference)} texts and diagnoses, {len(problems)} lines wrong"
         )
         print("".join(f"    {line}\n" for line in problems), end="")
         failed = failed or bool(problems)

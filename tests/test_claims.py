@@ -64,21 +64,23 @@ def names_in(path: str) -> frozenset[str]:
     assert file.is_file(), f"{path} is not there"
     if file.suffix != ".py":
         return frozenset()
-    found = set()
+    names = set()
     for node in ast.parse(file.read_text(encoding="utf-8")).body:
         if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
-            found.add(node.name)
+            names.add(node.name)
         if isinstance(node, ast.ClassDef):
-            found |= {
-                f"{node.name}.{one.name}" for one in node.body if isinstance(one, ast.FunctionDef)
+            names |= {
+                f"{node.name}.{method.name}"
+                for method in node.body
+                if isinstance(method, ast.FunctionDef)
             }
-    return frozenset(found)
+    return frozenset(names)
 
 
 def there(reference: str) -> None:
     """A reference such as ``path.py::name`` or ``path`` names what exists."""
-    for one in reference.split(", "):
-        path, _, name = one.partition("::")
+    for part in reference.split(", "):
+        path, _, name = part.partition("::")
         assert not name or name in names_in(path), f"{path} has no {name}"
         names_in(path)
 

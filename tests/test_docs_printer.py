@@ -68,7 +68,7 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """The folder with all that the commands wrote, and all that they said, in the page's order."""
     folder = tmp_path_factory.mktemp("owner")
     (folder / "printer.cfg").write_text(sample_cfg(), encoding="utf-8")
-    said = []
+    outputs = []
     for command in [line for block in BLOCKS for line in block.splitlines()]:
         if not command.startswith("glidecal "):
             continue
@@ -82,16 +82,16 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
             (folder / "printer.cfg").write_text(f"{ends[0]}\n{INCLUDE}{ends[1]}{ends[2]}")
         run = glidecal(*arguments, cwd=folder)
         assert run.status == 0, f"{command}: {run.err}"
-        said.append(run.err + run.out)
-    return folder, "\n".join(said)
+        outputs.append(run.err + run.out)
+    return folder, "\n".join(outputs)
 
 
 def test_every_quoted_text_is_what_the_program_said(walked: tuple[Path, str]) -> None:
-    _, said = walked
-    quoted = [one for one in BLOCKS if not one.startswith("glidecal ") and one != INCLUDE]
+    _, output = walked
+    quoted = [block for block in BLOCKS if not block.startswith("glidecal ") and block != INCLUDE]
     assert len(quoted) >= 5
     for text in quoted:
-        assert words(text) in words(said)
+        assert words(text) in words(output)
 
 
 def test_every_figure_of_the_answers_is_in_the_result(walked: tuple[Path, str]) -> None:
@@ -105,10 +105,10 @@ def test_the_macro_of_the_page_is_what_the_log_answers(walked: tuple[Path, str])
     folder, _ = walked
     lines = (folder / "places.gcode").read_text(encoding="utf-8").splitlines()
     moves = [re.findall(r"X(\S+) Y(\S+)", line)[0] for line in lines if line.startswith("G1 X")]
-    asked = [(float(x), float(y)) for x, y in moves]
+    targets = [(float(x), float(y)) for x, y in moves]
     answered = [place_of(line) for line in sample_log().splitlines() if "bed will" in line]
-    assert len(asked) == int(re.findall(r"(\d+) probings at 19 places", PAGE)[0])
-    assert np.array(asked) == pytest.approx(np.array(answered), abs=1e-3)
+    assert len(targets) == int(re.findall(r"(\d+) probings at 19 places", PAGE)[0])
+    assert np.array(targets) == pytest.approx(np.array(answered), abs=1e-3)
 
 
 def test_the_printer_is_a_better_one(walked: tuple[Path, str]) -> None:
@@ -116,13 +116,13 @@ def test_the_printer_is_a_better_one(walked: tuple[Path, str]) -> None:
     folder, _ = walked
     now, then = true.BELIEVED, true.klipper((folder / "calib.cfg").read_text(encoding="utf-8"))
     contacts = read_record(folder / "printer.jsonl").session.all_readings
-    met = [np.array(one.position_mm) - (0.0, 0.0, one.value_mm) for one in contacts]
+    met = [np.array(contact.position_mm) - (0.0, 0.0, contact.value_mm) for contact in contacts]
     peers = [fitted(met, factors, true.ENDSTOPS) for factors in (6, 9)]
-    before, *left, ours = (
+    before, *residuals, ours = (
         true.rms(true.errors(SAMPLE_HIDDEN, firmware)) for firmware in (now, *peers, then)
     )
-    assert min(left) < 0.5 * before, "what firmware fits to the same contacts is a calibration"
-    assert ours < 0.6 * min(left)
+    assert min(residuals) < 0.5 * before, "what firmware fits to the same contacts is a calibration"
+    assert ours < 0.6 * min(residuals)
     assert ours < 0.2 * before
     middle = np.zeros(3)
     raised = SAMPLE_HIDDEN.tool(then(middle)) - SAMPLE_HIDDEN.tool(now(middle))
@@ -139,8 +139,8 @@ def test_values_that_help_are_the_next_step_on_the_screen(walked: tuple[Path, st
     assert solved.printer_change is not None
     assert solved.printer_change.helps
     assert not solved.correction.helps
-    said = next_text(solved, (), exports=True, measures=False)
-    assert said == "Next: {result.export} writes these values as files for the controller."
+    text = next_text(solved, (), exports=True, measures=False)
+    assert text == "Next: {result.export} writes these values as files for the controller."
 
 
 def test_before_and_after_are_compared_though_the_firmware_holds_other_values(
@@ -155,8 +155,8 @@ def test_before_and_after_are_compared_though_the_firmware_holds_other_values(
     deviations = re.findall(
         r"went from (\S+) to (\S+) mm", words(glidecal("compare", before, after).out)
     )
-    was, left = map(float, deviations[0])
-    assert left < 0.1 * was
+    was, residual = map(float, deviations[0])
+    assert residual < 0.1 * was
     assert "machine changed: leg_length_mm" in glidecal("history", folder).out
 
 
@@ -171,6 +171,6 @@ def test_a_replay_of_contacts_speaks_of_a_plate(walked: tuple[Path, str]) -> Non
 
 
 def test_plan_sends_the_owner_of_a_printer_to_what_tells_more(walked: tuple[Path, str]) -> None:
-    told = words(refused(2, "plan", walked[0] / "printer.jsonl"))
-    assert "--macro writes places to probe" in told
-    assert "glidecal import --distances" in told
+    message = words(refused(2, "plan", walked[0] / "printer.jsonl"))
+    assert "--macro writes places to probe" in message
+    assert "glidecal import --distances" in message

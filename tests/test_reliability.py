@@ -21,9 +21,9 @@ def test_every_promise_names_tests_that_exist() -> None:
     assert len(promises()) > 90
     for row in promises():
         parts = row["tests"].split(", ")
-        named = [found for part in parts if (found := NAMED.fullmatch(part))]
+        named = [match for part in parts if (match := NAMED.fullmatch(part))]
         assert len(named) == len(parts), row
-        for path, function in (found.groups() for found in named):
+        for path, function in (reference.groups() for reference in named):
             tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
             functions = {n.name for n in tree.body if isinstance(n, ast.FunctionDef)}
             functions |= {n.name for n in tree.body if isinstance(n, ast.AsyncFunctionDef)}

@@ -33,27 +33,27 @@ def named(tree: ast.Module) -> Iterator[tuple[int, str]]:
     """Names reached from outside, also those that are patched by a string."""
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] != "textual":
-            yield from ((node.lineno, f"{node.module}.{one.name}") for one in node.names)
+            yield from ((node.lineno, f"{node.module}.{alias.name}") for alias in node.names)
         elif isinstance(node, ast.Attribute):
             yield node.lineno, node.attr
         elif isinstance(node, ast.Call) and last_name(node.func) in ("setattr", "getattr", "patch"):
-            texts = (one.value for one in node.args if isinstance(one, ast.Constant))
-            yield from ((node.lineno, one) for one in texts if isinstance(one, str))
+            texts = (argument.value for argument in node.args if isinstance(argument, ast.Constant))
+            yield from ((node.lineno, text) for text in texts if isinstance(text, str))
 
 
 @cache
 def defined(tree: ast.Module) -> set[str]:
     """Functions, and attributes that this file's own classes give themselves or state."""
-    own, fields = set(), set()
+    names, fields = set(), set()
     for node in ast.walk(tree):
         if isinstance(node, Function):
-            own.add(node.name)
+            names.add(node.name)
         elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
             if isinstance(node.value, ast.Name) and node.value.id == "self":
-                own.add(node.attr)
+                names.add(node.attr)
         elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
             fields.add(node.target.id)
-    return own | fields
+    return names | fields
 
 
 def last_name(called: ast.expr) -> str:
@@ -61,29 +61,31 @@ def last_name(called: ast.expr) -> str:
 
 
 def test_no_private_name_is_reached() -> None:
-    found = [
+    places = [
         f"{module}:{line} {name}"
         for module, tree in modules().items()
         for line, name in named(tree)
         if is_private(name) and name not in FOREIGN and name not in defined(tree)
     ]
-    assert found == []
+    assert places == []
 
 
 def test_every_test_can_fail() -> None:
     """By an assertion, by what it expects to be raised, or in a helper of the tests that does."""
     trees = modules()
     functions = {
-        (module, one.name): one
+        (module, node.name): node
         for module, tree in trees.items()
-        for one in ast.walk(tree)
-        if isinstance(one, Function)
+        for node in ast.walk(tree)
+        if isinstance(node, Function)
     }
-    known = {module: imported(module, tree) for module, tree in trees.items()}
-    failing = {place for place, one in functions.items() if fails_itself(one)}
-    called = {place: calls(one, known[place[0]]) for place, one in functions.items()}
-    while more := {place for place in called if place not in failing and called[place] & failing}:
-        failing |= more
+    imports = {module: imported(module, tree) for module, tree in trees.items()}
+    failing = {place for place, function in functions.items() if fails_itself(function)}
+    called = {place: calls(function, imports[place[0]]) for place, function in functions.items()}
+    while callers := {
+        place for place in called if place not in failing and called[place] & failing
+    }:
+        failing |= callers
     tests = [place for place in functions if place[1].startswith("test_")]
     assert len(tests) > 1000
     assert [place for place in tests if place not in failing] == []
@@ -91,12 +93,16 @@ def test_every_test_can_fail() -> None:
 
 def imported(module: str, tree: ast.Module) -> dict[str, tuple[str, str]]:
     """What a name of this file is: the file and the name there."""
-    own = {one.name: (module, one.name) for one in ast.walk(tree) if isinstance(one, Function)}
-    others = (one for one in ast.walk(tree) if isinstance(one, ast.ImportFrom))
-    return own | {
-        one.asname or one.name: (node.module or "", one.name)
-        for node in others
-        for one in node.names
+    functions = {
+        function.name: (module, function.name)
+        for function in ast.walk(tree)
+        if isinstance(function, Function)
+    }
+    imports = (statement for statement in ast.walk(tree) if isinstance(statement, ast.ImportFrom))
+    return functions | {
+        alias.asname or alias.name: (node.module or "", alias.name)
+        for node in imports
+        for alias in node.names
     }
 
 
@@ -112,6 +118,6 @@ def can_fail(name: str) -> bool:
     return name in FAILS or name.startswith("assert_")  # the last of numpy
 
 
-def calls(function: Function, known: dict[str, tuple[str, str]]) -> set[tuple[str, str]]:
+def calls(function: Function, imports: dict[str, tuple[str, str]]) -> set[tuple[str, str]]:
     names = (last_name(node.func) for node in ast.walk(function) if isinstance(node, ast.Call))
-    return {known[name] for name in names if name in known}
+    return {imports[name] for name in names if name in imports}

@@ -102,13 +102,13 @@ def refused(status: int, *arguments: str | Path, cwd: Path | None = None) -> str
 
 def run_here(*arguments: str) -> tuple[int, str, str]:
     """The program in this process, for very many runs: status, standard output, standard error."""
-    taken = io.BytesIO(), io.BytesIO()
-    out, err = (io.TextIOWrapper(one, encoding="utf-8") for one in taken)
+    streams = io.BytesIO(), io.BytesIO()
+    out, err = (io.TextIOWrapper(stream, encoding="utf-8") for stream in streams)
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
         patch.setattr(sys, "argv", ["glidecal", *arguments])
-        with pytest.raises(SystemExit) as left:
+        with pytest.raises(SystemExit) as exit_info:
             main()
         sys.stderr.flush()
-    status = left.value.code
+    status = exit_info.value.code
     assert isinstance(status, int)
-    return status, taken[0].getvalue().decode(), taken[1].getvalue().decode()
+    return status, streams[0].getvalue().decode(), streams[1].getvalue().decode()

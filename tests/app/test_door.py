@@ -39,42 +39,42 @@ def test_it_is_typed() -> None:
 
 
 def test_solving_a_path_or_a_session_is_what_the_command_says() -> None:
-    said = json.loads(command("solve", SESSION, "--json").out)
-    for given in (str(SESSION), glidecal.load(SESSION)):
-        solved = glidecal.solve(given)
-        found = json.loads(to_json(SolutionReport.of(SolutionResults(solved))))
-        assert found["parameters"] == said["parameters"]
+    document = json.loads(command("solve", SESSION, "--json").out)
+    for source in (str(SESSION), glidecal.load(SESSION)):
+        solved = glidecal.solve(source)
+        report = json.loads(to_json(SolutionReport.of(SolutionResults(solved))))
+        assert report["parameters"] == document["parameters"]
     frame = solved.to_frame()
-    values = {name: one["value"] for name, one in said["parameters"].items()}
+    values = {name: parameter["value"] for name, parameter in document["parameters"].items()}
     assert dict(zip(frame["parameter"], frame["value"], strict=True)) == values
 
 
 def test_a_set_is_a_view_beside_the_same_correction() -> None:
-    asked, chosen = glidecal.solve(SESSION, subset="leg-lengths"), glidecal.solve(SESSION)
-    assert asked.solution.subset == "leg-lengths"
+    view, chosen = glidecal.solve(SESSION, subset="leg-lengths"), glidecal.solve(SESSION)
+    assert view.solution.subset == "leg-lengths"
     assert chosen.solution.subset == chosen.choice.usual
-    assert not asked.is_worked_out  # the correction takes time only where it is asked for
-    assert asked.correction.values == chosen.correction.values  # whatever set is viewed
+    assert not view.is_worked_out  # the correction takes time only where it is asked for
+    assert view.correction.values == chosen.correction.values  # whatever set is viewed
 
 
 def test_tables_of_a_solution_are_its_numbers() -> None:
     solved = glidecal.solve(SESSION)
-    said = json.loads(command("solve", SESSION, "--json").out)["differences"]
+    document = json.loads(command("solve", SESSION, "--json").out)["differences"]
     differences = solved.to_frame("differences").set_index("difference")
     assert {name: row["value_mm"] for name, row in differences.iterrows()} == {
-        name: one["value"] for name, one in said.items()
+        name: entry["value"] for name, entry in document.items()
     }
     residuals = solved.to_frame("residuals")
     assert residuals["residual_mm"].tolist() == solved.solution.residual_mm.tolist()
-    assert residuals["value_mm"].tolist() == [one.value_mm for _, one in solved.visits]
+    assert residuals["value_mm"].tolist() == [visit.value_mm for _, visit in solved.visits]
 
 
 def test_a_simulated_session_is_planned_for_and_diagnosed() -> None:
     session = glidecal.simulate("two-station", effect="backlash", size=0.2, seed=3)
     assert len(session.to_frame()) == len(session.readings)
-    found = glidecal.diagnose(session)
-    assert found.diagnosis.effects[0].id == "backlash"
-    frame = found.to_frame()
+    results = glidecal.diagnose(session)
+    assert results.diagnosis.effects[0].id == "backlash"
+    frame = results.to_frame()
     assert frame["effect"][0] == "backlash"
     assert frame["standing"][0] == "named"
     planned = glidecal.plan(session)

@@ -49,7 +49,7 @@ def test_a_room_pulls_in_nothing_it_must_not_know(room: str, unknown: set[str]) 
 
 
 @pytest.mark.parametrize(
-    ("other", "arguments"),
+    ("other_machine", "arguments"),
     [
         ("hexaslide", ["solve", "sample_sessions/experiment_1_six.jsonl", "--json"]),
         ("hexaslide", ["identifiability", "linear-delta"]),
@@ -58,16 +58,16 @@ def test_a_room_pulls_in_nothing_it_must_not_know(room: str, unknown: set[str]) 
     ],
 )
 def test_a_machine_loads_nothing_of_another(
-    other: str, arguments: list[str], tmp_path: Path
+    other_machine: str, arguments: list[str], tmp_path: Path
 ) -> None:
     measured = str(tmp_path / "measured.json")
     write_simulated(Request("pose-inverse", postures=10, seed=1), Path(measured), None)
-    asked = [measured if one == "measured.json" else one for one in arguments]
+    words = [measured if argument == "measured.json" else argument for argument in arguments]
     script = f"""
 import atexit, sys
 from app.cli import main
 atexit.register(lambda: print(*sys.modules, file=sys.stderr))
-sys.argv = ["glidecal", *{asked!r}]
+sys.argv = ["glidecal", *{words!r}]
 main()
 """
     done = subprocess.run(
@@ -75,22 +75,24 @@ main()
     )
     loaded = done.stderr.splitlines()[-1].split()
     assert "calib.design.identifiability" in loaded
-    assert not [name for name in loaded if name.startswith(f"calib.{other}")]
-    if "solve" in asked:  # nobody asked for a model or a diagnosis; a tripod's bound weighs effects
+    assert not [name for name in loaded if name.startswith(f"calib.{other_machine}")]
+    if "solve" in words:  # nobody asked for a model or a diagnosis; a tripod's bound weighs effects
         unasked = ("protocols.model_file", "calib.diagnosis.")
         # what is entered for six chains is weighed where they are diagnosed
-        own = ("calib.diagnosis.hexaslide", "calib.diagnosis.thresholds")
+        own_modules = ("calib.diagnosis.hexaslide", "calib.diagnosis.thresholds")
         strange = [name for name in loaded if name.startswith(unasked)]
-        assert not [n for n in strange if other == "hexaslide" or not n.startswith(own)]
+        assert not [
+            n for n in strange if other_machine == "hexaslide" or not n.startswith(own_modules)
+        ]
         weighed = [name for name in loaded if name.startswith("calib.tripod.effects")]
-        assert bool(weighed) is (other == "hexaslide")
+        assert bool(weighed) is (other_machine == "hexaslide")
 
 
 def test_a_machine_is_named_in_its_own_files_and_the_registry_alone() -> None:
-    own = [path for room in ROOMS for path in (ROOT / room).rglob("*.py")]
-    naming = [path for path in own if re.search("hexa.?slide", path.read_text("utf-8"), re.I)]
-    others = [path for path in naming if "hexaslide" not in str(path.relative_to(ROOT))]
-    assert others == [ROOT / "app/machines/registry.py"]
+    paths = [path for room in ROOMS for path in (ROOT / room).rglob("*.py")]
+    naming = [path for path in paths if re.search("hexa.?slide", path.read_text("utf-8"), re.I)]
+    other_paths = [path for path in naming if "hexaslide" not in str(path.relative_to(ROOT))]
+    assert other_paths == [ROOT / "app/machines/registry.py"]
 
 
 def test_no_command_knows_the_name_of_a_machine() -> None:

@@ -63,13 +63,13 @@ def test_without_the_variable_it_is_in_the_users_folder(
 
 def test_keys_may_be_written_with_and_without_quotes(file: Path) -> None:
     write(file, OWN)
-    known = read_settings(file)
-    assert known.animations is False
-    assert known.keys == {"measure.take": "space,f2", "measure.hold": "h"}
+    settings = read_settings(file)
+    assert settings.animations is False
+    assert settings.keys == {"measure.take": "space,f2", "measure.hold": "h"}
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "said"),
+    ("text", "line", "message"),
     [
         ('theme = "pink [mm]"\n', 1, "textual-light"),
         ('\n[keys]\n"measure.talk" = "f2"\n', 3, "an unknown id"),
@@ -84,13 +84,13 @@ def test_keys_may_be_written_with_and_without_quotes(file: Path) -> None:
     ],
 )
 def test_what_does_not_fit_is_told_with_its_line(
-    file: Path, text: str, line: int, said: str
+    file: Path, text: str, line: int, message: str
 ) -> None:
     write(file, text)
     words = refused(3, "settings")
     assert str(file) in words
     assert f"line {line}," in words
-    assert said in words
+    assert message in words
 
 
 def test_swapped_keys_do_not_clash(file: Path) -> None:
@@ -99,16 +99,16 @@ def test_swapped_keys_do_not_clash(file: Path) -> None:
 
 
 def test_the_command_lists_file_values_and_every_key(file: Path) -> None:
-    shown = glidecal("settings")
-    assert f"{file} (not there yet" in shown.out.replace("\n", " ")
+    run = glidecal("settings")
+    assert f"{file} (not there yet" in run.out.replace("\n", " ")
     write(file, OWN)
-    shown = glidecal("settings")
-    assert "not there yet" not in shown.out
-    assert "animations  off" in shown.out
-    (row,) = (line for line in shown.out.splitlines() if line.strip().startswith("measure.take "))
+    run = glidecal("settings")
+    assert "not there yet" not in run.out
+    assert "animations  off" in run.out
+    (row,) = (line for line in run.out.splitlines() if line.strip().startswith("measure.take "))
     assert row.split() == ["measure.take", "space", "space,f2", "Take"]
     for key_id in ("home.quit", "check.begin", "prepare.dry-run", "page.copy", "replay.play"):
-        assert key_id in shown.out
+        assert key_id in run.out
 
 
 def test_a_theme_is_added_and_replaced_and_the_rest_stays(file: Path) -> None:

@@ -29,7 +29,7 @@ def git(folder: Path, *words: str) -> str:
 
 
 @pytest.fixture
-def told(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], str]:
+def version_of(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], str]:
     """The version of a program that stands in a folder."""
 
     def version(folder: Path) -> str:
@@ -55,13 +55,13 @@ def checkout(tmp_path: Path) -> Path:
 
 
 def test_a_checkout_tells_the_commit_of_this_moment(
-    checkout: Path, told: Callable[[Path], str]
+    checkout: Path, version_of: Callable[[Path], str]
 ) -> None:
     """On a branch, packed, detached, in a worktree and in a clone without history or tags."""
 
     def right(folder: Path) -> bool:
         commit = git(folder, "rev-parse", "HEAD")
-        return told(folder) == f"{versions.NEXT_RELEASE}+g{commit[:9]}.checkout"
+        return version_of(folder) == f"{versions.NEXT_RELEASE}+g{commit[:9]}.checkout"
 
     assert right(checkout)
     git(checkout, "commit", "--quiet", "--allow-empty", "-m", "second")
@@ -81,24 +81,24 @@ def test_a_checkout_tells_the_commit_of_this_moment(
 
 
 def test_a_checkout_that_git_cannot_read_either_tells_no_commit(
-    tmp_path: Path, told: Callable[[Path], str]
+    tmp_path: Path, version_of: Callable[[Path], str]
 ) -> None:
     (tmp_path / "secret").write_text("a line of a stranger")
     for number, head in enumerate(("ref: refs/heads/none", "ref: ../../../secret", "?", "\udcff")):
         git_folder = tmp_path / f"{number}" / ".git"
         git_folder.mkdir(parents=True)
         (git_folder / "HEAD").write_bytes(f"{head}\n".encode(errors="surrogateescape"))
-        assert told(git_folder.parent) == f"{versions.NEXT_RELEASE}+checkout"
+        assert version_of(git_folder.parent) == f"{versions.NEXT_RELEASE}+checkout"
     moved = tmp_path / "moved"
     moved.mkdir()
     (moved / ".git").write_text("gitdir: ../gone\n")
-    assert told(moved) == f"{versions.NEXT_RELEASE}+checkout"
+    assert version_of(moved) == f"{versions.NEXT_RELEASE}+checkout"
 
 
 def test_outside_git_and_not_installed_it_is_unknown(
-    tmp_path: Path, told: Callable[[Path], str]
+    tmp_path: Path, version_of: Callable[[Path], str]
 ) -> None:
-    assert told(tmp_path) == f"{versions.NEXT_RELEASE}+unknown"
+    assert version_of(tmp_path) == f"{versions.NEXT_RELEASE}+unknown"
 
 
 def test_the_next_release_is_told_once() -> None:

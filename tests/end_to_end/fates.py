@@ -84,13 +84,13 @@ class DoomedFile:
         self._fate = fate
 
     def write(self, content: bytes) -> int:
-        left = self._fate.bytes_left(bytes(content))
-        if left is None:
+        byte_count = self._fate.bytes_left(bytes(content))
+        if byte_count is None:
             return self._file.write(content)
-        self._file.write(content[:left])
+        self._file.write(content[:byte_count])
         self._file.flush()
         die()
-        return left
+        return byte_count
 
     def truncate(self, size: int) -> int:
         if self._fate.pause():

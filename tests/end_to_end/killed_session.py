@@ -95,8 +95,8 @@ class Life:
     def live(self) -> None:
         """Go on with the session until it is closed, or until the end."""
         with doomed(self._fate):
-            whole = replace(plan(self._path), continued=self._path.exists())
-            guided = begin(whole, self._indicators)
+            continuation = replace(plan(self._path), continued=self._path.exists())
+            guided = begin(continuation, self._indicators)
             lines = self._path.read_bytes().count(b"\n")
             step = guided.step()
             self._tell({"did": "begin", "lines": lines, "step": step.number if step else None})
@@ -105,10 +105,10 @@ class Life:
             guided.finish()
             self._tell({"did": "finish"})
 
-    def _tell(self, told: Told) -> None:
+    def _tell(self, report: Told) -> None:
         if self._fate.pause():
             die()
-        os.write(self._pipe, json.dumps(told).encode() + b"\n")
+        os.write(self._pipe, json.dumps(report).encode() + b"\n")
 
     def _act(self, guided: GuidedSession) -> None:
         self._acts += 1
@@ -119,10 +119,10 @@ class Life:
             self._tell({"did": "correct", "words": words})
 
     def _take(self, guided: GuidedSession) -> None:
-        taken = guided.take()
-        if taken is not None:
-            values = [[r.reading, r.axis, r.value_mm] for r in taken.readings]
-            self._tell({"did": "take", "step": taken.step.number, "readings": values})
+        taken_step = guided.take()
+        if taken_step is not None:
+            values = [[r.reading, r.axis, r.value_mm] for r in taken_step.readings]
+            self._tell({"did": "take", "step": taken_step.step.number, "readings": values})
 
     def _correct(self, guided: GuidedSession, words: str) -> bool:
         """One of the operator's corrections; whether the record has these words now."""
@@ -160,12 +160,12 @@ def run_life(path: Path, number: int, seed: str, fate: Fate) -> tuple[list[Told]
         os._exit(0)
     os.close(writing)
     with os.fdopen(reading) as pipe:
-        told = [json.loads(line) for line in pipe]
+        reports = [json.loads(line) for line in pipe]
     _, status = os.waitpid(child, 0)
     killed = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL
     if not killed and os.WEXITSTATUS(status):
         sys.exit("a life ended by an error")
-    return told, killed
+    return reports, killed
 
 
 def is_closed(path: Path) -> bool:
@@ -175,21 +175,21 @@ def is_closed(path: Path) -> bool:
 
 def run_session(path: Path, seed: str, fates: Iterator[Fate]) -> Told:
     """Lives until the record is closed. A file without a first line is begun again."""
-    told: list[Told] = []
+    reports: list[Told] = []
     kills = number = 0
     while not (path.exists() and is_closed(path)):
         if path.exists() and b"\n" not in path.read_bytes():
             path.unlink()
         number += 1
-        said, killed = run_life(path, number, seed, next(fates))
-        told += said
+        life_reports, killed = run_life(path, number, seed, next(fates))
+        reports += life_reports
         kills += killed
-    return {"path": str(path), "kills": kills, "told": told}
+    return {"path": str(path), "kills": kills, "told": reports}
 
 
-def random_fates(chance: random.Random, wanted: int) -> Iterator[Fate]:
+def random_fates(chance: random.Random, count: int) -> Iterator[Fate]:
     """So many kills, some of them while the record is being opened again; then peace."""
-    for _ in range(wanted):
+    for _ in range(count):
         yield RandomFate(chance.randint(0, 900 if chance.random() < 0.3 else 6000))
     yield from itertools.repeat(Spared())
 

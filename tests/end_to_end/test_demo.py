@@ -29,8 +29,8 @@ def test_demo_headless(tmp_path: Path, procedure: str) -> None:
     assert [read_record(p).end for p in sessions] == ["closed", "closed"]
     first, second = (fold(read_record(p).events) for p in sessions)
     entered = second.opened.machine.entered_offsets_mm
-    shown = re.findall(r"d_rho_\w +([+-][\d.]+)", run.out)[:3]
-    assert [f"{value:+.4f}" for value in entered] == shown
+    figures = re.findall(r"d_rho_\w +([+-][\d.]+)", run.out)[:3]
+    assert [f"{value:+.4f}" for value in entered] == figures
     assert first.opened.machine.entered_offsets_mm == (0.0, 0.0, 0.0)
     assert all(re.fullmatch(r"01A[+-]\d+\.\d+", r.text) for r in first.readings)
 
@@ -69,7 +69,7 @@ def test_killed_in_the_middle_and_continued(tmp_path: Path) -> None:
     assert acknowledged | set(range(1, 10)) <= done
     again = glidecal("run", "--continue", session, "--headless")
     assert again.status == 0, again.err
-    whole = fold(read_record(session).events)
-    assert whole.done() == frozenset(range(1, 31))
-    assert len(whole.readings) == 60
+    whole_session = fold(read_record(session).events)
+    assert whole_session.done() == frozenset(range(1, 31))
+    assert len(whole_session.readings) == 60
     assert glidecal("validate", session).status == 0

@@ -112,9 +112,9 @@ def test_the_session_is_paused_and_goes_on(
 def test_wrong_settings_are_told_before_a_screen_opens(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    own = tmp_path / "settings.toml"
-    own.write_text('theme = "pink"\n', encoding="utf-8")
-    monkeypatch.setenv("GLIDECAL_SETTINGS", str(own))
+    settings_path = tmp_path / "settings.toml"
+    settings_path.write_text('theme = "pink"\n', encoding="utf-8")
+    monkeypatch.setenv("GLIDECAL_SETTINGS", str(settings_path))
     terminal = Terminal(tmp_path, "run", "--simulated", "-o", "session.jsonl")
     terminal.until(terminal.ended)
     terminal.until(lambda: b"'pink'" in terminal.shown)
@@ -122,4 +122,4 @@ def test_wrong_settings_are_told_before_a_screen_opens(
     assert terminal.process.returncode == 3
     assert b"\x1b[?1049h" not in terminal.shown  # no screen was opened
     assert b"line 1, theme" in terminal.shown
-    assert list(tmp_path.iterdir()) == [own]
+    assert list(tmp_path.iterdir()) == [settings_path]

@@ -77,17 +77,19 @@ def check_session(session: dict[str, Any]) -> Lines:
     lines: Lines = [json.loads(line) for line in path.read_bytes().splitlines()]
     values = Counter(line["value_mm"] for line in lines if line["event"] == "reading")
     readings = {line["reading"]: line for line in lines if line["event"] == "reading"}
-    for told in session["told"]:
-        if told["did"] == "begin":
-            assert Ledger(lines[: told["lines"]]).first_unfinished() == told["step"], told
-        elif told["did"] == "correct":
-            said = [e["event"] for e in lines if told["words"] in (e.get("text"), e.get("reason"))]
-            assert said, told
-            assert len(set(said)) == len(said), told
-        for number, axis, value_mm in told.get("readings", ()):
-            found = readings[number]
-            assert (found["step"], found["axis"], found["value_mm"]) == (
-                told["step"],
+    for report in session["told"]:
+        if report["did"] == "begin":
+            assert Ledger(lines[: report["lines"]]).first_unfinished() == report["step"], report
+        elif report["did"] == "correct":
+            events = [
+                e["event"] for e in lines if report["words"] in (e.get("text"), e.get("reason"))
+            ]
+            assert events, report
+            assert len(set(events)) == len(events), report
+        for number, axis, value_mm in report.get("readings", ()):
+            reading = readings[number]
+            assert (reading["step"], reading["axis"], reading["value_mm"]) == (
+                report["step"],
                 axis,
                 value_mm,
             )
@@ -144,30 +146,30 @@ def test_a_real_run_is_killed_three_times_and_continued(tmp_path: Path) -> None:
     """Whole lines seen on the disk before a kill begin the finished record."""
     session = tmp_path / "s.jsonl"
     arguments = ["run", "--simulated", "--headless", "-o", str(session)]
-    for wanted in (5, 25, 45):
+    for line_count in (5, 25, 45):
         with subprocess.Popen([sys.executable, "-m", "app", *arguments]) as run:
-            seen = lines_when_there_are(session, wanted, run)
+            beginning = lines_when_there_are(session, line_count, run)
             os.kill(run.pid, signal.SIGKILL)
         assert run.returncode == -signal.SIGKILL, "the run ended before it was killed"
         on_disk = session.read_bytes()
-        assert on_disk.startswith(seen)
+        assert on_disk.startswith(beginning)
         arguments = ["run", "--headless", "--continue", str(session)]
     again = glidecal(*arguments)
     assert again.status == 0, again.err
-    whole = session.read_bytes()
-    assert whole.startswith(on_disk[: on_disk.rfind(b"\n") + 1])
+    content = session.read_bytes()
+    assert content.startswith(on_disk[: on_disk.rfind(b"\n") + 1])
     folded = fold(read_record(session).events)
-    assert [e["event"] for e in map(json.loads, whole.splitlines())].count("continued") == 3
+    assert [e["event"] for e in map(json.loads, content.splitlines())].count("continued") == 3
     assert folded.done() == frozenset(range(1, 31))
     assert len(folded.readings) == 60
     assert glidecal("validate", session).status == 0
 
 
-def lines_when_there_are(path: Path, wanted: int, run: subprocess.Popen[bytes]) -> bytes:
+def lines_when_there_are(path: Path, line_count: int, run: subprocess.Popen[bytes]) -> bytes:
     """The whole lines of a growing file as soon as there are so many."""
     while run.poll() is None:
         content = path.read_bytes() if path.exists() else b""
-        if content.count(b"\n") >= wanted:
+        if content.count(b"\n") >= line_count:
             return content[: content.rfind(b"\n") + 1]
         time.sleep(0.001)
-    pytest.fail(f"the run ended with status {run.returncode} and fewer than {wanted} lines")
+    pytest.fail(f"the run ended with status {run.returncode} and fewer than {line_count} lines")

@@ -52,10 +52,10 @@ class Person:
     def key_for(self, words: str) -> str:
         """The key that the last line of the screen names for this."""
         self.screen.wait_for(f" {words}")
-        found = re.search(rf"(\S+) {words}\b", self.screen.screen().strip().splitlines()[-1])
-        assert found, f"no key for {words}:\n{self.screen.screen()}"
+        match = re.search(rf"(\S+) {words}\b", self.screen.screen().strip().splitlines()[-1])
+        assert match, f"no key for {words}:\n{self.screen.screen()}"
         return {"⏎": "Enter", "space": "Space", "esc": "Escape"}.get(
-            found[1], found[1].replace("f1", "F1")
+            match[1], match[1].replace("f1", "F1")
         )
 
     def do(
@@ -79,23 +79,23 @@ class Person:
 
     def look(self) -> bool:
         """Read the screen and do what it asks for. Returns whether the session has its result."""
-        shown = self.read()
-        if moved := re.search(r"Was it the one along ([YZ])\? Then (\S) exchanges", shown):
+        text = self.read()
+        if moved := re.search(r"Was it the one along ([YZ])\? Then (\S) exchanges", text):
             self.do(lambda: self.screen.press(moved[2].lower()), until_gone=moved[0])
-        elif asked := re.search(r"[Pp]ush in the spindle along ([YZ]) of leg X", shown):
-            words = shown[shown.index(asked[0]) :][:90]
-            self.do(lambda: self.push(asked[1]), until_gone=words, again_s=10.0)
-        elif "found at its place. Enter begins" in shown:
+        elif request := re.search(r"[Pp]ush in the spindle along ([YZ]) of leg X", text):
+            words = text[text.index(request[0]) :][:90]
+            self.do(lambda: self.push(request[1]), until_gone=words, again_s=10.0)
+        elif "found at its place. Enter begins" in text:
             self.do(lambda: self.screen.press("Enter"), until_gone="Enter begins")
-        elif answer := re.search(r"did the machine move\?.*?(\d)  No\.", shown):
+        elif answer := re.search(r"did the machine move\?.*?(\d)  No\.", text):
             self.do(lambda: self.screen.press(answer[1]), until_gone="did the machine move?")
-        elif "Space continues" in shown:
+        elif "Space continues" in text:
             self.do(lambda: self.screen.press("Space"), until_gone="Space continues")
-        elif present := re.search(r">\s+(\d+) [XYZ] (ZERO|MAX|MIN)", shown):
-            self.measure(int(present[1]), shown)
-        return "With these values entered" in shown
+        elif present := re.search(r">\s+(\d+) [XYZ] (ZERO|MAX|MIN)", text):
+            self.measure(int(present[1]), text)
+        return "With these values entered" in text
 
-    def measure(self, step: int, shown: str) -> None:
+    def measure(self, step: int, text: str) -> None:
         """Move the machine there, wait until all stand still, take."""
         forgotten = step == 2 and self.forgets_to_move
         if step != self.at_step and not forgotten:
@@ -103,7 +103,7 @@ class Person:
             self.machine.wait_for(f"step {step}:")
             self.at_step = step
             time.sleep(1.5)  # the machine goes there, and is heard to
-        elif shown.count("= STABLE") == 2:
+        elif text.count("= STABLE") == 2:
             self.screen.press(self.key_for("Take"))
             self.forgets_to_move &= not forgotten
             time.sleep(1.0)
@@ -115,10 +115,10 @@ def terminals(tmp_path: Path) -> Iterator[tuple[Terminal, Terminal]]:
     for folder in folders:
         folder.mkdir()
         (folder / "short.toml").write_text(PROCEDURE, encoding="utf-8")
-    both = Terminal(folders[0]), Terminal(folders[1])
-    yield both
-    for one in both:
-        one.stop()
+    pair = Terminal(folders[0]), Terminal(folders[1])
+    yield pair
+    for terminal in pair:
+        terminal.stop()
 
 
 def test_a_whole_session_by_who_reads_only_the_screen(
@@ -126,15 +126,15 @@ def test_a_whole_session_by_who_reads_only_the_screen(
 ) -> None:
     screen, machine = terminals
     machine.start("simulate-indicator", "mitutoyo-01a", "--protocol", "short.toml")
-    told = machine.wait_for("Ctrl-C ends").replace("\n", "")
-    first, second = dict.fromkeys(re.findall(r"/dev/[a-z]+/?\d+", told))
+    output = machine.wait_for("Ctrl-C ends").replace("\n", "")
+    first, second = dict.fromkeys(re.findall(r"/dev/[a-z]+/?\d+", output))
     wrong = [f"--indicator mitutoyo-01a:{port}" for port in (second, first)]
     screen.start("run", "--protocol", "short.toml", "-o", "mine.jsonl", *wrong)
     person = Person(screen, machine)
-    shown, since = "", time.monotonic()
+    text, since = "", time.monotonic()
     while not person.look():
-        if (now := person.read()) != shown:
-            shown, since = now, time.monotonic()
+        if (now := person.read()) != text:
+            text, since = now, time.monotonic()
         assert time.monotonic() - since < PATIENCE_S, f"nothing goes on:\n{screen.screen()}"
         time.sleep(0.2)
     screen.press(person.key_for("Export"))
@@ -146,8 +146,11 @@ def test_a_whole_session_by_who_reads_only_the_screen(
     session = fold(record.events)
     assert record.end == "closed"
     assert session.complete
-    assert [one.port for one in session.opened.instruments] == [first, second]
-    assert [one.pushed_in for one in session.opened.instruments] == ["larger", "larger"]
+    assert [instrument.port for instrument in session.opened.instruments] == [first, second]
+    assert [instrument.pushed_in for instrument in session.opened.instruments] == [
+        "larger",
+        "larger",
+    ]
     assert "ports exchanged" in session.notes[0]
     assert list(session.superseded.values()) == ["questioned: unchanged"] * 2
     assert "did the machine move?" in person.met

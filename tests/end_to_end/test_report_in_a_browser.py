@@ -89,14 +89,14 @@ class Tab:
         await self.until("Page.loadEventFired")
 
     async def value(self, expression: str) -> object:
-        found = await self.ask("Runtime.evaluate", expression=expression, returnByValue=True)
-        return found["result"].get("value")
+        result = await self.ask("Runtime.evaluate", expression=expression, returnByValue=True)
+        return result["result"].get("value")
 
     def happened(self, event: str) -> list[dict[str, Any]]:
         return [heard["params"] for heard in self.told if heard.get("method") == event]
 
     def requests(self) -> list[str]:
-        return [one["request"]["url"] for one in self.happened("Network.requestWillBeSent")]
+        return [event["request"]["url"] for event in self.happened("Network.requestWillBeSent")]
 
 
 @asynccontextmanager
@@ -115,7 +115,7 @@ async def browser(folder: Path) -> AsyncIterator[Tab]:
         async with aiohttp.ClientSession() as client:
             async with client.get(f"http://127.0.0.1:{port}/json/list") as listed:
                 pages = json.loads(await listed.text())
-            (address,) = (one["webSocketDebuggerUrl"] for one in pages if one["type"] == "page")
+            (address,) = (page["webSocketDebuggerUrl"] for page in pages if page["type"] == "page")
             async with client.ws_connect(address, max_msg_size=0) as socket:
                 yield Tab(socket)
     finally:
@@ -123,9 +123,9 @@ async def browser(folder: Path) -> AsyncIterator[Tab]:
         await process.wait()
 
 
-async def _port(told: Path) -> int:
+async def _port(port_file: Path) -> int:
     async with asyncio.timeout(PATIENCE_S):
-        while not told.is_file() or len(lines := told.read_text().split()) < 2:
+        while not port_file.is_file() or len(lines := port_file.read_text().split()) < 2:
             await asyncio.sleep(0.05)
     return int(lines[0])
 
@@ -169,8 +169,8 @@ def history_of(session: Path) -> tuple[str, str, int]:
     """Of a folder with an unreadable file beside the session; three joints on two pictures."""
     folder = session.parent
     (folder / f"{ACTIVE[3].replace('/', '')[:60]}.jsonl").write_text("no session")
-    found = read_history(folder, index=folder / "index.sqlite")
-    return html_of(history_page(found, datetime.now(UTC))), f"History: {folder.name}", 2
+    history = read_history(folder, index=folder / "index.sqlite")
+    return html_of(history_page(history, datetime.now(UTC))), f"History: {folder.name}", 2
 
 
 @pytest.mark.parametrize("page_of", [report_page, history_of])
@@ -196,10 +196,16 @@ async def test_words_of_strangers_do_nothing(
             assert await tab.value("typeof window.owned") == "undefined"
             assert not tab.happened("Page.javascriptDialogOpening")
             assert not tab.happened("Runtime.exceptionThrown")
-            refused = [one["entry"] for one in tab.happened("Log.entryAdded")]
-            assert not [one for one in refused if not one.get("url", "").endswith("favicon.ico")]
-            own = [one for one in tab.requests() if not one.startswith("data:image/svg+xml;base64")]
-            assert own == [url]
+            refused = [event["entry"] for event in tab.happened("Log.entryAdded")]
+            assert not [
+                entry for entry in refused if not entry.get("url", "").endswith("favicon.ico")
+            ]
+            addresses = [
+                request
+                for request in tab.requests()
+                if not request.startswith("data:image/svg+xml;base64")
+            ]
+            assert addresses == [url]
             assert await tab.value(DRAWN) == [True] * pictures
         for width in WIDTHS:
             size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}

@@ -44,8 +44,8 @@ class Terminal:
     def wait_for(self, text: str, patience_s: float = PATIENCE_S) -> str:
         deadline = time.monotonic() + patience_s
         while time.monotonic() < deadline:
-            if text in (shown := self.screen()):
-                return shown
+            if text in (output := self.screen()):
+                return output
             time.sleep(0.1)
         pytest.fail(f"{text!r} did not appear:\n{self.screen()}")
 
@@ -80,15 +80,15 @@ def test_demo_is_driven_by_keys_and_paused_with_ctrl_c(terminal: Terminal, tmp_p
     terminal.press("Enter")
     terminal.wait_for("LEG X   ZERO   cycle 1 of 3")
     terminal.wait_for("= STABLE")
-    shown = terminal.press_for("Space", "Taken and on the disk, step 1")
-    assert "G53 G0 X60.000" in shown
-    assert "f10 Leave" in shown
+    output = terminal.press_for("Space", "Taken and on the disk, step 1")
+    assert "G53 G0 X60.000" in output
+    assert "f10 Leave" in output
     terminal.press("a")
     terminal.wait_for("Taken and on the disk, step 3")
     terminal.press("C-c")
-    shown = terminal.wait_for("STATUS")
-    assert "STATUS 130" in shown
-    joined = shown.replace("\n", "")
+    output = terminal.wait_for("STATUS")
+    assert "STATUS 130" in output
+    joined = output.replace("\n", "")
     assert "glidecal run --continue" in joined
     (session,) = (tmp_path / "demo-sessions").glob("*.jsonl")
     terminal.start("run", "--continue", str(session))
@@ -123,8 +123,8 @@ def test_long_work_tells_that_it_is_under_way_and_stops(terminal: Terminal) -> N
 
 def test_home(terminal: Terminal) -> None:
     terminal.start()
-    shown = terminal.wait_for("Demonstration on a simulated machine")
-    assert "New session on real indicators" in shown
+    output = terminal.wait_for("Demonstration on a simulated machine")
+    assert "New session on real indicators" in output
     terminal.press("Enter")
     terminal.wait_for("First indicator")
     terminal.press("F10")

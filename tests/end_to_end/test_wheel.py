@@ -22,14 +22,14 @@ PIP = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
 OFFLINE = ["--no-deps", "--no-index"]
 
 
-def run(*words: str | Path, **more: str) -> subprocess.CompletedProcess[str]:
+def run(*words: str | Path, **variables: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [*map(str, words)],
         capture_output=True,
         text=True,
         timeout=PATIENCE_S,
         check=False,
-        env={"PATH": "/usr/bin:/bin", **more} if sys.platform != "win32" else None,
+        env={"PATH": "/usr/bin:/bin", **variables} if sys.platform != "win32" else None,
     )
 
 
@@ -98,17 +98,17 @@ class Environment:
 
     def install(self, *wheels: Path) -> None:
         target = ["--python", str(self.python), "install", "--no-compile", *OFFLINE]
-        for one in wheels:
-            done = run(*PIP, *target, one)
+        for archive in wheels:
+            done = run(*PIP, *target, archive)
             assert done.returncode == 0, done.stderr
 
-    def refused(self, *words: str, **more: str) -> str:
-        done = run(*(words or (self.glidecal, "--version")), **more)
+    def refused(self, *words: str, **variables: str) -> str:
+        done = run(*(words or (self.glidecal, "--version")), **variables)
         assert (done.returncode, done.stdout) == (2, ""), done.stderr
-        (said,) = done.stderr.splitlines()
-        assert said.startswith("glidecal: package 'app': ")
-        assert "pipx install glidecal" in said
-        return said
+        (message,) = done.stderr.splitlines()
+        assert message.startswith("glidecal: package 'app': ")
+        assert "pipx install glidecal" in message
+        return message
 
 
 @pytest.fixture
@@ -138,9 +138,9 @@ def test_the_wheel_tells_the_commit_also_where_it_was_built_from_an_archive(
     environment: Environment, wheel: Path, source: Path, tmp_path: Path
 ) -> None:
     environment.install(wheel)
-    told = run(environment.glidecal, "--version").stdout.strip()
+    version_line = run(environment.glidecal, "--version").stdout.strip()
     commit = run("git", "-C", source, "rev-parse", "HEAD").stdout[:7]
-    assert re.fullmatch(rf"glidecal 0\.1\.0\.dev\d+\+g{commit}\w*", told)
+    assert re.fullmatch(rf"glidecal 0\.1\.0\.dev\d+\+g{commit}\w*", version_line)
     script = "from setuptools.build_meta import build_sdist; build_sdist('made')"
     done = run(sys.executable, "-c", f"import os; os.chdir({str(source)!r}); {script}")
     assert done.returncode == 0, done.stderr

@@ -25,5 +25,5 @@ def drawn(interface: Interface) -> str:
 
 def offered(interface: Interface) -> set[str]:
     """Keys that the footer shows."""
-    every = interface.screen.active_bindings.items()
-    return {key for key, entry in every if entry.binding.show}
+    bindings = interface.screen.active_bindings.items()
+    return {key for key, entry in bindings if entry.binding.show}

@@ -46,8 +46,8 @@ def quick_plan(folder: Path) -> Plan:
 
 def text(interface: Interface, selector: str) -> str:
     """The words of a widget, none while the screen is still being composed."""
-    found = interface.screen.query(selector).results(Static)
-    return "".join(str(one.content) for one in found)
+    widgets = interface.screen.query(selector).results(Static)
+    return "".join(str(widget.content) for widget in widgets)
 
 
 def said(interface: Interface) -> str:
@@ -158,6 +158,6 @@ async def take(pilot: Pilot[str], screen: MeasureScreen) -> None:
 
 def answered(outcome: Outcome) -> Future[Outcome]:
     """What a gauge that was asked gives at once."""
-    given = Future[Outcome]()
-    given.set_result(outcome)
-    return given
+    future = Future[Outcome]()
+    future.set_result(outcome)
+    return future

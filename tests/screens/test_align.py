@@ -23,8 +23,8 @@ ONCE = SHORT.model_copy(update={"stations": (0.3, 0.6)})
 
 async def test_a_screw_is_turned_live(tmp_path: Path) -> None:
     path = tmp_path / "s.jsonl"
-    known = Plan(path, Machine(), ONCE, simulated_indicators(["mitutoyo-01a"] * 2), seed=3)
-    plan = replace(aligning(known, "x"), interval_s=0.03)
+    basis = Plan(path, Machine(), ONCE, simulated_indicators(["mitutoyo-01a"] * 2), seed=3)
+    plan = replace(aligning(basis, "x"), interval_s=0.03)
     guided = start_session(plan)
     measure(guided)
     interface = Glidecal(MeasureScreen(guided, plan))
@@ -35,11 +35,11 @@ async def test_a_screw_is_turned_live(tmp_path: Path) -> None:
         assert isinstance(screen, AlignScreen)
         await until(pilot, "the moves", lambda: "to go" in text(interface, "#screws"))
         assert "rail X is the reference and stays" in text(interface, "#said")
-        shown = rows(screen)
+        lines = rows(screen)
         for size in (*SIZES[1:], SIZES[0]):
             await pilot.resize_terminal(*size)
-            assert not (found := await look(pilot, interface)), (size, found)
-        assert sum("mm  " in row and ("  Y " in row or "  Z " in row) for row in shown) >= 7
+            assert not (problems := await look(pilot, interface)), (size, problems)
+        assert sum("mm  " in row and ("  Y " in row or "  Z " in row) for row in lines) >= 7
         await pilot.press("right")
         await until(pilot, "a word", lambda: "Space watches the screw" in text(interface, "#said"))
         await pilot.press("c")
@@ -67,7 +67,7 @@ async def test_a_screw_is_turned_live(tmp_path: Path) -> None:
         assert guided.step() == guided.steps[0]
         await pilot.press("f10")
     changes = fold(read_record(path).events).changes
-    assert [one.support_mm for one in changes] == [None, 210.25, 370.25]
+    assert [change.support_mm for change in changes] == [None, 210.25, 370.25]
     assert changes[1].moved_mm is not None
     assert abs(changes[1].moved_mm - 0.2) < 0.06
     assert changes[2].moved_mm is None

@@ -32,19 +32,19 @@ def plan_of(folder: Path, places_mm: list[float], undo: ExitStack) -> Plan:
     for k in range(2):
         spindle = Spindle(lambda k=k: places_mm[k], 0.001)  # type: ignore[misc]
         ports.append(undo.enter_context(TwinPort(IndicatorTwin(MITUTOYO_01A, spindle), "tcp")).url)
-    both = (
+    instruments = (
         Instrument(profile="mitutoyo-01a", port=ports[0], axes="yxz"),
         Instrument(profile="mitutoyo-01a", port=ports[1], axes="zyx"),
     )
     plan = demo_plan(folder, "zero-max-min", 1)
-    return replace(plan, instruments=both, window_s=0.3)
+    return replace(plan, instruments=instruments, window_s=0.3)
 
 
 async def test_a_swap_is_found_before_the_first_reading(tmp_path: Path) -> None:
     places_mm = [0.0, 0.0]
     with ExitStack() as undo:
         plan = plan_of(tmp_path, places_mm, undo)
-        first, second = (one.port for one in plan.instruments)
+        first, second = (instrument.port for instrument in plan.instruments)
         interface = Glidecal(CheckScreen(plan))
         async with interface.run_test(size=SIZE) as pilot:
 
@@ -65,9 +65,9 @@ async def test_a_swap_is_found_before_the_first_reading(tmp_path: Path) -> None:
             await pilot.press("x")
             words = f"along Z of leg X and let it go: indicator 2 (mitutoyo-01a, {first})"
             await until(pilot, "the exchange", lambda: words in text(interface, "#trial"))
-            left = interface.screen.query(GaugeDisplay).first()
-            assert left.border_subtitle is not None
-            assert second in left.border_subtitle
+            display = interface.screen.query(GaugeDisplay).first()
+            assert display.border_subtitle is not None
+            assert second in display.border_subtitle
             await push(0, "Each spindle was found at its place")
             await pilot.press("enter")
             await until(pilot, "measuring", lambda: isinstance(interface.screen, MeasureScreen))
@@ -93,21 +93,21 @@ async def test_begun_without_the_record_says_so(tmp_path: Path) -> None:
             await pilot.press("f10")
     session = fold(read_record(plan.path).events)
     assert session.notes[0].count("not pushed by hand") == 2
-    assert [one.pushed_in for one in session.opened.instruments] == [None, None]
+    assert [instrument.pushed_in for instrument in session.opened.instruments] == [None, None]
 
 
 async def test_ports_that_open_after_the_program_was_left_are_closed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    left, closed = threading.Event(), threading.Event()
+    exit_event, closed = threading.Event(), threading.Event()
 
     def slowly(_: Plan) -> Indicators:
-        assert left.wait(20.0)
+        assert exit_event.wait(20.0)
         return Indicators((), close_bench=closed.set)
 
     monkeypatch.setattr("app.screens.check.open_indicators", slowly)
     interface = Glidecal(CheckScreen(demo_plan(tmp_path, "zero-max-min", 1)))
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("f10")
-    left.set()
+    exit_event.set()
     assert await asyncio.to_thread(closed.wait, 20.0)

@@ -195,12 +195,15 @@ async def test_what_was_typed_stays_and_is_judged_once_it_is_typed(twin: TwinPor
         await pilot.press("f10")
     (path,) = Path().glob("*.jsonl")
     record = read_record(path)
-    (known,) = record.opened.instruments
-    assert (known.serial_number, str(known.certificate_date)) == ("4711 [x]", "2026-01-31")
+    (instrument,) = record.opened.instruments
+    assert (instrument.serial_number, str(instrument.certificate_date)) == (
+        "4711 [x]",
+        "2026-01-31",
+    )
     assert (record.opened.operator, record.opened.temperature_c) == ("Ada", 21.5)
     assert record.opened.machine.serial_number == last_serial_number("orthoglide") == "OG-7"
     assert "after the crash" in path.read_text(encoding="utf-8")
-    assert last_used("orthoglide") == (known,)
+    assert last_used("orthoglide") == (instrument,)
 
 
 async def test_the_indicators_used_last_are_proposed_and_a_missing_port_is_said() -> None:
@@ -231,13 +234,15 @@ async def test_the_indicators_used_last_are_proposed_and_a_missing_port_is_said(
 
 async def test_the_serial_number_of_a_machine_is_asked_once(tmp_path: Path) -> None:
     remember("orthoglide", [SYLVAC], "OG-7")
-    other = tmp_path / "other.toml"
-    other.write_text('schema = "glidecal.machine/1"\nserial_number = "OG-9"\n', encoding="utf-8")
+    other_file = tmp_path / "other.toml"
+    other_file.write_text(
+        'schema = "glidecal.machine/1"\nserial_number = "OG-9"\n', encoding="utf-8"
+    )
     interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await form(pilot, interface)
         assert screen.query_one("#serial", Input).value == "OG-7"
-        screen.query_one("#machine", Input).value = str(other)
+        screen.query_one("#machine", Input).value = str(other_file)
         await pilot.pause()
         assert screen.query_one("#serial", Input).value == "OG-9"
         await pilot.press("f10")
@@ -259,19 +264,19 @@ async def test_a_damaged_memory_is_told_and_the_form_goes_on() -> None:
 def test_a_session_that_was_begun_is_remembered_and_a_damaged_memory_does_no_harm(
     tmp_path: Path, twin: TwinPort
 ) -> None:
-    known = Instrument(profile="tesa", port=twin.url)
-    plan = replace(quick_plan(tmp_path), instruments=(known,))
+    instrument = Instrument(profile="tesa", port=twin.url)
+    plan = replace(quick_plan(tmp_path), instruments=(instrument,))
     data_path().parent.mkdir(parents=True)
     data_path().write_text("{", encoding="utf-8")
     start_session(plan).leave()
     assert data_path().read_text(encoding="utf-8") == "{"
     data_path().unlink()
     start_session(replace(plan, path=tmp_path / "other.jsonl")).leave()
-    assert last_used(plan.machine.name) == (known,)
+    assert last_used(plan.machine.name) == (instrument,)
     assert last_used("another") == ()
     remember("another", [SYLVAC])
     stored = RememberedIndicators.model_validate_json(data_path().read_text(encoding="utf-8"))
-    assert stored.machines == {plan.machine.name: (known,), "another": (SYLVAC,)}
+    assert stored.machines == {plan.machine.name: (instrument,), "another": (SYLVAC,)}
 
 
 @needs_links

@@ -54,10 +54,10 @@ async def take_something_else(
     ask = Gauge.ask
 
     def wrong(gauge: Gauge) -> Future[Outcome]:
-        heard, given = ask(gauge).result(), Future[Outcome]()
+        heard, future = ask(gauge).result(), Future[Outcome]()
         assert isinstance(heard, IndicatorReading)
-        given.set_result(replace(heard, value_mm=heard.value_mm + off_mm))
-        return given
+        future.set_result(replace(heard, value_mm=heard.value_mm + off_mm))
+        return future
 
     with monkeypatch.context() as patched:
         patched.setattr(Gauge, "ask", wrong)
@@ -65,7 +65,7 @@ async def take_something_else(
 
 
 @pytest.mark.parametrize(
-    ("key", "said"),
+    ("key", "message"),
     [
         ("1", "Not kept. Next is step 4: take it again."),
         ("2", "leave the posture"),
@@ -76,7 +76,7 @@ async def take_something_else(
     ],
 )
 async def test_of_two_repeats_that_disagree_either_may_be_wrong(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, key: str, said: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, key: str, message: str
 ) -> None:
     async with measuring(tmp_path) as (pilot, interface, screen):
         for _ in range(3):
@@ -97,15 +97,15 @@ async def test_of_two_repeats_that_disagree_either_may_be_wrong(
         await pilot.press(key)
         await until(pilot, "an answer", lambda: interface.screen is screen)
         session = screen.guided.session
-        kept = key == "5"
+        is_kept = key == "5"
         done = {"3": {2, 3, 4}, "4": {1}, "5": {1, 2, 3, 4}}.get(key, {1, 2, 3})
         gone = {"3": {1, 2}, "4": {3, 4, 5, 6, 7, 8}, "5": set[int]()}.get(key, {7, 8})
         assert session.done() == done
         assert set(session.superseded) == gone
         assert ("LEG X   MAX" if key in "45" else "LEG X   ZERO") in on(screen, "#step")
         assert len(session.mountings) == (2 if key == "4" else 1)
-        assert said in on(screen, "#said")
-        if kept:
+        assert message in on(screen, "#said")
+        if is_kept:
             assert all(why.endswith("mm from step 1: kept") for why in session.restored.values())
         else:
             assert any("mm from step 1" in note for note in notes(screen))
@@ -113,8 +113,8 @@ async def test_of_two_repeats_that_disagree_either_may_be_wrong(
             return
         await take(pilot, screen)
         assert max(screen.guided.session.done()) == {"4": 2, "5": 5}.get(key, 4)
-        assert ("Y  cycle 2* " in on(screen, "#table")) == kept
-        assert ("*kept" in on(screen, "#table")) == kept
+        assert ("Y  cycle 2* " in on(screen, "#table")) == is_kept
+        assert ("*kept" in on(screen, "#table")) == is_kept
 
 
 async def test_the_third_repeat_settles_which_one_is_odd(
@@ -250,8 +250,8 @@ async def test_a_clock_that_is_set_is_told_and_noted(
 ) -> None:
     async with measuring(tmp_path) as (pilot, _, screen):
         clock = screen.guided.clock
-        shown = clock.wall
-        monkeypatch.setattr(clock, "wall", lambda: shown() + timedelta(hours=1))
+        wall_clock = clock.wall
+        monkeypatch.setattr(clock, "wall", lambda: wall_clock() + timedelta(hours=1))
         await until(pilot, "words", lambda: "set forward by 3600 s" in on(screen, "#said"))
         assert not screen.held
         assert notes(screen) == ["the computer's clock was set forward by 3600 s; time_s goes on"]
@@ -265,12 +265,14 @@ async def test_review_after_each_leg(tmp_path: Path) -> None:
             pilot, screen, "review", lambda: isinstance(interface.screen, LegReviewScreen)
         )
         await until(pilot, "its words", lambda: text(interface, "#review-text"))
-        said = str(interface.screen.query_one("#review-text", Static).content)
-        assert "Leg X is done" in said
-        assert "4 differences so far" in said
-        assert "y_x+" in said
-        shown = [line.split() for line in said.splitlines() if line.startswith((" Y ", " Z "))]
-        assert [row[2] for row in shown] == ["4", "4"], (
+        review_text = str(interface.screen.query_one("#review-text", Static).content)
+        assert "Leg X is done" in review_text
+        assert "4 differences so far" in review_text
+        assert "y_x+" in review_text
+        table_rows = [
+            line.split() for line in review_text.splitlines() if line.startswith((" Y ", " Z "))
+        ]
+        assert [row[2] for row in table_rows] == ["4", "4"], (
             "10 readings, 4 cells and 2 more cycles an axis"
         )
         assert interface.screen.query_one(ChartPlot).display
@@ -323,9 +325,9 @@ async def test_an_empty_reason_is_not_taken_and_escape_says_what_is_next(tmp_pat
         for keys, question in ((("b", "1"), "Why is step 1"), (("s", "1"), "Why?")):
             await pilot.press(*keys)
             await until(pilot, "a reason", lambda: isinstance(interface.screen, TextDialog))
-            said = str(interface.screen.query_one(Static).content)
-            assert question in said
-            assert "Escape: nothing changes, step 2 stays the next." in said
+            question_text = str(interface.screen.query_one(Static).content)
+            assert question in question_text
+            assert "Escape: nothing changes, step 2 stays the next." in question_text
             assert interface.screen.query_one(Input).value == ""
             await pilot.press("enter", "space", "enter")
             await pilot.pause()

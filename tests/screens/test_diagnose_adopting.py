@@ -35,7 +35,7 @@ async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(bowed: Path) -
         await pilot.press("a")
         await until(pilot, "choice", lambda: isinstance(interface.screen, ChoiceDialog))
         listed = interface.screen.query_one(OptionList).options
-        assert [str(one.prompt) for one in listed] == ["1  adopt leg_bow (xy)"]
+        assert [str(option.prompt) for option in listed] == ["1  adopt leg_bow (xy)"]
         await pilot.press("1")
         await until(pilot, "file name", lambda: isinstance(interface.screen, TextDialog))
         model = bowed.with_name("bow [x]_model.json")
@@ -59,8 +59,8 @@ async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(bowed: Path) -
 
 
 async def test_another_effect_of_an_ambiguous_set_is_adopted(doubtful: Path) -> None:
-    taken = doubtful.with_name("taken.toml")
-    taken.write_text("mine", encoding="utf-8")
+    user_file = doubtful.with_name("taken.toml")
+    user_file.write_text("mine", encoding="utf-8")
     target = doubtful.with_name("other.json")
     interface = Glidecal(DiagnoseScreen([doubtful]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
@@ -68,7 +68,7 @@ async def test_another_effect_of_an_ambiguous_set_is_adopted(doubtful: Path) -> 
         assert verdict(interface).startswith("AMBIGUOUS.")
         alike = text(interface, "#candidates-text").replace("\n", " ")
         assert "cannot distinguish actuator_scale (y) from: " in alike
-        for path in (taken, target):
+        for path in (user_file, target):
             await pilot.press("a")
             await until(pilot, "choice", lambda: isinstance(interface.screen, ChoiceDialog))
             listed = [str(o.prompt) for o in interface.screen.query_one(OptionList).options]
@@ -80,13 +80,13 @@ async def test_another_effect_of_an_ambiguous_set_is_adopted(doubtful: Path) -> 
             await until(pilot, "file name", lambda: isinstance(interface.screen, TextDialog))
             interface.screen.query_one(Input).value = str(path)
             await pilot.press("enter")
-            if path == taken:
+            if path == user_file:
                 await until(pilot, "question", lambda: bool(interface.screen.query(OptionList)))
                 question = str(interface.screen.query(Static).first().content)
-                assert question == f"{taken} is there already."
+                assert question == f"{user_file} is there already."
                 await pilot.press("1")
                 await until(pilot, "kept", lambda: interface.screen is screen)
-        assert taken.read_text(encoding="utf-8") == "mine"
+        assert user_file.read_text(encoding="utf-8") == "mine"
         await until(pilot, "again", lambda: screen.model == target and not screen.looking)
         assert rival is not None
         assert [(e.id, e.where) for e in read_model_file(target).effects] == [rival.groups()]
@@ -154,17 +154,17 @@ async def test_a_session_that_agrees(tmp_path: Path) -> None:
             assert said(interface).startswith(words), "in the place of what was said before"
         assert not isinstance(interface.screen, ChoiceDialog)
         await pilot.press("f10")
-    assert [one.name for one in tmp_path.iterdir()] == ["plain.jsonl"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["plain.jsonl"]
 
 
 async def test_a_mistake_is_put_right_in_a_new_session_and_its_result_shown(tmp_path: Path) -> None:
     right = write_session(tmp_path / "right.jsonl", "sweep", 4)
     events = read_record(right).events
     turned = [
-        one.model_copy(update={"value_mm": -one.value_mm})
-        if isinstance(one, Reading) and (one.leg, one.axis) == ("y", "z")
-        else one
-        for one in events
+        event.model_copy(update={"value_mm": -event.value_mm})
+        if isinstance(event, Reading) and (event.leg, event.axis) == ("y", "z")
+        else event
+        for event in events
     ]
     wrong = tmp_path / "wrong.jsonl"
     opened = events[0]
@@ -187,10 +187,10 @@ async def test_a_mistake_is_put_right_in_a_new_session_and_its_result_shown(tmp_
         assert text(interface, "#heading").startswith(new.name)
         await pilot.press("r")
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
-        shown = interface.screen
-        assert isinstance(shown, ResultScreen)
+        result_screen = interface.screen
+        assert isinstance(result_screen, ResultScreen)
         expected = solve_files([right]).joint_offsets_mm
-        assert shown.solved.joint_offsets_mm == pytest.approx(expected, abs=1e-9)
+        assert result_screen.solved.joint_offsets_mm == pytest.approx(expected, abs=1e-9)
         why = "Corrected from wrong.jsonl"
         await until(
             pilot, "text", lambda: why in " ".join(text(interface, "#details-text").split())
@@ -222,7 +222,7 @@ async def test_the_result_with_an_adopted_model_is_exported(tmp_path: Path) -> N
     joints = [f"calib_joint{n}.inc" for n in range(3)]
     assert written == [*joints, "model.json", "offsets.csv", "offsets.json"]
     effects = read_model_file(tmp_path / "play" / "model.json").effects
-    (play,) = [one for one in effects if (one.id, one.where) == ("backlash", "y")]
+    (play,) = [effect for effect in effects if (effect.id, effect.where) == ("backlash", "y")]
     assert play.parameters["play"].value == pytest.approx(0.05, abs=0.003)
     words = " ".join((tmp_path / "play" / joints[1]).read_text().replace("\n# ", " ").split())
     assert "play of y" in words
@@ -241,4 +241,4 @@ async def test_where_nothing_may_be_written(doubtful: Path) -> None:
             assert said(interface).count("This program only shows") == 1
         assert isinstance(interface.screen, DiagnoseScreen)
         await pilot.press("f10")
-    assert [one.name for one in doubtful.parent.iterdir()] == ["doubt.jsonl"]
+    assert [entry.name for entry in doubtful.parent.iterdir()] == ["doubt.jsonl"]

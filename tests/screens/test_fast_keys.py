@@ -53,13 +53,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 async def test_mashed_keys(folder: Path, served: bool, seed: int) -> None:
     """The crashes that were found: palette, lists, screens left twice or before they were there."""
     drawn = random.Random(seed)
-    left = MASHED
-    while left > 0:
+    keys_left = MASHED
+    while keys_left > 0:
         first: Screen[None] = ReplayScreen(SAMPLE) if served else HomeScreen()
         interface = Glidecal(first, read_only=served)
         async with interface.run_test(size=SIZE) as pilot:  # raises what the screens raise
-            while left > 0 and interface.is_running and interface.return_value is None:
-                left -= 1
+            while keys_left > 0 and interface.is_running and interface.return_value is None:
+                keys_left -= 1
                 strike(interface, drawn.choice(KEYS))
                 if drawn.random() < 0.3:
                     await asyncio.sleep(0.02 * drawn.random())

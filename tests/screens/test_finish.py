@@ -30,8 +30,8 @@ async def test_skipped_steps_are_named_in_the_result(tmp_path: Path) -> None:
         guided.skip([2, 3], "cable in [the] way")
         guided.skip([4], "no time")
         measure_all(guided)
-    shown = " ".join(solution_text(solve_files([plan.path])).split())
-    assert "Remark: 3 steps left out: cable in [the] way; no time" in shown
+    words = " ".join(solution_text(solve_files([plan.path])).split())
+    assert "Remark: 3 steps left out: cable in [the] way; no time" in words
 
 
 async def test_a_result_that_cannot_be_computed_yet(

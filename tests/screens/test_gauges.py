@@ -89,8 +89,8 @@ async def test_every_change_is_drawn_and_nothing_old_stays() -> None:
             left.show(change)
             right.show(shown(0.25))
             await pilot.pause()
-            kept = rows(app.screen)
-            assert await as_drawn_anew(pilot, app) == kept
+            screen_rows = rows(app.screen)
+            assert await as_drawn_anew(pilot, app) == screen_rows
             first = rows_of(app, left)[1][2:-2].strip()
             words = left.state.replace("\x1b", "")
             assert first == (words if change is gone else big_digits(left.number)[0].strip())
@@ -106,8 +106,8 @@ async def test_panels_that_the_screen_cuts_show_what_fits() -> None:
             left.show(shown(value_mm, age_s=value_mm))
             await pilot.pause()
             assert rows(app.screen)[1][2:38].strip() == big_digits(left.number)[0].strip()
-            kept = rows(app.screen)
-            assert await as_drawn_anew(pilot, app) == kept
+            screen_rows = rows(app.screen)
+            assert await as_drawn_anew(pilot, app) == screen_rows
 
 
 async def test_faults_are_whole_sentences_without_control_codes() -> None:
@@ -120,8 +120,8 @@ async def test_faults_are_whole_sentences_without_control_codes() -> None:
         assert left.number == "------"
         panel = rows_of(app, left)[1:-1]
         assert {len(row) for row in panel} == {40}, "nothing reaches beyond the border"
-        said = " ".join(" ".join(row[2:-2] for row in panel).split())
-        assert said == f"! FAULT {words} look again.".replace("\x1b", "")
+        text = " ".join(" ".join(row[2:-2] for row in panel).split())
+        assert text == f"! FAULT {words} look again.".replace("\x1b", "")
 
 
 async def test_another_theme_and_another_size_leave_nothing_kept() -> None:

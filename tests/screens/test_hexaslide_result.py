@@ -119,11 +119,11 @@ async def test_too_few_postures_are_said(recorded: bytes, tmp_path: Path) -> Non
 
 
 async def test_the_browser_gets_report_and_history(session: Path) -> None:
-    async with listed(session.parent) as (client, found):
-        page = await (await client.get(found[session.name])).text()
+    async with listed(session.parent) as (client, addresses):
+        page = await (await client.get(addresses[session.name])).text()
         assert "Calibration report" in page
         assert "NOT IDENTIFIABLE" in page
-        history = await (await client.get(found["History of this folder"])).text()
+        history = await (await client.get(addresses["History of this folder"])).text()
         assert "hexaslide-h60, simulated: 1 session" in history
         index = await (await client.get("/reports")).text()
         assert "</a> 24 readings, closed" in index

@@ -46,10 +46,10 @@ def drawn(interface: Interface, name: str) -> str:
 
 def number_colours(interface: Interface, name: str) -> tuple[object, object]:
     """Colours of the letter and of the ground where chain 1 is written."""
-    shown = interface.screen.query_one(f"#{name}", ChartPlot).render()
-    assert isinstance(shown, Text)
-    place = next(m.start() for m in re.finditer(r"(?<![.\d])1(?![.\d])", shown.plain))
-    style = shown.get_style_at_offset(interface.console, place)
+    picture = interface.screen.query_one(f"#{name}", ChartPlot).render()
+    assert isinstance(picture, Text)
+    place = next(m.start() for m in re.finditer(r"(?<![.\d])1(?![.\d])", picture.plain))
+    style = picture.get_style_at_offset(interface.console, place)
     assert style.color is not None
     assert style.bgcolor is not None
     return Color.from_rich_color(style.color).rgb, Color.from_rich_color(style.bgcolor).rgb
@@ -87,9 +87,9 @@ class Gate:
     ) -> Iterator[BestPostures]:
         self.counts.append(count)
         assert self.first.wait(20.0)
-        found = next(searches(procedure, machine, count, search, watch))
+        result = next(searches(procedure, machine, count, search, watch))
         try:
-            yield found
+            yield result
             self.counts.append(count)
             while True:  # ends by what `watch` raises
                 watch()
@@ -100,10 +100,10 @@ class Gate:
 
 @pytest.fixture
 def gate(monkeypatch: pytest.MonkeyPatch) -> Iterator[Gate]:
-    made = Gate()
-    monkeypatch.setattr(searching, "searches", made.searches)
-    yield made
-    made.first.set()
+    new_gate = Gate()
+    monkeypatch.setattr(searching, "searches", new_gate.searches)
+    yield new_gate
+    new_gate.first.set()
 
 
 async def test_procedures_by_keys_with_the_papers_ranks_beside() -> None:
@@ -113,11 +113,11 @@ async def test_procedures_by_keys_with_the_papers_ranks_beside() -> None:
             await pilot.press("p", key)
             screen = await looked(pilot, interface, HexaSlideScreen)
             assert text(interface, "#heading") == f"example H60   {key} of 4: {name}"
-            seen = text(interface, "#sees-text")
-            assert f"IDENTIFIABLE: {rank} of {count} combinations" in seen
-            assert f"(papers/001: {published})" in seen
-            assert f"FEWEST POSTURES: {fewest}." in seen
-            assert ("papers/001 counts" in seen) == (rank != published)
+            words = text(interface, "#sees-text")
+            assert f"IDENTIFIABLE: {rank} of {count} combinations" in words
+            assert f"(papers/001: {published})" in words
+            assert f"FEWEST POSTURES: {fewest}." in words
+            assert ("papers/001 counts" in words) == (rank != published)
             scroll = screen.query_one("#sees VerticalScroll", VerticalScroll)
             assert scroll.max_scroll_x == 0
         await pilot.press("f10")
@@ -127,10 +127,10 @@ async def test_what_is_lost_known_and_how_units_change_the_condition_number() ->
     interface = Glidecal(HexaSlideScreen(Request("position")))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await looked(pilot, interface, HexaSlideScreen)
-        seen = text(interface, "#sees-text")
-        assert "platform frame turned about its X, Y, Z." in " ".join(seen.split())
-        assert "KNOWN ONE BY ONE (31): ax1, ay1, l1" in seen
-        assert "papers/001: 16 optimum" in seen
+        words = text(interface, "#sees-text")
+        assert "platform frame turned about its X, Y, Z." in " ".join(words.split())
+        assert "KNOWN ONE BY ONE (31): ax1, ay1, l1" in words
+        assert "papers/001: 16 optimum" in words
         assert screen.view is not None
         metres, millimetres = (screen.view.conditions[unit] for unit in ("m, rad", "mm, rad"))
         assert 20.0 * metres < millimetres
@@ -209,10 +209,10 @@ async def test_search_shows_start_and_optimum_and_stops(gate: Gate) -> None:
 
 def check_found(screen: HexaSlideScreen) -> None:
     """Both condition numbers once more, from the derivatives themselves."""
-    found, view = screen.found, screen.view
-    assert found is not None
+    optimum, view = screen.found, screen.view
+    assert optimum is not None
     assert view is not None
-    machine, best = view.machine, found
+    machine, best = view.machine, optimum
     for postures, stated in (
         (best.begin, best.start_condition_number),
         (best.coordinates, best.condition_number),
@@ -303,9 +303,9 @@ async def test_measured_components_of_ones_own() -> None:
         await enter(pilot, interface, "x, y, z, theta")
         await looked(pilot, interface, HexaSlideScreen)
         assert text(interface, "#heading").endswith("your own: pose-forward")
-        seen = text(interface, "#sees-text")
-        assert "IDENTIFIABLE: 48 of 49 combinations" in seen
-        assert "papers/001" not in seen
+        words = text(interface, "#sees-text")
+        assert "IDENTIFIABLE: 48 of 49 combinations" in words
+        assert "papers/001" not in words
         await pilot.press("m")
         await enter(pilot, interface, "x,roll [deg]")
         await looked(pilot, interface, HexaSlideScreen)

@@ -43,7 +43,7 @@ async def test_home_leads_to_the_history_and_back(
 
 async def test_entered_offsets_are_a_line_in_the_plot(tmp_path: Path) -> None:
     record = read_record(SESSION)
-    readings: list[Line] = [one for one in record.events if isinstance(one, Reading)]
+    readings: list[Line] = [event for event in record.events if isinstance(event, Reading)]
     for month in range(3):
         machine = record.opened.machine
         if month > 1:
@@ -51,16 +51,16 @@ async def test_entered_offsets_are_a_line_in_the_plot(tmp_path: Path) -> None:
         when = record.opened.at + timedelta(days=30 * month)
         opened = record.opened.model_copy(update={"at": when, "machine": machine})
         write_whole(tmp_path / f"{month}.jsonl", opened, readings)
-    found = read_history(tmp_path)
-    interface = Glidecal(HistoryScreen(found))
+    history = read_history(tmp_path)
+    interface = Glidecal(HistoryScreen(history))
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
         await pilot.press("tab")
         await pilot.pause(0.1)
-        shown = rows(interface.screen)
-        assert any("joint x, change of the offset (1 of 3)" in row for row in shown)
+        screen_rows = rows(interface.screen)
+        assert any("joint x, change of the offset (1 of 3)" in row for row in screen_rows)
         # two sides of the frame, and between them the line at day 60
-        assert sum(sum(map(row.count, "│┤")) == 3 for row in shown) >= 4
+        assert sum(sum(map(row.count, "│┤")) == 3 for row in screen_rows) >= 4
         await pilot.press("minus")
         await pilot.pause(0.1)
         assert any(
@@ -96,11 +96,11 @@ async def test_a_thousand_sessions_of_thirty_machines(size: tuple[int, int]) -> 
     interface = Glidecal(HistoryScreen(thirty_machines()))
     async with interface.run_test(size=size) as pilot:
         await pilot.pause()
-        shown = text(interface, "#history-text")
-        assert shown.count("34 sessions") == 30
-        assert shown.count("Drift of joint y: +0.5 ± 0.") == 30
-        assert "Drift of joint z" not in shown, "nothing moves there"
-        assert "joint y: rule 4, eight in a row on one side" in " ".join(shown.split())
+        words = text(interface, "#history-text")
+        assert words.count("34 sessions") == 30
+        assert words.count("Drift of joint y: +0.5 ± 0.") == 30
+        assert "Drift of joint z" not in words, "nothing moves there"
+        assert "joint y: rule 4, eight in a row on one side" in " ".join(words.split())
         assert len(interface.screen.query(TabPane)) == 2
         await pilot.press("minus")
         await pilot.pause()

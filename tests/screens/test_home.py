@@ -42,16 +42,16 @@ def folder(tmp_path: Path, samples: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
 
 
 def options(interface: Interface) -> list[str]:
-    shown = interface.screen.query_one(OptionList).options
-    return [str(option.prompt) for option in shown]
+    entries = interface.screen.query_one(OptionList).options
+    return [str(option.prompt) for option in entries]
 
 
 async def choose(pilot: Pilot[str], interface: Interface, beginning: str) -> None:
     """Arrow keys to the first line that begins so, and Enter."""
     listed = interface.screen.query_one(OptionList)
-    wanted = next(k for k, words in enumerate(options(interface)) if words.startswith(beginning))
-    await pilot.press("home", *["down"] * wanted)
-    assert listed.highlighted == wanted
+    position = next(k for k, words in enumerate(options(interface)) if words.startswith(beginning))
+    await pilot.press("home", *["down"] * position)
+    assert listed.highlighted == position
     await pilot.press("enter")
 
 
@@ -81,9 +81,9 @@ async def test_list_of_what_can_be_done(folder: Path) -> None:
         assert isinstance(interface.screen, HomeScreen)
         await pilot.press("f1")
         await shown(pilot, interface, HelpDialog)
-        told = interface.screen.query_one(Static).content
-        assert str(told).count("Demonstration") == 1, "once, though its list has the focus"
-        assert "{" not in str(told)
+        content = interface.screen.query_one(Static).content
+        assert str(content).count("Demonstration") == 1, "once, though its list has the focus"
+        assert "{" not in str(content)
         await pilot.press("escape", "f10")
     assert interface.return_code == 0
 

@@ -171,9 +171,9 @@ async def test_at_continue_a_port_that_has_gone_is_chosen_anew(
     monkeypatch.setattr(
         "app.measuring.indicators.serial_ports", lambda: [(port, "USB") for port in where]
     )
-    known = Instrument(profile="mitutoyo-01a", port=gone)
-    plan = replace(quick_plan(tmp_path), instruments=(known,))
-    remember(plan.machine.name, [known])
+    instrument = Instrument(profile="mitutoyo-01a", port=gone)
+    plan = replace(quick_plan(tmp_path), instruments=(instrument,))
+    remember(plan.machine.name, [instrument])
     where.clear()
     where[here] = "A1"
     with TwinPort(still_twin(), "pty") as port:
@@ -256,10 +256,10 @@ async def test_a_record_that_is_replaced_ends_measuring_and_its_copy_is_named(
             pilot, screen, "words", lambda: "removed or replaced" in text(interface, "#said")
         )
         await pilot.press("f10")
-    kept = path.with_stem(f"{path.stem}-kept")
-    assert f"Every reading taken is in {kept}" in str(interface.return_value)
+    copy_path = path.with_stem(f"{path.stem}-kept")
+    assert f"Every reading taken is in {copy_path}" in str(interface.return_value)
     assert interface.return_code == 3
-    assert len(fold(read_record(kept).events).readings) == 2
+    assert len(fold(read_record(copy_path).events).readings) == 2
 
 
 async def test_home_offers_an_interrupted_session_first(
@@ -286,8 +286,8 @@ async def test_pulled_cable_in_the_middle_of_a_session(tmp_path: Path) -> None:
     gauge = tmp_path / "gauge"
     first = TwinPort(still_twin(), default_transport())
     point_to(gauge, first.url)
-    known = Instrument(profile="mitutoyo-01a", port=str(gauge))
-    plan = replace(quick_plan(tmp_path), instruments=(known,))
+    instrument = Instrument(profile="mitutoyo-01a", port=str(gauge))
+    plan = replace(quick_plan(tmp_path), instruments=(instrument,))
     interface = Glidecal(CheckScreen(plan))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await to_measuring(pilot, interface)

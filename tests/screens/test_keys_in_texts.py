@@ -64,13 +64,13 @@ TEXTS = {
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_no_key_is_written_by_hand(room: str) -> None:
-    found = []
+    problems = []
     for name, texts in TEXTS[room].items():
         for line, words in texts:
-            for known in NOT_TO_BE_CHANGED:
-                words = words.replace(known, "")
-            found += [f"{name}:{line} {hit[0]!r} in {words!r}" for hit in KEY.finditer(words)]
-    assert not found, "\n".join(found)
+            for phrase in NOT_TO_BE_CHANGED:
+                words = words.replace(phrase, "")
+            problems += [f"{name}:{line} {hit[0]!r} in {words!r}" for hit in KEY.finditer(words)]
+    assert not problems, "\n".join(problems)
 
 
 @pytest.mark.parametrize("words", ["E writes it.", "Press G once.", "then X.", "Escape stops."])
@@ -79,10 +79,15 @@ def test_what_is_written_by_hand_is_seen(words: str) -> None:
 
 
 def test_every_id_in_a_text_is_one_of_a_binding() -> None:
-    known = set(known_keys())
+    valid_ids = set(known_keys())
     for texts in TEXTS.values():
-        ids = {hit for some in texts.values() for _, words in some for hit in KEY_ID.findall(words)}
-        assert ids <= known
+        ids = {
+            hit
+            for entries in texts.values()
+            for _, words in entries
+            for hit in KEY_ID.findall(words)
+        }
+        assert ids <= valid_ids
 
 
 def test_help_rows_stand_in_columns() -> None:
@@ -104,9 +109,9 @@ def test_help_rows_stand_in_columns() -> None:
 )
 def test_every_row_of_help_has_its_key(words: str) -> None:
     known_keys()  # loads every screen
-    shown = keyed(words, usual_key)
-    assert not KEY_ID.search(shown)
-    assert all(len(line) <= 76 for line in shown.splitlines())
+    page = keyed(words, usual_key)
+    assert not KEY_ID.search(page)
+    assert all(len(line) <= 76 for line in page.splitlines())
 
 
 async def test_texts_follow_the_settings() -> None:

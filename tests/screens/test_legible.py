@@ -45,14 +45,14 @@ def interface_on(first: Screen[None], theme: str = "textual-dark") -> Interface:
 
 def contrasts(interface: Interface, word: str) -> list[float]:
     """Contrast of a word with its ground wherever it is on the screen, as rendered."""
-    found = []
+    ratios = []
     for strip in strips(interface.screen):
         for segment in strip:
             style = segment.style
             if word in segment.text and style and style.color and style.bgcolor:
                 pair = (style.color, style.bgcolor)
-                found.append(contrast(*map(Color.from_rich_color, pair)))
-    return found
+                ratios.append(contrast(*map(Color.from_rich_color, pair)))
+    return ratios
 
 
 def test_contrast_as_the_standard_states_it() -> None:
@@ -88,9 +88,9 @@ async def test_a_result_opens_on_the_numbers_to_enter_and_the_next_step(
     async with interface.run_test(size=size) as pilot:
         await until(pilot, "text", lambda: "Next: D" in text(interface, "#result-text"))
         await pilot.pause()
-        seen = rows(interface.screen)
+        screen_rows = rows(interface.screen)
         first = [
-            next(k for k, row in enumerate(seen) if row.lstrip().startswith(words))
+            next(k for k, row in enumerate(screen_rows) if row.lstrip().startswith(words))
             for words in ("enter ", "d_rho_x", "d_rho_z", "Tool error", "now ", "after ", "Next: D")
         ]
         assert first == sorted(first)
@@ -113,10 +113,10 @@ async def test_a_review_is_as_large_as_its_text(samples: Path, size: tuple[int, 
         await pilot.pause()
         review = interface.screen.query_one("#review")
         assert review.max_scroll_y == 0, "all twelve differences without scrolling"
-        said = text(interface, "#review-text").splitlines()
-        seen = "\n".join(rows(interface.screen))
-        assert all(line.strip() in seen for line in said)
-        assert review.size.height <= max(len(said), 20), "no empty dialog around few lines"
+        lines = text(interface, "#review-text").splitlines()
+        screen_text = "\n".join(rows(interface.screen))
+        assert all(line.strip() in screen_text for line in lines)
+        assert review.size.height <= max(len(lines), 20), "no empty dialog around few lines"
         await pilot.press("v")
         await pilot.pause()
         assert interface.screen.query_one("#review-chart").size.height >= 10
@@ -131,20 +131,22 @@ async def test_the_label_of_the_field_with_the_focus_stands_out() -> None:
             await pilot.pause()
             field = interface.screen.query_one(f"#{name}")
             assert field.has_focus
-            marked = [one for one in interface.screen.query(Label) if one.styles.text_style.reverse]
-            assert [one.parent for one in marked] == [field.parent]
+            marked = [
+                label for label in interface.screen.query(Label) if label.styles.text_style.reverse
+            ]
+            assert [label.parent for label in marked] == [field.parent]
             await pilot.press("tab")
 
 
 def over_home(samples: Path, folder: Path) -> dict[str, Callable[[], Screen[Any]]]:
-    one, two = (samples / f"experiment_{n}_twelve.jsonl" for n in (2, 3))
+    first, second = (samples / f"experiment_{n}_twelve.jsonl" for n in (2, 3))
     return {
         "prepare": PrepareScreen,
         "check": lambda: CheckScreen(demo_plan(folder, "zero-max-min", 1)),
-        "result": lambda: ResultScreen(solve_files([one]), None, one),
-        "diagnose": lambda: DiagnoseScreen([one]),
-        "compare": lambda: CompareScreen(compare_files(one, two)),
-        "replay": lambda: ReplayScreen(one),
+        "result": lambda: ResultScreen(solve_files([first]), None, first),
+        "diagnose": lambda: DiagnoseScreen([first]),
+        "compare": lambda: CompareScreen(compare_files(first, second)),
+        "replay": lambda: ReplayScreen(first),
         "pick": lambda: PickScreen("Which?", []),
         "hexaslide": LOOKS[0].screen,
         "help": lambda: HelpDialog("words"),
@@ -190,5 +192,5 @@ async def test_the_page_that_is_shown_is_marked_without_colour(
         heading, tabs, *_ = strips(interface.screen)
         assert heading.text.split() == [path.name, "in", path.parent.name]
         assert tabs.text.split("  ")[:2] == [" 1 Result", "2 Details"]
-        marked = [one.text.strip() for one in tabs if one.style and one.style.reverse]
+        marked = [tab.text.strip() for tab in tabs if tab.style and tab.style.reverse]
         assert marked == ["2 Details"]

@@ -156,14 +156,14 @@ async def test_the_check_says_what_will_move_before_a_key_lets_it(tmp_path: Path
             await until(pilot, "the form", lambda: interface.screen is form)
             await pilot.press("f5")
             await until(pilot, "the check", lambda: "longest move" in text(interface, "#words"))
-            said = " ".join(text(interface, "#words").split())
-            assert "joint_homed YES YES YES" in said
-            assert "longest move 38.0 mm" in said  # from 22 to Max
+            check_text = " ".join(text(interface, "#words").split())
+            assert "joint_homed YES YES YES" in check_text
+            assert "longest move 38.0 mm" in check_text  # from 22 to Max
             await pilot.pause()
             assert "Enter begins; nothing moves yet" in "".join(
                 rows(interface.screen)[:6]
             )  # never scrolled out
-            assert said.count("G53 G1 X") == 138  # of two-station, which nobody named
+            assert check_text.count("G53 G1 X") == 138  # of two-station, which nobody named
             await pilot.press("escape")
             await until(pilot, "the form", lambda: interface.screen is form)
         assert not twin.moves
@@ -196,8 +196,8 @@ async def test_every_key_stops_it_and_only_g_goes_on(key: str, tmp_path: Path) -
         assert moved.screen.held
         moves = len(moved.twin.moves)
         await moved.pilot.press("g")  # within the dead time
-        for other in ("space", "enter", "p", "a"):
-            await moved.pilot.press(other)
+        for other_key in ("space", "enter", "p", "a"):
+            await moved.pilot.press(other_key)
         await moved.pilot.pause(QUIET_S)
         await moved.pilot.press("space", "enter", "p", "p", "a", "a")
         await moved.pilot.pause(0.3)
@@ -343,7 +343,9 @@ async def test_who_leaves_is_told_last_whether_the_machine_was_seen_to_stop(
         await moved.pilot.press("ctrl+q")
         await until(moved.pilot, "the end", lambda: moved.interface.return_value is not None)
         moved.twin.mend()
-        await until(moved.pilot, "a guard", lambda: all(one.poll() is not None for one in LEFT))
+        await until(
+            moved.pilot, "a guard", lambda: all(process.poll() is not None for process in LEFT)
+        )
     words = str(moved.interface.return_value)
     assert words.startswith("NOT STOPPED. Use the emergency stop.") is silent
     assert "Session paused after 1 of 4 steps" in words

@@ -96,10 +96,10 @@ def dry_run(_: Path) -> Screen[Any]:
 def what_if(_: Path) -> Screen[Any]:
     """Two sizes, and others that fit as well."""
     sessions = load_sessions([SWEEP])[0]
-    (found,) = (c for c in choices(sessions) if c.key == ("straightness", "x"))
-    found = replace(found, alike=("leg_bow (xy)", "leg_taper (xz)", "axis_squareness (yz)"))
-    trial = trial_of(found, sessions, subset="with-tolerances")
-    return WhatIfScreen(found, trial, mistakes=True)
+    (choice,) = (c for c in choices(sessions) if c.key == ("straightness", "x"))
+    choice = replace(choice, alike=("leg_bow (xy)", "leg_taper (xz)", "axis_squareness (yz)"))
+    trial = trial_of(choice, sessions, subset="with-tolerances")
+    return WhatIfScreen(choice, trial, mistakes=True)
 
 
 def posture_what_if(folder: Path) -> Screen[Any]:
@@ -154,32 +154,34 @@ def test_every_screen_is_looked_at() -> None:
 def cut(interface: Interface) -> list[str]:
     """What of the screen on top cannot be read."""
     places = placed(interface.screen)
-    shown = [(one, place) for one, place in places.items() if one.display and one.size]
-    return [f"{one!r}: {what}" for one, place in shown for what in of_widget(one, place)]
+    widgets = [
+        (widget, place) for widget, place in places.items() if widget.display and widget.size
+    ]
+    return [f"{widget!r}: {what}" for widget, place in widgets for what in of_widget(widget, place)]
 
 
-def of_widget(one: Widget, place: MapGeometry) -> Iterator[str]:
-    room, region, clip = one.content_size, place.region, place.clip
-    scrolled = any(isinstance(a, Widget) and a.allow_vertical_scroll for a in one.ancestors)
+def of_widget(widget: Widget, place: MapGeometry) -> Iterator[str]:
+    room, region, clip = widget.content_size, place.region, place.clip
+    scrolled = any(isinstance(a, Widget) and a.allow_vertical_scroll for a in widget.ancestors)
     if region.x < clip.x or region.right > clip.right:
         yield f"beyond the side, {region} of {clip}"
     if not scrolled and (region.y < clip.y or region.bottom > clip.bottom):
         yield f"beyond the end, {region} of {clip}"
-    if isinstance(one, Input) and cell_len(one.value or str(one.placeholder)) > room.width:
-        yield f"{one.value or one.placeholder!r} in {room.width} cells"
-    for title in (one.border_title, one.border_subtitle):
+    if isinstance(widget, Input) and cell_len(widget.value or str(widget.placeholder)) > room.width:
+        yield f"{widget.value or widget.placeholder!r} in {room.width} cells"
+    for title in (widget.border_title, widget.border_subtitle):
         if title and cell_len(str(title)) > region.width - TITLE_EDGES:
             yield f"title {title!r} in {region.width - TITLE_EDGES} cells"
-    if isinstance(one, Static) and str(one.content):
-        words, rules = one.visual, one.styles.get_rules()
+    if isinstance(widget, Static) and str(widget.content):
+        words, rules = widget.visual, widget.styles.get_rules()
         if (needed := words.get_height(rules, room.width)) > room.height:
             yield f"{needed} rows in {room.height}"
-        whole = rules.get("text_wrap") == "nowrap"
+        nowrap = rules.get("text_wrap") == "nowrap"
         optimal = words.get_optimal_width(rules, room.width)
-        if (needed := optimal if whole else words.get_minimal_width(rules)) > room.width:
+        if (needed := optimal if nowrap else words.get_minimal_width(rules)) > room.width:
             yield f"a word of {needed} in {room.width} cells"
-        helped = isinstance(one.screen, HelpDialog)  # its lines are broken by hand
-        rows = [row for row in str(one.content).splitlines() if helped or ROW.search(row)]
+        helped = isinstance(widget.screen, HelpDialog)  # its lines are broken by hand
+        rows = [row for row in str(widget.content).splitlines() if helped or ROW.search(row)]
         yield from (f"broken {row!r}" for row in rows if cell_len(row.rstrip()) > room.width)
 
 
@@ -192,17 +194,17 @@ async def look(pilot: Pilot[str], interface: Interface) -> list[str]:
 async def pages(pilot: Pilot[str], interface: Interface) -> list[str]:
     """Of every page of the screen, and of its help."""
     screen = interface.screen
-    found = await look(pilot, interface)
+    cuts = await look(pilot, interface)
     for page in screen.query(TabPane):
         screen.query_one(TabbedContent).active = str(page.id)
-        found += await look(pilot, interface)
+        cuts += await look(pilot, interface)
     if screen.query(Footer):
         await pilot.press("f1")
         await until(pilot, "help", lambda: isinstance(interface.screen, HelpDialog))
-        found += await look(pilot, interface)
+        cuts += await look(pilot, interface)
         await pilot.press("escape")
         await until(pilot, "back", lambda: interface.screen is screen)
-    return found
+    return cuts
 
 
 @pytest.mark.parametrize("kind", MAKERS, ids=lambda kind: kind.__name__)
@@ -221,13 +223,15 @@ async def test_nothing_is_cut(
             await until(pilot, "readings", lambda: interface.indicators is not None)
         for size in SIZES:
             await pilot.resize_terminal(*size)
-            assert not (found := await pages(pilot, interface)), (size, found)
+            assert not (cuts := await pages(pilot, interface)), (size, cuts)
         assert isinstance(interface.screen, kind)
         interface.notify("what happened last")
         await pilot.pause()
         assert not screen.query(Toast), "a message lies over nothing"
-        below = [one for one in interface.screen_stack if one.query(Footer)][-1]
-        assert "what happened last" in "".join(str(one.content) for one in below.query(Static))
+        below = [layer for layer in interface.screen_stack if layer.query(Footer)][-1]
+        assert "what happened last" in "".join(
+            str(widget.content) for widget in below.query(Static)
+        )
         interface.complain("what went wrong")
         await pilot.pause()
         for line in below.query(Message):
@@ -241,7 +245,7 @@ async def test_nothing_is_cut_while_measuring(tmp_path: Path) -> None:
         screen = await to_measuring(pilot, interface)
         for size in SIZES:
             await pilot.resize_terminal(*size)
-            assert not (found := await pages(pilot, interface)), (size, found)
+            assert not (cuts := await pages(pilot, interface)), (size, cuts)
         await take(pilot, screen)
         for size in SIZES:
             await pilot.resize_terminal(*size)
@@ -253,9 +257,9 @@ async def test_nothing_is_cut_while_measuring(tmp_path: Path) -> None:
                     await until(pilot, "back", lambda: interface.screen is screen)
         await pilot.resize_terminal(*SIZES[0])
         screen.say(f"Noted: {'as long as a note may be, ' * 8}")
-        assert not [one for one in await look(pilot, interface) if "'said'" in one]
+        assert not [cut_text for cut_text in await look(pilot, interface) if "'said'" in cut_text]
         displays = screen.query(GaugeDisplay)
-        assert all(cell_len(one.number) <= one.content_size.width for one in displays)
+        assert all(cell_len(display.number) <= display.content_size.width for display in displays)
 
 
 async def test_nothing_is_cut_where_the_machine_moves_itself(tmp_path: Path) -> None:

@@ -51,8 +51,8 @@ def other_versions() -> str:
     """Libraries that draw and are not those of constraints.txt: their pictures differ."""
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
     stated = dict(line.split("==") for line in lines if "==" in line)
-    found = [f"{name} {version(name)}" for name in DRAWING if version(name) != stated[name]]
-    return ", ".join(found)
+    versions = [f"{name} {version(name)}" for name in DRAWING if version(name) != stated[name]]
+    return ", ".join(versions)
 
 
 pytestmark = pytest.mark.skipif(
@@ -73,9 +73,9 @@ async def compare(pilot: Pilot[str], interface: Interface, name: str, folder: Pa
     if os.environ.get("GLIDECAL_GOLDEN") == "write":
         stored.write_text(svg, encoding="utf-8", newline="\n")
     if ID.sub("", stored.read_text(encoding="utf-8")) != ID.sub("", svg):
-        kept = folder / f"{name}.svg"
-        kept.write_text(svg, encoding="utf-8", newline="\n")
-        pytest.fail(f"{stored} differs from the screen, which is kept as {kept}")
+        kept_path = folder / f"{name}.svg"
+        kept_path.write_text(svg, encoding="utf-8", newline="\n")
+        pytest.fail(f"{stored} differs from the screen, which is kept as {kept_path}")
 
 
 def still(first: Screen[None]) -> Interface:

@@ -34,9 +34,9 @@ class OneChart(App[None]):
 
 
 def picture(app: App[None]) -> Text:
-    shown = app.query_one(ChartPlot).render()
-    assert isinstance(shown, Text)
-    return shown
+    content = app.query_one(ChartPlot).render()
+    assert isinstance(content, Text)
+    return content
 
 
 def luminance(red: float, green: float, blue: float) -> float:
@@ -49,8 +49,8 @@ def luminance(red: float, green: float, blue: float) -> float:
     return 0.2126 * linear(red) + 0.7152 * linear(green) + 0.0722 * linear(blue)
 
 
-def contrast(one: tuple[int, int, int], other: tuple[int, int, int]) -> float:
-    bright, dark = sorted((luminance(*one), luminance(*other)), reverse=True)
+def contrast(first: tuple[int, int, int], second: tuple[int, int, int]) -> float:
+    bright, dark = sorted((luminance(*first), luminance(*second)), reverse=True)
     return (bright + 0.05) / (dark + 0.05)
 
 
@@ -61,11 +61,11 @@ def rgb(color: RichColor | None) -> tuple[int, int, int]:
 
 def style_of(app: App[None], marker: str) -> Style:
     """How the first point of a series is drawn."""
-    shown = picture(app)
-    lines = shown.plain.splitlines(keepends=True)
+    content = picture(app)
+    lines = content.plain.splitlines(keepends=True)
     row = next(k for k, line in enumerate(lines) if k > 1 and marker in line)
     place = sum(map(len, lines[:row])) + lines[row].index(marker)
-    return shown.get_style_at_offset(app.console, place)
+    return content.get_style_at_offset(app.console, place)
 
 
 @pytest.mark.parametrize("theme", [name for name in BUILTIN_THEMES if "ansi" not in name])

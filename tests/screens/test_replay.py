@@ -23,7 +23,7 @@ from tests.screens.driving import SIZE, numbers, said, text, until
 
 
 @pytest.fixture
-def told(tmp_path: Path) -> Path:
+def record_path(tmp_path: Path) -> Path:
     return write(tmp_path / "told.jsonl", story(), close=True)
 
 
@@ -38,8 +38,8 @@ async def begin(pilot: Pilot[str], interface: Interface) -> ReplayScreen:
     return replay(interface)
 
 
-async def test_the_picture_of_measuring_moves_by_keys(told: Path) -> None:
-    interface = Glidecal(ReplayScreen(told))
+async def test_the_picture_of_measuring_moves_by_keys(record_path: Path) -> None:
+    interface = Glidecal(ReplayScreen(record_path))
     async with interface.run_test(size=SIZE) as pilot:
         await begin(pilot, interface)
         assert text(interface, "#progress") == "replay · told.jsonl   step 1 of 30 · ×5 · PAUSED"
@@ -72,9 +72,9 @@ async def test_the_picture_of_measuring_moves_by_keys(told: Path) -> None:
     assert interface.return_code == 0
 
 
-async def test_the_list_of_steps_is_on_the_screen(told: Path) -> None:
+async def test_the_list_of_steps_is_on_the_screen(record_path: Path) -> None:
     for size in ((80, 24), (120, 40)):
-        interface = Glidecal(ReplayScreen(told))
+        interface = Glidecal(ReplayScreen(record_path))
         async with interface.run_test(size=size) as pilot:
             await begin(pilot, interface)
             await pilot.pause()
@@ -82,14 +82,14 @@ async def test_the_list_of_steps_is_on_the_screen(told: Path) -> None:
             assert region.right <= size[0]
             assert region.width == 20
             for place in ("#said", "#table"):
-                shown = interface.screen.query_one(place).region
-                assert shown.bottom < size[1]
-                assert shown.height > 0
+                place_region = interface.screen.query_one(place).region
+                assert place_region.bottom < size[1]
+                assert place_region.height > 0
             await pilot.press("f10")
 
 
-async def test_play_pause_and_speed(told: Path) -> None:
-    interface = Glidecal(ReplayScreen(told))
+async def test_play_pause_and_speed(record_path: Path) -> None:
+    interface = Glidecal(ReplayScreen(record_path))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await begin(pilot, interface)
         await pilot.press("up", "plus")
@@ -106,12 +106,12 @@ async def test_play_pause_and_speed(told: Path) -> None:
         await until(pilot, "the end", lambda: screen.playback.state is PlaybackState.END)
         await until(pilot, "said", lambda: "END" in text(interface, "#progress"))
         assert text(interface, "#said") == "Closed with 8 readings, not complete."
-        assert screen.playback.session == fold(read_record(told).events)
+        assert screen.playback.session == fold(read_record(record_path).events)
         await pilot.press("f10")
 
 
-async def test_list_of_readings_with_superseded_ones(told: Path) -> None:
-    interface = Glidecal(ReplayScreen(told))
+async def test_list_of_readings_with_superseded_ones(record_path: Path) -> None:
+    interface = Glidecal(ReplayScreen(record_path))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await begin(pilot, interface)
         listing = screen.query_one("#taken", Log)
@@ -148,8 +148,8 @@ async def test_pages_of_a_long_list(samples: Path) -> None:
         await pilot.press("f10")
 
 
-async def test_jump(told: Path) -> None:
-    interface = Glidecal(ReplayScreen(told))
+async def test_jump(record_path: Path) -> None:
+    interface = Glidecal(ReplayScreen(record_path))
     async with interface.run_test(size=SIZE) as pilot:
         await begin(pilot, interface)
         for typed, place, words in (
@@ -172,8 +172,8 @@ async def test_jump(told: Path) -> None:
         await pilot.press("f10")
 
 
-async def test_copy_tells_how_many_lines(told: Path) -> None:
-    interface = Glidecal(ReplayScreen(told))
+async def test_copy_tells_how_many_lines(record_path: Path) -> None:
+    interface = Glidecal(ReplayScreen(record_path))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await begin(pilot, interface)
         await pilot.press("end", "y")
@@ -184,8 +184,8 @@ async def test_copy_tells_how_many_lines(told: Path) -> None:
         await pilot.press("f10")
 
 
-async def test_plot_and_help(told: Path) -> None:
-    interface = Glidecal(ReplayScreen(told))
+async def test_plot_and_help(record_path: Path) -> None:
+    interface = Glidecal(ReplayScreen(record_path))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await begin(pilot, interface)
         chart = screen.query_one("#chart")
@@ -253,8 +253,8 @@ async def test_a_torn_record_says_so(samples: Path, tmp_path: Path) -> None:
         await pilot.press("f10")
 
 
-async def test_several_sessions_open_a_list(told: Path, samples: Path) -> None:
-    paths = [told, samples / "experiment_1_six.jsonl"]
+async def test_several_sessions_open_a_list(record_path: Path, samples: Path) -> None:
+    paths = [record_path, samples / "experiment_1_six.jsonl"]
     interface = Glidecal(ReplayChoiceScreen(paths))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.press("down", "enter")
@@ -262,15 +262,15 @@ async def test_several_sessions_open_a_list(told: Path, samples: Path) -> None:
         assert "experiment_1_six.jsonl   reading 1 of 12" in text(interface, "#progress")
         await pilot.press("escape")
         await until(pilot, "list", lambda: isinstance(interface.screen, ReplayChoiceScreen))
-        told.write_bytes(b"nothing")
+        record_path.write_bytes(b"nothing")
         await pilot.press("up", "enter")
         await until(pilot, "words", lambda: bool(said(interface)))
         assert isinstance(interface.screen, ReplayChoiceScreen)
         await pilot.press("f10")
 
 
-async def test_who_only_looks_has_no_way_back_from_the_first_screen(told: Path) -> None:
-    interface = Glidecal(ReplayScreen(told), read_only=True)
+async def test_who_only_looks_has_no_way_back_from_the_first_screen(record_path: Path) -> None:
+    interface = Glidecal(ReplayScreen(record_path), read_only=True)
     async with interface.run_test(size=SIZE) as pilot:
         await begin(pilot, interface)
         await pilot.press("escape")

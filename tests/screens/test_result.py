@@ -79,9 +79,9 @@ def verified(tmp_path_factory: pytest.TempPathFactory) -> tuple[SessionSolution,
 
 def hear(interface: Interface, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What is said in notifications from now on."""
-    said: list[str] = []
-    monkeypatch.setattr(interface, "notify", lambda message, **_: said.append(message))
-    return said
+    messages: list[str] = []
+    monkeypatch.setattr(interface, "notify", lambda message, **_: messages.append(message))
+    return messages
 
 
 def page(interface: Interface) -> str:
@@ -156,8 +156,8 @@ async def test_names_points_and_zero_line_at_80_columns(
         assert all(points.count("x") == points.count("o") == 1 for _, _, points in rows)
         zero = next(line for line in lines if "│" in line[20:-1]).index("│", 20)
         pitch_mm = 1.4 / (lines[-2].rindex("0.8") - lines[-2].index("-0.6"))
-        shown = [("".join(row).index("x", 16) - zero) * pitch_mm for row in rows]
-        assert shown == pytest.approx(list(PUBLISHED_MM.values()), abs=0.6 * pitch_mm)
+        positions = [("".join(row).index("x", 16) - zero) * pitch_mm for row in rows]
+        assert positions == pytest.approx(list(PUBLISHED_MM.values()), abs=0.6 * pitch_mm)
 
 
 async def test_text_and_plot_side_by_side(published: tuple[SessionSolution, Path]) -> None:
@@ -166,9 +166,9 @@ async def test_text_and_plot_side_by_side(published: tuple[SessionSolution, Path
     async with interface.run_test(size=WIDE) as pilot:
         beside = interface.screen.query_one("#result .beside")
         await until(pilot, "two panels", lambda: beside.region.width > 30)
-        left = interface.screen.query_one("#result VerticalScroll").region
-        assert left.right == beside.region.x
-        assert left.width >= 80
+        text_region = interface.screen.query_one("#result VerticalScroll").region
+        assert text_region.right == beside.region.x
+        assert text_region.width >= 80
         lines = drawn(interface, "#result-chart0")
         labels = [line.split("┤")[0].strip() for line in lines if "┤" in line]
         assert labels == NAMES
@@ -218,8 +218,8 @@ async def test_sets_of_parameters(published: tuple[SessionSolution, Path]) -> No
         ):
             await pilot.press("s", key)
             await pilot.pause()
-            shown = " ".join(text(interface, "#details-text").split())
-            assert f"View: {words}, exact fit" in shown
+            details = " ".join(text(interface, "#details-text").split())
+            assert f"View: {words}, exact fit" in details
             assert shown_first(text(interface, "#details-text")) == entered
         await pilot.press("s", "1")
         await pilot.pause()
@@ -240,12 +240,12 @@ async def test_what_takes_long_is_worked_out_apart(
 
     monkeypatch.setattr(SessionSolution, "work_out", late)
     interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))
-    said = hear(interface, monkeypatch)
+    messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("s", "2", "v")
         await pilot.pause()
         assert text(interface, "#result-text") == WORKING_OUT
-        assert said == [WORKING_OUT]
+        assert messages == [WORKING_OUT]
         assert not solved.is_worked_out
         come.set()
         await until(pilot, "text", lambda: "View: leg lengths" in text(interface, "#details-text"))
@@ -261,12 +261,12 @@ async def test_a_set_that_is_not_seen_is_refused(
     choice = replace(solved.choice, solutions={"with-tolerances": solved.solution}, refused=refused)
     solved = replace(solved, choice=choice)
     interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))
-    said = hear(interface, monkeypatch)
+    messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         for key in ("3", "1"):
             await pilot.press("s", key)
-        await until(pilot, "two refusals", lambda: len(said) == 2)
-        assert all("set [both]" in one for one in said)
+        await until(pilot, "two refusals", lambda: len(messages) == 2)
+        assert all("set [both]" in message for message in messages)
         assert text(interface, "#details-text").endswith(solution_text(solved))
         assert isinstance(interface.screen, ResultScreen)
     assert sorted(p.name for p in path.parent.iterdir()) == ["published.jsonl"]
@@ -277,16 +277,16 @@ async def test_export_names_what_it_wrote(
 ) -> None:
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path))
-    said = hear(interface, monkeypatch)
+    messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("e")
-        await until(pilot, "written", lambda: bool(said))
+        await until(pilot, "written", lambda: bool(messages))
         await until(
             pilot, "caution", lambda: "\nWARNING: the present" in text(interface, "#result-text")
         )
     written = sorted(p.name for p in path.with_suffix("").iterdir())
     assert "offsets.csv" in written
-    assert all(name in said[0] for name in written)
+    assert all(name in messages[0] for name in written)
 
 
 async def test_what_was_written_lies_over_nothing(
@@ -324,16 +324,16 @@ async def test_export_asks_before_it_replaces(
     mine.parent.mkdir()
     mine.write_text("mine", encoding="utf-8")
     interface = Glidecal(ResultScreen(solved, None, path))
-    said = hear(interface, monkeypatch)
+    messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         for answer in ("1", "2"):
             await pilot.press("e")
             await until(pilot, "question", lambda: isinstance(interface.screen, ChoiceDialog))
             assert f"{mine} is there already" in str(interface.screen.query(Static).first().content)
-            assert [one.name for one in mine.parent.iterdir()] == [mine.name]
+            assert [entry.name for entry in mine.parent.iterdir()] == [mine.name]
             assert mine.read_text(encoding="utf-8") == "mine"
             await pilot.press(answer)
-        await until(pilot, "written", lambda: bool(said))
+        await until(pilot, "written", lambda: bool(messages))
     assert mine.read_text(encoding="utf-8") != "mine"
 
 
@@ -344,7 +344,7 @@ async def test_report_asks_before_it_replaces(
     solved, path = published
     mine = path.with_suffix(".html")
     interface = Glidecal(ResultScreen(solved, None, path))
-    said = hear(interface, monkeypatch)
+    messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         mine.write_text("mine", encoding="utf-8")
         await pilot.press("r")
@@ -354,7 +354,9 @@ async def test_report_asks_before_it_replaces(
         await pilot.press("r")
         await until(pilot, "question", lambda: isinstance(interface.screen, ChoiceDialog))
         await pilot.press("2")
-        await until(pilot, "written", lambda: any("Report written" in one for one in said))
+        await until(
+            pilot, "written", lambda: any("Report written" in message for message in messages)
+        )
     assert "Calibration report" in mine.read_text(encoding="utf-8")
 
 
@@ -364,11 +366,11 @@ async def test_export_that_the_disk_refuses(
     solved, path = published
     path.with_suffix("").write_text("a file where the folder must be")
     interface = Glidecal(ResultScreen(solved, None, path))
-    said = hear(interface, monkeypatch)
+    messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("e")
-        await until(pilot, "refusal", lambda: bool(said))
-        assert "a place with write permission" in said[0]
+        await until(pilot, "refusal", lambda: bool(messages))
+        assert "a place with write permission" in messages[0]
 
 
 async def test_a_program_that_only_shows(
@@ -376,15 +378,15 @@ async def test_a_program_that_only_shows(
 ) -> None:
     solved, path = published
     interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path), read_only=True)
-    said = hear(interface, monkeypatch)
+    messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
         assert {"d", "w", "escape", "f10"} <= offered(interface)
         assert not {"e", "v", "r"} & offered(interface)
         await pilot.press("e", "v", "r")
-        await until(pilot, "three refusals", lambda: len(said) == 3)
-        assert all("nothing is written and nothing is measured" in one for one in said)
-        assert ["/reports" in one for one in said] == [False, False, True]
+        await until(pilot, "three refusals", lambda: len(messages) == 3)
+        assert all("nothing is written and nothing is measured" in message for message in messages)
+        assert ["/reports" in message for message in messages] == [False, False, True]
         assert isinstance(interface.screen, ResultScreen)
     assert [p.name for p in path.parent.iterdir()] == ["published.jsonl"]
 
@@ -394,14 +396,14 @@ async def test_verify_needs_the_plan_of_the_session(
 ) -> None:
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path))
-    said = hear(interface, monkeypatch)
+    messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
         assert "e" in offered(interface)
         assert "v" not in offered(interface)
         await pilot.press("v")
-        await until(pilot, "refusal", lambda: bool(said))
-        assert "cannot be measured again from here" in said[0]
+        await until(pilot, "refusal", lambda: bool(messages))
+        assert "cannot be measured again from here" in messages[0]
         assert isinstance(interface.screen, ResultScreen)
 
 
@@ -441,13 +443,13 @@ async def test_copy_says_how_much(
 ) -> None:
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path))
-    said = hear(interface, monkeypatch)
+    messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("right", "y")
-        await until(pilot, "words", lambda: bool(said))
+        await until(pilot, "words", lambda: bool(messages))
     assert interface.clipboard.endswith(solution_text(solved))
-    assert said[0].startswith(f"{len(interface.clipboard.splitlines())} lines copied")
-    assert "set-clipboard on" in said[0]
+    assert messages[0].startswith(f"{len(interface.clipboard.splitlines())} lines copied")
+    assert "set-clipboard on" in messages[0]
 
 
 async def test_home(

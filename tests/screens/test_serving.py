@@ -94,15 +94,15 @@ def fetch(address: str, **headers: str) -> tuple[int, str]:
 
 def listening_addresses(port: int) -> set[str]:
     """Local addresses of listening sockets on a port, from the tables of the kernel."""
-    found = set()
+    addresses = set()
     for table in ("/proc/net/tcp", "/proc/net/tcp6"):
         path = Path(table)
         for line in path.read_text().splitlines()[1:] if path.exists() else ():
             local, state = line.split()[1], line.split()[3]
             address, _, number = local.partition(":")
             if state == "0A" and int(number, 16) == port:
-                found.add(address)
-    return found
+                addresses.add(address)
+    return addresses
 
 
 def children(process: int) -> set[int]:
@@ -114,13 +114,13 @@ def children(process: int) -> set[int]:
         except OSError:
             continue
         below.setdefault(int(after_name[1]), set()).add(int(status.parent.name))
-    found: set[int] = set()
+    processes: set[int] = set()
     waiting = [process]
     while waiting:
-        fresh = below.get(waiting.pop(), set()) - found
-        found |= fresh
+        fresh = below.get(waiting.pop(), set()) - processes
+        processes |= fresh
         waiting += fresh
-    return found
+    return processes
 
 
 def alive(process: int) -> bool:
@@ -196,30 +196,30 @@ async def test_a_tab_replays_and_its_process_ends_with_it(served: Served) -> Non
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 async def test_the_end_of_the_server_ends_every_tab(served: Served, how: signal.Signals) -> None:
-    left: set[int] = set()
+    processes: set[int] = set()
 
     async def look(tab: aiohttp.ClientWebSocketResponse) -> None:
         await shown(tab, "PAUSED")
-        left.update(children(served.process.pid))
+        processes.update(children(served.process.pid))
         begun = time.monotonic()
         status = await asyncio.to_thread(served.stop, how)
         assert status == (-signal.SIGKILL if how == signal.SIGKILL else 0)
         assert time.monotonic() - begun < 20.0
 
     await in_a_tab(served, look)
-    assert left
-    assert await asyncio.to_thread(all_gone, left)
+    assert processes
+    assert await asyncio.to_thread(all_gone, processes)
     assert listening_addresses(served.port) == set()
 
 
 def test_bad_files_and_taken_ports_are_refused(tmp_path: Path) -> None:
     assert "changed" in refused(3, "serve", SAMPLES / "damaged.jsonl")
     assert "No such file" in refused(3, "serve", SAMPLE, tmp_path / "none.jsonl")
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        said = refused(2, "serve", SAMPLE, "--port", str(port))
-    assert f"port {port} on 127.0.0.1" in said
-    assert "--port" in said
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+        message = refused(2, "serve", SAMPLE, "--port", str(port))
+    assert f"port {port} on 127.0.0.1" in message
+    assert "--port" in message
 
 
 def test_no_host_can_be_chosen() -> None:

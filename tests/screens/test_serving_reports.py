@@ -40,13 +40,13 @@ LINK = re.compile(r'<a href="/(reports|history)/([0-9a-f]{24})">(.*?)</a>')
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Three sessions of such names, one that is no name in any language, one altered."""
-    (found := tmp_path / "sessions").mkdir()
-    (found / "below").mkdir()
+    (sessions := tmp_path / "sessions").mkdir()
+    (sessions / "below").mkdir()
     for name in NAMES:
-        shutil.copy(ONE, found / name)
-    shutil.copy(SAMPLES / "damaged.jsonl", found)
-    shutil.copy(ONE, found / os.fsdecode(b"\xff.jsonl"))
-    return found
+        shutil.copy(ONE, sessions / name)
+    shutil.copy(SAMPLES / "damaged.jsonl", sessions)
+    shutil.copy(ONE, sessions / os.fsdecode(b"\xff.jsonl"))
+    return sessions
 
 
 @pytest.fixture
@@ -63,8 +63,8 @@ def links(page: str) -> dict[str, str]:
 
 
 def files(folder: Path) -> dict[str, bytes]:
-    found = (path for path in folder.rglob("*") if path.is_file())
-    return {os.fsencode(path).hex(): path.read_bytes() for path in found}
+    paths = (path for path in folder.rglob("*") if path.is_file())
+    return {os.fsencode(path).hex(): path.read_bytes() for path in paths}
 
 
 @LONG
@@ -72,20 +72,20 @@ def test_a_folder_in_a_browser(served: Served, folder: Path, tmp_path: Path) -> 
     before = files(folder)
     status, page = fetch(f"{served.address}/reports")
     assert status == 200
-    found = links(page)
-    shown = [NAMES[0], "turned \\u202e round.jsonl", NAMES[2], "\\udcff.jsonl", "damaged.jsonl"]
-    assert set(found) == {*shown, "History of this folder"}
+    addresses = links(page)
+    names = [NAMES[0], "turned \\u202e round.jsonl", NAMES[2], "\\udcff.jsonl", "damaged.jsonl"]
+    assert set(addresses) == {*names, "History of this folder"}
     assert "<script" not in page
     # the page of a session is what the verb writes
-    status, report = fetch(served.address + found[NAMES[0]])
+    status, report = fetch(served.address + addresses[NAMES[0]])
     assert status == 200
     written = tmp_path / "report.html"
     assert glidecal("report", folder / NAMES[0], "-o", written).status == 0
     assert report == written.read_text(encoding="utf-8")
-    status, why_not = fetch(served.address + found["damaged.jsonl"])
+    status, why_not = fetch(served.address + addresses["damaged.jsonl"])
     assert status == 422
     assert "changed" in why_not
-    status, history = fetch(served.address + found["History of this folder"])
+    status, history = fetch(served.address + addresses["History of this folder"])
     assert status == 200
     assert "damaged.jsonl" in history
     assert "used once" in " ".join(history.split())
@@ -108,8 +108,8 @@ async def test_nothing_but_what_was_given_can_be_read(served: Served, tmp_path: 
     key = ReportPages([outside])
     address = served.address
     async with aiohttp.ClientSession() as session:
-        async with in_process(key) as other:
-            theirs = links(await (await other.get("/reports")).text())["outside.jsonl"]
+        async with in_process(key) as other_client:
+            theirs = links(await (await other_client.get("/reports")).text())["outside.jsonl"]
         paths = [
             *(theirs, "/reports/outside.jsonl", "/history/outside.jsonl"),
             *("/reports/..%2f..%2foutside.jsonl", "/reports/%2e%2e/%2e%2e/outside.jsonl"),
@@ -117,8 +117,8 @@ async def test_nothing_but_what_was_given_can_be_read(served: Served, tmp_path: 
             *("/reports//etc/passwd", "/reports/%00", "/history/%2fetc", "/history/"),
         ]
         for path in paths:
-            wanted = URL(address + path, encoded=True)
-            async with session.get(wanted, allow_redirects=False) as answer:
+            target = URL(address + path, encoded=True)
+            async with session.get(target, allow_redirects=False) as answer:
                 assert answer.status == 404, path
                 assert "root:" not in await answer.text()
         for method in ("POST", "PUT", "DELETE", "PATCH", "OPTIONS"):
@@ -168,8 +168,8 @@ async def test_pages_tell_the_browser_to_run_and_load_nothing(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     program(monkeypatch, "print('<p>made', end='')")
-    async with listed(folder) as (client, found):
-        for path in ("/reports", *found.values()):
+    async with listed(folder) as (client, addresses):
+        for path in ("/reports", *addresses.values()):
             answer = await client.get(path)
             assert answer.status == 200
             assert HEADERS.items() <= dict(answer.headers).items()
@@ -177,8 +177,8 @@ async def test_pages_tell_the_browser_to_run_and_load_nothing(
             assert answer.charset == "utf-8"
         assert "default-src 'none'" in HEADERS["Content-Security-Policy"]
         # text that is ours stays, text that is not is no markup
-        assert await (await client.get(found[NAMES[0]])).text() == "<p>made"
-        history = await (await client.get(found["History of this folder"])).text()
+        assert await (await client.get(addresses[NAMES[0]])).text() == "<p>made"
+        history = await (await client.get(addresses["History of this folder"])).text()
         assert history == "<p>made"
 
 
@@ -189,18 +189,18 @@ async def test_what_takes_too_long_or_too_much_is_ended(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = children(os.getpid())
-    async with listed(folder) as (client, found):
+    async with listed(folder) as (client, addresses):
         program(monkeypatch, SLEEPS)
         monkeypatch.setattr(reports, "MAKING_S", 0.5)
-        assert (await client.get(found["damaged.jsonl"])).status == 504
+        assert (await client.get(addresses["damaged.jsonl"])).status == 504
         monkeypatch.setattr(reports, "MAKING_S", PATIENCE_S)
         program(monkeypatch, "while True: print('x' * 100_000)")
         monkeypatch.setattr(reports, "MOST_BYTES", 1_000_000)
-        assert (await client.get(found["damaged.jsonl"])).status == 507
+        assert (await client.get(addresses["damaged.jsonl"])).status == 507
         program(monkeypatch, "import sys\nwhile True: print('x' * 100_000, file=sys.stderr)")
-        assert (await client.get(found["damaged.jsonl"])).status == 507
+        assert (await client.get(addresses["damaged.jsonl"])).status == 507
         program(monkeypatch, "import os; os._exit(3)")
-        assert (await client.get(found["damaged.jsonl"])).status == 422
+        assert (await client.get(addresses["damaged.jsonl"])).status == 422
         assert await asyncio.to_thread(all_gone, children(os.getpid()) - before)
 
 
@@ -208,20 +208,22 @@ async def test_so_many_at_once_and_each_ends_with_its_page(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = children(os.getpid())
-    async with listed(folder) as (client, found):
+    async with listed(folder) as (client, addresses):
         program(monkeypatch, SLEEPS)
-        making = [asyncio.create_task(client.get(found["damaged.jsonl"])) for _ in range(MOST_MADE)]
+        making = [
+            asyncio.create_task(client.get(addresses["damaged.jsonl"])) for _ in range(MOST_MADE)
+        ]
         async with asyncio.timeout(PATIENCE_S):
             while len(working := children(os.getpid()) - before) < MOST_MADE:
                 await asyncio.sleep(0.02)
-        assert (await client.get(found["damaged.jsonl"])).status == 503
+        assert (await client.get(addresses["damaged.jsonl"])).status == 503
         assert (await client.get("/reports")).status == 200
         for task in making:
             task.cancel()
         await asyncio.gather(*making, return_exceptions=True)
         assert await asyncio.to_thread(all_gone, working)
         program(monkeypatch, "print('made')")
-        assert (await client.get(found["damaged.jsonl"])).status == 200
+        assert (await client.get(addresses["damaged.jsonl"])).status == 200
 
 
 async def test_a_tab_of_a_folder_shows_its_sessions_and_history(folder: Path) -> None:

@@ -135,9 +135,9 @@ async def test_whole_session_verify_and_compare(tmp_path: Path) -> None:
         for _ in screen.guided.steps:
             await take(pilot, screen)
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
-        known = solve_files([plan.path])  # as glidecal solve, home and replay have it
-        same = solution_text(known)
-        await until(pilot, "the same result", lambda: same in text(interface, "#details-text"))
+        solution = solve_files([plan.path])  # as glidecal solve, home and replay have it
+        words = solution_text(solution)
+        await until(pilot, "the same result", lambda: words in text(interface, "#details-text"))
         await pilot.press("s", "3")
         await until(pilot, "both", lambda: "d_L_z" in text(interface, "#details-text"))
         await pilot.press("e")
@@ -271,10 +271,10 @@ async def test_words_name_the_keys_that_are_in_force(tmp_path: Path) -> None:
         assert "On hold. Press H to continue." in text(interface, "#said")
         await pilot.press("h")
         await pilot.pause()
-        shown = {
+        key_of = {
             binding.binding.description: key for key, binding in screen.active_bindings.items()
         }
-        assert shown["Hold"] == "h"
+        assert key_of["Hold"] == "h"
         await pilot.press("f1")
         await until(pilot, "help", lambda: isinstance(interface.screen, HelpDialog))
         await pilot.pause()
@@ -306,8 +306,8 @@ async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) 
     position = [0.5]
     twin = IndicatorTwin(MITUTOYO_01A, Spindle(lambda: position[0], 0.001))
     with TwinPort(twin, "tcp") as port:
-        known = Instrument(profile="mitutoyo-01a", port=port.url)
-        plan = replace(quick_plan(tmp_path), instruments=(known,))
+        instrument = Instrument(profile="mitutoyo-01a", port=port.url)
+        plan = replace(quick_plan(tmp_path), instruments=(instrument,))
         interface = Glidecal(CheckScreen(plan))
         async with interface.run_test(size=SIZE) as pilot:
             screen = await to_measuring(pilot, interface)
@@ -322,8 +322,8 @@ async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) 
             await press_for(
                 pilot, screen, "a question", lambda: isinstance(interface.screen, ChoiceDialog)
             )
-            asked = "did the machine move?"
-            await until(pilot, "words", lambda: asked in text(interface, "ChoiceDialog Static"))
+            question = "did the machine move?"
+            await until(pilot, "words", lambda: question in text(interface, "ChoiceDialog Static"))
             await pilot.press("1")
             await until(pilot, "back", lambda: interface.screen is screen)
             assert screen.guided.session.done() == {1, 2}
@@ -344,10 +344,10 @@ def test_verification_carries_the_new_home_offset(tmp_path: Path) -> None:
     with start_session(plan) as guided:
         measure_all(guided)
     before = solve_files([plan.path])
-    held = verification_plan(plan, before).machine.home_offset_mm
-    assert held is not None
+    offset = verification_plan(plan, before).machine.home_offset_mm
+    assert offset is not None
     expected = [old + new for old, new in zip((10, 20, 30), before.joint_offsets_mm, strict=True)]
-    assert held == pytest.approx(expected)
+    assert offset == pytest.approx(expected)
 
 
 async def test_the_data_button_takes_the_step(tmp_path: Path) -> None:

@@ -52,8 +52,8 @@ async def pick(pilot: Pilot[str], interface: Interface, command: str) -> None:
 
 
 async def test_own_keys_take_the_place_of_the_usual_ones(tmp_path: Path) -> None:
-    own = Settings(keys={"measure.take": "f2,x", "measure.repeat": "s", "measure.skip": "u"})
-    interface = Glidecal(CheckScreen(quick_plan(tmp_path)), settings=own)
+    settings = Settings(keys={"measure.take": "f2,x", "measure.repeat": "s", "measure.skip": "u"})
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)), settings=settings)
     async with interface.run_test(size=SIZE) as pilot:
         screen = await to_measuring(pilot, interface)
         assert "space" not in screen.active_bindings
@@ -145,8 +145,8 @@ async def test_screenshot_into_the_current_folder(
 
 
 async def test_keys_of_the_present_screen(tmp_path: Path) -> None:
-    own = Settings(keys={"measure.take": "f2"})
-    interface = Glidecal(CheckScreen(quick_plan(tmp_path)), settings=own)
+    settings = Settings(keys={"measure.take": "f2"})
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)), settings=settings)
     async with interface.run_test(size=SIZE) as pilot:
         await to_measuring(pilot, interface)
         await from_palette(pilot, interface, "keys")

@@ -53,11 +53,11 @@ async def pressed(pilot: Pilot[str], screen: WhatIfScreen, *keys: str) -> None:
 
 def shown(interface: Interface, words: str) -> tuple[float, float]:
     """A row of the figures: without the effect, and with it."""
-    found = re.search(
+    match = re.search(
         rf"^\s*{re.escape(words)}\s+{NUMBER}\s+{NUMBER}", body(interface), re.MULTILINE
     )
-    assert found, (words, body(interface))
-    return float(found[1]), float(found[2])
+    assert match, (words, body(interface))
+    return float(match[1]), float(match[2])
 
 
 def body(interface: Interface) -> str:
@@ -80,20 +80,20 @@ async def test_figures_follow_the_size_as_in_python(bowed: Path) -> None:
             await pressed(pilot, screen, *keys)
             (size,) = screen.values
             subset = screen.trial.subset
-            found = glidecal.what_if(bowed, effect="leg_bow:xy", size=size, subset=subset)
+            outcome = glidecal.what_if(bowed, effect="leg_bow:xy", size=size, subset=subset)
             former = glidecal.solve(bowed, subset=subset).solution
-            left = shown(interface, "differences left, mm r.m.s.")
-            assert left == (
+            residuals = shown(interface, "differences left, mm r.m.s.")
+            assert residuals == (
                 round(former.rms_after_mm, 4),
-                round(found.solved.solution.rms_after_mm, 4),
+                round(outcome.solved.solution.rms_after_mm, 4),
             )
             alone = shown(interface, "tool, effect not compensated, mm r.m.s.")[1]
-            assert alone == pytest.approx(found.tool_mm, abs=5e-5)
+            assert alone == pytest.approx(outcome.tool_mm, abs=5e-5)
             entered = shown(interface, "tool, values without it entered, mm r.m.s.")[1]
-            assert entered == pytest.approx(found.misled_mm, abs=5e-5)
+            assert entered == pytest.approx(outcome.misled_mm, abs=5e-5)
             assert screen.now is not None
             assert screen.now.solution.predicted_mm.tolist() == pytest.approx(
-                found.solved.solution.predicted_mm.tolist(), abs=1e-12
+                outcome.solved.solution.predicted_mm.tolist(), abs=1e-12
             )
             await pilot.pause()
             pictures.append(str(chart.render()))
@@ -106,7 +106,7 @@ async def test_figures_follow_the_size_as_in_python(bowed: Path) -> None:
         await pilot.press("escape")
         await until(pilot, "back", lambda: interface.screen is diagnosis)
         await pilot.press("f10")
-    assert [one.name for one in bowed.parent.iterdir()] == [bowed.name]
+    assert [entry.name for entry in bowed.parent.iterdir()] == [bowed.name]
     assert bowed.read_bytes() == before
 
 
@@ -122,7 +122,7 @@ async def test_the_scale_stays_while_a_size_is_moved(bowed: Path) -> None:
             await pressed(pilot, screen, *keys)
             await pilot.pause()
             *_, numbers, _ = str(chart.render()).splitlines()  # names stand at the left
-            return [float(one) for one in numbers.split()]
+            return [float(number) for number in numbers.split()]
 
         began = await scale("f")
         assert began[0] < 0.0 < began[-1]
@@ -156,9 +156,9 @@ async def test_a_size_that_was_moved_is_adopted_and_held(bowed: Path) -> None:
         await pilot.press("r")
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
         result = interface.screen
-        held = "Held as a person stated it"
+        sentence = "Held as a person stated it"
         await until(
-            pilot, "text", lambda: held in " ".join(text(interface, "#details-text").split())
+            pilot, "text", lambda: sentence in " ".join(text(interface, "#details-text").split())
         )
         screen = await tried(pilot, interface)
         assert screen.choice.standing == "model"
@@ -172,9 +172,11 @@ async def test_a_size_that_was_moved_is_adopted_and_held(bowed: Path) -> None:
         assert parameter.value == pytest.approx(best.value, abs=best.standard_uncertainty)
         assert interface.screen is result
         await until(
-            pilot, "freed", lambda: held not in " ".join(text(interface, "#details-text").split())
+            pilot,
+            "freed",
+            lambda: sentence not in " ".join(text(interface, "#details-text").split()),
         )
-        actions = [one.action for one in read_model_file(model).history]
+        actions = [event.action for event in read_model_file(model).history]
         assert actions == ["added", "removed", "added"]
         # the diagnosis below looks again, for its model is another one now
         was = diagnosis.diagnosed
@@ -205,9 +207,9 @@ async def adopted(path: Path, target: Path, key: str) -> ModelFile:
 
 
 async def test_what_fits_best_is_adopted_as_a_does(bowed: Path) -> None:
-    one, other = [await adopted(bowed, bowed.with_name(f"{key}.json"), key) for key in "aw"]
-    assert one.parameters_mm == other.parameters_mm
-    assert [e.parameters for e in one.effects] == [e.parameters for e in other.effects]
+    by_a, by_w = [await adopted(bowed, bowed.with_name(f"{key}.json"), key) for key in "aw"]
+    assert by_a.parameters_mm == by_w.parameters_mm
+    assert [e.parameters for e in by_a.effects] == [e.parameters for e in by_w.effects]
 
 
 async def test_what_cannot_be_told_apart_is_said(doubtful: Path) -> None:
@@ -218,13 +220,16 @@ async def test_what_cannot_be_told_apart_is_said(doubtful: Path) -> None:
         await until(pilot, "list", lambda: isinstance(interface.screen, ChoiceDialog))
         listed = [str(o.prompt) for o in interface.screen.query_one(OptionList).options]
         assert listed[0].startswith("1  actuator_scale (y), named: ")
-        assert len({one[3:].partition(",")[0] for one in listed}) == len(listed)
-        rival = next(k for k, one in enumerate(listed) if "  gravity_sag (y)" in one)
+        assert len({option[3:].partition(",")[0] for option in listed}) == len(listed)
+        rival = next(k for k, option in enumerate(listed) if "  gravity_sag (y)" in option)
         await pilot.press("escape")
-        for number, other in (("1", "gravity_sag (y)"), (str(rival + 1), "actuator_scale (y)")):
+        for number, rival_name in (
+            ("1", "gravity_sag (y)"),
+            (str(rival + 1), "actuator_scale (y)"),
+        ):
             await tried(pilot, interface, number)
             words = " ".join(body(interface).split())
-            assert f"WARNING: these readings cannot distinguish it from: {other}" in words
+            assert f"WARNING: these readings cannot distinguish it from: {rival_name}" in words
             await pilot.press("escape")
         await pilot.press("f10")
 
@@ -262,7 +267,7 @@ async def test_wrong_moments(bowed: Path, monkeypatch: pytest.MonkeyPatch, late:
         await until(pilot, "words", lambda: interface.keyed(texts.NOTHING) in said(interface))
         assert interface.screen is page
         await pilot.press("f10")
-    assert [one.name for one in bowed.parent.iterdir()] == [bowed.name]
+    assert [entry.name for entry in bowed.parent.iterdir()] == [bowed.name]
 
 
 async def test_a_session_that_cannot_be_diagnosed_has_nothing_to_try(tmp_path: Path) -> None:
@@ -291,7 +296,7 @@ async def test_on_a_result_any_effect_is_tried_and_none_adopted(tmp_path: Path) 
         await until(pilot, "words", lambda: words in said(interface))
         assert isinstance(interface.screen, ResultScreen)
         await pilot.press("f10")
-    assert [one.name for one in tmp_path.iterdir()] == ["plain.jsonl"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["plain.jsonl"]
 
 
 async def test_who_only_looks_adopts_nothing(tmp_path: Path) -> None:
@@ -305,7 +310,7 @@ async def test_who_only_looks_adopts_nothing(tmp_path: Path) -> None:
         await until(pilot, "words", lambda: ONLY_SHOWN in said(interface))
         assert interface.screen is page
         await pilot.press("f10")
-    assert [one.name for one in tmp_path.iterdir()] == ["sweep.jsonl"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["sweep.jsonl"]
 
 
 async def test_a_size_that_readings_do_not_show_can_be_moved_all_the_same(tmp_path: Path) -> None:
@@ -315,8 +320,8 @@ async def test_a_size_that_readings_do_not_show_can_be_moved_all_the_same(tmp_pa
     parameter = ParameterEntry(value=0.0, unit="mm")
     entry = EffectEntry(id="leg_length", where="x", parameters={"length": parameter})
     model = tmp_path / "m.json"
-    known = ModelFile(machine=record.opened.machine, effects=(entry,))
-    model.write_text(known.text(), encoding="utf-8")
+    content = ModelFile(machine=record.opened.machine, effects=(entry,))
+    model.write_text(content.text(), encoding="utf-8")
     solved = solve_files([path], subset="both")
     interface = Glidecal(ResultScreen(solved, None, path, model))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:

@@ -25,11 +25,11 @@ FOLDER = ROOT / "sample_sessions" / "hexaslide"
 SEED = 12
 
 
-def filled_in(held: HexaSlideMachine, truth: HexaSlideMachine, seed: int) -> str:
+def filled_in(nominal: HexaSlideMachine, truth: HexaSlideMachine, seed: int) -> str:
     """The table of the procedure with what the true machine shows, its controller holding that."""
-    asked = commands(held, load_posture_procedure("position"))
-    operator = SimulatedPostures(held, asked, seed, truth)
-    rows = list(csv.reader(StringIO(empty_table(asked))))
+    targets = commands(nominal, load_posture_procedure("position"))
+    operator = SimulatedPostures(nominal, targets, seed, truth)
+    rows = list(csv.reader(StringIO(empty_table(targets))))
     for number, row in enumerate(rows[2:], start=1):
         row[7:] = [f"{float(value):.4f}" for value in operator.typed(number, 0).split()]
     out = StringIO()
@@ -40,8 +40,8 @@ def filled_in(held: HexaSlideMachine, truth: HexaSlideMachine, seed: int) -> str
 def main(folder: Path = FOLDER) -> None:
     """Write both tables."""
     example = load_hexaslide()
-    asked = commands(example, load_posture_procedure("position"))
-    hidden = SimulatedPostures(example, asked, SEED).truth
+    targets = commands(example, load_posture_procedure("position"))
+    hidden = SimulatedPostures(example, targets, SEED).truth
     truth = machine_like(example, "hidden", hidden)
     before = filled_in(example, truth, SEED)
     (folder / "before.csv").write_text(before, encoding="utf-8")

@@ -125,12 +125,12 @@ def _machine(chance: random.Random, folder: Path) -> Case:
     source = (ROOT / "protocols/machines/orthoglide.toml").read_text()
     _toml(chance, folder / "m.toml", source)
     table = str(SAMPLES / "tables/experiment_2_twelve.csv")
-    seen = ("identifiability", "orthoglide", "--procedure", "zero-max-min")
+    verb = ("identifiability", "orthoglide", "--procedure", "zero-max-min")
     runs: tuple[Arguments, ...] = (
         ("run", "--dry-run", "--machine", "m.toml"),
         ("simulate", "--machine", "m.toml", "-o", "s.jsonl"),
         ("import", table, "--machine", "m.toml", "-o", "t.jsonl"),
-        (*seen, "--machine-file", "m.toml"),
+        (*verb, "--machine-file", "m.toml"),
         ("solve", "s.jsonl"),
     )
     return Case(runs, {})
@@ -159,8 +159,15 @@ def _postures(chance: random.Random, folder: Path) -> Case:
     _cells(chance, rows)
     text = "\n".join(map(",".join, rows))
     (folder / "p.csv").write_bytes(_bytes_spoilt(chance, text.encode("utf-8", "surrogatepass")))
-    asked = ("identifiability", "hexaslide", "--procedure", "position", "--posture-file", "p.csv")
-    return Case((asked,), {})
+    arguments = (
+        "identifiability",
+        "hexaslide",
+        "--procedure",
+        "position",
+        "--posture-file",
+        "p.csv",
+    )
+    return Case((arguments,), {})
 
 
 def _model(chance: random.Random, folder: Path) -> Case:
@@ -317,11 +324,11 @@ def _other(chance: random.Random, value: Node) -> Node:
 def _places(node: Node) -> list[tuple[Node, Node]]:
     """Every value within, as its container and its key."""
     keys = list(node) if isinstance(node, dict) else list(range(len(node)))
-    found = [(node, key) for key in keys]
+    places = [(node, key) for key in keys]
     for key in keys:
         if isinstance(node[key], dict | list):
-            found += _places(node[key])
-    return found or [({"": 0}, "")]
+            places += _places(node[key])
+    return places or [({"": 0}, "")]
 
 
 def chained(events: list[dict[str, Any]]) -> bytes:
@@ -374,5 +381,5 @@ def _cells(chance: random.Random, rows: list[list[str]]) -> None:
     for _ in range(chance.choice((1, 2, 6))):
         row = chance.choice(rows)
         text = str(chance.choice((*VALUES, *NUMBERS)))[:30_000]
-        others = (text, "9" * 400, '"', "1,5", "1e-320", *map(str, NUMBERS_WITHIN))
-        row[chance.randrange(len(row))] = chance.choice(others)
+        texts = (text, "9" * 400, '"', "1,5", "1e-320", *map(str, NUMBERS_WITHIN))
+        row[chance.randrange(len(row))] = chance.choice(texts)

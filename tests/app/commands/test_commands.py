@@ -29,96 +29,102 @@ def solve(*arguments: str | Path) -> dict[str, Any]:
 
 
 def test_solve_gives_the_published_table(samples: Path) -> None:
-    found = solve(samples / EXPERIMENT_2, "--subset", "joint-offsets", "--method", "linear")
-    values = [p["value"] for p in found["parameters"].values()]
+    solution = solve(samples / EXPERIMENT_2, "--subset", "joint-offsets", "--method", "linear")
+    values = [p["value"] for p in solution["parameters"].values()]
     assert values == pytest.approx([-0.4856, 0.4990, -1.6712], abs=0.0005)
-    assert found["rms_after_mm"] == pytest.approx(0.1379, abs=0.0005)
-    assert found["recommended_subset"] == "joint-offsets"
+    assert solution["rms_after_mm"] == pytest.approx(0.1379, abs=0.0005)
+    assert solution["recommended_subset"] == "joint-offsets"
 
 
 def test_solution_document_has_everything_promised(samples: Path) -> None:
-    found = solve(samples / EXPERIMENT_2, "--subset", "both", "--method", "linear")
-    assert found["schema"] == "glidecal.solution/1"
-    assert found["sessions"] == [EXPERIMENT_2]
-    assert list(found["parameters"]) == found["covariance"]["names"]
-    first = found["parameters"]["d_rho_x"]
+    solution = solve(samples / EXPERIMENT_2, "--subset", "both", "--method", "linear")
+    assert solution["schema"] == "glidecal.solution/1"
+    assert solution["sessions"] == [EXPERIMENT_2]
+    assert list(solution["parameters"]) == solution["covariance"]["names"]
+    first = solution["parameters"]["d_rho_x"]
     assert first["expanded_uncertainty"] == pytest.approx(
         first["standard_uncertainty"] * first["coverage_factor"]
     )
     assert first["unit"] == "mm"
-    assert first["standard_uncertainty"] ** 2 == pytest.approx(found["covariance"]["matrix"][0][0])
-    assert len(found["differences"]) == 12
-    for difference in found["differences"].values():
+    assert first["standard_uncertainty"] ** 2 == pytest.approx(
+        solution["covariance"]["matrix"][0][0]
+    )
+    assert len(solution["differences"]) == 12
+    for difference in solution["differences"].values():
         assert difference["residual"] == pytest.approx(
             difference["value"] - difference["predicted"]
         )
-    noise = found["noise"]
+    noise = solution["noise"]
     assert noise["standard_deviation_mm"] == pytest.approx((0.02**2 + 0.01**2 / 12) ** 0.5)
     assert (noise["degrees_of_freedom"], noise["source"]) == (None, "instrument")
     assert noise["pooled"] is True
-    assert found["suspect_readings"] == []
-    correction = found["correction"]
+    assert solution["suspect_readings"] == []
+    correction = solution["correction"]
     assert (correction["frame"], correction["holds"]) == ("touched-off", "offsets")
     for frame in ("touched_off_mm", "aligned_mm", "machine_mm"):
         assert correction["bound"][frame] < correction["bound_now"][frame]
-    assert [one["holds"] for one in correction["others"]] == ["play", "tables", "kinematics"]
-    assert found["enlarged_by_lack_of_fit"] > 10.0
-    assert found["lack_of_fit"]["p_value"] < 1e-6
-    assert found["condition_number"] == pytest.approx(61.9, abs=0.05)
-    assert found["weak_directions"][0]["combination"] == "d_rho_x + d_L_x"
-    assert found["reasons"] == []
-    assert found["degrees_of_freedom"] == 6
+    assert [alternative["holds"] for alternative in correction["others"]] == [
+        "play",
+        "tables",
+        "kinematics",
+    ]
+    assert solution["enlarged_by_lack_of_fit"] > 10.0
+    assert solution["lack_of_fit"]["p_value"] < 1e-6
+    assert solution["condition_number"] == pytest.approx(61.9, abs=0.05)
+    assert solution["weak_directions"][0]["combination"] == "d_rho_x + d_L_x"
+    assert solution["reasons"] == []
+    assert solution["degrees_of_freedom"] == 6
 
 
 def test_without_a_subset_joint_offsets_are_the_view(samples: Path) -> None:
-    found = solve(samples / EXPERIMENT_2)
-    assert found["subset"] == found["recommended_subset"] == "joint-offsets"
+    solution = solve(samples / EXPERIMENT_2)
+    assert solution["subset"] == solution["recommended_subset"] == "joint-offsets"
 
 
 def test_six_differences_do_not_give_both(samples: Path) -> None:
     path = samples / "experiment_1_six.jsonl"
-    said = refused(5, "solve", path, "--subset", "both")
-    assert "3 of 6 combinations not identifiable" in said
-    found = solve(path)
-    assert found["subset"] == "joint-offsets"
-    assert [reason.split(":")[0] for reason in found["reasons"]] == ["both left out"]
+    message = refused(5, "solve", path, "--subset", "both")
+    assert "3 of 6 combinations not identifiable" in message
+    solution = solve(path)
+    assert solution["subset"] == "joint-offsets"
+    assert [reason.split(":")[0] for reason in solution["reasons"]] == ["both left out"]
 
 
 def test_import_keeps_everything_and_solves_the_same(samples: Path, tmp_path: Path) -> None:
     table = samples / "tables" / "experiment_2_twelve.csv"
-    made = tmp_path / "s.jsonl"
+    session = tmp_path / "s.jsonl"
     stated = ["--resolution", "0.01", "--repeatability", "0.02"]
-    run = glidecal("import", table, "-o", made, *stated)
+    run = glidecal("import", table, "-o", session, *stated)
     assert (run.status, run.out) == (0, "")
-    found, sample = solve(made), solve(samples / EXPERIMENT_2)
-    assert found["parameters"] == sample["parameters"]
-    replayed = json.loads(glidecal("replay", made, "--headless", "--json").out)
+    solution, sample = solve(session), solve(samples / EXPERIMENT_2)
+    assert solution["parameters"] == sample["parameters"]
+    replayed = json.loads(glidecal("replay", session, "--headless", "--json").out)
     assert len(replayed["readings"]) == 18
     assert replayed["readings"][1]["text"] == "0.08"
-    assert glidecal("validate", made).status == 0
+    assert glidecal("validate", session).status == 0
 
 
 def test_the_day_of_a_table_is_stated_or_not_made_up(samples: Path, tmp_path: Path) -> None:
     """A certificate once had the day of the import as that of the measurement."""
-    table, made, silent = (
+    table, with_day, silent = (
         samples / "tables" / "experiment_2_twelve.csv",
         tmp_path / "s.jsonl",
         tmp_path / "silent.jsonl",
     )
-    assert glidecal("import", table, "--measured-on", "2008-05-12", "-o", made).status == 0
+    assert glidecal("import", table, "--measured-on", "2008-05-12", "-o", with_day).status == 0
     assert glidecal("import", table, "-o", silent).status == 0
     assert "imported" in glidecal("solve", silent).out
-    assert "measured on 2008-05-12" in glidecal("solve", made).out
-    files = {session: session.with_suffix(".csv") for session in (made, silent)}
+    assert "measured on 2008-05-12" in glidecal("solve", with_day).out
+    files = {session: session.with_suffix(".csv") for session in (with_day, silent)}
     for session, csv in files.items():
         assert glidecal("export", session, "--format", "csv", "-o", csv).status == 0
-    assert "measured 2008-05-12, imported 20" in files[made].read_text()
+    assert "measured 2008-05-12, imported 20" in files[with_day].read_text()
     assert "measured not stated, imported 20" in files[silent].read_text()
     page = tmp_path / "p.html"
     assert glidecal("report", silent, "-o", page).status == 0
     assert "not stated, imported 20" in page.read_text()
-    asked = ("import", table, "--measured-on", "2999-01-01", "-o", tmp_path / "later.jsonl")
-    assert "2999-01-01. Allowed: a day of the past" in refused(2, *asked)
+    arguments = ("import", table, "--measured-on", "2999-01-01", "-o", tmp_path / "later.jsonl")
+    assert "2999-01-01. Allowed: a day of the past" in refused(2, *arguments)
 
 
 def test_import_of_one_posture_is_kept_but_cannot_be_solved(tmp_path: Path) -> None:
@@ -134,8 +140,8 @@ def test_import_of_one_posture_is_kept_but_cannot_be_solved(tmp_path: Path) -> N
 def test_bad_table_leaves_no_session(tmp_path: Path) -> None:
     table = tmp_path / "t.csv"
     table.write_text("leg,axis,displacement_mm,value_mm\nx,y,0,nan\n")
-    said = refused(3, "import", table, "-o", tmp_path / "s.jsonl")
-    assert "line 2, column value_mm: found 'nan'" in said
+    message = refused(3, "import", table, "-o", tmp_path / "s.jsonl")
+    assert "line 2, column value_mm: found 'nan'" in message
     assert not (tmp_path / "s.jsonl").exists()
 
 
@@ -144,11 +150,11 @@ def test_simulate_is_reproducible_and_does_not_tell_the_truth(tmp_path: Path) ->
     model.write_text('{"parameters_mm": {"d_rho_x": 1.234567}}')
     readings = []
     for name in ("a.jsonl", "b.jsonl"):
-        made = glidecal(
+        run = glidecal(
             *("simulate", "--protocol", "sweep", "--model", model, "--seed", "4"),
             *("-o", tmp_path / name),
         )
-        assert made.status == 0
+        assert run.status == 0
         document = json.loads(glidecal("replay", tmp_path / name, "--json").out)
         readings.append(document["readings"])
     assert readings[0] == readings[1]
@@ -164,23 +170,23 @@ def test_noise_free_simulation_comes_back(tmp_path: Path) -> None:
     truth |= {"d_L_x": -2.2, "d_L_y": 0.4, "d_L_z": 3.0}
     model = tmp_path / "model.json"
     model.write_text(json.dumps({"parameters_mm": truth}))
-    made = tmp_path / "s.jsonl"
+    session = tmp_path / "s.jsonl"
     quiet = ["--scatter", "0", "--resolution", "0"]
-    assert glidecal("simulate", "--model", model, *quiet, "-o", made).status == 0
-    found = solve(made, "--subset", "both")["parameters"]
-    assert {k: v["value"] for k, v in found.items()} == pytest.approx(truth, abs=1e-6)
+    assert glidecal("simulate", "--model", model, *quiet, "-o", session).status == 0
+    parameters = solve(session, "--subset", "both")["parameters"]
+    assert {k: v["value"] for k, v in parameters.items()} == pytest.approx(truth, abs=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         ("damaged.jsonl", "line 9: found a content that does not fit"),
         ("none.jsonl", "No such file"),
     ],
 )
-def test_validate_names_the_first_broken_line(samples: Path, name: str, said: str) -> None:
-    assert said in refused(3, "validate", samples / name)
-    assert said in refused(3, "solve", samples / name)
+def test_validate_names_the_first_broken_line(samples: Path, name: str, message: str) -> None:
+    assert message in refused(3, "validate", samples / name)
+    assert message in refused(3, "solve", samples / name)
 
 
 def test_validate_all_samples(samples: Path) -> None:
@@ -207,7 +213,7 @@ def test_the_same_session_twice(samples: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "status", "said"),
+    ("arguments", "status", "message"),
     [
         (["run", "--protocol", "zero-mx-min", "--dry-run"], 2, "zero-max-min"),
         (["run", "--simulated", "--port", "a"], 2, "one of them"),
@@ -220,8 +226,8 @@ def test_the_same_session_twice(samples: Path, tmp_path: Path) -> None:
         ([], 2, "no terminal"),
     ],
 )
-def test_wrong_use(arguments: list[str], status: int, said: str) -> None:
-    assert said in refused(status, *arguments)
+def test_wrong_use(arguments: list[str], status: int, message: str) -> None:
+    assert message in refused(status, *arguments)
 
 
 @pytest.mark.parametrize("arguments", [["solv"], ["solve"], ["solve", "x", "--subset", "all"]])
@@ -235,7 +241,7 @@ def test_run_headless_and_continue(tmp_path: Path) -> None:
     done = tmp_path / "s.jsonl"
     run = glidecal("run", "--simulated", "--headless", "-o", done, "--seed", "3")
     assert run.status == 0, run.err
-    whole = json.loads(glidecal("replay", done, "--json").out)
+    record = json.loads(glidecal("replay", done, "--json").out)
     lines = done.read_bytes().splitlines(keepends=True)
     done.write_bytes(b"".join(lines[:31]) + lines[31][:40])
     run = glidecal("run", "--continue", done, "--headless")
@@ -243,16 +249,16 @@ def test_run_headless_and_continue(tmp_path: Path) -> None:
     again = json.loads(glidecal("replay", done, "--json").out)
     counting = [r for r in again["readings"] if not r["superseded"]]
     assert [(r["leg"], r["axis"], r["displacement_mm"], r["cycle"]) for r in counting] == [
-        (r["leg"], r["axis"], r["displacement_mm"], r["cycle"]) for r in whole["readings"]
+        (r["leg"], r["axis"], r["displacement_mm"], r["cycle"]) for r in record["readings"]
     ]
     assert glidecal("validate", done).status == 0
 
 
 def test_an_existing_session_is_not_overwritten(samples: Path, tmp_path: Path) -> None:
-    kept = shutil.copy(samples / EXPERIMENT_2, tmp_path / "s.jsonl")
-    before = Path(kept).read_bytes()
-    assert "exists already" in refused(3, "simulate", "-o", kept)
-    assert Path(kept).read_bytes() == before
+    session = shutil.copy(samples / EXPERIMENT_2, tmp_path / "s.jsonl")
+    before = Path(session).read_bytes()
+    assert "exists already" in refused(3, "simulate", "-o", session)
+    assert Path(session).read_bytes() == before
 
 
 def test_ports_lists_profiles_and_needs_no_port() -> None:
@@ -278,8 +284,8 @@ def test_help_fits_80_columns_in_whole_sentences(
     verb: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    _, said, _ = run_here(*verb, "--help")
-    usage, *lines = said.splitlines()
+    _, text, _ = run_here(*verb, "--help")
+    usage, *lines = text.splitlines()
     assert usage.startswith("Usage: ")
     assert all(len(line) <= 80 for line in lines)
     several = "[SESSIONS]..."  # typer up to 0.25 shows arguments so
@@ -288,17 +294,17 @@ def test_help_fits_80_columns_in_whole_sentences(
 
 def test_the_list_of_verbs_has_a_line_for_each(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    _, said, _ = run_here("--help")
-    assert len(said.splitlines()) <= 34
+    _, text, _ = run_here("--help")
+    assert len(text.splitlines()) <= 34
     for name, *deeper in VERBS[1:]:
-        (line,) = (line for line in said.splitlines() if line.split()[:1] == [name])
+        (line,) = (line for line in text.splitlines() if line.split()[:1] == [name])
         assert line.endswith((".", "?"))
         assert not deeper or name == "indicator"
-    assert "as .html, .pdf or .xml." in said
+    assert "as .html, .pdf or .xml." in text
 
 
 @pytest.mark.parametrize(
-    ("words", "own", "other"),
+    ("words", "own_option", "other_option"),
     [
         ("postures orthoglide", "--budget", "--few"),
         ("postures hexaslide", "--few", "--budget"),
@@ -308,13 +314,15 @@ def test_the_list_of_verbs_has_a_line_for_each(monkeypatch: pytest.MonkeyPatch) 
         ("import --machine hexaslide", "--posture-file", "--distances"),
     ],
 )
-def test_help_beside_a_machine_shows_what_it_takes(words: str, own: str, other: str) -> None:
-    _, said, _ = run_here(*words.split(), "--help")
-    assert own in said
-    assert other not in said
-    _, said, _ = run_here(words.split()[0], "--help")
-    assert own in said
-    assert other in said
+def test_help_beside_a_machine_shows_what_it_takes(
+    words: str, own_option: str, other_option: str
+) -> None:
+    _, text, _ = run_here(*words.split(), "--help")
+    assert own_option in text
+    assert other_option not in text
+    _, text, _ = run_here(words.split()[0], "--help")
+    assert own_option in text
+    assert other_option in text
 
 
 MINE = """
@@ -336,27 +344,27 @@ axes = "zxy"
 def test_who_measured_when_how_warm_and_with_what_stands_with_the_result(tmp_path: Path) -> None:
     machine, session = tmp_path / "m.toml", tmp_path / "s.jsonl"
     machine.write_text(MINE, encoding="utf-8")
-    asked = ("--machine", machine, "--operator", "M. Muster", "--temperature", "21.5")
-    assert glidecal("run", "--headless", *asked, "-o", session).status == 0
+    arguments = ("--machine", machine, "--operator", "M. Muster", "--temperature", "21.5")
+    assert glidecal("run", "--headless", *arguments, "-o", session).status == 0
     events = read_record(session).events
     assert isinstance(events[0], Opened)
     noted = tmp_path / "noted.jsonl"
     readings = [event for event in events if isinstance(event, Reading)]
     write_whole(noted, events[0], [*readings, Noted(text="window open"), Noted(text="window open")])
     begun = events[0].at
-    told = " ".join(glidecal("solve", noted).out.split())
+    text = " ".join(glidecal("solve", noted).out.split())
     assert (
         f"noted.jsonl: simulated {begun:%Y-%m-%d %H:%M} UTC by M. Muster at 21.5 °C; "
         "mitutoyo-01a (no. 4711, certificate K-123 of 2026-01-15), sylvac. Remark: window open"
-    ) in told
-    assert told.count("window open") == 1
-    (found,) = solve(noted)["measured"]
-    assert datetime.fromisoformat(found.pop("begun")) == begun
-    first, second = found.pop("indicators")
+    ) in text
+    assert text.count("window open") == 1
+    (measurement,) = solve(noted)["measured"]
+    assert datetime.fromisoformat(measurement.pop("begun")) == begun
+    first, second = measurement.pop("indicators")
     assert (first["profile"], first["serial_number"]) == ("mitutoyo-01a", "4711")
     assert (first["certificate"], first["certificate_date"]) == ("K-123", "2026-01-15")
     assert (second["profile"], second["certificate"]) == ("sylvac", None)
-    assert found == {
+    assert measurement == {
         "origin": "simulated",
         "operator": "M. Muster",
         "temperature_c": 21.5,
@@ -368,10 +376,10 @@ def test_who_measured_when_how_warm_and_with_what_stands_with_the_result(tmp_pat
 def test_a_certificate_has_a_date(tmp_path: Path, wrong: str) -> None:
     machine = tmp_path / "m.toml"
     machine.write_text(MINE.replace("2026-01-15", wrong), encoding="utf-8")
-    asked = ("run", "--headless", "--machine", machine, "-o", tmp_path / "s.jsonl")
-    said = refused(3, *asked)
-    assert f"machine file {machine}" in said
-    assert "certificate_date" in said or "TOML" in said or "line 9" in said
+    arguments = ("run", "--headless", "--machine", machine, "-o", tmp_path / "s.jsonl")
+    message = refused(3, *arguments)
+    assert f"machine file {machine}" in message
+    assert "certificate_date" in message or "TOML" in message or "line 9" in message
 
 
 def test_an_option_that_does_not_fit_shows_the_value_and_what_is_allowed() -> None:

@@ -47,8 +47,8 @@ def simulated(folder: Path, name: str, *options: str, seed: int = 1) -> Path:
 def diagnosed(*arguments: str | Path) -> dict[str, Any]:
     run = glidecal("diagnose", *arguments, "--json")
     assert run.status == 0, run.err
-    found: dict[str, Any] = json.loads(run.out)
-    return found
+    diagnosis: dict[str, Any] = json.loads(run.out)
+    return diagnosis
 
 
 EFFECT = ("--effect", "backlash:x", "--size", "0.03")
@@ -56,26 +56,28 @@ EFFECT = ("--effect", "backlash:x", "--size", "0.03")
 
 def test_find_adopt_and_see_the_gap_gone(tmp_path: Path) -> None:
     session = simulated(tmp_path, "s", *EFFECT)
-    other = simulated(tmp_path, "other", *EFFECT, seed=2)
+    second = simulated(tmp_path, "other", *EFFECT, seed=2)
     adopted = tmp_path / "model.json"
-    found = diagnosed(session, "--held-out", other, "--adopt", adopted)
-    assert set(found) >= PROMISED
-    assert found["schema"] == "glidecal.diagnosis/2"
-    assert found["verdict"] == "explained"
-    (effect,) = found["effects"]
+    diagnosis = diagnosed(session, "--held-out", second, "--adopt", adopted)
+    assert set(diagnosis) >= PROMISED
+    assert diagnosis["schema"] == "glidecal.diagnosis/2"
+    assert diagnosis["verdict"] == "explained"
+    (effect,) = diagnosis["effects"]
     assert (effect["id"], effect["where"], effect["kind"]) == ("backlash", "x", "machine")
-    assert found["gap_after"]["rms_mm"] < 0.5 * found["gap_before"]["rms_mm"]
-    held = found["held_out_gap"]
-    assert held["after_rms_mm"] < 0.5 * held["before_rms_mm"]
-    assert len(found["candidates"]) <= 20
-    assert found["tool_adopted"]["frame"] == found["tool"]["frame"]
+    assert diagnosis["gap_after"]["rms_mm"] < 0.5 * diagnosis["gap_before"]["rms_mm"]
+    gap = diagnosis["held_out_gap"]
+    assert gap["after_rms_mm"] < 0.5 * gap["before_rms_mm"]
+    assert len(diagnosis["candidates"]) <= 20
+    assert diagnosis["tool_adopted"]["frame"] == diagnosis["tool"]["frame"]
     assert "tool_adopted" not in diagnosed(session)
     again = diagnosed(session, "--model", adopted)
     assert again["verdict"] == "agrees"
-    assert again["gap_before"]["rms_mm"] == pytest.approx(found["gap_after"]["rms_mm"], rel=0.05)
-    shown = glidecal("model", adopted)
-    assert "backlash (x)" in shown.out
-    assert "found in s.jsonl, verdict explained" in " ".join(shown.out.split())
+    assert again["gap_before"]["rms_mm"] == pytest.approx(
+        diagnosis["gap_after"]["rms_mm"], rel=0.05
+    )
+    run = glidecal("model", adopted)
+    assert "backlash (x)" in run.out
+    assert "found in s.jsonl, verdict explained" in " ".join(run.out.split())
     assert "no reason" in refused(2, "model", adopted, "--remove", "backlash")
     removed = glidecal("model", adopted, "--remove", "backlash:x", "--why", "screw replaced")
     assert "No effects." in removed.out
@@ -89,11 +91,13 @@ def test_adopting_says_what_the_name_changes_at_the_tool(samples: Path, tmp_path
     session = samples / "simulated_zero-max-min.jsonl"
     likely = diagnosed(session)["candidates"][0]
     name = f"{likely['id']}:{likely['where']}"
-    asked = (session, "--candidate", name, "--adopt")
-    found = diagnosed(*asked, tmp_path / "json.json")
-    adopted_mm, all_mm = (found[key]["entered_mm"]["offsets"] for key in ("tool_adopted", "tool"))
+    arguments = (session, "--candidate", name, "--adopt")
+    diagnosis = diagnosed(*arguments, tmp_path / "json.json")
+    adopted_mm, all_mm = (
+        diagnosis[key]["entered_mm"]["offsets"] for key in ("tool_adopted", "tool")
+    )
     assert adopted_mm != pytest.approx(all_mm, rel=0.01)
-    run = glidecal("diagnose", *asked, tmp_path / "text.json")
+    run = glidecal("diagnose", *arguments, tmp_path / "text.json")
     assert run.status == 0, run.err
     assert (
         f"Given {likely['id']} ({likely['where']}): tool over the workspace, r.m.s. (95 %), "
@@ -114,11 +118,11 @@ def test_no_size_that_no_machine_has_would_have_been_found(tmp_path: Path) -> No
     session = tmp_path / "bars.jsonl"
     words = ("--machine", "linear-delta", "--protocol", "bars", "-o", session)
     assert glidecal("simulate", *words).status == 0
-    sizes = {one["id"]: one["size"] for one in diagnosed(session)["smallest_detectable"]}
+    sizes = {effect["id"]: effect["size"] for effect in diagnosed(session)["smallest_detectable"]}
     assert "gauge_tilt" not in sizes
     assert 0.0 < sizes["axis_lean"] < 1.0  # mrad
-    shown = glidecal("diagnose", session).out
-    assert re.search(r"gauge_tilt +not shown", shown)
+    text = glidecal("diagnose", session).out
+    assert re.search(r"gauge_tilt +not shown", text)
 
 
 @LONG
@@ -127,16 +131,22 @@ def test_the_bound_at_the_tool_and_what_lowers_it(tmp_path: Path, samples: Path)
     session = samples / "experiment_1_six.jsonl"
     run = glidecal("diagnose", session, "--next", tmp_path / "next.toml", "--json")
     assert run.status == 0, run.err
-    found = json.loads(run.out)
+    diagnosis = json.loads(run.out)
     planned = json.loads(glidecal("plan", session, "--json").out)
-    assert [one["legs"] for one in found["further"]] == [one["legs"] for one in planned["further"]]
-    bounds = [one["bound_mm"] for one in planned["further"]]
-    assert [one["bound_mm"] for one in found["further"]] == pytest.approx(bounds, rel=1e-6)
+    assert [set_up["legs"] for set_up in diagnosis["further"]] == [
+        set_up["legs"] for set_up in planned["further"]
+    ]
+    bounds = [set_up["bound_mm"] for set_up in planned["further"]]
+    assert [set_up["bound_mm"] for set_up in diagnosis["further"]] == pytest.approx(
+        bounds, rel=1e-6
+    )
     after = [planned["bound_mm"], *bounds]
     assert len(bounds) > 1
-    assert found["noise"]["standard_deviation_mm"] == pytest.approx(planned["noise_mm"], rel=1e-6)
+    assert diagnosis["noise"]["standard_deviation_mm"] == pytest.approx(
+        planned["noise_mm"], rel=1e-6
+    )
     assert all(b < 0.9 * a for a, b in pairwise(after))
-    tool = found["tool"]
+    tool = diagnosis["tool"]
     assert tool["frame"] == planned["frame"]
     assert tool["entered_mm"][planned["holds"]] == pytest.approx(planned["bound_mm"], rel=1e-6)
     assert tool["entered_mm"]["offsets"] < tool["now_mm"]
@@ -161,8 +171,8 @@ def test_nothing_to_adopt_and_unknown_candidates(tmp_path: Path, samples: Path) 
     session = samples / "simulated_sweep.jsonl"
     target = tmp_path / "m.json"
     assert "names no effect" in refused(2, "diagnose", session, "--adopt", target)
-    asked = ("--adopt", target, "--candidate", "nonsense")
-    assert "nonsense" in refused(2, "diagnose", session, *asked)
+    arguments = ("--adopt", target, "--candidate", "nonsense")
+    assert "nonsense" in refused(2, "diagnose", session, *arguments)
     assert not target.exists()
     candidate = diagnosed(session)["candidates"][-1]
     chosen = f"{candidate['id']}:{candidate['where']}"
@@ -172,41 +182,43 @@ def test_nothing_to_adopt_and_unknown_candidates(tmp_path: Path, samples: Path) 
 
 
 def test_published_experiments_claim_no_single_name(samples: Path) -> None:
-    found = diagnosed(
+    diagnosis = diagnosed(
         samples / "experiment_2_twelve.jsonl",
         "--held-out",
         samples / "experiment_3_twelve.jsonl",
     )
-    assert found["verdict"] == "unexplained"
-    assert found["effects"] == []
-    assert found["gap_before"]["degrees_of_freedom"] == 9
-    held = [c["held_out_gap_rms_mm"] for c in found["candidates"]]
-    assert any(value is not None for value in held)
+    assert diagnosis["verdict"] == "unexplained"
+    assert diagnosis["effects"] == []
+    assert diagnosis["gap_before"]["degrees_of_freedom"] == 9
+    gaps = [c["held_out_gap_rms_mm"] for c in diagnosis["candidates"]]
+    assert any(value is not None for value in gaps)
 
 
 def test_what_table_1_leaves_in_experiment_2_it_leaves_in_3(samples: Path) -> None:
     """Whatever its name is: bars of their tolerance cannot do it, and it is there again."""
-    found = diagnosed(
+    diagnosis = diagnosed(
         samples / "experiment_2_six.jsonl", "--held-out", samples / "experiment_3_six.jsonl"
     )
-    assert found["verdict"] == "cannot-tell"
-    assert found["gap_before"]["degrees_of_freedom"] == 3
-    held = found["held_out_gap"]
-    assert held["before_rms_mm"] > 0.09
-    assert held["after_rms_mm"] < 0.02
+    assert diagnosis["verdict"] == "cannot-tell"
+    assert diagnosis["gap_before"]["degrees_of_freedom"] == 3
+    gap = diagnosis["held_out_gap"]
+    assert gap["before_rms_mm"] > 0.09
+    assert gap["after_rms_mm"] < 0.02
 
 
 def test_three_sessions_leave_one_pattern(samples: Path) -> None:
     """As docs/published.md says: share 0.987, by chance once in 2000 times or rarer."""
-    found = diagnosed(*(samples / f"experiment_{k}_six.jsonl" for k in (1, 2, 3)))
-    assert found["gap_before"]["degrees_of_freedom"] == 9
-    assert found["pattern"]["common_share"] == pytest.approx(0.987, abs=5e-4)
-    assert found["pattern"]["reproducible"] is True
+    diagnosis = diagnosed(*(samples / f"experiment_{k}_six.jsonl" for k in (1, 2, 3)))
+    assert diagnosis["gap_before"]["degrees_of_freedom"] == 9
+    assert diagnosis["pattern"]["common_share"] == pytest.approx(0.987, abs=5e-4)
+    assert diagnosis["pattern"]["reproducible"] is True
 
 
 def test_several_sessions_keep_their_own_offsets(samples: Path) -> None:
-    found = diagnosed(samples / "experiment_2_twelve.jsonl", samples / "experiment_3_twelve.jsonl")
-    assert found["gap_before"]["degrees_of_freedom"] == 18
+    diagnosis = diagnosed(
+        samples / "experiment_2_twelve.jsonl", samples / "experiment_3_twelve.jsonl"
+    )
+    assert diagnosis["gap_before"]["degrees_of_freedom"] == 18
 
 
 def part_of_experiment_2(folder: Path, samples: Path, column: str, value: str) -> Path:
@@ -225,8 +237,8 @@ def part_of_experiment_2(folder: Path, samples: Path, column: str, value: str) -
 
 
 def test_one_leg_is_too_little(tmp_path: Path, samples: Path) -> None:
-    found = diagnosed(part_of_experiment_2(tmp_path, samples, "leg", "x"))
-    assert found["verdict"] == "cannot-tell"
+    diagnosis = diagnosed(part_of_experiment_2(tmp_path, samples, "leg", "x"))
+    assert diagnosis["verdict"] == "cannot-tell"
 
 
 def test_one_posture_is_refused(tmp_path: Path, samples: Path) -> None:
@@ -275,12 +287,12 @@ def test_without_any_noise_no_chance_is_told(tmp_path: Path, samples: Path) -> N
         table.write_text("".join(line.rsplit(",", 1)[0] + "\n" for line in lines), encoding="utf-8")
     session = table.with_suffix(".jsonl")
     assert glidecal("import", table, "-o", session).status == 0
-    found = diagnosed(session)
-    assert found["verdict"] == "cannot-tell"
-    assert found["noise"]["standard_deviation_mm"] is None
-    assert found["effects"] == []
+    diagnosis = diagnosed(session)
+    assert diagnosis["verdict"] == "cannot-tell"
+    assert diagnosis["noise"]["standard_deviation_mm"] is None
+    assert diagnosis["effects"] == []
     stated = diagnosed(samples / "experiment_2_twelve.jsonl")
-    assert found["tool"]["entered_mm"]["offsets"] > stated["tool"]["entered_mm"]["offsets"]
+    assert diagnosis["tool"]["entered_mm"]["offsets"] > stated["tool"]["entered_mm"]["offsets"]
     text = " ".join(glidecal("diagnose", session).out.split())
     assert "a stated noise it may be chance" in text
     assert "by chance in" not in text
@@ -299,15 +311,17 @@ def nameless(folder: Path) -> tuple[Path, Path]:
 @LONG
 def test_what_has_no_name_is_adopted_as_a_law(tmp_path: Path) -> None:
     session, truth = nameless(tmp_path)
-    other = simulated(tmp_path, "other", "--model", str(truth), seed=4)
+    second = simulated(tmp_path, "other", "--model", str(truth), seed=4)
     target = tmp_path / "law.json"
-    asked = ("--held-out", other, "--adopt", target, "--candidate", "empirical")
-    found = diagnosed(session, *asked)
-    effect = found["left_over"]
+    arguments = ("--held-out", second, "--adopt", target, "--candidate", "empirical")
+    diagnosis = diagnosed(session, *arguments)
+    effect = diagnosis["left_over"]
     assert (effect["id"], effect["kind"], effect["where"]) == ("empirical", "empirical", "x")
     assert effect["gap_rms_after_mm"] < 0.5 * effect["gap_rms_before_mm"]
     assert effect["held_out_gap"]["after_rms_mm"] < effect["held_out_gap"]["before_rms_mm"]
-    assert "empirical" not in {one["id"] for one in (*found["effects"], *found["candidates"])}
+    assert "empirical" not in {
+        candidate["id"] for candidate in (*diagnosis["effects"], *diagnosis["candidates"])
+    }
     (entry,) = json.loads(target.read_text(encoding="utf-8"))["effects"]
     assert entry["id"] == "empirical"
     value = entry["parameters"]["travel_cube_at_100mm"]
@@ -316,10 +330,10 @@ def test_what_has_no_name_is_adopted_as_a_law(tmp_path: Path) -> None:
     again = diagnosed(session, "--model", target)
     assert again["verdict"] == "agrees"
     assert again["left_over"] is None
-    made = simulated(tmp_path, "again", "--model", str(target), seed=8)
-    assert diagnosed(made, "--model", target)["verdict"] == "agrees"
-    shown = glidecal("model", target)
-    words = " ".join(shown.out.split())
+    third = simulated(tmp_path, "again", "--model", str(target), seed=8)
+    assert diagnosed(third, "--model", target)["verdict"] == "agrees"
+    run = glidecal("model", target)
+    words = " ".join(run.out.split())
     assert "added empirical (x): an unnamed effect: a carriage is off" in words
     removed = glidecal("model", target, "--remove", "empirical", "--why", "a screw was changed")
     assert "No effects." in removed.out
@@ -331,7 +345,7 @@ def test_beside_names_the_law_is_asked_for(tmp_path: Path) -> None:
     run = glidecal("diagnose", session, "--adopt", target)
     text = " ".join(run.out.split())
     assert "a carriage is off along its way with the cube of travel" in text
-    named = [one["id"] for one in json.loads(target.read_text(encoding="utf-8"))["effects"]]
+    named = [effect["id"] for effect in json.loads(target.read_text(encoding="utf-8"))["effects"]]
     if run.out.startswith("PARTLY-EXPLAINED"):
         assert "empirical" not in named
         assert "there is an unnamed effect too: --candidate empirical" in run.err
@@ -354,11 +368,13 @@ def test_sessions_with_another_load_on_the_tool(tmp_path: Path) -> None:
         model = tmp_path / f"load_{load:g}.json"
         model.write_text(json.dumps(truth | {"machine": {"load": load}}), encoding="utf-8")
         sessions.append(simulated(tmp_path, model.stem, "--model", str(model), seed=int(load)))
-    alone, both = diagnosed(sessions[0]), diagnosed(*sessions)
-    for found in (alone, both):
-        assert [(one["id"], one["where"]) for one in found["effects"]] == [("gravity_sag", "all")]
-        assert found["verdict"] == "explained"
-    (little,), (value,) = alone["effects"][0]["parameters"], both["effects"][0]["parameters"]
+    alone, together = diagnosed(sessions[0]), diagnosed(*sessions)
+    for diagnosis in (alone, together):
+        assert [(effect["id"], effect["where"]) for effect in diagnosis["effects"]] == [
+            ("gravity_sag", "all")
+        ]
+        assert diagnosis["verdict"] == "explained"
+    (little,), (value,) = alone["effects"][0]["parameters"], together["effects"][0]["parameters"]
     assert value["value"] == pytest.approx(0.4, abs=4.0 * value["standard_uncertainty"])
     assert value["standard_uncertainty"] < 0.6 * little["standard_uncertainty"]
 

@@ -40,7 +40,9 @@ def test_a_missing_package_is_installed_by_the_command_that_is_said() -> None:
     """It names this Python and each package of the extra, as in a clone so from a wheel."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     for name in ("report", "xlsx", "parquet", "frames", "serve", "cluster"):
-        packages = " ".join(f'"{one}"' for one in project["optional-dependencies"][name])
+        packages = " ".join(
+            f'"{requirement}"' for requirement in project["optional-dependencies"][name]
+        )
         assert install_command(name) == f"{sys.executable} -m pip install {packages}"
     with pytest.raises(UsageError, match=r"-m pip install \"openpyxl>="), extra("a table", "xlsx"):
         raise ImportError(name="openpyxl")

@@ -42,12 +42,12 @@ def test_ranks_beside_those_of_the_paper(
 ) -> None:
     run = glidecal(*VERB, procedure, "--json")
     assert run.status == 0, run.err
-    found = json.loads(run.out)
-    assert (found["rank"], found["parameter_count"]) == (rank, count)
-    assert (found["published_rank"], found["fewest_postures"]) == (published, fewest)
-    assert found["limited_by"] == "nothing"
-    assert len(found["lost_directions"]) == count - rank
-    assert bool(found["remark"]) == (rank != published)
+    report = json.loads(run.out)
+    assert (report["rank"], report["parameter_count"]) == (rank, count)
+    assert (report["published_rank"], report["fewest_postures"]) == (published, fewest)
+    assert report["limited_by"] == "nothing"
+    assert len(report["lost_directions"]) == count - rank
+    assert bool(report["remark"]) == (rank != published)
 
 
 def seen_of(request: Request) -> HexaSlideSeen:
@@ -60,71 +60,71 @@ def told(request: Request) -> str:
 
 
 def test_too_few_postures_say_the_minimum_and_what_is_lost_in_whole() -> None:
-    found = json.loads(glidecal(*VERB, "position", "--postures", "15", "--json").out)
-    assert (found["limited_by"], found["rank"], found["reachable_rank"]) == (
+    report = json.loads(glidecal(*VERB, "position", "--postures", "15", "--json").out)
+    assert (report["limited_by"], report["rank"], report["reachable_rank"]) == (
         "too-few-postures",
         45,
         46,
     )
-    lost = found["lost_directions"]
-    assert [one["at_every_posture"] for one in lost] == [True, True, True, False]
+    lost = report["lost_directions"]
+    assert [direction["at_every_posture"] for direction in lost] == [True, True, True, False]
     machine = load_hexaslide().whole()
     rows = jacobian(Procedure.of("position"), machine.geometry, held_postures(machine, 15, 0))
-    names = found["parameters"]
-    for one in lost:
-        vector = np.array([one["combination"].get(name, 0.0) for name in names])
+    names = report["parameters"]
+    for loss in lost:
+        vector = np.array([loss["combination"].get(name, 0.0) for name in names])
         assert np.linalg.norm(rows.reshape(-1, 49) @ vector) < 1e-8 * np.linalg.norm(vector)
-    said = told(Request("position", postures=15))
-    assert "Too few postures: 16 or more are needed to see the 46" in said
-    assert "and smaller shares of" in said
-    assert "Other postures show this." in said
+    text = told(Request("position", postures=15))
+    assert "Too few postures: 16 or more are needed to see the 46" in text
+    assert "and smaller shares of" in text
+    assert "Other postures show this." in text
 
 
 def test_what_is_lost_is_told_by_its_motions_and_their_number() -> None:
-    said = told(Request("constraint-link"))
+    text = told(Request("constraint-link"))
     for motion in (
         "NOT IDENTIFIABLE (3): platform frame turned about its X, Y and Z.",
         "NOT IDENTIFIABLE (3): platform frame shifted along its X, Y and Z.",
         "NOT IDENTIFIABLE (1): base turned about X. No posture shows this",
     ):
-        assert motion in said
-    assert "48 of 55 combinations of the parameters are identifiable, 7 not." in said
-    assert "Fewest postures that show so many: 48." in said
-    assert "papers/001 counts 46; with exact derivatives it is 48" in said
+        assert motion in text
+    assert "48 of 55 combinations of the parameters are identifiable, 7 not." in text
+    assert "Fewest postures that show so many: 48." in text
+    assert "papers/001 counts 46; with exact derivatives it is 48" in text
 
 
 def test_the_rule_of_the_paper_is_told_beside_with_what_decides_it() -> None:
-    said = told(Request("position"))
-    assert "rank 46 with exact derivatives, flags Bz5, By6, Bz6." in said
-    assert "at 16 postures its rank is 48. WARNING: that is the number of rows" in said
-    assert "at 100 postures its rank is 49. WARNING: that is the number of parameters" in said
-    assert "orders of magnitude too tight" in said
+    text = told(Request("position"))
+    assert "rank 46 with exact derivatives, flags Bz5, By6, Bz6." in text
+    assert "at 16 postures its rank is 48. WARNING: that is the number of rows" in text
+    assert "at 100 postures its rank is 49. WARNING: that is the number of parameters" in text
+    assert "orders of magnitude too tight" in text
     rules = rules_of(seen_of(Request("constraint-link")))
-    whole, few = rules.forward_differences
+    many, few = rules.forward_differences
     assert rules.rank == 48
-    assert (whole.rank, whole.true_rank, whole.decided_by) == (55, 48, "parameters")
+    assert (many.rank, many.true_rank, many.decided_by) == (55, 48, "parameters")
     assert (few.postures, few.rank, few.decided_by) == (46, 46, "rows")
-    least, largest = whole.errors_in_tolerances or (0.0, 0.0)
+    least, largest = many.errors_in_tolerances or (0.0, 0.0)
     assert 1e4 < least < largest < 1e9
-    said = told(Request("pose-inverse"))
-    assert "WARNING" not in said
-    assert "at 9 postures its rank is 49." in said
+    text = told(Request("pose-inverse"))
+    assert "WARNING" not in text
+    assert "at 9 postures its rank is 49." in text
     assert "WARNING: 45 is wrong: without exchange of columns" in told(
         Request("position", postures=16)
     )
 
 
 def test_condition_numbers_have_their_units() -> None:
-    seen = seen_of(Request("pose-forward"))
-    found = HexaSlideIdentifiabilityReport.of(seen)
-    figures = found.condition_numbers
+    analysis = seen_of(Request("pose-forward"))
+    report = HexaSlideIdentifiabilityReport.of(analysis)
+    figures = report.condition_numbers
     assert set(figures) == {"m, rad", "mm, rad", "m, °", "scaled"}
-    assert figures["m, rad"] == pytest.approx(found.condition_number)
+    assert figures["m, rad"] == pytest.approx(report.condition_number)
     assert figures["mm, rad"] > 10.0 * figures["m, rad"]
-    said = told(Request("pose-forward"))
-    assert all(f"in {units}" in said for units in figures if units != "scaled")
-    assert f"no unit matters: {figures['scaled']:.4g}." in said
-    assert "It depends on the units" in said
+    text = told(Request("pose-forward"))
+    assert all(f"in {units}" in text for units in figures if units != "scaled")
+    assert f"no unit matters: {figures['scaled']:.4g}." in text
+    assert "It depends on the units" in text
 
 
 def test_a_measured_tilt_is_seen() -> None:
@@ -134,10 +134,10 @@ def test_a_measured_tilt_is_seen() -> None:
 
 
 def test_what_is_known_of_the_link() -> None:
-    found = json.loads(glidecal(*VERB, "constraint-link", "--known", "c,d,length", "--json").out)
-    assert (found["rank"], found["parameter_count"], found["published_rank"]) == (46, 49, None)
-    said = told(Request("constraint-link", known=()))
-    assert "49 of 56 combinations" in said
+    report = json.loads(glidecal(*VERB, "constraint-link", "--known", "c,d,length", "--json").out)
+    assert (report["rank"], report["parameter_count"], report["published_rank"]) == (46, 49, None)
+    text = told(Request("constraint-link", known=()))
+    assert "49 of 56 combinations" in text
     assert "turned about the link's end, X and Y" in told(
         Request("constraint-link", known=("c", "length"))
     )
@@ -150,12 +150,12 @@ def test_postures_of_a_file(tmp_path: Path) -> None:
     table = tmp_path / "own.csv"
     lines = [columns, *(",".join(map(str, row)) for row in postures)]
     table.write_text("\n".join(lines), encoding="utf-8")
-    found = json.loads(glidecal(*VERB, "position", "--posture-file", table, "--json").out)
-    assert (found["rank"], found["reachable_rank"]) == (32, 46)
-    assert (found["postures"]["count"], found["limited_by"]) == (40, "too-few-postures")
-    said = told(Request("position", posture_file=table))
-    assert "too much alike: others show 46. Vary all six coordinates." in said
-    assert "more such sums; --json lists them" in said
+    report = json.loads(glidecal(*VERB, "position", "--posture-file", table, "--json").out)
+    assert (report["rank"], report["reachable_rank"]) == (32, 46)
+    assert (report["postures"]["count"], report["limited_by"]) == (40, "too-few-postures")
+    text = told(Request("position", posture_file=table))
+    assert "too much alike: others show 46. Vary all six coordinates." in text
+    assert "more such sums; --json lists them" in text
     written = tmp_path / "own.json"
     named = [dict(zip(columns.split(","), row, strict=True)) for row in postures.tolist()]
     written.write_text(json.dumps({"schema": "x", "postures": named}), encoding="utf-8")
@@ -187,8 +187,8 @@ def test_postures_that_cannot_be_are_told(tmp_path: Path) -> None:
     path = tmp_path / "own.csv"
     header = "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg\n"
     path.write_text(f"{header}5,-0.8,-1.15,0,0,0\n", encoding="utf-8")
-    said = refused(5, *VERB, "position", "--posture-file", path)
-    assert "posture (5, -0.8, -1.15) m, (0, 0, 0)°: found link 1" in said
+    message = refused(5, *VERB, "position", "--posture-file", path)
+    assert "posture (5, -0.8, -1.15) m, (0, 0, 0)°: found link 1" in message
     lines = itertools.count()
     on_a_line = re.sub(
         r"joint_mm = \[.*?\]", lambda _: f"joint_mm = [{100.0 * next(lines)}, 0.0, 0.0]", TEXT
@@ -201,11 +201,11 @@ def test_postures_that_cannot_be_are_told(tmp_path: Path) -> None:
 
 def test_postures_before_and_after() -> None:
     verb = ("postures", "hexaslide", "--procedure", "pose-inverse", "--count", "9")
-    found = json.loads(glidecal(*verb, "--criterion", "condition", "--starts", "1", "--json").out)
-    assert found["condition_number"] < 60.0 < found["start_condition_number"] / 10.0
-    assert len(found["postures"]) == 9
+    report = json.loads(glidecal(*verb, "--criterion", "condition", "--starts", "1", "--json").out)
+    assert report["condition_number"] < 60.0 < report["start_condition_number"] / 10.0
+    assert len(report["postures"]) == 9
     for name, bound in {"x_m": 0.3, "theta_deg": 15.0, "phi_deg": 30.0}.items():
-        assert all(abs(posture[name]) <= bound + 1e-9 for posture in found["postures"])
+        assert all(abs(posture[name]) <= bound + 1e-9 for posture in report["postures"])
 
 
 def test_wrong_input_is_told(tmp_path: Path) -> None:
@@ -215,10 +215,10 @@ def test_wrong_input_is_told(tmp_path: Path) -> None:
     assert "pose-inverse" in refused(2, *VERB, "sideways")
     assert "of c, d, length" in refused(2, *VERB, "constraint-link", "--known", "e")
     assert "--measured also does" in refused(2, "identifiability", "hexaslide")
-    both = ("--postures", "20", "--posture-file", tmp_path / "none.csv")
-    assert "one of them" in refused(2, *VERB, "position", *both)
-    other = ("identifiability", "orthoglide", "--procedure", "sweep", "--known", "c")
-    assert "the machine hexaslide" in refused(2, *other)
+    options = ("--postures", "20", "--posture-file", tmp_path / "none.csv")
+    assert "one of them" in refused(2, *VERB, "position", *options)
+    arguments = ("identifiability", "orthoglide", "--procedure", "sweep", "--known", "c")
+    assert "the machine hexaslide" in refused(2, *arguments)
 
 
 @pytest.mark.parametrize(
@@ -249,13 +249,13 @@ def test_a_wrong_machine_file_is_told(tmp_path: Path, old: str, new: str, words:
 def test_fewer_than_six_chains_and_no_link_are_told(tmp_path: Path) -> None:
     path = tmp_path / "own.toml"
     head, *chains = TEXT.split("[[chain]]")
-    rest = chains[-1].split("[box]")[1]
-    path.write_text("[[chain]]".join([head, *chains[:-1]]) + f"\n[box]{rest}", encoding="utf-8")
-    said = refused(3, *VERB, "position", "--machine-file", path)
-    assert "six chains, each with its own [[chain]]; here are 5" in said
+    tail = chains[-1].split("[box]")[1]
+    path.write_text("[[chain]]".join([head, *chains[:-1]]) + f"\n[box]{tail}", encoding="utf-8")
+    message = refused(3, *VERB, "position", "--machine-file", path)
+    assert "six chains, each with its own [[chain]]; here are 5" in message
     path.write_text(TEXT.split("[constraint_link]")[0], encoding="utf-8")
-    said = refused(2, *VERB, "constraint-link", "--machine-file", path)
-    assert "no [constraint_link]" in said
+    message = refused(2, *VERB, "constraint-link", "--machine-file", path)
+    assert "no [constraint_link]" in message
 
 
 def test_a_machine_file_in_metres_is_the_same_machine(tmp_path: Path) -> None:
@@ -264,7 +264,7 @@ def test_a_machine_file_in_metres_is_the_same_machine(tmp_path: Path) -> None:
     text = TEXT.split("[tolerances]")[0]
 
     def in_metres(match: re.Match[str]) -> str:
-        numbers = re.sub(r"-?\d+\.\d+", lambda one: repr(float(one[0]) / 1000.0), match[3])
+        numbers = re.sub(r"-?\d+\.\d+", lambda number: repr(float(number[0]) / 1000.0), match[3])
         return f"{match[1]}_m{match[2]}{numbers}"
 
     old = lengths.sub(in_metres, text).replace("hexaslide/2", "hexaslide/1")

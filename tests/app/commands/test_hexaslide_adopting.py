@@ -78,14 +78,14 @@ def test_beside_the_model_nothing_is_missing(scaled: Measured) -> None:
 
 def test_solve_fits_the_size_beside_the_parameters(scaled: Measured) -> None:
     without, beside = (
-        json.loads(glidecal("solve", scaled.second, *more, "--held-out", "0", "--json").out)
-        for more in ((), ("--model", scaled.model))
+        json.loads(glidecal("solve", scaled.second, *options, "--held-out", "0", "--json").out)
+        for options in ((), ("--model", scaled.model))
     )
     assert without["lack_of_fit"]["p_value"] < 1e-3 < beside["lack_of_fit"]["p_value"]
     assert beside["rms_after"]["length_mm"] < 0.7 * without["rms_after"]["length_mm"]
     assert beside["residuals"]["effects"] == ["rail_scale:rail 3"]
     # what is entered counted the scale already: it needs no adoption
-    bounds = [each["platform"]["bound_rms_mm"] for each in (without, beside)]
+    bounds = [solution["platform"]["bound_rms_mm"] for solution in (without, beside)]
     assert bounds[1] == pytest.approx(bounds[0], rel=0.05)
 
 
@@ -97,11 +97,13 @@ def test_a_model_is_shown_extended_held_and_reduced(scaled: Measured, tmp_path: 
     beside = json.loads(glidecal("diagnose", scaled.second, "--model", model, "--json").out)
     assert beside["effects_of_model"][0]["values"] == [0.9]
     assert beside["verdict"] != "agrees", "a size that a person states wrongly stays"
-    shown = glidecal("model", model)
-    assert "scale = +0.9" in shown.out
-    assert "held" in shown.out
-    both = hidden_session(tmp_path / "both.jsonl", Hidden("backlash", 1, 1e-4))
-    extending = glidecal("diagnose", both, "--model", scaled.model, "--adopt", tmp_path / "n.json")
+    run = glidecal("model", model)
+    assert "scale = +0.9" in run.out
+    assert "held" in run.out
+    session = hidden_session(tmp_path / "both.jsonl", Hidden("backlash", 1, 1e-4))
+    extending = glidecal(
+        "diagnose", session, "--model", scaled.model, "--adopt", tmp_path / "n.json"
+    )
     assert extending.status == 0, extending.err
     effects = {
         (entry.id, entry.where) for entry in read_hexaslide_model(tmp_path / "n.json").effects
@@ -110,9 +112,9 @@ def test_a_model_is_shown_extended_held_and_reduced(scaled: Measured, tmp_path: 
     assert (
         glidecal("model", tmp_path / "n.json", "--remove", "backlash:2", "--why", "oil").status == 0
     )
-    left = json.loads(glidecal("model", tmp_path / "n.json", "--json").out)
-    assert [entry["id"] for entry in left["effects"]] == ["rail_scale"]
-    assert left["history"][-1]["why"] == "oil"
+    extension = json.loads(glidecal("model", tmp_path / "n.json", "--json").out)
+    assert [entry["id"] for entry in extension["effects"]] == ["rail_scale"]
+    assert extension["history"][-1]["why"] == "oil"
     assert "rail_scale at rail 3" in refused(
         2, "model", tmp_path / "n.json", "--remove", "backlash:2", "--why", "oil"
     )

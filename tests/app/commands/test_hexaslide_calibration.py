@@ -45,12 +45,12 @@ def written(
     postures: int,
     noise_mm: float = 0.01,
     angle_noise_mrad: float | None = None,
-    **own: Unpack[Other],
+    **changes: Unpack[Other],
 ) -> tuple[Path, Path]:
     """Measurements and truth, in new files."""
     path, truth = folder / f"{procedure}.json", folder / f"{procedure}-truth.json"
-    asked = replace(Request(procedure, postures=postures, seed=1), **own)
-    write_simulated(asked, path, truth, noise_mm=noise_mm, angle_noise_mrad=angle_noise_mrad)
+    request = replace(Request(procedure, postures=postures, seed=1), **changes)
+    write_simulated(request, path, truth, noise_mm=noise_mm, angle_noise_mrad=angle_noise_mrad)
     return path, truth
 
 
@@ -70,22 +70,22 @@ def document(path: Path, truth: Path | None = None, share: float = 0.2) -> dict[
 
 def test_simulate_and_solve_as_a_person_would(tmp_path: Path) -> None:
     path, truth = tmp_path / "m.json", tmp_path / "truth.json"
-    made = glidecal(
+    simulation = glidecal(
         *SIMULATE, "position", "--postures", "40", "--noise", "0.01", "--seed", "3",
         "-o", path, "--truth", truth,
     )  # fmt: skip
-    assert (made.status, made.out) == (0, "")
-    assert "40 simulated postures of hexaslide-h60, position" in made.err
+    assert (simulation.status, simulation.out) == (0, "")
+    assert "40 simulated postures of hexaslide-h60, position" in simulation.err
     run = glidecal("solve", path, "--truth", truth, "--json")
     assert run.status == 0, run.err
-    found = json.loads(run.out)
-    assert found["schema"] == "glidecal.hexaslide-calibration/1"
-    assert (found["rank"], found["parameter_count"], found["lost_count"]) == (46, 49, 3)
-    assert found == document(path, truth)
-    said = glidecal("solve", path, "--machine", "hexaslide")
-    assert said.status == 0
-    assert "46 of 49 combinations of the parameters identified" in said.out.replace("\n", " ")
-    assert max(map(len, said.out.splitlines())) <= 80
+    report = json.loads(run.out)
+    assert report["schema"] == "glidecal.hexaslide-calibration/1"
+    assert (report["rank"], report["parameter_count"], report["lost_count"]) == (46, 49, 3)
+    assert report == document(path, truth)
+    printout = glidecal("solve", path, "--machine", "hexaslide")
+    assert printout.status == 0
+    assert "46 of 49 combinations of the parameters identified" in printout.out.replace("\n", " ")
+    assert max(map(len, printout.out.splitlines())) <= 80
 
 
 PLACES = {"B": ("joint_mm", "joint"), "A": ("start_mm", "start"), "a": ("rail", "rail")}
@@ -106,18 +106,18 @@ def test_what_is_printed_is_what_is_written(
     pins = dict(re.findall(r"^setp hexaslidekins\.(\S+) (\S+)", hal, re.MULTILINE))
     rows = re.findall(r"^ *([BAal])([xyz]?)([1-6]) +(-?[\d.]+) ", run.out, re.MULTILINE)
     assert len(rows) == count
-    for letter, axis, chain, shown in rows:
+    for letter, axis, chain, figure in rows:
         file = chains[int(chain) - 1]
         key, pin = PLACES.get(letter, ("link_mm", "link"))
         value = file[key] if letter == "l" else file[key]["xyz".index(axis)]
         in_thousandths = 1000.0 if letter == "a" else 1.0  # directions have no unit
-        assert in_thousandths * value == pytest.approx(float(shown), abs=5.01e-5)
+        assert in_thousandths * value == pytest.approx(float(figure), abs=5.01e-5)
         pinned = float(pins["-".join(filter(None, (pin, str(int(chain) - 1), axis)))])
         assert pinned == pytest.approx(value, rel=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("procedure", "postures", "rank", "known"),
+    ("procedure", "postures", "rank", "known_count"),
     [
         ("pose-inverse", 30, 49, 49),
         ("pose-forward", 30, 49, 49),
@@ -126,28 +126,28 @@ def test_what_is_printed_is_what_is_written(
     ],
 )
 def test_every_procedure_end_to_end(
-    procedure: str, postures: int, rank: int, known: int, tmp_path: Path
+    procedure: str, postures: int, rank: int, known_count: int, tmp_path: Path
 ) -> None:
     path, truth = written(tmp_path, procedure, postures)
-    found = document(path, truth)
-    assert (found["rank"], len(found["individually_known"])) == (rank, known)
-    assert found["converged"]
-    assert found["steps"] <= 12
-    assert found["rms_after"]["length_mm"] < 0.015
-    assert found["rms_before"]["length_mm"] > 0.3
-    held = found["held_out"]
-    assert held["rms_after"]["length_mm"] < 0.05
-    assert held["rms_before"]["length_mm"] > 0.3
-    assert found["postures"]["fitted"] + len(found["postures"]["held_out"]) == postures
-    assert len(found["postures"]["held_out"]) == postures // 5
-    true = found["truth"]
+    report = document(path, truth)
+    assert (report["rank"], len(report["individually_known"])) == (rank, known_count)
+    assert report["converged"]
+    assert report["steps"] <= 12
+    assert report["rms_after"]["length_mm"] < 0.015
+    assert report["rms_before"]["length_mm"] > 0.3
+    check = report["held_out"]
+    assert check["rms_after"]["length_mm"] < 0.05
+    assert check["rms_before"]["length_mm"] > 0.3
+    assert report["postures"]["fitted"] + len(report["postures"]["held_out"]) == postures
+    assert len(report["postures"]["held_out"]) == postures // 5
+    true = report["truth"]
     gain = 0.6 if procedure == "constraint-link" else 0.1
     assert true["after"]["position_rms_mm"] < gain * true["before"]["position_rms_mm"]
-    assert 0.7 * known <= true["individually_known_within_95_percent"] <= known
-    assert found["lack_of_fit"]["p_value"] > 0.001
-    for name, row in found["parameters"].items():
+    assert 0.7 * known_count <= true["individually_known_within_95_percent"] <= known_count
+    assert report["lack_of_fit"]["p_value"] > 0.001
+    for name, row in report["parameters"].items():
         certain = row["expanded_uncertainty"]
-        assert (certain is None) == (name not in found["individually_known"])
+        assert (certain is None) == (name not in report["individually_known"])
 
 
 def test_the_file_says_nothing_of_the_truth(tmp_path: Path) -> None:
@@ -180,44 +180,44 @@ def test_readings_are_of_the_true_machine_with_the_stated_noise(tmp_path: Path) 
 
 def test_without_noise_the_truth_comes_back_through_the_files(tmp_path: Path) -> None:
     path, truth = written(tmp_path, "pose-inverse", 30, noise_mm=0.0)
-    found = document(path, truth)
-    assert found["noise"]["source"] == "residuals"
-    assert found["truth"]["individually_known_worst"] < 1e-11
+    report = document(path, truth)
+    assert report["noise"]["source"] == "residuals"
+    assert report["truth"]["individually_known_worst"] < 1e-11
     chain = read_truth(truth, read_measurements(path)).chain[2]
-    assert found["parameters"]["l3"]["value"] == pytest.approx(chain.link_mm / 1000.0, abs=1e-11)
+    assert report["parameters"]["l3"]["value"] == pytest.approx(chain.link_mm / 1000.0, abs=1e-11)
 
 
 def test_words_of_what_is_lost_left_and_checked(tmp_path: Path) -> None:
     path, truth = written(tmp_path, "position", 40)
     solved = calibrate_file(path, truth, 0.25)
-    said = calibration_text(solved).replace("\n", " ")
-    found = HexaSlideCalibrationReport.of(solved).model_dump(mode="json")
+    text = calibration_text(solved).replace("\n", " ")
+    fit = HexaSlideCalibrationReport.of(solved).model_dump(mode="json")
     assert (
         "NOT IDENTIFIABLE, left as the machine file has it: platform frame turned about its X; "
-        "platform frame turned about its Y; platform frame turned about its Z." in said
+        "platform frame turned about its Y; platform frame turned about its Z." in text
     )
     assert (
-        f"Condition number {found['condition_number']:.4g} of the identifiable combinations (metres"
-        in said
+        f"Condition number {fit['condition_number']:.4g} of the identifiable combinations (metres"
+        in text
     )
-    assert "Check on 10 of 40 postures (25 %), kept out of the fit:" in said
-    assert "glidecal diagnose looks for what the parameters do not have" in said
-    assert f"platform frame turned by {found['truth']['after']['platform_frame_turned_mrad']:.3g}"\
-        in said  # fmt: skip
-    assert found["residuals"]["effects"] == []
-    assert sum(row["share"] for row in found["residuals"]["by_component"]) == pytest.approx(1.0)
-    assert sum(row["share"] for row in found["residuals"]["by_posture"]) == pytest.approx(1.0)
-    assert [row["component"] for row in found["residuals"]["by_component"]] == ["x", "y", "z"]
+    assert "Check on 10 of 40 postures (25 %), kept out of the fit:" in text
+    assert "glidecal diagnose looks for what the parameters do not have" in text
+    assert f"platform frame turned by {fit['truth']['after']['platform_frame_turned_mrad']:.3g}"\
+        in text  # fmt: skip
+    assert fit["residuals"]["effects"] == []
+    assert sum(row["share"] for row in fit["residuals"]["by_component"]) == pytest.approx(1.0)
+    assert sum(row["share"] for row in fit["residuals"]["by_posture"]) == pytest.approx(1.0)
+    assert [row["component"] for row in fit["residuals"]["by_component"]] == ["x", "y", "z"]
 
 
 def test_what_was_said_without_noise_or_check(tmp_path: Path) -> None:
     path, _ = written(tmp_path, "constraint-link", 48, noise_mm=0.0)
-    said = calibration_text(calibrate_file(path, None, 0.2)).replace("\n", " ")
-    assert "WARNING: no noise is stated and nothing is left over to tell it" in said
-    assert "No posture was kept out of the fit as a check." in said
-    assert "± U" in said
-    assert "unknown" in said
-    assert "Against the truth" not in said
+    text = calibration_text(calibrate_file(path, None, 0.2)).replace("\n", " ")
+    assert "WARNING: no noise is stated and nothing is left over to tell it" in text
+    assert "No posture was kept out of the fit as a check." in text
+    assert "± U" in text
+    assert "unknown" in text
+    assert "Against the truth" not in text
 
 
 def test_a_wrong_reading_is_located_and_left_out(tmp_path: Path) -> None:
@@ -225,14 +225,14 @@ def test_a_wrong_reading_is_located_and_left_out(tmp_path: Path) -> None:
     content = json.loads(path.read_text(encoding="utf-8"))
     content["postures"][6]["sliders"][3] += 0.002
     path.write_text(json.dumps(content), encoding="utf-8")
-    found = document(path, None, 0.0)
-    assert found["postures"]["left_out"] == [7]
-    assert found["lack_of_fit"]["p_value"] > 0.001
+    report = document(path, None, 0.0)
+    assert report["postures"]["left_out"] == [7]
+    assert report["lack_of_fit"]["p_value"] > 0.001
     del content["postures"][6]
     path.write_text(json.dumps(content), encoding="utf-8")
     alone = document(path, None, 0.0)
     assert alone["postures"]["left_out"] == []
-    for name, parameter in found["parameters"].items():
+    for name, parameter in report["parameters"].items():
         assert parameter["value"] == pytest.approx(alone["parameters"][name]["value"], abs=1e-9)
 
 
@@ -243,28 +243,28 @@ def test_many_wrong_readings_are_warned_of(tmp_path: Path) -> None:
     for row in range(0, 30, 3):
         content["postures"][row]["sliders"][row % 6] += 0.002
     path.write_text(json.dumps(content), encoding="utf-8")
-    found = document(path, None, 0.0)
-    assert found["lack_of_fit"]["p_value"] < 1e-6
+    report = document(path, None, 0.0)
+    assert report["lack_of_fit"]["p_value"] < 1e-6
     assert "WARNING: what is left is" in calibration_text(calibrate_file(path, None, 0.0))
 
 
 def test_a_measured_subset_and_a_machine_of_ones_own(tmp_path: Path) -> None:
     path, truth = written(tmp_path, "pose-forward", 40, measured=("x", "y", "z", "theta"))
-    found = document(path, truth)
-    assert (found["rank"], found["lost_motions"]) == (48, ["platform frame turned about its Z"])
+    report = document(path, truth)
+    assert (report["rank"], report["lost_motions"]) == (48, ["platform frame turned about its Z"])
     text = (ROOT / "protocols/machines/hexaslide-h60.toml").read_text("utf-8")
-    own = tmp_path / "own.toml"
-    own.write_text(text.replace("link_mm = 880.0", "link_mm = 900.0", 1), encoding="utf-8")
-    path, _ = written(tmp_path, "pose-inverse", 30, machine_file=own)
+    machine_path = tmp_path / "own.toml"
+    machine_path.write_text(text.replace("link_mm = 880.0", "link_mm = 900.0", 1), encoding="utf-8")
+    path, _ = written(tmp_path, "pose-inverse", 30, machine_file=machine_path)
     assert read_measurements(path).machine_file == "own.toml"
     assert document(path)["parameters"]["l1"]["nominal"] == 0.9
 
 
 def test_few_postures_are_all_fitted(tmp_path: Path) -> None:
     path, truth = written(tmp_path, "pose-inverse", 13)
-    found = document(path, truth)
-    assert found["postures"]["held_out"] == []
-    assert (found["held_out"], found["truth"]["postures"]) == (None, "all")
+    report = document(path, truth)
+    assert report["postures"]["held_out"] == []
+    assert (report["held_out"], report["truth"]["postures"]) == (None, "all")
 
 
 Damage = Callable[[str], str]
@@ -305,8 +305,8 @@ def test_a_value_that_is_no_number_is_named_by_its_place(tmp_path: Path) -> None
     lines = path.read_text(encoding="utf-8").split('{"sliders":[')
     lines[3] = "NaN" + lines[3][lines[3].index(",") :]
     path.write_text('{"sliders":['.join(lines), encoding="utf-8")
-    said = refused(3, "solve", path)
-    assert "posture 3.sliders.0: must be a finite number (found nan)" in said
+    message = refused(3, "solve", path)
+    assert "posture 3.sliders.0: must be a finite number (found nan)" in message
 
 
 def test_too_few_and_impossible_postures_are_exit_5(tmp_path: Path) -> None:
@@ -316,9 +316,9 @@ def test_too_few_and_impossible_postures_are_exit_5(tmp_path: Path) -> None:
     content = json.loads(path.read_text(encoding="utf-8"))
     content["postures"][4]["sliders"][0] = 3.0
     path.write_text(json.dumps(content), encoding="utf-8")
-    said = refused(5, "solve", path)
-    assert "posture 5" in said
-    assert "metres and radians" in said
+    message = refused(5, "solve", path)
+    assert "posture 5" in message
+    assert "metres and radians" in message
 
 
 def test_postures_all_alike_are_refused_or_told(tmp_path: Path) -> None:
@@ -327,12 +327,12 @@ def test_postures_all_alike_are_refused_or_told(tmp_path: Path) -> None:
     content = json.loads(path.read_text(encoding="utf-8"))
     content["postures"] = content["postures"][:1] * 20
     path.write_text(json.dumps(content), encoding="utf-8")
-    found = document(path)
-    assert (found["rank"], found["lost_count"]) == (6, 43)
-    assert found["individually_known"] == []
-    said = calibration_text(calibrate_file(path, None, 0.2)).replace("\n", " ")
-    assert "No parameter is identifiable alone." in said
-    assert "more combinations" in said
+    report = document(path)
+    assert (report["rank"], report["lost_count"]) == (6, 43)
+    assert report["individually_known"] == []
+    text = calibration_text(calibrate_file(path, None, 0.2)).replace("\n", " ")
+    assert "No parameter is identifiable alone." in text
+    assert "more combinations" in text
 
 
 def test_postures_of_a_file_are_measured(tmp_path: Path) -> None:
@@ -349,22 +349,22 @@ def test_postures_of_a_file_are_measured(tmp_path: Path) -> None:
     values = np.array([posture.values for posture in read_measurements(file).postures])
     assert np.abs(values - chosen[:, :3]).max() < 0.05, "where the true machine stands, metres"
     with_random = document(*written(tmp_path, "position", 24), share=0.0)
-    found = document(file, truth, share=0.0)
-    assert found["condition_number"] < 0.7 * with_random["condition_number"]
+    report = document(file, truth, share=0.0)
+    assert report["condition_number"] < 0.7 * with_random["condition_number"]
 
 
 def test_postures_that_cannot_be_measured_are_refused(tmp_path: Path) -> None:
     table, out = tmp_path / "far.csv", tmp_path / "out.json"
     header = "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg\n"
     table.write_text(f"{header}0,-0.8,-1.15,0,0,0\n9,0,0,0,0,0\n", encoding="utf-8")
-    both = ("--posture-file", table, "-o", out)
-    assert "posture 2, x_m: found 9" in told(3, *SIMULATE, "position", *both)
-    assert "--posture-file" in told(2, *SIMULATE, "position", "--postures", "20", *both)
+    options = ("--posture-file", table, "-o", out)
+    assert "posture 2, x_m: found 9" in told(3, *SIMULATE, "position", *options)
+    assert "--posture-file" in told(2, *SIMULATE, "position", "--postures", "20", *options)
     table.write_text(f"{header}0.29,-0.55,-1.15,0,0,0\n", encoding="utf-8")
     short = tmp_path / "short.toml"
     text = H60_FILE.read_text(encoding="utf-8")
     short.write_text(text.replace("length_mm = 550.0", "length_mm = 300.0"), encoding="utf-8")
-    link = ("constraint-link", *both, "--machine-file", short)
+    link = ("constraint-link", *options, "--machine-file", short)
     assert "0 of 1 that the link allows" in told(5, *SIMULATE, *link)
     assert not out.exists()
 
@@ -372,11 +372,11 @@ def test_postures_that_cannot_be_measured_are_refused(tmp_path: Path) -> None:
 def test_options_of_the_wrong_machine_are_exit_2(tmp_path: Path) -> None:
     path, truth = written(tmp_path, "position", 20)
     out = tmp_path / "out.json"
-    asked = ("position", "--postures", "20", "-o", out)
+    arguments = ("position", "--postures", "20", "-o", out)
     assert "--procedure, --postures" in told(2, *SIMULATE, "position", "-o", out)
-    assert "--scatter" in told(2, *SIMULATE, *asked, "--scatter", "0.1")
+    assert "--scatter" in told(2, *SIMULATE, *arguments, "--scatter", "0.1")
     assert "'sideways'" in told(2, *SIMULATE, "sideways", "--postures", "9", "-o", out)
-    assert "--angle-noise" in told(2, *SIMULATE, *asked, "--noise", "0", "--angle-noise", "1")
+    assert "--angle-noise" in told(2, *SIMULATE, *arguments, "--noise", "0", "--angle-noise", "1")
     assert "--noise: found the machine orthoglide. Allowed: the machine hexaslide" in told(
         2, "simulate", "--noise", "1", "-o", out
     )
@@ -390,18 +390,18 @@ def test_options_of_the_wrong_machine_are_exit_2(tmp_path: Path) -> None:
 def test_files_are_neither_overwritten_nor_mixed_up(tmp_path: Path) -> None:
     path, truth = written(tmp_path, "position", 20)
     before = path.read_bytes()
-    asked = ("position", "--postures", "20", "--seed", "9")
-    assert "is there already" in told(2, *SIMULATE, *asked, "-o", path)
-    other = tmp_path / "other.json"
-    assert "is there already" in told(2, *SIMULATE, *asked, "-o", other, "--truth", truth)
-    assert "two files" in told(2, *SIMULATE, *asked, "-o", other, "--truth", other)
+    arguments = ("position", "--postures", "20", "--seed", "9")
+    assert "is there already" in told(2, *SIMULATE, *arguments, "-o", path)
+    second = tmp_path / "other.json"
+    assert "is there already" in told(2, *SIMULATE, *arguments, "-o", second, "--truth", truth)
+    assert "two files" in told(2, *SIMULATE, *arguments, "-o", second, "--truth", second)
     assert path.read_bytes() == before
-    assert not other.exists()
-    write_simulated(Request("position", postures=20, seed=9), other, None)
+    assert not second.exists()
+    write_simulated(Request("position", postures=20, seed=9), second, None)
     with pytest.raises(RecordError, match="the truth of other measurements"):
-        calibrate_file(other, truth, 0.2)
+        calibrate_file(second, truth, 0.2)
     with pytest.raises(RecordError, match="truth file"):
-        calibrate_file(path, other, 0.2)
+        calibrate_file(path, second, 0.2)
     missing = tmp_path / "missing.json"
     assert "No such file" in told(3, "solve", missing, "--machine", "hexaslide")
 
@@ -418,10 +418,10 @@ def test_the_seed_decides_everything(tmp_path: Path) -> None:
 
 def test_simulating_what_cannot_be_is_told(tmp_path: Path) -> None:
     text = (ROOT / "protocols/machines/hexaslide-h60.toml").read_text("utf-8")
-    own = tmp_path / "own.toml"
-    own.write_text(text[: text.index("[constraint_link]")], encoding="utf-8")
+    machine_path = tmp_path / "own.toml"
+    machine_path.write_text(text[: text.index("[constraint_link]")], encoding="utf-8")
     with pytest.raises(UsageError, match="constraint_link"):
-        written(tmp_path, "constraint-link", 60, machine_file=own)
+        written(tmp_path, "constraint-link", 60, machine_file=machine_path)
     path, _ = written(tmp_path, "position", 8)
     with pytest.raises(NotIdentifiable, match="16 or more"):
         calibrate_file(path, None, 0.0)

@@ -28,8 +28,8 @@ SCALE = Hidden("rail_scale", 2, 5e-4)
 def document(first: Path, second: Path) -> dict[str, Any]:
     run = glidecal("compare", first, second, "--json")
     assert run.status == 0, run.err
-    found: dict[str, Any] = json.loads(run.out)
-    return found
+    report: dict[str, Any] = json.loads(run.out)
+    return report
 
 
 def test_a_machine_whose_file_was_calibrated_is_the_same_machine(tmp_path: Path) -> None:
@@ -45,8 +45,8 @@ def test_a_machine_whose_file_was_calibrated_is_the_same_machine(tmp_path: Path)
     assert len(compared["lengths"]) == 26
     beyond = [
         name
-        for name, one in compared["lengths"].items()
-        if abs(one["difference_mm"]) > one["expanded_mm"]
+        for name, length in compared["lengths"].items()
+        if abs(length["difference_mm"]) > length["expanded_mm"]
     ]
     assert len(beyond) <= 9, "lengths of one joint go together"
     text = " ".join(glidecal("compare", before, after).out.split())
@@ -90,7 +90,7 @@ def test_an_effect_that_both_sessions_have_is_no_change(
 ) -> None:
     compared = document(*_halves(tmp_path, 7001, SCALE, monkeypatch))
     assert compared["changed"] is False
-    assert [one["named"] for one in (compared["before"], compared["after"])] == [
+    assert [state["named"] for state in (compared["before"], compared["after"])] == [
         [{"id": "rail_scale", "where": "rail 3"}]
     ] * 2
 
@@ -102,8 +102,10 @@ def test_a_joint_that_was_moved_shows_in_its_lengths(tmp_path: Path) -> None:
     moved = copy.deepcopy(true)
     moved.link[4] += 5e-5
     before, after = (
-        written(tmp_path / f"{name}.jsonl", file, measured(one, file, "position", SOUND, chance))
-        for name, one in (("before", true), ("after", moved))
+        written(
+            tmp_path / f"{name}.jsonl", file, measured(machine, file, "position", SOUND, chance)
+        )
+        for name, machine in (("before", true), ("after", moved))
     )
     compared = document(before, after)
     assert compared["changed"] is True
@@ -140,13 +142,13 @@ def test_sessions_that_tell_too_little_and_those_that_do_not_fit(tmp_path: Path)
     assert compared["p_value"] is None
     assert "not known whether" in glidecal("compare", sound, few).out
     assert "the same postures" in refused(3, "compare", sound, sound)
-    other = posture_session(
+    other_session = posture_session(
         tmp_path / "other.jsonl",
         "position",
         3,
         machine_file().model_copy(update={"name": "another"}),
     )
-    assert "different machines" in refused(5, "compare", sound, other)
+    assert "different machines" in refused(5, "compare", sound, other_session)
     assert "no-such" in refused(3, "compare", sound, tmp_path / "no-such.jsonl")
 
 

@@ -59,8 +59,8 @@ def quiet(_words: str) -> None:
 
 
 def plan(path: Path, procedure: str, seed: int | None = None) -> PosturePlan:
-    found = load_posture_procedure(procedure)
-    return PosturePlan(path, load_hexaslide(), "hexaslide-h60.toml", found, seed=seed)
+    posture_procedure = load_posture_procedure(procedure)
+    return PosturePlan(path, load_hexaslide(), "hexaslide-h60.toml", posture_procedure, seed=seed)
 
 
 def simulated(path: Path, procedure: str, seed: int) -> Path:
@@ -71,13 +71,13 @@ def simulated(path: Path, procedure: str, seed: int) -> Path:
 
 def table(path: Path, session: Path) -> Rows:
     """What a person would have filled in, with units; written to ``path``."""
-    found, _ = read_postures(session)
-    names = found.opened.procedure.whole().measured
+    record, _ = read_postures(session)
+    names = record.opened.procedure.whole().measured
     units = ["deg" if name in ("theta", "psi", "phi") else "mm" for name in names]
     rows = [["posture", *(f"slider{k}" for k in range(1, 7)), *names], ["", *["mm"] * 6, *units]]
     rows += [
-        [str(one.posture), *map(repr, one.sliders_mm), *map(repr, one.values)]
-        for one in found.readings
+        [str(reading.posture), *map(repr, reading.sliders_mm), *map(repr, reading.values)]
+        for reading in record.readings
     ]
     write(path, rows)
     return rows
@@ -96,8 +96,8 @@ def pose(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_template_is_filled_in_and_imported(pose: Path, tmp_path: Path) -> None:
     """The values of a session through a table are those of the session."""
     empty, filled, out = (tmp_path / name for name in ("empty.csv", "t.csv", "s.jsonl"))
-    made = glidecal(*IMPORT, "pose-forward", "--template", empty)
-    assert made.status == 0, made.err
+    import_run = glidecal(*IMPORT, "pose-forward", "--template", empty)
+    assert import_run.status == 0, import_run.err
     blank = list(csv.reader(empty.read_text("utf-8").splitlines()))
     rows = table(filled, pose)
     assert blank[:2] == rows[:2]
@@ -126,9 +126,9 @@ def test_units_stand_in_the_second_row(pose: Path, tmp_path: Path) -> None:
     session, odd = import_postures(tmp_path / "t.csv", plan(tmp_path / "s.jsonl", "pose-forward"))
     assert odd == ()
     original, _ = read_postures(pose)
-    for one, other in zip(session.readings, original.readings, strict=True):
-        assert one.sliders_mm == pytest.approx(other.sliders_mm, rel=1e-12)
-        assert one.values == pytest.approx(other.values, rel=1e-12)
+    for reading, origin in zip(session.readings, original.readings, strict=True):
+        assert reading.sliders_mm == pytest.approx(origin.sliders_mm, rel=1e-12)
+        assert reading.values == pytest.approx(origin.values, rel=1e-12)
 
 
 def _cell(line: int, column: int, text: str) -> Callable[[Rows], None]:
@@ -199,8 +199,8 @@ def test_a_wrong_table_is_one_paragraph_with_line_and_column(
     rows = table(tmp_path / "t.csv", pose)
     damage(rows)
     write(tmp_path / "t.csv", rows)
-    said = refused(3, *IMPORT, "pose-forward", tmp_path / "t.csv", "-o", tmp_path / "s.jsonl")
-    assert [part for part in words if part not in said] == [], said
+    message = refused(3, *IMPORT, "pose-forward", tmp_path / "t.csv", "-o", tmp_path / "s.jsonl")
+    assert [part for part in words if part not in message] == [], message
     assert not (tmp_path / "s.jsonl").exists()
 
 
@@ -228,14 +228,14 @@ def test_a_simulated_session_is_calibrated_to_its_machine(procedure: str, tmp_pa
     postures = nominal.random(300, np.random.default_rng(2))
     sliders = nominal.sliders_at(postures)
     stands = [
-        np.asarray(forward_near(one.geometry, sliders, postures))
-        for one in (solved.found.machine, truth)
+        np.asarray(forward_near(machine.geometry, sliders, postures))
+        for machine in (solved.found.machine, truth)
     ]
     free = solved.found.unidentifiable
-    left = frames_apart(stands[0], stands[1], free).places_rms_m
+    residual_m = frames_apart(stands[0], stands[1], free).places_rms_m
     before = frames_apart(postures, stands[1], free).places_rms_m
     assert solved.platform.bound_m is not None, "whether it holds: test_hexaslide_platform"
-    assert max(left, solved.platform.bound_m) < 0.2 * before
+    assert max(residual_m, solved.platform.bound_m) < 0.2 * before
     assert solved.platform.now.places_rms_m == pytest.approx(before, rel=0.25)
 
 
@@ -247,10 +247,10 @@ def test_calibrate_enter_and_verify_as_a_person_would(tmp_path: Path) -> None:
     assert glidecal(*again, "--behind", before, "-o", after).status == 0
     done = glidecal("verify", before, after, "--tolerance", "0.1", "--json")
     assert done.status == 0, done.err
-    found = json.loads(done.out)
-    assert (found["schema"], found["decision"]) == ("glidecal.hexaslide-verification/1", "pass")
-    assert found["platform_after"]["now_rms_mm"] < 0.01 * found["platform_before"]["now_rms_mm"]
-    assert len(found["lost_motions"]) == 3
+    report = json.loads(done.out)
+    assert (report["schema"], report["decision"]) == ("glidecal.hexaslide-verification/1", "pass")
+    assert report["platform_after"]["now_rms_mm"] < 0.01 * report["platform_before"]["now_rms_mm"]
+    assert len(report["lost_motions"]) == 3
     unchanged = glidecal("verify", before, before, "--tolerance", "0.1")
     assert unchanged.status == 6
     assert "one machine file" in " ".join(unchanged.out.split())
@@ -272,9 +272,9 @@ def test_diagnose_names_the_posture_that_was_taken_wrong(pose: Path, tmp_path: P
     import_postures(tmp_path / "t.csv", plan(tmp_path / "s.jsonl", "pose-forward"))
     run = glidecal("diagnose", tmp_path / "s.jsonl")
     assert run.status == 0, run.err
-    said = " ".join(run.out.split())
-    assert "posture 5 read or taken wrong" in said
-    assert "s.jsonl: explained" in said
+    text = " ".join(run.out.split())
+    assert "posture 5 read or taken wrong" in text
+    assert "s.jsonl: explained" in text
 
 
 def test_what_departs_is_questioned_and_explained(tmp_path: Path) -> None:
@@ -326,14 +326,14 @@ def test_good_sessions_are_not_questioned(tmp_path: Path) -> None:
 def test_forty_kills_lose_nothing(tmp_path: Path) -> None:
     """What was told is on the disk, and what is there is what an undisturbed session has."""
     path, chance = tmp_path / "k.jsonl", random.Random(4)
-    whole = PostureTaking.begin(killed(tmp_path / "whole.jsonl"))
-    measure_simulated(whole, KILLED_SEED, quiet)
-    told: set[str] = set()
+    taking = PostureTaking.begin(killed(tmp_path / "whole.jsonl"))
+    measure_simulated(taking, KILLED_SEED, quiet)
+    reports: set[str] = set()
     for _ in range(40):
         ours, theirs = PROCESSES.Pipe()
         process = PROCESSES.Process(target=_measured, args=(path, theirs))
         process.start()
-        told.add(ours.recv())
+        reports.add(ours.recv())
         ours.send("go on")
         time.sleep(chance.uniform(0.0, 0.03))  # anywhere in the next reading
         process.kill()
@@ -343,18 +343,21 @@ def test_forty_kills_lose_nothing(tmp_path: Path) -> None:
     session, record = read_postures(path)
     assert record.end == "closed"
     texts = {
-        f"reading {one.reading}: posture {one.posture}: {one.text}" for one in session.readings
+        f"reading {reading.reading}: posture {reading.posture}: {reading.text}"
+        for reading in session.readings
     }
-    assert len(told) == 40
-    assert told - texts == set()
-    assert [one.text for one in session.readings] == [one.text for one in whole.session.readings]
+    assert len(reports) == 40
+    assert reports - texts == set()
+    assert [reading.text for reading in session.readings] == [
+        reading.text for reading in taking.session.readings
+    ]
 
 
 def killed(path: Path) -> PosturePlan:
     """Postures enough for forty lives, in each of which two are measured at most."""
-    asked = plan(path, "position", KILLED_SEED)
-    postures = asked.machine.whole().random(90, np.random.default_rng(7))
-    return replace(asked, procedure=asked.procedure.with_postures(postures))
+    request = plan(path, "position", KILLED_SEED)
+    postures = request.machine.whole().random(90, np.random.default_rng(7))
+    return replace(request, procedure=request.procedure.with_postures(postures))
 
 
 def _measured(path: Path, tells: Connection) -> None:
@@ -376,23 +379,23 @@ def test_postures_are_typed_in_a_terminal(tmp_path: Path) -> None:
     postures.write_text(f"{HEADER}\n0,-0.8,-1.15,0,0,0\n0.1,-0.9,-1.1,5,5,5\n", encoding="utf-8")
     path = tmp_path / "typed.jsonl"
     begin = ("run", "--machine", "hexaslide", "--protocol", "position", "-o", str(path))
-    shown, status = _in_terminal(
+    output, status = _in_terminal(
         (*begin, "--posture-file", str(postures)),
         ["0.2 -799.7", "0.2 -799.7 -1149.9", "100.0 -900.3 -1400", "foo", "skip", "again", "pause"],
     )
     assert status == 130
-    assert "found 2 numbers" in shown
-    assert "found 'foo'. Allowed: again (it is not used" in shown
-    assert "found 'skip'. Allowed: again" in shown
-    assert max(map(len, shown.partition("Paused.")[0].splitlines())) <= 80
-    assert "Posture 1 of 2" in shown
-    assert "slider" in shown
-    assert "Reading 2 departs: z is off by -300" in shown.replace("\r", "")
-    shown, status = _in_terminal(("run", "--continue", str(path)), ["100.0 -900.3 -1099.6"])
+    assert "found 2 numbers" in output
+    assert "found 'foo'. Allowed: again (it is not used" in output
+    assert "found 'skip'. Allowed: again" in output
+    assert max(map(len, output.partition("Paused.")[0].splitlines())) <= 80
+    assert "Posture 1 of 2" in output
+    assert "slider" in output
+    assert "Reading 2 departs: z is off by -300" in output.replace("\r", "")
+    output, status = _in_terminal(("run", "--continue", str(path)), ["100.0 -900.3 -1099.6"])
     assert status == 0
     session, record = read_postures(path)
     assert record.end == "closed"
-    assert [one.values for one in session.readings] == [
+    assert [reading.values for reading in session.readings] == [
         (0.2, -799.7, -1149.9), (100.0, -900.3, -1099.6),
     ]  # fmt: skip
 
@@ -405,13 +408,13 @@ def test_an_indicator_in_the_link_is_read(tmp_path: Path) -> None:
     twin = IndicatorTwin(profile_named("mitutoyo-01a"), Spindle(lambda: 0.123, 0.001))
     with TwinPort(twin, "tcp") as port:
         begin = ("run", "--machine", "hexaslide", "--protocol", "link-indicator", "-o", str(path))
-        more = ("--indicator", f"mitutoyo-01a:{port.url}", "--posture-file", str(postures))
-        shown, status = _in_terminal((*begin, *more), [""])
-    assert status == 0, shown
+        options = ("--indicator", f"mitutoyo-01a:{port.url}", "--posture-file", str(postures))
+        output, status = _in_terminal((*begin, *options), [""])
+    assert status == 0, output
     (reading,) = read_postures(path)[0].readings
     assert reading.values == (0.123,)
     assert "0.123" in reading.text
-    assert "an empty line reads the indicator" in shown
+    assert "an empty line reads the indicator" in output
 
 
 def test_the_five_minutes_of_the_documentation(tmp_path: Path) -> None:
@@ -419,24 +422,24 @@ def test_the_five_minutes_of_the_documentation(tmp_path: Path) -> None:
     page = (ROOT / "docs/hexaslide.md").read_text("utf-8").partition("## What a procedure sees")[0]
     words = " ".join(page.split())
     shutil.copy(ROOT / "protocols/machines/hexaslide-h60.toml", tmp_path / "machine.toml")
-    said = []
+    texts = []
     for line in re.findall(r"^    glidecal (.*)$", page, re.MULTILINE):
         run = glidecal(*line.split(), cwd=tmp_path)
         assert run.status == 0, run.err
-        said.append(" ".join(run.out.split()))
+        texts.append(" ".join(run.out.split()))
         for table in ("before.csv", "after.csv"):
             shutil.copy(ROOT / "sample_sessions/hexaslide" / table, tmp_path)
-    solved = next(text for text in said if "combinations" in text)
-    found = re.search(r"off by ([\d.]+) mm r.m.s. now .* by at most ([\d.]+) mm", solved)
-    assert found is not None
-    stated = f"off by {float(found[1]):.2f} mm r.m.s. now, by at most {float(found[2]):.3f} mm"
+    solved = next(text for text in texts if "combinations" in text)
+    match = re.search(r"off by ([\d.]+) mm r.m.s. now .* by at most ([\d.]+) mm", solved)
+    assert match is not None
+    stated = f"off by {float(match[1]):.2f} mm r.m.s. now, by at most {float(match[2]):.3f} mm"
     assert stated in words
-    verdict = next(text for text in said if text.startswith("pass"))
+    verdict = next(text for text in texts if text.startswith("pass"))
     verified = re.search(r"is off by ([\d.]+) mm .* take ([\d.]+) mm", verdict)
     assert verified is not None
-    off, bound = (f"{float(one):.3f} mm" for one in verified.groups())
+    off, bound = (f"{float(figure):.3f} mm" for figure in verified.groups())
     assert f"is off by {off} r.m.s., give or take {bound}" in words
-    assert "before.jsonl: agrees" in said[-1]
+    assert "before.jsonl: agrees" in texts[-1]
 
 
 def _in_terminal(verb: tuple[str, ...], lines: list[str]) -> tuple[str, int]:
@@ -447,24 +450,24 @@ def _in_terminal(verb: tuple[str, ...], lines: list[str]) -> tuple[str, int]:
     if child == 0:
         os.environ["PYTHONPATH"] = str(ROOT)
         os.execv(sys.executable, [sys.executable, "-m", "glidecal", *verb])
-    shown, seen, typed = "", 0, iter(lines)
+    output, position, typed = "", 0, iter(lines)
     deadline = time.monotonic() + 90.0
     while time.monotonic() < deadline:
         ready, _, _ = select.select([terminal], [], [], 1.0)
         if not ready:
             continue
         try:
-            shown += os.read(terminal, 4096).decode()
+            output += os.read(terminal, 4096).decode()
         except OSError:  # the program has ended
             break
-        if " > " in shown[seen:]:
-            seen = len(shown)
+        if " > " in output[position:]:
+            position = len(output)
             if (line := next(typed, None)) is not None:
                 os.write(terminal, f"{line}\n".encode())
     else:
         os.kill(child, signal.SIGKILL)
     _, status = os.waitpid(child, 0)
-    return shown, os.waitstatus_to_exitcode(status)
+    return output, os.waitstatus_to_exitcode(status)
 
 
 def test_wrong_requests_are_told(pose: Path, tmp_path: Path) -> None:
@@ -493,9 +496,9 @@ def test_wrong_requests_are_told(pose: Path, tmp_path: Path) -> None:
     few.write_text(f"{HEADER}\n0,-0.8,-1.1,0,0,0\n", encoding="utf-8")
     assert glidecal(*RUN, "position", "--posture-file", few, "-o", out).status == 0
     assert "found 1. Allowed: 16 or more" in refused(5, "solve", out)
-    shown = glidecal("run", "--machine", "hexaslide", "--protocol", "position", "--dry-run")
-    assert (shown.status, "24 postures" in shown.out) == (0, True)
-    assert _digits(shown.out)[:13] == [
+    run = glidecal("run", "--machine", "hexaslide", "--protocol", "position", "--dry-run")
+    assert (run.status, "24 postures" in run.out) == (0, True)
+    assert _digits(run.out)[:13] == [
         *("1", "300.000", "-701.418", "-1170.052", "-15.000", "15.000", "30.000"),
         *("450.3451", "302.7620", "678.5024", "603.2283", "383.8239", "384.8398"),
     ]

@@ -32,7 +32,7 @@ def rows(
 ) -> list[Row]:
     """A table of readings: leg after leg, cycle after cycle."""
     generator = np.random.default_rng(seed)
-    found = []
+    lines = []
     for leg in legs:
         for cycle in range(1, cycles + 1):
             for level in levels:
@@ -40,7 +40,7 @@ def rows(
                     place = conditions(["xyz".index(leg)], ["xyz".index(axis)], [level])
                     exact = float(Model(parameters_mm=truth).readings(place)[0])
                     value = exact + scatter_mm * generator.normal() + 0.1
-                    found.append(
+                    lines.append(
                         {
                             "leg": leg,
                             "axis": axis,
@@ -49,7 +49,7 @@ def rows(
                             "cycle": cycle,
                         }
                     )
-    return found
+    return lines
 
 
 def solved(folder: Path, table: list[Row], *options: str, figures: tuple[str, ...] = ()) -> Run:
@@ -69,8 +69,8 @@ def document(
 ) -> dict[str, Any]:
     run = solved(folder, table, "--json", *options, figures=figures)
     assert run.status == 0, run.err
-    found: dict[str, Any] = json.loads(run.out)
-    return found
+    solution: dict[str, Any] = json.loads(run.out)
+    return solution
 
 
 def below_the_view(text: str) -> list[str]:
@@ -93,9 +93,9 @@ def test_weak_direction_is_told(tmp_path: Path) -> None:
     verdict, _, cautions = below_the_view(run.out)
     assert "known to ±" in verdict
     assert cautions.count("WEAK: d_rho_") == 3
-    found = document(tmp_path, table, "--subset", "both")
-    error = max(abs(found["parameters"][f"d_L_{leg}"]["value"]) for leg in "xyz")
-    residual = found["rms_after_mm"]
+    solution = document(tmp_path, table, "--subset", "both")
+    error = max(abs(solution["parameters"][f"d_L_{leg}"]["value"]) for leg in "xyz")
+    residual = solution["rms_after_mm"]
     assert error > 20.0 * residual, "the lengths are wrong, and the residual does not show it"
     far = rows(scatter_mm=0.2, digits=4)
     refused = solved(tmp_path, far, "--subset", "both")
@@ -106,8 +106,8 @@ def test_weak_direction_is_told(tmp_path: Path) -> None:
 def test_lengths_that_hide_behind_the_noise_are_told(tmp_path: Path) -> None:
     """Lengths 18 mm off, joint offsets asked for: residual at the noise, tool off by 2 mm."""
     table = rows((18.0, -18.0, 18.0, 18.0, -18.0, 18.0), scatter_mm=0.3, digits=4, seed=2)
-    found = document(tmp_path, table, "--subset", "joint-offsets")
-    assert found["lack_of_fit"]["p_value"] > 0.01, "the residual says nothing"
+    solution = document(tmp_path, table, "--subset", "joint-offsets")
+    assert solution["lack_of_fit"]["p_value"] > 0.01, "the residual says nothing"
     run = solved(tmp_path, table, "--subset", "joint-offsets")
     head = " ".join(below_the_view(run.out)[2].split())
     assert "LEFT OUT: joint offsets and leg lengths: 3 of 6 combinations not identifiable" in head
@@ -125,12 +125,12 @@ def test_one_repeat_only(tmp_path: Path) -> None:
 
 def test_all_readings_identical(tmp_path: Path) -> None:
     table = [row | {"value_mm": "0.100"} for row in rows()]
-    found = document(tmp_path, table)
-    assert found["noise"]["source"] == "instrument"
-    for one in found["parameters"].values():
-        assert one["standard_uncertainty"] > 1e-5, "the last digit is all that is known"
+    solution = document(tmp_path, table)
+    assert solution["noise"]["source"] == "instrument"
+    for parameter in solution["parameters"].values():
+        assert parameter["standard_uncertainty"] > 1e-5, "the last digit is all that is known"
     step = 0.001 / 12**0.5
-    assert found["noise"]["standard_deviation_mm"] == pytest.approx(step)
+    assert solution["noise"]["standard_deviation_mm"] == pytest.approx(step)
 
 
 def test_the_step_of_the_display_is_found_where_nobody_states_it(tmp_path: Path) -> None:
@@ -139,16 +139,16 @@ def test_the_step_of_the_display_is_found_where_nobody_states_it(tmp_path: Path)
     table = [row | {"value_mm": f"{row['value_mm']}000"} for row in table]
     flickering = {**table[4], "value_mm": f"{float(str(table[4]['value_mm'])) + 0.001:.6f}"}
     table[4] = flickering
-    found = document(tmp_path, table)
-    assert found["display_step_found_mm"] == 0.001
-    assert found["suspect_readings"] == []
-    assert found["noise"]["standard_deviation_mm"] == pytest.approx(0.001 / 12**0.5, rel=0.2)
+    solution = document(tmp_path, table)
+    assert solution["display_step_found_mm"] == 0.001
+    assert solution["suspect_readings"] == []
+    assert solution["noise"]["standard_deviation_mm"] == pytest.approx(0.001 / 12**0.5, rel=0.2)
     text = solved(tmp_path, table).out
     assert "display step 0.001 mm, found in the values" in " ".join(text.split())
     stated = document(tmp_path, table, figures=("--resolution", "0.001"))
     assert stated["display_step_found_mm"] is None
-    assert stated["noise"] == found["noise"]
-    assert stated["parameters"] == found["parameters"]
+    assert stated["noise"] == solution["noise"]
+    assert stated["parameters"] == solution["parameters"]
 
 
 def test_identical_repeats_of_a_coarse_display_do_not_average_down(tmp_path: Path) -> None:
@@ -160,7 +160,7 @@ def test_identical_repeats_of_a_coarse_display_do_not_average_down(tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ("table", "said"),
+    ("table", "message"),
     [
         (lambda: rows(levels=(0.0,)), "two postures"),
         (lambda: rows(legs="x"), "cannot be identified"),
@@ -168,23 +168,23 @@ def test_identical_repeats_of_a_coarse_display_do_not_average_down(tmp_path: Pat
     ],
 )
 def test_what_determines_nothing_is_refused(
-    tmp_path: Path, table: Callable[[], list[Row]], said: str
+    tmp_path: Path, table: Callable[[], list[Row]], message: str
 ) -> None:
     run = solved(tmp_path, table(), "--subset", "both")
     assert run.status == 5
-    assert said in run.err
+    assert message in run.err
     assert "Traceback" not in run.err
 
 
 def test_two_legs_give_what_they_can(tmp_path: Path) -> None:
-    found = document(tmp_path, rows(legs="xy"), "--subset", "joint-offsets")
+    solution = document(tmp_path, rows(legs="xy"), "--subset", "joint-offsets")
     truth = (0.5, -0.8, 0.3)
     for value, name in zip(truth, ("d_rho_x", "d_rho_y", "d_rho_z"), strict=True):
-        one = found["parameters"][name]
-        assert abs(one["value"] - value) < 3.0 * one["expanded_uncertainty"]
-    both = solved(tmp_path, rows(legs="xy"), "--subset", "both")
-    assert both.status == 0
-    assert "WEAK: d_rho_z" in both.out
+        parameter = solution["parameters"][name]
+        assert abs(parameter["value"] - value) < 3.0 * parameter["expanded_uncertainty"]
+    run = solved(tmp_path, rows(legs="xy"), "--subset", "both")
+    assert run.status == 0
+    assert "WEAK: d_rho_z" in run.out
 
 
 def test_an_indicator_with_ten_times_the_noise(tmp_path: Path) -> None:
@@ -193,22 +193,22 @@ def test_an_indicator_with_ten_times_the_noise(tmp_path: Path) -> None:
     for row in table:
         if (row["leg"], row["axis"]) == ("x", "y"):
             row["value_mm"] = f"{float(row['value_mm']) + generator.normal(scale=0.05):.3f}"
-    found = document(tmp_path, table)
-    assert found["noise"]["pooled"] is False
-    said = solved(tmp_path, table).out
-    words = " ".join(said.split())
+    solution = document(tmp_path, table)
+    assert solution["noise"]["pooled"] is False
+    text = solved(tmp_path, table).out
+    words = " ".join(text.split())
     assert "scatter differently: leg X along Y, set-up xy" in words, "the loud one has a name"
     assert words.split("NOTE: ", 1)[1].count(" mm; ") == 1, "the five quiet ones share one figure"
-    truth = dict(zip(found["parameters"], (0.5, -0.8, 0.3), strict=False))
+    truth = dict(zip(solution["parameters"], (0.5, -0.8, 0.3), strict=False))
     for name, value in truth.items():
-        one = found["parameters"][name]
-        assert abs(one["value"] - value) < 2.0 * one["expanded_uncertainty"]
+        parameter = solution["parameters"][name]
+        assert abs(parameter["value"] - value) < 2.0 * parameter["expanded_uncertainty"]
 
 
 def test_repeats_in_place_are_one_reading(tmp_path: Path) -> None:
     table = [dict(row) for row in rows(cycles=1) for _ in range(3)]
-    found = document(tmp_path, table)
-    assert found["noise"]["source"] == "residuals", "readings in place are no repeats"
+    solution = document(tmp_path, table)
+    assert solution["noise"]["source"] == "residuals", "readings in place are no repeats"
 
 
 def test_zero_degrees_of_freedom(tmp_path: Path) -> None:
@@ -218,18 +218,18 @@ def test_zero_degrees_of_freedom(tmp_path: Path) -> None:
     assert refused.status == 5
     offsets = document(tmp_path, table, "--subset", "joint-offsets")
     assert offsets["degrees_of_freedom"] == 3
-    for one in offsets["parameters"].values():
-        assert one["coverage_factor"] == pytest.approx(3.182, abs=1e-3)
+    for parameter in offsets["parameters"].values():
+        assert parameter["coverage_factor"] == pytest.approx(3.182, abs=1e-3)
 
 
 def test_a_wild_reading_is_named(tmp_path: Path) -> None:
     table = rows()
     table[26]["value_mm"] = f"{float(table[26]['value_mm']) + 0.05:.3f}"
-    found = document(tmp_path, table)
-    assert [s["reading"] for s in found["suspect_readings"]] == [27]
-    said = " ".join(solved(tmp_path, table).out.split())
-    assert "SUSPECT: reading 27 of t.jsonl" in said
-    assert "It is used. Measure it again." in said
+    solution = document(tmp_path, table)
+    assert [s["reading"] for s in solution["suspect_readings"]] == [27]
+    text = " ".join(solved(tmp_path, table).out.split())
+    assert "SUSPECT: reading 27 of t.jsonl" in text
+    assert "It is used. Measure it again." in text
 
 
 def test_nothing_is_ever_without_a_number(tmp_path: Path) -> None:
@@ -240,23 +240,23 @@ def test_nothing_is_ever_without_a_number(tmp_path: Path) -> None:
         assert run.status == 0
         assert "NaN" not in run.out
         assert "Infinity" not in run.out
-        for one in json.loads(run.out)["parameters"].values():
-            assert one["expanded_uncertainty"] > 0.0
+        for parameter in json.loads(run.out)["parameters"].values():
+            assert parameter["expanded_uncertainty"] > 0.0
 
 
 def test_a_reading_alone_between_two_breaks_is_said_to_be_lost(tmp_path: Path) -> None:
     """A mounting's only posture cannot be told from its zero; the numbers are those without it."""
-    kept = [{**row, "mount": f"{row['leg']}{row['axis']}"} for row in rows()]
-    lone = {**kept[26], "mount": "after the break"}
-    found = document(tmp_path, [*kept[:26], lone, *kept[27:]])
-    without = document(tmp_path, [*kept[:26], *kept[27:]])
-    assert [r["readings"] for r in found["lost_readings"]] == [[27]]
+    readings = [{**row, "mount": f"{row['leg']}{row['axis']}"} for row in rows()]
+    lone = {**readings[26], "mount": "after the break"}
+    solution = document(tmp_path, [*readings[:26], lone, *readings[27:]])
+    without = document(tmp_path, [*readings[:26], *readings[27:]])
+    assert [r["readings"] for r in solution["lost_readings"]] == [[27]]
     assert without["lost_readings"] == []
-    for name, one in found["parameters"].items():
-        assert one["value"] == pytest.approx(without["parameters"][name]["value"], abs=1e-9)
-    said = " ".join(solved(tmp_path, [*kept[:26], lone, *kept[27:]]).out.split())
-    assert "NOT USED: reading 27 of t.jsonl" in said
-    assert "it gives no difference" in said
+    for name, parameter in solution["parameters"].items():
+        assert parameter["value"] == pytest.approx(without["parameters"][name]["value"], abs=1e-9)
+    text = " ".join(solved(tmp_path, [*readings[:26], lone, *readings[27:]]).out.split())
+    assert "NOT USED: reading 27 of t.jsonl" in text
+    assert "it gives no difference" in text
 
 
 def test_noise_that_the_fit_left_cannot_be_simulated(tmp_path: Path) -> None:
@@ -266,7 +266,7 @@ def test_noise_that_the_fit_left_cannot_be_simulated(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("table", "said"),
+    ("table", "message"),
     [
         (lambda: rows(cycles=1), "cannot show whether the model fits"),
         (lambda: rows(cycles=1), "95 %, residual taken as noise"),
@@ -275,7 +275,7 @@ def test_noise_that_the_fit_left_cannot_be_simulated(tmp_path: Path) -> None:
         (lambda: rows(legs="xy"), "leg Z was not measured"),
         (lambda: rows(legs="x"), "legs Y, Z were not measured"),
         (
-            lambda: [one for one in rows() for _ in range(2)],
+            lambda: [row for row in rows() for _ in range(2)],
             "54 readings were taken without leaving",
         ),
         (lambda: rows(levels=(60.0, -100.0)), "LEFT OUT: joint offsets and leg lengths: "),
@@ -283,31 +283,31 @@ def test_noise_that_the_fit_left_cannot_be_simulated(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_given_has_a_sentence(
-    tmp_path: Path, table: Callable[[], list[Row]], said: str
+    tmp_path: Path, table: Callable[[], list[Row]], message: str
 ) -> None:
     run = solved(tmp_path, table(), "--subset", "joint-offsets")
     assert run.status == 0, run.err
-    assert said in " ".join(run.out.split())
+    assert message in " ".join(run.out.split())
 
 
 def test_a_whole_session_has_none_of_these_sentences(tmp_path: Path) -> None:
-    said = solved(tmp_path, rows()).out
-    assert "NOTE" not in said
-    assert "WARNING" not in said
-    assert "LEFT OUT" not in said
+    text = solved(tmp_path, rows()).out
+    assert "NOTE" not in text
+    assert "WARNING" not in text
+    assert "LEFT OUT" not in text
 
 
 def test_no_uncertainty_is_rounded_to_nothing(tmp_path: Path) -> None:
     """Readings in hundredths of a micrometre: what is uncertain has two digits, not ±0.000."""
     table = rows(scatter_mm=2e-5, digits=6)
-    said = " ".join(solved(tmp_path, table, "--subset", "both").out.split())
-    assert "±0.00 " not in said
-    assert "±0.000 " not in said
-    found = document(tmp_path, table, "--subset", "both")
-    first = found["parameters"]["d_rho_x"]
+    text = " ".join(solved(tmp_path, table, "--subset", "both").out.split())
+    assert "±0.00 " not in text
+    assert "±0.000 " not in text
+    solution = document(tmp_path, table, "--subset", "both")
+    first = solution["parameters"]["d_rho_x"]
     half = first["expanded_uncertainty"]
     decimals = max(4, 1 - int(np.floor(np.log10(half))))
-    assert f"{first['value']:+.{decimals}f} {half:.{decimals}f}" in said
+    assert f"{first['value']:+.{decimals}f} {half:.{decimals}f}" in text
 
 
 @LONG
@@ -316,13 +316,13 @@ def test_plan_goes_by_the_noise_of_the_readings_unless_another_is_asked_for(
 ) -> None:
     solved(tmp_path, rows())
     session = tmp_path / "t.jsonl"
-    found = json.loads(glidecal("plan", session, "--json").out)
+    plan = json.loads(glidecal("plan", session, "--json").out)
     noise = document(tmp_path, rows())["noise"]["standard_deviation_mm"]
-    assert found["noise_mm"] == pytest.approx(noise, rel=0.2)
-    assert found["noise"] == f"{found['noise_mm']:.4g} mm, from the sessions"
+    assert plan["noise_mm"] == pytest.approx(noise, rel=0.2)
+    assert plan["noise"] == f"{plan['noise_mm']:.4g} mm, from the sessions"
     coarse = json.loads(glidecal("plan", session, "--json", "--noise", "0.05").out)
-    assert (coarse["noise_mm"], coarse["bound_mm"]) == (0.05, found["bound_mm"])
-    assert coarse["next"]["bound_mm"] > found["next"]["bound_mm"]
+    assert (coarse["noise_mm"], coarse["bound_mm"]) == (0.05, plan["bound_mm"])
+    assert coarse["next"]["bound_mm"] > plan["next"]["bound_mm"]
 
 
 def test_drift_is_said_although_it_is_no_noise(tmp_path: Path) -> None:
@@ -330,11 +330,11 @@ def test_drift_is_said_although_it_is_no_noise(tmp_path: Path) -> None:
     table = rows()
     for k, row in enumerate(table):
         row["value_mm"] = f"{float(row['value_mm']) + 0.01 * (k % 18 // 2):.3f}"
-    found = document(tmp_path, table, "--subset", "both")
-    assert found["noise"]["standard_deviation_mm"] == pytest.approx(0.002, rel=0.5)
-    assert found["noise"]["wander_mm"] == pytest.approx(0.03, rel=0.1)
-    said = " ".join(solved(tmp_path, table, "--subset", "both").out.split())
-    assert f"drift from cycle to cycle by {found['noise']['wander_mm']:.3f} mm r.m.s." in said
+    solution = document(tmp_path, table, "--subset", "both")
+    assert solution["noise"]["standard_deviation_mm"] == pytest.approx(0.002, rel=0.5)
+    assert solution["noise"]["wander_mm"] == pytest.approx(0.03, rel=0.1)
+    text = " ".join(solved(tmp_path, table, "--subset", "both").out.split())
+    assert f"drift from cycle to cycle by {solution['noise']['wander_mm']:.3f} mm r.m.s." in text
 
 
 @LONG
@@ -342,9 +342,9 @@ def test_hundreds_of_suspects_are_counted_not_listed(tmp_path: Path) -> None:
     table = rows(cycles=60)
     for row in table[::90]:
         row["value_mm"] = f"{float(row['value_mm']) + 0.05:.3f}"
-    found = document(tmp_path, table)
-    count = len(found["suspect_readings"])
+    solution = document(tmp_path, table)
+    count = len(solution["suspect_readings"])
     assert count > 8
-    said = " ".join(solved(tmp_path, table).out.split())
-    assert said.count("SUSPECT: reading") == 8
-    assert f"SUSPECT: {count - 8} more; --json names them all." in said
+    text = " ".join(solved(tmp_path, table).out.split())
+    assert text.count("SUSPECT: reading") == 8
+    assert f"SUSPECT: {count - 8} more; --json names them all." in text

@@ -40,11 +40,11 @@ def test_numbers_out_of_range(arguments: tuple[str | Path, ...], tmp_path: Path)
 
 
 def test_coarse_display_and_tiny_repeatability(tmp_path: Path) -> None:
-    made = tmp_path / "s.jsonl"
-    assert glidecal("simulate", "--resolution", "10", "-o", made).status == 0
-    kept = tmp_path / "t.jsonl"
-    assert glidecal("import", TABLE, "-o", kept, "--repeatability", "1e-9").status == 0
-    assert glidecal("solve", kept).status == 0
+    session = tmp_path / "s.jsonl"
+    assert glidecal("simulate", "--resolution", "10", "-o", session).status == 0
+    second = tmp_path / "t.jsonl"
+    assert glidecal("import", TABLE, "-o", second, "--repeatability", "1e-9").status == 0
+    assert glidecal("solve", second).status == 0
     never = glidecal("import", TABLE, "-o", tmp_path / "u.jsonl", "--repeatability", "1e-300")
     assert (never.status, never.out) == (2, "")
 
@@ -58,16 +58,16 @@ def test_output_that_is_no_file(output: str, tmp_path: Path) -> None:
 def test_hostile_toml(text: str, tmp_path: Path) -> None:
     path = tmp_path / "m.toml"
     path.write_text(text)
-    said = refused(3, "run", "--dry-run", "--machine", path)
-    assert len(said) < 900
+    message = refused(3, "run", "--dry-run", "--machine", path)
+    assert len(message) < 900
 
 
 def test_messages_stay_short(tmp_path: Path) -> None:
     path = tmp_path / "m.toml"
     path.write_text("".join(f"key{n} = {n}\n" for n in range(3000)))
-    said = refused(3, "run", "--dry-run", "--machine", path)
-    assert "and 2997 more" in said
-    assert len(said) < 900
+    message = refused(3, "run", "--dry-run", "--machine", path)
+    assert "and 2997 more" in message
+    assert len(message) < 900
     assert len(refused(3, "simulate", "--model", EXPERIMENT, "-o", tmp_path / "s")) < 900
 
 
@@ -158,9 +158,9 @@ def test_thousands_of_readings_stay_cheap(tmp_path: Path) -> None:
         for k, level in enumerate(levels)
     ]
     table.write_text("leg,axis,displacement_mm,value_mm\n" + "\n".join(rows) + "\n")
-    made = tmp_path / "s.jsonl"
-    assert glidecal("import", table, "-o", made).status == 0
-    run = glidecal("solve", made, "--method", "linear")
+    session = tmp_path / "s.jsonl"
+    assert glidecal("import", table, "-o", session).status == 0
+    run = glidecal("solve", session, "--method", "linear")
     assert run.status == 0, run.err
 
 
@@ -179,8 +179,8 @@ def record_with(folder: Path, line: int, **changed: object) -> Path:
 
 @pytest.mark.parametrize("name", ["/", ".", "..", "", "/etc/passwd", "../other.jsonl", "a\\b"])
 def test_what_a_record_verifies_is_a_name_beside_it(name: str, tmp_path: Path) -> None:
-    said = refused(3, "run", "--continue", record_with(tmp_path, 0, verifies=name), "--headless")
-    assert "in the same folder" in said
+    message = refused(3, "run", "--continue", record_with(tmp_path, 0, verifies=name), "--headless")
+    assert "in the same folder" in message
 
 
 @pytest.mark.parametrize(
@@ -329,7 +329,7 @@ def test_only_ordinary_files_of_a_sensible_size_are_read(
         assert "a pipe or a device" in err
     if kind == "8 GB":
         assert "bytes" in err
-    assert [found.name for found in tmp_path.iterdir()] == [path.name]
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
 
 
 # terminal escapes
@@ -344,14 +344,14 @@ def test_no_verb_prints_a_control_character(
     (tmp_path / "m.toml").write_text(f"name = {json.dumps(ESCAPES)}\n")
     procedure = (ROOT / "protocols" / "procedures" / "zero-max-min.toml").read_text()
     named = re.compile(r"(?m)^(name|title|description) = .*")
-    spoilt = named.sub(lambda found: f"{found[1]} = {json.dumps(ESCAPES)}", procedure)
+    spoilt = named.sub(lambda match: f"{match[1]} = {json.dumps(ESCAPES)}", procedure)
     (tmp_path / "p.toml").write_text(spoilt)
     evil = f"s{ESCAPES.splitlines()[0]}.jsonl"
     machine = json.loads(EXPERIMENT.read_text().splitlines()[0])["machine"] | {"name": ESCAPES}
     hostile = {"operator": ESCAPES, "remarks": [ESCAPES], "machine": machine}
-    made = record_with(tmp_path, 0, **hostile)
-    (tmp_path / evil).write_bytes(made.read_bytes())
-    made.unlink()
+    record = record_with(tmp_path, 0, **hostile)
+    (tmp_path / evil).write_bytes(record.read_bytes())
+    record.unlink()
     runs = [
         ("run", "--dry-run", "--machine", "m.toml", "--protocol", "p.toml"),
         ("simulate", "--machine", "m.toml", "--protocol", "p.toml", "-o", f"t{evil}"),

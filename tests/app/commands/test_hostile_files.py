@@ -35,9 +35,9 @@ class Opened:
     paths: set[str] = field(default_factory=set)
     on: bool = False
 
-    def __call__(self, event: str, given: tuple[Any, ...]) -> None:
-        if self.on and event == "open" and isinstance(given[0], str):
-            path, _, flags = given
+    def __call__(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if self.on and event == "open" and isinstance(arguments[0], str):
+            path, _, flags = arguments
             if flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT):
                 self.paths.add(os.path.realpath(path))
 

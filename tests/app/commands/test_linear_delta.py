@@ -36,31 +36,31 @@ def imported(folder: Path, hidden: Hidden = PERFECT, seed: int = 1) -> Path:
 
 
 def test_identifiability_names_the_combination_that_a_plate_cannot_show() -> None:
-    found = json.loads(ran("identifiability", "linear-delta", "--json"))
-    assert found["machine"] == "linear-delta"
-    assert found["procedure"] == "plate-rings"
-    assert found["rank"] == 5
-    assert "d_rho_x + d_rho_y + d_rho_z" in json.dumps(found)
+    report = json.loads(ran("identifiability", "linear-delta", "--json"))
+    assert report["machine"] == "linear-delta"
+    assert report["procedure"] == "plate-rings"
+    assert report["rank"] == 5
+    assert "d_rho_x + d_rho_y + d_rho_z" in json.dumps(report)
 
 
 def test_simulate_then_solve_and_diagnose_agree(tmp_path: Path) -> None:
     path = tmp_path / "simulated.jsonl"
     ran("simulate", "-o", path, *MACHINE)
-    said = ran("solve", path)
-    assert "Tool deviations" in said
-    assert "d_rho_x + d_rho_y +" in said
-    assert "glidecal plan" not in said
+    text = ran("solve", path)
+    assert "Tool deviations" in text
+    assert "d_rho_x + d_rho_y +" in text
+    assert "glidecal plan" not in text
     assert ran("diagnose", path).startswith("AGREES")
 
 
 def test_a_table_is_solved_to_the_machine_that_made_it(tmp_path: Path) -> None:
     """Offsets but for what all towers share, lengths: from independent geometry."""
     hidden = Hidden(offset_mm=(0.4, -0.3, 0.2), length_mm=(0.1, -0.15, 0.2))
-    found = json.loads(ran("solve", imported(tmp_path, hidden), "--json"))
-    assert found["subset"] == "with-tolerances"
-    known = {name: one["value"] for name, one in found["parameters"].items()}
-    value = [known[name] for name in ("d_rho_x", "d_rho_y", "d_rho_z")]
-    length = [known[name] for name in ("d_L_x", "d_L_y", "d_L_z")]
+    solution = json.loads(ran("solve", imported(tmp_path, hidden), "--json"))
+    assert solution["subset"] == "with-tolerances"
+    values = {name: entry["value"] for name, entry in solution["parameters"].items()}
+    value = [values[name] for name in ("d_rho_x", "d_rho_y", "d_rho_z")]
+    length = [values[name] for name in ("d_L_x", "d_L_y", "d_L_z")]
     assert np.array(value) - np.mean(value) == pytest.approx([0.3, -0.4, 0.1], abs=0.02)
     assert length == pytest.approx([0.1, -0.15, 0.2], abs=0.06)
 
@@ -68,14 +68,14 @@ def test_a_table_is_solved_to_the_machine_that_made_it(tmp_path: Path) -> None:
 def test_an_effect_is_hidden_and_found_by_its_name(tmp_path: Path) -> None:
     path = tmp_path / "hidden.jsonl"
     ran("simulate", "-o", path, *MACHINE, "--effect", "backlash:y", "--size", "0.03")
-    found = json.loads(ran("diagnose", path, "--json"))
-    assert [one["id"] for one in found["effects"]] == ["backlash"]
+    diagnosis = json.loads(ran("diagnose", path, "--json"))
+    assert [effect["id"] for effect in diagnosis["effects"]] == ["backlash"]
 
 
 def test_a_dry_run_lists_positions_with_one_indicator() -> None:
-    said = ran("run", "--dry-run", *MACHINE)
-    assert "58 steps with 1 indicator" in " ".join(said.split())
-    assert "2 (0, 30, 0) mm 1 G53 G0 X0.000 Y30.000 Z0.000" in " ".join(said.split())
+    text = ran("run", "--dry-run", *MACHINE)
+    assert "58 steps with 1 indicator" in " ".join(text.split())
+    assert "2 (0, 30, 0) mm 1 G53 G0 X0.000 Y30.000 Z0.000" in " ".join(text.split())
 
 
 def test_movements_of_carriages_follow_from_positions_and_lifts(tmp_path: Path) -> None:
@@ -97,8 +97,8 @@ def test_replay_shows_positions(tmp_path: Path) -> None:
 
 
 def test_aliases_of_a_plate() -> None:
-    found = json.loads(ran("diagnose", "--aliases", *MACHINE, "--json"))
-    ids = {one["id"] for one in found["effects"]}
+    report = json.loads(ran("diagnose", "--aliases", *MACHINE, "--json"))
+    ids = {effect["id"] for effect in report["effects"]}
     assert {"axis_offset", "actuator_scale", "backlash", "gauge_tilt"} <= ids
     assert not {"leg_taper", "leg_bow"} & ids
 
@@ -107,10 +107,10 @@ def test_a_machine_file_says_by_its_schema_of_what_kind_it_is(tmp_path: Path) ->
     drives, slides = tmp_path / "drives.toml", tmp_path / "slides.toml"
     for name, path in (("linear-delta", drives), ("hexaslide-h60", slides)):
         path.write_bytes((MACHINES / f"{name}.toml").read_bytes())
-    seen = ("identifiability", "orthoglide", "--machine-file", drives)
-    said = ran(*seen)
-    assert said.startswith("linear-delta, plate-rings")  # not the name it was asked by
-    assert "tool.\nWEAK" in said  # no empty line where no single set-up helps
+    arguments = ("identifiability", "orthoglide", "--machine-file", drives)
+    text = ran(*arguments)
+    assert text.startswith("linear-delta, plate-rings")  # not the name it was asked by
+    assert "tool.\nWEAK" in text  # no empty line where no single set-up helps
     of_pose = ("--procedure", "pose-inverse", "--json")
     by_name = ran("identifiability", "hexaslide", "--machine-file", slides, *of_pose)
     assert ran("identifiability", slides, *of_pose) == by_name
@@ -124,16 +124,16 @@ def test_bad_files_end_with_the_documented_status(tmp_path: Path) -> None:
     assert "another kind of machine" in refused(3, "simulate", *out, "--machine", path)
     assert "another kind of machine" in refused(3, "identifiability", path)
     path.write_text('schema = "glidecal.hexaslide/1"\n', encoding="utf-8")
-    other = ("identifiability", "linear-delta", "--machine-file", path)
-    assert "another kind of machine" in refused(3, *other)
+    arguments = ("identifiability", "linear-delta", "--machine-file", path)
+    assert "another kind of machine" in refused(3, *arguments)
     source = tmp_path / "t.csv"
     source.write_text("x_mm,y_mm,z_mm,value_mm\n0,0,0,0\n400,0,0,0\n", encoding="utf-8")
     assert "the bars reach" in refused(3, "import", source, *out, *MACHINE)
 
 
 def test_a_demonstration_on_this_machine(tmp_path: Path) -> None:
-    said = ran("demo", "--headless", *MACHINE, "--folder", tmp_path / "demo")
-    before, after = re.findall(r"Tool deviations went from ([\d.]+) to ([\d.]+) mm", said)[0]
+    text = ran("demo", "--headless", *MACHINE, "--folder", tmp_path / "demo")
+    before, after = re.findall(r"Tool deviations went from ([\d.]+) to ([\d.]+) mm", text)[0]
     assert float(after) < 0.1 * float(before)
 
 
@@ -141,17 +141,17 @@ def test_what_a_delta_does_not_do_yet_is_said_in_one_sentence(tmp_path: Path) ->
     out = ("-o", tmp_path / "s.jsonl")
     assert "of leg x" in refused(3, "run", *MACHINE, "--dry-run", "--protocol", "sweep")
     assert "at one Zero" in refused(2, "plan", *MACHINE)
-    asked = ("linear-delta", "--procedure", "plate-rings", "--count", "9")
-    assert "optimum postures" in refused(2, "postures", *asked)
+    arguments = ("linear-delta", "--procedure", "plate-rings", "--count", "9")
+    assert "optimum postures" in refused(2, "postures", *arguments)
     effect = ("--effect", "leg_taper")
     assert "nothing to see" in refused(2, "simulate", *MACHINE, *effect, *out)
 
 
 def test_unknown_machines_are_named_with_those_that_are() -> None:
-    for asked in (("identifiability", "deltoid"), ("run", "--dry-run", "--machine", "deltoid")):
-        said = refused(2, *asked)
-        assert "'deltoid'" in said
-        assert "linear-delta" in said
+    for arguments in (("identifiability", "deltoid"), ("run", "--dry-run", "--machine", "deltoid")):
+        message = refused(2, *arguments)
+        assert "'deltoid'" in message
+        assert "linear-delta" in message
 
 
 def test_the_program_knows_no_machine_of_the_family_by_name() -> None:
@@ -171,15 +171,15 @@ def verified(folder: Path, before: Hidden, after: Hidden) -> dict[str, str]:
     paths = imported(folder / "before", before), imported(folder / "after", after, seed=2)
     run = glidecal("verify", *paths, "--json")
     assert run.status == 7, "no tolerance is stated, so nothing is decided"
-    found = json.loads(run.out)
-    return {one["name"]: one["entered"] for one in found["offsets"]}
+    report = json.loads(run.out)
+    return {offset["name"]: offset["entered"] for offset in report["offsets"]}
 
 
 def test_offsets_that_were_not_entered_are_seen_on_a_plate(tmp_path: Path) -> None:
     """What all towers share is not known by 1 mm; each less that is, by hundredths."""
     off = Hidden(offset_mm=(0.4, -0.5, 0.1))
-    same = verified(tmp_path / "none", off, off)
-    assert {same[f"d_rho_{leg}"] for leg in "xyz"} == {"not entered"}
+    entries = verified(tmp_path / "none", off, off)
+    assert {entries[f"d_rho_{leg}"] for leg in "xyz"} == {"not entered"}
     entered = verified(tmp_path / "right", off, PERFECT)
     assert {entered[f"d_rho_{leg}"] for leg in "xyz"} == {"as expected"}
     turned = verified(tmp_path / "wrong", off, Hidden(offset_mm=(0.8, -1.0, 0.2)))

@@ -49,46 +49,48 @@ class Terminal(io.StringIO):
         return True
 
 
-def plan_of(folder: Path, told: str, ports: tuple[str, ...]) -> Plan:
+def plan_of(folder: Path, motion: str, ports: tuple[str, ...]) -> Plan:
     instruments = tuple(Instrument(profile="mitutoyo-01a", port=port) for port in ports)
-    return Plan(folder / "a.jsonl", FAST, SHORT, instruments, window_s=0.1, motion=told)
+    return Plan(folder / "a.jsonl", FAST, SHORT, instruments, window_s=0.1, motion=motion)
 
 
 def test_a_dry_run_shows_every_posture_and_asks_nobody() -> None:
     usual = ("--protocol", "zero-max-min")
     done = glidecal("run", *TWO, *usual, "--motion", "linuxcnc:nowhere:5007", "--dry-run")
     assert done.status == 0, done.err
-    said = " ".join(done.out.split())
-    assert said.count("G53 G1 X") == 30
-    assert "30 steps at 1500 mm/min, longest move 160.0 mm" in said
-    assert "Never outside X-100.000 Y-100.000 Z-100.000 … X60.000 Y60.000 Z60.000" in said
+    text = " ".join(done.out.split())
+    assert text.count("G53 G1 X") == 30
+    assert "30 steps at 1500 mm/min, longest move 160.0 mm" in text
+    assert "Never outside X-100.000 Y-100.000 Z-100.000 … X60.000 Y60.000 Z60.000" in text
 
 
 def test_without_a_procedure_it_takes_one_that_nobody_would_type() -> None:
     done = glidecal("run", *TWO, "--motion", "linuxcnc:nowhere:5007", "--dry-run")
     assert done.status == 0, done.err
-    said = " ".join(done.out.split())
-    assert "Procedure two-station: the usual one where a machine moves itself" in said
-    assert said.count("G53 G1 X") == 138
+    text = " ".join(done.out.split())
+    assert "Procedure two-station: the usual one where a machine moves itself" in text
+    assert text.count("G53 G1 X") == 138
     by_hand = glidecal("run", *TWO, "--dry-run")
     assert by_hand.out.count("G53 G0 X") == 30
 
 
 def test_what_the_record_tells_is_refused_beside_continue(tmp_path: Path) -> None:
     for words in (("--dry-run",), ("--seed", "1"), ("--note", "n"), ("-o", "b.jsonl")):
-        said = refused(2, "run", "--continue", tmp_path / "a.jsonl", *words)
-        assert f"{words[0].replace('-o', '--output')}: found beside --continue" in said
+        message = refused(2, "run", "--continue", tmp_path / "a.jsonl", *words)
+        assert f"{words[0].replace('-o', '--output')}: found beside --continue" in message
 
 
 def test_a_seed_of_the_simulation_is_refused_beside_real_indicators(tmp_path: Path) -> None:
     words = ("run", "--indicator", "sylvac:COM7", "--seed", "4", "-o", tmp_path / "a.jsonl")
-    said = refused(2, *words)
-    assert said.startswith("glidecal: --seed: found beside real indicators. Allowed: --seed with")
+    message = refused(2, *words)
+    assert message.startswith(
+        "glidecal: --seed: found beside real indicators. Allowed: --seed with"
+    )
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
-    ("words", "status", "said"),
+    ("words", "status", "message"),
     [
         ((*TWO, "--motion", "klipper:x"), 2, "--motion: found 'klipper:x'. Allowed: linuxcnc:"),
         ((*TWO, "--motion", "klipper:x", "--dry-run"), 2, "--motion: found 'klipper:x'"),
@@ -101,20 +103,20 @@ def test_a_seed_of_the_simulation_is_refused_beside_real_indicators(tmp_path: Pa
     ],
 )
 def test_without_a_terminal_nothing_moves(
-    words: tuple[str, ...], status: int, said: str, tmp_path: Path
+    words: tuple[str, ...], status: int, message: str, tmp_path: Path
 ) -> None:
     done = glidecal("run", *words, "-o", tmp_path / "a.jsonl")
     assert done.status == status
-    assert said in done.err
+    assert message in done.err
     assert not list(tmp_path.iterdir())
 
 
 def test_the_operator_says_no(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", Terminal("n\n"))
     with following() as (_, twin, ports):
-        with pytest.raises(typer.Exit) as left:
+        with pytest.raises(typer.Exit) as exit_info:
             measuring.measure(plan_of(tmp_path, twin.told, ports), headless=True)
-        assert left.value.exit_code == 130
+        assert exit_info.value.exit_code == 130
         assert not twin.moves
 
 
@@ -150,10 +152,10 @@ def test_a_session_in_a_plain_terminal(tmp_path: Path, monkeypatch: pytest.Monke
         ]
         remember_proved(plan_of(tmp_path, twin.told, ports))
         files = ("--protocol", f"{procedure}", "--machine", f"{machine}", "-o", f"{path}")
-        status, _, said = run_here("run", *files, *named, "--headless", "--motion", twin.told)
+        status, _, text = run_here("run", *files, *named, "--headless", "--motion", twin.told)
     assert status == 0
-    assert "Guards closed" in said
-    assert "Set up at leg X, station 0.5, along Y and Z" in said
+    assert "Guards closed" in text
+    assert "Set up at leg X, station 0.5, along Y and Z" in text
     assert read_record(path).end == "closed"
     assert len(taken(path)) == 6
     assert not wrong(taken(path), bench)
@@ -194,9 +196,9 @@ def test_a_board_is_homed_with_a_word_for_it_typed_in_the_terminal(
     assert ("$H" in received) is ("Home it now" in questions)
     lines = capsys.readouterr().err.replace("[y/N]:", "\n").splitlines()
     assert not [line for line in lines if len(line) > 80]
-    said = " ".join(" ".join(lines).split())
+    text = " ".join(" ".join(lines).split())
     for question in ("Was it homed since it was switched on", "Home it now"):
-        assert (question in said) is (question in questions)
+        assert (question in text) is (question in questions)
 
 
 SLOW = MachineFile(motion=MotionLimits(feed_mm_min=30.0))
@@ -235,29 +237,29 @@ def test_ctrl_c_stops_it_and_says_how_to_go_on(
             measuring.measure(plan, headless=True)
         assert not twin.axes.moving
         assert twin.axes.at_mm != (0.0, 0.0, 0.0)
-    said = " ".join(capsys.readouterr().err.split())
-    assert "Session paused after 0 of" in said
-    assert f"glidecal run --headless --continue {plan.path} --motion {twin.told}" in said
-    assert "NOT STOPPED" not in said
+    message = " ".join(capsys.readouterr().err.split())
+    assert "Session paused after 0 of" in message
+    assert f"glidecal run --headless --continue {plan.path} --motion {twin.told}" in message
+    assert "NOT STOPPED" not in message
 
 
 def test_a_machine_that_does_not_stop_is_said_before_anything_is_let_go(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Letting go of a controller that does not answer takes seconds: no time to lose then."""
-    said: list[str] = []
+    messages: list[str] = []
     before: list[str] = []
     close = MotionLine.close
 
     def noted(line: MotionLine) -> None:
-        before.extend(said)
+        before.extend(messages)
         close(line)
 
     def silent(twin: MotionTwin) -> None:
         twin.befall(MotionTrouble.SILENCE)
 
     with on_its_way(tmp_path, monkeypatch, silent) as (plan, _):
-        monkeypatch.setattr(measuring, "say", said.append)
+        monkeypatch.setattr(measuring, "say", messages.append)
         monkeypatch.setattr(MotionLine, "close", noted)
         with pytest.raises(MotionError):
             measuring.measure(plan, headless=True)
@@ -270,23 +272,23 @@ TRUTH = Model(FAST.geometry(), (0.8, -1.3, 0.45, 0.02, -0.01, 0.03))
 @pytest.fixture
 def measured(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
     """What was measured since, on a machine without ports."""
-    taken: list[Plan] = []
+    plans: list[Plan] = []
 
     def measure(plan: Plan, *, headless: bool) -> None:
         assert headless
-        taken.append(plan)
-        made = simulated_session(
+        plans.append(plan)
+        session = simulated_session(
             plan.procedure,
             plan.machine,
             TRUTH,
-            seed=len(taken),
+            seed=len(plans),
             scatter_mm=0.002,
             resolution_mm=0.001,
         )
-        write_whole(plan.path, made.opened, [*made.readings])
+        write_whole(plan.path, session.opened, [*session.readings])
 
     monkeypatch.setattr(measuring, "measure", measure)
-    return taken
+    return plans
 
 
 @LONG
@@ -296,15 +298,15 @@ def test_set_up_after_set_up_until_the_bound_is_reached(
     usual = load_procedure("zero-max-min", FAST.geometry())
     plan = replace(plan_of(tmp_path, "linuxcnc:nowhere:1", ("a", "b")), procedure=usual)
     measuring.measured_until(plan, None, headless=True)
-    said = " ".join(capsys.readouterr().err.split())
-    assert "postures in" in said
+    message = " ".join(capsys.readouterr().err.split())
+    assert "postures in" in message
     assert len(measured) == 1
-    assert f"glidecal run --headless --continue {plan.path}" in said
+    assert f"glidecal run --headless --continue {plan.path}" in message
     measuring.measured_until(plan, 0.009, headless=True, done=True)
-    said = " ".join(capsys.readouterr().err.split())
-    assert "That is within the 0.009 mm asked for" in said
+    message = " ".join(capsys.readouterr().err.split())
+    assert "That is within the 0.009 mm asked for" in message
     assert 2 <= len(measured) <= 3
-    bounds = [float(mm) for mm in re.findall(r"at most ([\d.]+) mm r\.m\.s\.", said)]
+    bounds = [float(mm) for mm in re.findall(r"at most ([\d.]+) mm r\.m\.s\.", message)]
     assert bounds[0] > 0.009 >= bounds[-1]
     assert [plan.path.name for plan in measured[:2]] == ["a.jsonl", "a_further.jsonl"]
     assert (measured[1].procedure.name, measured[1].procedure.cycles) == ("further", 1)

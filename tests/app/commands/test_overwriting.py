@@ -54,7 +54,9 @@ NO_FORCE = {"run", "align"}
 
 
 def asked(arguments: tuple[str, ...], samples: Path, at: Path) -> list[str]:
-    return [one.replace("{samples}", str(samples)).replace("{}", str(at)) for one in arguments]
+    return [
+        argument.replace("{samples}", str(samples)).replace("{}", str(at)) for argument in arguments
+    ]
 
 
 def target_of(name: str, at: Path) -> Path:
@@ -62,7 +64,9 @@ def target_of(name: str, at: Path) -> Path:
     if inside:
         at.mkdir()
         return at / inside
-    suffix = next(one for one in arguments if one.startswith("{}") and one != "{}-other")
+    suffix = next(
+        argument for argument in arguments if argument.startswith("{}") and argument != "{}-other"
+    )
     return Path(suffix.replace("{}", str(at)))
 
 
@@ -75,8 +79,8 @@ def test_a_file_that_is_there_is_kept_in_a_pipe_and_replaced_by_force(
     target.write_text("mine", encoding="utf-8")
     arguments = asked(WRITING[name][0], samples, at)
     there = sorted(tmp_path.rglob("*"))
-    said = refused(2, *arguments)
-    assert f"{target} is there already. Give another name, or --force to replace." in said
+    message = refused(2, *arguments)
+    assert f"{target} is there already. Give another name, or --force to replace." in message
     assert target.read_text(encoding="utf-8") == "mine"
     assert sorted(tmp_path.rglob("*")) == there, "nothing is half written beside it"
     assert glidecal(*arguments, "--force").status == 0
@@ -116,8 +120,8 @@ def test_no_verb_writes_through_a_link(
         victim.write_text("untouched", encoding="utf-8")
     target.symlink_to(victim)
     there = sorted(tmp_path.rglob("*"))
-    said = refused(2, *asked(WRITING[name][0], samples, at), *force)
-    assert f"{target}, a link to {victim}" in said
+    message = refused(2, *asked(WRITING[name][0], samples, at), *force)
+    assert f"{target}, a link to {victim}" in message
     assert target.is_symlink()
     assert victim.exists() == (behind == "a file")
     assert not victim.exists() or victim.read_text(encoding="utf-8") == "untouched"
@@ -131,8 +135,8 @@ def test_a_folder_may_be_a_link(tmp_path: Path, samples: Path) -> None:
     linked.symlink_to(real)
     sample = samples / "simulated_sweep.jsonl"
     assert glidecal("export", sample, "--format", "csv", "-o", linked / "o.csv").status == 0
-    known = ("--home-offset", "0,0,0")
-    assert glidecal("export", sample, "--format", "linuxcnc", *known, "-o", linked).status == 0
+    homing = ("--home-offset", "0,0,0")
+    assert glidecal("export", sample, "--format", "linuxcnc", *homing, "-o", linked).status == 0
     assert {path.name for path in real.iterdir()} == {
         "o.csv",
         *(f"calib_joint{n}.inc" for n in range(3)),
@@ -202,7 +206,8 @@ def test_an_export_is_refused_before_anything_is_worked_out(
 @pytest.mark.parametrize("name", RECORDING)
 def test_a_record_is_a_file(name: str, tmp_path: Path, samples: Path) -> None:
     arguments = [
-        "-" if one == "{}" else one.replace("{samples}", str(samples)) for one in RECORDING[name]
+        "-" if argument == "{}" else argument.replace("{samples}", str(samples))
+        for argument in RECORDING[name]
     ]
     assert "standard output" in refused(3, *arguments, cwd=tmp_path)
     assert list(tmp_path.iterdir()) == []
@@ -231,7 +236,9 @@ def test_one_text_goes_to_standard_output(
     if "{delta}" in arguments:
         run = glidecal("simulate", "--machine", "linear-delta", "-o", delta)
         assert run.status == 0, run.err
-    filled = [one.replace("{delta}", str(delta)) for one in asked(arguments, samples, tmp_path)]
+    filled = [
+        argument.replace("{delta}", str(delta)) for argument in asked(arguments, samples, tmp_path)
+    ]
     out, empty = tmp_path / f"out{html}", tmp_path / "empty"
     empty.mkdir()
     assert glidecal(*filled, "-o", out).status == 0
@@ -248,12 +255,12 @@ def test_every_verb_with_a_file_to_write_stands_above() -> None:
     writing = {
         name
         for name, verb in command.commands.items()
-        if WRITING_OPTIONS & {one.name for one in verb.params}
+        if WRITING_OPTIONS & {parameter.name for parameter in verb.params}
     }
     tried = {arguments[0] for arguments, _ in WRITING.values()} | {a[0] for a in RECORDING.values()}
     assert writing - {"demo", "history"} == tried, "their folder is where sessions lie"
     for name in tried - NO_FORCE:
-        assert "force" in {one.name for one in command.commands[name].params}, name
+        assert "force" in {parameter.name for parameter in command.commands[name].params}, name
 
 
 def test_the_known_model_goes_on_without_a_question(tmp_path: Path, samples: Path) -> None:
@@ -263,9 +270,9 @@ def test_the_known_model_goes_on_without_a_question(tmp_path: Path, samples: Pat
     assert glidecal(*first).status == 0
     again = ("diagnose", session, "--model", model, "--adopt", model, "--candidate", "gravity_sag")
     assert glidecal(*again).status == 0
-    said = glidecal("model", model).out
-    assert "actuator_scale (all)" in said
-    assert "gravity_sag (all)" in said
+    text = glidecal("model", model).out
+    assert "actuator_scale (all)" in text
+    assert "gravity_sag (all)" in text
 
 
 def test_a_disk_that_is_full_leaves_no_folder_behind(

@@ -53,36 +53,36 @@ def six(tmp_path: Path) -> Path:
 def document(*arguments: str | Path) -> dict[str, Any]:
     run = glidecal(*arguments, "--json")
     assert run.status == 0, run.err
-    found: dict[str, Any] = json.loads(run.out)
-    return found
+    report: dict[str, Any] = json.loads(run.out)
+    return report
 
 
 def test_six_differences_see_three_combinations(six: Path) -> None:
-    found = document("identifiability", "orthoglide", "--procedure", six, "--noise", "0.02")
-    assert found["schema"] == "glidecal.identifiability/1"
-    assert (found["rank"], found["parameter_count"]) == (3, 6)
-    assert found["independent_row_count"] == 6
-    assert found["limited_by"] == "nothing"
-    assert found["individually_identifiable"] == []
-    assert sorted(lost["name"] for lost in found["lost_directions"]) == [
+    report = document("identifiability", "orthoglide", "--procedure", six, "--noise", "0.02")
+    assert report["schema"] == "glidecal.identifiability/1"
+    assert (report["rank"], report["parameter_count"]) == (3, 6)
+    assert report["independent_row_count"] == 6
+    assert report["limited_by"] == "nothing"
+    assert report["individually_identifiable"] == []
+    assert sorted(lost["name"] for lost in report["lost_directions"]) == [
         "d_rho_x + d_L_x",
         "d_rho_y + d_L_y",
         "d_rho_z + d_L_z",
     ]
-    assert found["condition_number"] == pytest.approx(1.43 / 0.90, rel=0.02)  # theory, section 3
-    for lost in found["lost_directions"]:
+    assert report["condition_number"] == pytest.approx(1.43 / 0.90, rel=0.02)  # theory, section 3
+    for lost in report["lost_directions"]:
         assert lost["standard_uncertainty_mm"] is None
         assert 0.0 < lost["cure"]["standard_uncertainty_mm"] < 5.0
 
 
 def test_zero_max_min_sees_everything_three_weakly() -> None:
-    found = document("identifiability", "orthoglide", "--procedure", "zero-max-min")
-    assert found["rank"] == 6
-    assert found["lost_directions"] == []
-    assert len(found["weak_directions"]) == 3
-    assert found["classical_qr"]["flagged"] == []
-    assert sorted(found["measured"]) == ["x_y", "x_z", "y_x", "y_z", "z_x", "z_y"]
-    for weak in found["weak_directions"]:
+    report = document("identifiability", "orthoglide", "--procedure", "zero-max-min")
+    assert report["rank"] == 6
+    assert report["lost_directions"] == []
+    assert len(report["weak_directions"]) == 3
+    assert report["classical_qr"]["flagged"] == []
+    assert sorted(report["measured"]) == ["x_y", "x_z", "y_x", "y_z", "z_x", "z_y"]
+    for weak in report["weak_directions"]:
         assert weak["cure"]["standard_uncertainty_mm"] < weak["standard_uncertainty_mm"]
         assert weak["tool_mm"] > 0.0
 
@@ -90,9 +90,9 @@ def test_zero_max_min_sees_everything_three_weakly() -> None:
 def test_too_few_postures_are_named(tmp_path: Path) -> None:
     path = tmp_path / "one_leg.toml"
     path.write_text(MAX_MIN + 'legs = ["x"]\n', encoding="utf-8")
-    found = document("identifiability", "orthoglide", "--procedure", path)
-    assert found["limited_by"] == "too-few-postures"
-    assert found["independent_row_count"] == 2
+    report = document("identifiability", "orthoglide", "--procedure", path)
+    assert report["limited_by"] == "too-few-postures"
+    assert report["independent_row_count"] == 2
     assert "measure more postures" in glidecal(
         "identifiability", "orthoglide", "--procedure", path
     ).out.replace("\n", " ")
@@ -112,25 +112,25 @@ def test_the_text_tells_combination_cost_cure_and_the_classical_view(six: Path) 
 def test_zero_added_to_the_six_differences_lets_everything_be_seen(six: Path) -> None:
     text = MAX_MIN.replace('["max", "min"]', '["max", "min", "zero"]')
     six.write_text(text, encoding="utf-8")
-    seen = seen_by(orthoglide(str(six), 0.02))
-    assert seen.found.rank == 6
+    analysis = seen_by(orthoglide(str(six), 0.02))
+    assert analysis.found.rank == 6
 
 
 def test_a_cure_keeps_its_promise() -> None:
     """The promised uncertainty from the readings with those of the cure appended."""
-    seen = seen_by(orthoglide("zero-max-min", 0.02))
-    weak = next(one for one in seen.weak if one.name == "d_rho_x + d_L_x")
+    analysis = seen_by(orthoglide("zero-max-min", 0.02))
+    weak = next(direction for direction in analysis.weak if direction.name == "d_rho_x + d_L_x")
     assert weak.cure is not None
-    found = re.fullmatch(
+    match = re.fullmatch(
         r"leg (.) at (\S+) mm and at Zero \(station (\S+), a new mounting\)", weak.cure.posture
     )
-    assert found is not None
-    leg, level, station = "xyz".index(found[1]), float(found[2]), float(found[3])
+    assert match is not None
+    leg, level, station = "xyz".index(match[1]), float(match[2]), float(match[3])
     axes = [axis for axis in range(3) if axis != leg]
     added = conditions([leg] * 4, axes * 2, [level] * 2 + [0.0] * 2, station=station)
     rows = derivatives(Geometry(), np.zeros(6), added)
     differences = (rows[:2] - rows[2:]) / np.sqrt(2.0) / 0.02
-    whitened = np.vstack([seen.examined.sensitivity.jacobian, differences])
+    whitened = np.vstack([analysis.examined.sensitivity.jacobian, differences])
     covariance = np.linalg.inv(whitened.T @ whitened + np.eye(6) / 5.0**2)
     vector = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 0.0])
     expected = float(np.sqrt(vector @ covariance @ vector))
@@ -138,16 +138,16 @@ def test_a_cure_keeps_its_promise() -> None:
 
 
 def test_postures_as_json() -> None:
-    found = document("postures", "orthoglide", "--procedure", "zero-max-min", "--count", "12")
-    assert found["schema"] == "glidecal.postures/1"
-    assert found["count"] == len(found["postures"]) == 12
-    assert found["criterion"] == "determinant"
-    places = {tuple(posture.values()) for posture in found["postures"]}
+    report = document("postures", "orthoglide", "--procedure", "zero-max-min", "--count", "12")
+    assert report["schema"] == "glidecal.postures/1"
+    assert report["count"] == len(report["postures"]) == 12
+    assert report["criterion"] == "determinant"
+    places = {tuple(posture.values()) for posture in report["postures"]}
     assert len(places) == 12
-    assert set(found["postures"][0]) == {"leg", "station", "displacement_mm", "approach"}
-    on_limit = [p["displacement_mm"] in (-100.0, 60.0) for p in found["postures"]]
-    on_end = [p["station"] in (0.2, 0.8) for p in found["postures"]]
-    assert found["coordinates_on_bound"] == sum(on_limit) + sum(on_end)
+    assert set(report["postures"][0]) == {"leg", "station", "displacement_mm", "approach"}
+    on_limit = [p["displacement_mm"] in (-100.0, 60.0) for p in report["postures"]]
+    on_end = [p["station"] in (0.2, 0.8) for p in report["postures"]]
+    assert report["coordinates_on_bound"] == sum(on_limit) + sum(on_end)
 
 
 @pytest.mark.parametrize("criterion", first_quick(Criterion))
@@ -157,8 +157,8 @@ def test_twelve_chosen_postures_beat_the_twelve_of_a_procedure(
     path = tmp_path / "twelve.toml"
     text = MAX_MIN.replace('["max", "min"]', '["zero", "max", "min", 30.0]')
     path.write_text(text, encoding="utf-8")
-    found = optimum_postures(orthoglide(str(path), 0.02), 12, criterion=criterion)
-    before, after = found.before.value, found.after.value
+    optimum = optimum_postures(orthoglide(str(path), 0.02), 12, criterion=criterion)
+    before, after = optimum.before.value, optimum.after.value
     assert before is not None
     assert after is not None
     assert after > before if criterion.larger_is_better else after < before
@@ -192,8 +192,8 @@ def test_free_postures_are_one_procedure_for_each_mounting(tmp_path: Path) -> No
     for path, session in zip(written, sessions, strict=True):
         assert glidecal("run", "--dry-run", "--protocol", path).status == 0
         assert glidecal("simulate", "--protocol", path, "-o", session).status == 0
-    found = document("solve", *sessions, "--subset", "both")
-    assert len(found["parameters"]) == 6
+    solution = document("solve", *sessions, "--subset", "both")
+    assert len(solution["parameters"]) == 6
 
 
 def test_a_budget_is_kept() -> None:
@@ -209,62 +209,62 @@ def test_a_budget_is_kept() -> None:
 
 def test_a_budget_that_leaves_one_station() -> None:
     """What has no neighbour on the grid stays where it is; the rest is refined."""
-    asked = ("postures", "orthoglide", "--procedure", "zero-max-min", "--count", "9")
-    found = document(*asked, "--budget", "8", "--starts", "2")
-    assert len({one["station"] for one in found["postures"]}) == 1
-    assert found["minutes"] <= 8.0
-    assert found["grid_value"] is not None
+    arguments = ("postures", "orthoglide", "--procedure", "zero-max-min", "--count", "9")
+    report = document(*arguments, "--budget", "8", "--starts", "2")
+    assert len({posture["station"] for posture in report["postures"]}) == 1
+    assert report["minutes"] <= 8.0
+    assert report["grid_value"] is not None
 
 
 TWELVE = ("postures", "orthoglide", "--procedure", "zero-max-min", "--count", "12")
 
 
 def test_postures_are_moved_off_the_grid_unless_it_is_to_be_kept() -> None:
-    free, kept = document(*TWELVE), document(*TWELVE, "--no-refine")
-    assert kept["grid_value"] is None
-    assert all(posture["displacement_mm"] % 10.0 == 0.0 for posture in kept["postures"])
-    assert free["grid_value"] == pytest.approx(kept["value"], rel=1e-9)
-    assert 1.004 < free["value"] / kept["value"] < 1.1
+    free, on_grid = document(*TWELVE), document(*TWELVE, "--no-refine")
+    assert on_grid["grid_value"] is None
+    assert all(posture["displacement_mm"] % 10.0 == 0.0 for posture in on_grid["postures"])
+    assert free["grid_value"] == pytest.approx(on_grid["value"], rel=1e-9)
+    assert 1.004 < free["value"] / on_grid["value"] < 1.1
     assert any(posture["displacement_mm"] % 10.0 for posture in free["postures"])
     moved, still = glidecal(*TWELVE).out, glidecal(*TWELVE, "--no-refine").out
     # the starts of the search end elsewhere on other processors, so no figure is pinned here
-    assert f"Moved off the grid: criterion {kept['value']:.4g} → {free['value']:.4g}." in moved
+    assert f"Moved off the grid: criterion {on_grid['value']:.4g} → {free['value']:.4g}." in moved
     assert "The postures keep to the grid: --no-refine." in still
 
 
 def test_the_figure_is_of_the_postures_that_are_printed() -> None:
-    found = document(*TWELVE, "--noise", "0.02")
-    taken = [
-        ("xyz".index(one["leg"]), axis, one["displacement_mm"], one["station"])
-        for one in found["postures"]
+    report = document(*TWELVE, "--noise", "0.02")
+    readings = [
+        ("xyz".index(posture["leg"]), axis, posture["displacement_mm"], posture["station"])
+        for posture in report["postures"]
         for axis in range(3)
-        if axis != "xyz".index(one["leg"])
+        if axis != "xyz".index(posture["leg"])
     ]
-    legs, axes, levels, stations = (list(column) for column in zip(*taken, strict=True))
+    legs, axes, levels, stations = (list(column) for column in zip(*readings, strict=True))
     read = conditions(legs, axes, levels, station=stations)
     rows = derivatives(Geometry(), np.zeros(6), read) / 0.02
     for mount in range(read.mount_count):
         rows[read.mount == mount] -= rows[read.mount == mount].mean(axis=0)
     value = np.prod(np.linalg.svd(rows, compute_uv=False)) ** (1 / 6)
-    assert found["value"] == pytest.approx(value, rel=1e-7)
+    assert report["value"] == pytest.approx(value, rel=1e-7)
 
 
 def test_moved_postures_are_those_of_the_written_procedure(tmp_path: Path) -> None:
     path = tmp_path / "p.toml"
-    found = document(*TWELVE, "--common", "--criterion", "condition", "-o", path)
+    report = document(*TWELVE, "--common", "--criterion", "condition", "-o", path)
     levels = tomllib.loads(path.read_text())["levels"]
-    assert {one["displacement_mm"] for one in found["postures"]} <= set(levels)
+    assert {posture["displacement_mm"] for posture in report["postures"]} <= set(levels)
     assert any(level % 10.0 for level in levels)
 
 
 @pytest.mark.parametrize("criterion", first_quick(list(Criterion)))
 def test_nine_postures_do_for_every_criterion(criterion: Criterion) -> None:
     """Sets of nine that see next to nothing have fine condition numbers."""
-    found = optimum_postures(orthoglide("zero-max-min", 0.02), 9, criterion=criterion)
-    assert found.after.value is not None
-    assert found.grid_value is not None
-    assert found.after.condition_number is not None
-    assert found.after.condition_number < 200.0
+    optimum = optimum_postures(orthoglide("zero-max-min", 0.02), 9, criterion=criterion)
+    assert optimum.after.value is not None
+    assert optimum.grid_value is not None
+    assert optimum.after.condition_number is not None
+    assert optimum.after.condition_number < 200.0
 
 
 def test_one_seed_gives_one_choice() -> None:
@@ -277,7 +277,7 @@ ORTHOGLIDE = ("postures", "orthoglide", "--procedure", "sweep")
 
 
 @pytest.mark.parametrize(
-    ("status", "arguments", "said"),
+    ("status", "arguments", "message"),
     [
         (
             2,
@@ -310,9 +310,9 @@ ORTHOGLIDE = ("postures", "orthoglide", "--procedure", "sweep")
     ],
 )
 def test_wrong_use_is_one_paragraph(
-    status: int, arguments: tuple[str, ...], said: str, tmp_path: Path
+    status: int, arguments: tuple[str, ...], message: str, tmp_path: Path
 ) -> None:
-    assert said in refused(status, *arguments, cwd=tmp_path)
+    assert message in refused(status, *arguments, cwd=tmp_path)
 
 
 @LONG
@@ -320,13 +320,13 @@ def test_plan_with_and_without_sessions(samples: Path) -> None:
     blank = document("plan")
     assert blank["schema"] == "glidecal.plan/1"
     after = document("plan", "--session", samples / "simulated_zero-max-min.jsonl")
-    for found in (blank, after):
-        assert found["next"]["bound_mm"] < found["bound_mm"]
-        assert found["frame"] == "touched-off"
-        assert found["holds"] == "offsets"
-        gains = [one["gain_mm_per_minute"] for one in (found["next"], *found["runners_up"])]
+    for plan in (blank, after):
+        assert plan["next"]["bound_mm"] < plan["bound_mm"]
+        assert plan["frame"] == "touched-off"
+        assert plan["holds"] == "offsets"
+        gains = [set_up["gain_mm_per_minute"] for set_up in (plan["next"], *plan["runners_up"])]
         assert gains == descending(gains, float)  # legs alike but for rounding: by name
-        bounds = [found["bound_mm"], *(one["bound_mm"] for one in found["further"])]
+        bounds = [plan["bound_mm"], *(set_up["bound_mm"] for set_up in plan["further"])]
         assert all(b < 0.9 * a for a, b in pairwise(bounds))
     assert after["bound_mm"] < 0.1 * blank["bound_mm"]
     text = " ".join(glidecal("plan", samples / "simulated_zero-max-min.jsonl").out.split())
@@ -379,38 +379,38 @@ def test_the_way_reaches_every_posture_from_its_side(seed: int) -> None:
         for _ in range(int(generator.integers(1, 9)))
     ]
     walked = [0.0, *visiting_order(visits, (-100.0, 60.0))]
-    made = [
+    moves = [
         (level, 1 if level > before else -1)
         for before, level in pairwise(walked)
         if level != before
     ]
     for visit in set(visits):
-        assert made.count(visit) >= visits.count(visit)
+        assert moves.count(visit) >= visits.count(visit)
 
 
 def test_workspace_in_words_and_as_a_document() -> None:
-    said = " ".join(glidecal("workspace", "orthoglide").out.split())
-    assert "all that joint limits allow (carriages -100 … 60 mm from Zero)" in said
-    assert "factors within 1/2 … 2: 139.0 mm" in said
-    assert "at Zero 1.000, 1.000, 1.000" in said
-    found = json.loads(glidecal("workspace", "linear-delta", "--limit", "1.6", "--json").out)
-    assert found["stated"]
-    assert (found["low_mm"], found["high_mm"]) == ([-60.0, -60.0, 0.0], [60.0, 60.0, 200.0])
-    assert found["within_limit"] == 0.0  # upwards 0.577 at Zero, and never more: beyond 1/1.6
-    assert found["largest_cube"] is None
-    assert [len(one["factor"]) for one in found["maps"]] == [7, 7, 7]
+    text = " ".join(glidecal("workspace", "orthoglide").out.split())
+    assert "all that joint limits allow (carriages -100 … 60 mm from Zero)" in text
+    assert "factors within 1/2 … 2: 139.0 mm" in text
+    assert "at Zero 1.000, 1.000, 1.000" in text
+    report = json.loads(glidecal("workspace", "linear-delta", "--limit", "1.6", "--json").out)
+    assert report["stated"]
+    assert (report["low_mm"], report["high_mm"]) == ([-60.0, -60.0, 0.0], [60.0, 60.0, 200.0])
+    assert report["within_limit"] == 0.0  # upwards 0.577 at Zero, and never more: beyond 1/1.6
+    assert report["largest_cube"] is None
+    assert [len(factor_map["factor"]) for factor_map in report["maps"]] == [7, 7, 7]
 
 
 AT = ("--at", "70", "40", "0")
 
 
 def test_one_place_of_the_tool() -> None:
-    found = json.loads(glidecal("workspace", "orthoglide", *AT, "--json").out)
-    assert not found["stands"]
-    assert found["working_modes"][0]["signs"] == [1, 1, 1]
-    said = " ".join(glidecal("workspace", "orthoglide", *AT).out.split())
-    assert "joint limits do NOT allow it" in said
-    assert "glidecal.posture/1" in json.dumps(found)
+    report = json.loads(glidecal("workspace", "orthoglide", *AT, "--json").out)
+    assert not report["stands"]
+    assert report["working_modes"][0]["signs"] == [1, 1, 1]
+    text = " ".join(glidecal("workspace", "orthoglide", *AT).out.split())
+    assert "joint limits do NOT allow it" in text
+    assert "glidecal.posture/1" in json.dumps(report)
 
 
 def test_what_has_no_workspace_says_so(tmp_path: Path) -> None:
@@ -435,10 +435,10 @@ def test_what_to_expect_of_every_parameter_is_the_papers_covariance(tmp_path: Pa
     once = MAX_MIN.replace('["max", "min"]', '["zero", "max", "min"]')
     path = tmp_path / "once.toml"
     path.write_text(once, encoding="utf-8")
-    said = glidecal(
+    run = glidecal(
         "identifiability", "orthoglide", "--procedure", path, "--noise", "0.01", "--json"
     )
-    found = json.loads(said.out)
+    report = json.loads(run.out)
     angles = [np.arcsin(60.0 / 310.25), np.arcsin(-100.0 / 310.25)]
     rows = []
     for i, j in ((0, 1), (1, 2), (0, 2)):
@@ -456,10 +456,10 @@ def test_what_to_expect_of_every_parameter_is_the_papers_covariance(tmp_path: Pa
     for key, columns in (("all_mm", range(6)), ("alone_mm", range(3))):
         part = matrix[:, list(columns)]
         expected = 1.96 * np.sqrt(np.linalg.inv(part.T @ weight @ part).diagonal())
-        told = [one[key] for one in found["expected"]][: len(expected)]
-        assert told == pytest.approx(expected.tolist(), rel=1e-3)
-    assert found["expected"][0]["all_mm"] / 1.96 == pytest.approx(0.726, abs=0.001)
-    assert found["expected_tool_bound_mm"] > 0.0
+        values = [entry[key] for entry in report["expected"]][: len(expected)]
+        assert values == pytest.approx(expected.tolist(), rel=1e-3)
+    assert report["expected"][0]["all_mm"] / 1.96 == pytest.approx(0.726, abs=0.001)
+    assert report["expected_tool_bound_mm"] > 0.0
     delta = json.loads(glidecal("identifiability", "linear-delta", "--json").out)
     assert delta["expected"][0]["all_mm"] is None  # a plate does not tell the sum of offsets
 

@@ -25,9 +25,9 @@ levels = [
 MACHINE = 'schema = "glidecal.machine/1"\nname = "short travel"\ntravel_max_mm = 20.0\n'
 
 
-def own(folder: Path, level: str, more: str = "") -> Path:
+def own(folder: Path, level: str, ending: str = "") -> Path:
     path = folder / "own.toml"
-    path.write_text(OWN.format(level=level) + more, encoding="utf-8")
+    path.write_text(OWN.format(level=level) + ending, encoding="utf-8")
     return path
 
 
@@ -71,12 +71,12 @@ def test_a_random_order_stays_in_the_record_and_is_measured(tmp_path: Path) -> N
     arguments = ("--simulated", "--headless", "--random-order", "5", "-o", session)
     run = glidecal("run", "--protocol", "verify", *arguments)
     assert run.status == 0, run.err
-    shown = [posture for _, posture, _ in dry_run("--protocol", "verify", "--random-order", "5")]
+    postures = [posture for _, posture, _ in dry_run("--protocol", "verify", "--random-order", "5")]
     folded = fold(read_record(session).events)
     first = json.loads(session.read_text(encoding="utf-8").splitlines()[0])
     assert first["procedure"]["random_seed"] == 5
     geometry = folded.opened.machine.geometry()
-    assert [step.posture(geometry) for step in folded.steps()] == shown
+    assert [step.posture(geometry) for step in folded.steps()] == postures
     assert [r.displacement_mm for r in folded.readings[::2]] == [
         step.displacement_mm for step in folded.steps()
     ]
@@ -85,13 +85,15 @@ def test_a_random_order_stays_in_the_record_and_is_measured(tmp_path: Path) -> N
 @pytest.mark.parametrize("name", ["sweep", "zero-min-max"])
 def test_an_order_with_a_purpose_is_not_shuffled(name: str, tmp_path: Path) -> None:
     output = tmp_path / "s.jsonl"
-    said = refused(2, "run", "--simulated", "--protocol", name, "--random-order", "1", "-o", output)
-    assert f"random order of procedure {name}" in said
+    message = refused(
+        2, "run", "--simulated", "--protocol", name, "--random-order", "1", "-o", output
+    )
+    assert f"random order of procedure {name}" in message
     assert not output.exists()
 
 
 @pytest.mark.parametrize(
-    ("level", "more", "said"),
+    ("level", "ending", "message"),
     [
         ("80.0", "", "line 8, level: found 80 mm. Allowed: the joint limits -100 … 60 mm"),
         ("12", "random_seed = 4\n", "random_seed: the order of this procedure"),
@@ -100,11 +102,11 @@ def test_an_order_with_a_purpose_is_not_shuffled(name: str, tmp_path: Path) -> N
     ],
 )
 def test_bad_files_are_refused_before_anything_is_opened(
-    tmp_path: Path, level: str, more: str, said: str
+    tmp_path: Path, level: str, ending: str, message: str
 ) -> None:
-    path = own(tmp_path, level, more)
+    path = own(tmp_path, level, ending)
     output = tmp_path / "s.jsonl"
-    assert said in refused(3, "run", "--simulated", "--protocol", path, "-o", output)
+    assert message in refused(3, "run", "--simulated", "--protocol", path, "-o", output)
     assert not output.exists()
 
 
@@ -113,5 +115,5 @@ def test_limits_are_those_of_the_machine_file(tmp_path: Path) -> None:
     machine.write_text(MACHINE, encoding="utf-8")
     path = own(tmp_path, "25.0")
     assert len(dry_run("--protocol", path)) == 5
-    said = refused(3, "run", "--dry-run", "--protocol", path, "--machine", machine)
-    assert "line 8, level: found 25 mm. Allowed: the joint limits -100 … 20 mm" in said
+    message = refused(3, "run", "--dry-run", "--protocol", path, "--machine", machine)
+    assert "line 8, level: found 25 mm. Allowed: the joint limits -100 … 20 mm" in message

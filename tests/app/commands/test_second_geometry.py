@@ -37,8 +37,8 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     postures, session, entered = folder / "p.csv", folder / "before.jsonl", folder / "m.toml"
     search = ("--procedure", "position", "--count", "18", "--starts", "1", "-o", postures)
     assert glidecal("postures", FILE, *search).status == 0
-    asked = ("run", "--machine", FILE, "--protocol", "position", "--posture-file", postures)
-    assert glidecal(*asked, "--simulated", "--seed", "3", "-o", session).status == 0
+    arguments = ("run", "--machine", FILE, "--protocol", "position", "--posture-file", postures)
+    assert glidecal(*arguments, "--simulated", "--seed", "3", "-o", session).status == 0
     assert glidecal("export", session, "--format", "model", "-o", entered).status == 0
     return session, entered
 
@@ -76,8 +76,8 @@ def test_the_exported_machine_is_where_its_readings_say(measured: tuple[Path, Pa
     session, entered = measured
     machine, chains = load_hexaslide(entered), load_hexaslide(entered).chain
     assert machine.before_calibration == "gough-stewart"
-    base, joint = (np.array([getattr(one, key) for one in chains]) for key in POINTS)
-    zero = np.array([one.link_mm for one in chains])
+    base, joint = (np.array([getattr(chain, key) for chain in chains]) for key in POINTS)
+    zero = np.array([chain.link_mm for chain in chains])
     recorded, _ = read_postures(session)
     for reading in recorded.readings:
         posture = np.array(recorded.opened.procedure.postures[reading.posture - 1])
@@ -131,19 +131,21 @@ def test_a_machine_of_both_kinds_is_refused(
 ) -> None:
     text = (FILE.parent / source).read_text("utf-8")
     assert change(text) != text
-    (own := tmp_path / "own.toml").write_text(change(text), encoding="utf-8")
-    assert words in refused(3, "identifiability", own, "--procedure", "position")
+    (machine_path := tmp_path / "own.toml").write_text(change(text), encoding="utf-8")
+    assert words in refused(3, "identifiability", machine_path, "--procedure", "position")
 
 
 def test_what_such_legs_do_not_have_is_refused(tmp_path: Path) -> None:
     encoders = ("--measured", "x,turn1")
     assert "turn1 of telescopic legs" in refused(2, "identifiability", FILE, *encoders)
-    (own := tmp_path / "own.toml").write_text(_short(FILE.read_text("utf-8")), encoding="utf-8")
+    (machine_path := tmp_path / "own.toml").write_text(
+        _short(FILE.read_text("utf-8")), encoding="utf-8"
+    )
     (far := tmp_path / "far.csv").write_text(
         "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg\n0.1,0.5,0.9,0,0,0\n", encoding="utf-8"
     )
-    asked = ("run", "--machine", own, "--protocol", "position", "--posture-file", far)
-    assert "its travel_mm" in refused(3, *asked, "--simulated", "-o", tmp_path / "s.jsonl")
+    arguments = ("run", "--machine", machine_path, "--protocol", "position", "--posture-file", far)
+    assert "its travel_mm" in refused(3, *arguments, "--simulated", "-o", tmp_path / "s.jsonl")
     with_template = ("import", "--machine", FILE, "--protocol", "position", "--template")
     assert "the machine's box" in refused(3, *with_template, tmp_path / "t.csv")
 
@@ -156,8 +158,8 @@ def test_what_is_seen_too_weakly_is_not_to_be_entered(tmp_path: Path) -> None:
     solved = json.loads(glidecal("solve", tmp_path / "m.json", "--json").out)
     platform = solved["platform"]
     assert platform["bound_rms_mm"] > platform["now_rms_mm"]
-    shown = " ".join(glidecal("solve", tmp_path / "m.json").out.split())
-    assert "Keep the file, or measure more or better postures" in shown
+    text = " ".join(glidecal("solve", tmp_path / "m.json").out.split())
+    assert "Keep the file, or measure more or better postures" in text
 
 
 @LONG
@@ -169,7 +171,7 @@ def test_linuxcnc_holds_it(measured: tuple[Path, Path], tmp_path: Path) -> None:
     assert glidecal("export", session, "--format", "linuxcnc-kins", "-o", folder).status == 0
     assert sorted(path.name for path in folder.iterdir()) == ["calib.hal", "machine.toml"]
     chains = load_hexaslide(entered).chain
-    base, joint = (np.array([getattr(one, key) for one in chains]) for key in POINTS)
+    base, joint = (np.array([getattr(chain, key) for chain in chains]) for key in POINTS)
 
     def lengths(place: list[float]) -> np.ndarray:
         """Whole legs; LinuxCNC turns by A about X, then B about Y, then C about Z, all fixed."""

@@ -22,24 +22,26 @@ def parameters(session: Path) -> object:
 @pytest.mark.parametrize("form", FORMATS)
 def test_readings_come_back_through_import(form: str, tmp_path: Path) -> None:
     table, again = tmp_path / f"r.{form}", tmp_path / "again.jsonl"
-    told = glidecal("export", SESSION, "--format", form, "--table", "readings", "-o", table)
-    assert told.status == 0, told.err
-    known = ("--resolution", "0.01", "--repeatability", "0.01")
-    assert glidecal("import", table, "-o", again, *known).status == 0
-    found, was = (json.loads(glidecal("replay", one, "--json").out) for one in (again, SESSION))
-    assert [r["value_mm"] for r in found["readings"]] == [r["value_mm"] for r in was["readings"]]
+    run = glidecal("export", SESSION, "--format", form, "--table", "readings", "-o", table)
+    assert run.status == 0, run.err
+    options = ("--resolution", "0.01", "--repeatability", "0.01")
+    assert glidecal("import", table, "-o", again, *options).status == 0
+    record, was = (json.loads(glidecal("replay", path, "--json").out) for path in (again, SESSION))
+    assert [r["value_mm"] for r in record["readings"]] == [r["value_mm"] for r in was["readings"]]
     assert refused(2, "export", SESSION, "--format", form, "--table", "readings", "-o", table)
 
 
 def test_differences_and_residuals_are_those_of_solve(tmp_path: Path) -> None:
-    said = json.loads(glidecal("solve", SESSION, "--json").out)["differences"]
+    differences = json.loads(glidecal("solve", SESSION, "--json").out)["differences"]
     table = tmp_path / "d.csv"
-    asked = ("--format", "csv", "--table")
-    assert glidecal("export", SESSION, *asked, "differences", "-o", table).status == 0
+    arguments = ("--format", "csv", "--table")
+    assert glidecal("export", SESSION, *arguments, "differences", "-o", table).status == 0
     rows = list(csv.DictReader(table.read_text("utf-8").splitlines()))
-    found = {row["difference"]: float(row["value_mm"]) for row in rows}
-    assert found == {name: one["value"] for name, one in said.items()}
-    assert glidecal("export", SESSION, *asked, "residuals", "-o", tmp_path / "r.csv").status == 0
+    values = {row["difference"]: float(row["value_mm"]) for row in rows}
+    assert values == {name: entry["value"] for name, entry in differences.items()}
+    assert (
+        glidecal("export", SESSION, *arguments, "residuals", "-o", tmp_path / "r.csv").status == 0
+    )
     assert "residual_mm" in (tmp_path / "r.csv").read_text("utf-8").splitlines()[0]
 
 

@@ -42,7 +42,7 @@ def test_the_size_that_is_entered_is_that_of_the_readings(session: Path, tmp_pat
     assert diagnosed.diagnosis.verdict == "agrees"
     assert play_mm(diagnosed) == pytest.approx(TRUE_MM, abs=0.003)
     without = diagnose_files([session])
-    bounds_mm = [one.tool.entered_mm["play"] for one in (diagnosed, without)]
+    bounds_mm = [result.tool.entered_mm["play"] for result in (diagnosed, without)]
     # what is adopted is no cause any more: another one beside it is likelier than before
     assert bounds_mm[1] < bounds_mm[0] < 2.0 * bounds_mm[1]
     solved = solve_files([session], model=model(tmp_path), holds="play")
@@ -71,17 +71,17 @@ def test_every_place_of_an_effect_is_free_unless_one_of_its_sizes_is_held() -> N
         f"play_{place}": ParameterEntry(value=mm, unit="mm", of="play", places=(place,))
         for place, mm in zip("xyz", (0.01, 0.02, 0.03), strict=True)
     }
-    each = EffectEntry(id="backlash", where="x,y,z", parameters=sizes)
+    play = EffectEntry(id="backlash", where="x,y,z", parameters=sizes)
     shared = EffectEntry(
         id="actuator_scale",
         where="all",
         parameters={"scale": ParameterEntry(value=0.1, unit="mm/m", places=("x", "y", "z"))},
     )
-    file = ModelFile(machine=Machine(), effects=(each, shared))
+    file = ModelFile(machine=Machine(), effects=(play, shared))
     assert {(law.id, place) for law, place in free_effects(file)} == {
         (name, place) for name in ("backlash", "actuator_scale") for place in "xyz"
     }
     one_held = {**sizes, "play_y": sizes["play_y"].model_copy(update={"held": True})}
-    entry = each.model_copy(update={"parameters": one_held})
-    held = ModelFile(machine=Machine(), effects=(entry, shared))
-    assert {law.id for law, _ in free_effects(held)} == {"actuator_scale"}
+    entry = play.model_copy(update={"parameters": one_held})
+    held_file = ModelFile(machine=Machine(), effects=(entry, shared))
+    assert {law.id for law, _ in free_effects(held_file)} == {"actuator_scale"}

@@ -32,15 +32,15 @@ PUBLISHED = {
 
 
 def test_the_published_pair(samples: Path) -> None:
-    found = compare_files(
+    comparison = compare_files(
         samples / "experiment_2_twelve.jsonl", samples / "experiment_3_twelve.jsonl"
     )
-    document = ComparisonReport.of(found).model_dump(mode="json")
+    document = ComparisonReport.of(comparison).model_dump(mode="json")
     assert document["schema"] == "glidecal.comparison/1"
     assert document["before"] == "experiment_2_twelve.jsonl"
     for name, pair in PUBLISHED.items():
-        found = document["differences"][name]
-        assert (found["before"], found["after"]) == pytest.approx(pair, abs=1e-9)
+        comparison = document["differences"][name]
+        assert (comparison["before"], comparison["after"]) == pytest.approx(pair, abs=1e-9)
     for k, key in enumerate(("rms_before_mm", "rms_after_mm")):
         rms = math.sqrt(sum(pair[k] ** 2 for pair in PUBLISHED.values()) / len(PUBLISHED))
         assert document[key] == pytest.approx(rms, abs=1e-9)
@@ -50,12 +50,12 @@ def test_the_published_pair(samples: Path) -> None:
 
 def test_command_prints_text_and_json(samples: Path) -> None:
     pair = samples / "experiment_2_twelve.jsonl", samples / "experiment_3_twelve.jsonl"
-    shown = glidecal("compare", *pair)
-    assert shown.status == 0
-    assert "before: experiment_2_twelve.jsonl" in shown.out
-    assert "from 0.3230 to 0.1508 mm" in shown.out
-    assert "mm was expected" in shown.out
-    assert max(map(len, shown.out.splitlines())) <= 80
+    run = glidecal("compare", *pair)
+    assert run.status == 0
+    assert "before: experiment_2_twelve.jsonl" in run.out
+    assert "from 0.3230 to 0.1508 mm" in run.out
+    assert "mm was expected" in run.out
+    assert max(map(len, run.out.splitlines())) <= 80
     document = json.loads(glidecal("compare", *pair, "--json").out)
     assert document["differences"]["z_x-"] == {"before": 0.62, "after": -0.03}
 
@@ -76,10 +76,10 @@ def test_other_machine_same_session_and_damage_are_refused(samples: Path, tmp_pa
     table = samples / "tables" / "experiment_3_twelve.csv"
     machine = tmp_path / "longer.toml"
     machine.write_text('name = "longer"\nleg_length_mm = 400.0\n', encoding="utf-8")
-    other = tmp_path / "other.jsonl"
-    assert glidecal("import", table, "-o", other, "--machine", machine).status == 0
+    other_session = tmp_path / "other.jsonl"
+    assert glidecal("import", table, "-o", other_session, "--machine", machine).status == 0
     with pytest.raises(CalibrationError, match="machines of different geometry"):
-        compare_files(twelve, other)
+        compare_files(twelve, other_session)
 
 
 def test_remarks_tell_what_does_not_fit(samples: Path, tmp_path: Path) -> None:

@@ -49,14 +49,14 @@ def sound(seed: int) -> Hidden:
     )
 
 
-def names(result: Posterior, found: Diagnosis) -> set[str]:
+def names(result: Posterior, diagnosis: Diagnosis) -> set[str]:
     """Everything that may be said of the readings: components, mistakes, names, rivals."""
     return {
-        *(one.id for one in result.components),
+        *(component.id for component in result.components),
         *(name for name, _ in result.mistakes),
-        *(one.id for one in found.candidates),
-        *(one.id for one in found.effects),
-        *(rival.id for one in found.effects for rival in one.indistinguishable_from),
+        *(candidate.id for candidate in diagnosis.candidates),
+        *(effect.id for effect in diagnosis.effects),
+        *(rival.id for effect in diagnosis.effects for rival in effect.indistinguishable_from),
     }
 
 
@@ -74,17 +74,17 @@ def test_nothing_hidden_agrees_and_nothing_of_an_indicator_is_ever_named(tmp_pat
 
 def test_readings_of_an_indicator_keep_its_names(tmp_path: Path) -> None:
     result = diagnose_sessions([session(tmp_path, table(Hidden(), 1))])
-    found = names(result.corrections.posterior, result.diagnosis)
-    assert {"gauge_gain", "gauge_tilt"} <= found
-    assert "plate_tilt" not in found
+    ids = names(result.corrections.posterior, result.diagnosis)
+    assert {"gauge_gain", "gauge_tilt"} <= ids
+    assert "plate_tilt" not in ids
 
 
 @pytest.mark.parametrize("scale", [8e-3, -8e-3])
 def test_a_belt_is_named_in_contacts(tmp_path: Path, scale: float) -> None:
     hidden = Hidden(offset_mm=(0.4, -0.3, 0.1), scale=(0.0, scale, 0.0))
-    found = diagnose_sessions([session(tmp_path, contacts(hidden, 3))]).diagnosis
-    assert found.verdict != "agrees"
-    named = {(one.id, one.where) for one in found.effects}
+    diagnosis = diagnose_sessions([session(tmp_path, contacts(hidden, 3))]).diagnosis
+    assert diagnosis.verdict != "agrees"
+    named = {(effect.id, effect.where) for effect in diagnosis.effects}
     assert ("actuator_scale", "y") in named
 
 
@@ -97,19 +97,19 @@ def test_one_contact_beside_dirt_is_a_mistake_in_words_of_contacts(tmp_path: Pat
     out = tmp_path / "dirt.jsonl"
     ran = ("import", path, "-o", out, "--machine", "linear-delta")
     assert glidecal(*ran).status == 0
-    said = glidecal("diagnose", out, "--json")
-    found = json.loads(said.out)
-    assert [one["id"] for one in found["effects"]] == ["wild_reading"]
-    assert "one contact is wrong" in found["effects"][0]["title"]
+    run = glidecal("diagnose", out, "--json")
+    diagnosis = json.loads(run.out)
+    assert [effect["id"] for effect in diagnosis["effects"]] == ["wild_reading"]
+    assert "one contact is wrong" in diagnosis["effects"][0]["title"]
 
 
 def test_contacts_and_readings_of_a_plate_stand_in_one_solution(tmp_path: Path) -> None:
     """A session of each, of one machine: the gain is that of the indicator alone."""
     hidden = Hidden(offset_mm=(0.9, -0.6, 0.2), length_mm=(0.2, 0.0, -0.2), gain=0.2)
-    one = session(tmp_path, contacts(hidden, 4), "contacts.csv")
-    other = session(tmp_path, table(hidden, 4), "readings.csv")
-    found = diagnose_sessions([one, other]).diagnosis
-    gains = [named for named in found.effects if named.id == "gauge_gain"]
+    by_contacts = session(tmp_path, contacts(hidden, 4), "contacts.csv")
+    by_readings = session(tmp_path, table(hidden, 4), "readings.csv")
+    diagnosis = diagnose_sessions([by_contacts, by_readings]).diagnosis
+    gains = [named for named in diagnosis.effects if named.id == "gauge_gain"]
     assert [named.where for named in gains] == ["tz"]
     (size,) = gains[0].parameters
     assert size.value == pytest.approx(20.0, abs=3.0 * size.standard_uncertainty)
@@ -123,14 +123,14 @@ def test_texts_of_contacts_name_no_indicator(tmp_path: Path) -> None:
         glidecal("import", path, "-o", out, "--machine", "linear-delta")
         page = tmp_path / f"{name}.html"
         assert glidecal("report", out, "-o", page).status == 0
-        for said in (
+        for text in (
             glidecal("solve", out).out,
             glidecal("diagnose", out).out,
             glidecal("replay", out, "--headless").out,
             page.read_text(encoding="utf-8"),
         ):
-            assert said
-            assert "indicator" not in said.lower(), name
+            assert text
+            assert "indicator" not in text.lower(), name
 
 
 def test_places_are_compared_however_high_the_plate_was_met(tmp_path: Path) -> None:

@@ -45,17 +45,17 @@ def folded(path: Path) -> Session:
 
 def at_their_places(readings: Iterable[Reading]) -> list[Reading]:
     """In the order of their places: which of two indicators was read first does not matter."""
-    return sorted(readings, key=lambda one: (*place(one), one.reading))
+    return sorted(readings, key=lambda reading: (*place(reading), reading.reading))
 
 
-def place(one: Reading) -> tuple[str, str, float, float, int]:
-    return one.leg or "", one.axis, one.station, one.displacement_mm, one.cycle
+def place(reading: Reading) -> tuple[str, str, float, float, int]:
+    return reading.leg or "", reading.axis, reading.station, reading.displacement_mm, reading.cycle
 
 
 @pytest.mark.parametrize("kind", first_quick(BLUNDERS))
 def test_the_new_record_is_the_session_without_the_mistake(kind: str, tmp_path: Path) -> None:
-    made = make(Case(f"correct/{kind}", "none", "two-station", "gaussian"), 3)
-    right = Table(made.rows, made.values_mm)
+    sample = make(Case(f"correct/{kind}", "none", "two-station", "gaussian"), 3)
+    right = Table(sample.rows, sample.values_mm)
     wrong, _ = blunders.commit(kind, right, NOISE_MM, np.random.default_rng(5))
     good = folded(table_of(right.values_mm, right, tmp_path, "good"))
     bad = table_of(wrong.values_mm, wrong, tmp_path, "bad")
@@ -63,30 +63,36 @@ def test_the_new_record_is_the_session_without_the_mistake(kind: str, tmp_path: 
     run = glidecal("diagnose", bad, "--correct", new)
     assert run.status == 0, run.err
     assert bad.read_bytes() == before
-    found = folded(new)
-    (said,) = found.opened.remarks
-    assert said.startswith(f"Corrected from bad.jsonl, digest {read_record(bad).digest}: ")
-    numbers = [one.reading for one in found.readings]
+    session = folded(new)
+    (remark,) = session.opened.remarks
+    assert remark.startswith(f"Corrected from bad.jsonl, digest {read_record(bad).digest}: ")
+    numbers = [reading.reading for reading in session.readings]
     assert len(numbers) == len(good.readings) - (kind in {"wild", "label_error"})
-    as_read = {one.reading: one for one in folded(bad).readings}
-    truth = {one.reading: one for one in good.readings}
-    for one in found.readings:
+    as_read = {reading.reading: reading for reading in folded(bad).readings}
+    truth = {reading.reading: reading for reading in good.readings}
+    for new_reading in session.readings:
         if kind != "gauge_swap":  # it changes the axes of readings, and keeps what they read
-            assert place(one) == place(truth[one.reading])
-        read = as_read[one.reading]
-        same = (one.value_mm, one.mount, *place(one)) == (read.value_mm, read.mount, *place(read))
-        assert one.text == read.text
-        assert ("as_read" in one.extra) == (not same)
+            assert place(new_reading) == place(truth[new_reading.reading])
+        read = as_read[new_reading.reading]
+        is_unchanged = (new_reading.value_mm, new_reading.mount, *place(new_reading)) == (
+            read.value_mm,
+            read.mount,
+            *place(read),
+        )
+        assert new_reading.text == read.text
+        assert ("as_read" in new_reading.extra) == (not is_unchanged)
     if kind == "stand_slip":
-        moved = {one.mount for one in found.readings} - {one.mount for one in good.readings}
+        moved = {reading.mount for reading in session.readings} - {
+            reading.mount for reading in good.readings
+        }
         (name,) = moved
         assert name.endswith(", moved 1")
     else:
-        corrected = at_their_places(found.readings)
+        corrected = at_their_places(session.readings)
         expected = at_their_places(truth[number] for number in numbers)
-        assert [place(one) for one in corrected] == [place(one) for one in expected]
-        each = zip(corrected, expected, strict=True)
-        off = np.array([one.value_mm - other.value_mm for one, other in each])
+        assert [place(reading) for reading in corrected] == [place(reading) for reading in expected]
+        pairs = zip(corrected, expected, strict=True)
+        off = np.array([reading.value_mm - expectation.value_mm for reading, expectation in pairs])
         assert np.abs(off).max() < 26.4 * 0.5e-6  # six places, some of inches
     verdicts = [
         glidecal("diagnose", path).out.split()[0] for path in (new, tmp_path / "good.jsonl")
@@ -105,6 +111,6 @@ def test_nothing_is_corrected_that_was_not_named(samples: Path, tmp_path: Path) 
 def test_a_session_that_is_there_is_never_replaced(samples: Path, tmp_path: Path) -> None:
     there = tmp_path / "there.jsonl"
     there.write_bytes((samples / "experiment_1_six.jsonl").read_bytes())
-    asked = ("diagnose", samples / "experiment_2_twelve.jsonl", "--adopt", tmp_path / "m.json")
-    assert "exists already" in refused(3, *asked, "--correct", there)
+    arguments = ("diagnose", samples / "experiment_2_twelve.jsonl", "--adopt", tmp_path / "m.json")
+    assert "exists already" in refused(3, *arguments, "--correct", there)
     assert [path.name for path in tmp_path.iterdir()] == ["there.jsonl"]

@@ -30,19 +30,19 @@ NOW = BEGAN + timedelta(days=200)
 
 
 def measured(
-    folder: Path, number: int, offsets_mm: tuple[float, float, float], **known: object
+    folder: Path, number: int, offsets_mm: tuple[float, float, float], **changes: object
 ) -> Path:
     """A session 30 days after the one before, on a machine that stands so."""
-    machine = load_machine(None).model_copy(update={"tool_tolerance_mm": 0.5, **known})
-    left = (a - b for a, b in zip(offsets_mm, machine.entered_offsets_mm, strict=True))
-    truth = Model(machine.geometry(), (*left, 0.0, 0.0, 0.0))
+    machine = load_machine(None).model_copy(update={"tool_tolerance_mm": 0.5, **changes})
+    remainders = (a - b for a, b in zip(offsets_mm, machine.entered_offsets_mm, strict=True))
+    truth = Model(machine.geometry(), (*remainders, 0.0, 0.0, 0.0))
     procedure = load_procedure("zero-max-min", machine.geometry())
-    made = simulated_session(
+    session = simulated_session(
         procedure, machine, truth, seed=number, scatter_mm=0.002, resolution_mm=0.001
     )
     when = {"at": BEGAN + timedelta(days=30 * number), "temperature_c": 20.0 + number}
     path = folder / f"s{number}.jsonl"
-    write_whole(path, made.opened.model_copy(update=when), [*made.readings])
+    write_whole(path, session.opened.model_copy(update=when), [*session.readings])
     return path
 
 
@@ -56,12 +56,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         measured(folder, number, truth, **entered)
     damaged = folder / "below"
     damaged.mkdir()
-    whole = (folder / "s1.jsonl").read_text("utf-8")
-    line = whole.splitlines()[5]
+    content = (folder / "s1.jsonl").read_text("utf-8")
+    line = content.splitlines()[5]
     (damaged / "altered.jsonl").write_text(
-        whole.replace(line, line.replace('"cycle":1', '"cycle":2')), "utf-8"
+        content.replace(line, line.replace('"cycle":1', '"cycle":2')), "utf-8"
     )
-    (damaged / "copy.jsonl").write_text(whole, "utf-8")
+    (damaged / "copy.jsonl").write_text(content, "utf-8")
     torn = measured(damaged, 9, (0.5, -0.3, 0.2), name="another")
     torn.rename(damaged / "torn.jsonl").write_bytes((damaged / "torn.jsonl").read_bytes()[:-9])
     return folder
@@ -73,16 +73,16 @@ def index(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def orthoglide(folder: Path, index: Path) -> MachineHistory:
-    found = read_history(folder, index=index)
-    return next(one for one in found.machines if one.machine == "orthoglide")
+    folder_history = read_history(folder, index=index)
+    return next(machine for machine in folder_history.machines if machine.machine == "orthoglide")
 
 
 def test_offsets_are_followed_through_what_is_entered(folder: Path, index: Path) -> None:
-    found = orthoglide(folder, index)
-    assert [point.path.name for point in found.points] == [f"s{k}.jsonl" for k in range(6)]
-    assert [point.event for point in found.points] == ["", "", "", "offsets entered", "", ""]
-    assert found.days == (0.0, 30.0, 60.0, 90.0, 120.0, 150.0)
-    for number, point in enumerate(found.points):
+    machine = orthoglide(folder, index)
+    assert [point.path.name for point in machine.points] == [f"s{k}.jsonl" for k in range(6)]
+    assert [point.event for point in machine.points] == ["", "", "", "offsets entered", "", ""]
+    assert machine.days == (0.0, 30.0, 60.0, 90.0, 120.0, 150.0)
+    for number, point in enumerate(machine.points):
         assert point.entry.offsets_mm is not None
         assert point.entry.expanded_mm is not None
         truth = (0.5 + 0.02 * number, -0.3, 0.2 + (0.06 if number > 1 else 0.0))
@@ -94,8 +94,8 @@ def test_offsets_are_followed_through_what_is_entered(folder: Path, index: Path)
 
 
 def test_a_jump_is_flagged_where_it_is_and_a_drift_is_dated(folder: Path, index: Path) -> None:
-    found = orthoglide(folder, index)
-    x, y, z = found.joints
+    machine = orthoglide(folder, index)
+    x, y, z = machine.joints
     assert z.chart.changed.tolist() == [False, False, True, False, False, False]
     assert not y.chart.changed.any()
     assert x.drift is not None
@@ -103,15 +103,15 @@ def test_a_jump_is_flagged_where_it_is_and_a_drift_is_dated(folder: Path, index:
     assert x.drift.per_day == pytest.approx(0.02 / 30.0, rel=0.2)
     assert y.drift is not None
     assert not y.drift.shown
-    assert found.due is not None
-    last = found.last
+    assert machine.due is not None
+    last = machine.last
     left_days = (0.5 - last.bound_after_mm) / x.drift.per_day
-    assert (found.due - last.began).days == pytest.approx(left_days, rel=0.15)
-    figures = control_charts(found)
+    assert (machine.due - last.began).days == pytest.approx(left_days, rel=0.15)
+    figures = control_charts(machine)
     assert [figure.readings.marks for figure in figures] == [(90.0,)] * 3
     (steady, moved) = (figures[k].readings for k in (1, 2))
-    assert [one.name for one in steady.series] == ["session"]
-    assert [one.name for one in moved.series] == ["session", "changed, or a rule"]
+    assert [series.name for series in steady.series] == ["session"]
+    assert [series.name for series in moved.series] == ["session", "changed, or a rule"]
     assert moved.series[1].x == (60.0,)
     phases = [stroke.points for stroke in moved.strokes]  # centre and limits of each phase
     assert [ends[0][0] for ends in phases] == [0.0] * 3 + [60.0] * 3
@@ -120,23 +120,24 @@ def test_a_jump_is_flagged_where_it_is_and_a_drift_is_dated(folder: Path, index:
 def test_what_is_altered_torn_or_doubled_is_named_and_the_rest_shown(
     folder: Path, index: Path
 ) -> None:
-    found = read_history(folder, index=index)
-    said = {path.name: text for path, text in found.problems}
-    assert said.keys() == {"altered.jsonl", "copy.jsonl", "torn.jsonl"}
-    assert said["copy.jsonl"].endswith("s1.jsonl, used once.")
-    assert "line 6" in said["altered.jsonl"]
-    assert "not fit its digest" in said["altered.jsonl"]
-    assert said["torn.jsonl"].startswith("torn.jsonl: cut inside line")
-    assert [len(one.points) for one in found.machines] == [6]  # the torn one is not finished
-    text = " ".join(history_text(found, NOW).split())
+    folder_history = read_history(folder, index=index)
+    problems = {path.name: text for path, text in folder_history.problems}
+    assert problems.keys() == {"altered.jsonl", "copy.jsonl", "torn.jsonl"}
+    assert problems["copy.jsonl"].endswith("s1.jsonl, used once.")
+    assert "line 6" in problems["altered.jsonl"]
+    assert "not fit its digest" in problems["altered.jsonl"]
+    assert problems["torn.jsonl"].startswith("torn.jsonl: cut inside line")
+    # the torn one is not finished
+    assert [len(machine.points) for machine in folder_history.machines] == [6]
+    text = " ".join(history_text(folder_history, NOW).split())
     assert "Last calibrated 50 days ago: s5.jsonl. Due in " in text
     assert "joint z changed beyond uncertainty" in text
 
 
 def test_a_file_with_a_long_name_stays_set_in_below_its_number(tmp_path: Path) -> None:
     measured(tmp_path, 0, (0.1, 0.1, 0.1))
-    (made,) = tmp_path.iterdir()
-    path = made.rename(tmp_path / f"{'long' * 25}.jsonl")
+    (session,) = tmp_path.iterdir()
+    path = session.rename(tmp_path / f"{'long' * 25}.jsonl")
     text = history_text(read_history(tmp_path, index=tmp_path / "index"), NOW)
     assert f"\n1\n   {path.name}" in text
 
@@ -152,20 +153,23 @@ def test_two_sessions_tell_no_drift_and_none_is_denied(tmp_path: Path) -> None:
 def test_a_rebuilt_machine_is_an_event(tmp_path: Path) -> None:
     measured(tmp_path, 0, (0.1, 0.1, 0.1))
     measured(tmp_path, 1, (0.1, 0.1, 0.1), leg_length_mm=311.0)
-    found = orthoglide(tmp_path, tmp_path / "index")
-    assert found.points[1].event == "machine changed: leg_length_mm"
+    machine = orthoglide(tmp_path, tmp_path / "index")
+    assert machine.points[1].event == "machine changed: leg_length_mm"
 
 
 def test_machines_of_one_name_are_known_apart_by_their_serial_numbers(tmp_path: Path) -> None:
     for number, serial_number in enumerate(("A1", "B2", "A1")):
         measured(tmp_path, number, (0.5, -0.3, 0.2), serial_number=serial_number, place="hall 3")
     machines = read_history(tmp_path, index=tmp_path / "index").machines
-    assert [(each.machine, len(each.points)) for each in machines] == [
+    assert [(machine.machine, len(machine.points)) for machine in machines] == [
         ("orthoglide, no. A1", 2),
         ("orthoglide, no. B2", 1),
     ]
     documents = json.loads(glidecal("history", tmp_path, "--json").out)["machines"]
-    assert [(each["machine"], each["serial_number"], each["place"]) for each in documents] == [
+    assert [
+        (document["machine"], document["serial_number"], document["place"])
+        for document in documents
+    ] == [
         ("orthoglide", "A1", "hall 3"),
         ("orthoglide", "B2", "hall 3"),
     ]
@@ -186,8 +190,8 @@ def test_the_index_is_never_the_truth(tmp_path: Path) -> None:
     content, times = path.read_bytes(), path.stat()
     path.write_bytes(content.replace(b'"cycle":1', b'"cycle":2', 1))  # as long as before
     os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
-    ((_, said),) = read_history(tmp_path, index=index).problems
-    assert "was changed" in said
+    ((_, problem),) = read_history(tmp_path, index=index).problems
+    assert "was changed" in problem
 
 
 @needs_links
@@ -212,11 +216,11 @@ def test_what_is_known_is_not_solved_again(
 
 
 def test_the_command(folder: Path, tmp_path: Path) -> None:
-    said = json.loads(glidecal("history", folder, "--json").out)
-    assert said["schema"] == "glidecal.history/1"
-    (machine,) = (one for one in said["machines"] if one["machine"] == "orthoglide")
+    report = json.loads(glidecal("history", folder, "--json").out)
+    assert report["schema"] == "glidecal.history/1"
+    (machine,) = (entry for entry in report["machines"] if entry["machine"] == "orthoglide")
     assert machine["joints"][2]["changed"][2] is True
-    assert len(said["problems"]) == 3
+    assert len(report["problems"]) == 3
     assert "no session file" in refused(3, "history", tmp_path)
     assert "no such folder" in refused(3, "history", tmp_path / "nowhere")
 
@@ -225,8 +229,8 @@ def test_effects_are_diagnosed_where_asked_for(tmp_path: Path) -> None:
     measured(tmp_path, 0, (0.1, 0.1, 0.1))
     index = tmp_path / "index"
     assert orthoglide(tmp_path, index).last.effects is None
-    found = read_history(tmp_path, effects=True, index=index)
-    assert found.machines[0].last.effects == ()
+    folder_history = read_history(tmp_path, effects=True, index=index)
+    assert folder_history.machines[0].last.effects == ()
 
 
 @given(words=st.text(max_size=30))
@@ -239,10 +243,10 @@ def test_hostile_names_are_inert(words: str) -> None:
         expanded_mm=(0.1, 0.1, 0.1),
         effects=("[red]x[/red]",),
     )
-    found = history.history_of_machine(
+    machine_history = history.history_of_machine(
         entry.machine.name, "measured", [(Path(f"[blink]{words}\u202e.jsonl"), entry)]
     )
-    text = history_text(history.History(Path(), (found,), ()), NOW)
-    shown = printable(text, keep="\n")  # as it leaves the program, and every screen
-    assert not HIDDEN.search(shown.replace("\n", ""))
-    assert "[red]x[/red]" in shown
+    text = history_text(history.History(Path(), (machine_history,), ()), NOW)
+    output = printable(text, keep="\n")  # as it leaves the program, and every screen
+    assert not HIDDEN.search(output.replace("\n", ""))
+    assert "[red]x[/red]" in output

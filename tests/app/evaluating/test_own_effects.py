@@ -53,12 +53,14 @@ def test_the_documented_effect_is_a_candidate(folder: Path) -> None:
     write(folder, documented())
     effects = known_effects()
     assert [effect.id for effect in effects[len(CATALOGUE) :]] == ["bent_arm"]
-    taken = postures()
-    found = [c for c in candidates(Model(parameters_mm=OFF), taken, effects) if c.id == "bent_arm"]
-    assert {c.where for c in found} >= {"xy", "zy", "x", "all", "x,y,z"}
-    plain = Model(parameters_mm=OFF).readings(taken)
-    column = next(c for c in found if c.where == "xy").columns[:, 0]
-    expected = np.where((taken.leg == 0) & (taken.axis == 1), 1e-3 * plain**2, 0.0)
+    conditions = postures()
+    bent_arms = [
+        c for c in candidates(Model(parameters_mm=OFF), conditions, effects) if c.id == "bent_arm"
+    ]
+    assert {c.where for c in bent_arms} >= {"xy", "zy", "x", "all", "x,y,z"}
+    plain = Model(parameters_mm=OFF).readings(conditions)
+    column = next(c for c in bent_arms if c.where == "xy").columns[:, 0]
+    expected = np.where((conditions.leg == 0) & (conditions.axis == 1), 1e-3 * plain**2, 0.0)
     assert column == pytest.approx(expected, abs=1e-15)
 
 
@@ -69,10 +71,10 @@ def test_the_documented_effect_in_a_model(folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "model.json"
     path.write_text(model_file(model, Machine()).text(), encoding="utf-8")
     again, _ = read_model(path, known_effects())
-    taken = postures()
-    assert again.readings(taken) == pytest.approx(model.readings(taken), abs=1e-15)
-    made = tmp_path / "s.jsonl"
-    run = glidecal("simulate", "--model", path, "-o", made)
+    conditions = postures()
+    assert again.readings(conditions) == pytest.approx(model.readings(conditions), abs=1e-15)
+    session = tmp_path / "s.jsonl"
+    run = glidecal("simulate", "--model", path, "-o", session)
     assert run.status == 0, run.err
     (folder / "mine.py").unlink()
     assert "'bent_arm'" in refused(3, "simulate", "--model", path, "-o", tmp_path / "t.jsonl")
@@ -86,7 +88,7 @@ def test_the_documented_effect_in_the_demonstration(folder: Path, tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("def (", "SyntaxError"),
         ("import no_such_module_here\nEFFECTS = ()", "no_such_module_here"),
@@ -119,25 +121,25 @@ def test_the_documented_effect_in_the_demonstration(folder: Path, tmp_path: Path
         (documented().replace("mounts(conditions)", "()"), "places"),
     ],
 )
-def test_a_broken_effect_is_named(folder: Path, text: str, said: str) -> None:
+def test_a_broken_effect_is_named(folder: Path, text: str, message: str) -> None:
     write(folder, text)
     with pytest.raises(RecordError, match="mine") as caught:
         known_effects()
     assert "mine.py" in str(caught.value)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_a_broken_effect_ends_with_status_3(folder: Path, tmp_path: Path) -> None:
     write(folder, "1 / 0")
-    said = refused(3, "demo", "--headless", "--effect", "backlash", cwd=tmp_path)
-    assert "mine.py" in said
-    assert "ZeroDivisionError: division by zero" in said
+    message = refused(3, "demo", "--headless", "--effect", "backlash", cwd=tmp_path)
+    assert "mine.py" in message
+    assert "ZeroDivisionError: division by zero" in message
 
 
 def test_whatever_a_broken_effect_raises_the_status_is_3(folder: Path, tmp_path: Path) -> None:
     write(folder, "class Worst(BaseException): pass\nraise Worst('out')")
-    said = refused(3, "demo", "--headless", "--effect", "backlash", cwd=tmp_path)
-    assert "Worst: out" in said
+    message = refused(3, "demo", "--headless", "--effect", "backlash", cwd=tmp_path)
+    assert "Worst: out" in message
     write(folder, "raise KeyboardInterrupt")  # as a Ctrl-C while it loads
     run = glidecal("demo", "--headless", "--effect", "backlash", cwd=tmp_path)
     assert run.status == 130

@@ -17,29 +17,29 @@ from tests.hidden_sessions import bowed_session
 
 def test_residuals_against_the_readings_themselves(tmp_path: Path) -> None:
     """Adopted, each cell is within five of its standard deviations; before, many are not."""
-    found = diagnose_files([bowed_session(tmp_path)]).diagnosis.residuals
-    cells = found.cells
+    residuals = diagnose_files([bowed_session(tmp_path)]).diagnosis.residuals
+    cells = residuals.cells
     assert max(abs(cell.strength) for cell in cells) > 10.0
     for cell in cells:
         assert cell.after_mm is not None
         assert abs(cell.after_mm) < 5.0 * cell.noise_mm
     before_mm = np.sqrt(np.mean(np.square([c.before_mm for c in cells])))
-    assert found.before_rms_mm == pytest.approx(before_mm)
-    assert found.after_rms_mm is not None
-    assert found.after_rms_mm < 1.5 * found.noise_rms_mm < found.before_rms_mm / 3
+    assert residuals.before_rms_mm == pytest.approx(before_mm)
+    assert residuals.after_rms_mm is not None
+    assert residuals.after_rms_mm < 1.5 * residuals.noise_rms_mm < residuals.before_rms_mm / 3
     chart = residuals_before_and_after(cells)
-    held = {series.name: series for series in chart.series}
-    assert list(held) == ["noise", "before", "after adopting"]
-    assert max(map(abs, held["before"].y)) == max(abs(1000.0 * c.before_mm) for c in cells)
-    assert {round(x) for x in held["before"].x} == set(range(1, len(chart.x_names) + 1))
+    by_name = {series.name: series for series in chart.series}
+    assert list(by_name) == ["noise", "before", "after adopting"]
+    assert max(map(abs, by_name["before"].y)) == max(abs(1000.0 * c.before_mm) for c in cells)
+    assert {round(x) for x in by_name["before"].x} == set(range(1, len(chart.x_names) + 1))
 
 
 def test_the_map_marks_what_is_more_than_noise(tmp_path: Path) -> None:
-    found = diagnose_files([bowed_session(tmp_path)])
-    cells = found.diagnosis.residuals.cells
-    shown = where_text(found)
+    results = diagnose_files([bowed_session(tmp_path)])
+    cells = results.diagnosis.residuals.cells
+    text = where_text(results)
     strong = [cell for cell in cells if abs(cell.strength) > 5.0]
-    table = shown.split("▲ ▼ more")[0]
+    table = text.split("▲ ▼ more")[0]
     assert strong
     assert len(re.findall("▲▲|▼▼", table)) == len(strong)
     assert len(re.findall(r"[+-]\d+\.\d", table)) == len(cells)

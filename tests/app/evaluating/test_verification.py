@@ -15,10 +15,10 @@ D_RHO = (0.8, -0.5, 0.3)
 NAMES = ("d_rho_x", "d_rho_y", "d_rho_z")
 
 
-def session(folder: Path, name: str, times: float, seed: int, **more: object) -> Path:
+def session(folder: Path, name: str, times: float, seed: int, **fields: object) -> Path:
     """A machine whose offsets are so many times `D_RHO`."""
     values = dict(zip(NAMES, (times * mm for mm in D_RHO), strict=True))
-    document = {"schema": "glidecal.model/1", "parameters_mm": values, **more}
+    document = {"schema": "glidecal.model/1", "parameters_mm": values, **fields}
     model, path = folder / f"{name}.json", folder / f"{name}.jsonl"
     model.write_text(json.dumps(document))
     run = glidecal("simulate", "--model", model, "-o", path, "--seed", str(seed))
@@ -52,11 +52,11 @@ def test_what_was_entered_and_whether_it_will_do(
     run = glidecal("verify", *pair, "--tolerance", "0.05", "--json")
     assert run.status == {"pass": 0, "fail": 6}[decision]
     assert ("the verification did not pass: FAIL" in run.err) == (decision == "fail")
-    found = json.loads(run.out)
-    assert found["schema"] == "glidecal.verification/1"
-    assert [one["entered"] for one in found["offsets"]] == [entered] * 3
-    assert found["decision"] == decision
-    assert not found["something_missing"]
+    report = json.loads(run.out)
+    assert report["schema"] == "glidecal.verification/1"
+    assert [offset["entered"] for offset in report["offsets"]] == [entered] * 3
+    assert report["decision"] == decision
+    assert not report["something_missing"]
     text = glidecal("verify", *pair, "--tolerance", "0.05").out
     assert decision.upper() in text
     assert ("Enter the offset" in text) == (entered == "not entered")
@@ -94,7 +94,7 @@ def test_without_a_tolerance_nothing_is_judged_and_a_hidden_effect_is_pointed_at
 
 
 def test_bad_pairs(tmp_path: Path) -> None:
-    one = session(tmp_path, "a", 1.0, 1)
-    assert "the same session" in refused(3, "verify", one, one)
-    other = session(tmp_path, "b", 1.0, 2)
-    assert "a positive length" in refused(2, "verify", one, other, "--tolerance", "0")
+    first = session(tmp_path, "a", 1.0, 1)
+    assert "the same session" in refused(3, "verify", first, first)
+    second = session(tmp_path, "b", 1.0, 2)
+    assert "a positive length" in refused(2, "verify", first, second, "--tolerance", "0")

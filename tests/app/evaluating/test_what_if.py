@@ -29,8 +29,8 @@ def measured() -> glidecal.Session:
 @cache
 def tried(effect: str, subset: Subset) -> Trial:
     """An effect of the catalogue, on a set of parameters."""
-    (found,) = (c for c in choices([measured()]) if ":".join(c.key) == effect)
-    return trial_of(found, [measured()], subset=subset)
+    (choice,) = (c for c in choices([measured()]) if ":".join(c.key) == effect)
+    return trial_of(choice, [measured()], subset=subset)
 
 
 @pytest.fixture(scope="module")
@@ -41,17 +41,17 @@ def session() -> glidecal.Session:
 def test_residuals_are_least_at_the_true_size(session: glidecal.Session) -> None:
     plain = glidecal.solve(session, subset="joint-offsets").solution
     sizes = (0.0, 0.5 * PLAY_MM, PLAY_MM, 1.5 * PLAY_MM)
-    found = [
+    outcomes = [
         glidecal.what_if(session, effect="backlash:all", size=mm, subset="joint-offsets")
         for mm in sizes
     ]
-    left = [float(np.square(one.solved.solution.residual_mm).sum()) for one in found]
-    assert left[0] == pytest.approx(float(np.square(plain.residual_mm).sum()))
-    assert left[2] == min(left)
-    assert left[2] < 0.1 * left[0]
+    squares = [float(np.square(outcome.solved.solution.residual_mm).sum()) for outcome in outcomes]
+    assert squares[0] == pytest.approx(float(np.square(plain.residual_mm).sum()))
+    assert squares[2] == min(squares)
+    assert squares[2] < 0.1 * squares[0]
     # a parabola about the true size: half as far off leaves a quarter
-    assert (left[1] - left[2]) / (left[0] - left[2]) == pytest.approx(0.25, abs=0.03)
-    assert found[2].units == ("mm",)
+    assert (squares[1] - squares[2]) / (squares[0] - squares[2]) == pytest.approx(0.25, abs=0.03)
+    assert outcomes[2].units == ("mm",)
 
 
 def test_the_tool_follows_the_size(session: glidecal.Session) -> None:
@@ -62,8 +62,8 @@ def test_the_tool_follows_the_size(session: glidecal.Session) -> None:
     zero, there = (inverse(geometry, tool_mm) for tool_mm in (np.zeros((1, 3)), points))
     off = direct(geometry, zero + (there - zero) * (1.0 + share)) - points
     expected = float(np.sqrt((off**2).sum(axis=-1).mean()))
-    found = glidecal.what_if(session, effect="actuator_scale:all", size=1e3 * share)
-    assert found.tool_mm == pytest.approx(expected, rel=1e-3)
+    outcome = glidecal.what_if(session, effect="actuator_scale:all", size=1e3 * share)
+    assert outcome.tool_mm == pytest.approx(expected, rel=1e-3)
 
 
 def test_parameters_that_ignore_it_mislead_the_tool(session: glidecal.Session) -> None:
@@ -72,25 +72,27 @@ def test_parameters_that_ignore_it_mislead_the_tool(session: glidecal.Session) -
     points = workspace_points(geometry)
     subset: Subset = "joint-offsets"
     share = 0.5e-3
-    found = glidecal.what_if(session, effect="actuator_scale:all", size=1e3 * share, subset=subset)
+    outcome = glidecal.what_if(
+        session, effect="actuator_scale:all", size=1e3 * share, subset=subset
+    )
     entered = np.array(glidecal.solve(session, subset=subset).solution.values_mm)
-    true_mm = found.solved.solution.values_mm
+    true_mm = outcome.solved.solution.values_mm
     zero = inverse(geometry, np.zeros((1, 3)))
     commanded = inverse(geometry, points) - entered
     carriage = commanded + true_mm + share * (commanded - zero)
     off = direct(geometry, carriage) - points
     expected = float(np.sqrt((off**2).sum(axis=-1).mean()))
-    assert found.misled_mm == pytest.approx(expected, rel=1e-6)
-    assert found.trial.without.misled_mm == pytest.approx(0.0, abs=1e-9)
+    assert outcome.misled_mm == pytest.approx(expected, rel=1e-6)
+    assert outcome.trial.without.misled_mm == pytest.approx(0.0, abs=1e-9)
 
 
 def test_the_figures_of_one_set_are_those_of_the_whole() -> None:
     trial = tried("backlash:all", "both")
     for mm in (0.0, 0.03, PLAY_MM):
-        alone, whole = trial.at([mm]).solution, trial.at([mm]).solved.solution
-        assert (alone.values_mm == whole.values_mm).all()
-        assert (alone.predicted_mm == whole.predicted_mm).all()
-        assert alone.rms_after_mm == whole.rms_after_mm
+        alone, solution = trial.at([mm]).solution, trial.at([mm]).solved.solution
+        assert (alone.values_mm == solution.values_mm).all()
+        assert (alone.predicted_mm == solution.predicted_mm).all()
+        assert alone.rms_after_mm == solution.rms_after_mm
 
 
 def test_what_fits_best_is_what_a_model_gives(session: glidecal.Session, tmp_path: Path) -> None:
@@ -100,15 +102,15 @@ def test_what_fits_best_is_what_a_model_gives(session: glidecal.Session, tmp_pat
     model = trial.beside.model_copy(update={"effects": (trial.entry,)})
     path = tmp_path / "model.json"
     path.write_text(model.text(), encoding="utf-8")
-    (same,) = glidecal.solve(session, subset="both", model=path).solution.sizes
-    assert (same.value, same.standard_uncertainty) == (fitted.value, fitted.standard_uncertainty)
+    (refit,) = glidecal.solve(session, subset="both", model=path).solution.sizes
+    assert (refit.value, refit.standard_uncertainty) == (fitted.value, fitted.standard_uncertainty)
     # and no other size leaves less
     (step,) = trial.steps
     assert step <= fitted.standard_uncertainty < 2.5 * step
     near = [trial.at([fitted.value + k * step]).solution for k in (-3, 0, 3)]
-    left = [one.lack_of_fit.statistic for one in near if one.lack_of_fit]
-    assert len(left) == 3
-    assert left[1] == min(left)
+    statistics = [neighbour.lack_of_fit.statistic for neighbour in near if neighbour.lack_of_fit]
+    assert len(statistics) == 3
+    assert statistics[1] == min(statistics)
 
 
 def test_an_effect_of_the_model_is_held_in_place_of_being_fitted(
@@ -122,11 +124,11 @@ def test_an_effect_of_the_model_is_held_in_place_of_being_fitted(
         solved = glidecal.solve(session, subset="both", model=path)
         assert len(solved.solution.sizes) == sizes
         assert solved.held == ((), ("backlash (all): play = +0.02 mm",))[1 - sizes]
-        found = glidecal.what_if(
+        outcome = glidecal.what_if(
             session, effect="backlash:all", size=0.02, subset="both", model=path
         )
         expected = trial.at([0.02]).solution.predicted_mm
-        assert found.solved.solution.predicted_mm.tolist() == expected.tolist()
+        assert outcome.solved.solution.predicted_mm.tolist() == expected.tolist()
     assert solved.solution.predicted_mm.tolist() == expected.tolist()
     assert "Held as a person stated it, not fitted: backlash" in "\n".join(caveats(solved))
 

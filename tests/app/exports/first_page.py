@@ -76,26 +76,26 @@ def differences(path: Path, *, report: bool = True) -> list[str]:
     """Words for what differs between the first page, the files that E writes, and the report."""
     solved = solve_files([path]).work_out()
     page = glance_text(solved, None, (), 76, exports=True, measures=True)
-    shown, found = shown_values(page), list[str]()
+    figures, messages = shown_values(page), list[str]()
     written = written_values(solved, path.with_suffix(""))
-    if shown != {name: round(mm, 4) for name, mm in written.items()}:
-        found.append(f"shown {shown}, written {written}")
+    if figures != {name: round(mm, 4) for name, mm in written.items()}:
+        messages.append(f"shown {figures}, written {written}")
     bounds = re.findall(r"^(?:now|after) +([\d.]+) mm ", page, re.M)
     caution = json.loads((path.with_suffix("") / "offsets.json").read_text())["cautions"][0]
     stated = re.search(r"at most ([\d.]+) mm now, at most ([\d.]+) mm", caution)
     if stated is None or bounds != [*stated.groups()]:
-        found.append(f"shown {bounds}, written {caution}")
+        messages.append(f"shown {bounds}, written {caution}")
     if report:
         printed = report_of([path])
         (section,) = [s for s in printed.sections if s.heading == "What to enter in the controller"]
         table = next(part for part in section.parts if not isinstance(part, str))
         added = list(map(float, table.columns[2].cells))  # type: ignore[union-attr]
-        if added != list(shown.values()):
-            found.append(f"shown {shown}, printed {added}")
+        if added != list(figures.values()):
+            messages.append(f"shown {figures}, printed {added}")
         headline = printed.sentences[0] if "NOT JUDGED" in printed.decision else printed.decision
         if page.partition("\n")[0] != headline:
-            found.append(f"headed {page.partition(chr(10))[0]!r}, printed {headline!r}")
-    return found
+            messages.append(f"headed {page.partition(chr(10))[0]!r}, printed {headline!r}")
+    return messages
 
 
 def main(count: int) -> None:

@@ -39,8 +39,8 @@ def cautions_of(session: Path, kind: str) -> list[str]:
     solved = solve_files([session])
     holds: dict[str, Holds] = {"model": "kinematics", "linuxcnc": "tables"}
     absent = dict.fromkeys(("play", "table"), NOT_HOMED) if kind == "linuxcnc" else None
-    made = solved.corrections.of(holds.get(kind, "offsets"), absent)
-    return [*correction_lines(solved, made), *caveats(solved)]
+    correction = solved.corrections.of(holds.get(kind, "offsets"), absent)
+    return [*correction_lines(solved, correction), *caveats(solved)]
 
 
 def in_file(path: Path, kind: str) -> str:
@@ -67,8 +67,8 @@ MADE = f"{DAY} 2026-01-01 00:00 +0000, digest 0123456789abcdef, glidecal VERSION
 def without_version(text: str) -> str:
     """The text with its first comment on one line, and no date, digest and version in it."""
     head, entries = text.split("\n# old ", 1)
-    made = DAY + r" [\d-]{10} [\d:]{5} \+0000, digest [\da-f]{16}, glidecal \S+$"
-    return f"{re.sub(made, MADE, ' '.join(head.split(chr(10) + '# ')))}\n# old {entries}"
+    provenance = DAY + r" [\d-]{10} [\d:]{5} \+0000, digest [\da-f]{16}, glidecal \S+$"
+    return f"{re.sub(provenance, MADE, ' '.join(head.split(chr(10) + '# ')))}\n# old {entries}"
 
 
 def test_linuxcnc_includes_as_golden_text(session: Path, tmp_path: Path) -> None:
@@ -112,15 +112,15 @@ def test_an_unknown_home_offset_gives_no_value_to_enter(session: Path, tmp_path:
 
 
 def test_lengths_do_not_fit_into_home_offset(session: Path, tmp_path: Path) -> None:
-    said = refused(
+    message = refused(
         2, "export", session, "--format", "linuxcnc", "--subset", "both", "-o", tmp_path / "x"
     )
-    assert "HOME_OFFSET cannot hold a length" in said
+    assert "HOME_OFFSET cannot hold a length" in message
     assert not (tmp_path / "x").exists()
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "message"),
     [
         ("HOME_OFFSET = 12.3 # note", "no comment behind it"),
         ("HOME_OFFSET = 0,04", "decimal point"),
@@ -129,19 +129,19 @@ def test_lengths_do_not_fit_into_home_offset(session: Path, tmp_path: Path) -> N
         ("HOME_OFFSET = 1", "no section [JOINT_1]"),
     ],
 )
-def test_bad_ini(session: Path, tmp_path: Path, line: str, said: str) -> None:
+def test_bad_ini(session: Path, tmp_path: Path, line: str, message: str) -> None:
     ini = tmp_path / "m.ini"
     ini.write_text(f"[TRAJ]\nLINEAR_UNITS = mm\n[JOINT_0]\n{line}\n")
     out = tmp_path / "x"
-    assert said in refused(3, "export", session, "--format", "linuxcnc", "--ini", ini, "-o", out)
+    assert message in refused(3, "export", session, "--format", "linuxcnc", "--ini", ini, "-o", out)
     assert not out.exists()
 
 
 @pytest.mark.parametrize("of_a_set", [(), OFFSETS], ids=["correction", "set"])
 def test_json_and_csv_agree(session: Path, tmp_path: Path, of_a_set: tuple[str, ...]) -> None:
     for kind in ("json", "csv"):
-        asked = ("--format", kind, *of_a_set, "-o", tmp_path / kind)
-        assert glidecal("export", session, *asked).status == 0
+        arguments = ("--format", kind, *of_a_set, "-o", tmp_path / kind)
+        assert glidecal("export", session, *arguments).status == 0
     document = json.loads((tmp_path / "json").read_text(encoding="utf-8"))
     assert document["schema"] == "glidecal.offsets/1"
     rows = csv_rows(tmp_path / "csv")
@@ -154,8 +154,8 @@ def test_json_and_csv_agree(session: Path, tmp_path: Path, of_a_set: tuple[str, 
             ("expanded_uncertainty_mm", "expanded_uncertainty"),
             ("expanded_with_lack_of_fit_mm", "expanded_with_lack_of_fit"),
         ):
-            told = float(row[column]) if row[column] else None
-            assert told == (entry[key] and pytest.approx(entry[key], abs=1e-6))
+            value = float(row[column]) if row[column] else None
+            assert value == (entry[key] and pytest.approx(entry[key], abs=1e-6))
 
 
 def test_export_of_a_model(tmp_path: Path) -> None:
@@ -172,10 +172,10 @@ def test_export_of_a_model(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", ["1,2", "a,b,c", "nan,0,0", ""])
 def test_bad_home_offset(session: Path, tmp_path: Path, text: str) -> None:
-    said = refused(
+    message = refused(
         2, "export", session, "--format", "linuxcnc", "--home-offset", text, "-o", tmp_path
     )
-    assert "three numbers" in said
+    assert "three numbers" in message
 
 
 def test_an_export_never_replaces_a_record(session: Path, tmp_path: Path) -> None:
@@ -215,14 +215,14 @@ def test_second_calibration_starts_from_the_included_value(session: Path, tmp_pa
 def test_a_session_becomes_a_model_that_simulates_it(samples: Path, tmp_path: Path) -> None:
     """Solve, export the model, simulate without noise, solve again: the same parameters."""
     session, model = samples / "simulated_zero-max-min.jsonl", tmp_path / "model.json"
-    both = ("--subset", "both")
-    assert glidecal("export", session, "--format", "model", *both, "-o", model).status == 0
-    made = tmp_path / "s.jsonl"
+    subset = ("--subset", "both")
+    assert glidecal("export", session, "--format", "model", *subset, "-o", model).status == 0
+    simulation = tmp_path / "s.jsonl"
     quiet = ("--scatter", "0", "--resolution", "0")
-    assert glidecal("simulate", "--model", model, *quiet, "-o", made).status == 0
+    assert glidecal("simulate", "--model", model, *quiet, "-o", simulation).status == 0
     first, second = (
-        json.loads(glidecal("solve", path, *both, "--json").out)["parameters"]
-        for path in (session, made)
+        json.loads(glidecal("solve", path, *subset, "--json").out)["parameters"]
+        for path in (session, simulation)
     )
     for name, parameter in first.items():
         assert second[name]["value"] == pytest.approx(parameter["value"], abs=1e-6)
@@ -262,29 +262,33 @@ def test_what_solve_remarks_of_readings_is_in_the_file(samples: Path, tmp_path: 
     table.write_text("\n".join([*rows[:5], ",".join(cells), *rows[6:]]) + "\n")
     session, out = tmp_path / "s.jsonl", tmp_path / "o.json"
     assert glidecal("import", table, "-o", session).status == 0
-    shown = " ".join(glidecal("solve", session).out.split())
+    text = " ".join(glidecal("solve", session).out.split())
     assert glidecal("export", session, "--format", "json", "-o", out).status == 0
-    said = [one for one in json.loads(out.read_text())["cautions"] if one.startswith("SUSPECT")]
-    assert said
-    assert all(one in shown for one in said)
+    suspects = [
+        caution
+        for caution in json.loads(out.read_text())["cautions"]
+        if caution.startswith("SUSPECT")
+    ]
+    assert suspects
+    assert all(caution in text for caution in suspects)
 
 
 def test_weak_combinations_are_said_of_the_full_set(session: Path, tmp_path: Path) -> None:
-    both = ("--subset", "both")
+    subset = ("--subset", "both")
     out = tmp_path / "o.json"
-    assert glidecal("export", session, "--format", "json", *both, "-o", out).status == 0
+    assert glidecal("export", session, "--format", "json", *subset, "-o", out).status == 0
     cautions = json.loads(out.read_text())["cautions"]
     assert sum(line.startswith("WEAK") for line in cautions) == 3
-    shown = " ".join(glidecal("solve", session, *both).out.split())
-    assert all(line in shown for line in cautions if not line.startswith((BOUND, "NOTE: the set")))
+    text = " ".join(glidecal("solve", session, *subset).out.split())
+    assert all(line in text for line in cautions if not line.startswith((BOUND, "NOTE: the set")))
 
 
 @LONG
 def test_uncertainties_of_a_set_are_those_of_solve(session: Path, tmp_path: Path) -> None:
     solved = json.loads(glidecal("solve", session, *OFFSETS, "--json").out)
     for kind in ("json", "linuxcnc"):
-        asked = ("--format", kind, *OFFSETS, "-o", tmp_path / kind)
-        assert glidecal("export", session, *asked).status == 0
+        arguments = ("--format", kind, *OFFSETS, "-o", tmp_path / kind)
+        assert glidecal("export", session, *arguments).status == 0
     document = json.loads((tmp_path / "json").read_text())
     for number, (name, entry) in enumerate(solved["parameters"].items()):
         written = document["parameters"][name]
@@ -292,8 +296,8 @@ def test_uncertainties_of_a_set_are_those_of_solve(session: Path, tmp_path: Path
             assert written[key] == entry[key]
         larger = solved["expanded_with_lack_of_fit_mm"][name]
         assert written["expanded_with_lack_of_fit"] == larger > 10 * entry["expanded_uncertainty"]
-        said = comments(tmp_path / "linuxcnc" / f"calib_joint{number}.inc")
-        assert f"{name} is known to ±{larger:.3f} mm (95 %, residual" in said
+        text = comments(tmp_path / "linuxcnc" / f"calib_joint{number}.inc")
+        assert f"{name} is known to ±{larger:.3f} mm (95 %, residual" in text
 
 
 def test_without_lack_of_fit_the_include_tells_the_plain_figure(
@@ -301,22 +305,22 @@ def test_without_lack_of_fit_the_include_tells_the_plain_figure(
 ) -> None:
     session = samples / "simulated_zero-max-min.jsonl"
     solved = json.loads(glidecal("solve", session, *OFFSETS, "--json").out)
-    asked = ("--format", "linuxcnc", *OFFSETS, "-o", tmp_path)
-    assert glidecal("export", session, *asked).status == 0
+    arguments = ("--format", "linuxcnc", *OFFSETS, "-o", tmp_path)
+    assert glidecal("export", session, *arguments).status == 0
     half = solved["parameters"]["d_rho_x"]["expanded_uncertainty"]
-    said = comments(tmp_path / "calib_joint0.inc")
-    assert f"d_rho_x is known to ±{half:.4f} mm (95 %), u = " in said
+    text = comments(tmp_path / "calib_joint0.inc")
+    assert f"d_rho_x is known to ±{half:.4f} mm (95 %), u = " in text
 
 
 def test_cautions_go_through_a_model_file(session: Path, tmp_path: Path) -> None:
     model, inc = tmp_path / "model.json", tmp_path / "inc"
-    asked = ("--format", "model", *OFFSETS, "-o", model)
-    assert glidecal("export", session, *asked).status == 0
+    arguments = ("--format", "model", *OFFSETS, "-o", model)
+    assert glidecal("export", session, *arguments).status == 0
     assert glidecal("export", model, "--format", "linuxcnc", "-o", inc).status == 0
-    said = comments(inc / "calib_joint1.inc")
-    assert "it does not hold how well they are known" in said
-    assert "WARNING: the residual is 11.1 times the noise" in said
-    assert " is known to ±" not in said
+    text = comments(inc / "calib_joint1.inc")
+    assert "it does not hold how well they are known" in text
+    assert "WARNING: the residual is 11.1 times the noise" in text
+    assert " is known to ±" not in text
     assert glidecal("export", model, "--format", "csv", "-o", tmp_path / "c").status == 0
     rows = csv_rows(tmp_path / "c")
     assert {row["standard_uncertainty_mm"] for row in rows} == {""}
@@ -327,14 +331,16 @@ def test_an_unfinished_session_is_a_caution(session: Path, tmp_path: Path) -> No
     cut.write_text("".join(session.read_text().splitlines(keepends=True)[:-1]))
     assert glidecal("export", cut, "--format", "json", "-o", tmp_path / "o").status == 0
     cautions = json.loads((tmp_path / "o").read_text())["cautions"]
-    (line,) = [one for one in cautions if one.startswith("cut.jsonl: not closed after line")]
+    (line,) = [
+        caution for caution in cautions if caution.startswith("cut.jsonl: not closed after line")
+    ]
     assert line.endswith("the session is not finished.")
 
 
 def test_a_name_of_two_lines_breaks_no_file(session: Path, tmp_path: Path) -> None:
-    whole = session.read_text().splitlines(keepends=True)
+    lines = session.read_text().splitlines(keepends=True)
     cut = tmp_path / f"a\n{'b' * 200}.jsonl"
-    cut.write_text("".join(whole[:-1]))
+    cut.write_text("".join(lines[:-1]))
     assert glidecal("export", cut, "--format", "csv", "-o", tmp_path / "o.csv").status == 0
     assert {"d_rho_x", "d_rho_y"} <= {next(iter(r.values())) for r in csv_rows(tmp_path / "o.csv")}
     assert glidecal("export", cut, "--format", "linuxcnc", "-o", tmp_path / "i").status == 0
@@ -346,8 +352,8 @@ def test_lines_of_an_include_are_short_and_hold_one_number(session: Path, tmp_pa
     """LinuxCNC reads lines of 255 characters at most; a name cannot break out of its comment."""
     named = tmp_path / "a\nHOME_OFFSET = 9.jsonl"
     named.write_bytes(session.read_bytes())
-    known = ("--home-offset", "1,2,3")
-    run = glidecal("export", named, "--format", "linuxcnc", *known, "-o", tmp_path / "i")
+    homing = ("--home-offset", "1,2,3")
+    run = glidecal("export", named, "--format", "linuxcnc", *homing, "-o", tmp_path / "i")
     assert run.status == 0
     for path in (tmp_path / "i").iterdir():
         lines = path.read_text().splitlines()
@@ -380,8 +386,8 @@ def test_a_newline_in_a_caution_writes_no_row_and_no_formula(session: Path, tmp_
     cells = [cell.strip().strip("\"'") for cell in re.split("[,;]", notes[-1].replace("'", "!"))]
     assert not [cell for cell in cells if cell.startswith(("=", "@", "+", "-"))]
     out = tmp_path / "inc"
-    known = ("--home-offset", "1,2,3")
-    assert glidecal("export", model, "--format", "linuxcnc", *known, "-o", out).status == 0
+    homing = ("--home-offset", "1,2,3")
+    assert glidecal("export", model, "--format", "linuxcnc", *homing, "-o", out).status == 0
     for path in out.iterdir():
         assert {line[:1] for line in path.read_text().splitlines()} == {"#", "H"}
 
@@ -403,8 +409,8 @@ def test_cells_that_look_like_formulas_are_text() -> None:
 @pytest.mark.parametrize("kind", first_quick(["json", "csv", "model", "linuxcnc"]))
 def test_an_offset_that_nobody_stated_is_not_zero(session: Path, tmp_path: Path, kind: str) -> None:
     model = model_of(session, tmp_path, parameters_mm={"d_rho_y": 0.1, "d_rho_z": 0.2})
-    said = refused(3, "export", model, "--format", kind, "-o", tmp_path / "out")
-    assert "no d_rho_x" in said
+    message = refused(3, "export", model, "--format", kind, "-o", tmp_path / "out")
+    assert "no d_rho_x" in message
     assert not (tmp_path / "out").exists()
 
 
@@ -454,9 +460,9 @@ def test_what_cannot_be_put_back_is_named(tmp_path: Path, monkeypatch: pytest.Mo
     for name in names:
         (tmp_path / name).write_text("old")
     monkeypatch.setattr(Path, "replace", failing_replace(set(range(5, 99))))
-    with pytest.raises(RecordError) as found:
+    with pytest.raises(RecordError) as error:
         write_files(tmp_path, dict.fromkeys(names, "new"), replace=True)
-    assert "New: calib_joint0.inc. Old, under another name: calib_joint0.inc" in str(found.value)
+    assert "New: calib_joint0.inc. Old, under another name: calib_joint0.inc" in str(error.value)
     assert (tmp_path / names[0]).read_text() == "new"
     assert [path.read_text() for path in tmp_path.glob("*.old")] == ["old"] * 3
 

@@ -53,13 +53,13 @@ class Plain:
         joints = posture[:3] + Rotation.from_euler("YXZ", posture[3:], degrees=True).apply(
             self.joint
         )
-        found = []
+        positions = []
         for start, rail, joint, link in zip(self.start, self.rail, joints, self.link, strict=True):
             roots = np.roots(
                 [1.0, -2.0 * rail @ (joint - start), (joint - start) @ (joint - start) - link**2]
             )
-            found.append(float(roots.real.min()))
-        return np.array(found)
+            positions.append(float(roots.real.min()))
+        return np.array(positions)
 
     def stands(self, sliders: Array, near: Array) -> Array:
         """Where all links have their lengths."""
@@ -76,7 +76,7 @@ class Plain:
 def plain(chains: list[dict[str, list[float]]]) -> Plain:
     return Plain(
         *(
-            unit * np.array([one[key] for one in chains])
+            unit * np.array([chain[key] for chain in chains])
             for key, unit in (
                 ("start_mm", 1e-3),
                 ("rail", 1.0),
@@ -93,8 +93,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("calibrated")
     table = folder / "wanted.csv"
     np.savetxt(table, WANTED, fmt="%.17g", delimiter=",", header=HEADER, comments="")
-    asked = Request("pose-inverse", postures=16, seed=1)
-    write_simulated(asked, folder / "m.json", folder / "t.json", noise_mm=0.0)
+    request = Request("pose-inverse", postures=16, seed=1)
+    write_simulated(request, folder / "m.json", folder / "t.json", noise_mm=0.0)
     solved = calibrate_file(folder / "m.json", None, 0.0)
     write_files(folder / "out", calibrated_files(solved, table))
     return folder
@@ -115,24 +115,24 @@ def test_commands_bring_the_true_machine_where_it_is_wanted(files: Path) -> None
     """A controller keeps its nominal geometry; the sliders are those of the table beside."""
     true, nominal = true_and_nominal(files)
     commands, sliders = (rows(files / "out" / f"{name}.csv") for name in ("postures", "sliders"))
-    for wanted, command, told in zip(WANTED, commands, sliders, strict=True):
+    for posture, command, target in zip(WANTED, commands, sliders, strict=True):
         moved = nominal.sliders(command)
-        assert moved == pytest.approx(told, abs=1e-10)
-        assert np.abs(true.stands(moved, wanted) - wanted).max() < 1e-8
-        before = np.abs(true.stands(nominal.sliders(wanted), wanted) - wanted)[:3].max()
-        other_way = nominal.sliders(2.0 * wanted - command)
-        assert np.abs(true.stands(other_way, wanted) - wanted)[:3].max() > 1.5 * before > 2e-4
+        assert moved == pytest.approx(target, abs=1e-10)
+        assert np.abs(true.stands(moved, posture) - posture).max() < 1e-8
+        before = np.abs(true.stands(nominal.sliders(posture), posture) - posture)[:3].max()
+        other_way = nominal.sliders(2.0 * posture - command)
+        assert np.abs(true.stands(other_way, posture) - posture)[:3].max() > 1.5 * before > 2e-4
 
 
 def test_the_machine_file_is_read_again_as_the_true_machine(files: Path) -> None:
     true, _ = true_and_nominal(files)
-    found = load_hexaslide(files / "out" / "machine.toml")
-    assert found.name == "hexaslide-h60, calibrated"
-    assert found.box == load_hexaslide().box
-    assert [one.travel_mm for one in found.chain] == [(0.0, 1050.0)] * 6
-    own = plain([one.model_dump() for one in found.chain])
+    machine = load_hexaslide(files / "out" / "machine.toml")
+    assert machine.name == "hexaslide-h60, calibrated"
+    assert machine.box == load_hexaslide().box
+    assert [chain.travel_mm for chain in machine.chain] == [(0.0, 1050.0)] * 6
+    geometry = plain([chain.model_dump() for chain in machine.chain])
     for name in ("start", "rail", "joint", "link"):
-        assert np.abs(getattr(own, name) - getattr(true, name)).max() < 1e-10
+        assert np.abs(getattr(geometry, name) - getattr(true, name)).max() < 1e-10
 
 
 @pytest.mark.parametrize("machine", ["hexaslide-h60.toml", "gough-stewart.toml"])
@@ -142,16 +142,16 @@ def test_ros_2_gets_the_same_machine(machine: str, tmp_path: Path) -> None:
     request = Request("position", ROOT / "protocols" / "machines" / machine, postures=40, seed=4)
     write_simulated(request, tmp_path / "m.json", None)
     for name, path in (("ros2", "k.yaml"), ("model", "m.toml")):
-        made = glidecal("export", tmp_path / "m.json", "--format", name, "-o", tmp_path / path)
-        assert made.status == 0, made.err
+        run = glidecal("export", tmp_path / "m.json", "--format", name, "-o", tmp_path / path)
+        assert run.status == 0, run.err
     text = (tmp_path / "k.yaml").read_text("utf-8")
-    found = yaml.safe_load(text)["/**"]["ros__parameters"]["calibrated_kinematics"]
+    kinematics = yaml.safe_load(text)["/**"]["ros__parameters"]["calibrated_kinematics"]
     calibrated = load_hexaslide(tmp_path / "m.toml")
-    assert found["machine"] == calibrated.name
-    assert found["not_identifiable"] == [f"platform frame turned about its {a}" for a in "XYZ"]
-    assert 1e-6 < found["platform_error_bound"] < 1e-4
+    assert kinematics["machine"] == calibrated.name
+    assert kinematics["not_identifiable"] == [f"platform frame turned about its {a}" for a in "XYZ"]
+    assert 1e-6 < kinematics["platform_error_bound"] < 1e-4
     for number, chain in enumerate(calibrated.chain, start=1):
-        values = found[f"chain{number}"]
+        values = kinematics[f"chain{number}"]
         assert 1000.0 * np.array(values["start"]) == pytest.approx(chain.start_mm, abs=1e-8)
         assert 1000.0 * np.array(values["joint"]) == pytest.approx(chain.joint_mm, abs=1e-8)
         assert 1000.0 * values["link"] == pytest.approx(chain.link_mm, abs=1e-8)
@@ -178,11 +178,11 @@ class Module:
         )
         self.code = ctypes.CDLL(str(library))
         values = (ctypes.c_double * (6 * len(pins))).in_dll(self.code, "pins")
-        told = re.findall(
+        settings = re.findall(
             r"^setp hexaslidekins\.(\S+) (\S+)$", (files / "calib.hal").read_text(), re.M
         )
-        assert len(told) == 6 * len(pins)
-        for pin, value in told:
+        assert len(settings) == 6 * len(pins)
+        for pin, value in settings:
             number = re.search(r"\d", pin)
             assert number is not None
             values[6 * pins.index(pin.replace(number[0], "#")) + int(number[0])] = float(value)
@@ -208,12 +208,12 @@ def test_the_kinematics_module_is_the_true_machine(files: Path, tmp_path: Path) 
     for posture in box.random(40, generator):
         degrees = np.append(posture[:3], np.degrees(posture[3:]))
         theta, psi, phi = degrees[3:]
-        told = np.array([*(1000.0 * posture[:3]), psi, theta, phi])
-        joints = module.inverse(told)
+        pose = np.array([*(1000.0 * posture[:3]), psi, theta, phi])
+        joints = module.inverse(pose)
         assert joints == pytest.approx(1000.0 * true.sliders(degrees), abs=1e-7)
         answer, back = module.forward(joints)
         assert answer == 0
-        assert back == pytest.approx(told, abs=1e-8)
+        assert back == pytest.approx(pose, abs=1e-8)
     assert module.forward(np.full(6, 1e5))[0] == -1
     assert module.forward(joints)[0] == 0, "and finds back"
 
@@ -233,11 +233,11 @@ def test_solve_writes_them_and_says_why_not_for_genhexkins(files: Path, tmp_path
     assert "--posture-file: found no --corrected" in only
     far = tmp_path / "far.csv"
     far.write_text(f"{HEADER}\n0,-0.8,-1.4,0,0,0\n", encoding="utf-8")
-    told = refused(3, *verb, "--force", "--posture-file", far)
-    assert "posture 1, z_m: found -1.4. Allowed: -1.3 to -1" in told
-    other = ROOT / "sample_sessions" / "experiment_1_six.jsonl"
-    said = refused(2, "solve", other, "--corrected", tmp_path / "no")
-    assert "--corrected" in said
+    message = refused(3, *verb, "--force", "--posture-file", far)
+    assert "posture 1, z_m: found -1.4. Allowed: -1.3 to -1" in message
+    tripod_session = ROOT / "sample_sessions" / "experiment_1_six.jsonl"
+    refusal = refused(2, "solve", tripod_session, "--corrected", tmp_path / "no")
+    assert "--corrected" in refusal
 
 
 def test_what_is_not_identifiable_stands_above_the_machine(tmp_path: Path) -> None:

@@ -33,9 +33,9 @@ def session_of(folder: Path, text: str) -> Path:
     return session
 
 
-def file_of(session: Path, kind: str, folder: Path, *more: str) -> str:
+def file_of(session: Path, kind: str, folder: Path, *options: str) -> str:
     out = folder / kind
-    run = glidecal("export", session, "--format", kind, "-o", out, *more)
+    run = glidecal("export", session, "--format", kind, "-o", out, *options)
     assert run.status == 0, run.err
     text = out.read_text(encoding="utf-8")
     assert true.comments(text).startswith(
@@ -112,13 +112,15 @@ def real(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("kind", first_quick(REAL_READ))
-@pytest.mark.parametrize("more", [(), ("--subset", "leg-lengths")], ids=["correction", "lengths"])
+@pytest.mark.parametrize(
+    "options", [(), ("--subset", "leg-lengths")], ids=["correction", "lengths"]
+)
 def test_ten_contacts_of_a_real_printer_stay_at_their_height(
-    kind: str, more: Sequence[str], real: Path, tmp_path: Path
+    kind: str, options: Sequence[str], real: Path, tmp_path: Path
 ) -> None:
     """Bars shorter by 7 mm, as the set of lengths has them, would raise the tool by 8 mm."""
     before = heights(REAL_NOW)
     assert before == pytest.approx([-down for _, _, down in TEN], abs=1e-9)
-    after = heights(REAL_READ[kind](file_of(real, kind, tmp_path, *more)))
+    after = heights(REAL_READ[kind](file_of(real, kind, tmp_path, *options)))
     assert after[-1] - before[-1] == pytest.approx(0.0, abs=WITHIN_MM)
     assert after.std() < before.std()

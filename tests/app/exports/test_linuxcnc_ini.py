@@ -39,19 +39,19 @@ COMP_FILE = z.comp
 """
 
 
-def written(folder: Path, text: str, **more: str) -> Path:
-    for name, content in {"a": text, **more}.items():
+def written(folder: Path, text: str, **includes: str) -> Path:
+    for name, content in {"a": text, **includes}.items():
         (folder / f"{name}.ini").write_text(content)
     return folder / "a.ini"
 
 
 def test_joints_of_a_plain_file(tmp_path: Path) -> None:
-    found = read_controller(written(tmp_path, INI))
-    assert [joint.home_offset_mm for joint in found.joints] == [375.0, 0.0, 360.5]
-    assert [joint.latch_sign for joint in found.joints] == [-1, 0, 0]
-    assert [joint.absolute_encoder for joint in found.joints] == [False, False, True]
-    assert [joint.compensated for joint in found.joints] == [False, False, True]
-    assert found.axes is None
+    controller = read_controller(written(tmp_path, INI))
+    assert [joint.home_offset_mm for joint in controller.joints] == [375.0, 0.0, 360.5]
+    assert [joint.latch_sign for joint in controller.joints] == [-1, 0, 0]
+    assert [joint.absolute_encoder for joint in controller.joints] == [False, False, True]
+    assert [joint.compensated for joint in controller.joints] == [False, False, True]
+    assert controller.axes is None
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_quirks_that_change_a_number(
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ("LINEAR_UNITS = mm\n", "", "LINEAR_UNITS: found nothing"),
         ("LINEAR_UNITS = mm", "LINEAR_UNITS = cubit", "LINEAR_UNITS: found 'cubit'"),
@@ -92,9 +92,9 @@ def test_quirks_that_change_a_number(
     ],
 )
 def test_what_the_controller_would_not_start_with(
-    old: str, new: str, said: str, tmp_path: Path
+    old: str, new: str, message: str, tmp_path: Path
 ) -> None:
-    with pytest.raises(GlidecalError, match=said.replace("[", r"\[").replace("+", r"\+")):
+    with pytest.raises(GlidecalError, match=message.replace("[", r"\[").replace("+", r"\+")):
         read_controller(written(tmp_path, INI.replace(old, new)))
 
 
@@ -137,9 +137,9 @@ def test_every_sample_of_the_controller_reads_alike(tmp_path: Path, part: int) -
         except GlidecalError as problem:
             refused.append(f"{path.name}: {problem}")
             continue
-        told = expanded(path)
+        ini = expanded(path)
         for section, key in ASKED:
-            ours, theirs = entries.find(section, key) or None, inivar(told, section, key)
+            ours, theirs = entries.find(section, key) or None, inivar(ini, section, key)
             if ours != theirs:
                 different.append(f"{path}: [{section}] {key}: {ours!r}, {theirs!r}")
         try:
@@ -202,7 +202,7 @@ def test_joints_of_the_machine_file_come_before_those_of_the_kinematics(tmp_path
     )
     assert glidecal("simulate", "--machine", machine, "--seed", "2", "-o", session).status == 0
     correction = json.loads(glidecal("solve", session, "--json").out)["correction"]
-    d_rho = {name: one["value"] for name, one in correction["values"].items()}
+    d_rho = {name: entry["value"] for name, entry in correction["values"].items()}
     written = glidecal("export", session, "--format", "linuxcnc", "-o", out)
     assert written.status == 0, written.err
     new = [3.0 + d_rho["d_rho_z"], 1.0 - d_rho["d_rho_x"], 2.0 + d_rho["d_rho_y"]]
@@ -211,5 +211,7 @@ def test_joints_of_the_machine_file_come_before_those_of_the_kinematics(tmp_path
         assert f"HOME_OFFSET = {value:.6f}\n" in text
         assert ("runs against its drive" in " ".join(text.split())) == (n == 1)
     machine.write_text('schema = "glidecal.machine/1"\njoints = ["z", "-z", "y"]\n')
-    said = refused(3, "simulate", "--machine", machine, "--seed", "2", "-o", tmp_path / "t.jsonl")
-    assert "each drive once" in said
+    message = refused(
+        3, "simulate", "--machine", machine, "--seed", "2", "-o", tmp_path / "t.jsonl"
+    )
+    assert "each drive once" in message

@@ -66,11 +66,11 @@ def home_offset(text: str) -> float:
 def test_each_file_says_what_its_carriage_travels_now_and_after(tmp_path: Path) -> None:
     """A carriage is d_rho further than the controller believes, so that its limits are, too."""
     files, err = exported(tmp_path, ini_of(PLAIN, PLAIN, PLAIN))
-    for number, (now, left) in enumerate(
+    for number, (now, excess) in enumerate(
         (("200.500 to 400.500", 10.5), ("199.750 to 399.750", 9.75), ("200.100 to 400.100", 10.1))
     ):
         travel = f"{now} mm now, 200.000 to 400.000 mm after the change"
-        switch = f"above MAX_LIMIT by 10.000 mm now, by {left:.3f} mm after the change"
+        switch = f"above MAX_LIMIT by 10.000 mm now, by {excess:.3f} mm after the change"
         for text in (files[number], err):
             assert travel in text
             assert switch in text

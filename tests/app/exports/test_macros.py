@@ -42,9 +42,9 @@ def ran(*arguments: str | Path) -> str:
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_every_planned_place_is_probed_in_its_order(dialect: str) -> None:
-    met, wanted = probed(ran(*DRY, "--macro", dialect)), planned()
-    assert len(met) == len(wanted) == 58
-    for (x, y), (to_x, to_y) in zip(met, wanted, strict=True):
+    met, places = probed(ran(*DRY, "--macro", dialect)), planned()
+    assert len(met) == len(places) == 58
+    for (x, y), (to_x, to_y) in zip(met, places, strict=True):
         assert (x, y) == pytest.approx((to_x, to_y), abs=0.0051 if dialect == "marlin" else 1e-9)
 
 
@@ -98,8 +98,8 @@ def plate(folder: Path, lines: str) -> Path:
 
 def test_plan_writes_the_same_to_a_file_or_to_standard_output(tmp_path: Path) -> None:
     out = tmp_path / "probe.gcode"
-    told = ran("plan", "--machine", "linear-delta", "--macro", "marlin", "-o", out)
-    assert "import that log" in told
+    text = ran("plan", "--machine", "linear-delta", "--macro", "marlin", "-o", out)
+    assert "import that log" in text
     assert out.read_text(encoding="utf-8") == ran(*DRY, "--macro", "marlin")
     assert ran("plan", "--machine", "linear-delta", "--macro", "marlin") == out.read_text("utf-8")
     session = tmp_path / "s.jsonl"
@@ -108,14 +108,14 @@ def test_plan_writes_the_same_to_a_file_or_to_standard_output(tmp_path: Path) ->
 
 
 def test_places_outside_the_printable_circle_are_refused(tmp_path: Path) -> None:
-    asked = (*DRY, "--macro", "klipper")
-    said = refused(2, *asked, "--printable-radius", "75")
-    assert "(0, 80, 0) mm, 80.0 mm from the middle" in said
-    assert "printable circle, up to 75.0 mm" in said
-    ran(*asked, "--printable-radius", "80")
+    arguments = (*DRY, "--macro", "klipper")
+    message = refused(2, *arguments, "--printable-radius", "75")
+    assert "(0, 80, 0) mm, 80.0 mm from the middle" in message
+    assert "printable circle, up to 75.0 mm" in message
+    ran(*arguments, "--printable-radius", "80")
     far = plate(tmp_path, "positions_mm = [[0.0, 0.0, 0.0], [0.0, 124.5, 0.0]]")
-    assert "up to 124.0 mm" in refused(2, *asked, "--protocol", far)
-    ran(*asked, "--protocol", far, "--printable-radius", "130")
+    assert "up to 124.0 mm" in refused(2, *arguments, "--protocol", far)
+    ran(*arguments, "--protocol", far, "--printable-radius", "130")
 
 
 def test_what_no_probe_measures_is_refused(tmp_path: Path) -> None:

@@ -59,8 +59,8 @@ def solved(folder: Path) -> SessionSolution:
 def written(folder: Path, out: Path, kind: str, source: str = "s.jsonl") -> tuple[list[str], str]:
     """The words of every file that people read in, and standard error."""
     model = ("--model", folder / "m.json") if source == "s.jsonl" else ()
-    known = ("--home-offset", "0,0,0") if kind.startswith("linuxcnc") else ()
-    run = glidecal("export", folder / source, "--format", kind, *model, *known, "-o", out)
+    homing = ("--home-offset", "0,0,0") if kind.startswith("linuxcnc") else ()
+    run = glidecal("export", folder / source, "--format", kind, *model, *homing, "-o", out)
     assert run.status == 0, run.err
     files = sorted(out.glob("*.inc")) if out.is_dir() else [out]
     words = [" ".join(path.read_text().replace("\n# ", " ").split()) for path in files]
@@ -83,20 +83,22 @@ def test_every_file_states_the_bound_of_what_it_holds(
 ) -> None:
     """Nothing tells how the joints home, so files for joints have no tables."""
     absent = dict.fromkeys(("play", "table"), NOT_HOMED) if kind.startswith("linuxcnc") else None
-    made = solved.corrections.of(HOLDS[kind], absent)
-    true_mm = true_error_mm(folder, made.model)
+    correction = solved.corrections.of(HOLDS[kind], absent)
+    true_mm = true_error_mm(folder, correction.model)
     files, err = written(folder, tmp_path / "out", kind)
     for text in (*files, err):
-        assert BOUND.findall(text) == [uncertain(made.bound_mm)]
-    assert true_mm <= made.bound_mm
+        assert BOUND.findall(text) == [uncertain(correction.bound_mm)]
+    assert true_mm <= correction.bound_mm
     assert true_mm < 0.01 or HOLDS[kind] != "kinematics"
     assert true_mm > 0.02 or HOLDS[kind] == "kinematics", "else this test shows nothing"
 
 
 def test_a_model_file_says_nothing_of_files_that_hold_less(folder: Path, tmp_path: Path) -> None:
     """The bound that it carries is that of the whole model, and nothing can work out another."""
-    asked = ("--format", "model", "--model", folder / "m.json", "--subset", "joint-offsets")
-    assert glidecal("export", folder / "s.jsonl", *asked, "-o", folder / "whole.json").status == 0
+    arguments = ("--format", "model", "--model", folder / "m.json", "--subset", "joint-offsets")
+    assert (
+        glidecal("export", folder / "s.jsonl", *arguments, "-o", folder / "whole.json").status == 0
+    )
     files, err = written(folder, tmp_path / "out", "linuxcnc", "whole.json")
     for text in files:
         assert not BOUND.findall(text)

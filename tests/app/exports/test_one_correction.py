@@ -81,8 +81,8 @@ def solved_for(
 def answered(session: Path, holds: Holds = "offsets", frame: Frame | None = None) -> dict[str, Any]:
     """``correction`` as solve --json has it."""
     document = SolutionReport.of(SolutionResults(solved_for(session, holds, frame)))
-    found: dict[str, Any] = json.loads(to_json(document))["correction"]
-    return found
+    correction: dict[str, Any] = json.loads(to_json(document))["correction"]
+    return correction
 
 
 def exported(session: Path, out: Path, *options: str | Path) -> Path:
@@ -96,7 +96,7 @@ def test_every_number_that_is_shown_first_is_written(session: Path, tmp_path: Pa
     values = {name: entry["value"] for name, entry in correction["values"].items()}
     assert list(values) == ["d_rho_x", "d_rho_y", "d_rho_z"]
     written = json.loads(exported(session, tmp_path / "j", "--format", "json").read_text())
-    assert {name: one["value"] for name, one in written["parameters"].items()} == values
+    assert {name: entry["value"] for name, entry in written["parameters"].items()} == values
     lines = exported(session, tmp_path / "c", "--format", "csv").read_text().splitlines()
     rows = csv.DictReader(line for line in lines if not line.startswith("#"))
     rounded = {name: round(value, 6) for name, value in values.items()}
@@ -116,13 +116,13 @@ def test_one_bound_is_shown_judged_and_written(session: Path, tmp_path: Path) ->
     correction = answered(session)
     bound, now = correction["bound"]["touched_off_mm"], correction["bound_now"]["touched_off_mm"]
     text = " ".join(solution_text(solved_for(session)).split())
-    found = re.search(r"touched off: a shift is free ([\d.]+) ([\d.]+) ", text)
-    assert found is not None
-    assert (float(found[1]), float(found[2])) == pytest.approx((now, bound), abs=5e-4)
+    match = re.search(r"touched off: a shift is free ([\d.]+) ([\d.]+) ", text)
+    assert match is not None
+    assert (float(match[1]), float(match[2])) == pytest.approx((now, bound), abs=5e-4)
     (line, *_) = json.loads(exported(session, tmp_path / "o", "--format", "json").read_text())[
         "cautions"
     ]
-    assert f"at most {found[1]} mm now, at most {found[2]} mm with these values" in line
+    assert f"at most {match[1]} mm now, at most {match[2]} mm with these values" in line
     for tolerance, decision in ((1.001 * bound, "pass"), (0.999 * bound, "undecided")):
         assert judge(solved_for(session), tolerance).after == decision
 
@@ -133,14 +133,16 @@ def test_what_more_a_controller_holds_is_written_too(session: Path, tmp_path: Pa
     path = exported(session, tmp_path / "m.json", "--format", "model")
     model, values = read_model_file(path), correction["values"]
     sizes = {
-        f"{one.id} {one.where}: {entry.of or name}": entry.value
-        for one in model.effects
-        for name, entry in one.parameters.items()
+        f"{effect.id} {effect.where}: {entry.of or name}": entry.value
+        for effect in model.effects
+        for name, entry in effect.parameters.items()
     }
     parameters = {name: mm for name, mm in model.parameters_mm.items() if mm}
-    assert parameters | sizes == {name: one["value"] for name, one in values.items()}
-    others = {one["holds"]: one["bound_mm"] for one in answered(session)["others"]}
-    assert others["kinematics"] == correction["bound"]["touched_off_mm"]
+    assert parameters | sizes == {name: entry["value"] for name, entry in values.items()}
+    bounds = {
+        alternative["holds"]: alternative["bound_mm"] for alternative in answered(session)["others"]
+    }
+    assert bounds["kinematics"] == correction["bound"]["touched_off_mm"]
     assert glidecal("simulate", "--model", path, "-o", tmp_path / "again.jsonl").status == 0
     (tmp_path / "m.ini").write_text(INI)
     out = exported(session, tmp_path / "l", "--format", "linuxcnc", "--ini", tmp_path / "m.ini")
@@ -174,21 +176,25 @@ def test_what_a_format_cannot_hold_is_in_its_bound_and_named(play: Path, tmp_pat
     assert tables["values"]["backlash y: play"]["value"] == pytest.approx(0.06, abs=0.005)
     cautions = json.loads(exported(play, tmp_path / "o", "--format", "json").read_text())
     gain = next(line for line in cautions["cautions"] if line.startswith("Other exports"))
-    by_tables = next(one["bound_mm"] for one in offsets["others"] if one["holds"] == "tables")
+    by_tables = next(
+        alternative["bound_mm"]
+        for alternative in offsets["others"]
+        if alternative["holds"] == "tables"
+    )
     assert f"with tables of the joints (linuxcnc) at most {by_tables:.4f} mm" in gain
     run = glidecal("export", play, "--format", "linuxcnc", "-o", tmp_path / "l")
     assert run.status == 0
-    said = " ".join(run.err.split())
-    assert "Left out: " in said
-    assert "play of y" in said
-    assert "states how the joints home" in said
+    message = " ".join(run.err.split())
+    assert "Left out: " in message
+    assert "play of y" in message
+    assert "states how the joints home" in message
 
 
 def test_the_frame_changes_the_values_and_stands_beside_them(tilt: Path, tmp_path: Path) -> None:
     """Two axes out of square: offsets that serve a workpiece that is aligned are others."""
     machine, aligned = (answered(tilt, frame=frame) for frame in FRAMES[:0:-1])
     assert (machine["frame"], aligned["frame"]) == ("machine", "aligned")
-    entered = [one["values"]["d_rho_x"]["value"] for one in (machine, aligned)]
+    entered = [answer["values"]["d_rho_x"]["value"] for answer in (machine, aligned)]
     assert abs(entered[0] - entered[1]) > 0.05
     key = "aligned_mm"
     assert aligned["bound"][key] < machine["bound"][key]
@@ -215,14 +221,18 @@ def test_an_adopted_effect_is_in_the_correction_once(play: Path, tmp_path: Path)
     model = tmp_path / "m.json"
     assert glidecal("diagnose", play, "--adopt", model).status == 0
     run = glidecal("solve", play, "--model", model, "--holds", "tables", "--json")
-    known = json.loads(run.out)["correction"]
+    correction = json.loads(run.out)["correction"]
     plain = answered(play, "tables")
     for name in ("backlash y: play", "d_rho_x", "d_rho_y"):
-        pair = known["values"][name]["value"], plain["values"][name]["value"]
+        pair = correction["values"][name]["value"], plain["values"][name]["value"]
         assert pair[0] == pytest.approx(pair[1], abs=0.003)
-    by_offsets = next(one["bound_mm"] for one in known["others"] if one["holds"] == "offsets")
+    by_offsets = next(
+        alternative["bound_mm"]
+        for alternative in correction["others"]
+        if alternative["holds"] == "offsets"
+    )
     assert by_offsets == pytest.approx(answered(play)["bound"]["touched_off_mm"], rel=0.1)
-    assert by_offsets > 3.0 * known["bound"]["touched_off_mm"]
+    assert by_offsets > 3.0 * correction["bound"]["touched_off_mm"]
 
 
 def test_a_set_that_is_asked_for_is_written_as_it_is_identified(tilt: Path, tmp_path: Path) -> None:
@@ -231,8 +241,8 @@ def test_a_set_that_is_asked_for_is_written_as_it_is_identified(tilt: Path, tmp_
     solved = json.loads(glidecal("solve", tilt, *options, "--json").out)
     out = exported(tilt, tmp_path / "o", *options, "--format", "json")
     written = json.loads(out.read_text())
-    for name, one in solved["parameters"].items():
-        assert written["parameters"][name]["value"] == one["value"]
+    for name, parameter in solved["parameters"].items():
+        assert written["parameters"][name]["value"] == parameter["value"]
     assert written["cautions"][1].startswith("NOTE: the set joint-offsets is written as")
     bound = re.search(r"at most ([\d.]+) mm with these values", written["cautions"][0])
     assert bound is not None

@@ -80,8 +80,8 @@ class Hidden:
         place[..., 2] = height.mean(axis=-1) - 217.0
         for _ in range(30):
             bars = place[..., None, :] - foot
-            left = (bars**2).sum(axis=-1) - (BAR + np.array(self.bar_mm)) ** 2
-            step = np.linalg.solve(2.0 * bars, left[..., None])[..., 0]
+            residual = (bars**2).sum(axis=-1) - (BAR + np.array(self.bar_mm)) ** 2
+            step = np.linalg.solve(2.0 * bars, residual[..., None])[..., 0]
             place = place - step
             if np.abs(step).max() < 1e-11:
                 break
@@ -109,7 +109,7 @@ class Hidden:
         return Model(machine().geometry(), values, tuple(effects))
 
 
-def machine(**more: object) -> Machine:
+def machine(**changes: object) -> Machine:
     """The linear delta that comes with the program, its rounded places written out in full."""
     shipped = load_machine("linear-delta")
     assert shipped.drive is not None
@@ -120,13 +120,13 @@ def machine(**more: object) -> Machine:
         for drive, o in zip(shipped.drive, outward(ANGLES).tolist(), strict=True)
         for o in [np.array(o)]
     ]
-    held = {
+    fields = {
         "drive": tuple(drives),
         "position_endstop_mm": ENDSTOPS,
         "rotation_distance_mm": (TURN_MM,) * 3,
         "steps_per_mm": (STEPS,) * 3,
     }
-    return shipped.model_copy(update=held | more)
+    return shipped.model_copy(update=fields | changes)
 
 
 def errors(hidden: Hidden, firmware: Firmware) -> FloatArray:
@@ -169,8 +169,8 @@ def step(text: str) -> FloatArray:
 
     In all of these firmwares M92 X Y Z are those of the motors of the towers.
     """
-    held = [words(line) for line in text.splitlines() if line.startswith("M92")]
-    return np.array([float(held[-1][name]) / STEPS if held else 1.0 for name in "XYZ"])
+    commands = [words(line) for line in text.splitlines() if line.startswith("M92")]
+    return np.array([float(commands[-1][name]) / STEPS if commands else 1.0 for name in "XYZ"])
 
 
 def reprapfirmware(text: str) -> Firmware:
@@ -202,36 +202,36 @@ def all_words(text: str, command: str) -> dict[str, float]:
 
 def marlin(text: str) -> Firmware:
     """recalc_delta_settings(), DELTA_IK, and homing that retraces by M666 and is then at H."""
-    told, trims = all_words(text, "M665"), all_words(text, "M666")
-    arms = told["L"] + np.array([told[name] for name in "ABC"])
-    angles = np.array([210.0, 330.0, 90.0]) + [told[name] for name in "XYZ"]
-    towers = told["R"] * outward(angles)
+    settings, trims = all_words(text, "M665"), all_words(text, "M666")
+    arms = settings["L"] + np.array([settings[name] for name in "ABC"])
+    angles = np.array([210.0, 330.0, 90.0]) + [settings[name] for name in "XYZ"]
+    towers = settings["R"] * outward(angles)
     retraced = np.array([trims[name] for name in "XYZ"])
     assert (retraced <= -0.2).all(), "above 0 is refused, near 0 no step is made"
-    at_home = carriages(np.array([0.0, 0.0, told["H"]]), arms, towers)
+    at_home = carriages(np.array([0.0, 0.0, settings["H"]]), arms, towers)
     return lambda place: step(text) * (at_home - carriages(place, arms, towers) - retraced)
 
 
 def smoothieware(text: str) -> Firmware:
     """init(), cartesian_to_actuator(), and homing that believes to be M666 below Z."""
-    told, trims = all_words(text, "M665"), all_words(text, "M666")
-    angles = np.array([210.0, 330.0, 90.0]) + [told[name] for name in "DEH"]
-    radii = told["R"] + np.array([told[name] for name in "ABC"])
-    towers, arms = radii[:, None] * outward(angles), np.full(3, told["L"])
+    settings, trims = all_words(text, "M665"), all_words(text, "M666")
+    angles = np.array([210.0, 330.0, 90.0]) + [settings[name] for name in "DEH"]
+    radii = settings["R"] + np.array([settings[name] for name in "ABC"])
+    towers, arms = radii[:, None] * outward(angles), np.full(3, settings["L"])
     trim = np.array([trims[name] for name in "XYZ"])
-    at_switch = carriages(np.array([0.0, 0.0, told["Z"]]), arms, towers) - trim
+    at_switch = carriages(np.array([0.0, 0.0, settings["Z"]]), arms, towers) - trim
     return lambda place: step(text) * (at_switch - carriages(place, arms, towers))
 
 
 def p_3z(text: str) -> Firmware:
     """A carriage at z + sqrt(L^2 - (x - rail x)^2 - (y - rail y)^2), each axis from its switch."""
     lines = [line for line in text.splitlines() if not line.startswith("#")]
-    told = {row["parameter"]: float(row["value"]) for row in csv.DictReader(lines)}
-    assert told["TCP displacement"] == 0.0
-    towers = np.array([[told[f"Rail {n} {way}-position"] for way in "XY"] for n in (1, 2, 3)])
-    change = [told[f"axis {n} position at homing, change"] for n in (1, 2, 3)]
+    values = {row["parameter"]: float(row["value"]) for row in csv.DictReader(lines)}
+    assert values["TCP displacement"] == 0.0
+    towers = np.array([[values[f"Rail {n} {way}-position"] for way in "XY"] for n in (1, 2, 3)])
+    change = [values[f"axis {n} position at homing, change"] for n in (1, 2, 3)]
     homes = np.array(ENDSTOPS) + math.sqrt(BAR**2 - RADIUS**2) + change
-    return lambda place: homes - carriages(place, np.full(3, told["Arm length"]), towers)
+    return lambda place: homes - carriages(place, np.full(3, values["Arm length"]), towers)
 
 
 def lineardeltakins(folder: Path) -> Firmware:
@@ -264,11 +264,11 @@ BELIEVED = klipper(
 )
 
 
-def exported(hidden: Hidden, kind: str, folder: Path, *more: str, **told: object) -> Path:
+def exported(hidden: Hidden, kind: str, folder: Path, *options: str, **changes: object) -> Path:
     folder.mkdir(exist_ok=True)
     model, out = folder / "model.json", folder / kind
-    model.write_text(model_file(hidden.model(), machine(**told)).text(), encoding="utf-8")
-    run = glidecal("export", model, "--format", kind, "-o", out, *more)
+    model.write_text(model_file(hidden.model(), machine(**changes)).text(), encoding="utf-8")
+    run = glidecal("export", model, "--format", kind, "-o", out, *options)
     assert run.status == 0, run.err
     return out
 
@@ -298,15 +298,15 @@ def test_bars_towers_and_switches_go_into_the_firmware_of_printers(
     after = errors(ANYTHING, READ[kind](text))
     assert before > 0.3
     assert np.abs(after).max() < 1e-5, "rounding of the numbers in the file"
-    said = comments(text)
-    assert f"{before:.4f} mm r.m.s. now, 0.0000 mm with these values" in said
-    assert "wholly in these values: d_rho, d_L, axis_offset" in said
-    assert "not wholly" not in said
+    remarks = comments(text)
+    assert f"{before:.4f} mm r.m.s. now, 0.0000 mm with these values" in remarks
+    assert "wholly in these values: d_rho, d_L, axis_offset" in remarks
+    assert "not wholly" not in remarks
     zero = np.zeros(3)
     moved = ANYTHING.tool(READ[kind](text)(zero)) - ANYTHING.tool(BELIEVED(zero))
     assert abs(moved[2]) < 1e-5, "the height at the plate stays"
     x, y = (f"{part:+.4f}" for part in moved[:2])
-    assert f"is then ({x}, {y}, " in said
+    assert f"is then ({x}, {y}, " in remarks
 
 
 STRETCHED = Hidden(
@@ -328,8 +328,8 @@ def test_travels_of_towers_go_into_the_firmware_with_the_height_kept(
     zero = np.zeros(3)
     raised = (hidden.tool(then(zero)) - hidden.tool(BELIEVED(zero)))[2]
     assert raised == pytest.approx(0.0, abs=2e-5)
-    other = replace(hidden, wrong_sign=True)
-    worse = READ_ANY[kind](exported(other, kind, tmp_path / "other").read_text())
+    opposite = replace(hidden, wrong_sign=True)
+    worse = READ_ANY[kind](exported(opposite, kind, tmp_path / "other").read_text())
     assert rms(errors(hidden, worse)) > 1.5 * rms(errors(hidden, BELIEVED))
 
 
@@ -341,10 +341,10 @@ def test_travels_that_nobody_stated_stay_and_the_file_says_so(kind: str, tmp_pat
     assert "M92" not in text
     assert "the travel of each tower is not changed" in comments(text)
     assert "no value for all of actuator_scale" in comments(text)
-    held = str(TURN_MM if kind == "klipper" else STEPS)
-    asked = ("--steps", ",".join([held] * 3))
-    told = exported(STRETCHED, kind, tmp_path / "told", *asked, **silent).read_text()
-    assert told == exported(STRETCHED, kind, tmp_path / "known").read_text()
+    current = str(TURN_MM if kind == "klipper" else STEPS)
+    arguments = ("--steps", ",".join([current] * 3))
+    content = exported(STRETCHED, kind, tmp_path / "told", *arguments, **silent).read_text()
+    assert content == exported(STRETCHED, kind, tmp_path / "known").read_text()
 
 
 def test_machines_whose_belts_are_sound_get_no_values_for_them(tmp_path: Path) -> None:
@@ -357,9 +357,9 @@ def test_machines_whose_belts_are_sound_get_no_values_for_them(tmp_path: Path) -
 def test_steps_that_are_no_steps_are_refused(tmp_path: Path) -> None:
     model = tmp_path / "model.json"
     model.write_text(model_file(STRETCHED.model(), machine()).text(), encoding="utf-8")
-    asked = ("export", model, "--format", "klipper", "-o", tmp_path / "out", "--steps")
-    assert "0, 40, 40" in refused(2, *asked, "0,40,40")
-    assert "'40'" in refused(2, *asked, "40")
+    arguments = ("export", model, "--format", "klipper", "-o", tmp_path / "out", "--steps")
+    assert "0, 40, 40" in refused(2, *arguments, "0,40,40")
+    assert "'40'" in refused(2, *arguments, "40")
 
 
 BARS_ALIKE = Hidden(
@@ -393,20 +393,20 @@ def test_towers_that_are_held_at_unequal_distances_stay_so(kind: str, tmp_path: 
         )
         for drive, (x, y) in zip(drives, feet.tolist(), strict=True)
     )
-    known = machine(drive=moved)
+    printer = machine(drive=moved)
     model, out = tmp_path / "model.json", tmp_path / "out"
-    model.write_text(model_file(Model(known.geometry()), known).text(), encoding="utf-8")
-    asked = ("export", model, "-o", out, "--format")
-    assert "at one distance from it" in refused(2, *asked, "klipper")
-    run = glidecal(*asked, kind)
+    model.write_text(model_file(Model(printer.geometry()), printer).text(), encoding="utf-8")
+    arguments = ("export", model, "-o", out, "--format")
+    assert "at one distance from it" in refused(2, *arguments, "klipper")
+    run = glidecal(*arguments, kind)
     assert run.status == 0, run.err
-    told = READ_ALIKE[kind](out.read_text())
-    travel = [told(place) - told(np.zeros(3)) for place in GRID]
-    wanted = [
+    firmware = READ_ALIKE[kind](out.read_text())
+    travel = [firmware(place) - firmware(np.zeros(3)) for place in GRID]
+    expected_travel = [
         carriages(np.zeros(3), np.full(3, BAR), feet) - carriages(place, np.full(3, BAR), feet)
         for place in GRID
     ]
-    assert np.abs(np.array(travel) - wanted).max() < 1e-5
+    assert np.abs(np.array(travel) - expected_travel).max() < 1e-5
 
 
 @pytest.mark.parametrize("kind", READ_ALIKE)
@@ -428,8 +428,8 @@ def test_bars_that_are_held_unequal_now_are_refused_where_there_is_one_length(
     unequal = machine(drive=(longer, *drives[1:]))
     model = tmp_path / "model.json"
     model.write_text(model_file(Model(unequal.geometry()), unequal).text(), encoding="utf-8")
-    asked = ("export", model, "--format", kind, "-o", tmp_path / "out")
-    assert "unequal ones" in refused(2, *asked)
+    arguments = ("export", model, "--format", kind, "-o", tmp_path / "out")
+    assert "unequal ones" in refused(2, *arguments)
 
 
 OFF_IN_ALL = Hidden(
@@ -447,12 +447,14 @@ def read_over_the_plate(hidden: Hidden, folder: Path, seed: int = 1) -> Path:
     middle = hidden.tool(BELIEVED(np.zeros(3)))[2]
     rows = ["x_mm,y_mm,z_mm,value_mm,cycle"]
     for cycle, place in [*places(), (3, np.zeros(3))]:
-        shown = hidden.tool(BELIEVED(place))[2] - middle + generator.normal(scale=0.002)
-        rows.append(f"{place[0]:.3f},{place[1]:.3f},0,{shown:.3f},{cycle}")
-    known, source, session = folder / "m.toml", folder / "plate.csv", folder / "plate.jsonl"
-    known.write_text(machine_toml(), encoding="utf-8")
+        reading = hidden.tool(BELIEVED(place))[2] - middle + generator.normal(scale=0.002)
+        rows.append(f"{place[0]:.3f},{place[1]:.3f},0,{reading:.3f},{cycle}")
+    machine_path, source, session = folder / "m.toml", folder / "plate.csv", folder / "plate.jsonl"
+    machine_path.write_text(machine_toml(), encoding="utf-8")
     source.write_text("\n".join(rows) + "\n", encoding="utf-8")
-    run = glidecal("import", source, "-o", session, "--machine", known, "--resolution", "0.001")
+    run = glidecal(
+        "import", source, "-o", session, "--machine", machine_path, "--resolution", "0.001"
+    )
     assert run.status == 0, run.err
     return session
 
@@ -461,9 +463,9 @@ def machine_toml() -> str:
     """The machine file that comes with the program, with the switches' present heights."""
     text = (MACHINES / "linear-delta.toml").read_text(encoding="utf-8")
     stated = f"position_endstop_mm = {list(ENDSTOPS)}"
-    told, count = re.subn(r"(?m)^# position_endstop_mm = .*$", stated, text)
+    toml, count = re.subn(r"(?m)^# position_endstop_mm = .*$", stated, text)
     assert count == 1
-    return told
+    return toml
 
 
 @pytest.fixture(scope="module")
@@ -477,10 +479,10 @@ def test_the_height_at_the_plate_is_kept(kind: str, plate_session: Path, tmp_pat
     out = tmp_path / kind
     run = glidecal("export", plate_session, "--format", kind, "-o", out)
     assert run.status == 0, run.err
-    middle, told = np.zeros(3), READ_ANY[kind](out.read_text())
+    middle, firmware = np.zeros(3), READ_ANY[kind](out.read_text())
     now = OFF_IN_ALL.tool(BELIEVED(middle))[2]
-    assert OFF_IN_ALL.tool(told(middle))[2] - now == pytest.approx(0.0, abs=0.05)
-    assert rms(errors(OFF_IN_ALL, told)) < rms(errors(OFF_IN_ALL, BELIEVED))
+    assert OFF_IN_ALL.tool(firmware(middle))[2] - now == pytest.approx(0.0, abs=0.05)
+    assert rms(errors(OFF_IN_ALL, firmware)) < rms(errors(OFF_IN_ALL, BELIEVED))
 
 
 def test_the_height_at_the_plate_is_kept_by_lineardeltakins(
@@ -525,13 +527,13 @@ def test_the_bound_counts_what_the_firmware_has_no_value_for(tmp_path: Path) -> 
     true = Hidden((0.2, -0.1, 0.3), lean_xy=0.002).model()
     leaning.write_text(model_file(true, machine()).text(), encoding="utf-8")
     assert glidecal("simulate", "--model", leaning, "-o", session).status == 0
-    asked = ("export", session, "--model", leaning, "--format")
+    arguments = ("export", session, "--model", leaning, "--format")
     bounds: dict[str, float] = {}
     for kind in ("model", "klipper"):
-        run = glidecal(*asked, kind, "-o", tmp_path / kind)
+        run = glidecal(*arguments, kind, "-o", tmp_path / kind)
         assert run.status == 0, run.err
-        said = comments((tmp_path / kind).read_text()) if kind == "klipper" else run.err
-        (bound,) = re.findall(r"at most ([\d.]+) mm with these values", said)
+        text = comments((tmp_path / kind).read_text()) if kind == "klipper" else run.err
+        (bound,) = re.findall(r"at most ([\d.]+) mm with these values", text)
         bounds[kind] = float(bound)
     hidden = Hidden((0.2, -0.1, 0.3), lean_xy=0.002)
     off = errors(hidden, klipper((tmp_path / "klipper").read_text()))
@@ -572,14 +574,14 @@ def test_what_klipper_has_no_value_for_is_named_with_what_it_leaves(tmp_path: Pa
     text = exported(hidden, "klipper", tmp_path).read_text()
     after = rms(errors(hidden, klipper(text)))
     assert 0.01 < after < rms(errors(hidden, BELIEVED))
-    said = comments(text)
-    assert f"{after:.4f} mm with these values" in said
+    remarks = comments(text)
+    assert f"{after:.4f} mm with these values" in remarks
     zero = np.zeros(3)
     raised = hidden.tool(klipper(text)(zero))[2] - hidden.tool(BELIEVED(zero))[2]
     assert raised == pytest.approx(0.0, abs=0.001), "the height is no part of the bargain"
-    assert "wholly in these values: d_rho" in said
+    assert "wholly in these values: d_rho" in remarks
     assert re.search(
-        r"no value for all of axis_squareness\. Alone axis_squareness leaves 0\.", said
+        r"no value for all of axis_squareness\. Alone axis_squareness leaves 0\.", remarks
     )
 
 
@@ -603,11 +605,11 @@ def test_lineardeltakins_says_what_unequal_bars_leave(tmp_path: Path) -> None:
     after = rms(errors(hidden, lineardeltakins(out)))
     alone = Hidden(bar_mm=hidden.bar_mm)
     assert 0.02 < after < 0.2 * rms(errors(hidden, BELIEVED))
-    said = comments((out / "calib.hal").read_text())
-    assert f"{after:.4f} mm with these values" in said
+    text = comments((out / "calib.hal").read_text())
+    assert f"{after:.4f} mm with these values" in text
     only = exported(alone, "lineardeltakins", tmp_path / "alone")
-    left = rms(errors(alone, lineardeltakins(only)))
-    assert f"Alone d_L leaves {left:.4f} mm" in said
+    residual = rms(errors(alone, lineardeltakins(only)))
+    assert f"Alone d_L leaves {residual:.4f} mm" in text
 
 
 @pytest.mark.parametrize("kind", [*READ, "lineardeltakins"])
@@ -618,22 +620,22 @@ def test_what_the_firmware_holds_now_is_never_assumed(kind: str, tmp_path: Path)
     assert "none stated" in refused(2, "export", model, "--format", kind, "-o", out)
     assert not out.exists()
     stated = ",".join(map(str, ENDSTOPS))
-    told = exported(ANYTHING, kind, tmp_path, "--endstops", stated, position_endstop_mm=None)
-    known = exported(ANYTHING, kind, tmp_path / "known")
-    for one, other in zip(files(told), files(known), strict=True):
-        assert one == other
+    by_option = exported(ANYTHING, kind, tmp_path, "--endstops", stated, position_endstop_mm=None)
+    by_machine = exported(ANYTHING, kind, tmp_path / "known")
+    for first, second in zip(files(by_option), files(by_machine), strict=True):
+        assert first == second
 
 
 def files(path: Path) -> list[str]:
-    found = sorted(path.iterdir()) if path.is_dir() else [path]
-    return [one.read_text() for one in found]
+    paths = sorted(path.iterdir()) if path.is_dir() else [path]
+    return [file.read_text() for file in paths]
 
 
 def test_what_is_not_upright_or_stands_elsewhere_is_refused(tmp_path: Path) -> None:
-    def said(status: int, known: Machine, kind: str = "klipper", *more: str) -> str:
+    def said(status: int, printer: Machine, kind: str = "klipper", *options: str) -> str:
         model = tmp_path / "model.json"
-        model.write_text(model_file(Model(known.geometry()), known).text(), encoding="utf-8")
-        return refused(status, "export", model, "--format", kind, "-o", tmp_path / "out", *more)
+        model.write_text(model_file(Model(printer.geometry()), printer).text(), encoding="utf-8")
+        return refused(status, "export", model, "--format", kind, "-o", tmp_path / "out", *options)
 
     orthoglide = load_machine(None)
     assert "drives along other lines" in said(2, orthoglide, "klipper", "--endstops", "1,1,1")
@@ -655,8 +657,8 @@ def test_towers_are_known_by_where_they_stand(tmp_path: Path) -> None:
     path.write_text(model_file(model, turned).text(), encoding="utf-8")
     assert glidecal("export", path, "--format", "klipper", "-o", out).status == 0
     plain = Hidden((0.8, -0.5, 0.3))
-    same = klipper(exported(plain, "klipper", tmp_path).read_text())
-    assert np.abs(errors(plain, klipper(out.read_text())) - errors(plain, same)).max() < 1e-5
+    reference = klipper(exported(plain, "klipper", tmp_path).read_text())
+    assert np.abs(errors(plain, klipper(out.read_text())) - errors(plain, reference)).max() < 1e-5
 
 
 def test_a_machine_file_states_its_switches_once() -> None:

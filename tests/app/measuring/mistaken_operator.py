@@ -62,8 +62,8 @@ class MistakenBench(Bench):
         """At another posture of this leg, or as far along another leg's axis."""
         wrong = step
         if kind == "posture":
-            others = [at for at in LEVELS if at != step.displacement_mm]
-            wrong = replace(step, displacement_mm=float(self.chance.choice(others)))
+            levels = [at for at in LEVELS if at != step.displacement_mm]
+            wrong = replace(step, displacement_mm=float(self.chance.choice(levels)))
         self.move(wrong)
         if kind == "leg":
             zero = replace(step, displacement_mm=0.0)
@@ -114,17 +114,17 @@ class TruthfulOperator:
                 gauge.listen()
 
     def measure(self) -> None:
-        asked = 0
-        while (step := self.guided.step()) is not None and asked < MOST_QUESTIONS:
+        question_count = 0
+        while (step := self.guided.step()) is not None and question_count < MOST_QUESTIONS:
             self.guided.go()
             self.approach(step)
-            taken = self.take(step)
-            while taken.doubt and asked < MOST_QUESTIONS:
-                asked += 1
-                following = self.answer(taken)
+            taken_step = self.take(step)
+            while taken_step.doubt and question_count < MOST_QUESTIONS:
+                question_count += 1
+                following = self.answer(taken_step)
                 if following is None:
                     break
-                taken = following
+                taken_step = following
         self.judge()
 
     def approach(self, step: Step) -> None:
@@ -160,11 +160,11 @@ class TruthfulOperator:
             self.mixed |= set(self.guided.session.mountings[-1].mounts.values())
 
     def take(self, step: Step) -> TakenStep:
-        taken = self.guided.take()
-        assert taken is not None
-        assert not taken.faults
+        taken_step = self.guided.take()
+        assert taken_step is not None
+        assert not taken_step.faults
         good = True
-        for number, reading in enumerate(taken.readings):
+        for number, reading in enumerate(taken_step.readings):
             right_mm = self.bench.truth[step.leg, reading.axis, step.displacement_mm]
             rate_mm_s = self.bench.rate_mm_s[number]
             zero_mm = self.zeros_mm.setdefault(
@@ -176,30 +176,30 @@ class TruthfulOperator:
         self.outcome.good += good
         if "stays" not in self.outcome.kind:  # seen and set back by himself
             self.bench.turned = self.bench.inch = None
-        return taken
+        return taken_step
 
-    def count(self, taken: TakenStep) -> None:
+    def count(self, taken_step: TakenStep) -> None:
         """Whom the question names, and whether rightly."""
-        assert taken.doubt
-        self.outcome.questions[taken.doubt.name] += 1
-        if any(r.mount in self.mixed for r in taken.readings):
+        assert taken_step.doubt
+        self.outcome.questions[taken_step.doubt.name] += 1
+        if any(r.mount in self.mixed for r in taken_step.readings):
             return  # with two zeros in one mounting some are always apart
-        both = taken.earlier and taken.doubt is not Doubt.ODD
-        named = [taken.questioned, *([taken.earlier] if both else [])]
+        is_pair = taken_step.earlier and taken_step.doubt is not Doubt.ODD
+        named = [taken_step.questioned, *([taken_step.earlier] if is_pair else [])]
         good = [all(abs(self.errors_mm[r.reading]) <= GOOD_MM for r in step) for step in named]
         self.outcome.accused += len(named) == 1 and good[0]
         self.outcome.needless += all(good)
 
-    def answer(self, taken: TakenStep) -> TakenStep | None:
+    def answer(self, taken_step: TakenStep) -> TakenStep | None:
         """What he does; the readings that came of it where he takes the same step again."""
-        self.count(taken)
-        bench, guided, step = self.bench, self.guided, taken.step
+        self.count(taken_step)
+        bench, guided, step = self.bench, self.guided, taken_step.step
         wrong = self.wrong_now or bench.turned is not None or bench.inch is not None
-        shown = [r.value_mm for r in taken.readings]
-        before, self.tried[step.number] = self.tried.get(step.number), shown
-        again = before is not None and np.allclose(before, shown, atol=0.03)
-        if taken.doubt is Doubt.ODD:
-            guided.measure_earlier(taken, "measured again")
+        values_mm = [r.value_mm for r in taken_step.readings]
+        before, self.tried[step.number] = self.tried.get(step.number), values_mm
+        again = before is not None and np.allclose(before, values_mm, atol=0.03)
+        if taken_step.doubt is Doubt.ODD:
+            guided.measure_earlier(taken_step, "measured again")
             return None
         if wrong:
             bench.turned = bench.inch = None
@@ -210,28 +210,36 @@ class TruthfulOperator:
             self.to_tell = False
             guided.remount_since("the stand moved")
             return self.once_more(step) if guided.step() == step else None
-        return self.answer_about_earlier(taken, again=again)
+        return self.answer_about_earlier(taken_step, again=again)
 
-    def answer_about_earlier(self, taken: TakenStep, *, again: bool) -> TakenStep | None:
+    def answer_about_earlier(self, taken_step: TakenStep, *, again: bool) -> TakenStep | None:
         """What he does where all is right now; ``again``: the same was read before."""
-        guided, earlier = self.guided, {r.step for r in taken.earlier}
-        if taken.doubt in (Doubt.REPEATS, Doubt.UNCHANGED) or (again and earlier - self.remeasured):
+        guided, earlier = self.guided, {r.step for r in taken_step.earlier}
+        if taken_step.doubt in (Doubt.REPEATS, Doubt.UNCHANGED) or (
+            again and earlier - self.remeasured
+        ):
             self.remeasured |= earlier
-            guided.measure_earlier(taken, "measured again")  # nothing is wrong now, so it was then
-        elif not again and taken.doubt is Doubt.BEYOND:
-            return self.once_more(taken.step)
-        elif taken.doubt is Doubt.BEYOND and not taken.earlier and self.was_read(taken):
+            # nothing is wrong now, so it was then
+            guided.measure_earlier(taken_step, "measured again")
+        elif not again and taken_step.doubt is Doubt.BEYOND:
+            return self.once_more(taken_step.step)
+        elif (
+            taken_step.doubt is Doubt.BEYOND
+            and not taken_step.earlier
+            and self.was_read(taken_step)
+        ):
             guided.remount_since("the stand moved")  # it repeats itself, and not those before
             following = guided.step()
-            return self.once_more(taken.step) if following == taken.step else None
+            return self.once_more(taken_step.step) if following == taken_step.step else None
         else:
-            guided.keep(taken, "it is right")
+            guided.keep(taken_step, "it is right")
         return None
 
-    def was_read(self, taken: TakenStep) -> bool:
+    def was_read(self, taken_step: TakenStep) -> bool:
         """Whether this posture was read before on the same mounting."""
         return any(
-            (r.mount, r.displacement_mm) == (taken.readings[0].mount, taken.step.displacement_mm)
+            (r.mount, r.displacement_mm)
+            == (taken_step.readings[0].mount, taken_step.step.displacement_mm)
             for r in self.guided.session.readings
         )
 
@@ -278,13 +286,16 @@ def outcomes(folder: Path, seeds: range, kinds: tuple[Kind, ...] = KINDS) -> lis
 def summary(of_all: list[Outcome]) -> str:
     """A line for each kind of mistake: how many end right, how many good readings are accused."""
     lines = [f"{'mistake':<14}{'sessions':>9}{'right':>7}{'good':>7}{'accused':>9}{'needless':>10}"]
-    for kind in dict.fromkeys(one.kind for one in of_all):
-        these = [one for one in of_all if one.kind == kind]
-        counts = [sum(getattr(one, name) for one in these) for name in ("right", "good", "accused")]
-        counts.append(sum(one.needless for one in these))
+    for kind in dict.fromkeys(outcome.kind for outcome in of_all):
+        of_kind = [outcome for outcome in of_all if outcome.kind == kind]
+        counts = [
+            sum(getattr(outcome, name) for outcome in of_kind)
+            for name in ("right", "good", "accused")
+        ]
+        counts.append(sum(outcome.needless for outcome in of_kind))
         right, good, accused, needless = counts
-        lines.append(f"{kind:<14}{len(these):>9}{right:>7}{good:>7}{accused:>9}{needless:>10}")
-    questions = sum((one.questions for one in of_all), Counter())
+        lines.append(f"{kind:<14}{len(of_kind):>9}{right:>7}{good:>7}{accused:>9}{needless:>10}")
+    questions = sum((outcome.questions for outcome in of_all), Counter())
     return "\n".join([*lines, f"questions: {dict(questions)}, scatter {SCATTER_MM} mm"])
 
 

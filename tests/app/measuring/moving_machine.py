@@ -108,8 +108,8 @@ class Bench:
         return x, y, z
 
     def shows_mm(self, number: int) -> float:
-        shown = self.reading_mm(self.leg, self.along[number], self.station, self.tool_mm)
-        return self.signs[number] * shown
+        value_mm = self.reading_mm(self.leg, self.along[number], self.station, self.tool_mm)
+        return self.signs[number] * value_mm
 
     @property
     def carriages_mm(self) -> list[float]:
@@ -186,8 +186,8 @@ def moving_session(
         mover = Mover(MotionLine(controller, BUSY), procedure, machine, ("xyz", "xyz"))
         mover.line.start()
         mover.confirm_homed()
-        known = path.exists()
-        journal = Journal.resume(path, "test") if known else Journal.create(path, opened)
+        is_continued = path.exists()
+        journal = Journal.resume(path, "test") if is_continued else Journal.create(path, opened)
         with GuidedSession(journal, Indicators((*gauges,), mover=mover)) as guided:
             yield guided, bench, twin
 
@@ -208,15 +208,15 @@ def taken(path: Path) -> tuple[Reading, ...]:
 
 def wrong(readings: tuple[Reading, ...], bench: Bench) -> list[str]:
     """Readings that are not those of the posture that the record says."""
-    found = []
-    for one in readings:
-        leg, axis = "xyz".index(one.leg), "xyz".index(one.axis)
+    problems = []
+    for reading in readings:
+        leg, axis = "xyz".index(reading.leg), "xyz".index(reading.axis)
         tool = [0.0, 0.0, 0.0]
-        tool[leg] = one.displacement_mm
-        right = bench.reading_mm(leg, axis, one.station, (tool[0], tool[1], tool[2]))
-        if abs(one.value_mm - right) > STEP_MM:
-            found.append(f"step {one.step}: {one.value_mm} for {right:.4f}")
-    return found
+        tool[leg] = reading.displacement_mm
+        right = bench.reading_mm(leg, axis, reading.station, (tool[0], tool[1], tool[2]))
+        if abs(reading.value_mm - right) > STEP_MM:
+            problems.append(f"step {reading.step}: {reading.value_mm} for {right:.4f}")
+    return problems
 
 
 TROUBLES = (
@@ -351,7 +351,7 @@ def killed_and_continued(
         f"[motion]\nfeed_mm_min = {feed}\n"
     )
     (folder / "short.toml").write_text(f"{ONE_LEG}window_s = {window_s}\n")
-    stops_s, kept = [], []
+    stops_s, counts = [], []
     with following(make) as (bench, twin, ports):
         usual = ["run", "--headless", "--motion", twin.told]
         for port, axes in zip(ports, ("yzx", "zxy"), strict=True):
@@ -378,16 +378,16 @@ def killed_and_continued(
             stops_s.append(time.monotonic() - began)
             terminal.process.wait()
             terminal.close()
-            kept.append(len(taken(path)))
+            counts.append(len(taken(path)))
         assert terminal.process.returncode == 0, terminal.shown[-2000:]
-        left = wrong(taken(path), bench)
+        problems = wrong(taken(path), bench)
         terminal.close()
-    whole = read_record(path)
+    record = read_record(path)
     return {
-        "wrong": left,
+        "wrong": problems,
         "readings": len(taken(path)),
-        "kept": kept,
-        "end": whole.end,
+        "kept": counts,
+        "end": record.end,
         "longest_stop_s": max(stops_s),
     }
 
@@ -406,20 +406,23 @@ def main() -> None:
 
     One in seven of them kills the program itself.
     """
-    wanted, met, seed = int(sys.argv[1]), 0, 0
-    kills = wanted // 7
+    goal, met, seed = int(sys.argv[1]), 0, 0
+    kills = goal // 7
     stops_s: list[tuple[float, str]] = []
-    while met < wanted - kills:
+    while met < goal - kills:
         seed += 1
-        found, stopped, struck = with_faults(Path(mkdtemp()) / "a.jsonl", seed, 12)
+        problems, stopped, struck = with_faults(Path(mkdtemp()) / "a.jsonl", seed, 12)
         met, stops_s = met + struck, stops_s + stopped
-        print(f"session {seed}: {struck} faults, {len(found)} wrong readings {found}", flush=True)
+        print(
+            f"session {seed}: {struck} faults, {len(problems)} wrong readings {problems}",
+            flush=True,
+        )
     while kills > 0:
         seed += 1
-        told = killed_and_continued(Path(mkdtemp()), seed, min(kills, 7), 3000.0)
+        summary = killed_and_continued(Path(mkdtemp()), seed, min(kills, 7), 3000.0)
         met, kills = met + min(kills, 7), kills - 7
-        stops_s.append((float(str(told["longest_stop_s"])), "killed"))
-        print(f"session {seed}: {told}", flush=True)
+        stops_s.append((float(str(summary["longest_stop_s"])), "killed"))
+        print(f"session {seed}: {summary}", flush=True)
     longer = sorted(f"{name} {s:.2f} s" for s, name in stops_s if s > STOP_S)
     print(f"{met} faults, longest {max(stops_s)}, longer than {STOP_S} s: {', '.join(longer)}")
 

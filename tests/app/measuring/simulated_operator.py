@@ -144,9 +144,9 @@ class BenchGauge(Gauge):
         self.hear(self._bench.show(self._number))
 
     def ask(self) -> Future[Outcome]:
-        given = Future[Outcome]()
-        given.set_result(self._bench.show(self._number))
-        return given
+        future = Future[Outcome]()
+        future.set_result(self._bench.show(self._number))
+        return future
 
 
 @dataclass
@@ -211,10 +211,10 @@ class Operator:
         )
 
     def take(self) -> TakenStep:
-        taken = self.guided.take()
-        assert taken is not None
-        assert not taken.faults
-        return taken
+        taken_step = self.guided.take()
+        assert taken_step is not None
+        assert not taken_step.faults
+        return taken_step
 
     def measure(self, *, automatic: bool) -> None:
         while (step := self.guided.step()) is not None:
@@ -237,11 +237,11 @@ class Operator:
             if self.chance.random() < 0.3:
                 self.bench.knock()
             self.until_stable()
-            seen = self.visible(step)
+            is_visible = self.visible(step)
             doubt = self.counted(self.take())
-            self.tally.on_his_word += not seen and doubt is None
-            self.tally.forgotten += seen
-            self.tally.stored += seen and doubt is None
+            self.tally.on_his_word += not is_visible and doubt is None
+            self.tally.forgotten += is_visible
+            self.tally.stored += is_visible and doubt is None
             if doubt is None:
                 self.bench.move(step)  # as the record has it now
                 self.wait(5.0)
@@ -251,22 +251,22 @@ class Operator:
         self.wait(float(self.chance.uniform(1.2, 10.0)))
         self.honest_take()
 
-    def counted(self, taken: TakenStep) -> Doubt | None:
+    def counted(self, taken_step: TakenStep) -> Doubt | None:
         """What is doubted of these readings; where it is an earlier step he keeps all."""
-        if taken.doubt is not Doubt.ODD:
-            return taken.doubt
-        self.guided.keep(taken, "it is right")
+        if taken_step.doubt is not Doubt.ODD:
+            return taken_step.doubt
+        self.guided.keep(taken_step, "it is right")
         return None
 
     def honest_take(self) -> bool:
         """Whether it was taken without a question; else it is kept."""
-        taken = self.take()
+        taken_step = self.take()
         self.tally.honest += 1
         self.taken_s = self.bench.now_s
-        if taken.doubt:
+        if taken_step.doubt:
             self.tally.asked += 1
-            self.guided.keep(taken, "it is right")
-        return taken.doubt is None
+            self.guided.keep(taken_step, "it is right")
+        return taken_step.doubt is None
 
     def looked(self, step: Step) -> bool:
         """What the screen does in automatic mode, after each news."""
@@ -274,27 +274,27 @@ class Operator:
 
     def automatically(self, step: Step) -> None:
         idle_until_s = self.bench.now_s + self.chance.uniform(0.5, 25.0)
-        seen = self.visible(step)
-        self.tally.forgotten += seen
+        is_visible = self.visible(step)
+        self.tally.forgotten += is_visible
         while self.bench.now_s < idle_until_s:
             self.wait(PACE_S)
             if self.chance.random() < 0.01:
                 self.bench.knock()
             if self.looked(step):
                 doubt = self.counted(self.take())
-                self.tally.stored += seen and doubt is None
+                self.tally.stored += is_visible and doubt is None
                 if doubt is None:
                     return
-        seen = self.visible(step)
+        is_visible = self.visible(step)
         self.wait(self.bench.move(step))
         for _ in range(int(6.0 / PACE_S)):
             self.wait(PACE_S)
             if self.looked(step):
                 self.honest_take()
                 return
-        self.tally.refused += seen
-        self.tally.left_to_key += not seen
-        self.tally.on_his_word += self.honest_take() and not seen
+        self.tally.refused += is_visible
+        self.tally.left_to_key += not is_visible
+        self.tally.on_his_word += self.honest_take() and not is_visible
 
 
 @contextmanager
@@ -317,9 +317,13 @@ def opened_on(
     )
     machine = Machine(entered_offsets_mm=(1.0, -1.0, 0.5) if calibrated else (0.0, 0.0, 0.0))
     procedure = load_procedure("zero-max-min", machine.geometry())
-    both = (Instrument(profile="mitutoyo-01a"), Instrument(profile="mitutoyo-01a"))
+    instruments = (Instrument(profile="mitutoyo-01a"), Instrument(profile="mitutoyo-01a"))
     opened = Opened(
-        program="test", origin="measured", machine=machine, procedure=procedure, instruments=both
+        program="test",
+        origin="measured",
+        machine=machine,
+        procedure=procedure,
+        instruments=instruments,
     )
     patch.setattr("app.measuring.gauges.time", SimpleNamespace(monotonic=lambda: bench.now_s))
     begun = datetime(2026, 1, 1, tzinfo=UTC)

@@ -34,16 +34,16 @@ SHORT = FULL.model_copy(update={"cycles": 2, "plane": None})
 
 
 def plan(path: Path) -> Plan:
-    known = Plan(path, MACHINE, SHORT, simulated_indicators(["mitutoyo-01a"] * 2), seed=3)
-    return replace(aligning(known, "x"), interval_s=QUICK_INTERVAL_S)
+    basis = Plan(path, MACHINE, SHORT, simulated_indicators(["mitutoyo-01a"] * 2), seed=3)
+    return replace(aligning(basis, "x"), interval_s=QUICK_INTERVAL_S)
 
 
 def measure(guided: GuidedSession) -> None:
     """Every step that is left; the record stays open."""
     guided.go()
-    while (taken := guided.take()) is not None:
-        if taken.doubt:
-            guided.keep(taken, "kept")
+    while (taken_step := guided.take()) is not None:
+        if taken_step.doubt:
+            guided.keep(taken_step, "kept")
         guided.go()
 
 
@@ -87,21 +87,21 @@ def test_a_round_of_turning_and_measuring(tmp_path: Path) -> None:
         assert abs(again.shims[before].move_mm) < 0.15
         guided.finish()
     record = read_record(path)
-    found = fold(record.events)
+    session = fold(record.events)
     assert record.end == "closed"
-    assert found.complete
-    assert [one for one in record.events if isinstance(one, Changed)] == [*found.changes]
-    assert [one.moved_mm is None for one in found.changes] == [True, False]
+    assert session.complete
+    assert [event for event in record.events if isinstance(event, Changed)] == [*session.changes]
+    assert [alteration.moved_mm is None for alteration in session.changes] == [True, False]
     assert (change.rail, change.towards, change.support_mm) == (
         "xyz"[shim.rail],
         "xyz"[shim.towards],
         shim.support_mm,
     )
-    assert len(found.readings) * 2 == len(found.all_readings)
-    assert {r.mount[-2:] for r in found.readings} == {"#2"}
-    assert all(why.startswith("the machine was changed") for why in found.superseded.values())
-    shown = " ".join(glidecal("replay", path, "--headless").out.split())
-    assert "superseded: the machine was changed" in shown
+    assert len(session.readings) * 2 == len(session.all_readings)
+    assert {r.mount[-2:] for r in session.readings} == {"#2"}
+    assert all(why.startswith("the machine was changed") for why in session.superseded.values())
+    text = " ".join(glidecal("replay", path, "--headless").out.split())
+    assert "superseded: the machine was changed" in text
     assert glidecal("validate", path).status == 0
     assert json.loads(glidecal("align", path, "--json", "--reference", "z").out)["reference"] == "z"
 
@@ -121,9 +121,9 @@ def test_nothing_from_before_holds_after(tmp_path: Path) -> None:
     compared = compare_files(earlier, later)
     assert compared.changed
     assert compared.expected_mm is None
-    said = " ".join(comparison_report(compared).split())
-    assert "was mechanically changed" in said
-    assert "expected" not in said
+    text = " ".join(comparison_report(compared).split())
+    assert "was mechanically changed" in text
+    assert "expected" not in text
     assert json.loads(glidecal("compare", earlier, later, "--json").out)["rms_expected_mm"] is None
     for attempt in (
         lambda: verify_files(earlier, later),
@@ -167,13 +167,13 @@ def test_the_next_session_starts_from_the_drives_as_they_lie(tmp_path: Path) -> 
     session, file, again = tmp_path / "a.jsonl", tmp_path / "lies.toml", tmp_path / "b.jsonl"
     off = ("--protocol", "align", "--effect", "axis_squareness:xy", "--size", "4.0")
     assert glidecal("simulate", *off, "-o", session).status == 0
-    told = json.loads(
+    report = json.loads(
         glidecal("align", session, "--machine-file-out", file, "--reference", "y", "--json").out
     )
     machine = load_machine(file)
     x, y, _ = machine.geometry().direction
     assert y == (0.0, 1.0, 0.0)
-    assert 1e3 * x[1] == pytest.approx(told["squareness_mrad"][0]["value"], abs=0.001)
+    assert 1e3 * x[1] == pytest.approx(report["squareness_mrad"][0]["value"], abs=0.001)
     assert x[1] == pytest.approx(4e-3, abs=2e-4)
     assert "linuxcnc-kins" in file.read_text(encoding="utf-8")
     assert "there already" in refused(2, "align", session, "--machine-file-out", file)
@@ -206,8 +206,8 @@ def test_bad_input(tmp_path: Path) -> None:
     ):
         assert "beside a session" in refused(2, "align", tmp_path / "s.jsonl", *unused)
     for unused in (("--seed", "1"), ("--protocol", "align"), ("--output", "a.jsonl")):
-        said = refused(2, "align", "--continue", tmp_path / "s.jsonl", *unused)
-        assert f"{unused[0]}: found beside --continue" in said
+        message = refused(2, "align", "--continue", tmp_path / "s.jsonl", *unused)
+        assert f"{unused[0]}: found beside --continue" in message
     assert "a session that was measured" in glidecal("align", "--simulated", "--json").err
     delta = tmp_path / "d.jsonl"
     assert glidecal("simulate", "--machine", "linear-delta", "-o", delta).status == 0

@@ -49,33 +49,33 @@ def measured(plan: Plan) -> Observations:
     return to_observations([fold(read_record(plan.path).events)])
 
 
-@pytest.mark.parametrize("wanted", [one for one in IDS if one not in (LENGTH, PLATE)])
+@pytest.mark.parametrize("effect_id", [effect for effect in IDS if effect not in (LENGTH, PLATE)])
 @pytest.mark.parametrize("protocol", first_quick(["zero-max-min", "two-station"]))
-def test_every_effect_shows_and_nothing_else_imitates_it(wanted: str, protocol: str) -> None:
+def test_every_effect_shows_and_nothing_else_imitates_it(effect_id: str, protocol: str) -> None:
     """What offsets, lengths and zeros leave of it stands far above the noise; no monster."""
     tolerance = {effect.parameters: effect.parameters[0].tolerance for effect in CATALOGUE}
-    taken = planned_readings(load_procedure(protocol, MACHINE.geometry()), MACHINE)
+    conditions = planned_readings(load_procedure(protocol, MACHINE.geometry()), MACHINE)
     for seed in (1, 2, 3):
         truth = hidden_machine(MACHINE.geometry(), seed)
-        effects = hidden_effect(wanted, truth, taken, seed=seed, noise_mm=NOISE_MM)
-        assert {one.id for one in effects} == {wanted}
-        shift = replace(truth, effects=effects).readings(taken) - truth.readings(taken)
-        zeros = np.eye(taken.mount_count)[taken.mount]
-        base = np.hstack([zeros, derivatives(truth.geometry, truth.parameters_mm, taken)])
-        left = shift - base @ np.linalg.lstsq(base, shift, rcond=None)[0]
-        assert 0.9 * NOISE_MM < np.sqrt((left**2).mean()) < 6 * NOISE_MM
-        assert (left**2).sum() > 50 * NOISE_MM**2
-        for one in effects:
-            most = 60.01 * tolerance[one.effect.parameters]
-            assert all(0.0 < abs(value) <= most for value in one.values)
+        effects = hidden_effect(effect_id, truth, conditions, seed=seed, noise_mm=NOISE_MM)
+        assert {effect.id for effect in effects} == {effect_id}
+        shift = replace(truth, effects=effects).readings(conditions) - truth.readings(conditions)
+        zeros = np.eye(conditions.mount_count)[conditions.mount]
+        base = np.hstack([zeros, derivatives(truth.geometry, truth.parameters_mm, conditions)])
+        residual = shift - base @ np.linalg.lstsq(base, shift, rcond=None)[0]
+        assert 0.9 * NOISE_MM < np.sqrt((residual**2).mean()) < 6 * NOISE_MM
+        assert (residual**2).sum() > 50 * NOISE_MM**2
+        for instance in effects:
+            limit = 60.01 * tolerance[instance.effect.parameters]
+            assert all(0.0 < abs(value) <= limit for value in instance.values)
 
 
 def test_a_length_is_hidden_by_its_size_alone(tmp_path: Path) -> None:
-    asked = ("simulate", "--effect", f"{LENGTH}:x", "-o", tmp_path / "s.jsonl")
-    assert "ive --size" in refused(2, *asked)
-    assert glidecal(*asked, "--protocol", "two-station", "--size", "2").status == 0
-    said = glidecal("diagnose", tmp_path / "s.jsonl").out
-    assert LENGTH in said
+    arguments = ("simulate", "--effect", f"{LENGTH}:x", "-o", tmp_path / "s.jsonl")
+    assert "ive --size" in refused(2, *arguments)
+    assert glidecal(*arguments, "--protocol", "two-station", "--size", "2").status == 0
+    text = glidecal("diagnose", tmp_path / "s.jsonl").out
+    assert LENGTH in text
 
 
 def test_the_same_seed_hides_the_same_effect(tmp_path: Path) -> None:
@@ -90,9 +90,9 @@ def test_the_bench_measures_the_machine_with_its_effect(tmp_path: Path, effect: 
     observed = measured(plan)
     truth = hidden_machine(plan.machine.geometry(), plan.seed)
     exact = replace(truth, effects=plan.bench.effects).readings(observed)
-    left = observed.value_mm - exact
+    residual = observed.value_mm - exact
     for mount in range(observed.mount_count):
-        assert np.ptp(left[observed.mount == mount]) <= 0.0011
+        assert np.ptp(residual[observed.mount == mount]) <= 0.0011
     without = observed.value_mm - truth.readings(observed)
     assert max(np.ptp(without[observed.mount == k]) for k in range(6)) > 0.01
 
@@ -102,12 +102,14 @@ def test_drift_of_the_bench_follows_the_recorded_times(tmp_path: Path) -> None:
     observed = measured(plan)
     truth = hidden_machine(plan.machine.geometry(), plan.seed)
     rates = {
-        one.place: one.values[0] for one in plan.bench.effects if isinstance(one, EffectInstance)
+        effect.place: effect.values[0]
+        for effect in plan.bench.effects
+        if isinstance(effect, EffectInstance)
     }
-    left = observed.value_mm - truth.readings(observed)
+    residual = observed.value_mm - truth.readings(observed)
     for mount in range(observed.mount_count):
         rows = observed.mount == mount
-        slope = np.polyfit(observed.time_s[rows], left[rows], 1)[0]
+        slope = np.polyfit(observed.time_s[rows], residual[rows], 1)[0]
         rate = float(np.real(rates.get("xyz"[observed.axis[rows][0]], 0.0)))
         expected = rate * 1e-3 / 3600.0 * plan.bench.clock_rate
         # the display's step alone makes a slope of about step / duration
@@ -134,9 +136,9 @@ def test_demo_says_where_to_look(tmp_path: Path) -> None:
     (session,) = (tmp_path / "demo-sessions").glob("*_demo.jsonl")
     solved = glidecal("solve", session, "--subset", "joint-offsets").out
     left_open = re.compile(r"up to \S+ mm if (?:(?!up to).)*, which these readings do not rule out")
-    said, alone = (" ".join(text.split()) for text in (run.out, solved))
-    assert left_open.findall(said) == left_open.findall(alone)
-    assert "straightness" not in left_open.sub("", said)
+    words, alone = (" ".join(text.split()) for text in (run.out, solved))
+    assert left_open.findall(words) == left_open.findall(alone)
+    assert "straightness" not in left_open.sub("", words)
     plain = glidecal("demo", "--headless", "--seed", "2", cwd=tmp_path)
     assert "glidecal diagnose demo-sessions" not in plain.out  # chance may warn of a drift
 
@@ -160,23 +162,23 @@ def test_the_whole_loop_names_what_is_hidden(tmp_path: Path) -> None:
 @pytest.mark.parametrize("verb", ["demo", "simulate"])
 def test_unknown_effect_is_status_2_with_the_list(tmp_path: Path, verb: str) -> None:
     output = ["-o", "s.jsonl"] if verb == "simulate" else ["--headless"]
-    said = refused(2, verb, "--effect", "back_lash", *output, cwd=tmp_path)
-    assert "'back_lash'" in said
-    assert all(effect in said for effect in IDS)
+    message = refused(2, verb, "--effect", "back_lash", *output, cwd=tmp_path)
+    assert "'back_lash'" in message
+    assert all(effect in message for effect in IDS)
     assert not list(tmp_path.iterdir())
 
 
 def test_simulate_with_an_effect_of_a_stated_size(tmp_path: Path) -> None:
     quiet = ["--scatter", "0", "--resolution", "0", "--seed", "3"]
     values = []
-    for name, more in (("a", []), ("b", ["--effect", "gauge_gain:xy", "--size", "10"])):
+    for name, options in (("a", []), ("b", ["--effect", "gauge_gain:xy", "--size", "10"])):
         path = tmp_path / f"{name}.jsonl"
         model = tmp_path / "model.json"
         model.write_text('{"parameters_mm": {"d_rho_x": 1.0}}')
-        run = glidecal("simulate", "--model", model, *quiet, *more, "-o", path)
+        run = glidecal("simulate", "--model", model, *quiet, *options, "-o", path)
         assert run.status == 0, run.err
-        shown = json.loads(glidecal("replay", path, "--json").out)["readings"]
-        values.append([r["value_mm"] for r in shown if (r["leg"], r["axis"]) == ("x", "y")])
+        readings = json.loads(glidecal("replay", path, "--json").out)["readings"]
+        values.append([r["value_mm"] for r in readings if (r["leg"], r["axis"]) == ("x", "y")])
     plain, gained = (np.array(column) - column[0] for column in values)
     assert np.abs(plain).max() > 0.1
     factor = (plain @ gained) / (plain @ plain)

@@ -51,22 +51,22 @@ class Told:
 
 
 @pytest.fixture
-def told(monkeypatch: pytest.MonkeyPatch) -> Told:
+def indicator(monkeypatch: pytest.MonkeyPatch) -> Told:
     return in_its_time(Told(), monkeypatch)
 
 
-def in_its_time(one: Told, monkeypatch: pytest.MonkeyPatch) -> Told:
+def in_its_time(indicator: Told, monkeypatch: pytest.MonkeyPatch) -> Told:
     """In a time that passes with what is heard."""
-    clock = SimpleNamespace(monotonic=lambda: one.now_s)
+    clock = SimpleNamespace(monotonic=lambda: indicator.now_s)
     monkeypatch.setattr("app.measuring.gauges.time", clock)
-    return one
+    return indicator
 
 
 @pytest.fixture
-def at_rest(told: Told) -> Told:
-    told.hear(*[reading(0.5)] * 10)
-    assert told.motion() is Motion.STABLE
-    return told
+def at_rest(indicator: Told) -> Told:
+    indicator.hear(*[reading(0.5)] * 10)
+    assert indicator.motion() is Motion.STABLE
+    return indicator
 
 
 def test_every_other_digit_is_told_at_once(at_rest: Told) -> None:
@@ -79,10 +79,10 @@ def test_what_stands_still_is_told_no_more(at_rest: Told) -> None:
     assert at_rest.hear(reading(0.5)) == 1, "when it is stable again is news"
 
 
-def test_everything_is_told_until_it_is_seen_to_be_stable(told: Told) -> None:
-    assert told.hear(*[reading(0.5)] * 10) == 10
-    assert told.motion() is Motion.STABLE
-    assert told.hear(reading(0.5)) == 0
+def test_everything_is_told_until_it_is_seen_to_be_stable(indicator: Told) -> None:
+    assert indicator.hear(*[reading(0.5)] * 10) == 10
+    assert indicator.motion() is Motion.STABLE
+    assert indicator.hear(reading(0.5)) == 0
 
 
 def test_what_was_silent_is_told(at_rest: Told) -> None:
@@ -121,57 +121,57 @@ def test_a_press_is_of_the_step_that_it_was_meant_for(at_rest: Told) -> None:
     assert not at_rest.gauge.button_pressed()
 
 
-def test_only_the_window_tells_stable_from_moving(told: Told) -> None:
-    told.hear(reading(0.9), *[reading(0.5)] * 5)
-    assert told.motion() is Motion.MOVING
-    told.hear(reading(0.502), reading(0.5), reading(0.502))
-    assert told.motion() is Motion.STABLE
+def test_only_the_window_tells_stable_from_moving(indicator: Told) -> None:
+    indicator.hear(reading(0.9), *[reading(0.5)] * 5)
+    assert indicator.motion() is Motion.MOVING
+    indicator.hear(reading(0.502), reading(0.5), reading(0.502))
+    assert indicator.motion() is Motion.STABLE
 
 
 @pytest.mark.parametrize("window_s", [1.0, 60.0])
 def test_a_window_is_heard_whole_however_long(
     window_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told = in_its_time(Told(window_s), monkeypatch)
+    indicator = in_its_time(Told(window_s), monkeypatch)
     count = round(window_s / INTERVAL_S)
-    told.hear(reading(0.9), *[reading(0.5)] * (count - 1))
-    assert told.motion() is Motion.MOVING
-    told.hear(*[reading(0.5)] * 3)
-    assert told.motion() is Motion.STABLE
-    told.hear(*[reading(0.5)] * count, reading(0.9))
-    assert told.motion() is Motion.MOVING
+    indicator.hear(reading(0.9), *[reading(0.5)] * (count - 1))
+    assert indicator.motion() is Motion.MOVING
+    indicator.hear(*[reading(0.5)] * 3)
+    assert indicator.motion() is Motion.STABLE
+    indicator.hear(*[reading(0.5)] * count, reading(0.9))
+    assert indicator.motion() is Motion.MOVING
 
 
-def test_the_band_of_rest_is_a_digit_and_twice_the_flicker_at_rest(told: Told) -> None:
-    told.hear(*[reading(0.5)] * 10)
-    assert told.motion() is Motion.STABLE
-    assert told.gauge.rest_mm == pytest.approx(0.001)
-    told.hear(reading(0.9), reading(0.3))
-    assert told.motion() is Motion.MOVING
-    assert told.gauge.rest_mm == pytest.approx(0.001), "a move is no flicker"
-    told.hear(*[reading(0.3), reading(0.302)] * 5)
-    assert told.motion() is Motion.STABLE
-    told.gauge.restart_window()
-    assert told.gauge.rest_mm == pytest.approx(0.001 + 2 * 0.002)
+def test_the_band_of_rest_is_a_digit_and_twice_the_flicker_at_rest(indicator: Told) -> None:
+    indicator.hear(*[reading(0.5)] * 10)
+    assert indicator.motion() is Motion.STABLE
+    assert indicator.gauge.rest_mm == pytest.approx(0.001)
+    indicator.hear(reading(0.9), reading(0.3))
+    assert indicator.motion() is Motion.MOVING
+    assert indicator.gauge.rest_mm == pytest.approx(0.001), "a move is no flicker"
+    indicator.hear(*[reading(0.3), reading(0.302)] * 5)
+    assert indicator.motion() is Motion.STABLE
+    indicator.gauge.restart_window()
+    assert indicator.gauge.rest_mm == pytest.approx(0.001 + 2 * 0.002)
 
 
-def test_the_trace_holds_the_last_20_s_with_the_band_of_rest(told: Told) -> None:
-    told.now_s = 100.0 - INTERVAL_S / 2.0  # no reading falls on the edge of a moment
+def test_the_trace_holds_the_last_20_s_with_the_band_of_rest(indicator: Told) -> None:
+    indicator.now_s = 100.0 - INTERVAL_S / 2.0  # no reading falls on the edge of a moment
     per_moment = round(SLOT_S / INTERVAL_S)
-    told.hear(*(reading(float(k)) for k in range(3 * SLOTS * per_moment)))
-    trace = told.gauge.live().trace()
+    indicator.hear(*(reading(float(k)) for k in range(3 * SLOTS * per_moment)))
+    trace = indicator.gauge.live().trace()
     assert len(trace.moments) == SLOTS
     assert [ago for ago, _, _ in trace.moments] == list(range(SLOTS - 1, -1, -1))
     lows, highs = [low for _, low, _ in trace.moments], [high for _, _, high in trace.moments]
     assert lows == [float(per_moment * (2 * SLOTS + k)) for k in range(SLOTS)]
     assert [high - low for low, high in zip(lows, highs, strict=True)] == [per_moment - 1] * SLOTS
-    told.hear(*[reading(0.5), reading(0.502)] * 10)
-    assert told.gauge.live().trace().band_mm == pytest.approx((0.499, 0.503))
-    told.hear(reading(0.51))
-    assert told.motion() is Motion.MOVING
-    told.gauge.restart_window()
-    assert told.gauge.live().trace().moments, "the next step does not clear it"
-    told.now_s += 3.0 * SLOT_S
-    assert told.gauge.live().trace().moments[-1][0] == 3, "nothing heard for so long"
-    told.now_s += 20.0
-    assert told.gauge.live().trace() == Trace()
+    indicator.hear(*[reading(0.5), reading(0.502)] * 10)
+    assert indicator.gauge.live().trace().band_mm == pytest.approx((0.499, 0.503))
+    indicator.hear(reading(0.51))
+    assert indicator.motion() is Motion.MOVING
+    indicator.gauge.restart_window()
+    assert indicator.gauge.live().trace().moments, "the next step does not clear it"
+    indicator.now_s += 3.0 * SLOT_S
+    assert indicator.gauge.live().trace().moments[-1][0] == 3, "nothing heard for so long"
+    indicator.now_s += 20.0
+    assert indicator.gauge.live().trace() == Trace()

@@ -47,8 +47,8 @@ from tests.conftest import first_quick
     ],
 )
 def test_parse(text: str, profile: str, port: str, axes: str) -> None:
-    found = parse_indicator(text)
-    assert (found.profile, found.port, found.axes) == (profile, port, axes)
+    instrument = parse_indicator(text)
+    assert (instrument.profile, instrument.port, instrument.axes) == (profile, port, axes)
 
 
 @pytest.mark.parametrize("text", ["sylvac", "sylvac:", ":COM5", "sylvac:COM5@xq", "sylvac:COM5@"])
@@ -95,8 +95,8 @@ def test_an_adapter_is_known_under_another_name_by_its_serial_number(
 
 def test_two_ports_of_one_adapter_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     """Both have its serial number."""
-    both = [Port("/dev/ttyUSB3", "F7", "1-2:1.0"), Port("/dev/ttyUSB4", "F7", "1-2:1.1")]
-    plugged(monkeypatch, *both)
+    ports = [Port("/dev/ttyUSB3", "F7", "1-2:1.0"), Port("/dev/ttyUSB4", "F7", "1-2:1.1")]
+    plugged(monkeypatch, *ports)
     assert adapters() == {"/dev/ttyUSB3": "F7 1.0", "/dev/ttyUSB4": "F7 1.1"}
     assert port_of("F7 1.1", "/dev/ttyUSB0") == "/dev/ttyUSB4"
     assert port_of("F7 1.1", "/dev/ttyUSB4") is None
@@ -116,9 +116,9 @@ def test_every_fault_in_one_message() -> None:
                 Instrument(profile="ascii-line", port="COM5", axes="x", pattern="(["),
             ]
         )
-    said = str(caught.value)
+    message = str(caught.value)
     for part in ("sylvak", "pattern", "COM5 twice", "@x and @x do not fit leg"):
-        assert part in said
+        assert part in message
 
 
 def test_axes_follow_preferences() -> None:
@@ -202,25 +202,25 @@ def test_a_rehearsal_goes_where_the_machine_would() -> None:
         assert process.stdout is not None
         assert process.stderr is not None
         ports = [process.stdout.readline().strip() for _ in range(2)]
-        told = process.stderr.readline()
-        assert told == (
+        advice = process.stderr.readline()
+        assert advice == (
             "Measure with: glidecal run --protocol zero-max-min "
             f"--indicator sylvac:{ports[0]} --indicator sylvac:{ports[1]}\n"
         )
         lines = [IndicatorLine(profile_named("sylvac"), port) for port in ports]
         for line in lines:
             line.start()
-        found: list[list[float]] = []
+        places: list[list[float]] = []
         for typed, step in (("", 1), ("\n", 2), ("3\n", 3), ("1\n", 1)):
             process.stdin.write(typed)
             process.stdin.flush()
             while f"step {step}:" not in process.stderr.readline():
                 pass
-            found.append(_at_rest(lines))
+            places.append(_at_rest(lines))
         for line in lines:
             line.close()
         process.terminate()
-    zero, highest, lowest, again = found
+    zero, highest, lowest, again = places
     for axis in range(2):
         assert again[axis] == pytest.approx(zero[axis], abs=0.02)
         for values, row in ((highest, 2), (lowest, 4)):
@@ -231,17 +231,19 @@ def test_a_rehearsal_goes_where_the_machine_would() -> None:
 def _at_rest(lines: Sequence[IndicatorLine]) -> list[float]:
     """The values when they have not changed in eight readings."""
     values: list[list[float]] = []
-    while len(values) < 8 or any(one != values[-1] for one in values[-8:]):
+    while len(values) < 8 or any(value != values[-1] for value in values[-8:]):
         outcomes = [answer.result(timeout=10.0) for answer in [line.ask() for line in lines]]
-        values.append([one.value_mm for one in outcomes if isinstance(one, IndicatorReading)])
+        values.append(
+            [outcome.value_mm for outcome in outcomes if isinstance(outcome, IndicatorReading)]
+        )
         if len(values[-1]) < len(lines):
             values.pop()
     return values[-1]
 
 
-@pytest.mark.parametrize("other", [("--fault", "slow"), ("--tcp", "0"), ("--channel", "2")])
-def test_a_rehearsal_is_of_two_sound_indicators(other: tuple[str, str]) -> None:
-    command = ("simulate-indicator", "sylvac", "--protocol", "zero-max-min", *other)
+@pytest.mark.parametrize("option", [("--fault", "slow"), ("--tcp", "0"), ("--channel", "2")])
+def test_a_rehearsal_is_of_two_sound_indicators(option: tuple[str, str]) -> None:
+    command = ("simulate-indicator", "sylvac", "--protocol", "zero-max-min", *option)
     assert "--fault, --tcp or --channel" in refused(2, *command)
 
 
@@ -276,14 +278,14 @@ def test_a_number_that_two_adapters_have_names_neither(
 ) -> None:
     """Cheap adapters all have the number 0001: one that is pulled is not at the port of another."""
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-    both = [Instrument(profile="sylvac", port=f"/dev/ttyGONE{k}") for k in (0, 1)]
-    twins = [Port(instrument.port, "0001", "1-2:1.0") for instrument in both]
+    instruments = [Instrument(profile="sylvac", port=f"/dev/ttyGONE{k}") for k in (0, 1)]
+    twins = [Port(instrument.port, "0001", "1-2:1.0") for instrument in instruments]
     plugged(monkeypatch, Port("/dev/ttyGONE0", "A1"))
-    remember("test machine", both)
+    remember("test machine", instruments)
     plugged(monkeypatch, *twins)
     assert adapters() == {}
-    remember("test machine", both)
+    remember("test machine", instruments)
     plugged(monkeypatch, twins[1])
-    assert moved_adapters(both) == {}
+    assert moved_adapters(instruments) == {}
     plugged(monkeypatch, twins[1], Port("/dev/ttyGONE7", "A1"))
-    assert moved_adapters(both) == {}, "A1 was at the port of a twin before it"
+    assert moved_adapters(instruments) == {}, "A1 was at the port of a twin before it"

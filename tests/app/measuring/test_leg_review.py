@@ -45,7 +45,7 @@ def measured(*, repeatability_mm: float | None, legs: str = "xyz") -> Session:
     session = read_record(SAMPLES / "simulated_zero-max-min.jsonl").session
     opened = session.opened
     update = {"repeatability_mm": repeatability_mm, "resolution_mm": None}
-    instruments = tuple(one.model_copy(update=update) for one in opened.instruments)
+    instruments = tuple(instrument.model_copy(update=update) for instrument in opened.instruments)
     readings = tuple(r for r in session.readings if r.leg in legs)
     return replace(
         session,
@@ -70,20 +70,20 @@ def test_scatter_is_judged_where_nothing_is_stated() -> None:
     session = measured(repeatability_mm=None, legs="x")
     step = session.steps()[0]
     calm = review_leg(session, step)
-    assert all(one.usual is Usual.AT_REST for one in calm.axes)
-    assert all(one.usual_mm == 0.004 for one in calm.axes)
+    assert all(axis.usual is Usual.AT_REST for axis in calm.axes)
+    assert all(axis.usual_mm == 0.004 for axis in calm.axes)
     assert "No scatter is suspicious." in review_text(calm, session)
     wrong = with_wrong(session, 5, 0.94)
     review = review_leg(wrong, step)
-    said = " ".join(review_text(review, wrong).split())
+    text = " ".join(review_text(review, wrong).split())
     first, second = review.axes
     deviation_mm = first.standard_deviation_mm
     assert deviation_mm is not None
     assert deviation_mm > 0.2
     assert second.excess < 1.0
-    assert f"scatter {deviation_mm / 0.004:.0f} times as much as an indicator at rest." in said
-    assert "Step 5, leg X MAX, cycle 2, is +0.9" in said
-    assert "No scatter is suspicious" not in said
+    assert f"scatter {deviation_mm / 0.004:.0f} times as much as an indicator at rest." in text
+    assert "Step 5, leg X MAX, cycle 2, is +0.9" in text
+    assert "No scatter is suspicious" not in text
     assert review_leg(session, step, [0.02, 0.0]).axes[0].usual_mm == 0.02
 
 
@@ -92,11 +92,11 @@ def test_the_other_legs_teach_how_much_is_usual() -> None:
     session = measured(repeatability_mm=None)
     step = session.steps()[-1]
     calm = review_leg(session, step)
-    assert all(one.usual is Usual.OTHERS for one in calm.axes)
+    assert all(axis.usual is Usual.OTHERS for axis in calm.axes)
     assert "No scatter is suspicious." in review_text(calm, session)
     usual_mm = calm.axes[0].usual_mm
-    others = [review_leg(session, session.steps()[k]).axes for k in (0, 10)]
-    spreads = [one.standard_deviation_mm or 0.0 for leg in others for one in leg]
+    legs = [review_leg(session, session.steps()[k]).axes for k in (0, 10)]
+    spreads = [axis.standard_deviation_mm or 0.0 for leg in legs for axis in leg]
     spreads.append(calm.axes[1].standard_deviation_mm or 0.0)
     assert np.isclose(usual_mm, np.median(spreads))
     restless = with_wrong(session, 25, 12.0 * usual_mm)
@@ -106,7 +106,7 @@ def test_the_other_legs_teach_how_much_is_usual() -> None:
 def test_what_is_stated_is_held_against_it_too() -> None:
     session = measured(repeatability_mm=0.0001, legs="x")
     review = review_leg(session, session.steps()[0])
-    assert all(one.usual is Usual.STATED for one in review.axes)
+    assert all(axis.usual is Usual.STATED for axis in review.axes)
     assert "times as much as its indicator states" in review_text(review, session)
 
 
@@ -114,8 +114,8 @@ def test_a_step_measured_again_later_stands_in_the_row_of_its_cycle() -> None:
     """MAX of cycle 1 was read after MAX of cycle 3."""
     session = measured(repeatability_mm=None, legs="x")
     first = [r for r in session.readings if r.step == 2]
-    others = [r for r in session.readings if r.step != 2]
-    later = replace(session, readings=(*others, *first))
+    other_readings = [r for r in session.readings if r.step != 2]
+    later = replace(session, readings=(*other_readings, *first))
     rows, before = (leg_rows(s, s.steps()[0]) for s in (later, session))
     assert [row.minus_zero_mm for row in rows] == [row.minus_zero_mm for row in before]
-    assert rows[0].minus_zero_mm[60.0] == first[0].value_mm - others[0].value_mm
+    assert rows[0].minus_zero_mm[60.0] == first[0].value_mm - other_readings[0].value_mm

@@ -56,14 +56,14 @@ def arrives(mover: Mover) -> None:
 @pytest.mark.parametrize("name", TWINS)
 def test_a_session_measures_itself(name: str, tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
-    asked: list[tuple[object, bool]] = []
+    questions: list[tuple[object, bool]] = []
     machine = FAST.model_copy(update={"mdi": "joint"}) if name == "grbl" else FAST
     make = TWINS[name] if name == "grbl" else linuxcnc
     with moving_session(path, machine, make=make) as (guided, bench, twin):
 
         def agree(proposal: MoveProposal) -> bool:
             if proposal.by_hand:
-                asked.append((bench.tool_mm, bench.axes.moving))
+                questions.append((bench.tool_mm, bench.axes.moving))
             return bench.agree(proposal)
 
         measure_all(guided, agree, lambda _: None)
@@ -71,18 +71,18 @@ def test_a_session_measures_itself(name: str, tmp_path: Path) -> None:
     assert read_record(path).end == "closed"
     assert len(readings) == 2 * len(guided.steps)
     assert not wrong(readings, bench)
-    assert [moving for _, moving in asked] == [False] * 2  # leg x, leg y
-    assert all(place == pytest.approx((0.0, 0.0, 0.0), abs=1e-9) for place, _ in asked)
-    for one in readings:
-        assert one.moved is not None
-        assert one.moved.driver == name
-        assert one.moved.read_back_mm == pytest.approx(one.moved.commanded_mm, abs=0.001)
+    assert [moving for _, moving in questions] == [False] * 2  # leg x, leg y
+    assert all(place == pytest.approx((0.0, 0.0, 0.0), abs=1e-9) for place, _ in questions)
+    for reading in readings:
+        assert reading.moved is not None
+        assert reading.moved.driver == name
+        assert reading.moved.read_back_mm == pytest.approx(reading.moved.commanded_mm, abs=0.001)
     first = readings[0].moved
     assert first is not None
     if name == "linuxcnc":
         assert first.from_mm == (-10.0, 0.0, 0.0)
-    found = to_observations([fold(read_record(path).events)])
-    assert set(found.approach.tolist()) == {-1.0, 1.0}  # none is unknown
+    observations = to_observations([fold(read_record(path).events)])
+    assert set(observations.approach.tolist()) == {-1.0, 1.0}  # none is unknown
     assert len(twin.moves) == len(guided.steps) + 3  # Zero once, and two pre-rolls
 
 
@@ -102,10 +102,10 @@ def test_no_fault_leaves_a_reading_of_a_wrong_posture(seed: int, tmp_path: Path)
     first: `tests/drivers/motion/test_line.py` and `tests/controller`.
     """
     kinds = EVERY_KIND[seed - 1 :: 2]
-    found, stops_s, met = with_faults(
+    problems, stops_s, met = with_faults(
         tmp_path / "a.jsonl", seed, 3, FAST, troubles=kinds, latest_s=0.7
     )
-    assert not found
+    assert not problems
     assert len(stops_s) == met == 3
     assert read_record(tmp_path / "a.jsonl").end == "closed"
 
@@ -122,8 +122,8 @@ def test_a_session_that_broke_off_is_continued_from_the_same_side(tmp_path: Path
     path = tmp_path / "a.jsonl"
     with moving_session(path) as (guided, bench, _):
 
-        def break_off(said: str) -> None:
-            if said.startswith("step 2 "):
+        def break_off(message: str) -> None:
+            if message.startswith("step 2 "):
                 raise MotionError("the program", "killed")
 
         with pytest.raises(MotionError, match="killed"):
@@ -134,7 +134,7 @@ def test_a_session_that_broke_off_is_continued_from_the_same_side(tmp_path: Path
     assert read_record(path).end == "closed"
     assert not wrong(readings, bench)
     assert len(readings) == 2 * len(guided.steps)
-    again = next(one for one in readings if one.step == 3)  # Min, of a new mounting
+    again = next(reading for reading in readings if reading.step == 3)  # Min, of a new mounting
     assert again.mount == "xy#2"
     assert again.moved is not None
     assert again.moved.from_mm == (60.0, 0.0, 0.0)  # Max, as without the break
@@ -156,8 +156,8 @@ def test_an_indicator_that_is_gone_on_the_way_stops_it_and_ends_the_session(
                 time.sleep(0.002)
             bench.unplugged = True
 
-        def pull(said: str) -> None:
-            if said.startswith("step 1 "):
+        def pull(message: str) -> None:
+            if message.startswith("step 1 "):
                 threading.Thread(target=pull_out).start()
 
         with pytest.raises(IndicatorError, match="indicator"):
@@ -176,8 +176,8 @@ def test_a_controller_that_is_gone_is_told_with_the_emergency_stop(tmp_path: Pat
                 time.sleep(0.002)
             twin.close()
 
-        def switch_off(said: str) -> None:
-            if said.startswith("step 1 "):
+        def switch_off(message: str) -> None:
+            if message.startswith("step 1 "):
                 threading.Thread(target=on_the_way).start()
 
         with pytest.raises(MotionError, match="emergency stop"):
@@ -207,7 +207,7 @@ def test_a_second_client_is_noticed_before_the_next_take(tmp_path: Path) -> None
             guided.take()
         assert comes_true(lambda: mover.state is State.HELD)
     assert not taken(path)
-    notes = [one.text for one in read_record(path).events if isinstance(one, Noted)]
+    notes = [event.text for event in read_record(path).events if isinstance(event, Noted)]
     assert any("step 1 not taken" in text for text in notes)
 
 
@@ -223,8 +223,8 @@ def test_an_indicator_that_answers_late_is_asked_again(moving: bool, tmp_path: P
             time.sleep(0.5)  # longer than an answer may take
             bench.unplugged = False
 
-        def unplug(said: str) -> None:
-            if said.startswith("step 2 "):
+        def unplug(message: str) -> None:
+            if message.startswith("step 2 "):
                 threading.Thread(target=back).start()
 
         measure_all(guided, bench.agree, unplug)
@@ -237,8 +237,8 @@ def test_an_indicator_that_stays_away_ends_the_session(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     with moving_session(path, SLOWER, profile=PROMPT) as (guided, bench, _):
 
-        def unplug(said: str) -> None:
-            bench.unplugged = said.startswith("step 2 ")
+        def unplug(message: str) -> None:
+            bench.unplugged = message.startswith("step 2 ")
 
         with pytest.raises(IndicatorError, match="a reading"):
             measure_all(guided, bench.agree, unplug)
@@ -249,12 +249,12 @@ def test_an_indicator_that_stays_away_ends_the_session(tmp_path: Path) -> None:
 def test_ways_beyond_the_limits_are_refused_before_anything_is_sent() -> None:
     steps = ways_of(SHORT, FAST, BOTH)
     assert steps.longest_mm == pytest.approx(160.0)  # from Max to Min
-    for motion, said in (
+    for motion, message in (
         (MotionLimits(longest_mm=100.0), "longest_mm"),
         (MotionLimits(low_mm=(-90.0,) * 3, high_mm=(60.0,) * 3), "machine file"),
         (MotionLimits(preroll_mm=120.0), "preroll_mm"),
     ):
-        with pytest.raises((MotionError, RecordError), match=said):
+        with pytest.raises((MotionError, RecordError), match=message):
             ways_of(SHORT, Machine(motion=motion), BOTH)
 
 
@@ -281,9 +281,9 @@ def test_a_demonstration_that_moves_itself_finds_the_hidden_offsets(tmp_path: Pa
     plan = replace(plan, procedure=once)
     with start_session(plan) as guided:
         measure_all(guided, lambda _: True, lambda _: None)
-    found = solve_files([plan.path]).joint_offsets_mm
+    offsets = solve_files([plan.path]).joint_offsets_mm
     hidden = hidden_machine(plan.machine.geometry(), 5).parameters_mm
-    assert found == pytest.approx(hidden[:3], abs=0.1)  # lengths, 0.03 mm, are taken for offsets
+    assert offsets == pytest.approx(hidden[:3], abs=0.1)  # lengths, 0.03 mm, are taken for offsets
     first = taken(plan.path)[0].moved
     assert first is not None
     assert first.driver == "linuxcnc"
@@ -305,8 +305,8 @@ def machine_with_play(
         twin = bench.controller
         assert isinstance(twin, LinuxCncTwin)
         axes = twin.axes
-        asked = Exchange(MITUTOYO_01A, bench.ports[0], Query(), 0.0)
-        asked.open()
+        exchange = Exchange(MITUTOYO_01A, bench.ports[0], Query(), 0.0)
+        exchange.open()
         bench.set_up(step)
 
         def go(to_mm: Triple) -> None:
@@ -314,34 +314,34 @@ def machine_with_play(
             time.sleep(0.01)
 
         def shown_mm() -> float:
-            reading = asked.taken()
+            reading = exchange.taken()
             assert isinstance(reading, IndicatorReading)
             return reading.value_mm
 
         yield step.displacement_mm, go, shown_mm
-        asked.hang_up()
+        exchange.hang_up()
 
 
 def test_an_indicator_knows_the_side_that_it_came_from_though_nobody_looked_on_the_way(
     tmp_path: Path,
 ) -> None:
     with machine_with_play(tmp_path, "x", outermost=True) as (at_mm, go, shown_mm):
-        shown = []
+        values = []
         for beside_mm in (-10.0, 10.0, -10.0):
             go((at_mm + beside_mm, 0.0, 0.0))
             go((at_mm, 0.0, 0.0))
-            shown.append(shown_mm())
-    assert shown[0] == shown[2]
-    assert abs(shown[1] - shown[0]) > 0.002
+            values.append(shown_mm())
+    assert values[0] == values[2]
+    assert abs(values[1] - values[0]) > 0.002
 
 
 def test_zero_is_zero_where_a_controller_rounds_its_place(tmp_path: Path) -> None:
     """Seven digits of a joint at 310 mm are good for 0.05 µm."""
     with machine_with_play(tmp_path, "y", outermost=False) as (at_mm, go, shown_mm):
         assert at_mm == 0.0
-        shown = []
+        values = []
         for told_mm in (0.0, 4e-5, -4e-5):
             go((0.0, -10.0, 0.0))
             go((0.0, told_mm, 0.0))
-            shown.append(shown_mm())
-    assert shown[0] == shown[1] == shown[2]
+            values.append(shown_mm())
+    assert values[0] == values[1] == values[2]

@@ -24,17 +24,21 @@ def test_a_session_with_one_mistake_ends_right(tmp_path: Path) -> None:
     of_all = outcomes(tmp_path, range(SESSIONS))
     print(summary(of_all))
     assert len(of_all) >= 200
-    assert sum(not one.right for one in of_all) <= 0.01 * len(of_all)
+    assert sum(not outcome.right for outcome in of_all) <= 0.01 * len(of_all)
     for kind in KINDS:  # none of them alone is hidden among the others
-        these = [one for one in of_all if one.kind == kind]
-        assert sum(not one.right for one in these) <= max(1, 0.02 * len(these)), kind
-    assert sum(one.accused for one in of_all) <= 0.005 * sum(one.good for one in of_all)
-    questions = sum(one.questions.total() for one in of_all)
+        of_kind = [outcome for outcome in of_all if outcome.kind == kind]
+        assert sum(not outcome.right for outcome in of_kind) <= max(1, 0.02 * len(of_kind)), kind
+    assert sum(outcome.accused for outcome in of_all) <= 0.005 * sum(
+        outcome.good for outcome in of_all
+    )
+    questions = sum(outcome.questions.total() for outcome in of_all)
     assert questions > 0.7 * len(of_all), "what is not asked cannot be put right"
 
 
 @LONG
 def test_a_session_without_a_mistake_is_hardly_asked(tmp_path: Path) -> None:
     of_all = outcomes(tmp_path, range(SESSIONS), ("none",))
-    assert all(one.right for one in of_all)
-    assert sum(one.questions.total() for one in of_all) <= 0.005 * sum(one.good for one in of_all)
+    assert all(outcome.right for outcome in of_all)
+    assert sum(outcome.questions.total() for outcome in of_all) <= 0.005 * sum(
+        outcome.good for outcome in of_all
+    )

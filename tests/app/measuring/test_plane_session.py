@@ -92,9 +92,11 @@ def session(
         )
         for gauge in gauges:
             gauge.start()
-        known = path.exists()
+        is_continued = path.exists()
         journal = (
-            Journal.resume(path, program()) if known else Journal.create(path, opened_event(plan))
+            Journal.resume(path, program())
+            if is_continued
+            else Journal.create(path, opened_event(plan))
         )
         indicators = Indicators(gauges, None if by_hand else go)
         with GuidedSession(journal, indicators) as guided:
@@ -107,20 +109,22 @@ def test_one_set_up_for_each_leg_and_what_was_off_is_found(tmp_path: Path) -> No
     with session(path, procedure) as (guided, _):
         measure_all(guided)
     record = read_record(path)
-    found = fold(record.events)
+    measured_session = fold(record.events)
     assert record.end == "closed"
-    assert found.complete
-    assert [(m.leg, m.over_plane, m.mounts) for m in found.mountings] == [
+    assert measured_session.complete
+    assert [(m.leg, m.over_plane, m.mounts) for m in measured_session.mountings] == [
         ("x", True, {"z": "xz-plane"}),
         ("y", True, {"z": "yz-plane"}),
     ]
-    assert [(r.station, r.displacement_mm, r.over_plane) for r in found.readings[:4]] == [
+    assert [
+        (r.station, r.displacement_mm, r.over_plane) for r in measured_session.readings[:4]
+    ] == [
         (0.1, 0.0, True),
         (0.9, 0.0, True),
         (0.1, 60.0, True),
         (0.9, 60.0, True),
     ]
-    observed = to_observations([found])
+    observed = to_observations([measured_session])
     assert observed.along_mm[:3] == pytest.approx([31.025, 279.225, 91.025])
     solved = solve_files([path], subset="joint-offsets")
     # bars are off too (OFF): what shows along z is the height of the feet less that of the tool
@@ -172,10 +176,10 @@ def test_the_indicator_that_may_measure_across_the_plane_reads(tmp_path: Path) -
         measure_all(guided)
         over = [step for step in guided.steps if step.over_plane]
         assert {step.indicators for step in over} == {range(1, 2)}
-    found = fold(read_record(path).events)
-    observed = to_observations([found])
+    measured_session = fold(read_record(path).events)
+    observed = to_observations([measured_session])
     assert set(observed.indicator[observed.over_plane].tolist()) == {1}
-    assert found.complete
+    assert measured_session.complete
 
 
 def test_what_the_operator_reads_over_a_plane(tmp_path: Path) -> None:
@@ -219,26 +223,26 @@ def test_what_the_operator_reads_over_a_plane(tmp_path: Path) -> None:
         assert review_text(review_leg(guided.session, first), guided.session).startswith(
             "Leg X is done."
         )
-    told = dry_run_text(BOTH, MACHINE, (ACROSS, ALONG))
-    last = next(line for line in told.split("\n") if line.split()[:1] == ["67"])
+    text = dry_run_text(BOTH, MACHINE, (ACROSS, ALONG))
+    last = next(line for line in text.split("\n") if line.split()[:1] == ["67"])
     assert " ".join(last.split()) == "67 y MIN 3 p 0.1 z 2 G53 G0 X0.000 Y-100.000 Z0.000"
-    assert "2: the second one reads" in told
+    assert "2: the second one reads" in text
 
 
 def test_a_plane_that_leans_too_far_is_no_plane(tmp_path: Path) -> None:
     path = tmp_path / "s.jsonl"
     with session(path, ALONE.model_copy(update={"cycles": 1}), tilt=9e-3) as (guided, _):
         measure_all(guided)
-    said = r"plane under leg X along Z, from reading 1 on: found tilted by \+9\.\d mrad"
-    with pytest.raises(RecordError, match=said + r".*up to 5 mrad, plane_tilt_mrad"):
+    message = r"plane under leg X along Z, from reading 1 on: found tilted by \+9\.\d mrad"
+    with pytest.raises(RecordError, match=message + r".*up to 5 mrad, plane_tilt_mrad"):
         solve_files([path], subset="joint-offsets")
 
 
 def test_a_plane_that_ends_too_early_names_posture_and_limit() -> None:
     machine = Machine(plane_mm=(0.0, 300.0))
     procedure = BOTH.model_copy(update={"plane": Plane(stations=(0.1, 0.9))})
-    said = r"station 0\.9 of leg x in posture MAX at 339\.2 mm.*plane_mm .*0 … 300 mm"
-    with pytest.raises(RecordError, match=said):
+    message = r"station 0\.9 of leg x in posture MAX at 339\.2 mm.*plane_mm .*0 … 300 mm"
+    with pytest.raises(RecordError, match=message):
         procedure.check_bars(machine.geometry())
     low = Machine(plane_mm=(-50.0, 400.0))
     with pytest.raises(RecordError, match=r"station 0\.1 of leg x in posture MIN at -69\.0 mm"):
@@ -257,7 +261,7 @@ def test_the_way_of_a_spindle_over_a_plane() -> None:
         rows.append([height(off, 0, 2, *p) + tilt * (p[0] + p[1] * 310.25) for p in places])
     drawn = np.array(rows)
     spread = max(2.0 * np.std(drawn[:, a] - drawn[:, b]) for a in range(6) for b in range(6))
-    known = ALONG.model_copy(update={"travel_mm": 0.1})
-    ((_, needed_mm, where),) = short_travels(ALONE, MACHINE, (known,))
+    instrument = ALONG.model_copy(update={"travel_mm": 0.1})
+    ((_, needed_mm, where),) = short_travels(ALONE, MACHINE, (instrument,))
     assert where == "along Z of leg X, over the plane"
     assert needed_mm == pytest.approx(spread, rel=0.15)

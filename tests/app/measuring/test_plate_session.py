@@ -45,8 +45,8 @@ SCATTER_MM = 0.002
 
 
 def short(**plate: object) -> Procedure:
-    own = {"radii_mm": (0.0, 60.0), "points": 3, **plate}
-    return Procedure.model_validate(RINGS.model_dump() | {"cycles": 1, "plate": own})
+    fields = {"radii_mm": (0.0, 60.0), "points": 3, **plate}
+    return Procedure.model_validate(RINGS.model_dump() | {"cycles": 1, "plate": fields})
 
 
 def plan(path: Path, procedure: Procedure = RINGS) -> Plan:
@@ -76,11 +76,11 @@ def session(
             tolerance_mm=0.004,
         )
         gauge.start()
-        known = plan(path, procedure)
+        session_plan = plan(path, procedure)
         journal = (
             Journal.resume(path, program())
             if path.exists()
-            else Journal.create(path, opened_event(known))
+            else Journal.create(path, opened_event(session_plan))
         )
         indicators = Indicators((gauge,), None if by_hand else go)
         with GuidedSession(journal, indicators) as guided:
@@ -92,15 +92,15 @@ def test_positions_are_steps_of_one_record(tmp_path: Path) -> None:
     with start_session(plan(path, short(lift_mm=4.0))) as guided:
         measure_all(guided)
     record = read_record(path)
-    found = fold(record.events)
+    measured_session = fold(record.events)
     assert record.end == "closed"
-    assert found.complete
-    assert len(found.opened.instruments) == 1
-    assert [r.position_mm for r in found.readings] == [
+    assert measured_session.complete
+    assert len(measured_session.opened.instruments) == 1
+    assert [r.position_mm for r in measured_session.readings] == [
         *((0.0, 0.0, 0.0), (0.0, 60.0, 0.0), (-51.962, -30.0, 0.0), (51.962, -30.0, 0.0)),
         (0.0, 0.0, 0.0),
     ]
-    assert {(r.leg, r.axis, r.lift_mm, r.mount) for r in found.readings} == {
+    assert {(r.leg, r.axis, r.lift_mm, r.mount) for r in measured_session.readings} == {
         ("tool", "z", 4.0, "tool-z")
     }
 
@@ -116,10 +116,10 @@ def test_a_reading_without_a_move_does_not_count(tmp_path: Path) -> None:
         assert forgotten.doubt is Doubt.UNCHANGED
         assert [r.step for r in guided.session.readings] == [1]
         go(guided.steps[1])
-        taken = guided.take()
-        assert taken is not None
-        assert taken.step.number == 2
-        assert taken.doubt is None
+        taken_step = guided.take()
+        assert taken_step is not None
+        assert taken_step.step.number == 2
+        assert taken_step.doubt is None
         go(guided.steps[3])  # the wrong position of a machine that is off by half a millimetre
         wrong = guided.take()
         assert wrong is not None
@@ -148,8 +148,8 @@ def test_after_a_break_the_tool_has_a_new_zero(tmp_path: Path) -> None:
 def test_a_plate_wants_an_indicator_along_its_axis(tmp_path: Path) -> None:
     across = Instrument(profile="mitutoyo-01a", port="a", axes="yx")
     along = Instrument(profile="mitutoyo-01a", port="b", axes="z")
-    kept = Plan(tmp_path / "s", MACHINE, RINGS, (across, along)).instruments
-    assert kept == (along,)
+    instruments = Plan(tmp_path / "s", MACHINE, RINGS, (across, along)).instruments
+    assert instruments == (along,)
     with pytest.raises(UsageError, match="one along z, at the tool"):
         Plan(tmp_path / "s", MACHINE, RINGS, (across,))
 
@@ -184,9 +184,9 @@ def test_what_the_operator_reads_of_a_plate(tmp_path: Path) -> None:
         guided.take()
         unmoved = guided.take()
         assert unmoved is not None
-        said = question_text(unmoved, guided.session)
-        assert "Step 2, tool (0, 60, 0) mm" in said
-        assert "Unchanged since ZERO" in said
+        text = question_text(unmoved, guided.session)
+        assert "Step 2, tool (0, 60, 0) mm" in text
+        assert "Unchanged since ZERO" in text
         for step in guided.steps[1:]:
             go(step)
             guided.take()
@@ -196,8 +196,8 @@ def test_what_the_operator_reads_of_a_plate(tmp_path: Path) -> None:
             float(OFF.tool(BELIEVED(np.array(place)))[2] - OFF.tool(BELIEVED(np.zeros(3)))[2])
             for place in ((0.0, 60.0, 0.0), (-51.962, -30.0, 0.0), (51.962, -30.0, 0.0))
         ]
-        shown = [float(line.split()[-1]) for line in table[1:4]]
-        assert shown == pytest.approx(differences, abs=5 * SCATTER_MM)
+        values = [float(line.split()[-1]) for line in table[1:4]]
+        assert values == pytest.approx(differences, abs=5 * SCATTER_MM)
         assert table[4].startswith("back at Zero")
         assert point_text(second, guided.session).startswith("step   2  tool  (0, 60, 0) mm")
         review = review_text(review_leg(guided.session, guided.steps[-1]), guided.session)

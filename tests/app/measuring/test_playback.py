@@ -43,20 +43,20 @@ def told() -> Playback:
 
 @pytest.mark.parametrize("path", WHOLE, ids=lambda path: path.stem)
 def test_every_sample_plays_to_the_end(path: Path) -> None:
-    kept = read_record(path)
-    playback = Playback(kept)
+    file_record = read_record(path)
+    playback = Playback(file_record)
     playback.faster(-len(SPEEDS))
     playback.toggle()
-    shown = {playback.position}
+    positions = {playback.position}
     for _ in range(100_000):
         if playback.state is PlaybackState.END:
             break
         playback.advance(0.5)
-        shown.add(playback.position)
+        positions.add(playback.position)
     assert playback.state is PlaybackState.END
-    assert playback.position == len(kept.events)
-    assert playback.session == fold(kept.events)
-    assert shown == {frame.end for frame in playback.frames}
+    assert playback.position == len(file_record.events)
+    assert playback.session == fold(file_record.events)
+    assert positions == {frame.end for frame in playback.frames}
     closed = f"Closed with {len(playback.session.all_readings)} readings"
     assert said_text(playback).startswith(closed)
 
@@ -67,12 +67,12 @@ def test_samples_are_there() -> None:
 
 def test_a_record_in_words_one_moment_after_the_other() -> None:
     playback = told()
-    said = []
+    moments = []
     for _ in playback.frames:
-        said.append((playback.place, said_text(playback)))
+        moments.append((playback.place, said_text(playback)))
         playback.step(1)
     warning = "story.jsonl: not closed after line 16; the session is not finished."
-    assert said == [
+    assert moments == [
         ("step 1 of 30", f"Begun 2026-03-01 08:00 UTC by Ida, measured. {warning}"),
         ("step 1 of 30", "Mounted on leg X along Y and Z: a new zero."),
         ("step 1 of 30", "Taken, step 1: Y +0.1000 mm, Z -0.1000 mm"),
@@ -101,12 +101,12 @@ def test_imported_tables_play_at_an_even_pace(samples: Path) -> None:
 
 
 def test_simulated_readings_play_by_their_own_times(samples: Path) -> None:
-    kept = read_record(samples / "simulated_zero-max-min.jsonl")
-    frames = frames_of(kept.events)
+    file_record = read_record(samples / "simulated_zero-max-min.jsonl")
+    frames = frames_of(file_record.events)
     stated = [e.time_s for frame in frames for e in frame.events[:1] if isinstance(e, Recorded)]
     assert stated == [20.0 * k for k in range(1, 31)]
-    shown = [frame.time_s - frames[1].time_s for frame in frames[1:-1]]
-    assert shown == pytest.approx([20.0 * k for k in range(30)])
+    times_s = [frame.time_s - frames[1].time_s for frame in frames[1:-1]]
+    assert times_s == pytest.approx([20.0 * k for k in range(30)])
 
 
 def test_a_clock_that_was_set_back_does_not_stop_the_replay() -> None:
@@ -117,11 +117,11 @@ def test_a_clock_that_was_set_back_does_not_stop_the_replay() -> None:
 def test_speeds() -> None:
     playback = told()
     playback.faster(-len(SPEEDS))
-    found = []
+    speeds = []
     for _ in SPEEDS:
-        found.append(playback.speed)
+        speeds.append(playback.speed)
         playback.faster()
-    assert found == [1, 2, 5, 10, 20, 50, 100]
+    assert speeds == [1, 2, 5, 10, 20, 50, 100]
     assert playback.speed == 100
 
 
@@ -272,9 +272,9 @@ def test_half_a_step_is_shown_as_it_is() -> None:
 def test_a_torn_record_says_where_it_is_cut(samples: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.jsonl"
     cut.write_bytes((samples / "simulated_sweep.jsonl").read_bytes()[:9000])
-    kept = read_record(cut)
-    playback = Playback(kept)
-    lines = len(kept.events)
+    file_record = read_record(cut)
+    playback = Playback(file_record)
+    lines = len(file_record.events)
     warning = f"cut.jsonl: cut inside line {lines + 1}; used up to line {lines}."
     assert said_text(playback).endswith(warning)
     playback.step(1)

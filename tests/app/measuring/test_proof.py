@@ -124,7 +124,7 @@ def sent_mm(twin: MotionTwin, start: tuple[float, float, float]) -> list[float]:
 
 
 def notes(path: Path) -> str:
-    return "\n".join(one.text for one in read_record(path).events if isinstance(one, Noted))
+    return "\n".join(event.text for event in read_record(path).events if isinstance(event, Noted))
 
 
 @pytest.mark.parametrize("controller", TWINS)
@@ -298,12 +298,12 @@ def test_what_is_remembered_is_written_through_no_link_and_over_no_broken_file(
     tmp_path: Path,
 ) -> None:
     with unproved(tmp_path) as (plan, _, _):
-        other, path = tmp_path / "other.txt", proved_path()
-        other.write_text("{}")
+        target, path = tmp_path / "other.txt", proved_path()
+        target.write_text("{}")
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.symlink_to(other)
+        path.symlink_to(target)
         remember_proved(plan)
-        assert other.read_text() == "{}"
+        assert target.read_text() == "{}"
         path.unlink()
         path.write_text("broken")
         remember_proved(plan)

@@ -30,8 +30,8 @@ def test_a_fixed_order_is_kept() -> None:
 
 
 def test_run_takes_a_seed() -> None:
-    shown = glidecal("run", "--dry-run", "--random-order", "7")
-    assert "shuffled in each" in shown.out
-    assert "seed 7" in shown.out
-    said = refused(2, "run", "--dry-run", "--random-order", "7", "--protocol", "sweep")
-    assert "random order of procedure sweep" in said
+    run = glidecal("run", "--dry-run", "--random-order", "7")
+    assert "shuffled in each" in run.out
+    assert "seed 7" in run.out
+    message = refused(2, "run", "--dry-run", "--random-order", "7", "--protocol", "sweep")
+    assert "random order of procedure sweep" in message

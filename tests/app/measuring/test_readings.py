@@ -62,28 +62,30 @@ def wrong(right: tuple[float, float], displacement_mm: float) -> dict[str, tuple
 
 def test_mistakes_of_the_set_up_are_found_before_the_second_reading_of_a_leg() -> None:
     """Where they differ from the truth by more than five deviations of the prediction."""
-    found, differing = Counter[str](), Counter[str]()
-    honest = asked = 0
+    hits, differing = Counter[str](), Counter[str]()
+    honest = questions = 0
     for seed in count():
         truth = table(hidden(np.random.default_rng(seed), 2.0, 0.1))
         for due, right in second_readings(truth, seed):
-            honest, asked = honest + 1, asked + beyond(due, right)
-            for mistake, shown in wrong(right, 60.0).items():
-                pairs = zip(shown, right, due, strict=True)
-                if any(abs(s - r) > 5.0 * one.deviation_mm for s, r, one in pairs):
+            honest, questions = honest + 1, questions + beyond(due, right)
+            for mistake, values in wrong(right, 60.0).items():
+                pairs = zip(values, right, due, strict=True)
+                if any(abs(s - r) > 5.0 * expectation.deviation_mm for s, r, expectation in pairs):
                     differing[mistake] += 1
-                    found[mistake] += beyond(due, shown)
+                    hits[mistake] += beyond(due, values)
         if len(differing) == 4 and min(differing.values()) >= MISTAKES:
             break
-    print(f"found {found} of {differing}; of {honest} honest ones {asked} were asked")
-    assert all(found[mistake] >= 0.98 * differing[mistake] for mistake in differing)
-    assert not FULL or all(found[mistake] >= 0.99 * differing[mistake] for mistake in differing)
-    assert asked <= 0.01 * honest, "second readings: one step of ten"
+    print(f"found {hits} of {differing}; of {honest} honest ones {questions} were asked")
+    assert all(hits[mistake] >= 0.98 * differing[mistake] for mistake in differing)
+    assert not FULL or all(hits[mistake] >= 0.99 * differing[mistake] for mistake in differing)
+    assert questions <= 0.01 * honest, "second readings: one step of ten"
 
 
 def beyond(due: Sequence[ExpectedReading], change_mm: Sequence[float]) -> bool:
     pairs = zip(due, change_mm, strict=True)
-    return any(one.is_beyond(one.before.value_mm + change) for one, change in pairs)
+    return any(
+        expectation.is_beyond(expectation.before.value_mm + change) for expectation, change in pairs
+    )
 
 
 def second_readings(

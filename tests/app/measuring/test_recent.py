@@ -81,9 +81,9 @@ def test_pipes_devices_folders_and_sparse_files_are_named_at_once(tmp_path: Path
     (tmp_path / "deep.jsonl").write_text("[" * 100_000 + "\n")
     with (tmp_path / "sparse.jsonl").open("wb") as sparse:
         sparse.truncate(8_000_000_000)
-    found = {session.path.name: session.problem for session in recent_sessions(tmp_path)}
-    assert len(found) == 6
-    for name, said in {
+    problems = {session.path.name: session.problem for session in recent_sessions(tmp_path)}
+    assert len(problems) == 6
+    for name, message in {
         "pipe": "a pipe or a device",
         "folder": "a folder",
         "zero": "a pipe or a device",
@@ -91,4 +91,4 @@ def test_pipes_devices_folders_and_sparse_files_are_named_at_once(tmp_path: Path
         "deep": "one JSON event",
         "sparse": "up to 64 MB",
     }.items():
-        assert said in found[f"{name}.jsonl"]
+        assert message in problems[f"{name}.jsonl"]

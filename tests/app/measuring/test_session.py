@@ -72,20 +72,20 @@ def take(guided: GuidedSession, count: int) -> list[int]:
     numbers = []
     for _ in range(count):
         guided.go()
-        taken = guided.take()
-        assert taken is not None
-        assert not taken.faults
-        numbers.append(taken.step.number)
+        taken_step = guided.take()
+        assert taken_step is not None
+        assert not taken_step.faults
+        numbers.append(taken_step.step.number)
     return numbers
 
 
 def counting(guided: GuidedSession) -> dict[int, list[int]]:
     """Step → numbers of its readings that count."""
-    found: dict[int, list[int]] = {}
+    by_step: dict[int, list[int]] = {}
     for reading in guided.session.readings:
         assert reading.step is not None
-        found.setdefault(reading.step, []).append(reading.reading)
-    return found
+        by_step.setdefault(reading.step, []).append(reading.reading)
+    return by_step
 
 
 def present(guided: GuidedSession) -> int | None:
@@ -233,10 +233,10 @@ def test_a_step_of_a_leg_that_was_left_out_brings_the_zeros_of_its_cycle(tmp_pat
         guided.skip(list(cycles), "no time")
         take(guided, 1)
         last = max(number for number in cycles if number not in zeros)
-        wanted = {number for number in zeros if cycles[number] == cycles[last]} | {last}
-        assert guided.steps_repeated_with(last) == wanted
+        expected_steps = {number for number in zeros if cycles[number] == cycles[last]} | {last}
+        assert guided.steps_repeated_with(last) == expected_steps
         guided.repeat(last, "there is time")
-        assert take(guided, len(wanted)) == sorted(wanted)
+        assert take(guided, len(expected_steps)) == sorted(expected_steps)
 
 
 def killed_in_step_2(folder: Path) -> Plan:
@@ -284,16 +284,16 @@ def test_a_reading_that_disagrees_is_questioned_and_counts_when_it_is_kept(tmp_p
     with start_session(plan) as guided:
         for number in range(1, 11):
             guided.go()
-            taken = guided.take()
-            assert taken is not None
-            assert taken.step.number == number
-            if taken.doubt:
+            taken_step = guided.take()
+            assert taken_step is not None
+            assert taken_step.step.number == number
+            if taken_step.doubt:
                 questioned.append(number)
-                assert taken.doubt in (Doubt.BEYOND, Doubt.REPEATS, Doubt.ODD)
+                assert taken_step.doubt in (Doubt.BEYOND, Doubt.REPEATS, Doubt.ODD)
                 following = guided.step()
                 assert following is not None
-                assert following.number == taken.questioned[0].step
-                guided.keep(taken, "right")
+                assert following.number == taken_step.questioned[0].step
+                guided.keep(taken_step, "right")
         assert len(guided.session.readings) == 20
         assert guided.session.restored
     assert questioned
@@ -309,11 +309,11 @@ def test_an_odd_one_that_was_kept_is_not_asked_about_after_a_break(
     def measure(guided: GuidedSession, last: int) -> None:
         while (step := guided.step()) is not None and step.number <= last:
             guided.go()
-            taken = guided.take()
-            assert taken is not None
-            if taken.doubt:
-                doubts[step.number] = taken.doubt
-                guided.keep(taken, "it is right")
+            taken_step = guided.take()
+            assert taken_step is not None
+            if taken_step.doubt:
+                doubts[step.number] = taken_step.doubt
+                guided.keep(taken_step, "it is right")
 
     def off(gauge: Gauge) -> Future[Outcome]:
         reading, answer = honest(gauge).result(), Future[Outcome]()
@@ -343,9 +343,9 @@ class Still(Gauge):
         self.shown = IndicatorReading(f"{value_mm}", value_mm, 0.001, unit_assumed=True)
 
     def ask(self) -> Future[Outcome]:
-        given = Future[Outcome]()
-        given.set_result(self.shown)
-        return given
+        future = Future[Outcome]()
+        future.set_result(self.shown)
+        return future
 
     def show(self, value_mm: float, resolution_mm: float = 0.001) -> None:
         self.shown = IndicatorReading(f"{value_mm}", value_mm, resolution_mm, unit_assumed=True)
@@ -372,9 +372,9 @@ def by_hand(folder: Path, machine: Machine) -> Iterator[tuple[GuidedSession, lis
 
 
 def doubt(guided: GuidedSession) -> Doubt | None:
-    taken = guided.take()
-    assert taken is not None
-    return taken.doubt
+    taken_step = guided.take()
+    assert taken_step is not None
+    return taken_step.doubt
 
 
 def test_three_presses_without_moving_store_one_reading(tmp_path: Path) -> None:
@@ -420,15 +420,15 @@ def test_a_stand_that_was_not_taken_to_the_next_leg_is_asked_about(tmp_path: Pat
             assert doubt(guided) is None
         time.now_s += 60.0
         for _ in range(2):
-            taken = guided.take()
-            assert taken is not None
-            assert taken.doubt is Doubt.STAND
-            assert [r.step for r in taken.earlier] == [4, 4]
+            taken_step = guided.take()
+            assert taken_step is not None
+            assert taken_step.doubt is Doubt.STAND
+            assert [r.step for r in taken_step.earlier] == [4, 4]
             assert guided.session.done() == {1, 2, 3, 4}
-        assert taken is not None
+        assert taken_step is not None
         assert (
             "Unchanged since step 4, leg X ZERO, end: was the stand set up again"
-            in question_text(taken, guided.session)
+            in question_text(taken_step, guided.session)
         )
         gauges[1].show(0.6)
         assert doubt(guided) is None
@@ -458,11 +458,11 @@ def test_where_nothing_changed_the_step_before_may_be_the_wrong_one(tmp_path: Pa
             gauges[0].show(shown_mm)
             assert doubt(guided) is None
         time.now_s += 20.0
-        taken = guided.take()
-        assert taken is not None
-        assert taken.doubt is Doubt.UNCHANGED
-        assert ("earlier", "Step 3 is right: measure step 2 again") in question_choices(taken)
-        guided.measure_earlier(taken, "measured again")
+        taken_step = guided.take()
+        assert taken_step is not None
+        assert taken_step.doubt is Doubt.UNCHANGED
+        assert ("earlier", "Step 3 is right: measure step 2 again") in question_choices(taken_step)
+        guided.measure_earlier(taken_step, "measured again")
         assert guided.session.done() == {1, 3}
         following = guided.step()
         assert following is not None
@@ -487,9 +487,9 @@ def test_other_decimals_in_mid_session_are_a_fault_with_a_name(tmp_path: Path) -
         time.now_s += 20.0
         gauges[0].show(0.3)
         gauges[1].show(0.01234, 0.00001)
-        taken = guided.take()
-        assert taken is not None
-        (fault,) = taken.faults
+        taken_step = guided.take()
+        assert taken_step is not None
+        (fault,) = taken_step.faults
         assert fault.kind is FaultKind.WRONG_UNIT
         for words in (
             "indicator 2 (mitutoyo-01a, port): along Z",
@@ -510,8 +510,8 @@ def test_the_time_of_readings_does_not_follow_the_wall_clock(
     with start_session(quick(tmp_path)) as guided:
         take(guided, 2)
         clock = guided.clock
-        shown = clock.wall
-        monkeypatch.setattr(clock, "wall", lambda: shown() - timedelta(hours=1))
+        wall_clock = clock.wall
+        monkeypatch.setattr(clock, "wall", lambda: wall_clock() - timedelta(hours=1))
         take(guided, 2)
         assert guided.look_at_clock() == pytest.approx(-3600.0, abs=5.0)
         assert guided.look_at_clock() == 0.0

@@ -73,8 +73,8 @@ def test_a_file_names_no_such_port(port: str) -> None:
 
 @pytest.mark.parametrize("port", KNOWN)
 def test_a_file_names_what_is_plugged_in(port: str) -> None:
-    known = Instrument(profile="sylvac", port=port)
-    assert from_file([known], "the machine file") == (known,)
+    instrument = Instrument(profile="sylvac", port=port)
+    assert from_file([instrument], "the machine file") == (instrument,)
 
 
 @pytest.mark.parametrize("port", HOSTILE[:5])
@@ -89,8 +89,8 @@ def test_nobody_opens_what_is_no_device(port: str, tmp_path: Path) -> None:
 def test_a_typed_port_that_is_no_device_is_told(tmp_path: Path) -> None:
     port = f"spy:///dev/null?file={tmp_path / 'victim'}"
     assert "spy" in refused(2, "run", "--dry-run", "--indicator", f"sylvac:{port}", cwd=tmp_path)
-    said = refused(4, "indicator", "read", port, "--profile", "sylvac", cwd=tmp_path)
-    assert "socket://HOST:PORT" in said
+    message = refused(4, "indicator", "read", port, "--profile", "sylvac", cwd=tmp_path)
+    assert "socket://HOST:PORT" in message
     assert list(tmp_path.iterdir()) == []
 
 
@@ -104,8 +104,8 @@ def test_the_attack_of_the_machine_file(tmp_path: Path) -> None:
         pattern=r"'(?P<number>\d+\.\d+)'",
         request=r'";touch ran;#"',
     )
-    said = refused(2, "run", "--machine", machine, cwd=tmp_path)
-    assert "port in the machine file" in said
+    message = refused(2, "run", "--machine", machine, cwd=tmp_path)
+    assert "port in the machine file" in message
     assert victim.read_text() == "as it was\n"
     assert set(tmp_path.iterdir()) == {victim, machine}
 
@@ -141,12 +141,12 @@ def test_a_request_of_ones_own_is_one_short_line_to_a_serial_port(
     request_text: str, port: str, right: bool
 ) -> None:
     pattern = r"(?P<number>\d+\.\d+)"
-    own = Instrument(profile="ascii-line", port=port, pattern=pattern, request=request_text)
+    instrument = Instrument(profile="ascii-line", port=port, pattern=pattern, request=request_text)
     if right:
-        check_indicators([own])
+        check_indicators([instrument])
     else:
         with pytest.raises(UsageError, match="request"):
-            check_indicators([own])
+            check_indicators([instrument])
 
 
 def begun(folder: Path, ports: Sequence[str], computer: str | None) -> Path:

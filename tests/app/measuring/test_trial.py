@@ -33,33 +33,33 @@ class Bench:
             self.moved_s = self.now_s
         moving = self.now_s - self.moved_s < WINDOW_S
         motion = Motion.MOVING if moving else Motion.STABLE
-        shown = self.at_mm + away_mm + 0.001 * self.chance.integers(0, 4, 2)
+        values_mm = self.at_mm + away_mm + 0.001 * self.chance.integers(0, 4, 2)
         return trial.look(
-            [Live(IndicatorReading("", v, 0.001, False), 0.0, motion) for v in shown.tolist()]
+            [Live(IndicatorReading("", v, 0.001, False), 0.0, motion) for v in values_mm.tolist()]
         )
 
     def rest(self, trial: SpindleCheck, seconds: float) -> int:
         """How many pushes come to their end meanwhile."""
         return sum(self.look(trial, (0.0, 0.0)) for _ in range(round(seconds / LOOKS_S)))
 
-    def push(self, trial: SpindleCheck, number: int, size_mm: float, other: float = 0.0) -> int:
+    def push(self, trial: SpindleCheck, number: int, size_mm: float, crosstalk: float = 0.0) -> int:
         """A push in and out, in some tenths of a second, that moves the other by a share."""
         steps = int(self.chance.integers(3, 15))
-        found = 0
+        count = 0
         for k in range(1, steps):
             away = size_mm * np.sin(np.pi * k / steps)
-            both = [other * away, other * away]
-            both[number] = away
-            found += self.look(trial, (both[0], both[1]))
-        return found + self.rest(trial, 2.0)
+            pushes = [crosstalk * away, crosstalk * away]
+            pushes[number] = away
+            count += self.look(trial, (pushes[0], pushes[1]))
+        return count + self.rest(trial, 2.0)
 
 
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
-    one = Bench(np.random.default_rng(4))
-    clock = SimpleNamespace(monotonic=lambda: one.now_s)
+    rig = Bench(np.random.default_rng(4))
+    clock = SimpleNamespace(monotonic=lambda: rig.now_s)
     monkeypatch.setattr("app.measuring.gauges.time", clock)
-    return one
+    return rig
 
 
 def test_pushes_of_every_kind_are_told_apart(bench: Bench) -> None:
@@ -71,7 +71,7 @@ def test_pushes_of_every_kind_are_told_apart(bench: Bench) -> None:
         size_mm = sign * float(bench.chance.uniform(0.5, 12.0))
         way = "larger" if sign > 0.0 else "smaller"
         wrong = bool(bench.chance.integers(0, 2))
-        assert bench.push(trial, int(wrong), size_mm, other=0.2) == 1
+        assert bench.push(trial, int(wrong), size_mm, crosstalk=0.2) == 1
         if wrong:
             assert trial.finding is PushResult.OTHER
             assert not trial.found
@@ -88,7 +88,7 @@ def test_flicker_a_touched_table_and_drift_are_no_push(bench: Bench) -> None:
     for _ in range(300):
         bench.at_mm += 0.05
         assert bench.rest(trial, 0.3) == 0
-        assert bench.push(trial, 0, float(bench.chance.uniform(-0.15, 0.15)), other=0.9) == 0
+        assert bench.push(trial, 0, float(bench.chance.uniform(-0.15, 0.15)), crosstalk=0.9) == 0
     assert trial.finding is PushResult.NOTHING
     assert not trial.found
 
@@ -96,7 +96,7 @@ def test_flicker_a_touched_table_and_drift_are_no_push(bench: Bench) -> None:
 def test_two_that_move_together_are_asked_for_one_at_a_time(bench: Bench) -> None:
     trial = SpindleCheck((FIRST, SECOND))
     bench.rest(trial, 0.5)
-    assert bench.push(trial, 0, 2.0, other=0.8) == 1
+    assert bench.push(trial, 0, 2.0, crosstalk=0.8) == 1
     assert trial.finding is PushResult.BOTH
     assert not trial.found
 
@@ -107,11 +107,14 @@ def test_exchanged_ports(bench: Bench) -> None:
     bench.push(trial, 1, 2.0)
     assert trial.finding is PushResult.OTHER
     trial.exchange()
-    assert [(one.port, one.axes) for one in trial.instruments] == [("B", "yx"), ("A", "zy")]
+    assert [(instrument.port, instrument.axes) for instrument in trial.instruments] == [
+        ("B", "yx"),
+        ("A", "zy"),
+    ]
     assert (trial.found, trial.asked) == ({0: "larger"}, 1)
     bench.push(trial, 1, -2.0)
     assert trial.done
-    assert [one.pushed_in for one in trial.known()] == ["larger", "smaller"]
+    assert [instrument.pushed_in for instrument in trial.known()] == ["larger", "smaller"]
     assert "ports exchanged; indicator 1 (mitutoyo-01a, B) pushed by hand, read larger" in (
         trial.remark()
     )

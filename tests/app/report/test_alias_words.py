@@ -13,11 +13,11 @@ def test_an_effect_that_imitates_in_several_sizes_is_named_once() -> None:
         Named("backlash", "y"),
     )
     by = (cyclic, cyclic, play, cyclic)
-    found = AliasMap(
+    alias_map = AliasMap(
         effects=(squareness, cyclic, play),
-        imitations=tuple(Imitation(squareness, each, 0.99, 4.0) for each in by),
+        imitations=tuple(Imitation(squareness, imitator, 0.99, 4.0) for imitator in by),
         invisible=(),
     )
-    said = " ".join(alias_text(found).split())
-    assert said.endswith("axis_squareness (xy): actuator_cyclic (z), backlash (y)")
-    assert "3 effects and places; 1 of them" in said
+    text = " ".join(alias_text(alias_map).split())
+    assert text.endswith("axis_squareness (xy): actuator_cyclic (z), backlash (y)")
+    assert "3 effects and places; 1 of them" in text

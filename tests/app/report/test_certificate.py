@@ -91,11 +91,11 @@ def test_two_pages_are_enough_for_the_longest_words(
     head = read_head(laboratory(tmp_path, monkeypatch, shop, order))
     record = read_record(SIXTY)
     machine = record.opened.machine.model_copy(update={"name": WIDE})
-    known = {"serial_number": WIDE, "certificate_date": date(2026, 1, 1)}
+    fields = {"serial_number": WIDE, "certificate_date": date(2026, 1, 1)}
     paths = []
     for number in range(4):
         instruments = tuple(
-            indicator.model_copy(update={**known, "certificate": f"{number}{axis}{WIDE}"})
+            indicator.model_copy(update={**fields, "certificate": f"{number}{axis}{WIDE}"})
             for axis, indicator in zip("yz", record.opened.instruments, strict=True)
         )
         opened = record.opened.model_copy(
@@ -130,8 +130,8 @@ def test_only_sessions_of_certified_indicators_are_traceable(tmp_path: Path) -> 
     path = tmp_path / "known.jsonl"
     opened = record.opened.model_copy(update={"instruments": instruments})
     write_whole(path, opened, list(record.events[1:-1]))
-    (_, known, _), (_, unknown, _) = (report_of([p]).first_page for p in (path, SIXTY))
-    assert known.parts[-1] == (
+    (_, known_section, _), (_, unknown, _) = (report_of([p]).first_page for p in (path, SIXTY))
+    assert known_section.parts[-1] == (
         "Lengths are traceable to the SI through these certificates of the indicators."
     )
     assert str(unknown.parts[-1]).startswith("Traceability to the SI is not shown")

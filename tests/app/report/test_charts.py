@@ -49,7 +49,7 @@ def test_ticks_hold_everything_and_are_few(values: list[float]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("room", "each", "labelled"),
+    ("room", "label_room", "labelled"),
     [
         (80, 8, [-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6, 0.8]),
         (34, 8, [-0.4, 0.0, 0.4, 0.8]),
@@ -57,8 +57,8 @@ def test_ticks_hold_everything_and_are_few(values: list[float]) -> None:
         (1, 8, [0.0]),
     ],
 )
-def test_labels_that_fit_and_zero(room: int, each: int, labelled: list[float]) -> None:
-    assert spread(round_ticks([-0.52, 0.62]), room, each) == pytest.approx(labelled)
+def test_labels_that_fit_and_zero(room: int, label_room: int, labelled: list[float]) -> None:
+    assert spread(round_ticks([-0.52, 0.62]), room, label_room) == pytest.approx(labelled)
 
 
 def test_labels_have_no_needless_decimals() -> None:
@@ -69,19 +69,19 @@ def test_labels_have_no_needless_decimals() -> None:
 
 def test_two_points_a_column_lowest_and_highest() -> None:
     cloud = Series("along X", (0.0, 0.0, 0.0, 10.0, 20.0, 20.0), (0.3, 0.1, 0.2, 0.5, 0.7, 0.6))
-    kept = thinned(cloud, 3)
-    assert kept.x == (0.0, 0.0, 10.0, 20.0, 20.0)
-    assert kept.y == (0.1, 0.3, 0.5, 0.6, 0.7)
+    series = thinned(cloud, 3)
+    assert series.x == (0.0, 0.0, 10.0, 20.0, 20.0)
+    assert series.y == (0.1, 0.3, 0.5, 0.6, 0.7)
 
 
 @given(st.lists(st.tuples(VALUES, VALUES), max_size=200), st.integers(1, 60))
 def test_thinned_points_keep_the_extremes(points: list[tuple[float, float]], columns: int) -> None:
     cloud = Series("any", tuple(x for x, _ in points), tuple(y for _, y in points))
-    kept = thinned(cloud, columns)
-    assert set(zip(kept.x, kept.y, strict=True)) <= set(points)
-    assert len(kept.x) <= 2 * columns
+    series = thinned(cloud, columns)
+    assert set(zip(series.x, series.y, strict=True)) <= set(points)
+    assert len(series.x) <= 2 * columns
     if points:
-        assert (min(kept.y), max(kept.y)) == (min(cloud.y), max(cloud.y))
+        assert (min(series.y), max(series.y)) == (min(cloud.y), max(cloud.y))
 
 
 @given(st.lists(VALUES, max_size=8), st.integers(1, 120))
@@ -99,8 +99,8 @@ def test_every_round_number_falls_on_a_cell_of_its_own(values: list[float], cell
 
 
 @given(st.integers(2, 12), st.integers(0, 40))
-def test_every_name_falls_on_a_row_of_its_own(names: int, more: int) -> None:
-    rows = names + more
+def test_every_name_falls_on_a_row_of_its_own(names: int, surplus: int) -> None:
+    rows = names + surplus
     lower, upper = turned_limits(names, rows)
     places = [(name - lower) / (upper - lower) * (rows - 1) for name in range(1, names + 1)]
     assert places == pytest.approx([round(place) for place in places], abs=1e-6)

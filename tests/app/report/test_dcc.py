@@ -69,8 +69,8 @@ def later_session(folder: Path) -> Path:
     machine.write_text(
         f'schema = "glidecal.machine/1"\nname = "orthoglide"\nentered_offsets_mm = {offsets}\n'
     )
-    made = glidecal("simulate", "--machine", machine, "--seed", "1", "-o", path)
-    assert made.status == 0, made.err
+    run = glidecal("simulate", "--machine", machine, "--seed", "1", "-o", path)
+    assert run.status == 0, run.err
     return path
 
 
@@ -136,10 +136,10 @@ def dcc() -> Iterator[ModuleType]:
     """
     real = re.search
 
-    def search(pattern: Any, *others: Any) -> Any:  # noqa: ANN401 (as of the re module)
+    def search(pattern: Any, *arguments: Any) -> Any:  # noqa: ANN401 (as of the re module)
         if isinstance(pattern, str):
             pattern = pattern.replace(r"\d\.\d\.\d[a-z]*", r"\d+\.\d+\.\d+[a-z]*")
-        return real(pattern, *others)
+        return real(pattern, *arguments)
 
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -203,14 +203,14 @@ def test_uncertainties_are_expanded_or_intervals(order: Path) -> None:
         *zip(standard_mm.tolist(), expanded_mm.tolist(), strict=True),
         *zip(view.uncertainty_mm.tolist(), view.expanded_mm.tolist(), strict=True),
     ]
-    every = [
+    reals = [
         real
         for real in root.findall(".//dcc:result//si:real", NAMES)
         if real.find(".//si:coverageProbability", NAMES) is not None
     ]
-    assert len(every) == len(stated)
+    assert len(reals) == len(stated)
     kinds = set()
-    for real, (u, wide) in zip(every, stated, strict=True):
+    for real, (u, wide) in zip(reals, stated, strict=True):
         (value,) = values_of(real, "value")
         kinds.add(wide >= u)
         if wide >= u:
@@ -245,8 +245,8 @@ def test_a_certificate_needs_an_order_and_a_country(
     target = tmp_path / "c.xml"
     assert "no number, customer and laboratory" in refused(2, "report", SIMULATED, "-o", target)
     order = laboratory(tmp_path, monkeypatch, LABORATORY.replace('country = "DE"', ""))
-    asked = ("report", SIMULATED, "--certificate", order, "-o", target)
-    assert "no country of the laboratory" in refused(2, *asked)
+    arguments = ("report", SIMULATED, "--certificate", order, "-o", target)
+    assert "no country of the laboratory" in refused(2, *arguments)
     assert not target.exists()
 
 
@@ -327,13 +327,13 @@ def test_a_signature_is_verified(
 
     monkeypatch.setenv("GLIDECAL_KEY_PASSWORD", "secret")
     target = tmp_path / "c.xml"
-    asked = ("report", SIMULATED, "--certificate", order, "--sign", keys / key, "-o", target)
-    done = glidecal(*asked)
+    arguments = ("report", SIMULATED, "--certificate", order, "--sign", keys / key, "-o", target)
+    done = glidecal(*arguments)
     assert done.status == 0, done.err
     xml = target.read_bytes()
     assert faults_of(xml.decode()) == []
-    held = keys / ("curve.pem" if key == "curve.pem" else "trusted.pem")
-    (trusted,) = x509.load_pem_x509_certificates(held.read_bytes())
+    certificate_path = keys / ("curve.pem" if key == "curve.pem" else "trusted.pem")
+    (trusted,) = x509.load_pem_x509_certificates(certificate_path.read_bytes())
     checked = XAdESVerifier().verify(xml, x509_cert=trusted, expect_references=3)
     signed = [part.signed_xml for part in checked if part.signed_xml is not None]
     assert "{https://ptb.de/dcc}digitalCalibrationCertificate" in [part.tag for part in signed]
@@ -376,8 +376,8 @@ def test_a_wrong_key_is_one_sentence(
     key: str, status: int, words: str, keys: Path, order: Path, tmp_path: Path
 ) -> None:
     target = tmp_path / "c.xml"
-    asked = ("report", SIMULATED, "--certificate", order, "--sign", keys / key, "-o", target)
-    assert words in refused(status, *asked)
+    arguments = ("report", SIMULATED, "--certificate", order, "--sign", keys / key, "-o", target)
+    assert words in refused(status, *arguments)
     assert not target.exists()
 
 
@@ -385,10 +385,10 @@ def test_a_wrong_password_is_one_sentence(
     keys: Path, order: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("GLIDECAL_KEY_PASSWORD", "guessed")
-    asked = ("report", SIMULATED, "--certificate", order, "--sign", keys / "secret.pem")
-    assert "another password" in refused(3, *asked, "-o", tmp_path / "c.xml")
+    arguments = ("report", SIMULATED, "--certificate", order, "--sign", keys / "secret.pem")
+    assert "another password" in refused(3, *arguments, "-o", tmp_path / "c.xml")
 
 
 def test_only_a_certificate_as_xml_is_signed(order: Path, tmp_path: Path) -> None:
-    asked = ("report", SIMULATED, "--sign", "key.pem", "-o", tmp_path / "c.pdf")
-    assert "--sign: found --output" in refused(2, *asked, "--certificate", order)
+    arguments = ("report", SIMULATED, "--sign", "key.pem", "-o", tmp_path / "c.pdf")
+    assert "--sign: found --output" in refused(2, *arguments, "--certificate", order)

@@ -94,13 +94,13 @@ def test_a_field_more_is_everywhere() -> None:
 
 
 def test_text_of_others_is_no_markup_in_a_notebook() -> None:
-    shown = DataTable.of(Play, [Play("<b>x</b>", 1.0, 1.0)])._repr_html_()
-    assert "<b>" not in shown
-    assert "&lt;b&gt;x" in shown
+    html = DataTable.of(Play, [Play("<b>x</b>", 1.0, 1.0)])._repr_html_()
+    assert "<b>" not in html
+    assert "&lt;b&gt;x" in html
 
 
 @pytest.mark.parametrize(
-    ("quantity", "value", "shown"),
+    ("quantity", "value", "text"),
     [
         (Quantity("a", kind="signed", decimals=2), -0.0001, "+0.00"),
         (Quantity("a", kind="uncertainty", decimals=3), 0.0, "0.0000010"),
@@ -110,8 +110,8 @@ def test_text_of_others_is_no_markup_in_a_notebook() -> None:
         (Quantity("a", missing="not determined"), None, "not determined"),
     ],
 )
-def test_a_value_as_its_field_says(quantity: Quantity, value: object, shown: str) -> None:
-    assert quantity.shown(value) == shown
+def test_a_value_as_its_field_says(quantity: Quantity, value: object, text: str) -> None:
+    assert quantity.shown(value) == text
 
 
 WRONG = """

@@ -46,9 +46,9 @@ def test_the_report_says_what_is_to_be_entered(pair: tuple[Path, Path], tmp_path
     for number, chain in enumerate(exported.chain, start=1):
         assert re.search(rf" {number} link_mm \+880\.0000 \+{chain.link_mm:.4f} ", text)
         for axis, value in zip("xyz", chain.joint_mm, strict=True):
-            shown = re.search(rf" {number} joint_mm {axis} \S+ (\S+) ", text)
-            assert shown is not None
-            assert float(shown[1]) == pytest.approx(value, abs=5.1e-5)
+            match = re.search(rf" {number} joint_mm {axis} \S+ (\S+) ", text)
+            assert match is not None
+            assert float(match[1]) == pytest.approx(value, abs=5.1e-5)
     session, _ = read_postures(before)
     truth, machine = simulated_truth(session).whole(), session.opened.machine.whole()
     postures = machine.box.random(400, np.random.default_rng(8))
@@ -139,8 +139,8 @@ def test_the_history_is_that_of_one_machine(pair: tuple[Path, Path], tmp_path: P
     assert second.entry.now_mm < 0.02 * first.entry.now_mm
     assert [path.name for path, _ in history.problems] == ["cut.jsonl"]
     assert read_history(tmp_path, index=index, of_postures=LOOKS) == history, "as it is remembered"
-    shown = glidecal("history", tmp_path).out
-    assert "hexaslide-h60, simulated: 2 sessions" in shown
+    text = glidecal("history", tmp_path).out
+    assert "hexaslide-h60, simulated: 2 sessions" in text
     document = json.loads(glidecal("history", tmp_path, "--json").out)
     sessions = document["posture_machines"][0]["sessions"]
     assert [session["decision"] for session in sessions] == ["fail", "pass"]
@@ -175,7 +175,9 @@ def truly_off_mm(path: Path) -> float:
     truth = simulated_truth(session).whole()
     postures = machine.box.random(300, np.random.default_rng(9))
     sliders = inverse(machine.geometry, postures)
-    stands, believed = (forward(one.geometry, sliders, one.box) for one in (truth, entered))
+    stands, believed = (
+        forward(hexaslide.geometry, sliders, hexaslide.box) for hexaslide in (truth, entered)
+    )
     free = solved.found.unidentifiable
     return 1000.0 * frames_apart(np.asarray(believed), np.asarray(stands), free).places_rms_m
 

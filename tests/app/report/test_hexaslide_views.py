@@ -26,12 +26,12 @@ VERB = ("identifiability", "hexaslide", "--procedure", "position", "--screen")
 
 @pytest.fixture
 def machine() -> HexaSlide:
-    own = load_hexaslide()
-    return own.whole()
+    hexaslide = load_hexaslide()
+    return hexaslide.whole()
 
 
 def strokes(drawing: Drawing, look: StrokeStyle) -> list[np.ndarray]:
-    return [np.array(one.points) for one in drawing.strokes if one.style is look]
+    return [np.array(stroke.points) for stroke in drawing.strokes if stroke.style is look]
 
 
 def test_drawn_links_have_their_length_and_end_on_the_platform(machine: HexaSlide) -> None:
@@ -72,23 +72,23 @@ def test_an_even_scale_draws_a_square_square() -> None:
 
 
 @pytest.mark.parametrize("limits", [(-1.31, -0.99), (-31.0, 31.0), (0.0, 1e-4), (-0.7, 0.9)])
-@pytest.mark.parametrize("most", [2, 3, 7])
-def test_ticks_are_round_few_and_inside(limits: tuple[float, float], most: int) -> None:
-    ticks = ticks_within(limits, most)
-    assert 1 <= len(ticks) <= most
+@pytest.mark.parametrize("maximum", [2, 3, 7])
+def test_ticks_are_round_few_and_inside(limits: tuple[float, float], maximum: int) -> None:
+    ticks = ticks_within(limits, maximum)
+    assert 1 <= len(ticks) <= maximum
     assert all(limits[0] <= tick <= limits[1] for tick in ticks)
     assert all(float(f"{tick:.3g}") == pytest.approx(tick, abs=1e-15) for tick in ticks)
 
 
 def test_postures_of_nothing_found_show_the_box_alone(machine: HexaSlide) -> None:
     drawings = drawn_postures(machine, None)
-    assert [one.heading for one in drawings] == [
+    assert [drawing.heading for drawing in drawings] == [
         "y over x, m",
         "z over x, m",
         "psi over theta, °",
         "phi over theta, °",
     ]
-    assert all(not one.series for one in drawings)
+    assert all(not drawing.series for drawing in drawings)
     (outline,) = strokes(drawings[3], StrokeStyle.MARKED)
     assert outline.min(axis=0) == pytest.approx([-15.0, -30.0])
     assert outline.max(axis=0) == pytest.approx([15.0, 30.0])
@@ -115,11 +115,11 @@ def test_millimetres_as_if_the_machine_were_written_in_them(kind: str) -> None:
     count = len(view.seen.found.names)
     rows = jacobian(view.procedure, metres, postures, link).reshape(-1, count)
     scale = np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0])
-    other = jacobian(view.procedure, big, scale * postures, long).reshape(-1, count)
+    jacobian_mm = jacobian(view.procedure, big, scale * postures, long).reshape(-1, count)
     converted = in_units(view.procedure, rows, MILLIMETRES)
-    assert converted == pytest.approx(other, rel=1e-9, abs=1e-9 * np.abs(other).max())
+    assert converted == pytest.approx(jacobian_mm, rel=1e-9, abs=1e-9 * np.abs(jacobian_mm).max())
     rank = view.seen.found.rank
-    assert view.conditions["mm, rad"] == pytest.approx(condition(other, rank), rel=1e-6)
+    assert view.conditions["mm, rad"] == pytest.approx(condition(jacobian_mm, rank), rel=1e-6)
 
 
 def test_degrees_change_the_rows_of_angles_alone() -> None:
@@ -132,13 +132,13 @@ def test_degrees_change_the_rows_of_angles_alone() -> None:
 
 def test_a_search_begins_at_the_random_postures_of_its_seed(machine: HexaSlide) -> None:
     procedure = Procedure.of("pose-inverse")
-    (found,) = searches(procedure, machine, 9, Search(seed=3, starts=1))
-    assert found.coordinates.shape == (9, 6)
-    assert found.begin == pytest.approx(machine.box.random(9, np.random.default_rng(3)))
-    assert found.search.source == "random"
+    (optimum,) = searches(procedure, machine, 9, Search(seed=3, starts=1))
+    assert optimum.coordinates.shape == (9, 6)
+    assert optimum.begin == pytest.approx(machine.box.random(9, np.random.default_rng(3)))
+    assert optimum.search.source == "random"
 
 
 def test_the_screen_needs_a_terminal_and_the_hexaslide() -> None:
     assert "no terminal" in refused(2, *VERB)
-    said = refused(2, "identifiability", "orthoglide", "--procedure", "sweep", "--screen")
-    assert "--screen: found the machine orthoglide. Allowed: the machine hexaslide" in said
+    message = refused(2, "identifiability", "orthoglide", "--procedure", "sweep", "--screen")
+    assert "--screen: found the machine orthoglide. Allowed: the machine hexaslide" in message

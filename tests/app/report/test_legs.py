@@ -49,7 +49,7 @@ def test_what_is_left_is_the_distance_of_points_from_the_line(figures: SessionFi
 
 def _at(leg: LegFigure, chart: int, place: float) -> list[float]:
     series = leg.charts[chart].series
-    return [y for one in series for x, y in zip(one.x, one.y, strict=True) if x == place]
+    return [y for line in series for x, y in zip(line.x, line.y, strict=True) if x == place]
 
 
 def test_the_factor_is_that_of_the_scales_which_all_share(figures: SessionFigures) -> None:
@@ -62,29 +62,31 @@ def test_the_factor_is_that_of_the_scales_which_all_share(figures: SessionFigure
 
 
 def test_characters_are_those_of_the_command(figures: SessionFigures) -> None:
-    shown = command("solve", SWEEP, "--figures")
-    assert shown.out.endswith(f"\n\n{figures}\n")
+    run = command("solve", SWEEP, "--figures")
+    assert run.out.endswith(f"\n\n{figures}\n")
     lines = str(figures).splitlines()
     assert max(map(len, lines)) <= 76
     assert sum("times enlarged, µm" in line for line in lines) == 6
     assert {mark for mark in MARKS.values() if mark in str(figures)} == set(MARKS.values())
-    both = command("solve", SWEEP, "--figures", "--json")
-    assert both.status == 2
-    assert "--figures" in both.err
+    refusal = command("solve", SWEEP, "--figures", "--json")
+    assert refusal.status == 2
+    assert "--figures" in refusal.err
 
 
 def test_a_notebook_shows_it_and_draws_it_on_axes(figures: SessionFigures) -> None:
     drawn = ElementTree.fromstring(f"<div>{figures._repr_html_()}</div>")  # as Jupyter calls it
-    words = ["".join(one.itertext()) for one in drawn.iter() if one.tag.endswith("text")]
+    words = [
+        "".join(element.itertext()) for element in drawn.iter() if element.tag.endswith("text")
+    ]
     for leg in figures.legs:
         assert words.count(leg.title) == 1
         assert leg.left.title in words
     above, below = Figure().subplots(2)
     figures.draw(1, above, below)
     assert above.get_title(loc="left") == figures.legs[1].title
-    shown = {line.get_label(): list(line.get_ydata()) for line in above.lines}
+    curves = {line.get_label(): list(line.get_ydata()) for line in above.lines}
     for series in figures.legs[1].readings.series:
-        assert shown[series.name] == list(series.y)
+        assert curves[series.name] == list(series.y)
 
 
 def test_an_adopted_play_is_a_line_for_each_direction(tmp_path: Path) -> None:
@@ -98,8 +100,8 @@ def test_an_adopted_play_is_a_line_for_each_direction(tmp_path: Path) -> None:
         (without, 1, "left by offsets and lengths"),
         (adopted, 2, "left by the model with its effects"),
     ):
-        leg = next(one for one in figures.legs if one.title == "Leg Y, across along X")
+        leg = next(picture for picture in figures.legs if picture.title == "Leg Y, across along X")
         assert len(leg.readings.strokes) == count
         assert leg.left.title.startswith(f"{words}, ")
-        heights.append(max(abs(y) for one in leg.left.series for y in one.y))
+        heights.append(max(abs(y) for series in leg.left.series for y in series.y))
     assert heights[1] < 0.6 * heights[0]

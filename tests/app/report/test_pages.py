@@ -90,9 +90,9 @@ def test_the_result_stands_in_it(experiment: CalibrationReport) -> None:
     solution = solve_files([EXPERIMENT]).solution
     view = text.partition("Parameters as the papers identify them")[2]
     for name, value in zip(solution.names, solution.values_mm, strict=True):
-        shown = re.search(rf"{name} ([+-][0-9.]+)", view)
-        assert shown, name
-        assert float(shown[1]) == pytest.approx(value, abs=1e-4)
+        match = re.search(rf"{name} ([+-][0-9.]+)", view)
+        assert match, name
+        assert float(match[1]) == pytest.approx(value, abs=1e-4)
     assert f"{solution.rms_before_mm:.4f} → {solution.rms_after_mm:.4f} mm" in text
     assert read_record(EXPERIMENT).digest in text
     assert "UNEXPLAINED" in text
@@ -106,9 +106,9 @@ def _cells(table: Table) -> list[tuple[str, ...]]:
 
 
 def _section(report: CalibrationReport, heading: str) -> Section:
-    every = [*report.first_page, *report.second_page, *report.sections]
-    (found,) = (one for one in every if one.heading == heading)
-    return found
+    sections = [*report.first_page, *report.second_page, *report.sections]
+    (section,) = (candidate for candidate in sections if candidate.heading == heading)
+    return section
 
 
 def _tables(section: Section) -> list[Table]:
@@ -125,16 +125,16 @@ def test_the_budget_adds_up_to_what_is_stated(experiment: CalibrationReport) -> 
     stated = zip(solved.solution.names, solved.solution.expanded_with_tolerances_mm, strict=True)
     for row, (name, expanded_mm) in zip(_cells(of_values), stated, strict=True):
         assert row[0] == name
-        scatter, steps, parts, together, left = map(float, row[1:])
+        scatter, steps, parts, together, residual = map(float, row[1:])
         assert math.hypot(scatter, steps, parts) == pytest.approx(expanded_mm, rel=0.01)
         assert together == pytest.approx(expanded_mm, rel=0.01)
-        assert left > scatter, "eleven times the noise is left"
+        assert residual > scatter, "eleven times the noise is left"
 
 
 def test_the_shares_of_the_budget_add_up(experiment: CalibrationReport) -> None:
     """Each beside the table: r.m.s. over the parameters, their squares up to the whole."""
     (picture,) = _pictures(_section(experiment, "Uncertainty budget"))
-    words = {"".join(one.itertext()) for one in ElementTree.fromstring(picture.svg).iter()}
+    words = {"".join(element.itertext()) for element in ElementTree.fromstring(picture.svg).iter()}
     solved = solve_files([EXPERIMENT])
     shares, sources = solved.budget, solved.solution.budget_mm
     together_mm2 = (solved.solution.expanded_with_tolerances_mm**2).mean()
@@ -160,10 +160,12 @@ def test_what_to_enter_comes_on_top(tmp_path: Path) -> None:
     report = report_of([path])
     table, *_ = _tables(_section(report, "What to enter in the controller"))
     columns = zip(*(map(float, row[1:]) for row in _cells(table)), strict=True)
-    held, found, _, together = columns
-    assert held == (0.25, 0.0, -1.0)
-    assert found == pytest.approx(solve_files([path]).joint_offsets_mm, abs=1e-4)
-    assert together == pytest.approx([a + b for a, b in zip(held, found, strict=True)], abs=1e-4)
+    current, change, _, together = columns
+    assert current == (0.25, 0.0, -1.0)
+    assert change == pytest.approx(solve_files([path]).joint_offsets_mm, abs=1e-4)
+    assert together == pytest.approx(
+        [a + b for a, b in zip(current, change, strict=True)], abs=1e-4
+    )
     assert "A. Fitter" in Page(html_of(report)).text
 
 
@@ -186,8 +188,8 @@ def test_readings_of_a_posture_stand_in_a_row_each_below_its_axis() -> None:
     (table,) = _tables(_section(report_of([SIMULATED]), f"Readings of {SIMULATED.name}"))
     headings = [str(column.header) for column in table.columns]
     (session,) = solve_files([SIMULATED]).sessions
-    readings = {one.reading: one for one in session.all_readings}
-    shown: list[int] = []
+    readings = {reading.reading: reading for reading in session.all_readings}
+    all_numbers: list[int] = []
     for row in _cells(table):
         cells = dict(zip(headings, row, strict=True))
         numbers = [int(number) for number in cells["no."].split(", ")]
@@ -196,8 +198,8 @@ def test_readings_of_a_posture_stand_in_a_row_each_below_its_axis() -> None:
             cell = cells[f"{axis}, mm"]
             assert (float(cell) if cell else None) == values.get(axis)
         assert {readings[k].place_words for k in numbers} == {cells["at"]}
-        shown += numbers
-    assert shown == sorted(readings)
+        all_numbers += numbers
+    assert all_numbers == sorted(readings)
     assert len(table.rows) == len(readings) / 2, "two indicators"
 
 
@@ -217,12 +219,14 @@ def test_a_name_stands_in_the_evidence(tmp_path: Path) -> None:
     path = write_session(tmp_path / "play.jsonl", "two-station", 4, "backlash", 0.05)
     evidence, _ = _pictures(_section(report_of([path]), "What is missing from the model"))
     drawn = ElementTree.fromstring(evidence.svg)
-    words = {"".join(one.itertext()) for one in drawn.iter() if one.tag.endswith("text")}
-    found = diagnose_files([path]).diagnosis
-    (named,) = (one for one in found.candidates if not one.reason_rejected)
+    words = {
+        "".join(element.itertext()) for element in drawn.iter() if element.tag.endswith("text")
+    }
+    diagnosis = diagnose_files([path]).diagnosis
+    (named,) = (candidate for candidate in diagnosis.candidates if not candidate.reason_rejected)
     assert named.id == "backlash"
     assert {f"backlash ({named.where})", "named", "gap without any of them"} <= words
-    assert named.gap_rms_after_mm < 0.2 * found.gap_before.rms_mm
+    assert named.gap_rms_after_mm < 0.2 * diagnosis.gap_before.rms_mm
 
 
 def test_the_decision_rule_stands_with_the_decision() -> None:
@@ -259,7 +263,9 @@ def test_nothing_comes_from_elsewhere(experiment: CalibrationReport) -> None:
         assert kind == "data:image/svg+xml;base64"
         drawn = ElementTree.fromstring(b64decode(data))
         assert drawn.tag.endswith("svg")
-        links = [value for one in drawn.iter() for name, value in one.items() if "href" in name]
+        links = [
+            value for element in drawn.iter() for name, value in element.items() if "href" in name
+        ]
         assert all(link.startswith("#") for link in links)
 
 
@@ -298,22 +304,24 @@ def test_any_words_are_text(words: str) -> None:
 def hostile_session(folder: Path, words: Sequence[str] = HOSTILE) -> Path:
     """A session with words of a stranger wherever its record can hold some."""
     record = read_record(SIMULATED)
-    opened, given = record.opened, cycle(words)
+    opened, word_cycle = record.opened, cycle(words)
     indicators = tuple(
-        one.model_copy(
-            update={name: next(given) for name in ("profile", "serial_number", "certificate")}
+        instrument.model_copy(
+            update={name: next(word_cycle) for name in ("profile", "serial_number", "certificate")}
         )
-        for one in opened.instruments
+        for instrument in opened.instruments
     )
-    machine = opened.machine.model_copy(update={"name": next(given), "adjusted": next(given)})
-    named = {name: next(given) for name in ("operator", "program")}
-    told = {"machine": machine, "instruments": indicators, "remarks": tuple(words), **named}
+    machine = opened.machine.model_copy(
+        update={"name": next(word_cycle), "adjusted": next(word_cycle)}
+    )
+    named = {name: next(word_cycle) for name in ("operator", "program")}
+    fields = {"machine": machine, "instruments": indicators, "remarks": tuple(words), **named}
     events: list[Line] = list(record.events[1:-1])
-    events += [Noted(text=one) for one in words]
-    events += [Superseded(readings=(k,), reason=one) for k, one in enumerate(words, start=1)]
-    events += [Restored(readings=(k,), reason=one) for k, one in enumerate(words, start=1)]
+    events += [Noted(text=word) for word in words]
+    events += [Superseded(readings=(k,), reason=word) for k, word in enumerate(words, start=1)]
+    events += [Restored(readings=(k,), reason=word) for k, word in enumerate(words, start=1)]
     path = folder / "a<b>&'.jsonl"
-    write_whole(path, opened.model_copy(update=told), events)
+    write_whole(path, opened.model_copy(update=fields), events)
     return path
 
 
@@ -329,13 +337,15 @@ def test_names_of_a_hostile_record_are_text(tmp_path: Path) -> None:
 def test_the_figures_of_a_plate_can_be_read(tmp_path: Path) -> None:
     """Names of positions stand upright, and the residuals of the positions beside each other."""
     path = tmp_path / "plate.jsonl"
-    made = glidecal("simulate", "--machine", "linear-delta", "--seed", "1", "-o", path)
-    assert made.status == 0, made.err
+    run = glidecal("simulate", "--machine", "linear-delta", "--seed", "1", "-o", path)
+    assert run.status == 0, run.err
     differences, *_ = _pictures(_section(report_of([path]), "Differences"))
     names = solve_files([path]).solution.differences.names
-    texts = [one for one in ElementTree.fromstring(differences.svg).iter() if one.text in names]
+    texts = [
+        label for label in ElementTree.fromstring(differences.svg).iter() if label.text in names
+    ]
     assert len(texts) == 18
-    assert all("rotate(-90" in one.get("transform", "") for one in texts)
+    assert all("rotate(-90" in label.get("transform", "") for label in texts)
     cells = diagnose_files([path]).diagnosis.residuals.cells
     _, before = residuals_before_and_after(cells).series
     assert len(set(before.x)) == len(before.x) == len(cells)
@@ -348,11 +358,11 @@ def test_with_a_later_session_it_decides(tmp_path: Path) -> None:
     machine.write_text(
         f'schema = "glidecal.machine/1"\nname = "orthoglide"\nentered_offsets_mm = [{offsets}]\n'
     )
-    made = glidecal("simulate", "--machine", machine, "--seed", "1", "-o", after)
-    assert made.status == 0, made.err
-    found = report_of([SIMULATED], after=after, tolerance_mm=5.0)
-    assert found.decision.startswith("PASS")
-    assert [s.heading for s in found.sections].count(
+    run = glidecal("simulate", "--machine", machine, "--seed", "1", "-o", after)
+    assert run.status == 0, run.err
+    report = report_of([SIMULATED], after=after, tolerance_mm=5.0)
+    assert report.decision.startswith("PASS")
+    assert [s.heading for s in report.sections].count(
         "Measured again, with the offsets entered"
     ) == 1
 
@@ -372,24 +382,24 @@ def test_pdf_is_the_same_twice_and_drawn(experiment: CalibrationReport) -> None:
 
 def test_the_command(tmp_path: Path) -> None:
     target = tmp_path / "report.html"
-    made = glidecal("report", EXPERIMENT, "-o", target)
-    assert (made.status, made.out) == (0, "")
+    run = glidecal("report", EXPERIMENT, "-o", target)
+    assert (run.status, run.out) == (0, "")
     assert "Calibration report" in target.read_text(encoding="utf-8")
     again = glidecal("report", EXPERIMENT, "-o", target)
     assert again.status != 0
     assert "--force" in again.err
-    other = glidecal("report", EXPERIMENT, "-o", tmp_path / "report.doc")
-    assert other.status == 2
-    assert ".html, .pdf, .xml" in other.err
+    refusal = glidecal("report", EXPERIMENT, "-o", tmp_path / "report.doc")
+    assert refusal.status == 2
+    assert ".html, .pdf, .xml" in refusal.err
 
 
 def test_without_the_extra_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     real = builtins.__import__
 
-    def none(name: str, *rest: object) -> ModuleType:
+    def none(name: str, *arguments: object) -> ModuleType:
         if name.startswith("matplotlib"):
             raise ModuleNotFoundError(f"No module named {name!r}", name="matplotlib")
-        return real(name, *rest)  # type: ignore[arg-type]  # handed on as it came
+        return real(name, *arguments)  # type: ignore[arg-type]  # handed on as it came
 
     monkeypatch.setattr(builtins, "__import__", none)
     with (

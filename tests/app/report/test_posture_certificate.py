@@ -133,8 +133,8 @@ def test_the_certificate_on_paper(pair: tuple[Path, Path], order: Path, tmp_path
     """Head, customer and tracker are on it; both records are; strangers' words are text."""
     before, after = pair
     target = tmp_path / "c.html"
-    asked = ("report", before, "--after", after, "--certificate", order)
-    assert glidecal(*asked, "-o", target).status == 0
+    arguments = ("report", before, "--after", after, "--certificate", order)
+    assert glidecal(*arguments, "-o", target).status == 0
     html = target.read_text("utf-8")
     assert "<script" not in html
     page = " ".join(re.sub(r"<[^>]+>", " ", html).split())
@@ -146,9 +146,9 @@ def test_the_certificate_on_paper(pair: tuple[Path, Path], order: Path, tmp_path
         assert read_postures(session)[1].digest in page
         assert f"Readings of {session.name}" in page
     # the same records in another format; other records are refused
-    assert glidecal(*asked, "-o", tmp_path / "c.xml").status == 0
-    other = ("report", after, "--certificate", order, "-o", tmp_path / "other.xml")
-    assert "a number that another certificate has" in refused(2, *other)
+    assert glidecal(*arguments, "-o", tmp_path / "c.xml").status == 0
+    arguments_of_after = ("report", after, "--certificate", order, "-o", tmp_path / "other.xml")
+    assert "a number that another certificate has" in refused(2, *arguments_of_after)
 
 
 def test_what_a_certificate_as_xml_needs(
@@ -158,8 +158,8 @@ def test_what_a_certificate_as_xml_needs(
     target = tmp_path / "c.xml"
     assert "no number, customer and laboratory" in refused(2, "report", before, "-o", target)
     order = laboratory(tmp_path, monkeypatch, LABORATORY.replace('country = "DE"', ""))
-    asked = ("report", before, "--certificate", order, "-o", target)
-    assert "no country of the laboratory" in refused(2, *asked)
+    arguments = ("report", before, "--certificate", order, "-o", target)
+    assert "no country of the laboratory" in refused(2, *arguments)
     assert not target.exists()
 
 

@@ -40,13 +40,13 @@ def told(session: Path, verb: str = "solve") -> str:
 
 def rows(text: str) -> dict[str, list[float]]:
     """The table of towers: what stands behind their letters."""
-    found = re.findall(r"(?m)^ (?:tower )?([abc]) +([-+\d. ]+)$", text)
-    return {name: [float(figure) for figure in figures.split()] for name, figures in found}
+    matches = re.findall(r"(?m)^ (?:tower )?([abc]) +([-+\d. ]+)$", text)
+    return {name: [float(figure) for figure in figures.split()] for name, figures in matches}
 
 
 def figure(text: str, before: str) -> float:
-    (found,) = re.findall(re.escape(before) + r" ([\d.]+) mm", " ".join(text.split()))
-    return float(found)
+    (number,) = re.findall(re.escape(before) + r" ([\d.]+) mm", " ".join(text.split()))
+    return float(number)
 
 
 def test_screws_of_the_endstops_mend_what_is_off_there(tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_screws_of_the_endstops_mend_what_is_off_there(tmp_path: Path) -> None:
     assert all(then - now == pytest.approx(-by, abs=2e-3) for now, then, by in table.values())
     x, y, z = (off + table[name][2] for off, name in zip(SWITCHES, "abc", strict=True))
     moved = true.Hidden(switch_mm=(x, y, z))
-    before, after = (true.rms(true.errors(one, true.BELIEVED)) for one in (hidden, moved))
+    before, after = (true.rms(true.errors(state, true.BELIEVED)) for state in (hidden, moved))
     assert after < 0.15 * before
 
 
@@ -86,8 +86,8 @@ def scattered(scatter_mm: float) -> str:
     """What M503 and three cycles of G30 show of a sound machine with a bad probe."""
     generator = np.random.default_rng(5)
 
-    def with_scatter(found: re.Match[str]) -> str:
-        return f"Z: {float(found[1]) + generator.normal(scale=scatter_mm):.3f}"
+    def with_scatter(match: re.Match[str]) -> str:
+        return f"Z: {float(match[1]) + generator.normal(scale=scatter_mm):.3f}"
 
     return re.sub(r"Z: (\S+)$", with_scatter, m503(true.Hidden(), 3), flags=re.MULTILINE)
 
@@ -156,11 +156,11 @@ def test_a_stretched_belt_is_named_with_what_to_turn(tmp_path: Path) -> None:
     (steps,) = re.findall(r"(?m)^ belt b +80\.0000 +(\S+) ", told(tmp_path / "s.jsonl"))
     assert float(steps) == pytest.approx(80.0 / 1.012, abs=0.1), "it arrives with fewer"
     document = json.loads(glidecal("solve", tmp_path / "s.jsonl", "--json").out)
-    known = {(one["id"], one["place"]): one for one in document["lines"]}
-    assert len(known) == 15, "two places, two directions and a travel of each drive"
-    belt = known["actuator_scale", "y"]
+    effects = {(effect["id"], effect["place"]): effect for effect in document["lines"]}
+    assert len(effects) == 15, "two places, two directions and a travel of each drive"
+    belt = effects["actuator_scale", "y"]
     assert belt["value"] == pytest.approx(12.0, abs=3.0 * belt["expanded_uncertainty"])
     assert (belt["unit"], belt["tolerance"]) == ("mm/m", 1.0)
     certified = next(results_of(calibration_of([tmp_path / "s.jsonl"]))).quantities
-    (entry,) = (each for each in certified if each.name == "tower b: steps per mm")
+    (entry,) = (quantity for quantity in certified if quantity.name == "tower b: steps per mm")
     assert entry.value == pytest.approx(float(steps), abs=5.1e-5), "no certificate drops a part"

@@ -70,11 +70,11 @@ def test_every_id_of_the_program_has_a_schema() -> None:
 def kept(text: str) -> str:
     """The name of the document's schema, which it keeps."""
     document = json.loads(text)
-    found = ID.fullmatch(document["schema"])
-    assert found is not None
-    schema = json.loads((FOLDER / f"{found[1]}-{found[2]}.json").read_text(encoding="utf-8"))
+    match = ID.fullmatch(document["schema"])
+    assert match is not None
+    schema = json.loads((FOLDER / f"{match[1]}-{match[2]}.json").read_text(encoding="utf-8"))
     Draft202012Validator(schema).validate(document)
-    return found[1]
+    return match[1]
 
 
 @pytest.mark.parametrize(
@@ -108,15 +108,15 @@ def test_every_verb_keeps_its_schema(name: str, command: tuple[str, ...]) -> Non
 
 def test_a_hexa_slide_keeps_its_schemas(tmp_path: Path) -> None:
     measured, truth, table = (str(tmp_path / n) for n in ("m.json", "t.json", "p.csv"))
-    made = ("--procedure", "pose-forward", "--postures", "16", "--seed", "3")
-    glidecal("simulate", "--machine", "hexaslide", *made, "-o", measured, "--truth", truth)
+    options = ("--procedure", "pose-forward", "--postures", "16", "--seed", "3")
+    glidecal("simulate", "--machine", "hexaslide", *options, "-o", measured, "--truth", truth)
     for path, name in ((measured, "hexaslide-measurements"), (truth, "hexaslide-truth")):
         assert kept(Path(path).read_text(encoding="utf-8")) == name
     assert kept(glidecal("solve", measured, "--truth", truth, "--json").out) == (
         "hexaslide-calibration"
     )
-    found = json.loads(Path(measured).read_text(encoding="utf-8"))
-    rows = [",".join(map(repr, one["values"])) for one in found["postures"]]
+    record = json.loads(Path(measured).read_text(encoding="utf-8"))
+    rows = [",".join(map(repr, posture["values"])) for posture in record["postures"]]
     head = "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg"
     Path(table).write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
     judged = ("--procedure", "pose-forward", "--posture-file", table, "--as-is", "--json")
@@ -131,12 +131,12 @@ def test_exported_and_adopted_files_keep_their_schemas(tmp_path: Path) -> None:
 
 
 def test_readings_and_faults_keep_their_schema() -> None:
-    whole = to_json(outcome_report("p", IndicatorReading("+1.5", 1.5, 0.1, unit_assumed=True)))
+    text = to_json(outcome_report("p", IndicatorReading("+1.5", 1.5, 0.1, unit_assumed=True)))
     fault = to_json(outcome_report("p", Fault(FaultKind.NO_ANSWER, "", "none: is it on?")))
-    assert kept(whole) == kept(fault) == "reading"
+    assert kept(text) == kept(fault) == "reading"
     assert "value_mm" not in json.loads(fault)
     with pytest.raises(ValidationError):
-        kept(whole.replace('"value_mm": 1.5', '"value_mm": "1.5"'))
+        kept(text.replace('"value_mm": 1.5', '"value_mm": "1.5"'))
 
 
 class Judgement(Report):

@@ -31,23 +31,23 @@ def session(protocol: str = "two-station") -> Session:
     return fold([opened])
 
 
-def picture(told: Session, step: Step) -> Drawing:
-    drawing = drawn_set_up(told, step, BOTH)
+def picture(example: Session, step: Step) -> Drawing:
+    drawing = drawn_set_up(example, step, BOTH)
     assert drawing is not None
     return drawing
 
 
 def place(drawing: Drawing, words: str) -> np.ndarray:
-    (found,) = [label.at for label in drawing.labels if label.words == words]
-    return np.array(found)
+    (position,) = [label.at for label in drawing.labels if label.words == words]
+    return np.array(position)
 
 
 def test_every_step_shows_its_bar_the_point_on_it_and_the_axes() -> None:
-    told = session()
-    geometry = told.opened.machine.geometry()
+    example = session()
+    geometry = example.opened.machine.geometry()
     ups = {"x": (-1.0, -1.0), "y": (1.0, -1.0), "z": (0.0, 1.0)}
-    for step in told.steps():
-        drawing = picture(told, step)
+    for step in example.steps():
+        drawing = picture(example, step)
         (thick,) = [s.points for s in drawing.strokes if s.style is StrokeStyle.THICK]
         end, foot = np.array(thick)
         assert tuple(foot) == tuple(place(drawing, step.leg.upper())), "the bar bears its letter"
@@ -66,9 +66,9 @@ def test_every_step_shows_its_bar_the_point_on_it_and_the_axes() -> None:
 
 
 def test_the_words_name_bar_place_port_and_side() -> None:
-    told = session()
-    step = next(s for s in told.steps() if s.leg == "x")
-    words = set_up_text(told, step, BOTH)
+    example = session()
+    step = next(s for s in example.steps() if s.leg == "x")
+    words = set_up_text(example, step, BOTH)
     at_mm = step.station * 310.25
     assert words.splitlines() == [
         f"Bar X, {at_mm:.0f} mm from its tool end ({step.station:.0%}). "
@@ -78,7 +78,9 @@ def test_the_words_name_bar_place_port_and_side() -> None:
         "A reading must grow when the bar moves towards +.",
     ]
     unknown = FIRST.model_copy(update={"pushed_in": None})
-    assert "if it grows when the spindle is pushed in" in set_up_text(told, step, (unknown, SECOND))
+    assert "if it grows when the spindle is pushed in" in set_up_text(
+        example, step, (unknown, SECOND)
+    )
 
 
 def test_a_reading_of_the_tool_has_no_picture() -> None:
@@ -89,9 +91,9 @@ def test_a_reading_of_the_tool_has_no_picture() -> None:
 async def test_a_terminal_marks_the_touched_point_where_the_machine_says(
     size: tuple[int, int],
 ) -> None:
-    told = session("zero-max-min")
-    for step in told.steps()[:30:3]:
-        drawing = picture(told, step)
+    example = session("zero-max-min")
+    for step in example.steps()[:30:3]:
+        drawing = picture(example, step)
 
         class Page(App[None]):
             def compose(self) -> ComposeResult:
@@ -103,8 +105,8 @@ async def test_a_terminal_marks_the_touched_point_where_the_machine_says(
             sent = rows(app.screen)
         cells = {}
         for mark in "xXYZ":  # a letter after + is that of an axis
-            rest = [re.sub(r"\+[XYZ]", "  ", row) for row in sent[1:-1]]
-            ((x, y),) = [(row.index(mark), k) for k, row in enumerate(rest) if mark in row]
+            plain_rows = [re.sub(r"\+[XYZ]", "  ", row) for row in sent[1:-1]]
+            ((x, y),) = [(row.index(mark), k) for k, row in enumerate(plain_rows) if mark in row]
             cells[mark] = (float(x), float(y))
         # three points tell the whole linear map from the drawing to cells
         letters = np.array([[*place(drawing, name), 1.0] for name in "XYZ"])

@@ -12,7 +12,7 @@ def test_one_indicator_taken_twice_and_back_shows_its_last_reading() -> None:
     begun = begun.model_copy(update={"instruments": begun.instruments[:1]})
     (step, *_) = fold([begun]).steps()
     (axis,) = step.axes
-    one = Reading(
+    first = Reading(
         at=at(1.0),
         reading=1,
         step=step.number,
@@ -25,8 +25,8 @@ def test_one_indicator_taken_twice_and_back_shows_its_last_reading() -> None:
         mount="1",
         station=step.station,
     )
-    again = one.model_copy(update={"reading": 2, "value_mm": 0.2})
-    events: list[Event] = [begun, one, Superseded(readings=(1,), reason="again"), again]
+    again = first.model_copy(update={"reading": 2, "value_mm": 0.2})
+    events: list[Event] = [begun, first, Superseded(readings=(1,), reason="again"), again]
     session = fold([*events, Superseded(readings=(2,), reason="taken back")])
-    said = point_text(step, session)
-    assert said.endswith(f"cycle 1   {axis.upper()} +0.2000   superseded: taken back")
+    text = point_text(step, session)
+    assert text.endswith(f"cycle 1   {axis.upper()} +0.2000   superseded: taken back")

@@ -32,15 +32,15 @@ def dots_of(rows: tuple[str, ...]) -> Dots:
         6: (1, 2),
         8: (1, 3),
     }
-    found = set()
+    dots = set()
     for y, row in enumerate(rows):
         for x, character in enumerate(row):
             bits = ord(character) - 0x2800
             assert 0 <= bits < 256
             for number, (right, down) in places.items():
                 if bits >> (number - 1) & 1:
-                    found.add((2 * x + right, 4 * y + down))
-    return found
+                    dots.add((2 * x + right, 4 * y + down))
+    return dots
 
 
 readings = st.lists(
@@ -52,7 +52,9 @@ readings = st.lists(
 def test_every_reading_has_its_dot(
     heard: list[tuple[float, float]], columns: int, rows: int
 ) -> None:
-    moments = tuple((len(heard) - 1 - k, low, low + more) for k, (low, more) in enumerate(heard))
+    moments = tuple(
+        (len(heard) - 1 - k, low, low + height) for k, (low, height) in enumerate(heard)
+    )
     last = heard[-1][0]
     trace = Trace(moments, (last - 0.002, last + 0.002))
     chart = chart_rows(trace, columns, rows)
@@ -85,7 +87,7 @@ def test_nothing_heard_is_nothing_drawn_and_no_room_is_none_taken() -> None:
 
 
 def test_at_rest_the_band_is_the_rest_limit_and_the_scale_keeps_still() -> None:
-    shown = []
+    levels = []
     for flicker in (0.0, 0.001, -0.001):
         value = 1.0003 + flicker
         moments = tuple((ago, value, value) for ago in range(SLOTS - 1, -1, -1))
@@ -96,8 +98,8 @@ def test_at_rest_the_band_is_the_rest_limit_and_the_scale_keeps_still() -> None:
         assert len(line) == 1
         assert math.isclose(max(edges) - min(edges), 24 * 0.004 / LEAST_MM, abs_tol=1.0)
         assert min(edges) < min(line) < max(edges)
-        shown.append(line.pop())
-    assert 1 <= shown[2] - shown[0] <= 2, "a digit down, on the same scale"
+        levels.append(line.pop())
+    assert 1 <= levels[2] - levels[0] <= 2, "a digit down, on the same scale"
 
 
 def stepped(size_mm: float) -> Trace:

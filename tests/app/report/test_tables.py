@@ -9,24 +9,26 @@ NAME = "simulated_zero-max-min-plane-of-the-second-of-june.jsonl"
 
 def test_a_name_with_hyphens_stays_whole() -> None:
     """Whoever copies it to a command needs all of it."""
-    said = f"WARNING: session {NAME}: found a line that was changed"
-    assert NAME in hanging(f"  in these few words before {said}", "  ")
-    assert NAME in wrapped(f"in these few words before {said}")
+    warning = f"WARNING: session {NAME}: found a line that was changed"
+    assert NAME in hanging(f"  in these few words before {warning}", "  ")
+    assert NAME in wrapped(f"in these few words before {warning}")
 
 
 def test_paragraphs_break_sentences_and_keep_lines() -> None:
     table = new_table("name", "value")
     table.add_row(NAME, "1")
     line = f"glidecal solve {NAME} --model {NAME}"
-    said, kept, shown = paragraphs("word " * 30, "", [], [line], table).split("\n\n")
-    assert len(said.splitlines()) == 2
-    assert kept == line
-    assert shown.splitlines()[0].split() == ["name", "value"]
+    paragraph, kept_line, shown_table = paragraphs("word " * 30, "", [], [line], table).split(
+        "\n\n"
+    )
+    assert len(paragraph.splitlines()) == 2
+    assert kept_line == line
+    assert shown_table.splitlines()[0].split() == ["name", "value"]
 
 
 def test_an_id_takes_the_room_of_the_key_in_its_place() -> None:
     words = "{diagnose.adopt} adopts what was named. Then {diagnose.result} shows the result of it."
     assert wrapped(words) == words, "with A and R it is 58 letters"
-    both = wrapped(f"{words} {words}")
-    assert both.count("\n") == 1
-    assert both.replace("\n", " ") == f"{words} {words}"
+    text = wrapped(f"{words} {words}")
+    assert text.count("\n") == 1
+    assert text.replace("\n", " ") == f"{words} {words}"

@@ -41,8 +41,8 @@ def _loops(folder: Path) -> list[str]:
     rows = [_row("offsets 0.8, −1.3, 0.45 mm", plain, COMPLETE, plain.session)]
     scaled = {"": (), ", scale 0.5 mm/m of one drive": (2,), ", the same of all three": (0, 1, 2)}
     for number, (name, drives) in enumerate(scaled.items()):
-        one = {k: {"scale": 5e-4} for k in drives}
-        machine = Machine(OFFSETS, joint={"play": 0.06, "cyclic": 0.01}, one=one)
+        errors = {k: {"scale": 5e-4} for k in drives}
+        machine = Machine(OFFSETS, joint={"play": 0.06, "cyclic": 0.01}, one=errors)
         loop = Loop(machine, folder / f"scale{number}")
         alone = loop.after_mm("offsets", loop.session, *ALONE)
         row = _row(f"offsets, play 60 µm, cyclic 10 µm{name}", loop, COMPLETE, loop.session)
@@ -54,28 +54,28 @@ def _loops(folder: Path) -> list[str]:
     loop = Loop(axes, folder / "axes", zero_set=True)
     model = loop.session.with_name("found.json")
     loop.do("diagnose", loop.session, "--adopt", model)
-    asked = ("--model", model, "--subset", "both", "--format", "linuxcnc-kins")
-    turned = loop.after_mm("turned", loop.session, *asked, sign=-1.0)
-    row = _row("six parameters, 2 mrad, axes 0.2 mm apart", loop, asked, loop.session)
-    return [one.format("– | –") for one in [*rows, row.format(f"signs turned | {turned:.4f}")]]
+    options = ("--model", model, "--subset", "both", "--format", "linuxcnc-kins")
+    turned = loop.after_mm("turned", loop.session, *options, sign=-1.0)
+    row = _row("six parameters, 2 mrad, axes 0.2 mm apart", loop, options, loop.session)
+    return [line.format("– | –") for line in [*rows, row.format(f"signs turned | {turned:.4f}")]]
 
 
-def _row(name: str, loop: Loop, asked: Sequence[str | Path], source: Path) -> str:
-    after = loop.after_mm("after", source, *asked)
+def _row(name: str, loop: Loop, options: Sequence[str | Path], source: Path) -> str:
+    after = loop.after_mm("after", source, *options)
     return f"| {name} | {loop.before_mm:.4f} | {after:.4f} | {{}} |"
 
 
 def _homing(folder: Path) -> list[str]:
     rows = ["| homing, after the export | worst carriage, µm |", "|---|---|"]
     tried: dict[str, tuple[Machine, list[ControllerJoint], Entry]] = {}
-    whole, scaled = Machine(OFFSETS, joint=WHOLE), Machine(OFFSETS, joint=SCALE)
+    full, scaled = Machine(OFFSETS, joint=WHOLE), Machine(OFFSETS, joint=SCALE)
     for name, way in (("upwards", 1.0), ("downwards", -1.0)):
-        on = on_switch(whole, way)
-        tried[f"on a switch, latched {name}; every effect"] = whole, on, homing(0.0, way)
+        on = on_switch(full, way)
+        tried[f"on a switch, latched {name}; every effect"] = full, on, homing(0.0, way)
     for kind, name in enumerate(("where it stands", "absolute encoder, 1", "the same, 2")):
-        held = [ControllerJoint(L, absolute_encoder=kind > 0)] * 3
-        tried[f"{name}; scale"] = scaled, held, {**HERE, "HOME_ABSOLUTE_ENCODER": kind}
-    for number, (name, (machine, held, home)) in enumerate(tried.items()):
-        worst = worst_um(folder / f"homing{number}", machine, found(machine), held, home)
+        joints = [ControllerJoint(L, absolute_encoder=kind > 0)] * 3
+        tried[f"{name}; scale"] = scaled, joints, {**HERE, "HOME_ABSOLUTE_ENCODER": kind}
+    for number, (name, (machine, joints, home)) in enumerate(tried.items()):
+        worst = worst_um(folder / f"homing{number}", machine, found(machine), joints, home)
         rows.append(f"| {name} | {worst:.1f} |")
     return rows

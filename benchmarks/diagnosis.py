@@ -36,7 +36,7 @@ class Cost:
 
 def cost(*arguments: str) -> Cost:
     """The median of a few runs; what the process prints is thrown away."""
-    runs = sorted((_once(*arguments) for _ in range(ROUNDS)), key=lambda each: each.processor_s)
+    runs = sorted((_once(*arguments) for _ in range(ROUNDS)), key=lambda run: run.processor_s)
     return runs[ROUNDS // 2]
 
 
@@ -48,9 +48,9 @@ def _once(*arguments: str) -> Cost:
         "print(json.dumps([used.ru_utime + used.ru_stime, used.ru_maxrss / 1024]))"
     )
     one_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    asked = [sys.executable, "-c", code, sys.executable, *arguments]
+    command = [sys.executable, "-c", code, sys.executable, *arguments]
     done = subprocess.run(
-        asked, capture_output=True, check=True, cwd=ROOT, env=os.environ | one_thread, text=True
+        command, capture_output=True, check=True, cwd=ROOT, env=os.environ | one_thread, text=True
     )
     return Cost(*json.loads(done.stdout))
 
@@ -66,11 +66,11 @@ def diagnosis() -> list[str]:
         for cycles in CYCLES:
             session = _session(Path(folder), cycles)
             read = cost("-m", "app", "validate", str(session))
-            whole = cost("-m", "app", "diagnose", str(session), "--json")
+            total = cost("-m", "app", "diagnose", str(session), "--json")
             count = len(fold(read_record(session).events).readings)
             lines.append(
-                f"| {count} | {read.processor_s:.2f} | {whole.processor_s:.2f} "
-                f"| {whole.processor_s - read.processor_s:.2f} | {whole.peak_mb:.0f} |"
+                f"| {count} | {read.processor_s:.2f} | {total.processor_s:.2f} "
+                f"| {total.processor_s - read.processor_s:.2f} | {total.peak_mb:.0f} |"
             )
     return lines
 
@@ -78,24 +78,24 @@ def diagnosis() -> list[str]:
 def _session(folder: Path, cycles: int) -> Path:
     """A simulated sweep of so many cycles: that of the samples again and again, scattered anew."""
     source, readings = str(SAMPLE), folder / "readings.csv"
-    asked = ["-m", "app", "export", source, "--table", "readings", "--format", "csv", "--force"]
-    subprocess.run([sys.executable, *asked, "-o", str(readings)], check=True, cwd=ROOT)
+    command = ["-m", "app", "export", source, "--table", "readings", "--format", "csv", "--force"]
+    subprocess.run([sys.executable, *command, "-o", str(readings)], check=True, cwd=ROOT)
     with readings.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    known = max(int(row["cycle"]) for row in rows)
+    cycle_count = max(int(row["cycle"]) for row in rows)
     scatter = np.random.default_rng(cycles).normal(0.0, SCATTER_MM, (cycles, len(rows)))
     table, session = folder / f"{cycles}.csv", folder / f"{cycles}.jsonl"
     with table.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow([*COLUMNS, "value_mm", "cycle"])
         for mount in dict.fromkeys((row["leg"], row["station"]) for row in rows):
-            for cycle, row_number in product(range(0, cycles, known), range(len(rows))):
+            for cycle, row_number in product(range(0, cycles, cycle_count), range(len(rows))):
                 row = rows[row_number]
                 if (row["leg"], row["station"]) != mount:
                     continue
                 value_mm = float(row["value_mm"]) + scatter[cycle, row_number]
                 place = [row[name] for name in COLUMNS]
                 writer.writerow([*place, f"{value_mm:.4f}", cycle + int(row["cycle"])])
-    asked = ["-m", "app", "import", str(table), "-o", str(session)]
-    subprocess.run([sys.executable, *asked], capture_output=True, check=True, cwd=ROOT)
+    command = ["-m", "app", "import", str(table), "-o", str(session)]
+    subprocess.run([sys.executable, *command], capture_output=True, check=True, cwd=ROOT)
     return session

@@ -55,8 +55,8 @@ class Found:
     def row(self, problem: str) -> str:
         """A line of the table."""
         figures = (min(self.values), self.middle, max(self.values))
-        shown = " | ".join(f"{value:.5g}" for value in figures)
-        return f"| {problem} | {self.name} | {len(self.values)} | {shown} | {self.seconds:.2f} |"
+        cells = " | ".join(f"{value:.5g}" for value in figures)
+        return f"| {problem} | {self.name} | {len(self.values)} | {cells} | {self.seconds:.2f} |"
 
 
 class _Over(Exception):
@@ -80,8 +80,8 @@ class ConditionNumber:
         if time.process_time() > self.end:
             raise _Over
         width = self.box.upper - self.box.lower
-        found = self.rows(self.box.lower + unit.reshape(-1, 6) * width)[0]
-        value = float(np.linalg.cond(found.reshape(-1, found.shape[-1])))
+        jacobian = self.rows(self.box.lower + unit.reshape(-1, 6) * width)[0]
+        value = float(np.linalg.cond(jacobian.reshape(-1, jacobian.shape[-1])))
         self.least = min(self.least, value)
         return math.log(value) if self.logarithm else value
 
@@ -104,7 +104,7 @@ def peer(
     seed: int = SEED,
 ) -> Found:
     """SLSQP with differences on the condition number; the least value that it met counts."""
-    generator, values, taken = np.random.default_rng(seed), [], []
+    generator, values, times = np.random.default_rng(seed), [], []
     for _ in range(starts):
         start = machine.box.random(COUNTS[procedure.kind], generator)
         begin = time.process_time()
@@ -119,17 +119,17 @@ def peer(
                 options={"maxiter": 1000, "ftol": 1e-9},
             )
         values.append(cost.least)
-        taken.append(time.process_time() - begin)
+        times.append(time.process_time() - begin)
     name = f"SLSQP{' (logarithm)' * logarithm}"
-    return Found(name, tuple(values), statistics.mean(taken))
+    return Found(name, tuple(values), statistics.mean(times))
 
 
 def postures_of_procedures(
     starts: int = STARTS, peer_starts: int = PEER_STARTS, peer_seconds: float = PEER_SECONDS
 ) -> list[str]:
     """The table: condition numbers on H60, the less the better."""
-    own = load_hexaslide()
-    machine = own.whole()
+    example = load_hexaslide()
+    machine = example.whole()
     lines = [
         "| H60, fewest postures, condition number | by | starts | best | median | worst "
         "| s a start |",
@@ -137,12 +137,12 @@ def postures_of_procedures(
     ]
     for kind, count in COUNTS.items():
         procedure = Procedure.of(kind)
-        found = ours(procedure, machine, starts)
-        others = [
+        result = ours(procedure, machine, starts)
+        rivals = [
             peer(procedure, machine, peer_starts, peer_seconds, logarithm=logarithm)
             for logarithm in (False, True)
         ]
-        lines += [one.row(f"{kind.value}, {count}") for one in (found, *others)]
+        lines += [search.row(f"{kind.value}, {count}") for search in (result, *rivals)]
     return lines
 
 
@@ -160,5 +160,5 @@ def hexaslide() -> list[str]:
 
 
 if __name__ == "__main__":
-    asked = [int(text) for text in sys.argv[1:]]
-    print("\n".join(postures_of_procedures(*asked)))
+    counts = [int(text) for text in sys.argv[1:]]
+    print("\n".join(postures_of_procedures(*counts)))

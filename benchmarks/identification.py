@@ -70,8 +70,8 @@ def one_session() -> list[str]:
         "| one session: 60 raw readings, 6 zeros, 6 parameters | ms | ratio | off by, mm |",
         "|---|---|---|---|",
         *(
-            f"| {name} | {1e3 * taken:.3f} | {taken / best:.1f} | {np.abs(x - ours).max():.1e} |"
-            for name, taken, x in rows
+            f"| {name} | {1e3 * time_s:.3f} | {time_s / best:.1f} | {np.abs(x - ours).max():.1e} |"
+            for name, time_s, x in rows
         ),
         *missing,
     ]
@@ -94,7 +94,7 @@ def _peers(
     residual: Callable[[FloatArray], FloatArray], unknown: int
 ) -> dict[str, Callable[[], FloatArray]]:
     start = np.zeros(unknown)
-    found: dict[str, Callable[[], FloatArray]] = {
+    methods: dict[str, Callable[[], FloatArray]] = {
         "scipy least_squares, trf": lambda: np.asarray(least_squares(residual, start).x),
         "scipy least_squares, lm": lambda: np.asarray(
             least_squares(residual, start, method="lm").x
@@ -102,10 +102,10 @@ def _peers(
         f"coordinate descent, {SWEEPS} sweeps at most": lambda: _descent(residual, start),
     }
     if importlib.util.find_spec("lmfit"):
-        found["lmfit, leastsq"] = lambda: _lmfit(residual, unknown)
+        methods["lmfit, leastsq"] = lambda: _lmfit(residual, unknown)
     if importlib.util.find_spec("iminuit"):
-        found["iminuit, migrad"] = lambda: _iminuit(residual, start)
-    return found
+        methods["iminuit, migrad"] = lambda: _iminuit(residual, start)
+    return methods
 
 
 def _scipy_on_means(fit: PlainFit, values: FloatArray) -> FloatArray:
@@ -173,8 +173,8 @@ def many_sessions() -> list[str]:
             cwd=ROOT,
             env={"OPENBLAS_NUM_THREADS": "1", "PATH": ""},
         )
-        taken, memory, failed = done.stdout.split()
-        rows.append(f"| {count:,} | {float(taken):.2f} | {float(memory):.0f} | {failed} |")
+        time_s, memory, failed = done.stdout.split()
+        rows.append(f"| {count:,} | {float(time_s):.2f} | {float(memory):.0f} | {failed} |")
     return [
         "| exact identifications, one core | s | peak memory, MB | failed |",
         "|---|---|---|---|",
@@ -188,7 +188,7 @@ def identify_so_many(count: int) -> None:
     fit = PlainFit.of(Model(), observed, SUBSETS["both"], observed.averaged)
     place = np.argmax(fit.average > 0.0, axis=0)
     generator = np.random.default_rng(1)
-    taken, failed, chunk = 0.0, 0, 20_000
+    time_s, failed, chunk = 0.0, 0, 20_000
     for _ in range(0, count, chunk):
         truth = np.vstack(
             [generator.uniform(-2, 2, (3, chunk)), generator.normal(0, 0.03, (3, chunk))]
@@ -198,9 +198,9 @@ def identify_so_many(count: int) -> None:
         start = time.perf_counter()
         parts = [values[:, first : first + CHUNK] for first in range(0, chunk, CHUNK)]
         converged = [fit.solve(part).converged for part in parts]
-        taken += time.perf_counter() - start
+        time_s += time.perf_counter() - start
         failed += int((~np.concatenate(converged)).sum())
-    print(taken, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0, failed)
+    print(time_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0, failed)
 
 
 if __name__ == "__main__":

@@ -245,13 +245,13 @@ def first_screen_s() -> float:
             start_new_session=True,
         ) as process:
             os.close(far_end)
-            shown = b""
-            while ALTERNATE_SCREEN not in shown or FIRST_WORDS not in shown:
-                shown += os.read(own_end, 1 << 16)
-            taken = time.perf_counter() - start
+            output = b""
+            while ALTERNATE_SCREEN not in output or FIRST_WORDS not in output:
+                output += os.read(own_end, 1 << 16)
+            seconds = time.perf_counter() - start
             process.kill()
     os.close(own_end)
-    return taken
+    return seconds
 
 
 def unattended_s() -> float:
@@ -276,12 +276,12 @@ def delay_row(when: str, delays_s: list[float], limit: str = "p99 ≤ 50 ms") ->
 
 def interface() -> list[str]:
     """The table, each figure beside its limit."""
-    seen = measured_session()
+    delays = measured_session()
     rows = [
-        delay_row("moving", seen.moving_s),
-        delay_row("taking steps", seen.taking_s),
-        delay_row("at rest, last digit changing", seen.calm_s),
-        delay_row(f"the same after {IDLE_S:g} s at rest", seen.waiting_s, "–"),
+        delay_row("moving", delays.moving_s),
+        delay_row("taking steps", delays.taking_s),
+        delay_row("at rest, last digit changing", delays.calm_s),
+        delay_row(f"the same after {IDLE_S:g} s at rest", delays.waiting_s, "–"),
     ]
     if os.name == "posix":
         start_s = statistics.median(first_screen_s() for _ in range(STARTS))
@@ -290,10 +290,10 @@ def interface() -> list[str]:
         "| interface, 120 × 40 with plots, 2 × 20 readings/s | measured | limit |",
         "|---|---|---|",
         *rows,
-        f"| event loop blocked, taking steps | {seen.blocked_s * 1e3:.0f} ms | ≤ 100 ms |",
-        f"| event loop blocked, record → result | {seen.blocked_by_result_s * 1e3:.0f} ms | – |",
-        f"| CPU while waiting, last digit changing | {seen.restless_share} | ≤ 5 % |",
-        f"| CPU while waiting, readings at rest | {seen.still_share} | ≤ 5 % |",
+        f"| event loop blocked, taking steps | {delays.blocked_s * 1e3:.0f} ms | ≤ 100 ms |",
+        f"| event loop blocked, record → result | {delays.blocked_by_result_s * 1e3:.0f} ms | – |",
+        f"| CPU while waiting, last digit changing | {delays.restless_share} | ≤ 5 % |",
+        f"| CPU while waiting, readings at rest | {delays.still_share} | ≤ 5 % |",
         f"| standard session twice, `demo --headless` | {unattended_s():.2f} s | ≤ 10 s |",
     ]
 

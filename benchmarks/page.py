@@ -31,25 +31,25 @@ Table = list[str]
 
 def seconds(work: Callable[[], object], rounds: int = 7) -> float:
     """Median time of one call."""
-    taken = []
+    times = []
     for _ in range(rounds):
         start = time.perf_counter()
         work()
-        taken.append(time.perf_counter() - start)
-    return statistics.median(taken)
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)
 
 
 def tables_of(lines: Sequence[str]) -> list[Table]:
     """The tables among lines, in their order."""
-    found: list[Table] = []
+    tables: list[Table] = []
     before = ""
     for line in lines:
         if line.startswith("|"):
             if not before.startswith("|"):
-                found.append([])
-            found[-1].append(line)
+                tables.append([])
+            tables[-1].append(line)
         before = line
-    return found
+    return tables
 
 
 def with_tables(page: str, tables: Sequence[Table]) -> tuple[str, list[str]]:
@@ -119,11 +119,11 @@ def rows_of(table: Sequence[str], column: str, names: int = 1) -> list[Row]:
     place = cells(table[0]).index(column)
     rows = []
     for line in table[2:]:
-        found = cells(line)
-        shown = found[place]
-        number = re.fullmatch(r"[\d.,]+(e[+-]?\d+)?", shown)
-        value = float(shown.replace(",", "")) if number else None
-        rows.append(Row(", ".join(found[:names]), shown, value))
+        row = cells(line)
+        text = row[place]
+        number = re.fullmatch(r"[\d.,]+(e[+-]?\d+)?", text)
+        value = float(text.replace(",", "")) if number else None
+        rows.append(Row(", ".join(row[:names]), text, value))
     return rows
 
 
@@ -133,11 +133,11 @@ def shares(rows: Sequence[Row]) -> tuple[list[float], bool]:
     A logarithmic scale begins at the decade below the least value.
     """
     values = [row.value for row in rows if row.value]
-    least, most = min(values, default=1.0), max(values, default=1.0)
-    if most / least <= WIDE_SPAN:
-        return [(row.value or 0.0) / most for row in rows], False
+    least, largest = min(values, default=1.0), max(values, default=1.0)
+    if largest / least <= WIDE_SPAN:
+        return [(row.value or 0.0) / largest for row in rows], False
     first = math.ceil(math.log10(least)) - 1
-    span = math.log10(most) - first
+    span = math.log10(largest) - first
     lengths = [(math.log10(row.value) - first) / span if row.value else 0.0 for row in rows]
     return lengths, True
 

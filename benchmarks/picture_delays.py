@@ -58,7 +58,9 @@ class Delays:
         """Its digits were rendered, and with them all that came before."""
         with self.lock:
             waiting = self.arrived.get(gauge, [])
-            newest = max((k for k, (_, shown) in enumerate(waiting) if shown == text), default=-1)
+            newest = max(
+                (k for k, (_, picture) in enumerate(waiting) if picture == text), default=-1
+            )
             self.drawn += [at for at, _ in waiting[: newest + 1]]
             del waiting[: newest + 1]
 
@@ -77,10 +79,10 @@ class Delays:
     def taken(self) -> list[float]:
         """The delays so far, in seconds; then begin again."""
         with self.lock:
-            found, self.seconds = self.seconds, []
+            delays, self.seconds = self.seconds, []
             self.arrived.clear()
             self.drawn.clear()
-            return found
+            return delays
 
 
 @contextmanager

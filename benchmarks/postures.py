@@ -69,8 +69,8 @@ def log_determinant(rows: FloatArray) -> float:
 
 def ours(rows: FloatArray, starts: int, *, repeats: bool = False) -> FloatArray:
     """`calib.design.exchange.choose`."""
-    found = choose(Candidates(rows[:, None]), COUNT, starts=starts, repeats=repeats)
-    return np.asarray(rows[list(found.chosen)])
+    selection = choose(Candidates(rows[:, None]), COUNT, starts=starts, repeats=repeats)
+    return np.asarray(rows[list(selection.chosen)])
 
 
 def plain_fedorov(rows: FloatArray, seed: int = 0) -> FloatArray:
@@ -80,8 +80,8 @@ def plain_fedorov(rows: FloatArray, seed: int = 0) -> FloatArray:
     while True:
         swap = None
         for place in range(COUNT):
-            rest = rows[chosen[:place] + chosen[place + 1 :]]
-            fixed = rest.T @ rest + RIDGE * np.eye(PARAMETERS)
+            remaining = rows[chosen[:place] + chosen[place + 1 :]]
+            fixed = remaining.T @ remaining + RIDGE * np.eye(PARAMETERS)
             all_swaps = np.linalg.slogdet(fixed + rows[:, :, None] * rows[:, None, :])[1]
             all_swaps[chosen] = -np.inf
             k = int(all_swaps.argmax())
@@ -94,26 +94,26 @@ def plain_fedorov(rows: FloatArray, seed: int = 0) -> FloatArray:
 
 def random_best(rows: FloatArray, budget_s: float) -> FloatArray:
     """The best of as many random sets as the time allows."""
-    generator, best, kept = np.random.default_rng(0), -np.inf, rows[:COUNT]
+    generator, best, best_rows = np.random.default_rng(0), -np.inf, rows[:COUNT]
     end = time.perf_counter() + budget_s
     while time.perf_counter() < end:
         index = generator.random((256, POOL)).argpartition(COUNT, axis=1)[:, :COUNT]
         sets = rows[index]
-        found = np.linalg.slogdet(np.swapaxes(sets, 1, 2) @ sets)[1]
-        if found.max() > best:
-            best, kept = float(found.max()), sets[int(found.argmax())]
-    return kept
+        logs = np.linalg.slogdet(np.swapaxes(sets, 1, 2) @ sets)[1]
+        if logs.max() > best:
+            best, best_rows = float(logs.max()), sets[int(logs.argmax())]
+    return best_rows
 
 
 def timed(work: Callable[[FloatArray], FloatArray]) -> tuple[list[float], list[float]]:
     """Logarithms of determinants and seconds over all pools."""
-    logs, taken = [], []
+    logs, times = [], []
     for rows in pools():
         begin = time.perf_counter()
         chosen = work(rows)
-        taken.append(time.perf_counter() - begin)
+        times.append(time.perf_counter() - begin)
         logs.append(log_determinant(chosen))
-    return logs, taken
+    return logs, times
 
 
 @dataclass(frozen=True)
@@ -126,10 +126,10 @@ class Way:
 
     def row(self, best: FloatArray, beside: Way) -> str:
         """A line of the table."""
-        taken, first = statistics.median(self.seconds), statistics.median(beside.seconds)
+        middle, first = statistics.median(self.seconds), statistics.median(beside.seconds)
         off = np.array(self.logs) - best
         return (
-            f"| {self.name} | {taken * 1e3:.1f} | {taken / first:.2f} | "
+            f"| {self.name} | {middle * 1e3:.1f} | {middle / first:.2f} | "
             f"{np.exp(np.median(off)):.3f} | {np.exp(off.min()):.3f} |"
         )
 
@@ -139,10 +139,10 @@ def figaroh_python() -> str | None:
     if all(importlib.util.find_spec(name) for name in ("figaroh", "picos")):
         return sys.executable
     named = os.environ.get("FIGAROH_PYTHON")
-    found = shutil.which(named) if named else None
-    if named and not found:
+    program = shutil.which(named) if named else None
+    if named and not program:
         print(f"FIGAROH_PYTHON: {named} is no program", file=sys.stderr)
-    return found
+    return program
 
 
 def figaroh() -> Way | None:
@@ -162,13 +162,13 @@ def figaroh() -> Way | None:
     if done.returncode:
         print(f"figaroh: {done.stderr.strip().splitlines()[-1]}", file=sys.stderr)
         return None
-    version, found = json.loads(done.stdout.splitlines()[-1])
-    different = sorted(one[2] for one in found)
+    version, results = json.loads(done.stdout.splitlines()[-1])
+    different = sorted(result[2] for result in results)
     name = (
         f"figaroh {version}, Detmax, one start, repeats ({different[0]} to {different[-1]} "
         "different ones)"
     )
-    return Way(name, [one[0] for one in found], [one[1] for one in found])
+    return Way(name, [result[0] for result in results], [result[1] for result in results])
 
 
 def postures() -> list[str]:
@@ -185,15 +185,15 @@ def postures() -> list[str]:
         Way("plain Fedorov exchange, one start", *timed(plain_fedorov)),
         Way("best of random sets, same time", *timed(lambda rows: random_best(rows, budget))),
     ]
-    other = figaroh()
-    ways += [other] if other else []
+    figaroh_way = figaroh()
+    ways += [figaroh_way] if figaroh_way else []
     best = np.max([way.logs for way in ways], axis=0)
     return [
         f"| {COUNT} of {POOL} candidates, {PARAMETERS} parameters | ms | ratio "
         "| determinant / best, median | worst |",
         "|---|---|---|---|---|",
         *(way.row(best, first) for way in ways),
-        *([] if other else ["| figaroh, Detmax | not installed | | | |"]),
+        *([] if figaroh_way else ["| figaroh, Detmax | not installed | | | |"]),
     ]
 
 

@@ -88,8 +88,8 @@ def whole_identification() -> list[str]:
     within_mm = np.full(len(PARAMETER_NAMES), TOLERANCE_MM)
 
     def identified(method: Method) -> Solution:
-        told = IdentificationCase.of(model, observed, IndicatorFigures())
-        return identify(told, "both", method, tolerance_mm=within_mm)
+        case = IdentificationCase.of(model, observed, IndicatorFigures())
+        return identify(case, "both", method, tolerance_mm=within_mm)
 
     exact = seconds(lambda: identified("exact"), 21)
     linear = seconds(lambda: identified("linear"), 21)
@@ -116,14 +116,14 @@ def indicators() -> list[str]:
         bare.close()
         line = IndicatorLine(profile, port.url, interval_s=0.0)
         line.start()
-        asked = sorted(seconds(lambda: line.ask().result(), 1) for _ in range(ASKED))
+        times = sorted(seconds(lambda: line.ask().result(), 1) for _ in range(ASKED))
         line.close()
     at = round(0.99 * ASKED)
     return [
         "| request → value | median, ms | p99, ms | ratio of medians |",
         "|---|---|---|---|",
-        f"| through the owner thread | {asked[ASKED // 2] * 1e3:.3f} | {asked[at] * 1e3:.3f} "
-        f"| {asked[ASKED // 2] / plain[ASKED // 2]:.1f} |",
+        f"| through the owner thread | {times[ASKED // 2] * 1e3:.3f} | {times[at] * 1e3:.3f} "
+        f"| {times[ASKED // 2] / plain[ASKED // 2]:.1f} |",
         f"| bare pyserial | {plain[ASKED // 2] * 1e3:.3f} | {plain[at] * 1e3:.3f} | 1 |",
     ]
 
@@ -139,7 +139,7 @@ def processes() -> list[str]:
     return [
         "| whole process | s | times an empty Python |",
         "|---|---|---|",
-        *(f"| {name} | {taken:.3f} | {taken / python:.1f} |" for name, taken in rows.items()),
+        *(f"| {name} | {delay_s:.3f} | {delay_s / python:.1f} |" for name, delay_s in rows.items()),
         f"| python -c pass | {python:.3f} | 1 |",
     ]
 
@@ -161,15 +161,15 @@ def histories() -> list[str]:
             entry = index.get(key_of(content), Entry)
             assert entry is not None
             for k in range(1, KNOWN_SESSIONS):
-                other = content.replace(b'"text":"', b'"text":"%d' % k, 1)
-                (folder / f"{k}.jsonl").write_bytes(other)
+                copy = content.replace(b'"text":"', b'"text":"%d' % k, 1)
+                (folder / f"{k}.jsonl").write_bytes(copy)
                 later = {"began": entry.began + timedelta(days=k)}
-                index.put(key_of(other), entry.model_copy(update=later))
-        known = seconds(lambda: read_history(folder, index=folder / "known"), 3)
+                index.put(key_of(copy), entry.model_copy(update=later))
+        warm_s = seconds(lambda: read_history(folder, index=folder / "known"), 3)
     return [
         "| history | s | ratio |",
         "|---|---|---|",
-        f"| {KNOWN_SESSIONS} sessions that the index knows | {known:.2f} | {known / once:.1f} |",
+        f"| {KNOWN_SESSIONS} sessions that the index knows | {warm_s:.2f} | {warm_s / once:.1f} |",
         f"| one session that it does not know | {once:.2f} | 1 |",
     ]
 
@@ -204,19 +204,19 @@ PARTS: dict[str, Callable[[], list[str]]] = {
 
 def main() -> None:
     """Print every table; with a page, put tables and pictures there."""
-    asked = argparse.ArgumentParser(description=main.__doc__)
-    asked.add_argument("parts", nargs="*", metavar="PART", help=f"some of {', '.join(PARTS)}")
-    asked.add_argument("-o", "--output", type=Path, metavar="PAGE", help="docs/benchmarks.md")
-    given = asked.parse_args()
-    if strangers := set(given.parts) - set(PARTS):
-        asked.error(f"{', '.join(sorted(strangers))}: not among {', '.join(PARTS)}")
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"some of {', '.join(PARTS)}")
+    parser.add_argument("-o", "--output", type=Path, metavar="PAGE", help="docs/benchmarks.md")
+    options = parser.parse_args()
+    if strangers := set(options.parts) - set(PARTS):
+        parser.error(f"{', '.join(sorted(strangers))}: not among {', '.join(PARTS)}")
     versions = f"Python {platform.python_version()}, numpy {np.__version__}, {platform.machine()}"
     print(versions, end="\n\n", flush=True)
-    for part in given.parts or PARTS:
+    for part in options.parts or PARTS:
         lines = PARTS[part]()
         print("\n".join(lines), end="\n\n", flush=True)
-        if given.output:
-            put(given.output, tables_of(lines), versions)
+        if options.output:
+            put(options.output, tables_of(lines), versions)
 
 
 def put(page: Path, tables: list[Table], versions: str) -> None:

@@ -34,13 +34,17 @@ def structure() -> Structure:
     modules = sorted(m for m in graph.modules if m.split(".")[0] in ROOMS)
     number = {module: k for k, module in enumerate(modules)}
     edges = [
-        (number[m], number[other])
+        (number[m], number[module])
         for m in modules
-        for other in graph.find_modules_directly_imported_by(m)
-        if other in number
+        for module in graph.find_modules_directly_imported_by(m)
+        if module in number
     ]
     arrays = ["numpy", "scipy"]
-    users = {m for one in arrays for m in graph.find_modules_that_directly_import(one)}
+    users = {
+        m
+        for array_library in arrays
+        for m in graph.find_modules_that_directly_import(array_library)
+    }
     return Structure(
         modules=len(modules),
         imports_a_module=len(edges) / len(modules),
@@ -66,29 +70,29 @@ def _lines() -> dict[str, int]:
     """Lines of each folder with modules in it, the four rooms as a whole first."""
     files = {path: path.read_text(encoding="utf-8").count("\n") for path in _python_files()}
     folders = sorted({path.parent for path in files})
-    whole = {room: sum(n for p, n in files.items() if ROOT / room in p.parents) for room in ROOMS}
-    own = {
+    lines = {room: sum(n for p, n in files.items() if ROOT / room in p.parents) for room in ROOMS}
+    details = {
         folder.relative_to(ROOT).as_posix() + "/": sum(
             n for p, n in files.items() if p.parent == folder
         )
         for folder in folders
     }
-    return whole | own
+    return lines | details
 
 
 def _python_files() -> list[Path]:
     return [path for room in ROOMS for path in (ROOT / room).rglob("*.py")]
 
 
-def table(found: Structure) -> str:
+def table(result: Structure) -> str:
     """The figures as a table in Markdown."""
     rows = [
-        ("modules", f"{found.modules}"),
-        ("imports a module", f"{found.imports_a_module:.2f}"),
-        ("largest import cycle, modules", f"{max(len(found.largest_cycle), 1)}"),
-        ("modules of `app` that import numpy or scipy", f"{len(found.numpy_in_app)}"),
-        ("lines of the four rooms", f"{sum(found.lines[room] for room in ROOMS):,}"),
-        *((f"`{room}`", f"{lines:,}") for room, lines in found.lines.items()),
+        ("modules", f"{result.modules}"),
+        ("imports a module", f"{result.imports_a_module:.2f}"),
+        ("largest import cycle, modules", f"{max(len(result.largest_cycle), 1)}"),
+        ("modules of `app` that import numpy or scipy", f"{len(result.numpy_in_app)}"),
+        ("lines of the four rooms", f"{sum(result.lines[room] for room in ROOMS):,}"),
+        *((f"`{room}`", f"{lines:,}") for room, lines in result.lines.items()),
     ]
     return "\n".join(["| what | figure |", "|---|---|", *(f"| {a} | {b} |" for a, b in rows)])
 

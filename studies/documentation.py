@@ -43,8 +43,8 @@ def page_of(name: str) -> str:
     """The text of a file beside `docs`, its links as from within."""
     text = (ROOT / name).read_text(encoding="utf-8")
     text = text.replace("](docs/decisions/)", "](decisions/0001-rooms.md)").replace("](docs/", "](")
-    for other, page in PAGES.items():
-        text = text.replace(f"]({other})", f"]({page})")
+    for source, page in PAGES.items():
+        text = text.replace(f"]({source})", f"]({page})")
     return text
 
 
@@ -61,10 +61,10 @@ def without_formulas(markdown: str) -> tuple[str, list[str]]:
     formulas: list[str] = []
 
     def place(match: re.Match[str]) -> str:
-        shown, inline = match["shown"], match["inline"]
-        if not (shown or inline):
+        display, inline = match["shown"], match["inline"]
+        if not (display or inline):
             return match[0]
-        formulas.append(convert(shown or inline, display="block" if shown else "inline"))
+        formulas.append(convert(display or inline, display="block" if display else "inline"))
         return PLACE.format(len(formulas) - 1)
 
     return FORMULA.sub(place, markdown), formulas

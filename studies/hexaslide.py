@@ -82,9 +82,9 @@ class Studied:
         return self.best.coordinates
 
 
-def kinds_of(asked: Request) -> tuple[ProcedureKind, ...]:
+def kinds_of(request: Request) -> tuple[ProcedureKind, ...]:
     """The procedures that this machine allows: without a link none that uses it."""
-    linked = load_hexaslide(asked.machine_file).constraint_link is not None
+    linked = load_hexaslide(request.machine_file).constraint_link is not None
     return tuple(kind for kind in KINDS if linked or kind is not ProcedureKind.CONSTRAINT_LINK)
 
 
@@ -94,7 +94,9 @@ def study(request: Request, effort: Effort) -> Studied:
     kind = view.procedure.kind
     random = random_conditions(view, view.fewest, effort.random_sets)
     paper = PUBLISHED_SETS[kind].count
-    same = random if paper == view.fewest else random_conditions(view, paper, effort.random_sets)
+    few_random = (
+        random if paper == view.fewest else random_conditions(view, paper, effort.random_sets)
+    )
     best = searched(view, view.fewest, effort.starts)
     few = None
     if paper < view.fewest:
@@ -103,7 +105,7 @@ def study(request: Request, effort: Effort) -> Studied:
     starts = effort.joint_starts if kind is not ProcedureKind.CONSTRAINT_LINK else 0
     in_box = searched(view, view.fewest, starts) if starts else best
     in_joints = searched(view, view.fewest, starts, in_joints=True) if starts else None
-    return Studied(view, random, same, best, few, in_box, in_joints)
+    return Studied(view, random, few_random, best, few, in_box, in_joints)
 
 
 def searched(
@@ -117,40 +119,40 @@ def searched(
 def random_conditions(view: HexaSlideSeen, count: int, sets: int) -> FloatArray:
     """Condition numbers ``(sets,)``, metres and radians, of what so many random postures see."""
     generator, scale = np.random.default_rng(SEED), Scale.of(view.procedure, view.machine)
-    found = []
+    conditions = []
     for _ in range(sets):
         postures = view.machine.box.random(count, generator)
         rows = sensitivity(view.procedure, view.machine, postures).jacobian
         rank = min(view.seen.found.rank, len(rows))
-        found.append(conditions_by_units(view.procedure, rows, rank, scale)["m, rad"])
-    return np.array(found)
+        conditions.append(conditions_by_units(view.procedure, rows, rank, scale)["m, rad"])
+    return np.array(conditions)
 
 
-def page(asked: Request, effort: Effort) -> tuple[str, dict[str, str]]:
+def page(request: Request, effort: Effort) -> tuple[str, dict[str, str]]:
     """The page, every table in its sentences, and the table of the best postures by procedure."""
     begin = time.perf_counter()
-    kinds = kinds_of(asked)
-    studies = [study(replace(asked, procedure=kind.value), effort) for kind in kinds]
+    kinds = kinds_of(request)
+    studies = [study(replace(request, procedure=kind.value), effort) for kind in kinds]
     linked = studies[-1] if studies[-1].kind is ProcedureKind.CONSTRAINT_LINK else None
-    found = {
+    parts = {
         "ranks": tables.ranks(studies),
-        "row_counts": tables.row_counts(asked, kinds),
+        "row_counts": tables.row_counts(request, kinds),
         "recipe": tables.recipe(studies, SEED),
         "box": tables.box(studies[0].view),
         "conditions": tables.conditions(studies),
         "of_link": tables.random_words(linked) if linked else "",
-        "subsets": tables.subsets(asked, kinds),
+        "subsets": tables.subsets(request, kinds),
         "in_units": tables.in_units(studies[0]),
         "joints": tables.joints(studies),
     }
     text = TEMPLATES.get_template("hexaslide.md.jinja").render(
-        **found,
+        **parts,
         effort=effort,
         seed=SEED,
         threads=THREADS,
         seconds=round(time.perf_counter() - begin),
     )
-    return text, {one.kind.value: posture_table(one.postures) for one in studies}
+    return text, {entry.kind.value: posture_table(entry.postures) for entry in studies}
 
 
 def main() -> None:
@@ -160,18 +162,18 @@ def main() -> None:
     parser.add_argument("--starts", type=int)
     parser.add_argument("--machine-file", type=Path)
     parser.add_argument("--output", type=Path, default=PAGE)
-    asked = parser.parse_args()
-    effort = QUICK if asked.quick else FULL
-    if asked.starts:
-        few, joint = (min(asked.starts, n) for n in (effort.few_starts, effort.joint_starts))
-        effort = Effort(effort.random_sets, asked.starts, few, joint)
-    request = Request(ProcedureKind.POSE_INVERSE.value, asked.machine_file, seed=SEED)
+    options = parser.parse_args()
+    effort = QUICK if options.quick else FULL
+    if options.starts:
+        few, joint = (min(options.starts, n) for n in (effort.few_starts, effort.joint_starts))
+        effort = Effort(effort.random_sets, options.starts, few, joint)
+    request = Request(ProcedureKind.POSE_INVERSE.value, options.machine_file, seed=SEED)
     try:
         text, posture_sets = page(request, effort)
     except GlidecalError as problem:
         parser.exit(1, f"studies.hexaslide: {problem}\n")
-    asked.output.write_text(text, encoding="utf-8", newline="\n")
-    folder = asked.output.parent / SETS
+    options.output.write_text(text, encoding="utf-8", newline="\n")
+    folder = options.output.parent / SETS
     folder.mkdir(exist_ok=True)
     for kind, postures in posture_sets.items():
         path = folder / f"hexaslide-{kind}.csv"

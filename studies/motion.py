@@ -108,25 +108,25 @@ def fill_of(state: State) -> str:
     return FILLS["rest"] if (state, Cause.CONSENT) in TRANSITIONS else FILLS["off"]
 
 
-def box(middle: Point, name: str, fill: str, more: str = "") -> str:
+def box(middle: Point, name: str, fill: str, attributes: str = "") -> str:
     """A state."""
     x, y = middle
     return (
         f'<rect x="{x - BOX_WIDE / 2:.0f}" y="{y - BOX_HIGH / 2:.0f}" width="{BOX_WIDE:.0f}" '
-        f'height="{BOX_HIGH:.0f}" rx="{ROUND:.0f}" fill="{fill}" stroke="{INK}" {more}/>'
+        f'height="{BOX_HIGH:.0f}" rx="{ROUND:.0f}" fill="{fill}" stroke="{INK}" {attributes}/>'
         f'<text x="{x:.0f}" y="{y + 6:.0f}" text-anchor="middle" font-weight="bold" '
         f'font-size="17">{name}</text>'
     )
 
 
-def line(points: tuple[Point, ...], more: str = "") -> str:
+def line(points: tuple[Point, ...], attributes: str = "") -> str:
     """An arrow with round corners."""
     drawn = f"M{points[0][0]:.0f} {points[0][1]:.0f}"
     for before, corner, after in zip(points, points[1:], points[2:], strict=False):
         (a, b), (c, d) = towards(corner, before), towards(corner, after)
         drawn += f" L{a:.0f} {b:.0f} Q{corner[0]:.0f} {corner[1]:.0f} {c:.0f} {d:.0f}"
     drawn += f" L{points[-1][0]:.0f} {points[-1][1]:.0f}"
-    return f'<path d="{drawn}" fill="none" stroke="{INK}" marker-end="url(#head)" {more}/>'
+    return f'<path d="{drawn}" fill="none" stroke="{INK}" marker-end="url(#head)" {attributes}/>'
 
 
 def towards(corner: Point, end: Point) -> Point:
@@ -232,8 +232,8 @@ def rows() -> str:
 
 def page(text: str) -> str:
     """A page with the rows of now between its two marks."""
-    before, rest = text.split(BEGIN)
-    return f"{before}{BEGIN}{rows()}{END}{rest.split(END)[1]}"
+    before, after = text.split(BEGIN)
+    return f"{before}{BEGIN}{rows()}{END}{after.split(END)[1]}"
 
 
 if __name__ == "__main__":

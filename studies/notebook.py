@@ -19,7 +19,7 @@ Notebook = dict[str, Any]
 
 def executed(notebook: Notebook) -> Notebook:
     """The notebook with what its cells print when they run one after the other, in its folder."""
-    known: dict[str, Any] = {"__name__": "__main__"}
+    namespace: dict[str, Any] = {"__name__": "__main__"}
     cells, count = [], 0
     for cell in notebook["cells"]:
         if cell["cell_type"] == "code":
@@ -27,18 +27,18 @@ def executed(notebook: Notebook) -> Notebook:
             printed = StringIO()
             code = compile("".join(cell["source"]), f"cell {count}", "exec")
             with contextlib.chdir(NOTEBOOK.parent), contextlib.redirect_stdout(printed):
-                exec(code, known)  # of this repository
+                exec(code, namespace)  # of this repository
             text = printed.getvalue().splitlines(keepends=True)
-            said = [{"name": "stdout", "output_type": "stream", "text": text}] if text else []
-            cell = cell | {"execution_count": count, "outputs": said}
+            outputs = [{"name": "stdout", "output_type": "stream", "text": text}] if text else []
+            cell = cell | {"execution_count": count, "outputs": outputs}
         cells.append(cell)
     return notebook | {"cells": cells}
 
 
 def read() -> Notebook:
     """The notebook as it is kept."""
-    found: Notebook = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
-    return found
+    notebook: Notebook = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
+    return notebook
 
 
 def page(notebook: Notebook) -> str:

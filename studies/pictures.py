@@ -185,8 +185,8 @@ def working(screen: ResultScreen) -> bool:
 async def printer(folder: Path) -> None:
     """The result of a printer, from its configuration and a log of its probe."""
     session, files = folder / "printer.jsonl", ("printer.cfg", "probe.log")
-    held = imported_printer([PRINTER / name for name in files], program())
-    write_whole(session, held.opened, [*held.contacts])
+    imported = imported_printer([PRINTER / name for name in files], program())
+    write_whole(session, imported.opened, [*imported.contacts])
     screen = ResultScreen(solve_files([session]), None, session)
     interface = Glidecal(screen)
     interface.animation_level = "none"

@@ -36,8 +36,8 @@ def photograph(page: Path, name: str) -> None:
     target = f"--screenshot={PICTURES / name}.png"
     size = f"--window-size={WIDTH},{HEIGHT}"
     subprocess.run([chromium, *options, size, target, page.as_uri()], check=True)
-    with Image.open(PICTURES / f"{name}.png") as taken:
-        taken.convert("RGB").quantize(64).save(PICTURES / f"{name}.png", optimize=True)
+    with Image.open(PICTURES / f"{name}.png") as picture:
+        picture.convert("RGB").quantize(64).save(PICTURES / f"{name}.png", optimize=True)
 
 
 if __name__ == "__main__":

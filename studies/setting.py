@@ -28,12 +28,14 @@ def at(point: Point) -> tuple[float, float]:
     return across, ORIGIN[1] + x * ALONG[1] + y * TOWARDS[1] - z
 
 
-def line(points: Sequence[Point], colour: str = INK, width: float = 1.5, more: str = "") -> str:
+def line(
+    points: Sequence[Point], colour: str = INK, width: float = 1.5, attributes: str = ""
+) -> str:
     """A line through places."""
     drawn = " ".join(f"{x:.1f},{y:.1f}" for x, y in map(at, points))
     return (
         f'<polyline points="{drawn}" fill="none" stroke="{colour}" stroke-width="{width}" '
-        f'stroke-linejoin="round" stroke-linecap="round" {more}/>'
+        f'stroke-linejoin="round" stroke-linecap="round" {attributes}/>'
     )
 
 
@@ -53,10 +55,12 @@ def block(low: Point, high: Point, fill: str) -> list[str]:
     ]
 
 
-def words(where: Point | tuple[float, float], said: str, colour: str = INK, more: str = "") -> str:
+def words(
+    where: Point | tuple[float, float], text: str, colour: str = INK, attributes: str = ""
+) -> str:
     """Letters at a place of the machine or of the picture."""
     x, y = at(where) if len(where) == 3 else where
-    return f'<text x="{x:.0f}" y="{y:.0f}" fill="{colour}" {more}>{said}</text>'
+    return f'<text x="{x:.0f}" y="{y:.0f}" fill="{colour}" {attributes}>{text}</text>'
 
 
 def gauge(tip: Point, towards: Point, name: str) -> list[str]:
@@ -101,9 +105,9 @@ def computer() -> list[str]:
     base = f'<path d="M{x - 14} {y + 100} h178 l-14 -14 h-150 z" fill="#888"/>'
     digits = 'fill="#8fd18f" font-family="monospace" font-size="15"'
     cable = f'stroke="{GAUGE}" stroke-width="1.5" fill="none" stroke-dasharray="5 4"'
-    one, two = at((0.0, APART + 66.0, 0.0)), at((0.0, APART, 66.0))
+    first, two = at((0.0, APART + 66.0, 0.0)), at((0.0, APART, 66.0))
     return [
-        f'<path d="M{one[0] - 17} {one[1]} C 270 330, 250 370, {x + 150} {y + 40}" {cable}/>',
+        f'<path d="M{first[0] - 17} {first[1]} C 270 330, 250 370, {x + 150} {y + 40}" {cable}/>',
         f'<path d="M{two[0] - 17} {two[1]} C 280 180, 270 350, {x + 150} {y + 22}" {cable}/>',
         screen,
         base,

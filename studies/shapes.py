@@ -142,23 +142,25 @@ def measured(shape: Shape, factor: float, seed: int, scatter_mm: float) -> Sessi
     )
     per_reading = WARMED_K / len(nominal.readings)
     readings = [
-        one.model_copy(update={"temperature_c": round(20.0 + number * per_reading, 2)})
-        for number, one in enumerate(nominal.readings)
+        reading.model_copy(update={"temperature_c": round(20.0 + number * per_reading, 2)})
+        for number, reading in enumerate(nominal.readings)
     ]
     truth = replace(hidden_machine(geometry, seed), effects=shape.effects(factor))
-    taken = to_observations([fold([nominal.opened, *readings])])
+    observed = to_observations([fold([nominal.opened, *readings])])
     values = measure(
-        truth, taken, scatter_mm=scatter_mm, resolution_mm=RESOLUTION_MM, generator=seed
+        truth, observed, scatter_mm=scatter_mm, resolution_mm=RESOLUTION_MM, generator=seed
     ).tolist()
-    touched = [k for k, one in enumerate(readings) if f"{one.leg}{one.axis}" in shape.places]
+    touched = [
+        k for k, reading in enumerate(readings) if f"{reading.leg}{reading.axis}" in shape.places
+    ]
     for number, row in enumerate(touched):
         if shape.mistake(readings[row], number, len(touched)):
             values[row] += factor * shape.values[0]
-    shown = [
-        one.model_copy(update={"value_mm": round(mm, 3), "text": f"{mm:.3f}"})
-        for one, mm in zip(readings, values, strict=True)
+    indicated = [
+        reading.model_copy(update={"value_mm": round(mm, 3), "text": f"{mm:.3f}"})
+        for reading, mm in zip(readings, values, strict=True)
     ]
-    return fold([nominal.opened, *shown])
+    return fold([nominal.opened, *indicated])
 
 
 def pictures_of(
@@ -171,8 +173,8 @@ def pictures_of(
 
 def _left_um(figure: LegFigure) -> float:
     """Mean square of what is left."""
-    left = [y for series in figure.left.series for y in series.y]
-    return sum(y * y for y in left) / len(left)
+    residuals = [y for series in figure.left.series for y in series.y]
+    return sum(y * y for y in residuals) / len(residuals)
 
 
 if __name__ == "__main__":

@@ -51,19 +51,19 @@ ROW_COUNT_SETS = {
 def ranks(studies: Sequence[Studied]) -> str:
     """Table 1, corrected."""
     rows = []
-    for one in studies:
-        seen = one.view.seen
-        published = PUBLISHED_SETS[one.kind]
-        known = len(seen.found.individually_known)
+    for entry in studies:
+        sensitivity = entry.view.seen
+        published = PUBLISHED_SETS[entry.kind]
+        known_count = len(sensitivity.found.individually_known)
         rows.append(
             [
-                f"{published.case}, {one.kind.value}",
-                f"{len(seen.found.names)}",
-                f"{seen.examined.published_rank}",
-                f"**{seen.found.rank}**",
-                _short(lost_words(one.view)),
-                f"{known}",
-                f"{one.view.fewest}",
+                f"{published.case}, {entry.kind.value}",
+                f"{len(sensitivity.found.names)}",
+                f"{sensitivity.examined.published_rank}",
+                f"**{sensitivity.found.rank}**",
+                _short(lost_words(entry.view)),
+                f"{known_count}",
+                f"{entry.view.fewest}",
                 f"{published.count}",
             ]
         )
@@ -80,36 +80,44 @@ def box(view: HexaSlideSeen) -> str:
     return table(["", "x, m", "y, m", "z, m", "theta, °", "psi, °", "phi, °"], rows)
 
 
-def row_counts(asked: Request, kinds: Sequence[ProcedureKind]) -> str:
+def row_counts(request: Request, kinds: Sequence[ProcedureKind]) -> str:
     """Rank and rows for several numbers of postures."""
     rows = []
     for kind, counts in ROW_COUNT_SETS.items():  # pose-forward as pose-inverse
         if kind not in kinds:
             continue
-        said = []
+        texts = []
         for count in counts:
-            view = look_at(hexaslide_planning(replace(asked, procedure=kind.value, postures=count)))
-            found = view.seen.found
-            said.append(f"{count}: {found.row_count} rows, rank {found.rank}")
-        rows.append([kind.value, "; ".join(said)])
+            view = look_at(
+                hexaslide_planning(replace(request, procedure=kind.value, postures=count))
+            )
+            analysis = view.seen.found
+            texts.append(f"{count}: {analysis.row_count} rows, rank {analysis.rank}")
+        rows.append([kind.value, "; ".join(texts)])
     return table(["procedure", "random postures: rows and rank"], rows)
 
 
 def recipe(studies: Sequence[Studied], seed: int) -> str:
     """The paper's own recipe, differences and tolerance, at its number of postures and at many."""
     rows = []
-    for one in studies:
-        if one.kind is ProcedureKind.POSE_INVERSE:
+    for entry in studies:
+        if entry.kind is ProcedureKind.POSE_INVERSE:
             continue  # the paper has its derivatives in closed form
-        paper = PUBLISHED_SETS[one.kind].count
+        paper = PUBLISHED_SETS[entry.kind].count
         generator = np.random.default_rng(seed)
-        found = {
-            count: recipe_rank(one.view, one.view.machine.box.random(count, generator))
+        rank_by_count = {
+            count: recipe_rank(entry.view, entry.view.machine.box.random(count, generator))
             for count in (paper, 4 * paper)
         }
-        said = f"{one.view.seen.examined.published_rank}"
-        rows.append([one.kind.value, said, *(f"{count}: {r}" for count, r in found.items())])
-        rows[-1] += [f"{one.view.seen.found.rank}", gap_words(one.view)]
+        published_rank = f"{entry.view.seen.examined.published_rank}"
+        rows.append(
+            [
+                entry.kind.value,
+                published_rank,
+                *(f"{count}: {r}" for count, r in rank_by_count.items()),
+            ]
+        )
+        rows[-1] += [f"{entry.view.seen.found.rank}", gap_words(entry.view)]
     headings = ["procedure", "paper", "recipe, paper's postures", "recipe, four times as many"]
     return table([*headings, "true", "gap with exact derivatives"], rows)
 
@@ -132,16 +140,16 @@ def recipe_rank(view: HexaSlideSeen, postures: FloatArray) -> int:
 def conditions(studies: Sequence[Studied]) -> str:
     """Tables 3 to 6, and the share of the best postures on a bound and in a corner of the box."""
     rows = []
-    for one in studies:
-        published, best = PUBLISHED_SETS[one.kind], one.best
-        low, middle, high = np.percentile(one.random, [5.0, 50.0, 95.0])
-        on_bound = _on_bound(one)
+    for entry in studies:
+        published, best = PUBLISHED_SETS[entry.kind], entry.best
+        low, middle, high = np.percentile(entry.random, [5.0, 50.0, 95.0])
+        on_bound = _on_bound(entry)
         rows.append(
             [
                 f"{published.table}",
-                one.kind.value,
+                entry.kind.value,
                 f"{published.count}: {published.random:g} → {published.best:g}",
-                f"{one.view.fewest}: {number(middle)} ({number(low)} … {number(high)})",
+                f"{entry.view.fewest}: {number(middle)} ({number(low)} … {number(high)})",
                 f"**{best.condition_number:.1f}**",
                 f"{middle / best.condition_number:.0f}",
                 f"{on_bound.any(axis=1).mean():.0%}",
@@ -152,33 +160,35 @@ def conditions(studies: Sequence[Studied]) -> str:
     return table((headings + "random by best|on a bound|in a corner").split("|"), rows)
 
 
-def _on_bound(one: Studied) -> NDArray[np.bool_]:
+def _on_bound(entry: Studied) -> NDArray[np.bool_]:
     """Which coordinates ``(p, 6)`` of the best postures are at an end of the box."""
-    box = one.view.machine.box
-    share = (one.postures - box.lower) / (box.upper - box.lower)
+    box = entry.view.machine.box
+    share = (entry.postures - box.lower) / (box.upper - box.lower)
     return (share < ON_BOUND) | (share > 1.0 - ON_BOUND)
 
 
-def in_units(one: Studied) -> str:
+def in_units(entry: Studied) -> str:
     """Condition numbers of the best set, metres and millimetres."""
-    best = conditions_at(one.view, one.postures)
+    best = conditions_at(entry.view, entry.postures)
     metres, millimetres = (number(best[units]) for units in ("m, rad", "mm, rad"))
-    return f"the best set of {one.kind.value} has {metres} in metres, {millimetres} in millimetres"
+    return (
+        f"the best set of {entry.kind.value} has {metres} in metres, {millimetres} in millimetres"
+    )
 
 
-def subsets(asked: Request, kinds: Sequence[ProcedureKind]) -> str:
+def subsets(request: Request, kinds: Sequence[ProcedureKind]) -> str:
     """Ranks for any measured components, beside a link, and with encoders."""
     rows = []
     for kind, names in SHOWN_SUBSETS:
         if kind not in kinds:
             continue
         measured = tuple(names.split(",")) if names else ()
-        view = look_at(hexaslide_planning(replace(asked, procedure=kind, measured=measured)))
-        found = view.seen.found
+        view = look_at(hexaslide_planning(replace(request, procedure=kind, measured=measured)))
+        analysis = view.seen.found
         rows.append(
             [
                 f"`{','.join(view.procedure.read)}`".replace(SWINGS, "swing1…6"),
-                f"{found.rank} of {len(found.names)}",
+                f"{analysis.rank} of {len(analysis.names)}",
                 _short(lost_words(view)),
                 f"{view.fewest}",
                 number(view.conditions["m, rad"]),
@@ -201,18 +211,18 @@ def _short(motions: str) -> str:
 def joints(studies: Sequence[Studied]) -> str:
     """The same searches between the ends of the rails."""
     rows = []
-    for one in studies:
-        if one.in_joints is None:
+    for entry in studies:
+        if entry.in_joints is None:
             continue
-        found, box = one.in_joints, one.in_box
-        angles = np.degrees(np.abs(found.coordinates[:, 3:])).max()
+        design, box = entry.in_joints, entry.in_box
+        angles = np.degrees(np.abs(design.coordinates[:, 3:])).max()
         rows.append(
             [
-                f"{one.kind.value}, {len(found.coordinates)}",
+                f"{entry.kind.value}, {len(design.coordinates)}",
                 f"{box.condition_number:.1f}",
-                f"{found.condition_number:.1f}",
-                f"{box.condition_number / found.condition_number:.1f}",
-                f"{found.refined.on_bound / found.coordinates.size:.0%}",
+                f"{design.condition_number:.1f}",
+                f"{box.condition_number / design.condition_number:.1f}",
+                f"{design.refined.on_bound / design.coordinates.size:.0%}",
                 f"{angles:.0f}",
             ]
         )
@@ -234,8 +244,8 @@ def random_words(link: Studied) -> str:
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table in Markdown."""
-    first, *others = (f"| {' | '.join(line)} |" for line in (headings, *rows))
-    return "\n".join([first, "|---" * len(headings) + "|", *others])
+    first, *body = (f"| {' | '.join(line)} |" for line in (headings, *rows))
+    return "\n".join([first, "|---" * len(headings) + "|", *body])
 
 
 def filled(text: str) -> str:

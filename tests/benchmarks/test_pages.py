@@ -79,9 +79,9 @@ def test_figures_with_commas_and_exponents() -> None:
 def test_a_picture_shows_the_figures_of_its_table(tmp_path: Path) -> None:
     (path,) = write_pictures([NEW, ["| other | s |", "|---|---|", "| kept | 1 |"]], tmp_path)
     assert path == tmp_path / "bench_identification.svg"
-    shown = "".join(ElementTree.parse(path).getroot().itertext()).replace("\xa0", " ")
+    text = "".join(ElementTree.parse(path).getroot().itertext()).replace("\xa0", " ")
     for word in ("glidecal, prepared", "0.200", "60.0", "lmfit", "not installed", "logarithmic"):
-        assert word in shown
+        assert word in text
     assert "font-face" not in path.read_text()
 
 

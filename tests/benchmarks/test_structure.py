@@ -11,10 +11,10 @@ OF_EACH_MACHINE = {"Geometry", "Lines", "Procedure"}
 
 
 def test_rooms_are_rooms() -> None:
-    found = structure()
-    assert len(found.largest_cycle) <= 3
-    assert found.numpy_in_app == ()
-    assert found.flat_in_app == ()
+    graph = structure()
+    assert len(graph.largest_cycle) <= 3
+    assert graph.numpy_in_app == ()
+    assert graph.flat_in_app == ()
 
 
 def test_one_name_one_meaning() -> None:

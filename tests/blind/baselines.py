@@ -24,8 +24,8 @@ class Problem:
 
     def __init__(self, rows: Rows, values_mm: FloatArray) -> None:
         columns = _fitted(rows, values_mm)
-        shown = readings(rows, columns.hidden)
-        self.residual = columns.left_over(values_mm - shown)
+        reading_mm = readings(rows, columns.hidden)
+        self.residual = columns.left_over(values_mm - reading_mm)
         self.candidates: Sequence[Candidate] = candidates()
         self.spans = [columns.span(c) for c in self.candidates]
         self.fixed = columns.base.shape[1]
@@ -34,7 +34,7 @@ class Problem:
 
     def _single_columns(self, columns: Columns) -> tuple[list[str], FloatArray]:
         """Every candidate of one place, column by column, normalised."""
-        ids, found = [], []
+        ids, basis = [], []
         for candidate in self.candidates:
             if candidate.where == "all" and candidate.id not in ("gravity_sag", "thermal_drift"):
                 continue
@@ -42,8 +42,8 @@ class Problem:
                 size = float(np.linalg.norm(column))
                 if size > 1e-9:
                     ids.append(candidate.id)
-                    found.append(column / size)
-        return ids, np.column_stack(found)
+                    basis.append(column / size)
+        return ids, np.column_stack(basis)
 
 
 def _fitted(rows: Rows, values_mm: FloatArray) -> Columns:
@@ -109,11 +109,11 @@ def stlsq(problem: Problem) -> set[str]:
     for _ in range(20):
         design = problem.columns[:, alive]
         answer = np.linalg.lstsq(design, problem.residual, rcond=1e-6)[0]
-        kept = alive[np.abs(answer) > THRESHOLD * problem.noise_mm]
-        if len(kept) == len(alive) or not len(kept):
-            alive = kept
+        large = alive[np.abs(answer) > THRESHOLD * problem.noise_mm]
+        if len(large) == len(alive) or not len(large):
+            alive = large
             break
-        alive = kept
+        alive = large
     return {problem.ids[k] for k in alive}
 
 
@@ -166,6 +166,6 @@ def _until_join(
         ways = np.stack([(level - pull) / (1 - change), (level + pull) / (1 + change)])
     ways = np.where(np.isfinite(ways) & (ways > 1e-12), ways, np.inf)
     ways[:, active] = np.inf
-    each = ways.min(axis=0)
-    nearest = int(np.argmin(each))
-    return (float(each[nearest]), nearest) if each[nearest] < level else (level, None)
+    smallest = ways.min(axis=0)
+    nearest = int(np.argmin(smallest))
+    return (float(smallest[nearest]), nearest) if smallest[nearest] < level else (level, None)

@@ -35,7 +35,7 @@ class Folder:
         return self.sessions / f"{name}.jsonl"
 
 
-def write_session(made: Made, path: Path, machine: Path | None = None) -> None:
+def write_session(session: Made, path: Path, machine: Path | None = None) -> None:
     """The session as ``glidecal import`` makes it from the table; the truth stays out of it.
 
     ``machine`` is the machine file, where it is not the prototype's as it stands.
@@ -44,14 +44,14 @@ def write_session(made: Made, path: Path, machine: Path | None = None) -> None:
 
     path.unlink(missing_ok=True)
     table = path.with_suffix(".csv")
-    table.write_text(made.table, encoding="utf-8")
+    table.write_text(session.table, encoding="utf-8")
     try:
         with contextlib.redirect_stderr(io.StringIO()):
             import_files(
                 [table],
                 path,
                 machine=str(machine) if machine else None,
-                resolution=made.resolution_mm,
+                resolution=session.resolution_mm,
             )
     finally:
         table.unlink()
@@ -65,19 +65,19 @@ def append(path: Path, document: Json) -> None:
 
 def lines(path: Path) -> list[Json]:
     """Every whole line."""
-    found = []
+    documents = []
     if path.exists():
         for line in path.read_text(encoding="utf-8").splitlines():
             with contextlib.suppress(json.JSONDecodeError):
-                found.append(json.loads(line))
-    return found
+                documents.append(json.loads(line))
+    return documents
 
 
-def seal(folder: Folder, wanted: Iterable[str]) -> tuple[dict[str, Json], str]:
+def seal(folder: Folder, session_names: Iterable[str]) -> tuple[dict[str, Json], str]:
     """Truths of these sessions in one sorted file, and its SHA-256."""
-    names = set(wanted)
-    known = [line for line in lines(folder.truths) if "truth" in line]
-    truths = {line["session"]: line["truth"] for line in known if line["session"] in names}
+    names = set(session_names)
+    with_truth = [line for line in lines(folder.truths) if "truth" in line]
+    truths = {line["session"]: line["truth"] for line in with_truth if line["session"] in names}
     text = json.dumps(truths, sort_keys=True, ensure_ascii=False, indent=0)
     folder.sealed.write_text(text, encoding="utf-8")
     return truths, hashlib.sha256(text.encode()).hexdigest()

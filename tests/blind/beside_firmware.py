@@ -34,21 +34,24 @@ def main() -> None:
     parser.add_argument("--each", type=int, default=30, help="printers of each case")
     parser.add_argument("--count", type=int, default=60, help="printers of which each part is off")
     parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
-    shown = slopes(heights(0.0, math.inf)), slopes(tool)
+    options = parser.parse_args()
+    slopes_of_parts = slopes(heights(0.0, math.inf)), slopes(tool)
     cases = {**CASES, "any": any_printer}
     priors = {name: prior_of(make) for name, make in cases.items()}
     print("| hidden | before | six | nine | glidecal | knows its law | knows all laws | kept |")
     for name, make in cases.items():
-        knowing = Knowing([priors[name]], *shown), Knowing([*priors.values()], *shown)
+        knowing = (
+            Knowing([priors[name]], *slopes_of_parts),
+            Knowing([*priors.values()], *slopes_of_parts),
+        )
         results, limits = [], []
-        count = asked.count if name == "any" else asked.each
+        count = options.count if name == "any" else options.each
         for k in range(count):
-            random = np.random.default_rng([asked.seed, k, len(name)])
+            random = np.random.default_rng([options.seed, k, len(name)])
             parts = make(random)
             before = random.bit_generator.state
             met = np.array(contacts(parts, random))[:, 2].reshape(CYCLES, -1).mean(axis=0)
-            limits.append([one.left_mm(parts, met) for one in knowing])
+            limits.append([knowledge.left_mm(parts, met) for knowledge in knowing])
             random.bit_generator.state = before
             with tempfile.TemporaryDirectory() as folder:
                 results.append(calibrated(parts, random, Path(folder)))
@@ -59,11 +62,14 @@ def main() -> None:
             for number, who in enumerate(("before", "six", "nine", "ours"))
         ]
         for number in range(len(knowing)):
-            left: list[FloatArray] = [limit[number] for limit in limits]
-            columns.append(cell([*map(rms, left)], [*map(turn_free, left)]))
-        kept = sum(r.touched <= r.bound for r in results)
+            remaining: list[FloatArray] = [limit[number] for limit in limits]
+            columns.append(cell([*map(rms, remaining)], [*map(turn_free, remaining)]))
+        within_bound = sum(r.touched <= r.bound for r in results)
         bound = mean_square_root([r.bound for r in results])
-        print(f"| {name} | {' | '.join(columns)} | {bound:.3f}, {kept} of {count} |", flush=True)
+        print(
+            f"| {name} | {' | '.join(columns)} | {bound:.3f}, {within_bound} of {count} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -116,15 +116,15 @@ def _mislabelled(table: Table, pair: np.ndarray, rng: np.random.Generator) -> tu
     rows = table.rows
     row = int(rng.choice(np.flatnonzero(pair)))
     leg, axis = int(rows.leg[row]), int(rows.axis[row])
-    other = 3 - leg - axis
+    second = 3 - leg - axis
     right = LETTERS[leg] + LETTERS[axis]
     if rng.random() < 0.5:
         levels = rows.displacement_mm.copy()
         levels[row] = rng.choice(np.unique(levels[levels != levels[row]]))
         return replace(table, rows=replace(rows, displacement_mm=levels)), Place((right, right[0]))
     legs, mounts = rows.leg.copy(), rows.mount.copy()
-    same = (rows.leg == other) & (rows.axis == axis) & (rows.station == rows.station[row])
-    legs[row], mounts[row] = other, rows.mount[same][0]
-    wrong = LETTERS[other] + LETTERS[axis]
+    rows_there = (rows.leg == second) & (rows.axis == axis) & (rows.station == rows.station[row])
+    legs[row], mounts[row] = second, rows.mount[rows_there][0]
+    wrong = LETTERS[second] + LETTERS[axis]
     places = Place((right, wrong, right[0], wrong[0]))
     return replace(table, rows=replace(rows, leg=legs, mount=mounts)), places

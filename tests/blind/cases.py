@@ -76,8 +76,8 @@ class Case:
 
     def generator(self, seed: int) -> np.random.Generator:
         """The case's own random numbers, the same in any order of work."""
-        own = int.from_bytes(hashlib.sha256(self.key.encode()).digest()[:8], "big")
-        return np.random.default_rng([seed, own])
+        number = int.from_bytes(hashlib.sha256(self.key.encode()).digest()[:8], "big")
+        return np.random.default_rng([seed, number])
 
 
 def plan(share: float = 1.0) -> list[Case]:
@@ -101,8 +101,8 @@ def _none(share: float) -> Iterator[Case]:
 
 
 def _single(share: float) -> Iterator[Case]:
-    every = product(PROCEDURES, EFFECT_IDS, STRENGTHS, _counted("single", share))
-    for procedure, effect, k, n in every:
+    grid = product(PROCEDURES, EFFECT_IDS, STRENGTHS, _counted("single", share))
+    for procedure, effect, k, n in grid:
         key = f"single/{procedure}/{effect}/{k}/{n}"
         yield Case(key, "single", procedure, _usual(n), (effect,), (k,))
 
@@ -113,10 +113,10 @@ def _pair(share: float) -> Iterator[Case]:
     for procedure, (first, second), n in product(
         PROCEDURES, ((2.0, 2.0), (3.0, 1.0)), _counted("pair", share)
     ):
-        one, other = pairs[(7 * n + 3) % len(pairs)]
-        both = (one, other) if n % 2 else (other, one)
+        first_effect, second_effect = pairs[(7 * n + 3) % len(pairs)]
+        pair = (first_effect, second_effect) if n % 2 else (second_effect, first_effect)
         key = f"pair/{procedure}/{first:g}-{second:g}/{n}"
-        yield Case(key, "pair", procedure, _usual(n), both, (first, second))
+        yield Case(key, "pair", procedure, _usual(n), pair, (first, second))
 
 
 def _look_alike(share: float) -> Iterator[Case]:
@@ -126,23 +126,23 @@ def _look_alike(share: float) -> Iterator[Case]:
 
 
 def _left_out(share: float) -> Iterator[Case]:
-    every = product(PROCEDURES, EFFECT_IDS, (2.0, 4.0), _counted("left-out", share))
-    for procedure, effect, k, n in every:
+    grid = product(PROCEDURES, EFFECT_IDS, (2.0, 4.0), _counted("left-out", share))
+    for procedure, effect, k, n in grid:
         key = f"left-out/{procedure}/{effect}/{k}/{n}"
         yield Case(key, "left-out", procedure, _usual(n), (effect,), (k,), without=(effect,))
 
 
 def _outside(share: float) -> Iterator[Case]:
-    every = product(PROCEDURES, SHAPES, (1.0, 2.0, 4.0), _counted("outside", share))
-    for procedure, shape, k, n in every:
+    grid = product(PROCEDURES, SHAPES, (1.0, 2.0, 4.0), _counted("outside", share))
+    for procedure, shape, k, n in grid:
         key = f"outside/{procedure}/{shape}/{k}/{n}"
         yield Case(key, "outside", procedure, _usual(n), (), (k,), shape=shape)
 
 
 def _beside(share: float) -> Iterator[Case]:
     """Physics beside the catalogue, not looked for and looked for with everything like it."""
-    every = product(PROCEDURES, BESIDE, (2.0, 4.0), _counted("beside", share))
-    for procedure, effect, k, n in every:
+    grid = product(PROCEDURES, BESIDE, (2.0, 4.0), _counted("beside", share))
+    for procedure, effect, k, n in grid:
         if (effect, k) in TOO_STRONG:
             continue
         for also, cell in (((), "beside"), (tuple(BESIDE), "beside-named")):
@@ -172,8 +172,8 @@ def _blunder(share: float) -> Iterator[Case]:
 
 
 def _mixed(share: float) -> Iterator[Case]:
-    every = product(PROCEDURES, BLUNDERS, _counted("blunder-and-effect", share))
-    for number, (procedure, blunder, n) in enumerate(every):
+    grid = product(PROCEDURES, BLUNDERS, _counted("blunder-and-effect", share))
+    for number, (procedure, blunder, n) in enumerate(grid):
         key = f"blunder-and-effect/{procedure}/{blunder}/{n}"
         effect = EFFECT_IDS[number % len(EFFECT_IDS)]
         noise = _usual(n)

@@ -105,12 +105,12 @@ def _attempt(case: Case, rng: np.random.Generator, length_spread_mm: float) -> C
     ):
         candidate = (drawn_outside if effect in SHAPES else drawn_place)(effect, rng)
         raw = columns.raw(candidate)
-        shown = np.sqrt((_held(columns, raw, noise.rms_mm) ** 2).sum(axis=0))
-        weights = rng.standard_normal(len(shown)) / np.maximum(shown, 1e-9)
+        scale = np.sqrt((_held(columns, raw, noise.rms_mm) ** 2).sum(axis=0))
+        weights = rng.standard_normal(len(scale)) / np.maximum(scale, 1e-9)
         if candidate.id in ("backlash", "gravity_sag"):
             weights = np.abs(weights)
-        seen = _held(columns, raw @ weights, noise.rms_mm)
-        weights *= strength * np.sqrt(detection_ncp(len(shown)) / float(seen @ seen))
+        signal = _held(columns, raw @ weights, noise.rms_mm)
+        weights *= strength * np.sqrt(detection_ncp(len(scale)) / float(signal @ signal))
         changes = changes_of(candidate.directions, weights, rng)
         check_size(changes)
         lead_mm = candidate.lead_mm if candidate.id == "actuator_cyclic" else hidden.lead_mm
@@ -141,11 +141,13 @@ def _held(columns: Columns, values: FloatArray, noise_mm: float) -> FloatArray:
     """``(n,)`` or ``(n, r)`` in noise, without zeros and offsets, lengths held: (I + B P Bᵀ)^-½."""
     free = np.linalg.qr(np.delete(columns.base, (3, 4, 5), axis=1))[0]
     bars = columns.base[:, 3:6] * (TOLERANCE_MM / noise_mm)
-    left, size, _ = np.linalg.svd(bars - free @ (free.T @ bars), full_matrices=False)
-    rest = (values - free @ (free.T @ values)) / noise_mm
-    kept = (1.0 / np.hypot(1.0, size) - 1.0)[:, None]
-    inside = left.T @ rest
-    return np.asarray(rest + left @ (kept * inside if inside.ndim > 1 else kept[:, 0] * inside))
+    vectors, size, _ = np.linalg.svd(bars - free @ (free.T @ bars), full_matrices=False)
+    residual = (values - free @ (free.T @ values)) / noise_mm
+    shrink = (1.0 / np.hypot(1.0, size) - 1.0)[:, None]
+    inside = vectors.T @ residual
+    return np.asarray(
+        residual + vectors @ (shrink * inside if inside.ndim > 1 else shrink[:, 0] * inside)
+    )
 
 
 @dataclass(frozen=True)
@@ -172,21 +174,21 @@ def scored(case: Case, seed: int, folder: Path, spread_mm: float = LENGTH_SPREAD
     from app.commands.sessions import import_files
     from app.evaluating.solution import solve_files
 
-    made = claim(case, seed, spread_mm)
+    simulated = claim(case, seed, spread_mm)
     table, session = folder / f"{case.session}.csv", folder / f"{case.session}.jsonl"
-    table.write_text(made.table, encoding="utf-8")
+    table.write_text(simulated.table, encoding="utf-8")
     with contextlib.redirect_stderr(io.StringIO()):
-        import_files([table], session, machine=None, resolution=made.resolution_mm)
+        import_files([table], session, machine=None, resolution=simulated.resolution_mm)
     solved = solve_files([session])
     entered_mm = np.array(solved.joint_offsets_mm)
     stated_mm, uncertainty_mm = parameters_mm(solved.corrections.posterior)
-    amounts = made.hidden.amounts
+    amounts = simulated.hidden.amounts
     true_mm = np.concatenate([amounts["offset"], amounts["length"]])
     return Scored(
         case,
         spread_mm,
         solved.correction.off.bound_mm["machine"],
-        rms_mm(tool_errors_mm(made.hidden, entered_mm, np.zeros(3))),
+        rms_mm(tool_errors_mm(simulated.hidden, entered_mm, np.zeros(3))),
         (stated_mm - true_mm) / uncertainty_mm,
     )
 
@@ -237,16 +239,18 @@ def page(hidden: Sequence[Scored], plain: Sequence[Scored], seed: int) -> str:
     names = dict.fromkeys((*o.case.effects, o.case.shape)[0] for o in hidden)
     groups += [(e, [o for o in hidden if e in (*o.case.effects, o.case.shape)]) for e in names]
     groups += [("nothing", plain)]
-    lines += [tool_row(title, some) for title, some in groups]
+    lines += [tool_row(title, outcomes) for title, outcomes in groups]
     return "\n".join([*lines, "", *intervals_table(plain), ""])
 
 
-def tool_row(title: str, some: Sequence[Scored]) -> str:
+def tool_row(title: str, outcomes: Sequence[Scored]) -> str:
     """How often the tool keeps its bound, and how wide that is."""
-    kept = Rate(sum(o.holds for o in some), len(some))
-    low, high = kept.bounds
-    ratio = float(np.median([o.bound_mm / o.true_mm for o in some]))
-    return f"| {title} | {len(some)} | {kept.share:.1%} ({low:.0%} … {high:.0%}) | {ratio:.1f} |"
+    rate = Rate(sum(o.holds for o in outcomes), len(outcomes))
+    low, high = rate.bounds
+    ratio = float(np.median([o.bound_mm / o.true_mm for o in outcomes]))
+    return (
+        f"| {title} | {len(outcomes)} | {rate.share:.1%} ({low:.0%} … {high:.0%}) | {ratio:.1f} |"
+    )
 
 
 def intervals_table(plain: Sequence[Scored]) -> list[str]:
@@ -266,10 +270,12 @@ def intervals_table(plain: Sequence[Scored]) -> list[str]:
         "| sessions of | sessions | joint offsets | lengths |",
         "|---|---|---|---|",
     ]
-    for title, some in groups:
-        kept = np.abs([o.off_u for o in some]) <= COVERAGE
-        offsets, lengths = (f"{part.mean():.1%}" for part in (kept[:, :3], kept[:, 3:]))
-        lines.append(f"| {title} | {len(some)} | {offsets} | {lengths} |")
+    for title, outcomes in groups:
+        within_bound = np.abs([o.off_u for o in outcomes]) <= COVERAGE
+        offsets, lengths = (
+            f"{part.mean():.1%}" for part in (within_bound[:, :3], within_bound[:, 3:])
+        )
+        lines.append(f"| {title} | {len(outcomes)} | {offsets} | {lengths} |")
     return lines
 
 

@@ -129,28 +129,34 @@ def fitted(session: Claim) -> Hidden:
     step_mm = RESOLUTION_MM if session.resolution_mm else 1e-6
     values = np.round(session.values_mm / step_mm) * step_mm
     directions: list[Direction] = [((entry, 1.0),) for entry in BASE]
-    directions += [_visible(one) for effect in session.effects for one in effect.directions]
-    spread = np.array([SPREAD.get(one[0][0][0], np.inf) for one in directions])
+    directions += [
+        _visible(direction) for effect in session.effects for direction in effect.directions
+    ]
+    spread = np.array([SPREAD.get(direction[0][0][0], np.inf) for direction in directions])
     settings = (session.hidden.lead_mm, session.hidden.saw_period_mm, session.hidden.waves)
     plain, sizes = Hidden(Hidden().amounts, *settings), np.zeros(len(directions))
     machine = plain
     for number in range(FIT_ROUNDS):
         columns = Columns(session.rows, machine)
-        moved = [columns.direction(one, machine.lead_mm) for one in directions]
+        moved = [columns.direction(direction, machine.lead_mm) for direction in directions]
         design = np.column_stack([*moved, columns.base[:, len(BASE) :]]) / session.noise_mm
         if number == 0:  # some effects show only once offsets do
             design[:, len(BASE) : len(sizes)] = 0.0
         expected = np.eye(len(sizes), design.shape[1]) / spread[:, None]
-        left = np.concatenate(
+        residual = np.concatenate(
             [(values - readings(session.rows, machine)) / session.noise_mm, -sizes / spread]
         )
         rows = np.vstack([design, expected])
         length = np.linalg.norm(rows, axis=0)
         scale = np.where(length > 0.0, length, 1.0)
-        step = np.linalg.lstsq(rows / scale, left, rcond=1e-12)[0] / scale
+        step = np.linalg.lstsq(rows / scale, residual, rcond=1e-12)[0] / scale
         sizes = sizes + step[: len(sizes)]
         machine = plain.plus(
-            [(e, w * v) for one, v in zip(directions, sizes.tolist(), strict=True) for e, w in one]
+            [
+                (e, w * v)
+                for direction, v in zip(directions, sizes.tolist(), strict=True)
+                for e, w in direction
+            ]
         )
     return machine
 
@@ -232,10 +238,12 @@ def measured(case: Case, session: Claim, answerer: Answerer) -> Json:
         answers, failure = (), f"{type(problem).__name__}: {problem}"[:300]
     used_s = time.process_time() - start
     plain = {BEFORE: nothing(), LAW: knows_the_law(session)}
-    every = plain | {answer.name: answer.commanded for answer in answers}
+    commands = plain | {answer.name: answer.commanded for answer in answers}
     return {
         **asdict(case),
-        "errors": {name: asdict(judge(session.hidden, one)) for name, one in every.items()},
+        "errors": {
+            name: asdict(judge(session.hidden, command)) for name, command in commands.items()
+        },
         "bounds": {answer.name: answer.bounds for answer in answers},
         "remarks": {answer.name: answer.remark for answer in answers},
         "failure": failure,

@@ -37,33 +37,35 @@ WORSE, WORSE_MM = 1.1, 0.005
 Groups = dict[str, list[Json]]
 
 
-def beside(lines: Sequence[Json], others: Sequence[Json]) -> list[Json]:
+def beside(lines: Sequence[Json], reference_lines: Sequence[Json]) -> list[Json]:
     """The sessions that both have, with the other answers under ``was NAME``."""
-    known, joint = {line["key"]: line for line in others}, []
+    by_key, joint = {line["key"]: line for line in reference_lines}, []
     for line in lines:
-        if (other := known.get(line["key"])) is None:
+        if (partner := by_key.get(line["key"])) is None:
             continue
-        if not np.isclose(line["errors"][BEFORE]["machine"], other["errors"][BEFORE]["machine"]):
+        if not np.isclose(line["errors"][BEFORE]["machine"], partner["errors"][BEFORE]["machine"]):
             raise ValueError(
                 f"session {line['key']} is another one: made with another seed or strength"
             )
-        both = line | {"failure": line["failure"] or other["failure"]}
+        joint_line = line | {"failure": line["failure"] or partner["failure"]}
         for part in ("errors", "bounds"):
-            was = {f"was {name}": v for name, v in other[part].items() if name not in (BEFORE, LAW)}
-            both[part] = line[part] | was
-        joint.append(both)
+            was = {
+                f"was {name}": v for name, v in partner[part].items() if name not in (BEFORE, LAW)
+            }
+            joint_line[part] = line[part] | was
+        joint.append(joint_line)
     return joint
 
 
 def page(lines: Sequence[Json]) -> str:
     """What is left in each frame, then how far promises are kept."""
     failed = [line for line in lines if line["failure"]]
-    kept = [line for line in lines if not line["failure"]]
+    complete = [line for line in lines if not line["failure"]]
     groups: Groups = {}
-    for line in kept:
+    for line in complete:
         groups.setdefault(line["cell"], []).append(line)
-    groups[ALL] = kept
-    names = list(dict.fromkeys(name for line in kept for name in line["errors"]))
+    groups[ALL] = complete
+    names = list(dict.fromkeys(name for line in complete for name in line["errors"]))
     names = [BEFORE, *(name for name in names if name not in (BEFORE, LAW, *LEFT_OUT)), LAW]
     text = [
         f"{len(lines)} sessions, {len(failed)} without an answer; "
@@ -82,9 +84,9 @@ def page(lines: Sequence[Json]) -> str:
         "",
         "Sessions whose true error is within the bound, and the median of bound over truth.",
     ]
-    bounded = [name for name in names if any(line["bounds"].get(name) for line in kept)]
+    bounded = [name for name in names if any(line["bounds"].get(name) for line in complete)]
     for frame in STATED:
-        if any(frame in bounds for line in kept for bounds in line["bounds"].values()):
+        if any(frame in bounds for line in complete for bounds in line["bounds"].values()):
             text += ["", *_kept(groups, bounded, frame, FRAMES[frame])]
     worse = f"more than {WORSE - 1:.0%} and {WORSE_MM * 1e3:g} µm"
     text += [
@@ -95,8 +97,8 @@ def page(lines: Sequence[Json]) -> str:
         "with the 95 % interval of their share). Rows without any are left out.",
         "",
     ]
-    others = [name for name in names if name not in (BEFORE, LAW, OFFSETS)]
-    return "\n".join([*text, *_worse(groups, others)])
+    candidates = [name for name in names if name not in (BEFORE, LAW, OFFSETS)]
+    return "\n".join([*text, *_worse(groups, candidates)])
 
 
 def _left(groups: Groups, names: Sequence[str], frame: str, title: str) -> list[str]:
@@ -115,14 +117,14 @@ def _kept(groups: Groups, names: Sequence[str], frame: str, title: str) -> list[
     for group, lines in groups.items():
         cells = []
         for name in names:
-            both = [
+            pairs = [
                 (line["errors"][name][frame], bound)
                 for line in lines
                 if (bound := line["bounds"].get(name, {}).get(frame)) is not None
             ]
-            held = sum(true <= bound for true, bound in both)
-            ratio = float(np.median([bound / true for true, bound in both])) if both else 0.0
-            cells.append(f"{held}/{len(both)}, {ratio:.1f} ×" if both else "–")
+            within_bound = sum(true <= bound for true, bound in pairs)
+            ratio = float(np.median([bound / true for true, bound in pairs])) if pairs else 0.0
+            cells.append(f"{within_bound}/{len(pairs)}, {ratio:.1f} ×" if pairs else "–")
         rows.append(_row(group, *cells))
     return rows
 
@@ -134,7 +136,7 @@ def _worse(groups: Groups, names: Sequence[str]) -> list[str]:
             cells, total = [], 0
             for frame in FRAMES:
                 pairs = [
-                    (one["errors"][name][frame], one["errors"][OFFSETS][frame]) for one in lines
+                    (line["errors"][name][frame], line["errors"][OFFSETS][frame]) for line in lines
                 ]
                 count = sum(a > WORSE * b and a > b + WORSE_MM for a, b in pairs)
                 low, high = Rate(count, len(pairs)).bounds

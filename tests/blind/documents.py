@@ -28,9 +28,11 @@ def of_the_program(session: Path, without: tuple[str, ...], also: tuple[str, ...
 
     options: Json = {}
     if without or also:
-        options["effects"] = tuple(one for one in _catalogue(also) if one.id not in without)
-    found = diagnose_files([session], **options)
-    return DiagnosisReport.of(DiagnosisResults(found)).model_dump(mode="json")
+        options["effects"] = tuple(
+            effect for effect in _catalogue(also) if effect.id not in without
+        )
+    diagnosis = diagnose_files([session], **options)
+    return DiagnosisReport.of(DiagnosisResults(diagnosis)).model_dump(mode="json")
 
 
 def _catalogue(also: tuple[str, ...]) -> tuple[Any, ...]:
@@ -44,7 +46,7 @@ def _catalogue(also: tuple[str, ...]) -> tuple[Any, ...]:
         raise CannotLeaveOut from problem
     from calib.tripod.effects import BESIDE_CATALOGUE
 
-    return (*known_effects(), *(one for one in BESIDE_CATALOGUE if one.id in also))
+    return (*known_effects(), *(effect for effect in BESIDE_CATALOGUE if effect.id in also))
 
 
 def row_of(
@@ -59,25 +61,26 @@ def row_of(
     """
     start, used = time.perf_counter(), time.process_time()
     try:
-        said = extract(diagnose(session, without, also) if also else diagnose(session, without))
+        summary = extract(diagnose(session, without, also) if also else diagnose(session, without))
     except CannotLeaveOut:
-        said = {"verdict": "not run", "effects": []}
+        summary = {"verdict": "not run", "effects": []}
     except Exception as problem:
         text = f"{type(problem).__name__}: {problem}"[:300]
-        said = {"verdict": "error", "effects": [], "error": text}
+        summary = {"verdict": "error", "effects": [], "error": text}
     seconds = {"seconds": time.perf_counter() - start, "cpu_s": time.process_time() - used}
-    return {**said, **{name: round(value, 4) for name, value in seconds.items()}}
+    return {**summary, **{name: round(value, 4) for name, value in seconds.items()}}
 
 
 def extract(document: Json) -> Json:
     """The parts of a document that scoring needs."""
     return {
         "verdict": document["verdict"],
-        "effects": [_effect(each) for each in document["effects"]],
+        "effects": [_effect(effect) for effect in document["effects"]],
         "candidates": [
-            {"id": each["id"], "where": each["where"]} for each in document["candidates"][:5]
+            {"id": candidate["id"], "where": candidate["where"]}
+            for candidate in document["candidates"][:5]
         ],
-        "probabilities": [[each["id"], each["probability"]] for each in document["names"]],
+        "probabilities": [[name["id"], name["probability"]] for name in document["names"]],
         "held_out": document.get("held_out_gap"),
         "noise_dof": (document.get("noise") or {}).get("degrees_of_freedom"),
         "next": (document.get("next_measurement") or {}).get("protocol"),
@@ -90,6 +93,6 @@ def _effect(effect: Json) -> Json:
         "kind": effect["kind"],
         "where": effect["where"],
         "parameters": effect["parameters"],
-        "also": [each["id"] for each in effect["indistinguishable_from"]],
-        "also_at": [[each["id"], each["where"]] for each in effect["indistinguishable_from"]],
+        "also": [rival["id"] for rival in effect["indistinguishable_from"]],
+        "also_at": [[rival["id"], rival["where"]] for rival in effect["indistinguishable_from"]],
     }

@@ -71,15 +71,15 @@ def candidates() -> tuple[Candidate, ...]:
 
 def beside() -> tuple[Candidate, ...]:
     """What the catalogue lacks, at every place; an S-shaped guide one way or both."""
-    found = []
+    single = []
     for name, entry in BESIDE.items():
         if entry == "clearance":
-            found += [Candidate(name, LETTERS[leg], (_one(entry, leg),)) for leg in range(3)]
+            single += [Candidate(name, LETTERS[leg], (_one(entry, leg),)) for leg in range(3)]
             continue
         for leg, side in permutations(range(3), 2):
             place = LETTERS[leg] if entry == "s_guide" else LETTERS[leg] + LETTERS[side]
-            found.append(Candidate(name, place, (_one(entry, leg, side),)))
-    return tuple(found)
+            single.append(Candidate(name, place, (_one(entry, leg, side),)))
+    return tuple(single)
 
 
 def everywhere() -> Candidate:
@@ -93,12 +93,12 @@ def everywhere() -> Candidate:
 
 def rivals() -> tuple[Candidate, ...]:
     """What a diagnosis has to choose from: both indicators of a leg can err at once, too."""
-    both = []
+    pairs = []
     for name, entry in GAUGE.items():
         for leg in range(3):
             sides = tuple(_one(entry, leg, side) for side in range(3) if side != leg)
-            both.append(Candidate(name, LETTERS[leg], sides))
-    return (*candidates(), *both)
+            pairs.append(Candidate(name, LETTERS[leg], sides))
+    return (*candidates(), *pairs)
 
 
 def _one(name: str, *index: int) -> Direction:
@@ -109,8 +109,8 @@ def _squareness() -> Iterator[Candidate]:
     """A pair's sum of leans is the parameter; the second axis of the pair leans."""
     for i, j in PAIRS:
         yield Candidate("axis_squareness", LETTERS[i] + LETTERS[j], (_one("lean", i, j),))
-    every = tuple((("lean", pair), 1.0) for pair in PAIRS)
-    yield Candidate("axis_squareness", "all", (every,))
+    leans = tuple((("lean", pair), 1.0) for pair in PAIRS)
+    yield Candidate("axis_squareness", "all", (leans,))
 
 
 def _offset() -> Iterator[Candidate]:
@@ -139,12 +139,12 @@ def _lateral() -> Iterator[Candidate]:
         for leg in range(3):
             sides = tuple(_one(entry, leg, side) for side in range(3) if side != leg)
             yield Candidate(name, LETTERS[leg], sides)
-            for one, side in zip(sides, (s for s in range(3) if s != leg), strict=True):
-                yield Candidate(name, LETTERS[leg] + LETTERS[side], (one,))
+            for direction, side in zip(sides, (s for s in range(3) if s != leg), strict=True):
+                yield Candidate(name, LETTERS[leg] + LETTERS[side], (direction,))
         right = tuple(((entry, (i, (i + 1) % 3)), 1.0) for i in range(3))
-        left = tuple(((entry, (i, (i + 2) % 3)), 1.0) for i in range(3))
-        turning = right + tuple((key, -weight) for key, weight in left)
-        yield Candidate(name, "all", (right + left, turning))
+        backward = tuple(((entry, (i, (i + 2) % 3)), 1.0) for i in range(3))
+        turning = right + tuple((key, -weight) for key, weight in backward)
+        yield Candidate(name, "all", (right + backward, turning))
 
 
 def _axial() -> Iterator[Candidate]:

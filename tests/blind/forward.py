@@ -150,14 +150,14 @@ def _travel_error(hidden: Hidden, travel: FloatArray) -> FloatArray:
     amounts = hidden.amounts
     turns = 2 * np.pi * travel / hidden.lead_mm
     teeth = travel / hidden.saw_period_mm
-    others = travel @ amounts["product"].T / 1000.0
+    products = travel @ amounts["product"].T / 1000.0
     return np.asarray(
         amounts["scale"] * travel
         + amounts["sine"] * np.sin(turns)
         + amounts["cosine"] * np.cos(turns)
         + amounts["cubic"] * (travel / 100.0) ** 3
         + amounts["saw"] * (teeth - np.floor(teeth))
-        + travel * others
+        + travel * products
     )
 
 
@@ -187,18 +187,18 @@ def _touched(hidden: Hidden, rows: Rows) -> FloatArray:
 def readings(rows: Rows, hidden: Hidden) -> FloatArray:
     """What every indicator shows, mm, ``(n,)``, without noise and without its own zero."""
     point = np.zeros((len(rows), 3))
-    every = np.arange(len(rows))
-    point[every, rows.leg] = rows.displacement_mm
+    indices = np.arange(len(rows))
+    point[indices, rows.leg] = rows.displacement_mm
     feet = feet_of(hidden, carriages(point), rows.moved)
     tool = tool_of(hidden, feet)
-    foot = feet[every, rows.leg]
+    foot = feet[indices, rows.leg]
     stands = _touched(hidden, rows)
-    part = (stands - tool)[every, rows.leg] / (foot - tool)[every, rows.leg]
+    part = (stands - tool)[indices, rows.leg] / (foot - tool)[indices, rows.leg]
     part = np.where(rows.over_plane, rows.station, part)
     line = tool + part[:, None] * (foot - tool)
     bar = (part - 0.5) * np.linalg.norm(foot - tool, axis=1)
-    leaning = hidden.amounts["plane"][rows.leg, rows.axis] * line[every, rows.leg]
-    sideways = (line - stands)[every, 3 - rows.leg - rows.axis]
+    leaning = hidden.amounts["plane"][rows.leg, rows.axis] * line[indices, rows.leg]
+    sideways = (line - stands)[indices, 3 - rows.leg - rows.axis]
     return _shown(rows, hidden, line, bar, sideways) + leaning * rows.over_plane
 
 
@@ -207,9 +207,9 @@ def _shown(
 ) -> FloatArray:
     """``sideways`` ``(n,)`` is what the bar moved under the tip, square to it, since Zero."""
     amounts, leg, axis = hidden.amounts, rows.leg, rows.axis
-    other = 3 - leg - axis
+    third = 3 - leg - axis
     along = _surface(amounts, leg, axis, line, bar) - amounts["round"][leg, axis] * sideways**2 / 2
-    across = _surface(amounts, leg, other, line, bar)
+    across = _surface(amounts, leg, third, line, bar)
     tilt = amounts["tilt"][leg, axis]
     moved = np.cos(tilt) * along + np.sin(tilt) * across
     wave = sum(np.sin(k * rows.displacement_mm + phase) for k, phase in hidden.waves)
@@ -229,15 +229,15 @@ def _lagging(rows: Rows, lag: FloatArray, true: FloatArray) -> FloatArray:
     """
     if not lag.any():
         return true
-    shown = true.copy()
+    reading = true.copy()
     for mount in range(int(rows.mount.max()) + 1):
         mine = np.flatnonzero(rows.mount == mount)
         half = float(lag[rows.leg[mine[0]], rows.axis[mine[0]]]) / 2.0
         at = true[mine[0]] - half
         for k in mine:
             at = min(max(at, true[k] - half), true[k] + half)
-            shown[k] = at
-    return shown
+            reading[k] = at
+    return reading
 
 
 def _surface(

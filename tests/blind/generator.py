@@ -109,8 +109,10 @@ def _attempt(case: Case, rng: np.random.Generator) -> Made:
         _placed(case, effect, k * noise.rms_mm, columns, rng)
         for effect, k in zip(case.effects or _shapes(case), case.strengths, strict=True)
     ]
-    for each in placed:
-        hidden = Hidden(hidden.plus(each.changes).amounts, each.lead_mm, *settings_of(hidden))
+    for instance in placed:
+        hidden = Hidden(
+            hidden.plus(instance.changes).amounts, instance.lead_mm, *settings_of(hidden)
+        )
     table, where = _table(case, rows, hidden, noise, rng)
     tell = partial(_truth, case, columns, placed, noise, where)
     text = table_text(table, noise.resolution_mm)
@@ -126,19 +128,21 @@ class Again:
     load: float = 1.0
 
 
-def made_again(made: Made, again: Again, noise_kind: str, rng: np.random.Generator) -> Made:
+def made_again(session: Made, again: Again, noise_kind: str, rng: np.random.Generator) -> Made:
     """New mountings, new noise of the same kind; an offset that is entered is gone."""
     rows = rows_of_visits(again.taken, rng)
-    noise = draw(noise_kind, rows, made.sigma_mm, rng)
+    noise = draw(noise_kind, rows, session.sigma_mm, rng)
     zeros = rng.uniform(-ZERO_LIMIT_MM, ZERO_LIMIT_MM, rows.mount.max() + 1)
     less = [(("offset", (leg,)), -change) for leg, change in enumerate(again.entered_mm)]
-    sag = made.hidden.amounts["sag"]
+    sag = session.hidden.amounts["sag"]
     heavier = [(("sag", (leg,)), (again.load - 1.0) * float(sag[leg])) for leg in range(3)]
-    plain = made.hidden
+    plain = session.hidden
     hidden = Hidden(plain.plus([*less, *heavier]).amounts, plain.lead_mm, *settings_of(plain))
     values = readings(rows, hidden) + zeros[rows.mount] + noise.values_mm
     text = table_text(blunders.Table(rows, values), noise.resolution_mm)
-    return replace(made, table=text, resolution_mm=noise.resolution_mm, rows=rows, values_mm=values)
+    return replace(
+        session, table=text, resolution_mm=noise.resolution_mm, rows=rows, values_mm=values
+    )
 
 
 def scatter_mm(rng: np.random.Generator) -> float:
@@ -173,14 +177,14 @@ def _placed(
 ) -> EffectInstance:
     """The effect at a drawn place with r.m.s. ``size_mm`` after base and zeros are refitted."""
     candidate = drawn_outside(effect, rng) if case.shape else drawn_place(effect, rng)
-    left = columns.left_over(columns.raw(candidate))
-    visible = np.linalg.norm(left, axis=0)
+    residual = columns.left_over(columns.raw(candidate))
+    visible = np.linalg.norm(residual, axis=0)
     if np.any(visible < SEEN):
         raise ValueError("this place cannot be seen")
     weights = rng.standard_normal(len(visible)) / visible
     if candidate.id in ("backlash", "gravity_sag", "joint_clearance", "gauge_hysteresis"):
         weights = np.abs(weights)
-    weights *= size_mm / _rms(left @ weights)
+    weights *= size_mm / _rms(residual @ weights)
     for _ in range(5):  # the effect itself may be nonlinear
         changes = changes_of(candidate.directions, weights, rng)
         signal = _signal(columns, candidate, changes)
@@ -195,9 +199,9 @@ def _rms(values: FloatArray) -> float:
 
 def drawn_place(effect: str, rng: np.random.Generator) -> Candidate:
     """A place for the effect: mostly one leg, axis or mounting, sometimes all alike."""
-    every = [c for c in (*candidates(), *beside()) if c.id == effect]
-    single = [c for c in every if c.where != "all"]
-    together = [c for c in every if c.where == "all"]
+    variants = [c for c in (*candidates(), *beside()) if c.id == effect]
+    single = [c for c in variants if c.where != "all"]
+    together = [c for c in variants if c.where == "all"]
     if effect in ("thermal_drift", "gravity_sag"):
         single, together = (together, single) if rng.random() < 0.5 else (single, together)
     chosen = together if not single or (together and rng.random() < 0.2) else single
@@ -215,11 +219,11 @@ def drawn_outside(shape: str, rng: np.random.Generator) -> Candidate:
 def changes_of(
     directions: tuple[Direction, ...], weights: FloatArray, rng: np.random.Generator
 ) -> list[Change]:
-    found: dict[Hypothesis, float] = {}
+    amounts: dict[Hypothesis, float] = {}
     for direction, weight in zip(directions, weights, strict=True):
         for entry, part in direction:
-            found[entry] = found.get(entry, 0.0) + part * float(weight)
-    return [each for entry, amount in found.items() for each in _shared(entry, amount, rng)]
+            amounts[entry] = amounts.get(entry, 0.0) + part * float(weight)
+    return [change for entry, amount in amounts.items() for change in _shared(entry, amount, rng)]
 
 
 def _shared(entry: Hypothesis, amount: float, rng: np.random.Generator) -> list[Change]:
@@ -269,14 +273,14 @@ def table_text(table: blunders.Table, resolution_mm: float | None) -> str:
     over = rows.over_plane
     writer.writerow((*head, *(("plane",) if over.any() else ())))
     steps = RESOLUTION_MM if resolution_mm else 1e-6
-    shown = np.round(table.values_mm / steps) * steps
+    display = np.round(table.values_mm / steps) * steps
     for k in range(len(rows)):
         writer.writerow(
             (
                 LETTERS[rows.leg[k]],
                 LETTERS[rows.axis[k]],
                 f"{rows.displacement_mm[k]:g}",
-                f"{shown[k]:.6f}",
+                f"{display[k]:.6f}",
                 int(rows.cycle[k]),
                 f"{rows.time_s[k]:.1f}",
                 f"{rows.station[k]:g}",
@@ -301,33 +305,34 @@ def _truth(
         "offsets_mm": amounts["offset"].tolist(),
         "lengths_mm": amounts["length"].tolist(),
         "hidden": [
-            _described(each, case, _beside(each, placed, columns), noise.rms_mm) for each in placed
+            _described(effect, case, _beside(effect, placed, columns), noise.rms_mm)
+            for effect in placed
         ],
         "blunder_where": list(blunder_where),
         "left_by_true_model_mm": _oracle_mm(columns, placed, noise),
     }
 
 
-def _beside(one: EffectInstance, placed: list[EffectInstance], columns: Columns) -> Columns:
+def _beside(instance: EffectInstance, placed: list[EffectInstance], columns: Columns) -> Columns:
     """Of two effects each counts for what the other cannot take over."""
-    return columns.beside([each.candidate for each in placed if each is not one])
+    return columns.beside([effect.candidate for effect in placed if effect is not instance])
 
 
 def _described(placed: EffectInstance, case: Case, columns: Columns, noise_mm: float) -> Json:
     mine = placed.candidate
     # With no blunder tested all that is looked for competes, but for what was left out of it.
-    known = [*rivals(), *beside(), everywhere()]
-    others = [c for c in known if c.id != mine.id and c.id not in case.without]
-    rival, share = best_rival(columns, placed.signal, others)
+    laws = [*rivals(), *beside(), everywhere()]
+    alternatives = [c for c in laws if c.id != mine.id and c.id not in case.without]
+    rival, share = best_rival(columns, placed.signal, alternatives)
     parameters = len(mine.directions)
     signal = columns.left_over(placed.signal)
-    alike = [c for c in known if c.id == mine.id and c.where != mine.where]
-    others = [c for c in alike if len(c.directions) <= parameters]
-    others += parts(mine)
-    elsewhere = [contained(signal, columns.span(c)) for c in others]
+    alike = [c for c in laws if c.id == mine.id and c.where != mine.where]
+    alternatives = [c for c in alike if len(c.directions) <= parameters]
+    alternatives += parts(mine)
+    elsewhere = [contained(signal, columns.span(c)) for c in alternatives]
     ncp = float(np.sum((signal / noise_mm) ** 2))
-    every = [c for c in known if c.id not in case.without or c.id == mine.id]
-    every = every if mine.id in {c.id for c in every} else [*every, mine]
+    eligible = [c for c in laws if c.id not in case.without or c.id == mine.id]
+    eligible = eligible if mine.id in {c.id for c in eligible} else [*eligible, mine]
     shared = {c.where for c in alike if (1 - contained(signal, columns.span(c))) * ncp < TOLD_APART}
     return {
         "id": mine.id,
@@ -344,7 +349,7 @@ def _described(placed: EffectInstance, case: Case, columns: Columns, noise_mm: f
         "rival": rival,
         "rival_share": share,
         "rival_ncp": (1 - share) * ncp,
-        "named_by_a_judge": named_by_a_judge(columns, placed.signal, mine.id, every, noise_mm),
+        "named_by_a_judge": named_by_a_judge(columns, placed.signal, mine.id, eligible, noise_mm),
         "elsewhere_ncp": (1 - max(elsewhere, default=0.0)) * ncp,
     }
 
@@ -371,8 +376,8 @@ def _public(changes: list[Change]) -> list[Change]:
         (("distance", (i, j)), shifts.get((i, 3 - i - j), 0.0) - shifts.get((j, 3 - i - j), 0.0))
         for i, j in AROUND
     ]
-    seen = [each for each in [*leans, *distances] if each[1]]
-    return seen + [each for each in changes if each[0][0] not in ("lean", "shift")]
+    visible = [change for change in [*leans, *distances] if change[1]]
+    return visible + [change for change in changes if change[0][0] not in ("lean", "shift")]
 
 
 def _lean_sum(changes: list[Change], pair: tuple[int, int]) -> float:

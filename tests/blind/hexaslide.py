@@ -66,12 +66,12 @@ class Plain:
 
         chains, ends = file.chain, file.constraint_link
         assert ends is not None
-        self.start = off([one.start_mm for one in chains])
+        self.start = off([chain.start_mm for chain in chains])
         self.start[0], self.start[1, 1:] = 0.0, 0.0
-        level = off([one.rail[:2] for one in chains if one.rail], 1.0)
+        level = off([chain.rail[:2] for chain in chains if chain.rail], 1.0)
         self.rail = np.column_stack([level, -np.sqrt(1.0 - (level**2).sum(axis=1))])
-        self.joint = off([one.joint_mm for one in chains])
-        self.link = off([one.link_mm for one in chains])
+        self.joint = off([chain.joint_mm for chain in chains])
+        self.link = off([chain.link_mm for chain in chains])
         self.ends = off([ends.platform_end_mm, ends.base_end_mm])
         self.length = ends.length_mm / 1e3
 
@@ -149,32 +149,32 @@ def measured(
     count, linked = POSTURES[kind], kind == "constraint-link"
     box = file.whole().box
     nominal = Plain(file, None)
-    wanted = chance.uniform(box.lower, box.upper, (count, 6))
+    targets = chance.uniform(box.lower, box.upper, (count, 6))
     if linked:
-        wanted = np.array([on_link(true, one) for one in wanted])
-    goal = np.array([(true if linked else nominal).sliders(one) for one in wanted])
+        targets = np.array([on_link(true, posture) for posture in targets])
+    goal = np.array([(true if linked else nominal).sliders(posture) for posture in targets])
     shift, offset = moved(true, goal, what), np.zeros(6)
     k, size = what.place, what.size
     if what.cause == "joint_offset":
         offset[k] = size
-    stands, shown = [], goal.copy()
-    for row, near in enumerate(wanted):
+    stands, encoder = [], goal.copy()
+    for row, near in enumerate(targets):
         if linked:  # the platform is where the link holds it; carriages follow
-            shown[row] = true.carried(near, goal[row], shift[row], offset)
+            encoder[row] = true.carried(near, goal[row], shift[row], offset)
             continue
         carriages = true.start + goal[row][:, None] * true.rail + shift[row]
         stands.append(fsolve(true.off, near, (carriages, offset), xtol=1e-13))
     if linked:
-        shown += chance.normal(0.0, 1e-9, shown.shape)
+        encoder += chance.normal(0.0, 1e-9, encoder.shape)
         values = np.zeros((count, 0))
     else:
         values = np.array(stands)[:, : 3 if kind == "position" else 6]
         noise = np.array([NOISE_M] * 3 + [NOISE_RAD] * 3)[: values.shape[1]]
         values = values + noise * chance.standard_normal(values.shape)
     if what.cause == "wrong_posture":
-        spoilt = shown if linked else values
+        spoilt = encoder if linked else values
         spoilt[k, int(chance.integers(spoilt.shape[1] if linked else 3))] += size
-    return Readings(Procedure.of(kind), shown, values, NOISE_M, NOISE_RAD)
+    return Readings(Procedure.of(kind), encoder, values, NOISE_M, NOISE_RAD)
 
 
 def on_link(true: Plain, posture: Array) -> Array:
@@ -207,10 +207,10 @@ def main(count: int) -> None:
     for kind in POSTURES:
         score: Counter[str] = Counter()
         for seed in range(count):
-            what, found = case(kind, seed)
-            named = tuple(sorted(one for claim in found.named for one in claim.causes))
-            inside = what.truth in {claim.causes for claim in found.claims}
-            wrong = bool(set(named) - set(what.truth)) and found.verdict == "explained"
+            what, diagnosis = case(kind, seed)
+            named = tuple(sorted(cause for claim in diagnosis.named for cause in claim.causes))
+            inside = what.truth in {claim.causes for claim in diagnosis.claims}
+            wrong = bool(set(named) - set(what.truth)) and diagnosis.verdict == "explained"
             score["inside"] += inside
             score["right"] += what.cause is not None and named == what.truth
             score["hidden"] += what.cause is not None
@@ -218,7 +218,8 @@ def main(count: int) -> None:
             score["nothing"] += wrong and what.cause is None
             if wrong or not inside:
                 print(
-                    f"  {kind} {seed}: {what}: {found.verdict}, {found.claims[:3]}", file=sys.stderr
+                    f"  {kind} {seed}: {what}: {diagnosis.verdict}, {diagnosis.claims[:3]}",
+                    file=sys.stderr,
                 )
         print(
             f"| {kind} | {count} | {100 * score['inside'] / count:.0f} % | {score['right']} of "

@@ -45,33 +45,33 @@ def commanded(place: FloatArray) -> FloatArray:
 
 def tool(hidden: Hidden, place: FloatArray, moved: FloatArray) -> FloatArray:
     """Where the tool is: Newton's method on the three bars, from where it should be."""
-    told = commanded(place)
-    travel = told - commanded(np.zeros(3))
-    height = told + hidden.offset_mm + np.array(hidden.scale) * travel
+    command = commanded(place)
+    travel = command - commanded(np.zeros(3))
+    height = command + hidden.offset_mm + np.array(hidden.scale) * travel
     height = height + np.array(hidden.lost_mm) * (moved < 0)
     foot = np.column_stack([(RADIUS + np.array(hidden.out_mm))[:, None] * OUTWARD, height])
     apart = OUTWARD[1] - OUTWARD[0]
     lean = hidden.lean_xy / 2.0 * apart / np.linalg.norm(apart)
     foot[0, :2] += lean * height[0]
     foot[1, :2] -= lean * height[1]
-    found = place.copy()
+    position = place.copy()
     for _ in range(20):
-        bars = found - foot
-        left = (bars**2).sum(axis=1) - (BAR + np.array(hidden.length_mm)) ** 2
-        found = found - np.linalg.solve(2.0 * bars, left)
-    return found
+        bars = position - foot
+        residual = (bars**2).sum(axis=1) - (BAR + np.array(hidden.length_mm)) ** 2
+        position = position - np.linalg.solve(2.0 * bars, residual)
+    return position
 
 
 def places(cycles: int = 3, heights: tuple[float, ...] = (0.0,)) -> list[tuple[int, FloatArray]]:
     """Cycle and place: the middle and three rings in each cycle, the middle at the end."""
-    one = [np.array([0.0, 0.0, h]) for h in heights]
+    one_cycle = [np.array([0.0, 0.0, h]) for h in heights]
     for height in heights:
         for radius in (30.0, 55.0, 80.0):
             for k in range(6):
                 angle = math.tau * (0.25 + k / 6.0)
                 x, y = radius * math.cos(angle), radius * math.sin(angle)
-                one.append(np.array([round(x, 3) + 0.0, round(y, 3) + 0.0, height]))
-    visits = [(cycle, place) for cycle in range(1, cycles + 1) for place in one]
+                one_cycle.append(np.array([round(x, 3) + 0.0, round(y, 3) + 0.0, height]))
+    visits = [(cycle, place) for cycle in range(1, cycles + 1) for place in one_cycle]
     return [*visits, (cycles, np.zeros(3))]
 
 
@@ -85,10 +85,10 @@ def table(hidden: Hidden, seed: int, scatter_mm: float = 0.002) -> str:
             step = commanded(place) - before
             moved = np.where(np.abs(step) > 1e-6, np.sign(step), moved)
         before = commanded(place)
-        shown = (tool(hidden, place, moved)[2] + zero) * (1.0 + hidden.gain)
-        shown += hidden.drift_mm_s * SECONDS * number + generator.normal(scale=scatter_mm)
+        reading = (tool(hidden, place, moved)[2] + zero) * (1.0 + hidden.gain)
+        reading += hidden.drift_mm_s * SECONDS * number + generator.normal(scale=scatter_mm)
         x, y, z = place
-        lines.append(f"{x:.3f},{y:.3f},{z:.3f},{shown:.3f},{cycle},{SECONDS * number:.1f}")
+        lines.append(f"{x:.3f},{y:.3f},{z:.3f},{reading:.3f},{cycle},{SECONDS * number:.1f}")
     return "\n".join(lines) + "\n"
 
 

@@ -51,8 +51,8 @@ def _unequal(rows: Rows, plain: FloatArray, sigma_mm: float, rng: np.random.Gene
 
 def _locked(rows: Rows, plain: FloatArray, sigma_mm: float, rng: np.random.Generator) -> Noise:
     """As much again is drawn once for each posture driven to; repeats in place share it."""
-    kept = sigma_mm * rng.standard_normal((rows.visit.max() + 1, 3))
-    return Noise(plain + kept[rows.visit, rows.axis], sigma_mm * float(np.sqrt(2)))
+    per_visit = sigma_mm * rng.standard_normal((rows.visit.max() + 1, 3))
+    return Noise(plain + per_visit[rows.visit, rows.axis], sigma_mm * float(np.sqrt(2)))
 
 
 def _wandering(rows: Rows, plain: FloatArray, sigma_mm: float, rng: np.random.Generator) -> Noise:
@@ -67,8 +67,10 @@ def _wandering(rows: Rows, plain: FloatArray, sigma_mm: float, rng: np.random.Ge
 
 def _wander(time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
     """A wander of unit variance that forgets itself within ``WANDER_TIME_S``."""
-    found = [float(rng.standard_normal())]
+    values = [float(rng.standard_normal())]
     for pause in np.diff(time_s):
-        kept = float(np.exp(-pause / WANDER_TIME_S))
-        found.append(kept * found[-1] + float(np.sqrt(1 - kept**2) * rng.standard_normal()))
-    return np.array(found)
+        persistence = float(np.exp(-pause / WANDER_TIME_S))
+        values.append(
+            persistence * values[-1] + float(np.sqrt(1 - persistence**2) * rng.standard_normal())
+        )
+    return np.array(values)

@@ -135,9 +135,9 @@ def legs_exchanged(procedure: str, rng: np.random.Generator) -> Session:
     written = values.copy()
     for station in np.unique(rows.station):
         tables: dict[tuple[int, int], Any] = {}
-        for leg, other in ((a, b), (b, a)):
-            c = 3 - leg - other
-            axes = (other, c)
+        for leg, second in ((a, b), (b, a)):
+            c = 3 - leg - second
+            axes = (second, c)
             tables |= {
                 (leg, k): np.flatnonzero(
                     (rows.leg == leg) & (rows.axis == axis) & (rows.station == station)
@@ -163,9 +163,12 @@ def postures_exchanged(procedure: str, rng: np.random.Generator) -> Session:
     for axis in range(3):
         for number in range(1, int(rows.cycle.max()) + 1):
             mine = here & (rows.axis == axis) & (rows.cycle == number)
-            one, two = (np.flatnonzero(mine & (rows.displacement_mm == d)) for d in (a, b))
-            count = min(len(one), len(two))
-            written[one[:count]], written[two[:count]] = values[two[:count]], values[one[:count]]
+            first, two = (np.flatnonzero(mine & (rows.displacement_mm == d)) for d in (a, b))
+            count = min(len(first), len(two))
+            written[first[:count]], written[two[:count]] = (
+                values[two[:count]],
+                values[first[:count]],
+            )
     return plain(rows, written, hidden, f"postures_exchanged:{LETTERS[leg]}")
 
 
@@ -180,7 +183,7 @@ def within_play(procedure: str, rng: np.random.Generator) -> Session:
     noise = values - as_driven
     noise -= (np.bincount(rows.mount, noise) / np.bincount(rows.mount))[rows.mount]
     sigma_mm = float(np.sqrt((noise**2).sum() / (len(rows) - rows.mount.max() - 1)))
-    shown = False
+    visible = False
     for first in first_rows(rows):
         share = float(rng.uniform())
         ends = np.array([readings(down, hidden)[first], readings(up, hidden)[first]])
@@ -190,9 +193,9 @@ def within_play(procedure: str, rng: np.random.Generator) -> Session:
         )
         # against the mean of its repeats, which are those of one side
         least_mm = SHOWN * sigma_mm * np.sqrt(1.0 + 1.0 / (alike.sum() - 1.0))
-        shown |= bool(np.abs(ends - between).min() > least_mm)
+        visible |= bool(np.abs(ends - between).min() > least_mm)
         values[first] += between - as_driven[first]
-    return replace(plain(rows, values, hidden, "first_take"), shown=shown)
+    return replace(plain(rows, values, hidden, "first_take"), shown=visible)
 
 
 def with_play(rng: np.random.Generator) -> Hidden:
@@ -283,7 +286,7 @@ def judged(session: Session) -> dict[str, Any]:
         "names": {f"{i}:{w}": p for (i, w), p in answer.places.items() if p >= LISTED},
         "mistakes": mistakes,
         "none": sum(model.weight for model in answer.models if not model.mistakes),
-        "place": any(one.startswith(session.place) for one in mistakes if session.place),
+        "place": any(mistake.startswith(session.place) for mistake in mistakes if session.place),
         "shown": session.shown and bool(session.place),
         "off_u": np.abs(off).round(2).tolist(),
         "cpu_s": used_s,
@@ -293,12 +296,12 @@ def judged(session: Session) -> dict[str, Any]:
 def in_field(answer: Posterior) -> tuple[FloatArray, FloatArray]:
     """Mean ``(6 + k,)`` and covariance over all models, lengths and sizes."""
     mean = answer.mean
-    whole = np.zeros((len(mean), len(mean)))
+    covariance_sum = np.zeros((len(mean), len(mean)))
     for model in answer.models_in_field:
         off = model.mean - mean
         covariance = model.inflated**2 * model.base + model.root @ model.root.T
-        whole += model.weight * (covariance + np.outer(off, off))
-    return mean, whole
+        covariance_sum += model.weight * (covariance + np.outer(off, off))
+    return mean, covariance_sum
 
 
 def parameters_mm(answer: Posterior) -> tuple[FloatArray, FloatArray]:
@@ -358,16 +361,20 @@ HEAD = (
 
 
 def _row(kind: str, results: Sequence[dict[str, Any]]) -> str:
-    named = [{n.split(":")[0] for n, p in one["names"].items() if p >= 0.5} for one in results]
-    off = np.concatenate([one["off_u"] for one in results])
-    shown = sum(one["shown"] for one in results)
+    named = [
+        {n.split(":")[0] for n, p in result["names"].items() if p >= 0.5} for result in results
+    ]
+    off = np.concatenate([result["off_u"] for result in results])
+    visible = sum(result["shown"] for result in results)
     cells = (
         kind,
         sum(map(bool, named)),
         sum(bool(names & set(TIMED)) for names in named),
-        sum(one["none"] >= LISTED for one in results),
-        f"{sum(one['place'] for one in results if one['shown'])} of {shown}" if shown else "–",
-        sum(bool(one["mistakes"]) and not one["place"] for one in results),
+        sum(result["none"] >= LISTED for result in results),
+        f"{sum(result['place'] for result in results if result['shown'])} of {visible}"
+        if visible
+        else "–",
+        sum(bool(result["mistakes"]) and not result["place"] for result in results),
         f"{int((off <= 2.0).sum())} of {len(off)}",
     )
     return f"| {' | '.join(map(str, cells))} |"

@@ -67,14 +67,14 @@ LETTERS = "xyz"
 def covered(effect: Json, truth: Json, noise_dof: float | None) -> list[bool]:
     """For each parameter that can be compared: whether its 95 % interval holds the truth."""
     entry = truth["parameters"][0]["entry"]
-    said = _in_order([p for p in map(_plain, effect["parameters"]) if _fits(p, entry)])
-    if any("amplitude" in p["name"] for p in said):
-        return _amplitude(said, truth, noise_dof)
-    amounts = _amounts(truth, len(said))
+    parameters = _in_order([p for p in map(_plain, effect["parameters"]) if _fits(p, entry)])
+    if any("amplitude" in p["name"] for p in parameters):
+        return _amplitude(parameters, truth, noise_dof)
+    amounts = _amounts(truth, len(parameters))
     if amounts is None:
         return []
-    names = [p["entry"] for p in truth["parameters"]][: len(said)]
-    pairs = zip(said, amounts, names, strict=True)
+    names = [p["entry"] for p in truth["parameters"]][: len(parameters)]
+    pairs = zip(parameters, amounts, names, strict=True)
     return [_inside(p, amount, name, noise_dof) for p, amount, name in pairs]
 
 
@@ -103,12 +103,12 @@ def _fits(parameter: Json, entry: str) -> bool:
     return parameter["dimension"] == DIMENSION[entry] and math.isfinite(parameter["error"])
 
 
-def _in_order(said: list[Json]) -> list[Json]:
+def _in_order(parameters: list[Json]) -> list[Json]:
     """By the axis that ends each name, where all of them end so."""
-    ends = [p["name"][-1:] for p in said]
+    ends = [p["name"][-1:] for p in parameters]
     if all(end in LETTERS for end in ends) and len(set(ends)) == len(ends):
-        return sorted(said, key=lambda p: str(p["name"][-1:]))
-    return said
+        return sorted(parameters, key=lambda p: str(p["name"][-1:]))
+    return parameters
 
 
 def _amounts(truth: Json, count: int) -> list[float] | None:
@@ -120,12 +120,12 @@ def _amounts(truth: Json, count: int) -> list[float] | None:
     return amounts[:1] if count == 1 and alike else None
 
 
-def _amplitude(said: list[Json], truth: Json, noise_dof: float | None) -> list[bool]:
+def _amplitude(parameters: list[Json], truth: Json, noise_dof: float | None) -> list[bool]:
     by_entry: dict[str, float] = {}
     for p in truth["parameters"]:
         by_entry[p["entry"]] = p["value"]
     amount = math.hypot(*by_entry.values())
-    sizes = [p for p in said if "amplitude" in p["name"]]
+    sizes = [p for p in parameters if "amplitude" in p["name"]]
     return [_inside(p, amount, "sine", noise_dof) for p in sizes]
 
 

@@ -30,7 +30,7 @@ from tests.blind.printers import (
     any_printer,
 )
 
-SIZES = [2 if one.name == "plate" else 3 for one in fields(Parts)]
+SIZES = [2 if field.name == "plate" else 3 for field in fields(Parts)]
 STEPS = np.repeat([1e-3] * 4 + [1e-5] * 4, SIZES)
 CYCLES = 3
 BLOCK_MM, BLOCK_WITHIN_MM = 60.0, 60.0
@@ -51,13 +51,13 @@ def parts_of(values: FloatArray) -> Parts:
 
 
 def values_of(parts: Parts) -> FloatArray:
-    return np.concatenate([getattr(parts, one.name) for one in fields(Parts)])
+    return np.concatenate([getattr(parts, field.name) for field in fields(Parts)])
 
 
-def slopes(shown: Shown) -> FloatArray:
+def slopes(display: Shown) -> FloatArray:
     """Derivatives by all parts, by differences."""
     steps = np.diag(STEPS)
-    rows = [(shown(parts_of(step)) - shown(parts_of(-step))) / 2.0 for step in steps]
+    rows = [(display(parts_of(step)) - display(parts_of(-step))) / 2.0 for step in steps]
     return np.asarray(np.array(rows).T / STEPS)
 
 
@@ -81,7 +81,7 @@ def distances(parts: Parts) -> FloatArray:
         for angle in math.pi / 6 * np.arange(6)
     ]
     marks = [(parts.tool(BELIEVED(end)), parts.tool(BELIEVED(-end))) for end in ends]
-    return np.array([np.linalg.norm(one - other) for one, other in marks])
+    return np.array([np.linalg.norm(first - second) for first, second in marks])
 
 
 def tool(parts: Parts) -> FloatArray:
@@ -91,11 +91,11 @@ def tool(parts: Parts) -> FloatArray:
 
 def factors(count: int) -> FloatArray:
     """What firmware fits: switches, a radius, two angles; the bars' length, the plate's tilt."""
-    every = np.zeros((sum(SIZES), 9))
-    every[:3, :3] = np.eye(3)
-    every[6:9, 3] = every[9, 4] = every[10, 5] = every[3:6, 6] = 1.0
-    every[-2:, 7:] = np.eye(2)
-    return every[:, :count]
+    columns = np.zeros((sum(SIZES), 9))
+    columns[:3, :3] = np.eye(3)
+    columns[6:9, 3] = columns[9, 4] = columns[10, 5] = columns[3:6, 6] = 1.0
+    columns[-2:, 7:] = np.eye(2)
+    return columns[:, :count]
 
 
 DRAWN = 3000
@@ -147,16 +147,16 @@ def estimates(rows: FloatArray, deviation: FloatArray) -> list[tuple[FloatArray,
     maps = []
     for count in (6, 9):
         chosen = factors(count)
-        seen = np.linalg.pinv(rows @ chosen / deviation[:, None])
-        maps.append((chosen @ (seen / deviation), False))
+        inverse = np.linalg.pinv(rows @ chosen / deviation[:, None])
+        maps.append((chosen @ (inverse / deviation), False))
     prior = np.diag(TOLERANCE**2)
     for alike in (slice(3, 6), slice(6, 9)):
         prior[alike, alike] *= np.eye(3)
         prior[alike, alike] += TOLERANCE[alike][0] ** 2 * ALIKE * (1.0 - np.eye(3))
     for free in (np.ones(len(prior)), STATED.astype(float)):
-        own = prior * free * free[:, None]
-        inner = rows @ own @ rows.T + np.diag(deviation**2)
-        maps.append((own @ rows.T @ np.linalg.inv(inner), True))
+        covariance = prior * free * free[:, None]
+        inner = rows @ covariance @ rows.T + np.diag(deviation**2)
+        maps.append((covariance @ rows.T @ np.linalg.inv(inner), True))
     return maps
 
 
@@ -172,27 +172,29 @@ def main() -> None:
     print("| hidden | shown | six factors | nine | with tolerances | lines as stated |")
     cases = {**CASES, "any": any_printer}
     for name, make in cases.items():
-        for shown, designs in {
+        for title, designs in {
             "plate": [plate],
             "plate, block": [plate, block],
             "plate, distances": [plate, apart],
             "all": [plate, block, apart],
         }.items():
             rows = np.vstack(designs)
-            deviation = np.concatenate([np.full(len(one), noise[id(one)]) for one in designs])
+            deviation = np.concatenate(
+                [np.full(len(design), noise[id(design)]) for design in designs]
+            )
             cells = []
             for estimate, follows in estimates(rows, deviation):
                 random = np.random.default_rng(5)
-                left = []
+                squares = []
                 for _ in range(count):
                     hidden = values_of(make(random))
                     read = rows @ hidden + deviation * random.normal(size=len(rows))
                     entered = estimate @ read
                     off = moved @ (hidden - (follow @ entered if follows else entered * HELD))
-                    left.append([off @ off, off @ off - (TURN @ off) ** 2])
-                zero, turned = np.sqrt(np.mean(left, axis=0) / len(GRID))
+                    squares.append([off @ off, off @ off - (TURN @ off) ** 2])
+                zero, turned = np.sqrt(np.mean(squares, axis=0) / len(GRID))
                 cells.append(f"{zero:.4f} ({turned:.4f})")
-            print(f"| {name} | {shown} | {' | '.join(cells)} |", flush=True)
+            print(f"| {name} | {title} | {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":

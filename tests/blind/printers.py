@@ -61,7 +61,7 @@ class Parts:
 
     @classmethod
     def perfect(cls) -> Parts:
-        return cls(*(np.zeros(2 if one.name == "plate" else 3) for one in fields(cls)))
+        return cls(*(np.zeros(2 if field.name == "plate" else 3) for field in fields(cls)))
 
     def feet(self, below_mm: FloatArray) -> FloatArray:
         """Joints of the carriages ``(3, 3)``, these so far ``(3,)`` below their switches."""
@@ -182,8 +182,8 @@ def fitted(
     met: list[FloatArray], factors: int, stops_mm: Sequence[float] = (STOP,) * 3
 ) -> Firmware:
     """The peers' least squares: a machine with which all contacts are at height 0."""
-    held = firmware(np.array(stops_mm), RADIUS, ANGLES, BAR)
-    below = np.array([held(place) for place in met])
+    controller = firmware(np.array(stops_mm), RADIUS, ANGLES, BAR)
+    below = np.array([controller(place) for place in met])
 
     def values(v: FloatArray) -> tuple[FloatArray, float, FloatArray, float]:
         angles = ANGLES + np.array([v[4], v[5], 0.0])
@@ -197,8 +197,8 @@ def fitted(
         place = np.array(met)
         for _ in range(8):
             way = place[:, None] - joints
-            left = (way**2).sum(axis=2) - bar**2
-            place = place - np.linalg.solve(2.0 * way, left[..., None])[..., 0]
+            residual = (way**2).sum(axis=2) - bar**2
+            place = place - np.linalg.solve(2.0 * way, residual[..., None])[..., 0]
         tilt = v[7:] if factors == 9 else np.zeros(2)
         return np.asarray(place[:, 2] - place[:, :2] @ tilt)
 
@@ -263,24 +263,24 @@ def calibrated(
     """One printer through `import`, `export` and the firmware's formulas; ``stated`` of it."""
     met = contacts(parts, random)
     rows = [f"{x:.4f},{y:.4f},{z:.5f},0,{k // len(RINGS) + 1}" for k, (x, y, z) in enumerate(met)]
-    table, known, session, out = (
+    table, machine_file, session, out = (
         folder / name for name in ("t.csv", "m.toml", "s.jsonl", "out.cfg")
     )
     session.unlink(missing_ok=True)
     table.write_text("\n".join(["x_mm,y_mm,z_mm,height_mm,cycle", *rows]) + "\n")
-    known.write_text(machine_text(stated or machine(), []), encoding="utf-8")
+    machine_file.write_text(machine_text(stated or machine(), []), encoding="utf-8")
     for words in (
-        ("import", table, "-o", session, "--machine", known),
+        ("import", table, "-o", session, "--machine", machine_file),
         ("export", session, "--format", "klipper", "-o", out, "--force"),
     ):
         started = glidecal(*words)
         assert started.status == 0, started.err
     text = out.read_text(encoding="utf-8")
-    (said,) = re.findall(r"at most ([\d.]+) mm with these values, touched off", comments(text))
+    (stated_mm,) = re.findall(r"at most ([\d.]+) mm with these values, touched off", comments(text))
     ours = klipper(text)
     zero = parts.tool(ours(np.zeros(3)))[2] - parts.tool(BELIEVED(np.zeros(3)))[2]
-    left = [errors(parts, run) for run in (BELIEVED, fitted(met, 6), fitted(met, 9), ours)]
-    touched = rms(left[-1] - left[-1].mean(axis=0))
-    turned = np.array([turn_free(error) for error in left])
-    before, six, nine, after = map(rms, left)
-    return Result(before, six, nine, after, turned, touched, float(said), abs(zero))
+    errors_mm = [errors(parts, run) for run in (BELIEVED, fitted(met, 6), fitted(met, 9), ours)]
+    touched = rms(errors_mm[-1] - errors_mm[-1].mean(axis=0))
+    turned = np.array([turn_free(error) for error in errors_mm])
+    before, six, nine, after = map(rms, errors_mm)
+    return Result(before, six, nine, after, turned, touched, float(stated_mm), abs(zero))

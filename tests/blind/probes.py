@@ -64,13 +64,13 @@ class Probed:
         out = np.column_stack([out, np.zeros(3)])
         along = np.column_stack([-out[:, 1], out[:, 0], np.zeros(3)])
         sides = np.array([1.0, -1.0])[:, None, None] * 0.5 * APART_MM * along
-        held = (JOINTS_MM * out + sides).reshape(6, 3)
+        joints = (JOINTS_MM * out + sides).reshape(6, 3)
         carriages = (self.parts.feet(below_mm) + JOINTS_MM * out + sides).reshape(6, 3)
-        each = np.array([0.5, -0.5])[:, None] * self.unequal_mm
-        lengths = (BAR + self.parts.bar_mm + each).reshape(6)
+        halves = np.array([0.5, -0.5])[:, None] * self.unequal_mm
+        lengths = (BAR + self.parts.bar_mm + halves).reshape(6)
         middle, turned = self.parts.tool(below_mm), np.eye(3)
         for _ in range(20):
-            arms = held @ turned.T
+            arms = joints @ turned.T
             bars = middle + arms - carriages
             size = np.linalg.norm(bars, axis=1)
             way = bars / size[:, None]
@@ -136,7 +136,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--count", type=int, default=30)
     parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     columns = ["before", "six", "nine", "ours", "touched", "bound", "height"]
     print("| hidden | plate, probe | stated |", " | ".join(columns), "| kept |")
     plates = [(name, shape, (0.0, 0.0), 0.0) for name, shape in BOWED.items()]
@@ -145,24 +145,24 @@ def main() -> None:
         for name, shape, beside_mm, unequal_mm in [*plates, beside]:
             probe_mm = beside_mm if any(beside_mm) else None
             without = {"beside_mm": probe_mm} if probe_mm else {}
-            for words, known in {
+            for words, machine_file in {
                 "nothing": stated(plate=False),
                 "tolerances": stated(plate=True, **without),
             }.items():
                 results = []
-                for k in range(asked.count):
-                    random = np.random.default_rng([asked.seed, k, len(off)])
+                for k in range(options.count):
+                    random = np.random.default_rng([options.seed, k, len(off)])
                     parts = make(random)
-                    chance = np.random.default_rng([asked.seed, k, 7])
+                    chance = np.random.default_rng([options.seed, k, 7])
                     hidden = Probed(
                         parts, shape(chance), beside_mm, chance.normal(scale=unequal_mm, size=3)
                     )
                     with tempfile.TemporaryDirectory() as folder:
-                        results.append(calibrated(hidden, random, Path(folder), known))
+                        results.append(calibrated(hidden, random, Path(folder), machine_file))
                 table = np.array([[getattr(r, column) for column in columns] for r in results])
-                kept = int((table[:, 4] <= table[:, 5]).sum())
+                within_bound = int((table[:, 4] <= table[:, 5]).sum())
                 cells = " | ".join(f"{v:.4f}" for v in np.sqrt((table**2).mean(axis=0)))
-                row = f"| {off} | {name} | {words} | {cells} | {kept} of {asked.count} |"
+                row = f"| {off} | {name} | {words} | {cells} | {within_bound} of {options.count} |"
                 print(row, flush=True)
 
 

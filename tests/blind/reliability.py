@@ -44,11 +44,11 @@ def reliability(sessions: Iterable[Scored]) -> list[ReliabilityBin]:
     pairs = [pair for session in sessions for pair in probabilities_and_truth(session)]
     stated, right = np.array(pairs, dtype=np.float64).reshape(-1, 2).T
     bins = []
-    for least, most in pairwise(EDGES):
-        inside = (stated >= least) & ((stated < most) | (most == EDGES[-1]))
+    for least, highest in pairwise(EDGES):
+        inside = (stated >= least) & ((stated < highest) | (highest == EDGES[-1]))
         if inside.any():
             means = float(stated[inside].mean()), float(right[inside].mean())
-            bins.append(ReliabilityBin(least, most, int(inside.sum()), *means))
+            bins.append(ReliabilityBin(least, highest, int(inside.sum()), *means))
     return bins
 
 

@@ -54,10 +54,10 @@ class Follower:
 
     @classmethod
     def of(cls, case: Case, seed: int, folder: Path) -> Follower:
-        made = make(case, seed)
-        write_session(made, folder / f"{case.session}.jsonl")
+        session = make(case, seed)
+        write_session(session, folder / f"{case.session}.jsonl")
         rng = np.random.default_rng([seed, int(case.session, 16)])
-        return cls(case, made, folder, rng)
+        return cls(case, session, folder, rng)
 
     def trial(self, rounds: int = ROUNDS) -> Trial:
         """Documents of the first session alone and of every proposal measured beside it."""
@@ -68,13 +68,13 @@ class Follower:
             documents.append(document_of(*paths))
         return Trial(self.made.truth, tuple(documents))
 
-    def _measured(self, asked: Json, number: int) -> Path:
-        again = Again(visits_of(asked["protocol"]), tuple(asked["entered_mm"]), asked["load"])
+    def _measured(self, request: Json, number: int) -> Path:
+        again = Again(visits_of(request["protocol"]), tuple(request["entered_mm"]), request["load"])
         path = self.folder / f"{self.case.session}-{number}.jsonl"
         machine = path.with_suffix(".toml")
         machine.write_text(machine_text(again), encoding="utf-8")
-        made = made_again(self.made, again, self.case.noise, self.rng)
-        write_session(made, path, machine)
+        session = made_again(self.made, again, self.case.noise, self.rng)
+        write_session(session, path, machine)
         return path
 
 
@@ -85,15 +85,15 @@ def proposed(document: Json) -> bool:
 
 def visits_of(procedure: str) -> list[Visit]:
     """The visits that a procedure file asks for, in its order, read without the program."""
-    asked = tomllib.loads(procedure)
-    levels = [0.0 if level == "zero" else float(level) for level in asked["levels"]]
-    found = []
-    for station, name in product(asked["stations"], asked["legs"]):
+    protocol = tomllib.loads(procedure)
+    levels = [0.0 if level == "zero" else float(level) for level in protocol["levels"]]
+    result = []
+    for station, name in product(protocol["stations"], protocol["legs"]):
         leg = LETTERS.index(name)
-        for cycle in range(1, asked["cycles"] + 1):
-            found += [Visit(leg, station, level, cycle) for level in levels]
-        found.append(Visit(leg, station, 0.0, asked["cycles"]))
-    return found
+        for cycle in range(1, protocol["cycles"] + 1):
+            result += [Visit(leg, station, level, cycle) for level in levels]
+        result.append(Visit(leg, station, 0.0, protocol["cycles"]))
+    return result
 
 
 def machine_text(again: Again) -> str:
@@ -113,17 +113,17 @@ def document_of(*sessions: Path) -> Json:
     return DiagnosisReport.of(DiagnosisResults(diagnose_files(sessions))).model_dump(mode="json")
 
 
-def trials(seed: int, wanted: int) -> tuple[list[Trial], int]:
+def trials(seed: int, target: int) -> tuple[list[Trial], int]:
     """So many sessions that are ambiguous at first, followed; and how many were drawn."""
-    found: list[Trial] = []
+    results: list[Trial] = []
     with tempfile.TemporaryDirectory() as name:
         for drawn, case in enumerate(cases(), start=1):
             trial = Follower.of(case, seed, Path(name)).trial()
             if trial.first["verdict"] == "ambiguous":
-                found.append(trial)
-                print(f"{len(found)} of {wanted}: {case.key}", file=sys.stderr)
-            if len(found) == wanted:
-                return found, drawn
+                results.append(trial)
+                print(f"{len(results)} of {target}: {case.key}", file=sys.stderr)
+            if len(results) == target:
+                return results, drawn
     raise AssertionError("cases() has no end")
 
 

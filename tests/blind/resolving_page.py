@@ -18,8 +18,8 @@ Hit = Callable[[Trial], bool]
 
 def page(trials: Sequence[Trial], drawn: int, seed: int) -> str:
     """Markdown."""
-    followed = [one for one in trials if one.followed]
-    promised = [one for one in followed if one.expected >= EVIDENCE_FLOOR]
+    followed = [trial for trial in trials if trial.followed]
+    promised = [trial for trial in followed if trial.expected >= EVIDENCE_FLOOR]
     parts = [
         _head(trials, followed, drawn, seed),
         _main(trials, followed, promised),
@@ -36,7 +36,7 @@ def rate_of(trials: Sequence[Trial], hit: Hit) -> Rate:
 
 
 def _head(trials: Sequence[Trial], followed: Sequence[Trial], drawn: int, seed: int) -> str:
-    changed = Counter(_preparation(one) for one in followed)
+    changed = Counter(_preparation(trial) for trial in followed)
     return (
         "# Does the proposed measurement resolve what stayed ambiguous?\n\n"
         "Made by `python -m tests.blind.resolving -o docs/resolving.md`. Sessions with one hidden "
@@ -52,8 +52,8 @@ def _head(trials: Sequence[Trial], followed: Sequence[Trial], drawn: int, seed: 
     )
 
 
-def _preparation(one: Trial) -> str:
-    proposal = one.first["next_measurement"]
+def _preparation(trial: Trial) -> str:
+    proposal = trial.first["next_measurement"]
     if proposal["load"] != 1.0:
         return "load"
     return "offset" if any(proposal["entered_mm"]) else "nothing"
@@ -61,20 +61,20 @@ def _preparation(one: Trial) -> str:
 
 def _main(trials: Sequence[Trial], followed: Sequence[Trial], promised: Sequence[Trial]) -> str:
     resolved = rate_of(promised, Trial.resolved)
-    kept = "yes" if resolved.share >= TARGET else "**no**"
+    verdict = "yes" if resolved.share >= TARGET else "**no**"
     lines = [
         "| what | target | found | kept |",
         "|---|---|---|---|",
         f"| resolved, where {EVIDENCE_FLOOR:g} noise variances or more are expected | ≥ 90 % | "
-        f"{shown(resolved)} | {kept} |",
+        f"{shown(resolved)} | {verdict} |",
         f"| resolved, every proposal | – | {shown(rate_of(followed, Trial.resolved))} | – |",
         f"| explained by a wrong name | – | {shown(rate_of(followed, Trial.wrong))} | – |",
         *(
             f"| single after {word}, every ambiguous session | – | "
             f"{shown(rate_of(trials, hit))} | – |"
             for word, hit in (
-                ("one measurement", lambda one: one.single(1)),
-                ("two", lambda one: one.single(2)),
+                ("one measurement", lambda trial: trial.single(1)),
+                ("two", lambda trial: trial.single(2)),
             )
         ),
     ]
@@ -89,36 +89,36 @@ def _by_promise(followed: Sequence[Trial]) -> str:
         "|---|---|---|",
     ]
     for low, high in BINS:
-        some = [one for one in followed if low <= one.expected < high]
+        group = [trial for trial in followed if low <= trial.expected < high]
         bounds = f"{low:g} … {high:g}" if high < float("inf") else f"{low:g} and more"
-        lines.append(f"| {bounds} | {_both(some)} |")
+        lines.append(f"| {bounds} | {_both(group)} |")
     return "\n".join(lines)
 
 
 def _by_effect(followed: Sequence[Trial]) -> str:
     lines = ["## By hidden effect", "", "| effect | resolved | single |", "|---|---|---|"]
     for effect in EFFECT_IDS:
-        some = [one for one in followed if one.hidden["id"] == effect]
-        lines.append(f"| {effect} | {_both(some)} |")
+        group = [trial for trial in followed if trial.hidden["id"] == effect]
+        lines.append(f"| {effect} | {_both(group)} |")
     return "\n".join(lines)
 
 
-def _both(some: Sequence[Trial]) -> str:
-    resolved, single = rate_of(some, Trial.resolved), rate_of(some, lambda one: one.single(1))
+def _both(group: Sequence[Trial]) -> str:
+    resolved, single = rate_of(group, Trial.resolved), rate_of(group, lambda trial: trial.single(1))
     return f"{resolved.hits}/{resolved.count} | {single.hits}/{single.count}"
 
 
 def _unresolved(trials: Sequence[Trial]) -> str:
-    alike = Counter(_names(one) for one in trials if not one.followed)
+    alike = Counter(_names(trial) for trial in trials if not trial.followed)
     lines = ["## What stayed open", "", "No measurement separates these (sessions):", ""]
     lines += [f"- {names}: {n}" for names, n in alike.items()]
     return "\n".join(lines)
 
 
-def _names(one: Trial) -> str:
-    effect = one.first["effects"][0]
+def _names(trial: Trial) -> str:
+    effect = trial.first["effects"][0]
     return _listed(
-        {(each["id"], each["where"]) for each in (effect, *effect["indistinguishable_from"])}
+        {(name["id"], name["where"]) for name in (effect, *effect["indistinguishable_from"])}
     )
 
 

@@ -47,11 +47,11 @@ Work = Callable[[Case], Json]
 def generated(folder: Folder, seed: int, case: Case) -> Json:
     """Make one session; hands its truth back, which goes to the sealed file only."""
     try:
-        made = make(case, seed)
+        session = make(case, seed)
     except NotDrawn as problem:
         return {"session": case.session, "not_drawn": str(problem)}
-    write_session(made, folder.session(case.session))
-    return {"session": case.session, "truth": made.truth}
+    write_session(session, folder.session(case.session))
+    return {"session": case.session, "truth": session.truth}
 
 
 def diagnosed(folder: Folder, case: Case) -> Json:
@@ -64,8 +64,8 @@ def diagnosed(folder: Folder, case: Case) -> Json:
 
 def compared(seed: int, case: Case) -> Json:
     """What the baselines name for the same session."""
-    made = make(case, seed)
-    return {"session": case.session, "named": named_by_all(made.rows, made.values_mm)}
+    session = make(case, seed)
+    return {"session": case.session, "named": named_by_all(session.rows, session.values_mm)}
 
 
 def for_baselines(case: Case) -> bool:
@@ -76,13 +76,13 @@ def for_baselines(case: Case) -> bool:
 def do(work: Work, cases: Sequence[Case], path: Path, title: str) -> None:
     """Do what is not in the file yet; a line for each as soon as it is done."""
     done = {line["session"] for line in lines(path)}
-    left = [case for case in cases if case.session not in done]
+    pending = [case for case in cases if case.session not in done]
     start = time.monotonic()
-    for number, document in enumerate(in_parallel(work, left), start=1):
+    for number, document in enumerate(in_parallel(work, pending), start=1):
         append(path, document)
-        if number % 200 == 0 or number == len(left):
+        if number % 200 == 0 or number == len(pending):
             seconds = time.monotonic() - start
-            print(f"{title}: {number} of {len(left)}, {seconds:.0f} s", file=sys.stderr)
+            print(f"{title}: {number} of {len(pending)}, {seconds:.0f} s", file=sys.stderr)
 
 
 def run(cases: Sequence[Case], folder: Folder, seed: int, workers: int) -> Told:
@@ -90,11 +90,11 @@ def run(cases: Sequence[Case], folder: Folder, seed: int, workers: int) -> Told:
     start = time.monotonic()
     with joblib.parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
         do(partial(generated, folder, seed), cases, folder.truths, "sessions")
-        made, _ = seal(folder, (case.session for case in cases))
-        drawn = [case for case in cases if case.session in made]
+        truths, _ = seal(folder, (case.session for case in cases))
+        drawn = [case for case in cases if case.session in truths]
         do(partial(diagnosed, folder), drawn, folder.results, "diagnosed")
-        some = [case for case in drawn if for_baselines(case)]
-        do(partial(compared, seed), some, folder.baselines, "baselines")
+        compared_cases = [case for case in drawn if for_baselines(case)]
+        do(partial(compared, seed), compared_cases, folder.baselines, "baselines")
     return told(cases, folder, seed, time.monotonic() - start)
 
 
@@ -104,8 +104,8 @@ def told(cases: Sequence[Case], folder: Folder, seed: int, seconds: float) -> To
     names = {case.session for case in cases}
     rows = [row for row in lines(folder.results) if row["session"] in names]
     baselines = [row for row in lines(folder.baselines) if row["session"] in names]
-    made = [line for line in lines(folder.truths) if line["session"] in names]
-    not_drawn = [line["not_drawn"] for line in made if "not_drawn" in line]
+    truth_lines = [line for line in lines(folder.truths) if line["session"] in names]
+    not_drawn = [line["not_drawn"] for line in truth_lines if "not_drawn" in line]
     return Told(truths, rows, baselines, seed, digest, seconds, not_drawn)
 
 
@@ -113,8 +113,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry of ``python -m tests.blind.run``."""
     options = _parser().parse_args(arguments)
     os.environ.update(ONE_THREAD)
-    whole = plan()
-    share = options.count / len(whole) if options.count else 1.0
+    full_plan = plan()
+    share = options.count / len(full_plan) if options.count else 1.0
     cases = plan(QUICK_SHARE if options.quick else share)
     place = options.folder / f"seed-{options.seed}"
     if options.fresh:

@@ -45,27 +45,27 @@ class Scored:
 
     @property
     def hidden(self) -> list[Json]:
-        found: list[Json] = self.truth["hidden"]
-        return found
+        effects: list[Json] = self.truth["hidden"]
+        return effects
 
     @property
     def true_ids(self) -> set[str]:
-        names = {each["id"] for each in self.hidden}
+        names = {effect["id"] for effect in self.hidden}
         return names | ({self.truth["blunder"]} - {""})
 
     @property
     def named(self) -> list[Json]:
         """Effects that were named; unnamed laws are no names."""
-        return [each for each in self.row["effects"] if each["kind"] != "empirical"]
+        return [effect for effect in self.row["effects"] if effect["kind"] != "empirical"]
 
     @property
     def named_ids(self) -> set[str]:
-        return {each["id"] for each in self.named}
+        return {effect["id"] for effect in self.named}
 
     @property
     def possible_ids(self) -> set[str]:
         """Every name that the verdict leaves open."""
-        return self.named_ids | {name for each in self.named for name in each["also"]}
+        return self.named_ids | {name for effect in self.named for name in effect["also"]}
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Rate:
 
 def rate(chosen: Iterable[Scored], hit: Callable[[Scored], bool]) -> Rate:
     """How many of these sessions are a hit."""
-    outcomes = [hit(each) for each in chosen]
+    outcomes = [hit(item) for item in chosen]
     return Rate(sum(outcomes), len(outcomes))
 
 
@@ -110,98 +110,104 @@ def joined(truths: dict[str, Json], rows: Iterable[Json]) -> list[Scored]:
     ]
 
 
-def detectable(one: Scored) -> bool:
-    return all(each["ncp"] >= detection_ncp(each["count"]) for each in one.hidden)
+def detectable(score: Scored) -> bool:
+    return all(truth["ncp"] >= detection_ncp(truth["count"]) for truth in score.hidden)
 
 
-def separable(one: Scored) -> bool:
+def separable(score: Scored) -> bool:
     """Whether these data can tell every hidden effect and its place from all others.
 
     A bar that is wrong across both directions is not told from one that is wrong across one of
     them where the other value is too small to show: places within its place count as others.
     """
     return all(
-        min(each["rival_ncp"], each["elsewhere_ncp"]) >= EVIDENCE_FLOOR for each in one.hidden
+        min(truth["rival_ncp"], truth["elsewhere_ncp"]) >= EVIDENCE_FLOOR for truth in score.hidden
     )
 
 
-def false_name(one: Scored) -> bool:
+def false_name(score: Scored) -> bool:
     """Any name on data without effect; calling a slow wander a drift is not false."""
-    allowed = {"thermal_drift"} if one.truth["noise"] == "wander" else set()
-    return bool(one.named_ids - allowed)
+    allowed = {"thermal_drift"} if score.truth["noise"] == "wander" else set()
+    return bool(score.named_ids - allowed)
 
 
-def wrong_confident(one: Scored) -> bool:
+def wrong_confident(score: Scored) -> bool:
     """Explained by a single name that is not there."""
-    if one.verdict != "explained":
+    if score.verdict != "explained":
         return False
-    allowed = {"thermal_drift"} if one.truth["noise"] == "wander" else set()
-    return any(not each["also"] and not _is_true(one, each, allowed) for each in one.named)
+    allowed = {"thermal_drift"} if score.truth["noise"] == "wander" else set()
+    return any(
+        not effect["also"] and not _is_true(score, effect, allowed) for effect in score.named
+    )
 
 
-def _is_true(one: Scored, effect: Json, allowed: set[str]) -> bool:
+def _is_true(score: Scored, effect: Json, allowed: set[str]) -> bool:
     """A wild reading has no name in the contract; a row under a wrong label is one, too."""
-    single_row = one.truth["blunder"] in ("wild", "label_error") and effect["kind"] == "blunder"
-    alike = single_row and same_place(effect["where"], one.truth["blunder_where"])
-    return alike or effect["id"] in one.true_ids | allowed
+    single_row = score.truth["blunder"] in ("wild", "label_error") and effect["kind"] == "blunder"
+    alike = single_row and same_place(effect["where"], score.truth["blunder_where"])
+    return alike or effect["id"] in score.true_ids | allowed
 
 
-def wrong_place(one: Scored) -> bool:
+def wrong_place(score: Scored) -> bool:
     """Explained by a single right name at a place that is not the right one."""
-    if one.verdict != "explained":
+    if score.verdict != "explained":
         return False
     return any(
-        not each["also"] and each["id"] == hidden["id"] and not _at_its_place(each["where"], hidden)
-        for each in one.named
-        for hidden in one.hidden
-        if sum(other["id"] == each["id"] for other in one.hidden) == 1
+        not effect["also"]
+        and effect["id"] == hidden["id"]
+        and not _at_its_place(effect["where"], hidden)
+        for effect in score.named
+        for hidden in score.hidden
+        if sum(truth["id"] == effect["id"] for truth in score.hidden) == 1
     )
 
 
-def wrong_name_or_place(one: Scored) -> bool:
-    return wrong_confident(one) or wrong_place(one)
+def wrong_name_or_place(score: Scored) -> bool:
+    return wrong_confident(score) or wrong_place(score)
 
 
-def _at_its_place(said: str, hidden: Json) -> bool:
+def _at_its_place(place: str, hidden: Json) -> bool:
     """The right place, one that these readings cannot tell from it, or a list that holds it."""
     right = [*places(hidden), *hidden.get("where_alike", ())]
-    return same_place(said, right) or any(same_place(part, right) for part in said.split(","))
+    return same_place(place, right) or any(same_place(part, right) for part in place.split(","))
 
 
-def placed_in_set(one: Scored) -> bool:
+def placed_in_set(score: Scored) -> bool:
     """Every hidden effect among the names left open, at its place or one that holds it."""
-    said = [(each["id"], each["where"]) for each in one.named]
-    said += [tuple(rival) for each in one.named for rival in each["also_at"]]
+    claims = [(effect["id"], effect["where"]) for effect in score.named]
+    claims += [tuple(rival) for effect in score.named for rival in effect["also_at"]]
     return all(
-        any(name == hidden["id"] and _at_its_place(where, hidden) for name, where in said)
-        for hidden in one.hidden
+        any(name == hidden["id"] and _at_its_place(where, hidden) for name, where in claims)
+        for hidden in score.hidden
     )
 
 
-def false_machine_name(one: Scored) -> bool:
+def false_machine_name(score: Scored) -> bool:
     """Bars that are off taken for another effect of the machine."""
-    return any(each["kind"] == "machine" and each["id"] != "leg_length" for each in one.named)
+    return any(
+        effect["kind"] == "machine" and effect["id"] != "leg_length" for effect in score.named
+    )
 
 
-def called_explained(one: Scored) -> bool:
+def called_explained(score: Scored) -> bool:
     """A shape from outside the catalogue passed off as one of the catalogue."""
-    return one.verdict == "explained" and bool(one.named)
+    return score.verdict == "explained" and bool(score.named)
 
 
-def truth_in_set(one: Scored) -> bool:
-    return {each["id"] for each in one.hidden} <= one.possible_ids
+def truth_in_set(score: Scored) -> bool:
+    return {truth["id"] for truth in score.hidden} <= score.possible_ids
 
 
-def exact(one: Scored) -> bool:
-    return one.named_ids == one.true_ids
+def exact(score: Scored) -> bool:
+    return score.named_ids == score.true_ids
 
 
-def single_name(one: Scored) -> bool:
+def single_name(score: Scored) -> bool:
     """One name, the right one, at the right place, without a partner."""
-    if one.verdict != "explained" or len(one.named) != 1 or not exact(one):
+    if score.verdict != "explained" or len(score.named) != 1 or not exact(score):
         return False
-    said = one.named[0]
-    return not said["also"] and same_place(said["where"], places(one.hidden[0]))
+    effect = score.named[0]
+    return not effect["also"] and same_place(effect["where"], places(score.hidden[0]))
 
 
 def places(hidden: Json) -> list[str]:
@@ -209,28 +215,28 @@ def places(hidden: Json) -> list[str]:
     place hides a value of its own, a list of all legs says so, too.
     """
     amounts = [abs(p["value"]) for p in hidden["parameters"]]
-    own = [a for k, a in enumerate(amounts) if not any(np.isclose(a, b) for b in amounts[:k])]
-    apart = len({tuple(p["index"]) for p in hidden["parameters"]}) == len(own) > 1
+    distinct = [a for k, a in enumerate(amounts) if not any(np.isclose(a, b) for b in amounts[:k])]
+    apart = len({tuple(p["index"]) for p in hidden["parameters"]}) == len(distinct) > 1
     return [*hidden["where"], *(["x,y,z"] if apart and "all" in hidden["where"] else [])]
 
 
-def blunder_named(one: Scored) -> bool:
+def blunder_named(score: Scored) -> bool:
     """The mistake by its name and place, or as an alias beside one; a wild reading by any name."""
-    mistakes = [each for each in one.named if each["kind"] == "blunder"]
-    named = [(each["id"], each["where"]) for each in mistakes]
-    named += [(alias, where) for each in mistakes for alias, where in each["also_at"]]
-    wanted = ROWS_ALONE if one.truth["blunder"] == "wild" else (one.truth["blunder"],)
-    right = one.truth["blunder_where"]
-    return any(name in wanted and same_place(where, right) for name, where in named)
+    mistakes = [effect for effect in score.named if effect["kind"] == "blunder"]
+    named = [(effect["id"], effect["where"]) for effect in mistakes]
+    named += [(alias, where) for effect in mistakes for alias, where in effect["also_at"]]
+    allowed_names = ROWS_ALONE if score.truth["blunder"] == "wild" else (score.truth["blunder"],)
+    right = score.truth["blunder_where"]
+    return any(name in allowed_names and same_place(where, right) for name, where in named)
 
 
-def blunder_claimed(one: Scored) -> bool:
-    return any(each["kind"] == "blunder" for each in one.named)
+def blunder_claimed(score: Scored) -> bool:
+    return any(effect["kind"] == "blunder" for effect in score.named)
 
 
-def same_place(said: str, right: Sequence[str]) -> bool:
+def same_place(place: str, right: Sequence[str]) -> bool:
     """Whether the place said is one of the right ones; stations and words around are ignored."""
-    plain = said.lower().split("@")[0].removeprefix("leg ").removeprefix("mount ").strip()
+    plain = place.lower().split("@")[0].removeprefix("leg ").removeprefix("mount ").strip()
     # "xy" is leg x, axis y for an indicator, but a pair of axes has no order.
     return plain in right
 
@@ -238,28 +244,28 @@ def same_place(said: str, right: Sequence[str]) -> bool:
 def shrunk(chosen: Iterable[Scored]) -> list[float]:
     """Held-out gap left by the diagnosis over what the true model leaves."""
     return [
-        one.row["held_out"]["after_rms_mm"] / one.truth["left_by_true_model_mm"]
-        for one in chosen
-        if (one.row.get("held_out") or {}).get("after_rms_mm") and one.named
+        score.row["held_out"]["after_rms_mm"] / score.truth["left_by_true_model_mm"]
+        for score in chosen
+        if (score.row.get("held_out") or {}).get("after_rms_mm") and score.named
     ]
 
 
 def coverage(chosen: Iterable[Scored]) -> Rate:
     """Parameters of rightly named effects whose 95 % interval holds the truth."""
-    found = [
+    outcomes = [
         inside
-        for one in chosen
-        for effect in one.named
-        for truth in one.hidden
+        for score in chosen
+        for effect in score.named
+        for truth in score.hidden
         if effect["id"] == truth["id"] and same_place(effect["where"], truth["where"])
-        for inside in covered(effect, truth, one.row.get("noise_dof"))
+        for inside in covered(effect, truth, score.row.get("noise_dof"))
     ]
-    return Rate(sum(found), len(found))
+    return Rate(sum(outcomes), len(outcomes))
 
 
-def at_best(one: Scored) -> float:
+def at_best(score: Scored) -> float:
     """Chance that an ideal judge names every effect right, see `signatures.named_by_a_judge`."""
-    return float(np.prod([each["named_by_a_judge"] for each in one.hidden]))
+    return float(np.prod([truth["named_by_a_judge"] for truth in score.hidden]))
 
 
 def percentiles(values: Sequence[float]) -> tuple[float, float]:

@@ -60,7 +60,7 @@ def dots(chart: Chart, sign: float = 1.0) -> FloatArray:
     cells = np.zeros((len(MARKS), CELLS, CELLS))
     at = np.round((CELLS - 1) * np.array([across, up])).astype(int)
     np.add.at(cells, (mark, *at), 1.0)
-    blurred = np.array([gaussian_filter(one, BLUR) for one in cells])
+    blurred = np.array([gaussian_filter(cell, BLUR) for cell in cells])
     length = np.sqrt((blurred**2).sum(axis=(1, 2), keepdims=True))
     return np.asarray(blurred / np.where(length > 0.0, length, 1.0))
 
@@ -73,10 +73,10 @@ def _marked(chart: Chart) -> list[tuple[float, float, int]]:
     ]
 
 
-def nearest(shown: FloatArray, known: dict[str, FloatArray]) -> str:
+def nearest(picture: FloatArray, shapes: dict[str, FloatArray]) -> str:
     """The name of the picture that covers most of it, whichever of both sides is up."""
     alike = {
-        name: max(float((shown * side).sum()) for side in sides) for name, sides in known.items()
+        name: max(float((picture * side).sum()) for side in sides) for name, sides in shapes.items()
     }
     return max(alike, key=alike.__getitem__)
 
@@ -92,26 +92,29 @@ def confusion() -> dict[str, list[str]]:
     """For each effect the names that the pictures of the machines were given."""
     shapes = [shape for shape in SHAPES if shape.id in DISTINCT]
     catalogue = {shape.id: pictures_of(shape)[0].left for shape in shapes}
-    known = {
+    references = {
         name: np.array([dots(chart, sign) for sign in (1.0, -1.0)])
         for name, chart in catalogue.items()
     }
     return {
-        shape.id: [nearest(dots(of_machine(shape, one)), known) for one in MACHINES]
+        shape.id: [nearest(dots(of_machine(shape, machine)), references) for machine in MACHINES]
         for shape in shapes
     }
 
 
 def table(names: dict[str, list[str]]) -> str:
     """A column for each machine, a row for each effect that another picture names once."""
-    columns = (f"size × {one.factor:g}, ± {1000.0 * one.scatter_mm:g} µm" for one in MACHINES)
+    columns = (
+        f"size × {machine.factor:g}, ± {1000.0 * machine.scatter_mm:g} µm" for machine in MACHINES
+    )
     lines = [f"| effect | {' | '.join(columns)} |", "|---" * (1 + len(MACHINES)) + "|"]
-    for effect, given in names.items():
-        if set(given) != {effect}:
-            cells = ("✓" if name == effect else f"{name}" for name in given)
+    for effect, answers in names.items():
+        if set(answers) != {effect}:
+            cells = ("✓" if name == effect else f"{name}" for name in answers)
             lines.append(f"| `{effect}` | {' | '.join(cells)} |")
     right = [
-        sum(given[k] == effect for effect, given in names.items()) for k in range(len(MACHINES))
+        sum(nearest_names[k] == effect for effect, nearest_names in names.items())
+        for k in range(len(MACHINES))
     ]
     lines.append(f"| of {len(names)} | {' | '.join(map(str, right))} |")
     return "\n".join(lines)

@@ -45,13 +45,13 @@ class Columns:
         self.base = np.column_stack([base, zeros])
         self.nuisance = np.linalg.qr(self.base)[0]
 
-    def beside(self, others: Sequence[Candidate]) -> Columns:
+    def beside(self, candidates: Sequence[Candidate]) -> Columns:
         """The same where these effects, too, are refitted before anything is compared."""
-        if not others:
+        if not candidates:
             return self
         joint = copy(self)
         joint._spans = {}
-        spans = [self.span(candidate) for candidate in others]
+        spans = [self.span(candidate) for candidate in candidates]
         joint.nuisance = np.linalg.qr(np.column_stack([self.nuisance, *spans]))[0]
         return joint
 
@@ -73,8 +73,8 @@ class Columns:
 
     def raw(self, candidate: Candidate) -> FloatArray:
         """Columns ``(n, r)`` of one candidate."""
-        each = [self.direction(d, candidate.lead_mm) for d in candidate.directions]
-        return np.column_stack(each)
+        directions = [self.direction(d, candidate.lead_mm) for d in candidate.directions]
+        return np.column_stack(directions)
 
     def left_over(self, values: FloatArray) -> FloatArray:
         """Without what base parameters and zeros explain; ``(n,)`` or ``(n, r)``."""
@@ -89,8 +89,8 @@ class Columns:
     def _span(self, candidate: Candidate) -> FloatArray:
         raw = self.raw(candidate)
         scale = np.linalg.norm(raw, axis=0)
-        left = self.left_over(raw) / np.where(scale > 0, scale, 1.0)
-        basis, sizes, _ = np.linalg.svd(left, full_matrices=False)
+        residual = self.left_over(raw) / np.where(scale > 0, scale, 1.0)
+        basis, sizes, _ = np.linalg.svd(residual, full_matrices=False)
         return np.asarray(basis[:, sizes > RANK_TOLERANCE])
 
 
@@ -102,7 +102,7 @@ def parts(candidate: Candidate) -> list[Candidate]:
     """
     if candidate.id not in LATERAL or len(candidate.directions) < 2:
         return []
-    return [replace(candidate, directions=(one,)) for one in candidate.directions]
+    return [replace(candidate, directions=(direction,)) for direction in candidate.directions]
 
 
 def contained(signal: FloatArray, basis: FloatArray) -> float:
@@ -111,17 +111,17 @@ def contained(signal: FloatArray, basis: FloatArray) -> float:
 
 
 def best_rival(
-    columns: Columns, signal: FloatArray, others: Sequence[Candidate]
+    columns: Columns, signal: FloatArray, rivals: Sequence[Candidate]
 ) -> tuple[str, float]:
     """Id of the candidate that can imitate the signal best, and how much of it."""
-    left = columns.left_over(signal)
-    found = [(contained(left, columns.span(c)), c.id) for c in others]
-    share, name = max(found, default=(0.0, ""))
+    residual = columns.left_over(signal)
+    shares = [(contained(residual, columns.span(c)), c.id) for c in rivals]
+    share, name = max(shares, default=(0.0, ""))
     return name, share
 
 
 def named_by_a_judge(
-    columns: Columns, signal: FloatArray, name: str, others: Sequence[Candidate], noise_mm: float
+    columns: Columns, signal: FloatArray, name: str, rivals: Sequence[Candidate], noise_mm: float
 ) -> float:
     """How often one who knows all but this effect would give it its name, 0 … 1.
 
@@ -129,18 +129,18 @@ def named_by_a_judge(
     the one with the largest Bayes factor wins (Liang et al. 2008, fitted g, known variance); names
     are equally likely, and so are the places of each.
     """
-    ways = Counter(c.id for c in others)
+    ways = Counter(c.id for c in rivals)
     noise = np.random.default_rng(len(signal)).standard_normal((len(signal), JUDGED))
-    seen = columns.left_over(signal)[:, None] / noise_mm + noise
+    signals = columns.left_over(signal)[:, None] / noise_mm + noise
     weights = []
-    for candidate in others:
+    for candidate in rivals:
         span = columns.span(candidate)
         rank = max(span.shape[1], 1)
-        squares = np.maximum(np.sum((span.T @ seen) ** 2, axis=0), rank)
+        squares = np.maximum(np.sum((span.T @ signals) ** 2, axis=0), rank)
         evidence = 0.5 * (squares - rank) - 0.5 * rank * np.log(squares / rank)
         weights.append(evidence - np.log(ways[candidate.id]))
     best = np.argmax(weights, axis=0)
-    return float(np.mean([others[k].id == name for k in best]))
+    return float(np.mean([rivals[k].id == name for k in best]))
 
 
 def left_out_rms(design: FloatArray, values: FloatArray, groups: Sequence[object]) -> float:

@@ -54,18 +54,18 @@ class Visit:
 
 def visits(plan: Plan, in_place: bool) -> list[Visit]:
     """All visits; with ``in_place`` every level is driven to once and read again without moving."""
-    found = []
+    sequence = []
     for leg in range(3):
         for station in plan.stations:
-            found += _one_mounting(plan, leg, station, in_place)
+            sequence += _one_mounting(plan, leg, station, in_place)
     for leg in (0, 1) if plan.over_plane else ():
         cycles = [(d, c) for c in range(1, plan.cycles + 1) for d in plan.levels_mm]
-        found += [
+        sequence += [
             Visit(leg, station, at, cycle, over_plane=True)
             for at, cycle in (*cycles, (0.0, plan.cycles))
             for station in plan.over_plane
         ]
-    return found
+    return sequence
 
 
 def _one_mounting(plan: Plan, leg: int, station: float, in_place: bool) -> list[Visit]:
@@ -74,8 +74,8 @@ def _one_mounting(plan: Plan, leg: int, station: float, in_place: bool) -> list[
         order = [(d, c, c - 1) for d in plan.levels_mm for c in cycles]
     else:
         order = [(d, c, 0) for c in cycles for d in plan.levels_mm]
-    taken = [Visit(leg, station, *each) for each in order]
-    return [*taken, Visit(leg, station, 0.0, plan.cycles)]
+    route = [Visit(leg, station, *step) for step in order]
+    return [*route, Visit(leg, station, 0.0, plan.cycles)]
 
 
 def rows_of(
@@ -85,42 +85,42 @@ def rows_of(
     return rows_of_visits(visits(plan, in_place), rng, homed)
 
 
-def rows_of_visits(taken: list[Visit], rng: np.random.Generator, homed: float = 1.0) -> Rows:
+def rows_of_visits(route: list[Visit], rng: np.random.Generator, homed: float = 1.0) -> Rows:
     """Two rows for each of these visits, one over a plane."""
-    both = [(number, v, axis) for number, v in enumerate(taken) for axis in v.axes]
-    of = np.array([number for number, _, _ in both])
-    keys = [(v.leg, axis, -1.0 if v.over_plane else v.station) for _, v, axis in both]
+    pairs = [(number, v, axis) for number, v in enumerate(route) for axis in v.axes]
+    of = np.array([number for number, _, _ in pairs])
+    keys = [(v.leg, axis, -1.0 if v.over_plane else v.station) for _, v, axis in pairs]
     places = {key: k for k, key in enumerate(dict.fromkeys(keys))}
-    number = np.cumsum([v.repeat == 0 for v in taken]) - 1
+    number = np.cumsum([v.repeat == 0 for v in route]) - 1
     return Rows(
-        leg=np.array([v.leg for _, v, _ in both], dtype=np.intp),
-        axis=np.array([axis for _, _, axis in both], dtype=np.intp),
-        displacement_mm=np.array([v.displacement_mm for _, v, _ in both]),
-        station=np.array([v.station for _, v, _ in both]),
-        time_s=_times(taken, rng)[of],
-        cycle=np.array([v.cycle for _, v, _ in both], dtype=np.intp),
+        leg=np.array([v.leg for _, v, _ in pairs], dtype=np.intp),
+        axis=np.array([axis for _, _, axis in pairs], dtype=np.intp),
+        displacement_mm=np.array([v.displacement_mm for _, v, _ in pairs]),
+        station=np.array([v.station for _, v, _ in pairs]),
+        time_s=_times(route, rng)[of],
+        cycle=np.array([v.cycle for _, v, _ in pairs], dtype=np.intp),
         visit=number[of].astype(np.intp),
         mount=np.array([places[key] for key in keys], dtype=np.intp),
-        moved=_movements(taken, homed)[of],
-        plane=np.array([v.over_plane for _, v, _ in both]),
+        moved=_movements(route, homed)[of],
+        plane=np.array([v.over_plane for _, v, _ in pairs]),
     )
 
 
-def _times(taken: list[Visit], rng: np.random.Generator) -> FloatArray:
-    pauses = [SECONDS_A_REPEAT if v.repeat else SECONDS_A_VISIT for v in taken]
-    passed = np.cumsum(np.array(pauses) * rng.uniform(0.85, 1.3, len(taken)))
+def _times(route: list[Visit], rng: np.random.Generator) -> FloatArray:
+    pauses = [SECONDS_A_REPEAT if v.repeat else SECONDS_A_VISIT for v in route]
+    passed = np.cumsum(np.array(pauses) * rng.uniform(0.85, 1.3, len(route)))
     return np.asarray(np.round(passed, 1), dtype=np.float64)
 
 
-def _movements(taken: list[Visit], homed: float) -> FloatArray:
+def _movements(route: list[Visit], homed: float) -> FloatArray:
     """Sign of each carriage's last movement at every visit, ``(n_visits, 3)``.
 
     The tool is driven along straight lines; the carriages follow the nominal joints. Before the
     first visit each was moved as homing ended.
     """
     here, last = np.zeros(3), homed * np.ones(3)
-    found = []
-    for visit in taken:
+    movements = []
+    for visit in route:
         there = np.zeros(3)
         there[visit.leg] = visit.displacement_mm
         parts = np.linspace(0.0, 1.0, PATH_POINTS)[:, None]
@@ -128,9 +128,9 @@ def _movements(taken: list[Visit], homed: float) -> FloatArray:
         from_end = np.argmax(steps[::-1] != 0, axis=0)
         ended = steps[-1 - from_end, np.arange(3)]
         last = np.where(ended == 0, last, ended)
-        found.append(last)
+        movements.append(last)
         here = there
-    return np.array(found)
+    return np.array(movements)
 
 
 def sorted_by_cycle(rows: Rows) -> Rows:

@@ -74,7 +74,7 @@ class Told:
 
     def cell(self, *names: str) -> list[Scored]:
         """Sessions of these cells."""
-        return [one for one in self.scored if one.cell in names]
+        return [score for score in self.scored if score.cell in names]
 
 
 @dataclass(frozen=True)
@@ -94,21 +94,24 @@ class Line:
     def markdown(self) -> str:
         # A diagnosis that broke has missed what it should find, but earns nothing by silence.
         counted = [o for o in self.chosen if not (self.at_most and o.verdict == "error")]
-        rich = rate((one for one in counted if one.rich), self.hit)
-        poor = rate((one for one in counted if not one.rich), self.hit)
+        rich = rate((score for score in counted if score.rich), self.hit)
+        poor = rate((score for score in counted if not score.rich), self.hit)
         sign, poor_limit = "≤" if self.at_most else "≥", self.poor_limit or self.limit
         limits = dict.fromkeys((self.limit, poor_limit))
-        target = "; ".join("–" if one is None else f"{sign} {100 * one:g}" for one in limits)
-        both = self._holds(rich, self.limit), self._holds(poor, poor_limit)
-        holds = "; ".join(dict.fromkeys(both)) if self.limit is not None else "–"
+        target = "; ".join(
+            "–" if limit_value is None else f"{sign} {100 * limit_value:g}"
+            for limit_value in limits
+        )
+        verdicts = self._holds(rich, self.limit), self._holds(poor, poor_limit)
+        holds = "; ".join(dict.fromkeys(verdicts)) if self.limit is not None else "–"
         earlier = "; ".join(EARLIER.get(self.what, ("–",))).replace(" %", "")
         return f"| {self.what} | {target} | {brief(rich)} | {brief(poor)} | {holds} | {earlier} |"
 
-    def _holds(self, found: Rate, limit: float | None) -> str:
-        if not found.count or limit is None:
+    def _holds(self, figure: Rate, limit: float | None) -> str:
+        if not figure.count or limit is None:
             return "–"
-        good = found.share <= limit if self.at_most else found.share >= limit
-        low, high = found.bounds
+        good = figure.share <= limit if self.at_most else figure.share >= limit
+        low, high = figure.bounds
         sure = high <= limit if self.at_most else low >= limit
         if good:
             return "yes, surely" if sure else "yes"
@@ -116,36 +119,42 @@ class Line:
         return "not shown" if excused else "**no**"
 
 
-def shown(found: Rate) -> str:
+def shown(figure: Rate) -> str:
     """Percentage with bounds and counts."""
-    if not found.count:
+    if not figure.count:
         return "–"
-    low, high = found.bounds
+    low, high = figure.bounds
     return (
-        f"{100 * found.share:.1f} % ({100 * low:.1f} … {100 * high:.1f}; "
-        f"{found.hits}/{found.count})"
+        f"{100 * figure.share:.1f} % ({100 * low:.1f} … {100 * high:.1f}; "
+        f"{figure.hits}/{figure.count})"
     )
 
 
-def brief(found: Rate) -> str:
+def brief(figure: Rate) -> str:
     """The same in short, %."""
-    if not found.count:
+    if not figure.count:
         return "–"
-    low, high = found.bounds
+    low, high = figure.bounds
     bounds = f"({100 * low:.1f}–{100 * high:.1f})"
-    return f"{100 * found.share:.1f} {bounds}, {found.hits}/{found.count}"
+    return f"{100 * figure.share:.1f} {bounds}, {figure.hits}/{figure.count}"
 
 
-def page(told: Told) -> str:
+def page(results: Told) -> str:
     """The whole page."""
-    parts = [_head(told), _must_hold(told), _by_noise(told), _figures(told), _probabilities(told)]
-    parts += [_by_effect(told), _against_baselines(told), _wrong(told)]
+    parts = [
+        _head(results),
+        _must_hold(results),
+        _by_noise(results),
+        _figures(results),
+        _probabilities(results),
+    ]
+    parts += [_by_effect(results), _against_baselines(results), _wrong(results)]
     return "\n\n".join(parts) + "\n"
 
 
-def _head(told: Told) -> str:
-    left = sum(row["verdict"] == "not run" for row in told.rows)
-    failed = sum(row["verdict"] == "error" for row in told.rows)
+def _head(results: Told) -> str:
+    unrun = sum(row["verdict"] == "not run" for row in results.rows)
+    failed = sum(row["verdict"] == "error" for row in results.rows)
     return "\n".join(
         (
             "# The blind table",
@@ -153,12 +162,12 @@ def _head(told: Told) -> str:
             "`tests/blind/` draws sessions with hidden effects by a machine simulation of its own.",
             "They are diagnosed, and only then compared with the sealed truths (`make blind`).",
             "",
-            f"- {len(told.scored)} of the {len(plan())} planned sessions, seed {told.seed};",
-            f"  {left} not run for want of a way to leave an effect out; {failed} ended in error.",
-            *[f"- Could not be drawn: {why}." for why in told.not_drawn],
-            *([f"- {told.note}"] if told.note else []),
-            f"- SHA-256 of the sealed truths: `{told.digest}`",
-            f"- The last run took {told.seconds:.0f} s on two processes.",
+            f"- {len(results.scored)} of the {len(plan())} planned sessions, seed {results.seed};",
+            f"  {unrun} not run for want of a way to leave an effect out; {failed} ended in error.",
+            *[f"- Could not be drawn: {why}." for why in results.not_drawn],
+            *([f"- {results.note}"] if results.note else []),
+            f"- SHA-256 of the sealed truths: `{results.digest}`",
+            f"- The last run took {results.seconds:.0f} s on two processes.",
             "",
             "Figures are in %, with 95 % bounds (Clopper and Pearson). Strength is the r.m.s. of",
             "an effect in the readings when base parameters and zeros are refitted, over the",
@@ -171,29 +180,35 @@ def _head(told: Told) -> str:
     )
 
 
-def _must_hold(told: Told) -> str:
-    lines = [line.markdown() for line in (*_false_lines(told), *_true_lines(told))]
+def _must_hold(results: Told) -> str:
+    lines = [line.markdown() for line in (*_false_lines(results), *_true_lines(results))]
     head = "| what | target | two-station and sweep | zero-max-min | kept | 84cc33a |\n"
     return "\n".join(("## What must hold", "", head + "|---|---|---|---|---|---|", *lines))
 
 
-def _false_lines(told: Told) -> list[Line]:
-    unknown = [o for o in told.cell("outside", "left-out") if _foreign(o)]
-    known = ("none", "single", "pair", "look-alike", "blunder", "blunder-and-effect")
+def _false_lines(results: Told) -> list[Line]:
+    unknown = [o for o in results.cell("outside", "left-out") if _foreign(o)]
+    in_library = ("none", "single", "pair", "look-alike", "blunder", "blunder-and-effect")
     return [
-        Line("false name, no effect", told.cell("none"), false_name, 0.01, True),
-        Line("wrong confident name", told.cell(*known), wrong_confident, 0.01, True),
-        Line("wrong confident name or place", told.cell(*known), wrong_name_or_place, 0.01, True),
+        Line("false name, no effect", results.cell("none"), false_name, 0.01, True),
+        Line("wrong confident name", results.cell(*in_library), wrong_confident, 0.01, True),
+        Line(
+            "wrong confident name or place",
+            results.cell(*in_library),
+            wrong_name_or_place,
+            0.01,
+            True,
+        ),
         Line("not in the catalogue, called explained", unknown, called_explained, 0.03, True, 0.05),
         Line(
             "the same, nearly imitated by a known effect",
-            [o for o in told.cell("outside", "left-out") if not _foreign(o)],
+            [o for o in results.cell("outside", "left-out") if not _foreign(o)],
             called_explained,
             None,
         ),
         Line(
             "beside the catalogue, wrong name or place",
-            told.cell("beside", "beside-named"),
+            results.cell("beside", "beside-named"),
             wrong_name_or_place,
             None,
             True,
@@ -201,44 +216,50 @@ def _false_lines(told: Told) -> list[Line]:
         *(
             Line(
                 f"false machine name, bars off by {off:g} tolerances",
-                [o for o in told.cell("bars") if o.truth["bars"] == off],
+                [o for o in results.cell("bars") if o.truth["bars"] == off],
                 false_machine_name,
                 0.02,
                 True,
             )
             for off in BARS
         ),
-        Line("blunder claimed, no effect", told.cell("none"), blunder_claimed, 0.0, True),
-        Line("over a plane: false name", told.cell("plane-none"), false_name, 0.01, True),
-        Line("over a plane: wrong confident name", told.cell("plane"), wrong_confident, 0.01, True),
+        Line("blunder claimed, no effect", results.cell("none"), blunder_claimed, 0.0, True),
+        Line("over a plane: false name", results.cell("plane-none"), false_name, 0.01, True),
         Line(
-            "over a plane alone: false name", told.cell("plane-alone-none"), false_name, 0.01, True
+            "over a plane: wrong confident name", results.cell("plane"), wrong_confident, 0.01, True
+        ),
+        Line(
+            "over a plane alone: false name",
+            results.cell("plane-alone-none"),
+            false_name,
+            0.01,
+            True,
         ),
         Line(
             "over a plane alone: wrong confident name",
-            told.cell("plane-alone"),
+            results.cell("plane-alone"),
             wrong_confident,
             0.01,
             True,
         ),
-        Line("false name, mislabelled repeats", told.cell("mislabelled"), false_name, None),
+        Line("false name, mislabelled repeats", results.cell("mislabelled"), false_name, None),
     ]
 
 
-def _foreign(one: Scored) -> bool:
-    return all(each["rival_share"] < NEARLY_INSIDE for each in one.hidden)
+def _foreign(score: Scored) -> bool:
+    return all(truth["rival_share"] < NEARLY_INSIDE for truth in score.hidden)
 
 
-def _true_lines(told: Told) -> list[Line]:
-    single = told.cell("single")
+def _true_lines(results: Told) -> list[Line]:
+    single = results.cell("single")
     large = [o for o in single if min(o.truth["strengths"]) >= 2]
-    pairs = [o for o in told.cell("pair") if detectable(o)]
+    pairs = [o for o in results.cell("pair") if detectable(o)]
     return [
         Line("truth in the set", [o for o in single if detectable(o)], truth_in_set, 0.97),
         Line("the same, with its place", [o for o in single if detectable(o)], placed_in_set, None),
         Line(
             "beside the catalogue, in the set",
-            told.cell("beside", "beside-named"),
+            results.cell("beside", "beside-named"),
             truth_in_set,
             None,
         ),
@@ -254,66 +275,76 @@ def _true_lines(told: Told) -> list[Line]:
         Line("the same, with their places", pairs, placed_in_set, None),
         Line("two effects, exact", pairs, exact, None),
         Line("two effects, exact, separable", [o for o in pairs if separable(o)], exact, 0.95),
-        Line("look-alikes, truth in the set", told.cell("look-alike"), truth_in_set, 0.95),
+        Line("look-alikes, truth in the set", results.cell("look-alike"), truth_in_set, 0.95),
         Line(
             "over a plane: truth in the set",
-            [o for o in told.cell("plane") if detectable(o)],
+            [o for o in results.cell("plane") if detectable(o)],
             truth_in_set,
             0.95,
         ),
         Line(
             "over a plane: single name and place, separable",
-            [o for o in told.cell("plane") if separable(o)],
+            [o for o in results.cell("plane") if separable(o)],
             single_name,
             0.95,
         ),
-        Line("blunder named with its place", told.cell("blunder"), blunder_named, 0.99),
+        Line("blunder named with its place", results.cell("blunder"), blunder_named, 0.99),
         Line(
-            "blunder named beside an effect", told.cell("blunder-and-effect"), blunder_named, 0.99
+            "blunder named beside an effect",
+            results.cell("blunder-and-effect"),
+            blunder_named,
+            0.99,
         ),
         Line(
             "the effect beside a blunder, in the set",
-            told.cell("blunder-and-effect"),
+            results.cell("blunder-and-effect"),
             truth_in_set,
             0.95,
         ),
     ]
 
 
-def _figures(told: Told) -> str:
-    single = told.cell("single")
+def _figures(results: Told) -> str:
+    single = results.cell("single")
     large = [o for o in single if min(o.truth["strengths"]) >= 2]
     rows = ["## Figures", "", "| what | target | two-station and sweep | zero-max-min |"]
     rows.append("|---|---|---|---|")
-    pairs = [o for o in told.cell("pair") if detectable(o)]
+    pairs = [o for o in results.cell("pair") if detectable(o)]
     rows.append(_split("single effects, exact, by an ideal judge", "–", large, _at_best))
     rows.append(_split("two effects, exact, by an ideal judge", "–", pairs, _at_best))
     rows.append(_split("parameter inside its 95 % interval", "≥ 93", single, _coverage))
     rows.append(_split("held-out gap over the true model's, median", "≤ 1.1", large, _held_out))
     rows.append(
         _split(
-            "processor time inside one process, median and 95th", "≤ 0.25 s", told.scored, _times
+            "processor time inside one process, median and 95th", "≤ 0.25 s", results.scored, _times
         )
     )
     return "\n".join(rows)
 
 
-def _probabilities(told: Told) -> str:
+def _probabilities(results: Told) -> str:
     """Reliability of the probabilities of names, and the Brier score."""
-    known = told.cell("none", "single", "pair", "look-alike", "plane", "plane-alone")
-    foreign = [one for one in told.cell("outside", "left-out") if _foreign(one)]
-    stated, wrong = ({each.least: each for each in reliability(one)} for one in (known, foreign))
+    in_library = results.cell("none", "single", "pair", "look-alike", "plane", "plane-alone")
+    foreign = [score for score in results.cell("outside", "left-out") if _foreign(score)]
+    stated, wrong = (
+        {interval.least: interval for interval in reliability(score)}
+        for score in (in_library, foreign)
+    )
     rows = []
     for least in sorted(stated | wrong):
-        most = (stated | wrong)[least].most
+        highest = (stated | wrong)[least].most
         mean, right, count = "–", "–", 0
-        if each := stated.get(least):
-            mean, right, count = f"{each.mean:.3f}", f"{each.right:.3f}", each.count
+        if reliability_bin := stated.get(least):
+            mean, right, count = (
+                f"{reliability_bin.mean:.3f}",
+                f"{reliability_bin.right:.3f}",
+                reliability_bin.count,
+            )
         outside = wrong[least].count if least in wrong else 0
-        rows.append([f"{least:g}–{most:g}", mean, right, f"{count}", f"{outside}"])
+        rows.append([f"{least:g}–{highest:g}", mean, right, f"{count}", f"{outside}"])
     scores = [
         f"Brier score of a session, {kind}: {score:.3f} ({len(sessions)} sessions)."
-        for kind, sessions in (("hidden laws known", known), ("outside", foreign))
+        for kind, sessions in (("hidden laws known", in_library), ("outside", foreign))
         if (score := brier(sessions)) is not None
     ]
     head = ["probability", "mean", "right", "names", "names where the law is outside"]
@@ -323,13 +354,13 @@ def _probabilities(told: Told) -> str:
 def _split(
     what: str, target: str, chosen: list[Scored], figure: Callable[[list[Scored]], str]
 ) -> str:
-    rich = [one for one in chosen if one.rich]
-    poor = [one for one in chosen if not one.rich]
+    rich = [score for score in chosen if score.rich]
+    poor = [score for score in chosen if not score.rich]
     return f"| {what} | {target} | {figure(rich)} | {figure(poor)} |"
 
 
 def _at_best(chosen: list[Scored]) -> str:
-    shares = [at_best(one) for one in chosen]
+    shares = [at_best(score) for score in chosen]
     return f"{100 * sum(shares) / len(shares):.1f}" if shares else "–"
 
 
@@ -344,7 +375,7 @@ def _held_out(chosen: list[Scored]) -> str:
 
 def _times(chosen: list[Scored]) -> str:
     """Time of the processor: other programs may use the cores as well."""
-    median, high = percentiles([one.row["cpu_s"] for one in chosen])
+    median, high = percentiles([score.row["cpu_s"] for score in chosen])
     return f"{median:.2f} s, {high:.2f} s" if not math.isnan(median) else "–"
 
 
@@ -353,25 +384,27 @@ def _grid(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str
     return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
 
 
-def _by_noise(told: Told) -> str:
-    found = {
-        noise: rate((o for o in told.cell("none") if o.truth["noise"] == noise), false_name)
+def _by_noise(results: Told) -> str:
+    rates = {
+        noise: rate((o for o in results.cell("none") if o.truth["noise"] == noise), false_name)
         for noise in NOISES
     }
-    counts = ", ".join(f"{noise} {one.hits}/{one.count}" for noise, one in found.items())
+    counts = ", ".join(f"{noise} {figure.hits}/{figure.count}" for noise, figure in rates.items())
     return f"False names where nothing is hidden, by noise: {counts}."
 
 
-def _by_effect(told: Told) -> str:
+def _by_effect(results: Told) -> str:
     """In the set / singly named, for every effect and strength; sweep and two-station."""
     rows = []
     for effect in EFFECT_IDS:
         cells = [effect]
         for strength in STRENGTHS:
             chosen = [
-                one
-                for one in told.cell("single")
-                if one.rich and one.true_ids == {effect} and one.truth["strengths"] == [strength]
+                score
+                for score in results.cell("single")
+                if score.rich
+                and score.true_ids == {effect}
+                and score.truth["strengths"] == [strength]
             ]
             cells.append(f"{_percent(chosen, truth_in_set)}/{_percent(chosen, single_name)}")
         rows.append(cells)
@@ -380,38 +413,38 @@ def _by_effect(told: Told) -> str:
 
 
 def _percent(chosen: list[Scored], hit: Choice) -> str:
-    found = rate(chosen, hit)
-    return f"{100 * found.share:.0f}" if found.count else "–"
+    figure = rate(chosen, hit)
+    return f"{100 * figure.share:.0f}" if figure.count else "–"
 
 
-def _against_baselines(told: Told) -> str:
+def _against_baselines(results: Told) -> str:
     """False names, exact names and names for the unknown: baselines and diagnosis, same cases."""
-    by_session = {row["session"]: row["named"] for row in told.baselines}
-    same = [one for one in told.scored if one.row["session"] in by_session]
+    by_session = {row["session"]: row["named"] for row in results.baselines}
+    common = [score for score in results.scored if score.row["session"] in by_session]
     rows = []
     for name in (*BASELINES, "glidecal"):
         answers = {
-            one.row["session"]: one.named_ids
+            score.row["session"]: score.named_ids
             if name == "glidecal"
-            else set(by_session[one.row["session"]][name])
-            for one in same
+            else set(by_session[score.row["session"]][name])
+            for score in common
         }
-        rows.append([name, *_compared(same, answers)])
+        rows.append([name, *_compared(common, answers)])
     head = ["method", "false name", "exact, single ≥ 1 ×", "exact, pairs", "names the unknown"]
     return _grid("Beside simpler methods, same sessions", head, rows)
 
 
-def _compared(same: list[Scored], answers: dict[str, set[str]]) -> list[str]:
-    def names(one: Scored) -> bool:
-        return bool(answers[one.row["session"]])
+def _compared(common: list[Scored], answers: dict[str, set[str]]) -> list[str]:
+    def names(score: Scored) -> bool:
+        return bool(answers[score.row["session"]])
 
-    def right(one: Scored) -> bool:
-        return answers[one.row["session"]] == one.true_ids
+    def right(score: Scored) -> bool:
+        return answers[score.row["session"]] == score.true_ids
 
-    none = [o for o in same if o.cell == "none" and o.truth["noise"] != "wander"]
-    single = [o for o in same if o.cell == "single" and o.truth["strengths"][0] >= 1]
-    pairs = [o for o in same if o.cell == "pair"]
-    outside = [o for o in same if o.cell == "outside"]
+    none = [o for o in common if o.cell == "none" and o.truth["noise"] != "wander"]
+    single = [o for o in common if o.cell == "single" and o.truth["strengths"][0] >= 1]
+    pairs = [o for o in common if o.cell == "pair"]
+    outside = [o for o in common if o.cell == "outside"]
     return [
         brief(rate(none, names)),
         brief(rate(single, right)),
@@ -420,17 +453,17 @@ def _compared(same: list[Scored], answers: dict[str, set[str]]) -> list[str]:
     ]
 
 
-def _wrong(told: Told) -> str:
+def _wrong(results: Told) -> str:
     """The commonest confident mistakes, to work on."""
     counts = Counter(
         (
-            one.cell,
-            one.truth["procedure"],
-            ", ".join(sorted(one.true_ids)) or "–",
-            ", ".join(sorted(one.named_ids)),
+            score.cell,
+            score.truth["procedure"],
+            ", ".join(sorted(score.true_ids)) or "–",
+            ", ".join(sorted(score.named_ids)),
         )
-        for one in told.scored
-        if wrong_confident(one)
+        for score in results.scored
+        if wrong_confident(score)
     )
     rows = [[*key, str(count)] for key, count in counts.most_common(MOST_WRONG)]
     return _grid("Wrong confident names", ["cell", "procedure", "truth", "named", "times"], rows)

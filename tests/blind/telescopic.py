@@ -86,11 +86,11 @@ def scored(kind: str, count: int, machines: int) -> Score:
     score = Score()
     for seed in range(machines):
         readings, truth = drawn(kind, count, seed)
-        found = diagnosed(readings, MACHINE, FILE.tolerances.of(readings.procedure.parameters))
-        named = {cause for claim in found.named for cause in claim.causes}
+        diagnosis = diagnosed(readings, MACHINE, FILE.tolerances.of(readings.procedure.parameters))
+        named = {cause for claim in diagnosis.named for cause in claim.causes}
         score.machines += 1
         score.hidden += bool(truth)
-        score.in_set += truth in [claim.causes for claim in found.claims]
+        score.in_set += truth in [claim.causes for claim in diagnosis.claims]
         score.named += bool(truth) and named == set(truth)
         score.wrong += bool(truth) and not named <= set(truth)
         score.on_nothing += not truth and bool(named)

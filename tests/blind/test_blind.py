@@ -34,29 +34,29 @@ SEED = 6
 
 
 def diagnosed(cases: list[Case], folder: Path) -> list[Scored]:
-    found = []
+    results = []
     for case in cases:
-        made = make(case, SEED)
+        session_made = make(case, SEED)
         session = folder / f"{case.session}.jsonl"
-        write_session(made, session)
+        write_session(session_made, session)
         row = row_of(of_the_program, session, case.without)
-        found.append(Scored(made.truth, {"session": case.session, **row}))
-    assert [one.row["error"] for one in found if one.verdict == "error"] == []
-    return found
+        results.append(Scored(session_made.truth, {"session": case.session, **row}))
+    assert [score.row["error"] for score in results if score.verdict == "error"] == []
+    return results
 
 
 def test_clean_sessions_get_no_name(tmp_path: Path) -> None:
     """12 sessions at 1 %: more than one false name happens in 0.6 % of runs."""
     cases = [Case(f"q/{p}/{n}", "none", p, n) for n in NOISES for p in ("zero-max-min", "sweep")]
-    found = diagnosed(cases, tmp_path)
-    assert rate(found, false_name).hits <= 1
-    assert not any(blunder_claimed(one) for one in found)
+    results = diagnosed(cases, tmp_path)
+    assert rate(results, false_name).hits <= 1
+    assert not any(blunder_claimed(score) for score in results)
 
 
 def test_over_a_plane_alone_clean_sessions_get_no_name(tmp_path: Path) -> None:
     """6 sessions at 1 %: more than one false name happens in 0.2 % of runs."""
-    found = diagnosed([Case(f"q/{n}", "plane-alone-none", "plane", n) for n in NOISES], tmp_path)
-    assert rate(found, false_name).hits <= 1
+    results = diagnosed([Case(f"q/{n}", "plane-alone-none", "plane", n) for n in NOISES], tmp_path)
+    assert rate(results, false_name).hits <= 1
 
 
 @LONG
@@ -69,10 +69,10 @@ def test_hidden_effects_are_in_the_set_and_no_other_is_claimed(
         Case(f"q/{procedure}/{effect}", "single", procedure, "gaussian", (effect,), (4.0,))
         for effect in EFFECT_IDS
     ]
-    found = diagnosed(cases, tmp_path)
-    assert all(detectable(one) for one in found)
-    assert rate(found, truth_in_set).hits >= 10
-    assert rate(found, wrong_confident).hits == 0
+    results = diagnosed(cases, tmp_path)
+    assert all(detectable(score) for score in results)
+    assert rate(results, truth_in_set).hits >= 10
+    assert rate(results, wrong_confident).hits == 0
 
 
 def test_blunders_are_named_with_their_place(tmp_path: Path) -> None:
@@ -85,7 +85,7 @@ def test_an_effect_left_out_of_the_catalogue_is_never_named(tmp_path: Path) -> N
     case = Case("q/left", "left-out", "sweep", "gaussian", ("backlash",), (4.0,))
     session = tmp_path / "left.jsonl"
     write_session(make(case, SEED), session)
-    known = of_the_program(session, ())
-    assert "backlash" in [one["id"] for one in known["candidates"]]
+    report = of_the_program(session, ())
+    assert "backlash" in [candidate["id"] for candidate in report["candidates"]]
     left_out = of_the_program(session, ("backlash",))
     assert "backlash" not in str(left_out["candidates"] + left_out["effects"])

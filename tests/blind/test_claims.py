@@ -26,16 +26,16 @@ def test_the_true_tool_of_the_bench_is_that_of_its_own_kinematics() -> None:
 @LONG
 def test_the_tool_keeps_its_bound(tmp_path: Path) -> None:
     """28 sessions at 93 %: fewer than 23 happens in 1.3 % of runs."""
-    found = [scored(case, SEED, tmp_path) for case in list(effect_cases(1))[::6]]
-    assert sum(one.holds for one in found) >= 23
-    assert np.median([one.bound_mm / one.true_mm for one in found]) <= 3.0
+    outcomes = [scored(case, SEED, tmp_path) for case in list(effect_cases(1))[::6]]
+    assert sum(outcome.holds for outcome in outcomes) >= 23
+    assert np.median([outcome.bound_mm / outcome.true_mm for outcome in outcomes]) <= 3.0
 
 
 @LONG
 def test_intervals_of_offsets_and_lengths_hold_the_truth(tmp_path: Path) -> None:
     """90 intervals at 95 %: fewer than 78 happens in 0.2 % of runs, were they independent."""
-    every = [scored(case, SEED, tmp_path, TOLERANCE_MM) for case in plain_cases(1)]
-    off_u = np.abs([one.off_u for one in every])
+    outcomes = [scored(case, SEED, tmp_path, TOLERANCE_MM) for case in plain_cases(1)]
+    off_u = np.abs([outcome.off_u for outcome in outcomes])
     assert off_u.size == 90
     assert (off_u <= COVERAGE).sum() >= 78
 
@@ -43,7 +43,7 @@ def test_intervals_of_offsets_and_lengths_hold_the_truth(tmp_path: Path) -> None
 @LONG
 def test_intervals_hold_bars_that_are_off_by_three_tolerances(tmp_path: Path) -> None:
     """45 intervals at 93 %: fewer than 37 happens in 0.4 % of runs, were they independent."""
-    every = [scored(case, SEED, tmp_path, 3.0 * TOLERANCE_MM) for case in plain_cases(1)]
-    off_u = np.abs([one.off_u[3:] for one in every])
+    outcomes = [scored(case, SEED, tmp_path, 3.0 * TOLERANCE_MM) for case in plain_cases(1)]
+    off_u = np.abs([outcome.off_u[3:] for outcome in outcomes])
     assert off_u.size == 45
     assert (off_u <= COVERAGE).sum() >= 37

@@ -117,14 +117,14 @@ def test_all_axes_lean_and_are_shifted() -> None:
 
 def test_the_answerer_gets_the_table_alone_and_may_fail() -> None:
     (case, session), *_ = sessions(1, SEED, ["gross mistakes beside"])
-    seen: list[object] = []
+    arguments: list[object] = []
 
     def answerer(*handed: object) -> list[Answer]:
-        seen.extend(handed)
+        arguments.extend(handed)
         return [Answer(OFFSETS, nothing(), {"machine": 3.0})]
 
     line = measured(case, session, answerer)
-    assert seen == [session.table, session.resolution_mm]
+    assert arguments == [session.table, session.resolution_mm]
     head = session.table.splitlines()[0]
     assert head == "leg,axis,displacement_mm,value_mm,cycle,time_s,station"
     assert line["errors"][OFFSETS] == line["errors"]["before"]
@@ -138,16 +138,20 @@ def test_the_answerer_gets_the_table_alone_and_may_fail() -> None:
 def test_the_program_corrects_what_it_names() -> None:
     """A machine with nothing hidden keeps its bound; an effect that shows is corrected."""
     (_, plain), *_ = sessions(1, SEED, ["nothing"])
-    found = {answer.name: answer for answer in answers(plain.table, plain.resolution_mm)}
-    today = found["kinematics"]
+    by_name = {answer.name: answer for answer in answers(plain.table, plain.resolution_mm)}
+    today = by_name["kinematics"]
     assert judge(plain.hidden, today.commanded).machine <= today.bounds["machine"]
     strong = Case("q/strong", "one effect", "sweep", "gaussian", ("actuator_scale",), (8.0,))
     session = claim(strong, SEED)
-    found = {answer.name: answer for answer in answers(session.table, session.resolution_mm)}
-    assert "actuator_scale" in found["kinematics"].remark
-    left = {name: judge(session.hidden, each.commanded).aligned for name, each in found.items()}
-    assert left["kinematics"] < 0.3 * left[OFFSETS]
-    assert left["kinematics"] < 2.0 * judge(session.hidden, knows_the_law(session)).aligned + 0.002
+    by_name = {answer.name: answer for answer in answers(session.table, session.resolution_mm)}
+    assert "actuator_scale" in by_name["kinematics"].remark
+    errors = {
+        name: judge(session.hidden, answer.commanded).aligned for name, answer in by_name.items()
+    }
+    assert errors["kinematics"] < 0.3 * errors[OFFSETS]
+    assert (
+        errors["kinematics"] < 2.0 * judge(session.hidden, knows_the_law(session)).aligned + 0.002
+    )
 
 
 def nothing_entered(_: str, __: float | None) -> list[Answer]:
@@ -161,18 +165,18 @@ def test_answers_of_another_run_stand_beside(
 ) -> None:
     lines = tmp_path / "lines.jsonl"
     answerer = f"{__name__}:{nothing_entered.__name__}"
-    asked = ["--count", "2", "--cells", "nothing", "--answerer", answerer]
-    main([*asked, "--jsonl", str(lines)])
-    main([*asked, "--beside", str(lines)])
+    command = ["--count", "2", "--cells", "nothing", "--answerer", answerer]
+    main([*command, "--jsonl", str(lines)])
+    main([*command, "--beside", str(lines)])
     text = capsys.readouterr().out
     *_, bound = re.findall(r"hidden; machine \| offsets .*\n.*\n\| nothing \| (.*) \|", text)
     assert [cell.split(",")[0] for cell in bound.split(" | ")] == ["2/2"] * 4
     assert text.count("hidden; touched off") == 2, "an error in each page, and no bound"
     assert "| all | was mine | 0/2 (0% … 84%) | 0/2 (0% … 84%)" in text
-    main([*asked, "--seed", "7", "--jsonl", str(lines)])
-    known = [json.loads(line) for line in lines.read_text(encoding="utf-8").splitlines()]
+    main([*command, "--seed", "7", "--jsonl", str(lines)])
+    records = [json.loads(line) for line in lines.read_text(encoding="utf-8").splitlines()]
     with pytest.raises(ValueError, match="another seed"):
-        beside(known[:2], known[2:])
+        beside(records[:2], records[2:])
 
 
 def test_worse_than_offsets_is_by_a_tenth_and_by_five_micrometres() -> None:
@@ -180,8 +184,8 @@ def test_worse_than_offsets_is_by_a_tenth_and_by_five_micrometres() -> None:
         frames = ("machine", "touched_off", "aligned", "near")
         sizes = {"before": 1.0, "law": 0.01, OFFSETS: offsets_mm, "mine": mine_mm}
         errors = {name: dict.fromkeys(frames, mm) for name, mm in sizes.items()}
-        same = {"cell": "nothing", "bounds": {}, "failure": "", "cpu_s": 0.1}
-        return {"key": "k", "errors": errors, **same}
+        common = {"cell": "nothing", "bounds": {}, "failure": "", "cpu_s": 0.1}
+        return {"key": "k", "errors": errors, **common}
 
     text = page([line(0.001, 0.0059), line(0.1, 0.109), line(0.1, 0.111), line(0.02, 0.0251)])
     assert "| all | mine | 2/4" in text

@@ -61,8 +61,8 @@ def test_coefficients_of_system_11(posture: int, travel_mm: float) -> None:
     # The indicator along y on leg x reads a d_rho_y + b d_rho_x − c d_L_y − b d_L_x.
     expected = {("offset", 1): sine, ("offset", 0): b, ("length", 1): -c, ("length", 0): -b}
     for (name, leg), figure in expected.items():
-        found = change((name, (leg,)), 1e-4, leg=0, axis=1)[posture]
-        assert found == pytest.approx(figure, abs=1e-7)
+        change_mm = change((name, (leg,)), 1e-4, leg=0, axis=1)[posture]
+        assert change_mm == pytest.approx(figure, abs=1e-7)
 
 
 def test_conditioning_of_the_twelve_differences() -> None:
@@ -79,8 +79,8 @@ def test_conditioning_of_the_twelve_differences() -> None:
 def test_squareness_of_a_pair_reads_alike_on_both_its_legs() -> None:
     for leg, axis in ((0, 1), (1, 0)):
         for entry in ((0, 1), (1, 0)):
-            found = change(("lean", entry), 1e-6, leg, axis)
-            assert found == pytest.approx((-41.6035, 17.7679), abs=1e-4)
+            change_mm = change(("lean", entry), 1e-6, leg, axis)
+            assert change_mm == pytest.approx((-41.6035, 17.7679), abs=1e-4)
 
 
 def test_an_axis_shifted_sideways() -> None:
@@ -154,16 +154,18 @@ def test_an_indicator_with_play_follows_only_beyond_it() -> None:
     off = Hidden().plus([(("offset", (0,)), 2.0)])
     mine = np.flatnonzero((rows.leg == 0) & (rows.axis == 1))
     true = readings(rows, off)[mine]
-    found = readings(rows, off.plus([(("lag", (0, 1)), 0.004)]))[mine] - true
+    change_mm = readings(rows, off.plus([(("lag", (0, 1)), 0.004)]))[mine] - true
     way = np.sign(np.diff(true[:4]))
-    assert found[1:4] == pytest.approx(-0.002 * way, abs=1e-9)
+    assert change_mm[1:4] == pytest.approx(-0.002 * way, abs=1e-9)
 
 
 def test_a_stand_wanders_alone() -> None:
     rows = taken(Plan((0.0, 60.0), 1))
-    found = readings(rows, Hidden().plus([(("stand", (0, 1)), 1e-6)])) - readings(rows, Hidden())
+    change_mm = readings(rows, Hidden().plus([(("stand", (0, 1)), 1e-6)])) - readings(
+        rows, Hidden()
+    )
     mine = (rows.leg == 0) & (rows.axis == 1)
-    assert found == pytest.approx(np.where(mine, 1e-6 * rows.time_s, 0.0), abs=1e-12)
+    assert change_mm == pytest.approx(np.where(mine, 1e-6 * rows.time_s, 0.0), abs=1e-12)
 
 
 def test_backlash_keeps_the_foot_back_after_a_movement_down() -> None:
@@ -171,21 +173,21 @@ def test_backlash_keeps_the_foot_back_after_a_movement_down() -> None:
     mine = (rows.leg == 0) & (rows.axis == 1)
     # +30: x up, y and z down (the bar leans); −30: x down, the others again down; then all up.
     assert rows.moved[mine].tolist() == [[1, 1, 1], [1, -1, -1], [-1, -1, -1], [1, 1, 1]]
-    kept = Hidden().plus([(("lost", (0,)), 0.01)])
+    persistent = Hidden().plus([(("lost", (0,)), 0.01)])
     pushed = Hidden().plus([(("offset", (0,)), 0.01)])
     down = rows.moved[:, 0] < 0
-    assert readings(rows, kept)[down] == pytest.approx(readings(rows, pushed)[down], abs=1e-6)
-    assert readings(rows, kept)[~down] == pytest.approx(0.0, abs=1e-12)
+    assert readings(rows, persistent)[down] == pytest.approx(readings(rows, pushed)[down], abs=1e-6)
+    assert readings(rows, persistent)[~down] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_cyclic_error_repeats_with_the_lead() -> None:
     rows = taken(Plan((0.0, 5.0, 12.5), 1))
-    found = readings(rows, Hidden().plus([(("sine", (1,)), 0.01), (("cosine", (1,)), 0.01)]))
+    change_mm = readings(rows, Hidden().plus([(("sine", (1,)), 0.01), (("cosine", (1,)), 0.01)]))
     mine = (rows.leg == 1) & (rows.axis == 0)
     scale = readings(rows, Hidden().plus([(("offset", (1,)), 0.01)]))
     # At 5 mm as at Zero, half a lead on with the opposite sign.
-    assert found[mine][1] == pytest.approx(scale[mine][1], abs=1e-5)
-    assert found[mine][2] == pytest.approx(-scale[mine][2], abs=1e-5)
+    assert change_mm[mine][1] == pytest.approx(scale[mine][1], abs=1e-5)
+    assert change_mm[mine][2] == pytest.approx(-scale[mine][2], abs=1e-5)
 
 
 def test_indicators_scale_tilt_and_wander() -> None:
@@ -193,11 +195,11 @@ def test_indicators_scale_tilt_and_wander() -> None:
     machine = Hidden().plus([(("offset", (1,)), 1.0), (("offset", (2,)), 0.5)])
     plain = readings(rows, machine)
     mine = (rows.leg == 0) & (rows.axis == 1)
-    other = (rows.leg == 0) & (rows.axis == 2)
+    second = (rows.leg == 0) & (rows.axis == 2)
     gained = readings(rows, machine.plus([(("gain", (0, 1)), 0.1)]))
     assert gained[mine] == pytest.approx(1.1 * plain[mine])
     tilted = readings(rows, machine.plus([(("tilt", (0, 1)), 0.1)]))
-    assert tilted[mine] == pytest.approx(np.cos(0.1) * plain[mine] + np.sin(0.1) * plain[other])
+    assert tilted[mine] == pytest.approx(np.cos(0.1) * plain[mine] + np.sin(0.1) * plain[second])
     wandered = readings(rows, machine.plus([(("drift", (1,)), 1e-4)])) - plain
     assert wandered == pytest.approx(1e-4 * rows.time_s * (rows.axis == 1), abs=1e-12)
     for changed in (gained, tilted):
@@ -215,9 +217,9 @@ def test_shapes_outside_the_catalogue_do_what_they_say() -> None:
         ("product", (0, 1)): travel * passive / 1000.0,
     }
     for entry, size in sizes.items():
-        found = readings(rows, Hidden().plus([(entry, 1e-3)]))[mine]
-        same = readings(rows, Hidden().plus([(("offset", (0,)), 1e-3 * size)]))[mine]
-        assert found == pytest.approx(same, abs=1e-8)
+        change_mm = readings(rows, Hidden().plus([(entry, 1e-3)]))[mine]
+        expected = readings(rows, Hidden().plus([(("offset", (0,)), 1e-3 * size)]))[mine]
+        assert change_mm == pytest.approx(expected, abs=1e-8)
 
 
 @pytest.mark.parametrize(("name", "count"), [("zero-max-min", 60), ("sweep", 138)])
@@ -232,8 +234,8 @@ def test_procedures_have_their_rows(name: str, count: int) -> None:
 
 def test_repeats_in_place_do_not_move_and_can_be_mislabelled() -> None:
     plan = PLANS["zero-max-min"]
-    kept = [v for v in visits(plan, in_place=True) if v.leg == 0]
-    assert [v.displacement_mm for v in kept] == [0, 0, 0, 60, 60, 60, -100, -100, -100, 0]
+    visits_of_x = [v for v in visits(plan, in_place=True) if v.leg == 0]
+    assert [v.displacement_mm for v in visits_of_x] == [0, 0, 0, 60, 60, 60, -100, -100, -100, 0]
     rows = taken(plan, in_place=True)
     assert rows.visit[:8].tolist() == [0, 0, 0, 0, 0, 0, 1, 1]
     false = sorted_by_cycle(rows)
@@ -246,8 +248,8 @@ def test_every_effect_of_the_contract_has_a_place_that_a_sweep_sees() -> None:
     rows = taken(PLANS["two-station"])
     machine = Hidden().plus([(("offset", (i,)), 1.0 - i) for i in range(3)])
     columns = Columns(rows, machine)
-    seen = {c.id for c in candidates() if columns.span(c).shape[1] == len(c.directions)}
-    assert seen == set(EFFECT_IDS)
+    ids = {c.id for c in candidates() if columns.span(c).shape[1] == len(c.directions)}
+    assert ids == set(EFFECT_IDS)
 
 
 def test_left_out_groups_equal_refits_without_them() -> None:

@@ -20,14 +20,14 @@ TOO_MUCH = Case("too/much", "beside", "sweep", "gaussian", ("joint_clearance",),
 
 def hardest() -> dict[tuple[str, ...], Case]:
     """Of each procedure and hidden effects of the plan, the case where they are strongest."""
-    found: dict[tuple[str, ...], Case] = {}
+    strongest: dict[tuple[str, ...], Case] = {}
     for case in plan(0.001):
         if case.cell in ("pair", "mislabelled", "blunder", "bars", "none"):
             continue
         of = (case.procedure, *case.effects, case.shape)
-        if of not in found or case.strengths > found[of].strengths:
-            found[of] = case
-    return found
+        if of not in strongest or case.strengths > strongest[of].strengths:
+            strongest[of] = case
+    return strongest
 
 
 HARDEST = hardest()
@@ -36,9 +36,9 @@ HARDEST = hardest()
 @pytest.mark.parametrize("procedure", ["zero-max-min", "sweep", "two-station"])
 def test_the_strongest_of_each_effect_can_be_drawn(procedure: str) -> None:
     """What is left to weaker ones, or to two of 3:1, can be drawn where this can."""
-    every = [case for case in HARDEST.values() if case.procedure == procedure]
-    assert len(every) == 12 + 5 + 4
-    assert [len(make(case, SEED).rows) > 0 for case in every] == [True] * len(every)
+    cases = [case for case in HARDEST.values() if case.procedure == procedure]
+    assert len(cases) == 12 + 5 + 4
+    assert [len(make(case, SEED).rows) > 0 for case in cases] == [True] * len(cases)
 
 
 def test_what_is_too_strong_stands_in_no_case() -> None:
@@ -60,7 +60,7 @@ def test_a_run_goes_on_without_what_cannot_be_drawn(
     monkeypatch.setattr(generator, "TRIES", 3)
     plain = Case("plain", "none", "zero-max-min", "gaussian")
     folder = Folder(tmp_path)
-    told = run([TOO_MUCH, plain, replace(plain, key="other")], folder, SEED, workers=1)
-    assert len(told.scored) == len(lines(folder.results)) == 2
-    assert told.not_drawn == ["too/much: no session in 3 draws"]
-    assert "- Could not be drawn: too/much: no session in 3 draws." in page(told)
+    results = run([TOO_MUCH, plain, replace(plain, key="other")], folder, SEED, workers=1)
+    assert len(results.scored) == len(lines(folder.results)) == 2
+    assert results.not_drawn == ["too/much: no session in 3 draws"]
+    assert "- Could not be drawn: too/much: no session in 3 draws." in page(results)

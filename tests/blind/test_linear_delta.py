@@ -35,10 +35,13 @@ def diagnosed(folder: Path, hidden: Hidden, seed: int) -> Diagnosis:
 @pytest.mark.parametrize("effect", first_quick(list(HIDDEN)))
 def test_what_is_hidden_is_named_or_among_the_names(tmp_path: Path, effect: str, seed: int) -> None:
     """Never another name alone; nothing is called nothing."""
-    found = diagnosed(tmp_path, HIDDEN[effect], seed)
+    diagnosis = diagnosed(tmp_path, HIDDEN[effect], seed)
     if effect == "nothing":
-        assert found.verdict == "agrees"
+        assert diagnosis.verdict == "agrees"
         return
-    names = [{one.id, *(other.id for other in one.indistinguishable_from)} for one in found.effects]
-    assert names, f"nothing named: {found.verdict}"
-    assert any(effect in each for each in names)
+    names = [
+        {cause.id, *(rival.id for rival in cause.indistinguishable_from)}
+        for cause in diagnosis.effects
+    ]
+    assert names, f"nothing named: {diagnosis.verdict}"
+    assert any(effect in names_possible for names_possible in names)

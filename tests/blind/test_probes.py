@@ -39,9 +39,9 @@ def heights(hidden: Hidden) -> FloatArray:
 
 
 def probed() -> Conditions:
-    taken = tool_conditions([[x, y, 0.0] for x, y in RINGS])
+    conditions = tool_conditions([[x, y, 0.0] for x, y in RINGS])
     beside = np.tile([*BESIDE_MM, 0.0], (len(RINGS), 1))
-    return replace(taken, contact=np.ones(len(RINGS), dtype=np.bool_), beside_mm=beside)
+    return replace(conditions, contact=np.ones(len(RINGS), dtype=np.bool_), beside_mm=beside)
 
 
 def of_laws(*laws: EffectInstance) -> FloatArray:
@@ -62,9 +62,9 @@ def test_the_law_of_a_bowed_plate_is_that_of_the_simulation() -> None:
         EffectInstance(law, "tz", (float(-bow * (100.0 / EDGE_MM) ** 2),))
         for law, bow in zip(SHAPES, bow_mm, strict=True)
     ]
-    shown = heights(Probed(PERFECT, bow_mm, BESIDE_MM))
-    assert np.ptp(shown) > 0.15
-    assert shown == pytest.approx(of_laws(*laws), abs=2e-4)
+    readings = heights(Probed(PERFECT, bow_mm, BESIDE_MM))
+    assert np.ptp(readings) > 0.15
+    assert readings == pytest.approx(of_laws(*laws), abs=2e-4)
 
 
 @pytest.mark.parametrize("leg", range(3))

@@ -37,28 +37,28 @@ def case(procedure: str, effect: str, strength: float, number: int = 0) -> Case:
 
 
 def test_a_proposed_file_as_visits() -> None:
-    found = visits_of(PROCEDURE)
-    assert len(found) == 2 * (2 * 3 + 1)
-    assert found[0] == Visit(2, 0.3, 0.0, 1)
-    assert [v.displacement_mm for v in found[:7]] == [0.0, 15.0, -40.0, 0.0, 15.0, -40.0, 0.0]
-    assert {v.station for v in found[7:]} == {0.7}
+    sequence = visits_of(PROCEDURE)
+    assert len(sequence) == 2 * (2 * 3 + 1)
+    assert sequence[0] == Visit(2, 0.3, 0.0, 1)
+    assert [v.displacement_mm for v in sequence[:7]] == [0.0, 15.0, -40.0, 0.0, 15.0, -40.0, 0.0]
+    assert {v.station for v in sequence[7:]} == {0.7}
 
 
 def test_the_same_machine_with_offsets_entered_and_a_load() -> None:
     """An offset that is entered is gone, weight counts twice, everything else is as it was."""
-    made = make(case("sweep", "gravity_sag", 4.0), SEED)
-    offsets = made.hidden.amounts["offset"]
+    session = make(case("sweep", "gravity_sag", 4.0), SEED)
+    offsets = session.hidden.amounts["offset"]
     again = Again(visits_of(PROCEDURE), tuple(offsets.tolist()), 2.0)
-    more = made_again(made, again, "gaussian", np.random.default_rng(1))
-    expected = made.hidden.plus(
+    further = made_again(session, again, "gaussian", np.random.default_rng(1))
+    expected = session.hidden.plus(
         [(("offset", (k,)), -float(offsets[k])) for k in range(3)]
-        + [(("sag", (k,)), float(made.hidden.amounts["sag"][k])) for k in range(3)]
+        + [(("sag", (k,)), float(session.hidden.amounts["sag"][k])) for k in range(3)]
     )
-    left = more.values_mm - readings(more.rows, expected)
+    residual = further.values_mm - readings(further.rows, expected)
     for mount in range(4):
-        mine = left[more.rows.mount == mount]
-        assert np.std(mine) < 3.0 * made.sigma_mm
-    assert more.table.splitlines()[1].startswith("z,x,0,")
+        mine = residual[further.rows.mount == mount]
+        assert np.std(mine) < 3.0 * session.sigma_mm
+    assert further.table.splitlines()[1].startswith("z,x,0,")
     written = tomllib.loads(machine_text(again))
     assert written["load"] == 2.0
     assert written["entered_offsets_mm"] == offsets.tolist()
@@ -79,10 +79,10 @@ def test_each_sort_of_proposal_resolves(
     tmp_path: Path, procedure: str, effect: str, load: float, shifted: bool
 ) -> None:
     trial = Follower.of(case(procedure, effect, 1.0), SEED, tmp_path).trial(1)
-    asked = trial.first["next_measurement"]
+    proposal = trial.first["next_measurement"]
     assert trial.first["verdict"] == "ambiguous"
-    assert asked["load"] == load
-    assert any(asked["entered_mm"]) is shifted
+    assert proposal["load"] == load
+    assert any(proposal["entered_mm"]) is shifted
     assert trial.expected >= 25.0
     assert effect in {name for name, _ in trial.between}
     assert trial.resolved()
@@ -125,15 +125,15 @@ def test_what_counts_as_resolved() -> None:
     assert right.resolved()
     assert right.single(1)
     assert not right.wrong()
-    both = trial_of(FIRST, FIRST)
-    assert not both.resolved()
-    assert not both.single(2)
+    stalemate = trial_of(FIRST, FIRST)
+    assert not stalemate.resolved()
+    assert not stalemate.single(2)
     lost = trial_of(FIRST, document("explained", SCALE))
     assert not lost.resolved()
     assert lost.wrong()
-    other = trial_of(FIRST, document("ambiguous", BACKLASH, also=(("leg_bow", "xy"),)))
-    assert other.resolved()
-    assert not other.single(1)
+    rival = trial_of(FIRST, document("ambiguous", BACKLASH, also=(("leg_bow", "xy"),)))
+    assert rival.resolved()
+    assert not rival.single(1)
     elsewhere = trial_of(FIRST, document("explained", ("backlash", "y")))
     assert not elsewhere.single(1)
 

@@ -67,7 +67,7 @@ def document(verdict: str, *effects: Json) -> Json:
 
 
 def effect(name: str, where: str, kind: str = "machine", *also: str) -> Json:
-    partners = [{"id": each, "where": where} for each in also]
+    partners = [{"id": rival, "where": where} for rival in also]
     return {
         "id": name,
         "kind": kind,
@@ -77,15 +77,15 @@ def effect(name: str, where: str, kind: str = "machine", *also: str) -> Json:
     }
 
 
-def scored(made: Made, said: Json) -> Scored:
-    row = row_of(lambda *_: said, Path("unused"), ())
-    return Scored(made.truth, {"session": "s", **row})
+def scored(session: Made, answer: Json) -> Scored:
+    row = row_of(lambda *_: answer, Path("unused"), ())
+    return Scored(session.truth, {"session": "s", **row})
 
 
 def test_an_ideal_judge_is_as_good_as_the_nearest_rival_allows() -> None:
     """Of two that are D apart and equally likely the right one wins with Φ(√D / 2)."""
-    made = make(single("actuator_scale"), SEED)
-    columns = Columns(made.rows, made.hidden)
+    session = make(single("actuator_scale"), SEED)
+    columns = Columns(session.rows, session.hidden)
     scale = next(c for c in candidates() if (c.id, c.where) == ("actuator_scale", "y"))
     sag = next(c for c in candidates() if (c.id, c.where) == ("gravity_sag", "y"))
     unit = columns.span(scale)[:, 0]
@@ -93,8 +93,8 @@ def test_an_ideal_judge_is_as_good_as_the_nearest_rival_allows() -> None:
         apart = size**2 * (1.0 - contained(unit, columns.span(sag)))
         share = named_by_a_judge(columns, size * unit, "actuator_scale", [scale, sag], 1.0)
         assert share == pytest.approx(norm.cdf(np.sqrt(apart) / 2.0), abs=0.1)
-    (hidden,) = made.truth["hidden"]
-    assert at_best(Scored(made.truth, {})) == hidden["named_by_a_judge"] > 0.3
+    (hidden,) = session.truth["hidden"]
+    assert at_best(Scored(session.truth, {})) == hidden["named_by_a_judge"] > 0.3
 
 
 @pytest.mark.parametrize("name", EFFECT_IDS)
@@ -110,21 +110,21 @@ def test_every_effect_has_the_strength_asked_for(name: str) -> None:
 def test_noise_has_the_size_it_says(noise: str) -> None:
     """Repeats of a clean session scatter as told; a kind that repeats share scatters less."""
     case = Case(f"size/{noise}", "none", "two-station", noise)
-    made = make(case, SEED)
-    assert made.truth["hidden"] == []
-    problem = Baseline(made.rows, made.values_mm)
-    found = float(np.sqrt(np.sum(problem.residual**2) / (len(made.rows) - problem.fixed)))
-    assert found / made.truth["noise_rms_mm"] == pytest.approx(1.0, abs=0.35)
-    assert made.resolution_mm == (0.001 if noise == "quantised" else None)
+    session = make(case, SEED)
+    assert session.truth["hidden"] == []
+    problem = Baseline(session.rows, session.values_mm)
+    estimate = float(np.sqrt(np.sum(problem.residual**2) / (len(session.rows) - problem.fixed)))
+    assert estimate / session.truth["noise_rms_mm"] == pytest.approx(1.0, abs=0.35)
+    assert session.resolution_mm == (0.001 if noise == "quantised" else None)
 
 
 def test_sessions_are_the_same_for_the_same_seed_and_tell_nothing(tmp_path: Path) -> None:
     case = single("straightness")
-    made, again, other = make(case, SEED), make(case, SEED), make(case, SEED + 1)
-    assert made.table == again.table
-    assert made.truth == again.truth
-    assert made.table != other.table
-    write_session(made, tmp_path / f"{case.session}.jsonl")
+    session, again, different = make(case, SEED), make(case, SEED), make(case, SEED + 1)
+    assert session.table == again.table
+    assert session.truth == again.truth
+    assert session.table != different.table
+    write_session(session, tmp_path / f"{case.session}.jsonl")
     assert [p.name for p in tmp_path.iterdir()] == [f"{case.session}.jsonl"]
     text = (tmp_path / f"{case.session}.jsonl").read_text(encoding="utf-8")
     for word in ("straightness", "single", "gaussian", "truth", "seed", case.key):
@@ -143,54 +143,56 @@ def test_the_plan_is_large_enough_and_its_names_are_its_own() -> None:
 
 @pytest.mark.parametrize("blunder", ["gauge_sign", "gauge_swap", "unit_mixup", "stand_slip"])
 def test_blunders_are_judged_by_name_and_place(blunder: str) -> None:
-    made = make(Case(f"b/{blunder}", "blunder", "sweep", "gaussian", blunder=blunder), SEED)
-    place = made.truth["blunder_where"][0]
-    other = "y" if place == "x" else "x" if len(place) == 1 else place[::-1]
-    assert blunder_named(scored(made, document("explained", effect(blunder, place, "blunder"))))
-    assert not blunder_named(scored(made, document("explained", effect(blunder, other, "blunder"))))
-    assert not blunder_named(scored(made, document("agrees")))
+    session = make(Case(f"b/{blunder}", "blunder", "sweep", "gaussian", blunder=blunder), SEED)
+    place = session.truth["blunder_where"][0]
+    wrong = "y" if place == "x" else "x" if len(place) == 1 else place[::-1]
+    assert blunder_named(scored(session, document("explained", effect(blunder, place, "blunder"))))
+    assert not blunder_named(
+        scored(session, document("explained", effect(blunder, wrong, "blunder")))
+    )
+    assert not blunder_named(scored(session, document("agrees")))
 
 
 @pytest.mark.parametrize("number", range(4))
 def test_a_label_error_is_one_row_under_another_leg_or_posture(number: int) -> None:
     case = Case(f"b/label/{number}", "blunder", "sweep", "gaussian", blunder="label_error")
-    said, driven = make(case, SEED).rows, rows_of(PLANS["sweep"], np.random.default_rng(0))
-    legs = np.flatnonzero(said.leg != driven.leg)
-    postures = np.flatnonzero(said.displacement_mm != driven.displacement_mm)
+    table_rows, driven = make(case, SEED).rows, rows_of(PLANS["sweep"], np.random.default_rng(0))
+    legs = np.flatnonzero(table_rows.leg != driven.leg)
+    postures = np.flatnonzero(table_rows.displacement_mm != driven.displacement_mm)
     assert len(legs) + len(postures) == 1
-    assert said.axis.tolist() == driven.axis.tolist()
+    assert table_rows.axis.tolist() == driven.axis.tolist()
 
 
 def test_a_wild_reading_may_have_any_name_of_a_mistake() -> None:
     case = Case("b/wild", "blunder", "sweep", "gaussian", blunder="wild")
-    made = make(case, SEED)
-    place = made.truth["blunder_where"][0]
-    said = document("explained", effect("label_error", place, "blunder"))
-    assert blunder_named(scored(made, said))
-    assert not wrong_confident(scored(made, said))
-    assert wrong_confident(scored(made, document("explained", effect("backlash", "x"))))
+    session = make(case, SEED)
+    place = session.truth["blunder_where"][0]
+    answer = document("explained", effect("label_error", place, "blunder"))
+    assert blunder_named(scored(session, answer))
+    assert not wrong_confident(scored(session, answer))
+    assert wrong_confident(scored(session, document("explained", effect("backlash", "x"))))
 
 
 def test_an_alias_beside_a_mistake_names_it() -> None:
     """A first reading that is wrong is a first take that stands apart: nothing tells them apart."""
-    made = make(Case("b/alias", "blunder", "sweep", "gaussian", blunder="label_error"), SEED)
-    place = made.truth["blunder_where"][0]
+    session = make(Case("b/alias", "blunder", "sweep", "gaussian", blunder="label_error"), SEED)
+    place = session.truth["blunder_where"][0]
     first = effect("first_take", place, "blunder", "label_error")
-    assert blunder_named(scored(made, document("ambiguous", first)))
+    assert blunder_named(scored(session, document("ambiguous", first)))
     assert not blunder_named(
-        scored(made, document("ambiguous", effect("first_take", place, "blunder")))
+        scored(session, document("ambiguous", effect("first_take", place, "blunder")))
     )
 
 
 def test_right_wrong_and_silent_answers() -> None:
-    made = make(single("actuator_scale"), SEED)
-    where = made.truth["hidden"][0]["where"][0]
-    right = scored(made, document("explained", effect("actuator_scale", where)))
-    wrong = scored(made, document("explained", effect("leg_bow", where)))
+    session = make(single("actuator_scale"), SEED)
+    where = session.truth["hidden"][0]["where"][0]
+    right = scored(session, document("explained", effect("actuator_scale", where)))
+    wrong = scored(session, document("explained", effect("leg_bow", where)))
     open_one = scored(
-        made, document("ambiguous", effect("leg_bow", where, "machine", "actuator_scale"))
+        session, document("ambiguous", effect("leg_bow", where, "machine", "actuator_scale"))
     )
-    silent = scored(made, document("agrees"))
+    silent = scored(session, document("agrees"))
     assert [single_name(o) for o in (right, wrong, open_one, silent)] == [True] + [False] * 3
     assert [truth_in_set(o) for o in (right, wrong, open_one, silent)] == [True, False, True, False]
     assert [wrong_confident(o) for o in (right, wrong, open_one, silent)] == [False, True] + 2 * [
@@ -201,27 +203,27 @@ def test_right_wrong_and_silent_answers() -> None:
 
 
 def test_a_wander_called_a_drift_is_no_lie_but_any_other_name_is() -> None:
-    said = document("explained", effect("thermal_drift", "all", "environment"))
+    answer = document("explained", effect("thermal_drift", "all", "environment"))
     for noise, false in (("wander", False), ("gaussian", True)):
-        made = make(Case(f"none/{noise}", "none", "sweep", noise), SEED)
-        assert false_name(scored(made, said)) is false
-        assert false_name(scored(made, document("explained", effect("backlash", "x"))))
+        session = make(Case(f"none/{noise}", "none", "sweep", noise), SEED)
+        assert false_name(scored(session, answer)) is false
+        assert false_name(scored(session, document("explained", effect("backlash", "x"))))
 
 
 def test_an_unnamed_law_is_no_name_for_an_unknown_shape() -> None:
     case = Case("o/cubic", "outside", "sweep", "gaussian", (), (4.0,), shape="cubic")
-    made = make(case, SEED)
-    assert made.truth["hidden"][0]["id"] == "cubic"
+    session = make(case, SEED)
+    assert session.truth["hidden"][0]["id"] == "cubic"
     empirical = effect("law", "x", "empirical")
-    assert not called_explained(scored(made, document("explained", empirical)))
-    assert called_explained(scored(made, document("explained", effect("leg_bow", "x"))))
+    assert not called_explained(scored(session, document("explained", empirical)))
+    assert called_explained(scored(session, document("explained", effect("leg_bow", "x"))))
 
 
 @pytest.mark.parametrize(
-    ("said", "right"), [("xy", True), ("xy@0.35", True), ("yx", False), ("leg x", False)]
+    ("place", "right"), [("xy", True), ("xy@0.35", True), ("yx", False), ("leg x", False)]
 )
-def test_places(said: str, right: bool) -> None:
-    assert same_place(said, ["xy"]) is right
+def test_places(place: str, right: bool) -> None:
+    assert same_place(place, ["xy"]) is right
 
 
 @pytest.mark.parametrize(
@@ -268,12 +270,12 @@ def answers(perfect: bool) -> Told:
     """A small run in which every answer is right, or every answer is a lie."""
     truths, rows = {}, []
     for case in (single("backlash"), single("gravity_sag"), Case("n", "none", "sweep", "gaussian")):
-        made = make(case, SEED)
-        truths[case.session] = made.truth
-        right = [effect(h["id"], h["where"][0]) for h in made.truth["hidden"]]
-        said = right if perfect else [effect("leg_bow", "x")]
-        verdict = "explained" if said else "agrees"
-        row = row_of(lambda *_, s=said, v=verdict: document(v, *s), Path("unused"), ())
+        session = make(case, SEED)
+        truths[case.session] = session.truth
+        right = [effect(h["id"], h["where"][0]) for h in session.truth["hidden"]]
+        effects = right if perfect else [effect("leg_bow", "x")]
+        verdict = "explained" if effects else "agrees"
+        row = row_of(lambda *_, s=effects, v=verdict: document(v, *s), Path("unused"), ())
         rows.append({"session": case.session, **row})
     return Told(truths, rows, [], SEED, "0" * 64, 1.0)
 
@@ -281,7 +283,9 @@ def answers(perfect: bool) -> Told:
 def test_the_page_tells_a_perfect_diagnosis_from_a_liar() -> None:
     good, bad = page(answers(True)), page(answers(False))
     for text, share in ((good, " 0.0 ("), (bad, " 100.0 (")):
-        line = next(each for each in text.splitlines() if each.startswith("| false name, no"))
+        line = next(
+            line_text for line_text in text.splitlines() if line_text.startswith("| false name, no")
+        )
         assert share in line.split("|")[3]
     assert "| wrong confident name | ≤ 1 | 0.0 (0.0–70.8), 0/3 |" in good
     assert "**no**" in bad
@@ -289,66 +293,68 @@ def test_the_page_tells_a_perfect_diagnosis_from_a_liar() -> None:
 
 
 def test_a_right_name_at_a_wrong_place_counts() -> None:
-    made = make(single("backlash"), SEED)
-    right = made.truth["hidden"][0]["where"][0]
+    session = make(single("backlash"), SEED)
+    right = session.truth["hidden"][0]["where"][0]
     wrong = next(leg for leg in "xyz" if leg != right)
     for where, is_wrong in ((right, False), (wrong, True), ("x,y,z", False)):
-        one = scored(made, document("explained", effect("backlash", where)))
-        assert wrong_name_or_place(one) is is_wrong
-        assert placed_in_set(one) is not is_wrong
-        assert not wrong_confident(one)
+        score = scored(session, document("explained", effect("backlash", where)))
+        assert wrong_name_or_place(score) is is_wrong
+        assert placed_in_set(score) is not is_wrong
+        assert not wrong_confident(score)
     rival = {
         **effect("leg_bow", "xy"),
         "indistinguishable_from": [{"id": "backlash", "where": wrong}],
     }
-    one = scored(made, document("ambiguous", rival))
-    assert truth_in_set(one)
-    assert not placed_in_set(one)
+    score = scored(session, document("ambiguous", rival))
+    assert truth_in_set(score)
+    assert not placed_in_set(score)
 
 
 def test_a_second_value_too_small_to_show_makes_no_wrong_place() -> None:
-    made = make(single("leg_taper"), SEED)
-    hidden = {**made.truth["hidden"][0], "where": ["x"], "where_alike": ["xy"]}
-    one = scored(made, document("explained", effect("leg_taper", "xy")))
-    assert not wrong_name_or_place(Scored({**made.truth, "hidden": [hidden]}, one.row))
+    session = make(single("leg_taper"), SEED)
+    hidden = {**session.truth["hidden"][0], "where": ["x"], "where_alike": ["xy"]}
+    score = scored(session, document("explained", effect("leg_taper", "xy")))
+    assert not wrong_name_or_place(Scored({**session.truth, "hidden": [hidden]}, score.row))
     hidden = {**hidden, "where_alike": []}
-    assert wrong_name_or_place(Scored({**made.truth, "hidden": [hidden]}, one.row))
+    assert wrong_name_or_place(Scored({**session.truth, "hidden": [hidden]}, score.row))
 
 
 def test_bars_that_are_off_may_be_called_so() -> None:
-    made = make(Case("bars", "bars", "sweep", "gaussian", bars=3.0), SEED)
-    assert np.abs(made.truth["lengths_mm"]) == pytest.approx([0.3] * 3)
+    session = make(Case("bars", "bars", "sweep", "gaussian", bars=3.0), SEED)
+    assert np.abs(session.truth["lengths_mm"]) == pytest.approx([0.3] * 3)
     for name, kind, false in (
         ("leg_length", "machine", False),
         ("backlash", "machine", True),
         ("gauge_gain", "indicator", False),
     ):
-        one = scored(made, document("explained", effect(name, "x", kind)))
-        assert false_machine_name(one) is false
+        score = scored(session, document("explained", effect(name, "x", kind)))
+        assert false_machine_name(score) is false
 
 
 def test_a_diagnosis_that_breaks_is_a_row_and_no_name() -> None:
     def broken(session: Path, without: tuple[str, ...], also: tuple[str, ...] = ()) -> Json:
         raise TypeError("no such thing")
 
-    made = make(Case("broken", "none", "sweep", "gaussian"), SEED)
+    sample = make(Case("broken", "none", "sweep", "gaussian"), SEED)
     row = row_of(broken, Path("unused"), ())
     assert row["verdict"] == "error"
     assert row["error"] == "TypeError: no such thing"
-    assert not false_name(Scored(made.truth, row))
+    assert not false_name(Scored(sample.truth, row))
 
 
 def test_coverage_counts_parameters_of_right_names_only() -> None:
-    made = make(single("backlash"), SEED)
-    hidden = made.truth["hidden"][0]
+    session = make(single("backlash"), SEED)
+    hidden = session.truth["hidden"][0]
     amount = hidden["parameters"][0]["value"]
     named = effect("backlash", hidden["where"][0])
     named["parameters"] = [
         {"name": "play", "value": 1e3 * amount, "unit": "µm", "standard_uncertainty": 0.1}
     ]
-    good = scored(made, document("explained", named))
+    good = scored(session, document("explained", named))
     assert coverage([good]) == Rate(1, 1)
-    assert coverage([scored(made, document("explained", {**named, "id": "leg_bow"}))]) == Rate(0, 0)
+    assert coverage([scored(session, document("explained", {**named, "id": "leg_bow"}))]) == Rate(
+        0, 0
+    )
 
 
 @pytest.fixture(scope="module")
@@ -403,5 +409,7 @@ def test_places_of_values_of_their_own() -> None:
 def test_a_place_within_its_place_is_another_one() -> None:
     leg = next(c for c in candidates() if (c.id, c.where) == ("leg_taper", "y"))
     mount = next(c for c in candidates() if (c.id, c.where) == ("gauge_gain", "yx"))
-    assert [part.directions for part in parts(leg)] == [(one,) for one in leg.directions]
+    assert [part.directions for part in parts(leg)] == [
+        (direction,) for direction in leg.directions
+    ]
     assert parts(mount) == []

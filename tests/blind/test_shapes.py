@@ -27,7 +27,7 @@ def names() -> dict[str, list[str]]:
 def test_nine_of_twelve_are_named_on_every_other_machine(names: dict[str, list[str]]) -> None:
     assert len(set(DISTINCT)) == len(names) == 12
     for number, machine in enumerate(MACHINES):
-        right = sum(given[number] == effect for effect, given in names.items())
+        right = sum(answers[number] == effect for effect, answers in names.items())
         assert right >= NEEDED, machine
 
 
@@ -38,9 +38,9 @@ def test_the_page_has_this_table(names: dict[str, list[str]]) -> None:
 
 def test_the_page_shows_a_picture_of_each_effect_and_names_all() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    shown = re.findall(r"\(pictures/shape_(\w+)\.svg\)", text)
-    assert sorted(shown) == sorted(shape.id for shape in SHAPES)
-    for name in shown:
+    pictures = re.findall(r"\(pictures/shape_(\w+)\.svg\)", text)
+    assert sorted(pictures) == sorted(shape.id for shape in SHAPES)
+    for name in pictures:
         assert (ROOT / "docs" / "pictures" / f"shape_{name}.svg").is_file()
     for effect in (*CATALOGUE, *BESIDE_CATALOGUE):
         assert f"`{effect.id}`" in text
@@ -54,10 +54,10 @@ def test_a_picture_is_nearest_to_itself_at_any_size_and_sign() -> None:
         points = list(zip(x.tolist(), values.tolist(), strict=True))
         return Chart("", "", "µm", (series_of("", points, ">"),))
 
-    known = {
+    references = {
         name: np.array([dots(drawn(values), sign) for sign in (1.0, -1.0)])
         for name, values in {"line": x, "parabola": x**2 - 0.5}.items()
     }
     for size in (0.3, -7.0):
-        assert nearest(dots(drawn(size * x)), known) == "line"
-        assert nearest(dots(drawn(size * (x**2 - 0.5))), known) == "parabola"
+        assert nearest(dots(drawn(size * x)), references) == "line"
+        assert nearest(dots(drawn(size * (x**2 - 0.5))), references) == "parabola"

@@ -15,8 +15,8 @@ def test_what_is_hidden_is_among_the_names() -> None:
 
     Never another name alone, and nothing is called nothing.
     """
-    every = list(scores(35, seed=30))
+    all_scores = list(scores(35, seed=30))
     for shape in SHAPES:
-        assert sum(score.names for score in every if score.shape == shape) >= 5
-    assert [score for score in every if score.names and not score.right] == []
-    assert [score for score in every if not score.effect and not score.right] == []
+        assert sum(score.names for score in all_scores if score.shape == shape) >= 5
+    assert [score for score in all_scores if score.names and not score.right] == []
+    assert [score for score in all_scores if not score.effect and not score.right] == []

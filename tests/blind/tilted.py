@@ -145,9 +145,9 @@ def machine(
 
     Play leaves each foot ``behind_mm`` ``(3,)`` its carriage.
     """
-    along, wanted = shape.along, commanded(shape, place)
-    travel = wanted - commanded(shape, np.zeros(3))
-    carriage, sideways = wanted + hidden.offset_mm + behind_mm, np.zeros((3, 3))
+    along, command = shape.along, commanded(shape, place)
+    travel = command - commanded(shape, np.zeros(3))
+    carriage, sideways = command + hidden.offset_mm + behind_mm, np.zeros((3, 3))
     i, j = hidden.place
     if hidden.effect == "actuator_scale":
         carriage[i] += hidden.size * travel[i]
@@ -168,8 +168,8 @@ def machine(
     tool = place.copy()
     for _ in range(20):
         bars = tool - feet
-        left = (bars**2).sum(axis=1) - (BAR + hidden.length_mm) ** 2
-        tool = tool - np.linalg.solve(2.0 * bars, left)
+        residual = (bars**2).sum(axis=1) - (BAR + hidden.length_mm) ** 2
+        tool = tool - np.linalg.solve(2.0 * bars, residual)
     return feet, tool
 
 
@@ -294,10 +294,10 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=210)
     parser.add_argument("--seed", type=int, default=29)
     parser.add_argument("--shape", choices=list(SHAPES))
-    given = parser.parse_args()
-    every = list(scores(given.count, given.seed, given.shape))
-    for shape in [given.shape] if given.shape else SHAPES:
-        mine = [score for score in every if score.shape == shape]
+    options = parser.parse_args()
+    all_scores = list(scores(options.count, options.seed, options.shape))
+    for shape in [options.shape] if options.shape else SHAPES:
+        mine = [score for score in all_scores if score.shape == shape]
         hidden = [score for score in mine if score.effect]
         nothing = [score for score in mine if not score.effect]
         named = [score for score in hidden if score.names]
@@ -307,7 +307,7 @@ def main() -> None:
             f"{len(hidden)} hidden; one wrong name alone {sum(not s.right for s in alone)} of "
             f"{len(mine)}; nothing hidden agrees {sum(s.right for s in nothing)} of {len(nothing)}"
         )
-    for score in every:
+    for score in all_scores:
         if not score.right:
             print(score)
 

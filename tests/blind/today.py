@@ -42,10 +42,10 @@ def answers(table: str, resolution_mm: float | None) -> list[Answer]:
     remark = ", ".join(f"{id}:{where} {share:.2f}" for (id, where), share in likely)
     answered = []
     for holds in HOLDS:
-        made = solved.corrections.of(holds)
-        bounds = {frame.replace("-", "_"): mm for frame, mm in made.off.bound_mm.items()}
+        entry = solved.corrections.of(holds)
+        bounds = {frame.replace("-", "_"): mm for frame, mm in entry.off.bound_mm.items()}
         name = OFFSETS if holds == "offsets" else holds
-        answered.append(Answer(name, inverse_of(made.model), bounds, remark))
+        answered.append(Answer(name, inverse_of(entry.model), bounds, remark))
     return answered
 
 

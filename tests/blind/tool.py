@@ -25,8 +25,8 @@ def reachable_mm() -> FloatArray:
     axis = low + (np.arange(PER_AXIS) + 0.5) * (high - low) / PER_AXIS
     points = np.array(list(product(axis, repeat=3)))
     travel = _joints(points, np.full(3, LEG_MM)) - LEG_MM
-    kept = ((travel >= LIMITS_MM[0] - 1e-9) & (travel <= LIMITS_MM[1] + 1e-9)).all(axis=1)
-    return np.asarray(points[kept])
+    inside = ((travel >= LIMITS_MM[0] - 1e-9) & (travel <= LIMITS_MM[1] + 1e-9)).all(axis=1)
+    return np.asarray(points[inside])
 
 
 def _joints(tool_mm: FloatArray, lengths_mm: FloatArray) -> FloatArray:
@@ -49,8 +49,8 @@ def reached_mm(hidden: Hidden, joints_mm: FloatArray, way: float) -> FloatArray:
 
 def errors_mm(hidden: Hidden, commanded: Commanded) -> FloatArray:
     """Tool less where it was sent ``(2 n, 3)``, all carriages having come up, then down."""
-    wanted = reachable_mm()
-    off = [reached_mm(hidden, commanded(wanted, way), way) - wanted for way in (1.0, -1.0)]
+    targets = reachable_mm()
+    off = [reached_mm(hidden, commanded(targets, way), way) - targets for way in (1.0, -1.0)]
     return np.concatenate(off)
 
 

@@ -26,8 +26,8 @@ class Trial:
     @property
     def hidden(self) -> Json:
         """The one hidden effect."""
-        found: Json = self.truth["hidden"][0]
-        return found
+        effect: Json = self.truth["hidden"][0]
+        return effect
 
     @property
     def followed(self) -> bool:
@@ -42,12 +42,12 @@ class Trial:
     @property
     def between(self) -> set[Name]:
         """Names that the first proposal is to separate: not in all that may be true together."""
-        every: list[set[Name]] = [
-            {(one["id"], one["where"]) for one in together}
+        sets: list[set[Name]] = [
+            {(effect["id"], effect["where"]) for effect in together}
             for together in self.first["next_measurement"]["names"]
         ]
-        common = every[0].intersection(*every[1:])
-        return set().union(*every) - common
+        common = sets[0].intersection(*sets[1:])
+        return set().union(*sets) - common
 
     def after(self, rounds: int) -> Json:
         """What was said after so many measurements; the last word where there were fewer."""
@@ -55,17 +55,21 @@ class Trial:
 
     def resolved(self) -> bool:
         """After one: of the names to separate at most one is left, and the truth is not lost."""
-        left = possible(self.after(1))
-        return len(self.between & left) <= 1 and self.hidden["id"] in {name for name, _ in left}
+        names_left = possible(self.after(1))
+        return len(self.between & names_left) <= 1 and self.hidden["id"] in {
+            name for name, _ in names_left
+        }
 
     def single(self, rounds: int) -> bool:
         """One name, the right one, at the right place, without a rival."""
         document = self.after(rounds)
         if document["verdict"] != "explained" or len(document["effects"]) != 1:
             return False
-        (one,) = document["effects"]
-        right = one["id"] == self.hidden["id"] and same_place(one["where"], places(self.hidden))
-        return right and not one["indistinguishable_from"]
+        (effect,) = document["effects"]
+        right = effect["id"] == self.hidden["id"] and same_place(
+            effect["where"], places(self.hidden)
+        )
+        return right and not effect["indistinguishable_from"]
 
     def wrong(self) -> bool:
         """After one: explained by names among which the truth is not."""
@@ -76,10 +80,10 @@ class Trial:
 
 def possible(document: Json) -> set[Name]:
     """Every name and place that a document leaves open."""
-    named = {(one["id"], one["where"]) for one in document["effects"]}
+    named = {(effect["id"], effect["where"]) for effect in document["effects"]}
     rivals = {
-        (one["id"], one["where"])
+        (rival["id"], rival["where"])
         for effect in document["effects"]
-        for one in effect["indistinguishable_from"]
+        for rival in effect["indistinguishable_from"]
     }
     return named | rivals

@@ -30,8 +30,8 @@ def main() -> int:
     )
     with cluster, distributed.Client(cluster), joblib.parallel_config(backend="dask"):
         there = search()
-    same = np.array_equal(there.refined.coordinates, here.refined.coordinates)
-    return 0 if same and there.values == here.values else 1
+    equal = np.array_equal(there.refined.coordinates, here.refined.coordinates)
+    return 0 if equal and there.values == here.values else 1
 
 
 if __name__ == "__main__":

@@ -32,8 +32,8 @@ def test_a_change_within_its_uncertainty_is_none() -> None:
     assert not control_chart(values, np.full(6, 0.020), begins).changed.any()
     for few in ([0.0, 0.02], [0.0, 0.001, 0.02], [0.0, 0.02, 0.021]):  # ranges know little yet
         no = np.zeros(len(few), bool)
-        found = control_chart(np.array(few), np.full(len(few), 0.002), no).changed
-        assert found.tolist() == (np.abs(np.diff(few, prepend=0.0)) > 0.01).tolist()
+        changes = control_chart(np.array(few), np.full(len(few), 0.002), no).changed
+        assert changes.tolist() == (np.abs(np.diff(few, prepend=0.0)) > 0.01).tolist()
     begins[4] = True  # somebody said so
     assert not control_chart(values, np.full(6, 0.002), begins).changed.any()
 
@@ -51,11 +51,11 @@ def test_drift_is_that_of_a_weighted_line() -> None:
     days = np.array([0.0, 10.0, 20.0, 40.0])
     expanded = np.array([0.002, 0.004, 0.002, 0.002])
     values = 0.5 + 0.001 * days + np.array([0.0002, -0.0002, 0.0001, -0.0001])
-    found = drift(days, values, expanded)
-    assert found is not None
+    trend = drift(days, values, expanded)
+    assert trend is not None
     line = np.polynomial.Polynomial.fit(days, values, 1, w=1.0 / expanded).convert()
-    assert found.per_day == pytest.approx(line.coef[1])
-    assert found.shown
+    assert trend.per_day == pytest.approx(line.coef[1])
+    assert trend.shown
     assert drift(days[:2], values[:2], expanded[:2]) is None
     assert drift(np.zeros(4), values, expanded) is None
     assert drift(0.9 * days / np.ptp(days), values, expanded) is None  # an afternoon
@@ -64,21 +64,21 @@ def test_drift_is_that_of_a_weighted_line() -> None:
 def test_the_interval_of_a_drift_holds_it_in_95_of_100() -> None:
     generator = np.random.default_rng(2)
     days = np.linspace(0.0, 300.0, 8)
-    held = 0
+    within_bound = 0
     for _ in range(400):
-        found = drift(days, 1e-4 * days + generator.normal(0.0, 0.002, 8), np.full(8, 0.004))
-        assert found is not None
-        held += abs(found.per_day - 1e-4) <= found.expanded
-    assert 0.93 <= held / 400 <= 1.0
+        trend = drift(days, 1e-4 * days + generator.normal(0.0, 0.002, 8), np.full(8, 0.004))
+        assert trend is not None
+        within_bound += abs(trend.per_day - 1e-4) <= trend.expanded
+    assert 0.93 <= within_bound / 400 <= 1.0
 
 
 def test_a_jump_is_no_drift_once_there_are_values_after_it() -> None:
     values = [0.0, 0.0005, 0.0, 0.0505, 0.05, 0.0505, 0.05]
-    found = watch([30.0 * k for k in range(7)], values, [0.002] * 7, [False] * 7)
-    assert found.chart.changed.tolist() == [k == 3 for k in range(7)]
-    assert found.drift is not None
-    assert not found.drift.shown
-    assert found.change.tolist() == values
+    result = watch([30.0 * k for k in range(7)], values, [0.002] * 7, [False] * 7)
+    assert result.chart.changed.tolist() == [k == 3 for k in range(7)]
+    assert result.drift is not None
+    assert not result.drift.shown
+    assert result.change.tolist() == values
 
 
 def test_a_tolerance_lasts_as_long_as_the_drift_takes() -> None:

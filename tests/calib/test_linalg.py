@@ -53,27 +53,27 @@ def test_ranks_are_cut_by_the_largest_or_by_what_the_columns_were() -> None:
 
 def test_a_basis_by_products_is_the_same() -> None:
     columns = np.random.default_rng(3).normal(size=(40, 4)) @ np.diag([1.0, 5.0, 2.0, 0.0])
-    one, other = basis_by_products(columns), basis_of(columns, DEPENDENT)
-    assert one @ one.T == pytest.approx(other @ other.T, abs=1e-12)
+    first, second = basis_by_products(columns), basis_of(columns, DEPENDENT)
+    assert first @ first.T == pytest.approx(second @ second.T, abs=1e-12)
     assert basis_by_products(1e-14 * columns).shape == (40, 0)
 
 
 def test_null_spaces_and_values_of_few_rows() -> None:
     rows = np.array([[1.0, 1.0, 0.0]])
     assert np.abs(rows @ null_space(rows)).max() < 1e-15
-    left, singular, right = svd_of_all(rows)
-    assert left.shape == (1, 3)
+    left_vectors, singular, right = svd_of_all(rows)
+    assert left_vectors.shape == (1, 3)
     assert right.shape == (3, 3)
     assert singular == pytest.approx([np.sqrt(2.0), 0.0, 0.0])
     assert condition(np.diag([4.0, 2.0, 0.0]), 2) == pytest.approx(2.0)
 
 
 def test_a_vector_of_a_space_is_named_once() -> None:
-    one, other = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
-    named = [("one", one), ("again", 2.0 * one), ("out", other)]
-    found, rest = named_inside(np.eye(3)[:, :2], named)
-    assert [name for _, name in found] == ["one"]
-    assert np.abs(rest[:, 0]) == pytest.approx([np.sqrt(0.5), np.sqrt(0.5), 0.0])
+    first, second = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    named = [("one", first), ("again", 2.0 * first), ("out", second)]
+    inside, remainder = named_inside(np.eye(3)[:, :2], named)
+    assert [name for _, name in inside] == ["one"]
+    assert np.abs(remainder[:, 0]) == pytest.approx([np.sqrt(0.5), np.sqrt(0.5), 0.0])
 
 
 def test_groups_are_numbered_in_the_order_of_their_keys() -> None:
@@ -86,5 +86,5 @@ def test_groups_are_numbered_in_the_order_of_their_keys() -> None:
 
 def test_means_of_groups_are_weighted() -> None:
     rows, weight = np.array([[1.0], [4.0], [9.0]]), np.array([2.0, 1.0, 1.0])
-    left = without_means(np.array([0, 0, 1]), weight, rows)
-    assert left == pytest.approx(np.array([[-1.0], [2.0], [0.0]]))
+    deviations = without_means(np.array([0, 0, 1]), weight, rows)
+    assert deviations == pytest.approx(np.array([[-1.0], [2.0], [0.0]]))

@@ -45,7 +45,7 @@ def worst_um(
     folder: Path,
     machine: Machine,
     model: Model,
-    held: Sequence[ControllerJoint],
+    controller_joints: Sequence[ControllerJoint],
     home: Mapping[str, float | str],
     *,
     sign: float = 1.0,
@@ -57,20 +57,23 @@ def worst_um(
     """
     entries, files = [], {}
     for k in range(3):
-        given = joint_entries(model, k, held[k], way)
-        entry = {**home, "HOME_OFFSET": held[k].home_offset_mm + sign * given.home_change_mm}
-        if given.backlash_mm:
-            entry["BACKLASH"] = sign * given.backlash_mm
-        if given.table is not None:
+        correction = joint_entries(model, k, controller_joints[k], way)
+        entry = {
+            **home,
+            "HOME_OFFSET": controller_joints[k].home_offset_mm + sign * correction.home_change_mm,
+        }
+        if correction.backlash_mm:
+            entry["BACKLASH"] = sign * correction.backlash_mm
+        if correction.table is not None:
             name = f"calib_joint{k}.comp"
-            rows = np.loadtxt(table_text(given.table).splitlines(), ndmin=2)
+            rows = np.loadtxt(table_text(correction.table).splitlines(), ndmin=2)
             rows[:, 1:] *= sign
             files[name] = "".join("{:.6f} {:.6f} {:.6f}\n".format(*row) for row in rows)
             entry |= {"COMP_FILE": name, "COMP_FILE_TYPE": 1}
         entries.append(entry)
     lines = [f"G21 G90 G53 G1 F30000 X{x} Y{y} Z{z}" for x, y, z in PLACES]
     hal = pins(Model(), joints=[(k, way) for k in range(3)])
-    joints = [SimulatedJoint({**one.figures, "way": way}) for one in machine.joints()]
+    joints = [SimulatedJoint({**joint.figures, "way": way}) for joint in machine.joints()]
     stops = run(folder, joints, entries, hal, ["home", *lines], files=files)[1:]
     off = np.array([s.carriage for s in stops]) - way * np.array([s.joint for s in stops])
     return float(np.abs(off).max() * 1e3)

@@ -50,5 +50,5 @@ class Loop:
             files[f"calib_joint{k}.inc"] = re.sub(r"(?m)^HOME_OFFSET = .*$", turned, include)
         includes = [f"#INCLUDE calib_joint{k}.inc\n" for k in range(3)]
         hal = files.pop("calib.hal", pins(Model()))
-        known = self.machine, self.entries, hal, files, includes, self.zero_set
-        return Controlled(*known).checked_mm(self.folder / name)
+        state = self.machine, self.entries, hal, files, includes, self.zero_set
+        return Controlled(*state).checked_mm(self.folder / name)

@@ -95,9 +95,9 @@ class Machine:
     ) -> float:
         """Along an axis, of the point of the bar that keeps its place along the leg's own axis."""
         start, end = self.tool(zero), self.feet(zero)[leg]
-        kept = start[leg] + station * (end[leg] - start[leg])
+        point = start[leg] + station * (end[leg] - start[leg])
         tool, foot = self.tool(now), self.feet(now)[leg]
-        part = (kept - tool[leg]) / (foot[leg] - tool[leg])
+        part = (point - tool[leg]) / (foot[leg] - tool[leg])
         return float(tool[axis] + part * (foot[axis] - tool[axis]))
 
 
@@ -147,12 +147,14 @@ class Controlled:
                 zeros = generator.normal(scale=0.3, size=3)
                 for number, (level, stop) in enumerate(zip(AT, mine, strict=True)):
                     for axis in (k for k in range(3) if k != leg):
-                        shown = machine.reading(leg, axis, station, stop.carriage, mine[0].carriage)
-                        shown += zeros[axis] + generator.normal(scale=SCATTER_MM)
+                        reading = machine.reading(
+                            leg, axis, station, stop.carriage, mine[0].carriage
+                        )
+                        reading += zeros[axis] + generator.normal(scale=SCATTER_MM)
                         cycle = min(number // len(LEVELS) + 1, CYCLES)
                         rows.append(
                             f"{'xyz'[leg]},{'xyz'[axis]},{level},{station},{cycle},"
-                            f"{round(shown / STEP_MM) * STEP_MM:.3f}"
+                            f"{round(reading / STEP_MM) * STEP_MM:.3f}"
                         )
         return "\n".join(rows) + "\n", self._error_mm(stops)
 
@@ -163,8 +165,8 @@ class Controlled:
 
     def _stops(self, folder: Path, places: Sequence[FloatArray]) -> list[Stop]:
         lines = ["G21 G90 G53 G1 F30000 X{:.4f} Y{:.4f} Z{:.4f}".format(*to) for to in places]
-        held = self.machine.joints(), self.entries, self.calib_hal, ["home", *lines]
-        return run(folder, *held, files=self.files, includes=self.includes)[1:]
+        configuration = self.machine.joints(), self.entries, self.calib_hal, ["home", *lines]
+        return run(folder, *configuration, files=self.files, includes=self.includes)[1:]
 
     def _error_mm(self, stops: Sequence[Stop]) -> float:
         """R.m.s. distance of the tool from where it was sent, over `CHECKED`.
@@ -173,6 +175,6 @@ class Controlled:
         the point is at which axes meet that do not meet, and a workpiece is touched off anyway.
         """
         sent = zip(stops[-len(CHECKED) :], CHECKED, strict=True)
-        off = np.array([self.machine.tool(stop.carriage) - wanted for stop, wanted in sent])
+        off = np.array([self.machine.tool(stop.carriage) - target for stop, target in sent])
         off = off - off.mean(axis=0) if self.zero_set else off
         return float(np.sqrt((off**2).sum(axis=1).mean()))

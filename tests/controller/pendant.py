@@ -59,8 +59,8 @@ def in_mdi() -> bool:
 def move(words: str) -> None:
     wait_for(in_mdi)
     ask(command.mdi(words))
-    found = re.findall(rf"([{AXES}])(-?[0-9.]+)", words)
-    sent = [(AXES.index(axis), float(value)) for axis, value in found]
+    matches = re.findall(rf"([{AXES}])(-?[0-9.]+)", words)
+    sent = [(AXES.index(axis), float(value)) for axis, value in matches]
 
     def there() -> bool:
         """Idle and in position it is before it starts, too."""
@@ -74,8 +74,10 @@ def at_rest() -> bool:
     """Nothing moves, and the status, which comes later than the pins, is of now."""
     count = range(status.joints)
     still = min(hal.get_value(f"rigjoint.{k}.still") for k in count)
-    told = [status.joint_actual_position[k] - hal.get_value(f"joint.{k}.pos-fb") for k in count]
-    return bool(still >= STILL_PERIODS and max(map(abs, told)) < 1e-9)
+    differences = [
+        status.joint_actual_position[k] - hal.get_value(f"joint.{k}.pos-fb") for k in count
+    ]
+    return bool(still >= STILL_PERIODS and max(map(abs, differences)) < 1e-9)
 
 
 def where() -> dict[str, list[float]]:
@@ -95,19 +97,19 @@ def now() -> dict[str, list[float]]:
 
 
 def main() -> None:
-    told = json.loads(Path("told.json").read_text())
+    steps = json.loads(Path("told.json").read_text())
     answer: dict[str, list[object]] = {"stops": [], "errors": []}
     try:
         ask(command.state(linuxcnc.STATE_ESTOP_RESET))
         ask(command.state(linuxcnc.STATE_ON))
         wait_for(lambda: status.task_state == linuxcnc.STATE_ON)
-        for step in told:
+        for step in steps:
             home() if step == "home" else move(step)
             answer["stops"].append(where())
     except Exception as problem:  # whatever it is, the test shall read it
         answer["errors"] += [repr(problem), repr(now())]
-    while (found := errors.poll()) is not None:
-        answer["errors"].append(found[1])
+    while (error := errors.poll()) is not None:
+        answer["errors"].append(error[1])
     Path("answer.json").write_text(json.dumps(answer))
 
 

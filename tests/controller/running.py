@@ -151,7 +151,7 @@ def run(
     joints: Sequence[SimulatedJoint],
     entries: Sequence[Mapping[str, float | str]],
     calib_hal: str,
-    told: Sequence[str],
+    steps: Sequence[str],
     *,
     files: Mapping[str, str] | None = None,
     includes: Sequence[str] | None = None,
@@ -179,7 +179,7 @@ def run(
             f"setp rigjoint.{k}.{n.replace('_', '-')} {v:.9f}\n" for n, v in joint.figures.items()
         )
     texts = {"machine.ini": ini, "core.hal": hal, "calib.hal": calib_hal, "sim.tbl": ""}
-    for name, text in {**texts, **(files or {}), "told.json": json.dumps(list(told))}.items():
+    for name, text in {**texts, **(files or {}), "told.json": json.dumps(list(steps))}.items():
         (config / name).write_text(text)
     pendant = config / "pendant.py"
     pendant.write_text((HERE / "pendant.py").read_text())
@@ -209,5 +209,5 @@ def _started(folder: Path) -> dict[str, Any]:
     )
     path = folder / "config" / "answer.json"
     assert path.exists(), ended.stdout[-3000:] + ended.stderr[-3000:]
-    found: dict[str, Any] = json.loads(path.read_text())
-    return found
+    answer: dict[str, Any] = json.loads(path.read_text())
+    return answer

@@ -114,12 +114,12 @@ def commanded(
     teller.write_text((running.HERE / "teller.py").read_text())
     teller.chmod(0o755)
     (folder / "modules").symlink_to(running.compiled())
-    own = {k: v for k, v in os.environ.items() if k != "DISPLAY"}
+    environment = {k: v for k, v in os.environ.items() if k != "DISPLAY"}
     at_controller = ("RTAPI_UID=65534", "RTAPI_FIFO_PATH=/tmp/fifo/rtapi", "HOME=/tmp")
     start = running.START.format(modules=running.MODULES, limit=running.TIME_OUT_S * 8)
     clean = " ".join(("env", *at_controller, "PATH=/usr/sbin:/usr/bin:/sbin:/bin"))
     start = start.replace("exec timeout", f"exec {clean} timeout")
-    told = [sys.executable, "-m", "tests.controller.self_running", str(folder), *words]
+    command = [sys.executable, "-m", "tests.controller.self_running", str(folder), *words]
     ended = subprocess.run(
         [
             *BEFORE_OTHERS,
@@ -134,18 +134,18 @@ def commanded(
             "x",
             start,
             str(folder),
-            *told,
+            *command,
         ],
         cwd=ROOT,
-        env=own,
+        env=environment,
         check=False,
         capture_output=True,
         text=True,
         timeout=timeout_s,
     )
     assert ended.returncode == 0, ended.stdout[-3000:] + ended.stderr[-3000:]
-    found: dict[str, object] = json.loads(ended.stdout.splitlines()[-1])
-    return found
+    result: dict[str, object] = json.loads(ended.stdout.splitlines()[-1])
+    return result
 
 
 def reached() -> socket.socket:
@@ -335,8 +335,8 @@ class Running:
     def close(self) -> None:
         self.followed.close()
         self._cable.close()
-        for other in self._others:
-            other.close()
+        for client in self._others:
+            client.close()
 
 
 def session(folder: Path, name: str, feed: float, window_s: float) -> dict[str, object]:
@@ -350,12 +350,12 @@ def session(folder: Path, name: str, feed: float, window_s: float) -> dict[str, 
         began = time.monotonic()
         measure_all(g, bench.agree, lambda _: None)
         took_s = time.monotonic() - began
-        left = wrong(taken(path), bench)
+        faults = wrong(taken(path), bench)
     pure_s = ways.moving_s + ways.resting_s
     return {
         "steps": len(ways.steps),
         "readings": len(taken(path)),
-        "wrong": left,
+        "wrong": faults,
         "seconds": took_s,
         "pure_s": pure_s,
         "ratio": took_s / pure_s,
@@ -375,7 +375,7 @@ KINDS = (
 
 def disturbed(folder: Path, seed: int, draws: int, kinds: Sequence[str] = ()) -> dict[str, object]:
     """One session with faults at random moments: these kinds, or all in turn."""
-    left, stops_s, met = with_faults(
+    faults, stops_s, met = with_faults(
         folder / "a.jsonl",
         seed,
         draws,
@@ -383,12 +383,12 @@ def disturbed(folder: Path, seed: int, draws: int, kinds: Sequence[str] = ()) ->
         troubles=kinds or KINDS,
     )
     stops = {kind: max(s for s, name in stops_s if name == kind) for _, kind in stops_s}
-    return {"wrong": left, "stops_s": stops, "met": met}
+    return {"wrong": faults, "stops_s": stops, "met": met}
 
 
 def ended(folder: Path) -> dict[str, object]:
     """The program is killed, then suspended, on the way: how long and far the machine went on."""
-    told: dict[str, object] = {}
+    report: dict[str, object] = {}
     real, ticker = Running(folder), Ticker()
     for end in (signal.SIGKILL, signal.SIGSTOP):
         at_mm = real.axes.at_mm[0]
@@ -399,7 +399,7 @@ def ended(folder: Path) -> dict[str, object]:
         program.send_signal(end)
         time.sleep(2.0)
         went_mm, went_s = real.axes.at_mm[0] - from_mm, real.followed.changed_s - began_s
-        told[end.name] = {
+        report[end.name] = {
             "went_s": went_s,
             "went_mm": went_mm,
             "moving": real.axes.moving,
@@ -409,7 +409,7 @@ def ended(folder: Path) -> dict[str, object]:
         program.wait()
     ticker.close()
     real.close()
-    return told
+    return report
 
 
 DIES = """
@@ -525,12 +525,12 @@ class Meddled:
         line, real = self._line, self._real
         comes_true(lambda: line.state in (State.HELD, State.FAULT), SOON_S)
         seen_s = time.monotonic()
-        found: dict[str, object] = {"seen_s": seen_s - began_s}
-        found |= {"state": line.state, "why": line.why}
+        report: dict[str, object] = {"seen_s": seen_s - began_s}
+        report |= {"state": line.state, "why": line.why}
         time.sleep(0.3)
-        found |= {"held_up_s": self._ticker.held_up(began_s, seen_s)}
-        found |= {"went_s": real.followed.changed_s - began_s, "moving": real.axes.moving}
-        found |= {"at_mm": real.axes.at_mm[0]}
+        report |= {"held_up_s": self._ticker.held_up(began_s, seen_s)}
+        report |= {"went_s": real.followed.changed_s - began_s, "moving": real.axes.moving}
+        report |= {"at_mm": real.axes.at_mm[0]}
         # what another client sent ends; on a busy computer nobody tells of it for a moment
         assert comes_true(lambda: time.monotonic() - real.followed.changed_s > 0.5)
         if mending == "on":
@@ -539,33 +539,33 @@ class Meddled:
             real.followed.tell(mending)
         time.sleep(0.3)
         self._answer()
-        found |= {"after_mm": real.axes.at_mm[0]}
+        report |= {"after_mm": real.axes.at_mm[0]}
         self.gone((-5.0, 0.0, 0.0))
         self.gone((0.0, 0.0, 0.0))
-        return found
+        return report
 
 
 def meddled(folder: Path) -> dict[str, object]:
     """Each of `MEDDLERS`: when the machine rests, and what is then said."""
-    told: dict[str, object] = {}
+    report: dict[str, object] = {}
     meddling = Meddled(folder)
     try:
         meddling.gone((0.0, 0.0, 0.0))
         for name in MEDDLERS:
-            told[f"{name} at rest"] = meddling.at_rest(name)
+            report[f"{name} at rest"] = meddling.at_rest(name)
             if name != "move":  # it waits for the end of ours
-                told[f"{name} on the way"] = meddling.on_the_way(name)
+                report[f"{name} on the way"] = meddling.on_the_way(name)
         for words in MODES_LEFT:
-            told[words] = meddling.with_modes(words)
+            report[words] = meddling.with_modes(words)
     finally:
         meddling.close()
-    return told
+    return report
 
 
 def inch(folder: Path) -> dict[str, object]:
     """A machine of three joints in inches: how far and how long it goes when it is sent 10 mm."""
     real = Running(folder)
-    told: dict[str, object] = {}
+    report: dict[str, object] = {}
     for name, low_mm in (("beyond", -600.0), ("within", -100.0)):
         limits = Limits((low_mm,) * 3, (100.0,) * 3, 120.0, 6000.0, coordinates="joint")
         line = MotionLine(controller_of(real.told, limits), BUSY)
@@ -576,7 +576,7 @@ def inch(folder: Path) -> dict[str, object]:
         began_s = time.monotonic()
         way = line.go([(10.0, -4.0, 0.0)], 600.0)
         problem = way.exception(PATIENCE_S)
-        told[name] = {
+        report[name] = {
             "took_s": time.monotonic() - began_s,
             "problem": str(problem or ""),
             "went": [b - a for a, b in zip(before, real.followed.joints, strict=True)],
@@ -585,22 +585,22 @@ def inch(folder: Path) -> dict[str, object]:
         line.close()
         face.hang()
     real.close()
-    return told
+    return report
 
 
 def main() -> None:
-    folder, what, *rest = sys.argv[1:]
+    folder, what, *arguments = sys.argv[1:]
     if what == "session":
-        name, feed, window = rest
-        told = session(Path(folder), name, float(feed), float(window))
+        name, feed, window = arguments
+        report = session(Path(folder), name, float(feed), float(window))
     elif what == "disturbed":
-        told = disturbed(Path(folder), int(rest[0]), int(rest[1]), rest[2:])
+        report = disturbed(Path(folder), int(arguments[0]), int(arguments[1]), arguments[2:])
     elif what == "continued":
-        made = Path(folder), int(rest[0]), int(rest[1]), float(rest[2])
-        told = killed_and_continued(*made, lambda _: Running(Path(folder)))
+        parameters = Path(folder), int(arguments[0]), int(arguments[1]), float(arguments[2])
+        report = killed_and_continued(*parameters, lambda _: Running(Path(folder)))
     else:
-        told = {"ended": ended, "meddled": meddled, "inch": inch}[what](Path(folder))
-    print(json.dumps(told))
+        report = {"ended": ended, "meddled": meddled, "inch": inch}[what](Path(folder))
+    print(json.dumps(report))
 
 
 def figures() -> None:

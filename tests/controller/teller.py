@@ -24,8 +24,8 @@ component = hal.component("teller")
 component.newpin("chain", hal.HAL_BIT, hal.HAL_OUT)
 component["chain"] = True
 component.ready()
-told = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-told.setblocking(False)
+reporter = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+reporter.setblocking(False)
 
 
 def beside(what: str, how: str) -> None:
@@ -83,8 +83,8 @@ def homed() -> list[bool]:
 while True:
     joints = [hal.get_value(f"joint.{k}.pos-fb") for k in range(3)]
     ready = all(homed()) and hal.get_value("motion.motion-enabled")
-    said = f"{' '.join(map(repr, joints))} {all(homed()):d} {bool(ready):d}"
-    told.sendto(said.encode(), ("127.0.0.1", PORT))
+    report = f"{' '.join(map(repr, joints))} {all(homed()):d} {bool(ready):d}"
+    reporter.sendto(report.encode(), ("127.0.0.1", PORT))
     with contextlib.suppress(BlockingIOError):
-        do(told.recv(100))
+        do(reporter.recv(100))
     time.sleep(EVERY_S)

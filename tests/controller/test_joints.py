@@ -34,20 +34,20 @@ def test_homed_on_a_switch_the_carriage_is_where_it_is_believed(
 ) -> None:
     need_linuxcnc()
     machine = Machine(OFFSETS, joint=figures)
-    held = on_switch(machine, way)
-    assert worst_um(tmp_path, machine, found(machine), held, homing(0.0, way)) < 3.0
+    joints = on_switch(machine, way)
+    assert worst_um(tmp_path, machine, found(machine), joints, homing(0.0, way)) < 3.0
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0], ids=["latched-up", "latched-down"])
 def test_a_joint_that_counts_against_its_drive(way: float, tmp_path: Path) -> None:
     need_linuxcnc()
     machine = Machine(OFFSETS, joint=WHOLE)
-    held = [one.turned() for one in on_switch(machine, way)]
+    joints = [joint.turned() for joint in on_switch(machine, way)]
     home = homing(0.0, way)
     turned = {key: -float(home[key]) for key in ("HOME", "HOME_SEARCH_VEL", "HOME_LATCH_VEL")}
     limits = {"MIN_LIMIT": -1000, "MAX_LIMIT": 0}
     home = {**home, **turned, **limits}
-    assert worst_um(tmp_path, machine, found(machine), held, home, way=-1) < 3.0
+    assert worst_um(tmp_path, machine, found(machine), joints, home, way=-1) < 3.0
 
 
 @pytest.mark.parametrize("encoder", [0, 1, 2], ids=["here", "encoder-1", "encoder-2"])
@@ -58,24 +58,24 @@ def test_homed_without_a_switch_the_carriage_is_where_it_is_believed(
     """The motor stands at 0 and is believed to be at L."""
     need_linuxcnc()
     machine = Machine(OFFSETS, joint=figures)
-    held = [ControllerJoint(L, absolute_encoder=encoder > 0)] * 3
+    joints = [ControllerJoint(L, absolute_encoder=encoder > 0)] * 3
     home = {**HERE, "HOME_ABSOLUTE_ENCODER": encoder}
-    assert worst_um(tmp_path, machine, found(machine), held, home) < 3.0
+    assert worst_um(tmp_path, machine, found(machine), joints, home) < 3.0
 
 
 @pytest.fixture(scope="module")
 def uncorrected_um(tmp_path_factory: pytest.TempPathFactory) -> float:
     need_linuxcnc()
     machine = Machine(OFFSETS, joint=WHOLE)
-    held = on_switch(machine, 1.0)
-    return worst_um(tmp_path_factory.mktemp("before"), machine, Model(), held, homing(0.0))
+    joints = on_switch(machine, 1.0)
+    return worst_um(tmp_path_factory.mktemp("before"), machine, Model(), joints, homing(0.0))
 
 
 def test_with_the_signs_turned_it_is_worse_than_before(
     uncorrected_um: float, tmp_path: Path
 ) -> None:
     machine = Machine(OFFSETS, joint=WHOLE)
-    held = on_switch(machine, 1.0)
-    turned_um = worst_um(tmp_path, machine, found(machine), held, homing(0.0), sign=-1.0)
+    joints = on_switch(machine, 1.0)
+    turned_um = worst_um(tmp_path, machine, found(machine), joints, homing(0.0), sign=-1.0)
     assert uncorrected_um > 1000.0
     assert turned_um > 1.5 * uncorrected_um

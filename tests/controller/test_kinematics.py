@@ -54,26 +54,26 @@ def test_joints_of_the_module_bring_the_model_to_the_target(
     model: Model, half: int, tmp_path: Path
 ) -> None:
     need_linuxcnc()
-    wanted = np.round(targets(model.geometry), 3)[half::2]
-    stops = moved(model, wanted, tmp_path)
+    points = np.round(targets(model.geometry), 3)[half::2]
+    stops = moved(model, points, tmp_path)
     joints = np.array([stop.joint for stop in stops])
     tools = posture(
         model.geometry,
         model.parameters_mm,
-        tool_conditions(np.zeros((len(wanted), 3))),
+        tool_conditions(np.zeros((len(points), 3))),
         joints,
         model.effects,
     ).tool_mm
-    assert np.abs(tools - wanted).max() < 5e-6  # straightness follows the command, not the carriage
-    assert np.abs(np.array([stop.tool for stop in stops]) - wanted).max() < 1e-6, "and back"
+    assert np.abs(tools - points).max() < 5e-6  # straightness follows the command, not the carriage
+    assert np.abs(np.array([stop.tool for stop in stops]) - points).max() < 1e-6, "and back"
 
 
 def test_lengths_alone_are_three_spheres(tmp_path: Path) -> None:
     """No code of the program: the distances from target to feet are the lengths."""
     need_linuxcnc()
     model = Model(Geometry(), (0.0, 0.0, 0.0, 0.3, -0.2, 0.1))
-    wanted = np.round(targets(model.geometry), 3)[:20]
-    for stop, target in zip(moved(model, wanted, tmp_path), wanted, strict=True):
+    points = np.round(targets(model.geometry), 3)[:20]
+    for stop, target in zip(moved(model, points, tmp_path), points, strict=True):
         for k, length in enumerate((310.55, 310.05, 310.35)):
             foot = [stop.joint[k] if axis == k else 0.0 for axis in range(3)]
             assert math.dist(foot, target) == pytest.approx(length, abs=1e-6)
@@ -82,23 +82,23 @@ def test_lengths_alone_are_three_spheres(tmp_path: Path) -> None:
 def test_joints_in_another_order_and_one_turned_bring_the_same(tmp_path: Path) -> None:
     need_linuxcnc()
     model = orthoglide()
-    wanted = np.round(targets(model.geometry), 3)[:20]
-    plain = np.array([stop.joint for stop in moved(model, wanted, tmp_path / "plain")])
-    other = moved(model, wanted, tmp_path / "other", [(2, 1), (0, -1), (1, 1)])
-    joints = np.array([stop.joint for stop in other])
+    points = np.round(targets(model.geometry), 3)[:20]
+    plain = np.array([stop.joint for stop in moved(model, points, tmp_path / "plain")])
+    other_order = moved(model, points, tmp_path / "other", [(2, 1), (0, -1), (1, 1)])
+    joints = np.array([stop.joint for stop in other_order])
     assert joints[:, [2, 0, 1]] * (1, -1, 1) == pytest.approx(plain, abs=1e-9)
-    assert np.abs(np.array([stop.tool for stop in other]) - wanted).max() < 1e-6
+    assert np.abs(np.array([stop.tool for stop in other_order]) - points).max() < 1e-6
 
 
 def moved(
     model: Model,
-    wanted: FloatArray,
+    points: FloatArray,
     folder: Path,
     order: Sequence[tuple[int, int]] = ((0, 1), (1, 1), (2, 1)),
 ) -> list[Stop]:
     """Stops of LinuxCNC at the targets, homed where it stands; ``order`` as `pins` takes it."""
     zero = model.geometry.zero_mm
-    lines = [f"G21 G90 G53 G1 F54000 X{x:.3f} Y{y:.3f} Z{z:.3f}" for x, y, z in wanted]
+    lines = [f"G21 G90 G53 G1 F54000 X{x:.3f} Y{y:.3f} Z{z:.3f}" for x, y, z in points]
     hal = pins(model, joints=order)
     of_joint = {joint: way * float(q) for q, (joint, way) in zip(zero, order, strict=True)}
     joints = [SimulatedJoint({"mounting": of_joint[n]}) for n in range(3)]

@@ -84,9 +84,9 @@ def test_a_scale_of_one_drive_beside_them(scaled: Loop) -> None:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0], ids=["entered", "turned"])
 def test_lengths_and_axes_through_own_kinematics(sign: float, crooked: Loop) -> None:
-    asked = (crooked.session, "--model", crooked.model, "--subset", "both")
+    options = (crooked.session, "--model", crooked.model, "--subset", "both")
     name = "entered" if sign > 0 else "turned"
-    after_mm = crooked.after_mm(name, *asked, "--format", "linuxcnc-kins", sign=sign)
+    after_mm = crooked.after_mm(name, *options, "--format", "linuxcnc-kins", sign=sign)
     if sign > 0:
         assert after_mm < 0.010
     else:

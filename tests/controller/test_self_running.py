@@ -36,26 +36,26 @@ STOP_S = 0.5
 def test_whatever_befalls_the_controller_no_reading_is_wrong_and_it_goes_on(
     kinds: tuple[MotionTrouble, ...], tmp_path: Path
 ) -> None:
-    told = commanded(tmp_path, "disturbed", "28", str(len(kinds)), *kinds)
-    assert told["wrong"] == []
-    assert told["met"] == len(kinds)
+    report = commanded(tmp_path, "disturbed", "28", str(len(kinds)), *kinds)
+    assert report["wrong"] == []
+    assert report["met"] == len(kinds)
 
 
 def test_a_killed_or_suspended_program_leaves_it_at_rest(tmp_path: Path) -> None:
-    told = commanded(tmp_path, "ended")
-    assert set(told) == {"SIGKILL", "SIGSTOP"}
-    for name in told:
-        ended = part(told, name)
+    report = commanded(tmp_path, "ended")
+    assert set(report) == {"SIGKILL", "SIGSTOP"}
+    for name in report:
+        ended = part(report, name)
         assert not ended["moving"]
         within_s = STOP_S + number(ended["held_up_s"])
         assert number(ended["went_s"]) < within_s
         assert number(ended["went_mm"]) < 20.0 * within_s
 
 
-def part(told: dict[str, object], name: str) -> dict[str, object]:
-    found = told[name]
-    assert isinstance(found, dict)
-    return found
+def part(report: dict[str, object], name: str) -> dict[str, object]:
+    section = report[name]
+    assert isinstance(section, dict)
+    return section
 
 
 def number(value: object) -> float:
@@ -69,56 +69,56 @@ def meddled(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     return commanded(tmp_path_factory.mktemp("meddled"), "meddled")
 
 
-def soon_s(name: str, told: dict[str, object]) -> float:
+def soon_s(name: str, report: dict[str, object]) -> float:
     """A hold tells nothing of itself: it is seen by a move that makes no way."""
-    return STOP_S + number(told["held_up_s"]) + (STALL_S if name == "hold" else 0.0)
+    return STOP_S + number(report["held_up_s"]) + (STALL_S if name == "hold" else 0.0)
 
 
 @pytest.mark.parametrize("name", MEDDLERS)
 def test_what_others_do_at_rest_is_noticed(name: str, meddled: dict[str, object]) -> None:
-    told = part(meddled, f"{name} at rest")
-    assert told["state"] in ("held", "fault"), told
-    assert number(told["seen_s"]) < soon_s(name, told), told
+    report = part(meddled, f"{name} at rest")
+    assert report["state"] in ("held", "fault"), report
+    assert number(report["seen_s"]) < soon_s(name, report), report
 
 
 @pytest.mark.parametrize("name", [name for name in MEDDLERS if name != "move"])
 def test_what_others_do_on_the_way_stops_it(name: str, meddled: dict[str, object]) -> None:
-    told = part(meddled, f"{name} on the way")
-    assert told["state"] in ("held", "fault"), told
-    assert number(told["seen_s"]) < soon_s(name, told), told
-    within_s = STOP_S + number(told["held_up_s"])
-    assert number(told["went_s"]) < within_s, told
-    assert not told["moving"]
-    assert 3.0 < number(told["at_mm"]) < 3.0 + 30.0 * within_s
+    report = part(meddled, f"{name} on the way")
+    assert report["state"] in ("held", "fault"), report
+    assert number(report["seen_s"]) < soon_s(name, report), report
+    within_s = STOP_S + number(report["held_up_s"])
+    assert number(report["went_s"]) < within_s, report
+    assert not report["moving"]
+    assert 3.0 < number(report["at_mm"]) < 3.0 + 30.0 * within_s
     if name != "unhome":  # which is homed where it stands
-        assert told["after_mm"] == pytest.approx(told["at_mm"], abs=0.01)
+        assert report["after_mm"] == pytest.approx(report["at_mm"], abs=0.01)
 
 
 @pytest.mark.parametrize("words", MODES_LEFT)
 def test_modes_that_others_left_change_neither_feed_nor_way(
     words: str, meddled: dict[str, object]
 ) -> None:
-    told = part(meddled, words)
-    assert number(told["took_s"]) > 0.95  # 10 mm at 10 mm/s
-    assert number(told["at_mm"]) == pytest.approx(10.0, abs=0.001)
+    report = part(meddled, words)
+    assert number(report["took_s"]) > 0.95  # 10 mm at 10 mm/s
+    assert number(report["at_mm"]) == pytest.approx(10.0, abs=0.001)
 
 
 def test_an_inch_machine_goes_as_far_and_as_fast_as_it_is_sent(tmp_path: Path) -> None:
-    told = commanded(tmp_path, "inch", in_inches=True)
-    within = part(told, "within")
+    report = commanded(tmp_path, "inch", in_inches=True)
+    within = part(report, "within")
     assert within["went"] == pytest.approx([10.0 / 25.4, -4.0 / 25.4, 0.0], abs=1e-6)
     assert within["read_mm"] == pytest.approx([10.0, -4.0, 0.0], abs=1e-3)
     assert number(within["took_s"]) > 1.0
-    beyond = part(told, "beyond")
+    beyond = part(report, "beyond")
     assert "[JOINT_0] from -508 to 508 mm" in str(beyond["problem"])
     assert beyond["went"] == [0.0, 0.0, 0.0]
 
 
 def test_a_session_is_killed_and_continued_to_its_end(tmp_path: Path) -> None:
-    told = commanded(tmp_path, "continued", "1", "1", "9000")
-    assert told["wrong"] == []
-    assert told["readings"] == 2 * 6
-    assert told["end"] == "closed"
+    report = commanded(tmp_path, "continued", "1", "1", "9000")
+    assert report["wrong"] == []
+    assert report["readings"] == 2 * 6
+    assert report["end"] == "closed"
 
 
 APART = """set -e
@@ -181,7 +181,7 @@ def demonstrated(tmp_path_factory: pytest.TempPathFactory) -> Demonstrated:
 def test_the_demonstration_moves_the_machine(demonstrated: Demonstrated) -> None:
     for path in (demonstrated.first, demonstrated.verified):
         assert read_record(path).end == "closed"
-        assert {one.moved.driver for one in taken(path) if one.moved} == {"linuxcnc"}
+        assert {reading.moved.driver for reading in taken(path) if reading.moved} == {"linuxcnc"}
 
 
 def test_the_demonstration_exports_the_hidden_offsets(demonstrated: Demonstrated) -> None:
@@ -193,7 +193,9 @@ def test_the_demonstration_exports_the_hidden_offsets(demonstrated: Demonstrated
 
 
 def test_the_demonstration_homes_again_with_what_it_exported(demonstrated: Demonstrated) -> None:
-    zero = [one.moved for one in taken(demonstrated.verified) if one.displacement_mm == 0.0]
+    zero = [
+        reading.moved for reading in taken(demonstrated.verified) if reading.displacement_mm == 0.0
+    ]
     assert max(abs(moved.read_back_mm[0] - 310.25) for moved in zero if moved) < 0.001
     before, after = map(float, re.findall(r"from ([\d.]+) to ([\d.]+) mm", demonstrated.said)[0])
     assert before > 0.05

@@ -28,12 +28,12 @@ def plugged(
     """The twin of a profile; the number of its pty goes to nobody else when it is pulled."""
     twin = IndicatorTwin(profile, Spindle(lambda: position_mm, 0.001), fault)
     with TwinPort(twin, transport, stream_s=profile.stream_s) as port:
-        held = os.open(port.url, os.O_RDWR | os.O_NOCTTY) if transport == "pty" else None
+        descriptor = os.open(port.url, os.O_RDWR | os.O_NOCTTY) if transport == "pty" else None
         try:
             yield port
         finally:
-            if held is not None:
-                os.close(held)
+            if descriptor is not None:
+                os.close(descriptor)
 
 
 def answer(profile: Profile, port: TwinPort) -> Outcome:
@@ -66,9 +66,9 @@ every_transport = pytest.mark.parametrize("transport", TRANSPORTS)
 def test_values(profile: Profile, transport: Transport) -> None:
     positions = (1.234, -0.567, 0.0)
     ports = (plugged(profile, transport, position) for position in positions)
-    for position, found in zip(positions, outcomes(profile, ports), strict=True):
-        assert isinstance(found, IndicatorReading), found
-        assert found.value_mm == pytest.approx(position, abs=0.0005 + found.resolution_mm / 2)
+    for position, outcome in zip(positions, outcomes(profile, ports), strict=True):
+        assert isinstance(outcome, IndicatorReading), outcome
+        assert outcome.value_mm == pytest.approx(position, abs=0.0005 + outcome.resolution_mm / 2)
 
 
 @every_profile
@@ -78,10 +78,10 @@ def test_own_faults(profile: Profile, transport: Transport) -> None:
     hasty = replace(profile, busy_retries=0)
     ports = (plugged(profile, transport, 1.234, name) for name in profile.bad_replies)
     tried = zip(profile.bad_replies.items(), outcomes(hasty, ports, profile.timeout_s), strict=True)
-    for (name, bad), found in tried:
-        assert isinstance(found, Fault), (name, found)
-        assert found.kind is bad.kind, (name, found)
-        assert found.words
+    for (name, bad), outcome in tried:
+        assert isinstance(outcome, Fault), (name, outcome)
+        assert outcome.kind is bad.kind, (name, outcome)
+        assert outcome.words
 
 
 NO_VALUE = {
@@ -98,9 +98,9 @@ NO_VALUE = {
 def test_troubles_never_give_a_value(profile: Profile, transport: Transport) -> None:
     ports = (plugged(profile, transport, 1.234, trouble) for trouble in NO_VALUE)
     tried = zip(NO_VALUE.items(), outcomes(profile, ports), strict=True)
-    for (trouble, kinds), found in tried:
-        assert isinstance(found, Fault), (trouble, found)
-        assert found.kind in kinds, (trouble, found)
+    for (trouble, kinds), outcome in tried:
+        assert isinstance(outcome, Fault), (trouble, outcome)
+        assert outcome.kind in kinds, (trouble, outcome)
 
 
 @every_profile
@@ -109,12 +109,12 @@ def test_troubles_that_a_reader_must_stand(profile: Profile, transport: Transpor
     """An echo is passed over; a late answer is no value, or the right one."""
     troubles = (LineTrouble.ECHO, LineTrouble.SLOW)
     ports = (plugged(profile, transport, -0.321, trouble) for trouble in troubles)
-    for trouble, found in zip(troubles, outcomes(profile, ports, timeout_s=2.0), strict=True):
+    for trouble, outcome in zip(troubles, outcomes(profile, ports, timeout_s=2.0), strict=True):
         if trouble is LineTrouble.ECHO and profile.request is not None:
             ended = profile.request(Query()).endswith((b"\r", b"\n"))
-            assert isinstance(found, IndicatorReading) or not ended
-        if isinstance(found, IndicatorReading):
-            assert found.value_mm == pytest.approx(-0.321, abs=0.001), trouble
+            assert isinstance(outcome, IndicatorReading) or not ended
+        if isinstance(outcome, IndicatorReading):
+            assert outcome.value_mm == pytest.approx(-0.321, abs=0.001), trouble
 
 
 @every_profile
@@ -129,7 +129,7 @@ def test_no_reading_is_stale(profile: Profile, transport: Transport) -> None:
         for step in range(1, 6):
             position[0] = 0.25 * step
             time.sleep(2 * profile.stream_s)
-            found = line.ask().result(timeout=60)
-            assert isinstance(found, IndicatorReading)
-            assert found.value_mm == pytest.approx(0.25 * step, abs=0.001)
+            outcome = line.ask().result(timeout=60)
+            assert isinstance(outcome, IndicatorReading)
+            assert outcome.value_mm == pytest.approx(0.25 * step, abs=0.001)
         line.close()

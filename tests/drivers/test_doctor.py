@@ -31,8 +31,8 @@ from drivers.twins import IndicatorTwin, LineTrouble, Twin, TwinPort, default_tr
 QUICK = replace(MITUTOYO_01A, timeout_s=0.3, interval_s=0.0)
 
 
-def told(profile: Profile, port: str, asked: Query | None = None) -> str:
-    findings = examine(profile, port, asked or Query(), PROFILES.values())
+def told(profile: Profile, port: str, query: Query | None = None) -> str:
+    findings = examine(profile, port, query or Query(), PROFILES.values())
     assert all(finding.next_step for finding in findings if not finding.well)
     return "\n".join(f"{f.well} {f.what} {f.next_step}" for f in findings)
 
@@ -51,7 +51,7 @@ def test_a_healthy_indicator() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fault", "said"),
+    ("fault", "message"),
     [
         (LineTrouble.SILENCE, "no answer"),
         (LineTrouble.PARITY, "wrong parity"),
@@ -60,9 +60,9 @@ def test_a_healthy_indicator() -> None:
         ("busy", "busy"),
     ],
 )
-def test_faults_by_name(fault: str, said: str) -> None:
+def test_faults_by_name(fault: str, message: str) -> None:
     lines = examined(QUICK, fault).splitlines()
-    assert any(line.startswith("False ") and said in line for line in lines)
+    assert any(line.startswith("False ") and message in line for line in lines)
 
 
 def test_over_range_and_wrong_profile() -> None:
@@ -110,10 +110,10 @@ def test_usb_tool_that_is_a_keyboard(tmp_path: Path) -> None:
     device.mkdir()
     (device / "idVendor").write_text("0fe7\n")
     (device / "idProduct").write_text("4001\n")
-    (found,) = keyboard_tools(tmp_path)
-    assert isinstance(found, PortFinding)
-    assert not found.well
-    assert "VCP driver" in found.next_step
+    (finding,) = keyboard_tools(tmp_path)
+    assert isinstance(finding, PortFinding)
+    assert not finding.well
+    assert "VCP driver" in finding.next_step
 
 
 def test_no_permission(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -179,11 +179,11 @@ def test_trying_names_the_profile_of_each_twin(name: str) -> None:
     profile = PROFILES[name]
     twin = IndicatorTwin(profile, Spindle(lambda: 0.5, 0.001))
     alike, stream_s = ALIKE.get(name, {name}), min(profile.stream_s, 0.03)
-    found = tried(twin, stream_s)
-    if names(found) != alike:
-        found = tried(twin, stream_s, PATIENT)
-    assert names(found) == alike
-    assert all(finding.well for finding in findings_of(found))
+    trial = tried(twin, stream_s)
+    if names(trial) != alike:
+        trial = tried(twin, stream_s, PATIENT)
+    assert names(trial) == alike
+    assert all(finding.well for finding in findings_of(trial))
 
 
 @dataclass
@@ -196,9 +196,14 @@ class Cable:
     here: bytes = b""
 
     def __call__(self, _: str, **settings: object) -> Cable:
-        own, keys = self.device.line, ("baudrate", "bytesize", "parity", "stopbits")
-        wanted = (own.baud, own.data_bits, own.parity, own.stop_bits)
-        self.matched, self.here = tuple(settings[key] for key in keys) == wanted, b""
+        settings_of_line, keys = self.device.line, ("baudrate", "bytesize", "parity", "stopbits")
+        expected = (
+            settings_of_line.baud,
+            settings_of_line.data_bits,
+            settings_of_line.parity,
+            settings_of_line.stop_bits,
+        )
+        self.matched, self.here = tuple(settings[key] for key in keys) == expected, b""
         return self
 
     def open(self) -> None: ...
@@ -236,10 +241,12 @@ def test_trying_on_a_line_with_speed_and_parity(name: str, monkeypatch: pytest.M
     cable = Cable(profile, IndicatorTwin(profile, Spindle(lambda: 0.5, 0.001)), [])
     monkeypatch.setattr("serial.serial_for_url", cable)
     monkeypatch.setattr("drivers.doctor.LISTEN_S", 0.2)
-    found = try_profiles(HASTY, "/dev/ttyUSB7", Query())
-    assert name in names(found)
-    own = (profile.line.baud, profile.line.parity)
-    assert {(fit.profile.line.baud, fit.profile.line.parity) for fit in found.fits} == {own}
+    trial = try_profiles(HASTY, "/dev/ttyUSB7", Query())
+    assert name in names(trial)
+    line_settings = (profile.line.baud, profile.line.parity)
+    assert {(fit.profile.line.baud, fit.profile.line.parity) for fit in trial.fits} == {
+        line_settings
+    }
     if profile.request is None:
         assert not cable.written
 
@@ -269,19 +276,19 @@ class Noise:
     ],
 )
 def test_no_profile_is_named_for_silence_noise_or_an_echo(twin: Twin, stream_s: float) -> None:
-    found = tried(twin, stream_s)
-    assert not found.fits
-    (*_, last) = findings_of(found)
+    trial = tried(twin, stream_s)
+    assert not trial.fits
+    (*_, last) = findings_of(trial)
     assert not last.well
     assert "no profile fits" in last.what
 
 
 def test_trying_names_a_profile_in_another_unit_and_says_so() -> None:
-    found = tried(IndicatorTwin(PROFILES["mux"], Spindle(lambda: 0.5, 0.001), "wrong-unit"))
-    assert names(found) == ALIKE["mux"]
-    said = findings_of(found)
-    assert not any(finding.well for finding in said if "fits" in finding.what)
-    assert any("reads in inch, mm is expected" in finding.what for finding in said)
+    trial = tried(IndicatorTwin(PROFILES["mux"], Spindle(lambda: 0.5, 0.001), "wrong-unit"))
+    assert names(trial) == ALIKE["mux"]
+    findings = findings_of(trial)
+    assert not any(finding.well for finding in findings if "fits" in finding.what)
+    assert any("reads in inch, mm is expected" in finding.what for finding in findings)
 
 
 def test_trying_stops_when_asked_and_ends_where_the_port_is_gone() -> None:

@@ -18,9 +18,9 @@ def test_example_of_the_documentation() -> None:
     exec(compile(code, "docs/indicators.md", "exec"), names)
     example: Profile = names["EXAMPLE"]
     reply = IndicatorTwin(example, Spindle(lambda: -1.5, 0.001)).receive(b"R\r")
-    found = example.parse(reply.decode().strip(), Query())
-    assert isinstance(found, IndicatorReading)
-    assert found.value_mm == -1.5
+    reading = example.parse(reply.decode().strip(), Query())
+    assert isinstance(reading, IndicatorReading)
+    assert reading.value_mm == -1.5
     for bad in example.bad_replies.values():
         fault = example.parse(bad.reply.decode().strip(), Query())
         assert not isinstance(fault, IndicatorReading)

@@ -99,22 +99,25 @@ class Sender:
 
 
 def senders(chance: random.Random) -> list[Sender]:
-    held = (at_once_out, stalls(2.7, 3.2), stalls(2.7, 3.2, lost=True))
+    stalls_tried = (at_once_out, stalls(2.7, 3.2), stalls(2.7, 3.2, lost=True))
     delays = (at_once, jittered(chance, 0.1, 0.9), jittered(chance, 0.1, 10.0))
-    unasked = [Sender(*each) for each in product((0, 1, 2, 5, 10, 20), delays, held)]
+    unasked = [
+        Sender(*delays_of_sender)
+        for delays_of_sender in product((0, 1, 2, 5, 10, 20), delays, stalls_tried)
+    ]
     slow = [Sender(0, always(late_s), at_once_out) for late_s in (0.1, 0.5, 1, 2.1, 4.5, 7, 10)]
-    cut = [Sender(0, at_once, stalls(*each)) for each in ((8, 9), (12, 30), (40, 70))]
+    cut = [Sender(0, at_once, stalls(*span)) for span in ((8, 9), (12, 30), (40, 70))]
     return unasked + slow + cut
 
 
 def test_nothing_is_taken_without_a_key() -> None:
     chance = random.Random(3)
     pairs = list(product(PROFILES.values(), senders(chance)))
-    whole = chance.sample(pairs, len(pairs))
+    cases = chance.sample(pairs, len(pairs))
     minutes = 0.0
-    for profile, sender in whole if FULL else whole[:120]:
+    for profile, sender in cases if FULL else cases[:120]:
         wire = sender.wire(profile, chance)
-        while wire.now_s < max(15.0, 60 * MINUTES / len(whole)):
+        while wire.now_s < max(15.0, 60 * MINUTES / len(cases)):
             wire.exchange.outcome()
         minutes += wire.now_s / 60
         assert not wire.presses, (profile.name, sender)
@@ -229,10 +232,10 @@ def test_a_lost_byte_changes_no_reading_that_is_kept(profile: Profile) -> None:
         for answers in ((frame, frame, short, frame), (frame, short, frame)):
             wire = Wire(replace(profile, reply=losing(*answers)))
             wire.exchange.outcome()
-            found = [wire.exchange.taken() for _ in range(3)]
+            outcomes = [wire.exchange.taken() for _ in range(3)]
             changed += sum(
                 isinstance(o, IndicatorReading) and o.value_mm != value(profile, frame)
-                for o in found
+                for o in outcomes
             )
     assert changed == 0
 
@@ -259,9 +262,9 @@ def test_the_rest_of_a_line_begun_before_the_question_is_no_answer() -> None:
         wire = Cut(profile)
         wire.wait(0.2 + 0.0005 * phase)
         for _ in range(5):
-            found = wire.exchange.outcome()
-            assert isinstance(found, IndicatorReading)
-            assert found.value_mm == -10.012
+            outcome = wire.exchange.outcome()
+            assert isinstance(outcome, IndicatorReading)
+            assert outcome.value_mm == -10.012
             wire.wait(0.0305)
 
 

@@ -60,12 +60,12 @@ def test_fuzz(profile: Profile) -> None:
         else:
             line = mutated(generator, generator.choice(seeds))
         text = line.decode("latin-1")
-        found = profile.parse(text, Query())
-        assert found is None or isinstance(found, IndicatorReading | Fault)
-        if isinstance(found, IndicatorReading):
+        outcome = profile.parse(text, Query())
+        assert outcome is None or isinstance(outcome, IndicatorReading | Fault)
+        if isinstance(outcome, IndicatorReading):
             values += 1
             match = shape.fullmatch(text)
             assert match, (profile.name, text)
             number = Decimal(match[1].replace(" ", ""))
-            assert found.value_mm == float(number * MILLIMETRES[Unit.MM]), (profile.name, text)
+            assert outcome.value_mm == float(number * MILLIMETRES[Unit.MM]), (profile.name, text)
     assert values > 0, "the mutations keep some replies whole, so some values are expected"

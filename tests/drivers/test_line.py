@@ -156,15 +156,15 @@ def test_motion_takes_its_time() -> None:
     ) as rig:
         rig.go((10.0,))
         with line(rig.ports[0], indicator) as opened:
-            shown = []
+            values = []
             for passed_s in (0.0, 0.25, 0.499, 0.5, 60.0):
                 now_s[0] = 100.0 + passed_s
                 outcome = opened.ask().result(timeout=30)
                 assert isinstance(outcome, IndicatorReading)
-                shown.append(outcome.value_mm)
-    assert shown[0] == 0.0
-    assert 0.0 < shown[1] < shown[2] <= shown[3] == shown[4] == 10.0
-    assert shown[1] == pytest.approx(5.0)  # half way in half the time
+                values.append(outcome.value_mm)
+    assert values[0] == 0.0
+    assert 0.0 < values[1] < values[2] <= values[3] == values[4] == 10.0
+    assert values[1] == pytest.approx(5.0)  # half way in half the time
 
 
 def refused(port: str) -> str:
@@ -251,28 +251,37 @@ def test_a_flood_on_a_socket_ends_with_an_outcome_and_a_closed_port(poured: byte
 
 
 def test_settings_of_the_profile_reach_the_port(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: dict[str, object] = {}
+    settings_made: dict[str, object] = {}
 
     class Port:
         dtr = rts = None
 
         def open(self) -> None:
-            seen.update(dtr=self.dtr, rts=self.rts)
+            settings_made.update(dtr=self.dtr, rts=self.rts)
 
     def record(port: str, **settings: object) -> Port:
-        seen.update(settings, port=port)
+        settings_made.update(settings, port=port)
         return Port()
 
     monkeypatch.setattr("serial.serial_for_url", record)
     open_port(SYLVAC, "COM5")
-    assert (seen["dtr"], seen["rts"]) == (True, False)
-    assert (seen["bytesize"], seen["parity"], seen["stopbits"]) == (7, "E", 2)
+    assert (settings_made["dtr"], settings_made["rts"]) == (True, False)
+    assert (settings_made["bytesize"], settings_made["parity"], settings_made["stopbits"]) == (
+        7,
+        "E",
+        2,
+    )
     open_port(QUICK, "COM5")
-    assert (seen["baudrate"], seen["bytesize"], seen["parity"], seen["stopbits"]) == (
+    assert (
+        settings_made["baudrate"],
+        settings_made["bytesize"],
+        settings_made["parity"],
+        settings_made["stopbits"],
+    ) == (
         9600,
         8,
         "N",
         1,
     )
-    assert seen["exclusive"] is True
-    assert isinstance(seen["timeout"], float)
+    assert settings_made["exclusive"] is True
+    assert isinstance(settings_made["timeout"], float)

@@ -24,12 +24,12 @@ from drivers.twins import IndicatorTwin
     ],
 )
 def test_values(frame: bytes, value: float, resolution: float) -> None:
-    found = MITUTOYO_01A.parse(frame.decode("latin-1"), Query())
-    assert isinstance(found, IndicatorReading)
-    assert found.value_mm == value
-    assert found.resolution_mm == pytest.approx(resolution)
-    assert found.unit_assumed
-    assert found.text == frame.decode()
+    reading = MITUTOYO_01A.parse(frame.decode("latin-1"), Query())
+    assert isinstance(reading, IndicatorReading)
+    assert reading.value_mm == value
+    assert reading.resolution_mm == pytest.approx(resolution)
+    assert reading.unit_assumed
+    assert reading.text == frame.decode()
 
 
 @pytest.mark.parametrize(
@@ -52,15 +52,15 @@ def test_values(frame: bytes, value: float, resolution: float) -> None:
     ],
 )
 def test_what_is_not_a_value(frame: bytes, kind: FaultKind) -> None:
-    found = MITUTOYO_01A.parse(frame.decode("latin-1"), Query())
-    assert isinstance(found, Fault)
-    assert found.kind is kind
+    fault = MITUTOYO_01A.parse(frame.decode("latin-1"), Query())
+    assert isinstance(fault, Fault)
+    assert fault.kind is kind
 
 
 @given(st.binary(max_size=20))
 def test_no_value_from_outside_the_grammar(frame: bytes) -> None:
-    found = MITUTOYO_01A.parse(frame.decode("latin-1"), Query())
-    if isinstance(found, IndicatorReading):
+    outcome = MITUTOYO_01A.parse(frame.decode("latin-1"), Query())
+    if isinstance(outcome, IndicatorReading):
         assert re.fullmatch(rb"01A[+-][0-9]+\.[0-9]+", frame)
 
 
@@ -68,10 +68,10 @@ def test_no_value_from_outside_the_grammar(frame: bytes) -> None:
 def test_the_twin_speaks_what_the_profile_reads(position: float, resolution: float) -> None:
     reply = IndicatorTwin(MITUTOYO_01A, Spindle(lambda: position, resolution)).receive(b"1\r")
     assert reply.endswith(b"\r")
-    found = MITUTOYO_01A.parse(reply[:-1].decode(), Query())
-    assert isinstance(found, IndicatorReading)
-    assert abs(found.value_mm - position) <= resolution / 2 + 1e-9
-    assert found.resolution_mm == pytest.approx(resolution)
+    reading = MITUTOYO_01A.parse(reply[:-1].decode(), Query())
+    assert isinstance(reading, IndicatorReading)
+    assert abs(reading.value_mm - position) <= resolution / 2 + 1e-9
+    assert reading.resolution_mm == pytest.approx(resolution)
 
 
 def test_the_twin_waits_for_a_whole_request() -> None:

@@ -85,8 +85,8 @@ def delta_module() -> ModuleType:
     for name, path in (("mathutil", "mathutil.py"), ("delta", "kinematics/delta.py")):
         module = ModuleType(name)
         with pytest.MonkeyPatch.context() as patch:
-            for known, other in loaded.items():
-                patch.setitem(sys.modules, known, other)
+            for module_name, replacement in loaded.items():
+                patch.setitem(sys.modules, module_name, replacement)
             exec(compile(_source(path), path, "exec"), module.__dict__)
         loaded[name] = module
     return loaded["delta"]
@@ -99,17 +99,17 @@ def configuration_of(path: Path) -> configparser.RawConfigParser:
     exec(compile(_source("configfile.py"), "configfile.py", "exec"), module.__dict__)
     host = MagicMock()
     host.get_start_args.return_value = {"config_file": str(path)}
-    every, _ = module.ConfigAutoSave(host).load_main_config()
-    assert isinstance(every, configparser.RawConfigParser)
-    return every
+    configuration, _ = module.ConfigAutoSave(host).load_main_config()
+    assert isinstance(configuration, configparser.RawConfigParser)
+    return configuration
 
 
 def _source(path: str) -> bytes:
     source = folder_of_sources() / "klipper"
     if not (source / "HEAD").is_file():
         return (source / "klippy" / path).read_bytes()
-    shown = ("git", f"--git-dir={source}", "show", f"HEAD:klippy/{path}")
-    return subprocess.run(shown, check=True, capture_output=True).stdout
+    command = ("git", f"--git-dir={source}", "show", f"HEAD:klippy/{path}")
+    return subprocess.run(command, check=True, capture_output=True).stdout
 
 
 def kinematics_of(text: str) -> Any:  # noqa: ANN401 (a class of Klipper)

@@ -146,8 +146,8 @@ class Board:
         settings: Mapping[str, int] = OWN_NONE,
     ) -> None:
         folder = Path(mkdtemp(prefix="glidecal-run-"))
-        own = {**OWN_SETTINGS[firmware], **settings}
-        (folder / "EEPROM.DAT").write_bytes(_configured(firmware, tuple(own.items())))
+        changes = {**OWN_SETTINGS[firmware], **settings}
+        (folder / "EEPROM.DAT").write_bytes(_configured(firmware, tuple(changes.items())))
         self._simulator = Simulator(firmware, folder)
         self.moves: list[str] = []
         self.late_s = 0.0
@@ -263,14 +263,14 @@ class Simulator:
         self.send(f"{line}\n".encode())
         self._until("ok")
 
-    def _until(self, wanted: str) -> None:
+    def _until(self, prefix: str) -> None:
         end, heard = time.monotonic() + PATIENCE_S, list[str]()
-        while not (heard and heard[-1].startswith(wanted)):
+        while not (heard and heard[-1].startswith(prefix)):
             try:
                 heard.append(self._lines.get(timeout=max(0.0, end - time.monotonic())))
             except queue.Empty:
-                raise AssertionError(f"no {wanted!r} but {heard}") from None
-            if heard[-1] != LOCKED and wanted != STARTED:
+                raise AssertionError(f"no {prefix!r} but {heard}") from None
+            if heard[-1] != LOCKED and prefix != STARTED:
                 assert not heard[-1].startswith(("error:", "ALARM:")), heard
 
     def answer_to(self, port: int) -> None:
@@ -292,11 +292,11 @@ class Simulator:
 
 
 @cache
-def _configured(firmware: str, own: tuple[tuple[str, int], ...]) -> bytes:
+def _configured(firmware: str, changes: tuple[tuple[str, int], ...]) -> bytes:
     """What a board keeps without power once its settings were written."""
     folder = Path(mkdtemp(prefix="glidecal-run-"))
     simulator = Simulator(firmware, folder)
-    for number, value in {**SETTINGS, **dict(own)}.items():
+    for number, value in {**SETTINGS, **dict(changes)}.items():
         simulator.done(f"${number}={value}")
     simulator.close()
     return (folder / "EEPROM.DAT").read_bytes()

@@ -42,7 +42,7 @@ pytestmark = LONG
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
-every = pytest.mark.parametrize("firmware", SOURCES)
+firmwares = pytest.mark.parametrize("firmware", SOURCES)
 WHOLE = Limits((0.0,) * 3, (TRAVEL_MM,) * 3, longest_mm=300.0, fastest_mm_min=60_000.0)
 """All that the board allows."""
 
@@ -120,7 +120,7 @@ def departed(board: Board, gone_mm: float = 5.0) -> None:
     assert comes_true(gone, 30.0), "it does not depart"
 
 
-@every
+@firmwares
 def test_goes_where_it_is_sent(firmware: str) -> None:
     with rig(firmware) as r:
         assert off_mm(r.board.carriages, AT_POWER_ON_MM) < PULSE_MM
@@ -129,7 +129,7 @@ def test_goes_where_it_is_sent(firmware: str) -> None:
             assert off_mm(r.board.carriages, place) < PULSE_MM
 
 
-@every
+@firmwares
 def test_a_board_that_reports_inches_goes_as_far(firmware: str) -> None:
     with rig(firmware, settings={"13": 1}) as r:
         place = (300.0, 320.0, 310.0)
@@ -137,7 +137,7 @@ def test_a_board_that_reports_inches_goes_as_far(firmware: str) -> None:
         assert off_mm(r.board.carriages, place) < PULSE_MM
 
 
-@every
+@firmwares
 def test_stands_still_within_half_a_second_of_a_stop(firmware: str) -> None:
     with rig(firmware) as r:
         r.on_the_way()
@@ -149,7 +149,7 @@ def test_stands_still_within_half_a_second_of_a_stop(firmware: str) -> None:
         assert len(r.board.moves) == 1
 
 
-@every
+@firmwares
 def test_what_follows_a_stop_begins_where_it_stands(firmware: str) -> None:
     with rig(firmware) as r:
         r.on_the_way()
@@ -159,7 +159,7 @@ def test_what_follows_a_stop_begins_where_it_stands(firmware: str) -> None:
         assert off_mm(r.board.carriages, AT_POWER_ON_MM) < PULSE_MM
 
 
-@every
+@firmwares
 @pytest.mark.parametrize("place", [TRAVEL_MM + 1.0, -1.0])
 def test_a_place_beyond_the_limits_of_the_board_is_refused(firmware: str, place: float) -> None:
     need_firmware(firmware)
@@ -176,7 +176,7 @@ def test_a_place_beyond_the_limits_of_the_board_is_refused(firmware: str, place:
             assert board.carriages.joints_mm == before
 
 
-@every
+@firmwares
 def test_a_board_of_a_smaller_machine_is_refused(firmware: str) -> None:
     need_firmware(firmware)
     with closing(Board(firmware)) as board:
@@ -188,7 +188,7 @@ def test_a_board_of_a_smaller_machine_is_refused(firmware: str) -> None:
         line.close()
 
 
-@every
+@firmwares
 def test_a_board_that_is_locked_is_homed_with_the_operators_consent_only(firmware: str) -> None:
     with rig(firmware, homed=False, confirmed=False) as r:
         assert r.line.state is State.FAULT
@@ -206,7 +206,7 @@ def test_a_board_that_is_locked_is_homed_with_the_operators_consent_only(firmwar
         assert off_mm(r.board.carriages, place) < PULSE_MM
 
 
-@every
+@firmwares
 def test_a_homing_that_is_stopped_ends_within_half_a_second_and_homes_nothing(
     firmware: str,
 ) -> None:
@@ -247,7 +247,7 @@ def test_a_board_that_was_never_homed_and_reports_so_is_refused() -> None:
         line.close()
 
 
-@every
+@firmwares
 def test_the_reset_key_of_the_panel_is_a_fault(firmware: str) -> None:
     with rig(firmware) as r:
         r.on_the_way()
@@ -261,7 +261,7 @@ def test_the_reset_key_of_the_panel_is_a_fault(firmware: str) -> None:
         assert not r.line.homing_confirmed
 
 
-@every
+@firmwares
 def test_a_reset_at_rest_is_noticed(firmware: str) -> None:
     with rig(firmware) as r:
         r.board.from_elsewhere(b"\x18")
@@ -271,7 +271,7 @@ def test_a_reset_at_rest_is_noticed(firmware: str) -> None:
         assert r.board.moves == []
 
 
-@every
+@firmwares
 def test_the_hold_key_of_the_panel_at_rest_is_noticed(firmware: str) -> None:
     with rig(firmware) as r:
         r.board.press(HOLD)
@@ -291,7 +291,7 @@ def test_the_hold_key_of_the_panel_on_the_way_stops_grbl() -> None:
         r.rests_since(pressed_s)
 
 
-@every
+@firmwares
 @pytest.mark.parametrize("by_operator", [False, True], ids=["seen in a look", "stopped at once"])
 def test_a_move_that_waits_in_a_hold_never_starts(
     firmware: str, by_operator: bool, monkeypatch: pytest.MonkeyPatch
@@ -320,7 +320,7 @@ def test_a_move_that_waits_in_a_hold_never_starts(
         assert off_mm(r.board.carriages, AT_POWER_ON_MM) < PULSE_MM
 
 
-@every
+@firmwares
 def test_an_offset_of_another_client_is_noticed_before_the_next_move(firmware: str) -> None:
     with rig(firmware) as r:
         r.board.from_elsewhere(b"G92X0Y0Z0\n")
@@ -332,7 +332,7 @@ def test_an_offset_of_another_client_is_noticed_before_the_next_move(firmware: s
         assert "WCO" in r.line.why
 
 
-@every
+@firmwares
 def test_a_jog_of_another_client_is_noticed_at_rest(firmware: str) -> None:
     with rig(firmware) as r:
         r.board.from_elsewhere(b"$J=G91G21X1F600\n")
@@ -340,7 +340,7 @@ def test_a_jog_of_another_client_is_noticed_at_rest(firmware: str) -> None:
         assert not r.line.consent()
 
 
-@every
+@firmwares
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGSTOP])
 def test_without_its_guard_it_rests(firmware: str, end: signal.Signals) -> None:
     with rig(firmware, patience=STRICT) as r:
@@ -375,7 +375,7 @@ while True:
 """
 
 
-@every
+@firmwares
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_program_that_is_killed_or_suspended_leaves_the_machine_at_rest(
     firmware: str, end: signal.Signals
@@ -400,18 +400,18 @@ def test_a_program_that_is_killed_or_suspended_leaves_the_machine_at_rest(
 
 def wrong(readings: tuple[Reading, ...], bench: Bench) -> list[str]:
     """Readings that are not those of the posture that the record says."""
-    left = []
+    differences = []
     for reading in readings:
         leg, axis = "xyz".index(reading.leg), "xyz".index(reading.axis)
         tool = [0.0, 0.0, 0.0]
         tool[leg] = reading.displacement_mm
         right = bench.reading_mm(leg, axis, reading.station, (tool[0], tool[1], tool[2]))
         if abs(reading.value_mm - right) > READ_MM:
-            left.append(f"step {reading.step}: {reading.value_mm} for {right:.4f}")
-    return left
+            differences.append(f"step {reading.step}: {reading.value_mm} for {right:.4f}")
+    return differences
 
 
-@every
+@firmwares
 def test_a_whole_session(firmware: str, tmp_path: Path) -> None:
     need_firmware(firmware)
     path = tmp_path / "a.jsonl"

@@ -56,22 +56,22 @@ def test_klipper_moves_the_true_machine_nearer_with_the_height_kept(tmp_path: Pa
     session, out = true.read_over_the_plate(true.OFF_IN_ALL, tmp_path), tmp_path / "calib.cfg"
     run = glidecal("export", session, "--format", "klipper", "-o", out)
     assert run.status == 0, run.err
-    now, told = by_klipper(NOW), by_klipper(NOW + out.read_text())
+    now, after = by_klipper(NOW), by_klipper(NOW + out.read_text())
     assert now(MIDDLE) == pytest.approx(true.BELIEVED(MIDDLE), abs=1e-9)
-    raised = true.OFF_IN_ALL.tool(told(MIDDLE))[2] - true.OFF_IN_ALL.tool(now(MIDDLE))[2]
+    raised = true.OFF_IN_ALL.tool(after(MIDDLE))[2] - true.OFF_IN_ALL.tool(now(MIDDLE))[2]
     assert raised == pytest.approx(0.0, abs=0.05)
-    assert true.rms(true.errors(true.OFF_IN_ALL, told)) < true.rms(
+    assert true.rms(true.errors(true.OFF_IN_ALL, after)) < true.rms(
         true.errors(true.OFF_IN_ALL, now)
     )
 
 
 def test_klipper_turns_the_motors_of_stretched_belts_by_what_the_file_says(tmp_path: Path) -> None:
     text = true.exported(true.STRETCHED, "klipper", tmp_path).read_text()
-    told = by_klipper(NOW + text)
-    off = true.errors(true.STRETCHED, told)
+    after = by_klipper(NOW + text)
+    off = true.errors(true.STRETCHED, after)
     assert true.rms(true.errors(true.STRETCHED, by_klipper(NOW))) > 0.3
     assert np.abs(off).max() < 2e-5, "rounding of the numbers in the file"
-    raised = true.STRETCHED.tool(told(MIDDLE)) - true.STRETCHED.tool(true.BELIEVED(MIDDLE))
+    raised = true.STRETCHED.tool(after(MIDDLE)) - true.STRETCHED.tool(true.BELIEVED(MIDDLE))
     assert raised[2] == pytest.approx(0.0, abs=2e-5)
 
 
@@ -88,8 +88,8 @@ def test_stable_positions_are_imported_as_klipper_reads_them(tmp_path: Path) -> 
         lines += [f"height{number} = 0.25", f"height{number}_pos = {steps}"]
     path = tmp_path / "printer.cfg"
     path.write_text(PRINTER + superseded() + saved(lines), encoding="utf-8")
-    found = imported_printer([path], "test")
-    for contact, place in zip(found.contacts, places, strict=True):
+    printer = imported_printer([path], "test")
+    for contact, place in zip(printer.contacts, places, strict=True):
         (steps_text,) = [line.split("= ")[1] for line in lines if _of(contact.text, line)]
         by_klipper_mm = calibration.get_position_from_stable(
             [float(step) for step in steps_text.split(",")]
@@ -100,7 +100,7 @@ def test_stable_positions_are_imported_as_klipper_reads_them(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("held", "instead"),
+    ("line", "instead"),
     [
         ("", ""),
         ("#arm_length: 249.0", "arm_length: 251.0"),
@@ -113,12 +113,12 @@ def test_stable_positions_are_imported_as_klipper_reads_them(tmp_path: Path) -> 
     ids=["saved", "above", "included", "included before"],
 )
 def test_of_two_values_klipper_and_the_import_take_the_same(
-    tmp_path: Path, held: str, instead: str
+    tmp_path: Path, line: str, instead: str
 ) -> None:
     values = "[stepper_b]\narm_length: 250.5\nangle: 331\n[printer]\ndelta_radius: 124.5\n"
     (tmp_path / "calib.cfg").write_text(values, encoding="utf-8")
     path = tmp_path / "printer.cfg"
-    path.write_text(printer_cfg(true.Hidden(), 7).replace(held, instead, 1), encoding="utf-8")
+    path.write_text(printer_cfg(true.Hidden(), 7).replace(line, instead, 1), encoding="utf-8")
     theirs = configuration_of(path)
     machine = imported_printer([path], "test").opened.machine
     assert machine.drive is not None

@@ -27,11 +27,11 @@ def session(folder: Path, *rows: str, header: str = HEADER) -> Session:
 
 
 def test_a_place_is_an_observation_with_nothing_read(tmp_path: Path) -> None:
-    found = session(tmp_path, "0,0,0.25,0,1", "0,60,-0.10,0,1")
-    assert found.of_contacts
-    assert [one.value_mm for one in found.readings] == [0.0, 0.0]
-    assert [one.text for one in found.readings] == ["0.25", "-0.10"]
-    observed = to_observations([found])
+    record = session(tmp_path, "0,0,0.25,0,1", "0,60,-0.10,0,1")
+    assert record.of_contacts
+    assert [reading.value_mm for reading in record.readings] == [0.0, 0.0]
+    assert [reading.text for reading in record.readings] == ["0.25", "-0.10"]
+    observed = to_observations([record])
     assert observed.contact.all()
     assert observed.position_mm.tolist() == [[0.0, 0.0, 0.25], [0.0, 60.0, -0.10]]
     assert observed.value_mm.tolist() == [0.0, 0.0]
@@ -60,29 +60,29 @@ def test_the_step_is_that_of_the_places(tmp_path: Path) -> None:
 
 
 def test_a_table_of_contacts_comes_back_the_same(tmp_path: Path) -> None:
-    found = session(tmp_path, "0,0,0.25,0,1", "0,60,-0.10,0,1", "0,60,24.9,25,2")
-    table = found.table()
+    record = session(tmp_path, "0,0,0.25,0,1", "0,60,-0.10,0,1", "0,60,24.9,25,2")
+    table = record.table()
     assert table.names[:6] == ("x_mm", "y_mm", "z_mm", "axis", "lift_mm", "height_mm")
     again = tmp_path / "again.csv"
     path = tmp_path / "s.jsonl"
-    write_whole(path, found.opened, list(found.all_readings))
+    write_whole(path, record.opened, list(record.all_readings))
     run = glidecal("export", path, "--table", "readings", "--format", "csv", "-o", again)
     assert run.status == 0, run.err
-    opened, events, _ = opened_table(again, found.opened.machine, "test")
+    opened, events, _ = opened_table(again, record.opened.machine, "test")
     assert fold([opened, *events]).table().rows == table.rows
 
 
 def test_correcting_nothing_leaves_contacts_as_they_are(tmp_path: Path) -> None:
     from calib.diagnosis.results import CleanedReadings
 
-    found = session(tmp_path, "0,0,0.100,0,1", "0,60,0.3,0,1", "0,0,0.108,0,2")
-    observed, rows = to_observations([found]), np.arange(3)
+    record = session(tmp_path, "0,0,0.100,0,1", "0,60,0.3,0,1", "0,0,0.108,0,2")
+    observed, rows = to_observations([record]), np.arange(3)
     cleaned = CleanedReadings(observed, rows, np.zeros(3, dtype=np.intp))
-    assert list(corrected_readings(found, cleaned)) == []
+    assert list(corrected_readings(record, cleaned)) == []
 
 
 @pytest.mark.parametrize(
-    ("header", "row", "said"),
+    ("header", "row", "message"),
     [
         (HEADER + ",value_mm", "0,0,0,0,1,0", "not both"),
         (HEADER, "0,0,0.1,1001,1", "column height_mm: found '1001'. Allowed: a number of"),
@@ -93,19 +93,19 @@ def test_correcting_nothing_leaves_contacts_as_they_are(tmp_path: Path) -> None:
     ],
 )
 def test_tables_of_contacts_that_cannot_be(
-    tmp_path: Path, header: str, row: str, said: str
+    tmp_path: Path, header: str, row: str, message: str
 ) -> None:
     with pytest.raises(RecordError) as problem:
         session(tmp_path, row, header=header)
-    assert said in " ".join(str(problem.value).split())
+    assert message in " ".join(str(problem.value).split())
 
 
 def test_a_place_that_is_not_what_its_text_says_is_told(tmp_path: Path) -> None:
-    found = session(tmp_path, "0,0,0.25,0,1", "0,60,-0.10,0,1")
+    record = session(tmp_path, "0,0,0.25,0,1", "0,60,-0.10,0,1")
     path, altered = tmp_path / "s.jsonl", tmp_path / "altered.jsonl"
-    write_whole(path, found.opened, list(found.all_readings))
+    write_whole(path, record.opened, list(record.all_readings))
     assert glidecal("validate", path).status == 0
     first, second = read_record(path).session.all_readings
-    other = second.model_copy(update={"position_mm": (0.0, 60.0, -0.15)})
-    write_whole(altered, found.opened, [first, other])
+    variant = second.model_copy(update={"position_mm": (0.0, 60.0, -0.15)})
+    write_whole(altered, record.opened, [first, variant])
     assert "z_mm -0.15 beside the text '-0.10'" in refused(3, "validate", altered)

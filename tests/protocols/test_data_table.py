@@ -54,14 +54,14 @@ def read_back(session: Session, form: str, folder: Path) -> Session:
 OF_A_LINE = {"line", "previous", "at", "seal", "step"}
 
 
-def same(one: Session, other: Session) -> bool:
+def same(first: Session, second: Session) -> bool:
     """Readings but for the step of a procedure, which a table does not have; zeros; flags."""
-    kept, found = (
+    lines, second_lines = (
         [reading.model_dump(exclude=OF_A_LINE) for reading in session.all_readings]
-        for session in (one, other)
+        for session in (first, second)
     )
-    flags = (one.superseded, one.restored), (other.superseded, other.restored)
-    return kept == found and flags[0] == flags[1]
+    flags = (first.superseded, first.restored), (second.superseded, second.restored)
+    return lines == second_lines and flags[0] == flags[1]
 
 
 @pytest.mark.parametrize("form", FORMATS)
@@ -93,7 +93,7 @@ def test_a_protected_text_is_inert_and_comes_back(text: str) -> None:
 def hostile_session(seed: int) -> Session:
     """Readings of two mountings with strangers' words in every text, and some that do not count."""
     pick = random.Random(seed)
-    names = [printable(one) for one in (*HOSTILE, f"n{seed}")]
+    names = [printable(cell) for cell in (*HOSTILE, f"n{seed}")]
     mounts = pick.sample([name for name in names if name not in ("''", "")], 2)
     columns = pick.sample([name for name in names if name.strip()], 2)
     moved = Moved(

@@ -141,8 +141,8 @@ class Operator:
             torn.write(b'{"line":9,"prev')
         again = self._patiently(lambda: Journal.resume(self.path, "test again"))
         if again is not None:
-            taken = sum(isinstance(event, Reading) for event in again.events)
-            self._take(again, reading(taken + 1))
+            count = sum(isinstance(event, Reading) for event in again.events)
+            self._take(again, reading(count + 1))
             self._patiently(lambda: again.finish(complete=True))
             self._patiently(again.close)
 
@@ -189,11 +189,11 @@ def test_a_fault_at_every_call_of_a_session(
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setenv("USERPROFILE", str(tmp_path / "home"))
     (tmp_path / "home").mkdir()
-    whole, operator = run(tmp_path / "none", remove)
+    complete, operator = run(tmp_path / "none", remove)
     assert operator.told == [1, 2, 3, 4, 5]
     assert not operator.words
-    assert {"write", "truncate", "fsync", "stat", "read", "close"} <= set(whole.calls)
-    for number, name in enumerate(whole.calls):
+    assert {"write", "truncate", "fsync", "stat", "read", "close"} <= set(complete.calls)
+    for number, name in enumerate(complete.calls):
         for fault in FAULTS:
             folder = tmp_path / f"{number}-{fault}"
             _, operator = run(folder, remove, fails_at=number, fault=fault, lasts=lasts)
@@ -204,5 +204,5 @@ def test_a_fault_at_every_call_of_a_session(
                 record[: len(operator.told)] == operator.told for record in records
             )
             assert not lost, (name, fault, operator.told, records, operator.words)
-            for left in (tmp_path / "home").iterdir():
-                left.unlink()
+            for path in (tmp_path / "home").iterdir():
+                path.unlink()

@@ -68,8 +68,8 @@ def test_a_distance_that_cannot_be_is_named(tmp_path: Path) -> None:
         which = ("--machine", "linear-delta", "--distances", path)
         assert glidecal("import", CONTACTS, "-o", out, *which).status == 0
         words = " ".join(glidecal("solve", out).out.split())
-        said = "WARNING: distance 2 of wrong.jsonl, 120.46 mm, is"
-        assert (said in words) == warned
+        warning = "WARNING: distance 2 of wrong.jsonl, 120.46 mm, is"
+        assert (warning in words) == warned
         assert ("WARNING: distance" in words) == warned
 
 
@@ -81,8 +81,8 @@ def test_distances_stand_beside_readings_of_legs(tmp_path: Path) -> None:
     assert run.status == 0, run.err
     assert "2 distances between marks" in glidecal("solve", out).out
     for verb in ("diagnose", "report"):
-        more = ("-o", tmp_path / "r.html") if verb == "report" else ()
-        assert glidecal(verb, out, *more).status == 0
+        options = ("-o", tmp_path / "r.html") if verb == "report" else ()
+        assert glidecal(verb, out, *options).status == 0
 
 
 def test_what_was_measured_before_a_change_is_of_another_machine() -> None:
@@ -97,15 +97,15 @@ def test_what_was_measured_before_a_change_is_of_another_machine() -> None:
 
 def test_numbers_count_up(tmp_path: Path) -> None:
     record = read_record(ROOT / "sample_sessions" / "every_schema" / "5" / "contacts.jsonl")
-    session, (first, *others) = record.session, record.session.distances
+    session, (first, *remaining) = record.session, record.session.distances
     path = tmp_path / "s.jsonl"
-    write_whole(path, session.opened, [*session.all_readings, *others, first])
+    write_whole(path, session.opened, [*session.all_readings, *remaining, first])
     with pytest.raises(RecordError, match=r"found distance 2\. Allowed: distance 1"):
         read_record(path)
 
 
 @pytest.mark.parametrize(
-    ("row", "said"),
+    ("row", "message"),
     [
         ("-60,0,0,60,0,0,12.013,0.02", "12.013 mm between marks that were commanded 120 mm apart"),
         ("-60,0,0,60,0,0,-120,0.02", "-120 mm between marks"),
@@ -117,19 +117,19 @@ def test_numbers_count_up(tmp_path: Path) -> None:
         ("-60,0,0,60,0,0,120,9", "a standard deviation of 9 mm"),
     ],
 )
-def test_tables_that_cannot_be(tmp_path: Path, row: str, said: str) -> None:
+def test_tables_that_cannot_be(tmp_path: Path, row: str, message: str) -> None:
     with pytest.raises(RecordError) as problem:
         distances(tmp_path, row)
-    assert said in " ".join(str(problem.value).split())
+    assert message in " ".join(str(problem.value).split())
 
 
 def test_tables_in_each_others_place(tmp_path: Path) -> None:
-    out, own = ("-o", tmp_path / "s.jsonl"), table(tmp_path, *ROWS)
-    assert "distances between marks, and no reading" in refused(3, "import", own, *out)
+    out, source = ("-o", tmp_path / "s.jsonl"), table(tmp_path, *ROWS)
+    assert "distances between marks, and no reading" in refused(3, "import", source, *out)
     which = ("--machine", "linear-delta", "--distances", CONTACTS)
     assert "Missing: distance_mm" in refused(3, "import", CONTACTS, *out, *which)
     assert "no distances" in refused(2, "import", CONTACTS, *out, "--distance-deviation", "0.1")
-    deviation = ("--distances", own, "--distance-deviation", "0")
+    deviation = ("--distances", source, "--distance-deviation", "0")
     assert "a standard deviation of 0 mm" in refused(
         3, "import", CONTACTS, *which[:2], *out, *deviation
     )

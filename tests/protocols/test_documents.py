@@ -20,7 +20,7 @@ def test_default_machine_is_the_prototype() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("leg_length = 300\n", "leg_length: no such key"),
         ('leg_length_mm = "300"\n', "leg_length_mm"),
@@ -36,10 +36,10 @@ def test_default_machine_is_the_prototype() -> None:
         ("leg_length_mm = \n", "TOML"),
     ],
 )
-def test_bad_machine_files(tmp_path: Path, text: str, said: str) -> None:
+def test_bad_machine_files(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "m.toml"
     path.write_text(text)
-    with pytest.raises(RecordError, match=said):
+    with pytest.raises(RecordError, match=message):
         load_machine(path)
 
 
@@ -72,7 +72,7 @@ def test_model_round_trip(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ('{"schema": "glidecal.model/2"}', "schema"),
         ('{"parameters_mm": {"d_rho_w": 1.0}}', "d_rho_w"),
@@ -81,8 +81,8 @@ def test_model_round_trip(tmp_path: Path) -> None:
         ("{", "JSON"),
     ],
 )
-def test_bad_models(tmp_path: Path, text: str, said: str) -> None:
+def test_bad_models(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "model.json"
     path.write_text(text)
-    with pytest.raises(RecordError, match=said):
+    with pytest.raises(RecordError, match=message):
         read_model(path)

@@ -69,7 +69,7 @@ def due(
     """What is expected next along y (and z, where it was read) after these readings at Zero."""
     axes = tuple(axis for axis in "yz" if any(mount.startswith(f"x{axis}") for mount, _, _ in raw))
     mounts = {axis: next(m for m, _, _ in raw[::-1] if m[1] == axis) for axis in axes}
-    readings = [reading(k, one) for k, one in enumerate(raw, start=1)]
+    readings = [reading(k, row) for k, row in enumerate(raw, start=1)]
     mounted = Mounted.model_validate({"leg": "x", "station": 0.5, "mounts": mounts})
     session = fold([opened(machine, limit_mm), mounted, *readings, *then])
     step = Step(99, "x", displacement_mm, 9, 0.5, axes)  # type: ignore[arg-type]
@@ -85,22 +85,22 @@ def test_nothing_is_expected_of_the_first_reading_of_a_mounting() -> None:
 
 
 def test_a_repeat_is_expected_at_the_mean_of_the_earlier_ones() -> None:
-    (one,) = due(CALM, 60.0)
-    assert one.mean_mm == pytest.approx(0.32, abs=0.001)
-    assert one.limit_mm == LIMIT_MM
-    assert one.is_beyond(0.50)
-    assert one.is_beyond(0.20)
-    assert not one.is_beyond(0.36)
+    (expectation,) = due(CALM, 60.0)
+    assert expectation.mean_mm == pytest.approx(0.32, abs=0.001)
+    assert expectation.limit_mm == LIMIT_MM
+    assert expectation.is_beyond(0.50)
+    assert expectation.is_beyond(0.20)
+    assert not expectation.is_beyond(0.36)
 
 
 def test_the_first_visit_is_expected_within_the_tolerances_of_the_parts() -> None:
     """sqrt(a² + b²) of 2 mm and sqrt(c² + b²) of 0.1 mm, a, b, c of papers/000, (11); 0.1 √2 mm."""
-    (one,) = due([("xy", 0.0, 5.0)], 60.0)
-    assert one.mean_mm == pytest.approx(5.0, abs=1e-6)
+    (expectation,) = due([("xy", 0.0, 5.0)], 60.0)
+    assert expectation.mean_mm == pytest.approx(5.0, abs=1e-6)
     parts_mm = (0.4737**2 + 0.0263**2 + 0.02) ** 0.5
-    assert one.sure == pytest.approx((5.0, parts_mm), abs=0.003)
+    assert expectation.sure == pytest.approx((5.0, parts_mm), abs=0.003)
     play_mm = 0.05 * (0.5 + 60.0 / 310.25)  # of carriage y, which goes down; the bar slid by 60 mm
-    assert one.deviation_mm == pytest.approx(math.hypot(parts_mm, play_mm), abs=0.003)
+    assert expectation.deviation_mm == pytest.approx(math.hypot(parts_mm, play_mm), abs=0.003)
     small = Machine(offset_tolerance_mm=0.02, length_tolerance_mm=0.01)
     (well_made,) = due([("xy", 0.0, 5.0)], 60.0, machine=small)
     assert well_made.sure[1] < 0.01
@@ -117,11 +117,11 @@ def test_a_leg_tells_what_to_expect_of_the_next_one() -> None:
     raw = [("xy", at, value) for at, value in ((0.0, 0.0), *read.items())]
     zero = reading(4, ("yx", 0.0, 1.0)).model_copy(update={"leg": "y", "axis": "x"})
     mounted = Mounted(leg="y", station=0.5, mounts={"x": "yx"})
-    readings = [reading(k, one) for k, one in enumerate(raw, start=1)]
+    readings = [reading(k, row) for k, row in enumerate(raw, start=1)]
     session = fold([opened(), *readings, mounted, zero])
-    (one,) = expected(session, Step(99, "y", 60.0, 1, 0.5, ("x",)), AT_S)
-    assert one.sure[1] < 0.25
-    assert one.mean_mm == pytest.approx(1.0 + x * 1.0 + y * 2.0, abs=0.25)
+    (expectation,) = expected(session, Step(99, "y", 60.0, 1, 0.5, ("x",)), AT_S)
+    assert expectation.sure[1] < 0.25
+    assert expectation.mean_mm == pytest.approx(1.0 + x * 1.0 + y * 2.0, abs=0.25)
 
 
 def test_play_is_expected_from_the_other_side_and_known_once_it_was_seen() -> None:
@@ -136,25 +136,25 @@ def test_play_is_expected_from_the_other_side_and_known_once_it_was_seen() -> No
     assert back.deviation_mm == pytest.approx(0.5 * 0.05, abs=0.004)
     assert not back.is_beyond(-0.06)
     assert back.is_beyond(-0.10)
-    known = [*out, ("xy", 22.0, -0.06), ("xy", 0.0, -0.06), ("xy", 22.0, 0.0)]
-    (following,) = due([*known, ("xy", 60.0, 0.0)], 22.0)
+    readings = [*out, ("xy", 22.0, -0.06), ("xy", 0.0, -0.06), ("xy", 22.0, 0.0)]
+    (following,) = due([*readings, ("xy", 60.0, 0.0)], 22.0)
     assert following.mean_mm == pytest.approx(-0.06, abs=0.01)
     assert following.limit_mm == LIMIT_MM
 
 
 def test_another_mounting_has_a_zero_of_its_own() -> None:
-    (one,) = due([("xy", 0.0, 0.1), ("xy#2", 0.0, 0.9)], 0.0)
-    assert one.mean_mm == pytest.approx(0.9, abs=0.001)
+    (expectation,) = due([("xy", 0.0, 0.1), ("xy#2", 0.0, 0.9)], 0.0)
+    assert expectation.mean_mm == pytest.approx(0.9, abs=0.001)
 
 
 def test_a_kept_outlier_does_not_make_the_next_one_questionable() -> None:
     superseded = Superseded(readings=(5,), reason="questioned")
-    kept = Restored(readings=(5,), reason="kept")
+    restoration = Restored(readings=(5,), reason="kept")
     raw = [*CALM, ("xy", 60.0, 0.9)]
     assert due(raw, 60.0, then=[superseded])[0].mean_mm == pytest.approx(0.32, abs=0.001)
-    (one,) = due(raw, 60.0, then=[superseded, kept])
-    assert one.mean_mm == pytest.approx(0.32, abs=0.01)
-    assert one.before.reading == 5
+    (expectation,) = due(raw, 60.0, then=[superseded, restoration])
+    assert expectation.mean_mm == pytest.approx(0.32, abs=0.01)
+    assert expectation.before.reading == 5
 
 
 def test_no_machine_drifts_back_in_a_question() -> None:
@@ -165,8 +165,8 @@ def test_no_machine_drifts_back_in_a_question() -> None:
     ]
     mounted = Mounted(leg="x", station=0.5, mounts={"y": "xy"})
     session = fold([opened(), mounted, *readings])
-    (one,) = expected(session, Step(99, "x", 60.0, 1, 0.5, ("y",)), 80.0)
-    assert one.mean_mm == pytest.approx(0.36, abs=0.01)
+    (expectation,) = expected(session, Step(99, "x", 60.0, 1, 0.5, ("y",)), 80.0)
+    assert expectation.mean_mm == pytest.approx(0.36, abs=0.01)
 
 
 def to(displacement_mm: float) -> Step:
@@ -177,7 +177,7 @@ KNOWN = [("xy", 60.0, 0.30), ("xz", 60.0, 0.0), ("xy", 0.0, 0.0), ("xz", 0.0, 0.
 
 
 @pytest.mark.parametrize(
-    ("at_mm", "shown", "after_s", "told"),
+    ("at_mm", "display", "after_s", "outcome"),
     [
         (60.0, (0.30, 0.0), 5.0, Movement.SEEN),
         (60.0, (0.002, 0.001), 5.0, Movement.UNCHANGED),
@@ -188,10 +188,10 @@ KNOWN = [("xy", 60.0, 0.30), ("xz", 60.0, 0.0), ("xy", 0.0, 0.0), ("xz", 0.0, 0.
     ],
 )
 def test_what_readings_tell_of_a_move(
-    at_mm: float, shown: tuple[float, float], after_s: float, told: Movement
+    at_mm: float, display: tuple[float, float], after_s: float, outcome: Movement
 ) -> None:
     rests_mm = (0.004, 0.004)
-    assert movement(to(at_mm), due(KNOWN, at_mm), shown, rests_mm, AT_S + after_s) is told
+    assert movement(to(at_mm), due(KNOWN, at_mm), display, rests_mm, AT_S + after_s) is outcome
 
 
 def test_on_a_calibrated_machine_readings_prove_nothing() -> None:
@@ -261,15 +261,15 @@ def test_the_third_repeat_settles_which_was_wrong() -> None:
 def test_it_is_settled_also_where_the_second_was_kept() -> None:
     steps = [*CYCLE, (0.0, 0.0), (60.0, -0.4), (-100.0, -0.41), (0.0, 0.0), (60.0, -0.403)]
     questioned = Superseded(readings=(5,), reason="questioned")
-    kept = Restored(readings=(5,), reason="kept")
-    assert of_latest(steps, [questioned, kept]) == (False, [2], True)
+    restoration = Restored(readings=(5,), reason="kept")
+    assert of_latest(steps, [questioned, restoration]) == (False, [2], True)
 
 
 def test_three_that_all_differ_settle_nothing() -> None:
     steps = [*CYCLE, (0.0, 0.0), (60.0, -0.4), (-100.0, -0.41), (0.0, 0.0), (60.0, 1.0)]
     questioned = Superseded(readings=(5,), reason="questioned")
-    kept = Restored(readings=(5,), reason="kept")
-    disagree = of_latest(steps, [questioned, kept])
+    restoration = Restored(readings=(5,), reason="kept")
+    disagree = of_latest(steps, [questioned, restoration])
     assert disagree is not None
     latest, earlier, repeats = disagree
     assert latest

@@ -71,8 +71,8 @@ def test_cut_anywhere_opens_up_to_the_last_whole_line(path: Path) -> None:
     first = content.index(b"\n") + 1
     for cut in range(first, len(content)):
         record = check_record(path, content[:cut])
-        whole = content[:cut].count(b"\n")
-        assert len(record.events) == whole
+        complete = content[:cut].count(b"\n")
+        assert len(record.events) == complete
         assert record.end == ("open" if content[cut - 1 : cut] == b"\n" else "torn")
 
 
@@ -113,7 +113,7 @@ def test_lines_missing_doubled_or_moved(path: Path, how: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "message"),
     [
         (b'{"event":"opened","schema":"glidecal.session/99"}\n', "newer glidecal"),
         (b'{"event":"opened","schema":"other/1"}\n', "Not a session"),
@@ -123,9 +123,9 @@ def test_lines_missing_doubled_or_moved(path: Path, how: str) -> None:
         (b"\xff\xfe\x00\n", "one JSON event"),
     ],
 )
-def test_what_is_not_a_session_says_so(path: Path, line: bytes, said: str) -> None:
+def test_what_is_not_a_session_says_so(path: Path, line: bytes, message: str) -> None:
     path.write_bytes(line)
-    with pytest.raises(RecordError, match=said):
+    with pytest.raises(RecordError, match=message):
         read_record(path)
 
 
@@ -168,17 +168,17 @@ def test_one_writer_at_a_time(path: Path) -> None:
 @needs_links
 @pytest.mark.parametrize("way", ["symbolic", "hard"])
 def test_one_writer_at_a_time_by_whatever_name(path: Path, way: str) -> None:
-    other = path.with_name("other.jsonl")
+    alias = path.with_name("other.jsonl")
     journal = Journal.create(path, opened())
     if way == "hard":
-        other.hardlink_to(path)
+        alias.hardlink_to(path)
     else:
-        other.symlink_to(path)
+        alias.symlink_to(path)
     with pytest.raises(RecordError, match="in use" if way == "hard" else "a link to"):
-        Journal.resume(other, "second")
+        Journal.resume(alias, "second")
     journal.append(reading(1))
     journal.close()
-    assert read_record(other).end == "open"
+    assert read_record(alias).end == "open"
 
 
 def test_without_locks_nothing_is_recorded(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -235,8 +235,8 @@ def test_two_who_write_at_the_same_moment_lose_nothing(
     for journal, place in ((first, "s-kept.jsonl"), (second, "s-kept-2.jsonl")):
         with pytest.raises(RecordError, match=re.escape(place)):
             journal.append(reading(3))
-        taken = list(fold(journal.events).readings)
-        assert list(fold(read_record(path.with_name(place)).events).readings) == taken
+        readings = list(fold(journal.events).readings)
+        assert list(fold(read_record(path.with_name(place)).events).readings) == readings
         with pytest.raises(RecordError):
             journal.close()
 
@@ -298,10 +298,10 @@ def test_an_empty_file_of_a_killed_program_is_begun_again(path: Path) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX pipes")
 def test_only_regular_files_of_a_sensible_size_are_read(path: Path, tmp_path: Path) -> None:
     os.mkfifo(path)
-    for thing, said in ((path, "a pipe or a device"), (tmp_path, "a folder")):
-        with pytest.raises(RecordError, match=said):
+    for thing, message in ((path, "a pipe or a device"), (tmp_path, "a folder")):
+        with pytest.raises(RecordError, match=message):
             read_record(thing)
-        with pytest.raises(RecordError, match=said):
+        with pytest.raises(RecordError, match=message):
             Journal.resume(thing, "test")
     with pytest.raises(RecordError, match="a pipe or a device"):
         read_record(Path("/dev/zero"))
@@ -356,7 +356,7 @@ def test_records_without_seals_are_read(path: Path) -> None:
 def test_windows_locks_one_byte_behind_every_record(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    taken: set[int] = set()
+    places: set[int] = set()
 
     class Msvcrt:
         LK_NBLCK = 2
@@ -365,9 +365,9 @@ def test_windows_locks_one_byte_behind_every_record(
         def locking(descriptor: int, mode: int, count: int) -> None:
             place = os.lseek(descriptor, 0, os.SEEK_CUR)
             assert (mode, count) == (2, 1)
-            if place in taken:
+            if place in places:
                 raise PermissionError(errno.EACCES, "Permission denied")
-            taken.add(place)
+            places.add(place)
 
     monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.setitem(sys.modules, "msvcrt", Msvcrt)
@@ -375,7 +375,7 @@ def test_windows_locks_one_byte_behind_every_record(
     with pytest.raises(RecordError, match="in use"):
         Journal.resume(path, "second")
     journal.finish(complete=True)
-    assert MOST_BYTES < min(taken) < 2**31
+    assert MOST_BYTES < min(places) < 2**31
 
 
 def test_an_interruption_behind_a_write_takes_the_lines_back(
@@ -499,7 +499,7 @@ def test_a_failed_take_back_does_not_spoil_what_comes_after(
 
 
 @pytest.mark.parametrize(
-    ("events", "said"),
+    ("events", "message"),
     [
         ([reading(2)], "found reading 2. Allowed: reading 1"),
         ([reading(1), Superseded(readings=(2,), reason="x")], "before it was taken"),
@@ -519,9 +519,9 @@ def test_a_failed_take_back_does_not_spoil_what_comes_after(
         ),
     ],
 )
-def test_records_are_checked_for_meaning(path: Path, events: list[Line], said: str) -> None:
+def test_records_are_checked_for_meaning(path: Path, events: list[Line], message: str) -> None:
     write_whole(path, opened(), events)
-    with pytest.raises(RecordError, match=said):
+    with pytest.raises(RecordError, match=message):
         read_record(path)
 
 
@@ -554,13 +554,13 @@ def test_superseded_and_restored_readings_fold_to_what_counts(path: Path) -> Non
 
 
 def test_every_interruption_keeps_its_own_torn_bytes(path: Path) -> None:
-    whole = b"".join(finished(path).splitlines(keepends=True)[:3])
+    complete = b"".join(finished(path).splitlines(keepends=True)[:3])
     for torn in (b'{"event":"rea', b'{"event":"not'):
-        path.write_bytes(whole + torn)
+        path.write_bytes(complete + torn)
         Journal.resume(path, "test").close()
-        whole = path.read_bytes()
-    kept = sorted(path.parent.glob("*.torn"), key=lambda one: len(one.name))
-    assert [one.name for one in kept] == ["s.jsonl.torn", "s.jsonl-2.torn"]
-    assert [one.read_bytes() for one in kept] == [b'{"event":"rea', b'{"event":"not']
+        complete = path.read_bytes()
+    remnants = sorted(path.parent.glob("*.torn"), key=lambda file: len(file.name))
+    assert [file.name for file in remnants] == ["s.jsonl.torn", "s.jsonl-2.torn"]
+    assert [file.read_bytes() for file in remnants] == [b'{"event":"rea', b'{"event":"not']
     continued = [e for e in read_record(path).events if e.event == "continued"]
     assert [e.torn_bytes for e in continued] == [13, 13]

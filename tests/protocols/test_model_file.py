@@ -29,9 +29,9 @@ OFF = (1.2, -0.7, 0.4, 0.05, -0.02, 0.03)
 WHEN = datetime(2026, 3, 1, 12, 0, tzinfo=UTC)
 
 
-def written(tmp_path: Path, found: ModelFile) -> Path:
+def written(tmp_path: Path, model: ModelFile) -> Path:
     path = tmp_path / "model.json"
-    path.write_text(found.text(), encoding="utf-8")
+    path.write_text(model.text(), encoding="utf-8")
     return path
 
 
@@ -45,12 +45,12 @@ def adopted(arrangement: str = "mirror") -> tuple[tuple[EffectInstance, ...], Ef
     )
     values = np.array([0.11, -0.07])
     placed = candidate.effects(values)
-    known = {
+    uncertainties = {
         parameter.name: (float(value), 0.004)
         for parameter, value in zip(candidate.parameters, values, strict=True)
     }
     provenance = Provenance(sessions=("a.jsonl",), digests=("0f",), found=WHEN, verdict="explained")
-    return placed, effect_entry(candidate.where, placed, known, provenance)
+    return placed, effect_entry(candidate.where, placed, uncertainties, provenance)
 
 
 @pytest.mark.parametrize(
@@ -114,9 +114,9 @@ def test_an_adopted_effect_keeps_names_uncertainties_and_origin(tmp_path: Path) 
     }
     assert stored["provenance"]["digests"] == ["0f"]
     again, _ = read_model(path)
-    taken = postures()
+    conditions = postures()
     direct = Model(parameters_mm=OFF, effects=placed)
-    assert again.readings(taken) == pytest.approx(direct.readings(taken), abs=1e-14)
+    assert again.readings(conditions) == pytest.approx(direct.readings(conditions), abs=1e-14)
 
 
 def test_adding_and_removing_leaves_a_history(tmp_path: Path) -> None:
@@ -164,7 +164,7 @@ def effect_text(**changed: object) -> str:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (effect_text(id="back_lash"), "'back_lash'.*axis_squareness.*docs/effects.md"),
         (effect_text(where="xy"), "place of backlash: found xy. Allowed: x, y, z"),
@@ -184,10 +184,10 @@ def effect_text(**changed: object) -> str:
         ),
     ],
 )
-def test_effects_that_cannot_be_used(tmp_path: Path, text: str, said: str) -> None:
+def test_effects_that_cannot_be_used(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "model.json"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(RecordError, match=said):
+    with pytest.raises(RecordError, match=message):
         read_model(path)
 
 
@@ -202,17 +202,17 @@ UNNAMED = {
 def test_a_law_without_a_name_comes_back(tmp_path: Path) -> None:
     effect = Empirical(("cube_at_100mm", "per_hour"))
     placed = (EffectInstance(effect, "xy", (12.0, 3.0)), EffectInstance(effect, "xz", (-5.0, 1.0)))
-    known = {
+    uncertainties = {
         name: (value, 0.5) for name, value in zip(UNNAMED, (12.0, 3.0, -5.0, 1.0), strict=True)
     }
-    entry = effect_entry("x", placed, known)
+    entry = effect_entry("x", placed, uncertainties)
     assert (entry.id, entry.title) == (
         "empirical",
         "readings grow with the cube of displacement and with time",
     )
     written_entry = json.loads(entry.model_dump_json(exclude_none=True))["parameters"]
     assert written_entry == {
-        name: one | {"standard_uncertainty": 0.5} for name, one in UNNAMED.items()
+        name: parameter | {"standard_uncertainty": 0.5} for name, parameter in UNNAMED.items()
     }
     plain = model_file(Model(parameters_mm=OFF), Machine())
     path = written(tmp_path, with_effect(plain, entry, "what is left"))
@@ -220,7 +220,7 @@ def test_a_law_without_a_name_comes_back(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("parameters", "said"),
+    ("parameters", "message"),
     [
         ({}, "parameters of empirical: found none. Allowed: line_at_100mm, square_at_100mm"),
         ({"play": {"value": 0.02, "unit": "mm"}}, "found play. Allowed: line_at_100mm"),
@@ -239,11 +239,11 @@ def test_a_law_without_a_name_comes_back(tmp_path: Path) -> None:
     ],
 )
 def test_laws_without_a_name_that_cannot_be_used(
-    tmp_path: Path, parameters: dict[str, object], said: str
+    tmp_path: Path, parameters: dict[str, object], message: str
 ) -> None:
     path = tmp_path / "model.json"
     path.write_text(effect_text(id="empirical", where="xy", parameters=parameters), "utf-8")
-    with pytest.raises(RecordError, match=said):
+    with pytest.raises(RecordError, match=message):
         read_model(path)
 
 
@@ -264,17 +264,19 @@ def test_old_files_that_call_a_place_each_are_read(tmp_path: Path) -> None:
 
 def test_the_load_of_the_tool(tmp_path: Path) -> None:
     """A sag under twice the weight is twice as large; nothing else knows of the load."""
-    taken = postures()
+    conditions = postures()
     sag = EffectInstance(
         next(effect for effect in CATALOGUE if effect.id == "gravity_sag"), "z", (0.1,)
     )
     twice = EffectInstance(sag.effect, "z", (0.2,))
     loaded = Machine(load=2.0)
     assert Machine.model_validate_json(loaded.model_dump_json()) == loaded
-    one = Model(loaded.geometry(), OFF, (sag,)).readings(taken)
-    assert one == pytest.approx(Model(Machine().geometry(), OFF, (twice,)).readings(taken))
-    assert Model(loaded.geometry(), OFF).readings(taken) == pytest.approx(
-        Model(Machine().geometry(), OFF).readings(taken)
+    readings = Model(loaded.geometry(), OFF, (sag,)).readings(conditions)
+    assert readings == pytest.approx(
+        Model(Machine().geometry(), OFF, (twice,)).readings(conditions)
+    )
+    assert Model(loaded.geometry(), OFF).readings(conditions) == pytest.approx(
+        Model(Machine().geometry(), OFF).readings(conditions)
     )
     with pytest.raises(ValueError, match="load"):
         Machine(load=0.0)

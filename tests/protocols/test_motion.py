@@ -42,9 +42,9 @@ def orthoglide(name: str) -> Procedure:
 
 
 def moved(mode: str, start: object, to: object, there: object) -> Moved:
-    told = {"from_mm": start, "commanded_mm": to, "read_back_mm": there}
+    positions = {"from_mm": start, "commanded_mm": to, "read_back_mm": there}
     return Moved.model_validate(
-        {"driver": "linuxcnc", "coordinates": mode, "feed_mm_min": 1500.0} | told
+        {"driver": "linuxcnc", "coordinates": mode, "feed_mm_min": 1500.0} | positions
     )
 
 
@@ -77,9 +77,9 @@ def test_a_tool_that_lifts_off_does_so_at_both_ends() -> None:
         update={"plate": PLATE.plate.model_copy(update={"lift_mm": 2.0})} if PLATE.plate else {}
     )
     first, second = procedure.steps(DELTA.geometry())[:2]
-    told = DELTA.model_copy(update={"mdi": "tool"})
-    assert [z for _, _, z in way_mm(first, None, procedure, told)] == [2.0, 0.0]
-    assert [z for _, _, z in way_mm(second, first, procedure, told)] == [2.0, 2.0, 0.0]
+    tool_drive = DELTA.model_copy(update={"mdi": "tool"})
+    assert [z for _, _, z in way_mm(first, None, procedure, tool_drive)] == [2.0, 0.0]
+    assert [z for _, _, z in way_mm(second, first, procedure, tool_drive)] == [2.0, 2.0, 0.0]
 
 
 def test_a_pre_roll_beyond_the_joint_limits_is_refused() -> None:
@@ -136,8 +136,8 @@ def test_joints_that_are_read_back_tell_where_the_tool_is(
         return tuple(float(at[i] + np.sqrt(L**2 - square[i])) for i in range(3))
 
     sent, there = np.array(tool), np.array(tool) + np.array(off)
-    one = moved("joint", joints(sent), joints(sent), joints(there))
-    assert departure_mm(one, Geometry()) == pytest.approx(off, abs=1e-9)
+    movement = moved("joint", joints(sent), joints(sent), joints(there))
+    assert departure_mm(movement, Geometry()) == pytest.approx(off, abs=1e-9)
 
 
 def test_directions() -> None:
@@ -156,7 +156,7 @@ def session(path: Path, off_mm: float) -> Path:
         procedure=orthoglide("zero-max-min"),
         instruments=(Instrument(profile="mitutoyo-01a"),) * 2,
     )
-    told = [(-10.0, 0.0, 0.0), (0.0, 0.0, 0.0), (60.0, 0.0, 0.0)]
+    targets = [(-10.0, 0.0, 0.0), (0.0, 0.0, 0.0), (60.0, 0.0, 0.0)]
     back = [(0.0, 0.0, 0.0), (60.0, off_mm, 0.0)]
     part = 0.5 - 60.0 / L  # where the indicator, which stands still, touches the bar at Max
     values = [0.0, (1.0 - part) * off_mm]
@@ -165,11 +165,11 @@ def session(path: Path, off_mm: float) -> Path:
             reading=k + 1,
             leg="x",
             axis="y",
-            displacement_mm=told[k + 1][0],
+            displacement_mm=targets[k + 1][0],
             value_mm=values[k],
             text=f"{values[k]:.6f}",
             mount="xy",
-            moved=moved("tool", told[k], told[k + 1], back[k]),
+            moved=moved("tool", targets[k], targets[k + 1], back[k]),
         )
         for k in range(2)
     ]
@@ -187,16 +187,19 @@ def test_the_position_read_back_enters_in_place_of_the_command(tmp_path: Path) -
     table = tmp_path / "a.csv"
     table.write_text(str(recorded.table().written("csv")), encoding="utf-8")
     opened, events, _ = opened_table(table, TOOL, "test")
-    for one in (recorded, fold([opened, *events])):
-        found = to_observations([one])
-        assert found.displacement_mm.tolist() == [0.0, 60.0]  # still one posture with its repeats
-        assert found.value_mm == pytest.approx([0.0, 0.0], abs=1e-6)
-        assert found.approach.tolist() == [1.0, 1.0]  # the first, too
+    for sample in (recorded, fold([opened, *events])):
+        observed = to_observations([sample])
+        assert observed.displacement_mm.tolist() == [
+            0.0,
+            60.0,
+        ]  # still one posture with its repeats
+        assert observed.value_mm == pytest.approx([0.0, 0.0], abs=1e-6)
+        assert observed.approach.tolist() == [1.0, 1.0]  # the first, too
 
 
 def test_a_machine_that_stands_where_it_was_sent_is_read_as_it_is(tmp_path: Path) -> None:
-    found = to_observations([fold(read_record(session(tmp_path / "a.jsonl", 0.0)).events)])
-    assert found.value_mm.tolist() == [0.0, 0.0]
+    observed = to_observations([fold(read_record(session(tmp_path / "a.jsonl", 0.0)).events)])
+    assert observed.value_mm.tolist() == [0.0, 0.0]
 
 
 def test_a_step_takes_its_way_and_its_rest_where_the_machine_moves_itself() -> None:

@@ -31,41 +31,43 @@ def session(
 
 
 def test_approach_follows_from_the_rows_of_the_same_mount() -> None:
-    found = to_observations(
+    observed = to_observations(
         [
             session(
                 [("xy", 0.0), ("xz", 0.0), ("xy", 60.0), ("xy", 60.0), ("xy", -100.0), ("xz", 60.0)]
             )
         ]
     )
-    assert found.approach.tolist() == [0.0, 0.0, 1.0, 1.0, -1.0, 1.0]
-    assert found.mount.tolist() == [0, 1, 0, 0, 0, 1]
+    assert observed.approach.tolist() == [0.0, 0.0, 1.0, 1.0, -1.0, 1.0]
+    assert observed.mount.tolist() == [0, 1, 0, 0, 0, 1]
 
 
 def test_superseded_readings_do_not_count() -> None:
-    found = to_observations([session([("xy", 0.0), ("xy", 60.0), ("xy", 60.0)], superseded=(2,))])
-    assert found.value_mm.tolist() == [1.0, 3.0]
+    observed = to_observations(
+        [session([("xy", 0.0), ("xy", 60.0), ("xy", 60.0)], superseded=(2,))]
+    )
+    assert observed.value_mm.tolist() == [1.0, 3.0]
 
 
 def test_approach_remembers_superseded_readings() -> None:
     """0, -71, -100 undone, -71 again: that last one was approached upwards."""
     rows = [("xy", 0.0), ("xy", -71.0), ("xy", -100.0), ("xy", -71.0)]
-    found = to_observations([session(rows, superseded=(2, 3))])
-    assert found.approach.tolist() == [0.0, 1.0]
+    observed = to_observations([session(rows, superseded=(2, 3))])
+    assert observed.approach.tolist() == [0.0, 1.0]
 
 
 def test_two_sessions_have_mountings_of_their_own() -> None:
-    one = session([("xy", 0.0), ("xy", 60.0)])
-    found = to_observations([one, one])
-    assert found.mount.tolist() == [0, 0, 1, 1]
-    assert np.isnan(found.temperature_c).all()
+    single = session([("xy", 0.0), ("xy", 60.0)])
+    observed = to_observations([single, single])
+    assert observed.mount.tolist() == [0, 0, 1, 1]
+    assert np.isnan(observed.temperature_c).all()
 
 
 def test_sessions_of_different_machines_are_not_mixed() -> None:
     first = session([("xy", 0.0)])
-    other = session([("xy", 0.0)], machine=Machine(leg_length_mm=300.0))
+    second = session([("xy", 0.0)], machine=Machine(leg_length_mm=300.0))
     with pytest.raises(UsageError, match=r"sessions of different machines.* other leg_length_mm"):
-        to_observations([first, other])
+        to_observations([first, second])
     entered = session([("xy", 0.0)], machine=Machine(entered_offsets_mm=(1.0, 0.0, 0.0)))
     with pytest.raises(UsageError, match=r"offsets entered between them.*glidecal verify"):
         to_observations([first, entered])

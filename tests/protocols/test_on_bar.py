@@ -109,7 +109,7 @@ class Plain:
         root = np.sqrt(half**2 - start @ start + radius[0] ** 2)
         tools = [middle[0] + start + (sign * root - half) * line for sign in (1.0, -1.0)]
         # the tool is nearer to the origin of the drives than its mirror image
-        return min(tools, key=lambda one: float(one @ one)), feet
+        return min(tools, key=lambda tool: float(tool @ tool)), feet
 
     def touched(self, leg: int, station: float, joints: FloatArray) -> float:
         where = []
@@ -117,8 +117,8 @@ class Plain:
             tool, feet = self.tool_and_feet(at)
             where.append(((tool + self.held[leg]) @ self.along[leg], feet[leg] @ self.along[leg]))
         (end_zero, foot_zero), (end, foot) = where
-        kept = end_zero + station * (foot_zero - end_zero)
-        return float((kept - end) / (foot - end))
+        point = end_zero + station * (foot_zero - end_zero)
+        return float((point - end) / (foot - end))
 
     def on_the_way(self, leg: int, station: float, levels: Sequence[float]) -> Iterator[float]:
         """From Zero over every level, straight for the tool and straight for the joints."""
@@ -151,8 +151,8 @@ def test_the_fraction_is_linear_and_that_of_plain_geometry(
         exact = plain.touched(leg, station, plain.joints(level * plain.along[leg]))
         assert there == pytest.approx(exact, abs=1e-9)
         low, high = geometry.span_mm(leg, station)
-        both = np.array([0.0, level])
-        on = geometry.on_bar(np.array([leg] * 2), np.array([station] * 2), both).all()
+        levels_mm = np.array([0.0, level])
+        on = geometry.on_bar(np.array([leg] * 2), np.array([station] * 2), levels_mm).all()
         reached = machine.travel_min_mm <= level <= machine.travel_max_mm
         lowest, highest = min(level, 0.0), max(level, 0.0)
         if low <= lowest and highest <= high:
@@ -204,10 +204,10 @@ def test_what_plan_and_next_propose_stays_on_the_bar(
     machine: Machine, wrong_mm: FloatArray
 ) -> None:
     geometry = machine.geometry()
-    for one in set_ups_of(Model(geometry)):
-        for name in one.legs:
+    for set_up in set_ups_of(Model(geometry)):
+        for name in set_up.legs:
             leg = LEG_NAMES.index(name)
-            assert_on_bar(machine, wrong_mm, leg, one.station, one.levels_mm)
+            assert_on_bar(machine, wrong_mm, leg, set_up.station, set_up.levels_mm)
 
 
 @VERY_FEW
@@ -267,14 +267,14 @@ def test_candidates_that_the_default_pool_lost() -> None:
 @pytest.mark.parametrize(("axis", "travel_mm", "short"), [("y", 1.0, True), ("y", 12.0, False)])
 def test_a_short_indicator_is_named(axis: Leg, travel_mm: float, short: bool) -> None:
     machine, procedure = Machine(), load_procedure("zero-max-min", Geometry())
-    one = Instrument(profile="a", axes=axis + "xz", travel_mm=travel_mm)
-    found = short_travels(procedure, machine, (one, Instrument(profile="b")))
-    assert len(found) == short
-    for instrument, needed_mm, where in found:
-        assert (instrument, where) == (one, "along Y of leg X, station 0.5")
+    gauge = Instrument(profile="a", axes=axis + "xz", travel_mm=travel_mm)
+    shortages = short_travels(procedure, machine, (gauge, Instrument(profile="b")))
+    assert len(shortages) == short
+    for instrument, needed_mm, where in shortages:
+        assert (instrument, where) == (gauge, "along Y of leg X, station 0.5")
         # independent: many machines with errors of these tolerances, 95 % of them need less
-        taken = conditions([0] * 3, [1] * 3, [0.0, 60.0, -100.0])
-        slopes = derivatives(Geometry(), np.zeros(6), taken)
+        plan = conditions([0] * 3, [1] * 3, [0.0, 60.0, -100.0])
+        slopes = derivatives(Geometry(), np.zeros(6), plan)
         drawn = np.random.default_rng(1).normal(size=(20_000, 6)) * machine.tolerances_mm()
         spans = np.ptp(drawn @ slopes.T, axis=1)
         assert needed_mm == pytest.approx(float(np.quantile(spans, 0.95)), rel=0.15)
@@ -298,9 +298,9 @@ def test_a_station_that_a_posture_does_not_reach_is_named(
 ) -> None:
     path = tmp_path / "off.toml"
     path.write_text(OFF, encoding="utf-8")
-    said = refused(3, *verb, "--protocol", path, "-o", tmp_path / "s.jsonl")
-    assert "off.toml, line 6, stations: found station 0.8 of leg x touched at 1.122" in said
-    assert "in posture MIN; usable is 0.05 … 0.95. Allowed:" in said
+    message = refused(3, *verb, "--protocol", path, "-o", tmp_path / "s.jsonl")
+    assert "off.toml, line 6, stations: found station 0.8 of leg x touched at 1.122" in message
+    assert "in posture MIN; usable is 0.05 … 0.95. Allowed:" in message
     assert not (tmp_path / "s.jsonl").exists()
 
 
@@ -308,19 +308,19 @@ def test_an_older_record_with_such_points_is_solved_and_not_repeated(tmp_path: P
     free, path = Machine(usable_bar=(0.0, 1.0)), tmp_path / "old.jsonl"
     fields = {"stations": (0.5, 0.65), "levels": ("zero", "max", "min")}
     procedure = Procedure.model_validate(MINE.model_dump(by_alias=True) | fields)
-    made = simulated_session(
+    session = simulated_session(
         procedure, free, Model(), seed=1, scatter_mm=0.002, resolution_mm=0.001
     )
     older = {"machine": Machine(), "instruments": simulated_indicators()}
-    write_whole(path, made.opened.model_copy(update=older), [*made.readings])
+    write_whole(path, session.opened.model_copy(update=older), [*session.readings])
     sessions, warnings = load_sessions([path])
-    assert len(sessions[0].readings) == len(made.readings)
+    assert len(sessions[0].readings) == len(session.readings)
     assert warnings == [
         "old.jsonl: readings off the bars: 6, the first at station 0.65 of leg x touched at 0.972 "
         "of the bar in posture MIN; usable is 0.05 … 0.95. They are used as if the bar "
         "continued there."
     ]
-    assert solve_sessions(sessions).reading_count == len(made.readings)
+    assert solve_sessions(sessions).reading_count == len(session.readings)
     again = plan_to_repeat(path)
     assert again is not None
     with pytest.raises(RecordError, match=r"station 0\.65 of leg x touched at 0\.972"):

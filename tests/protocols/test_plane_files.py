@@ -33,7 +33,7 @@ cycles = 1
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "message"),
     [
         ('levels = ["zero"]', "one posture only"),
         ("stations = [0.2]", "2 or more"),
@@ -47,10 +47,10 @@ cycles = 1
         ("[plate]\nradii_mm = [0.0, 30.0]", "plane and plate"),
     ],
 )
-def test_planes_that_cannot_be_measured(tmp_path: Path, line: str, said: str) -> None:
+def test_planes_that_cannot_be_measured(tmp_path: Path, line: str, message: str) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(FILE.format(line=line))
-    with pytest.raises(RecordError, match=re.escape(said)):
+    with pytest.raises(RecordError, match=re.escape(message)):
         load_procedure(str(path), Geometry())
 
 
@@ -90,17 +90,17 @@ HEAD = "leg,axis,station,displacement_mm,plane,mount,value_mm\n"
 
 
 @pytest.mark.parametrize(
-    ("rows", "said"),
+    ("rows", "message"),
     [
         ("x,z,0.1,0,2,,0.1\n", "column plane: found '2'"),
         ("x,z,0.1,0,1,a,0.1\nx,z,0.9,0,0,a,0.1\n", "'a' already is leg x, axis z, over a plane"),
         ("x,z,0.1,0,1,a,0.1\ny,z,0.9,0,1,a,0.1\n", "'a' already is leg x, axis z, over a plane"),
     ],
 )
-def test_tables_that_cannot_be_imported(tmp_path: Path, rows: str, said: str) -> None:
+def test_tables_that_cannot_be_imported(tmp_path: Path, rows: str, message: str) -> None:
     path = tmp_path / "t.csv"
     path.write_text(HEAD + rows)
-    with pytest.raises(RecordError, match=re.escape(said)):
+    with pytest.raises(RecordError, match=re.escape(message)):
         read_table(path)
 
 
@@ -116,15 +116,15 @@ def test_simulated_solved_and_what_is_refused(tmp_path: Path) -> None:
     assert glidecal("simulate", "--protocol", "plane", "-o", session).status == 0
     solved = glidecal("solve", session)
     assert solved.status == 0
-    said = " ".join(solved.out.split())
-    assert "d_rho_x + d_L_x; d_rho_y + d_L_y" in said
+    words = " ".join(solved.out.split())
+    assert "d_rho_x + d_L_x; d_rho_y + d_L_y" in words
     assert "z_x+@p0.1" in solved.out
     linear = glidecal("solve", session, "--method", "linear", "--subset", "joint-offsets")
     assert linear.status == 0
     assert glidecal("validate", session).status == 0
     assert "this lowers the bound" in " ".join(glidecal("plan", session).out.split())
-    shown = " ".join(glidecal("replay", session, "--headless").out.split())
-    assert "4 x z +60.00 1 xz-plane 0.9" in shown
+    lines = " ".join(glidecal("replay", session, "--headless").out.split())
+    assert "4 x z +60.00 1 xz-plane 0.9" in lines
     assert "AGREES" in glidecal("diagnose", session).out
     hidden = glidecal(
         "simulate", "--protocol", "zero-max-min-plane", "--effect", "backlash", "-o", q
@@ -160,13 +160,13 @@ def test_nothing_over_a_plane_is_touched_off_the_bar_or_beyond_the_plane(
     fields = {"levels": tuple(levels), "stations": tuple(stations), "axes": ("x", "z")}
     procedure = ALONE.model_copy(update={"plane": Plane.model_validate(fields)})
     places = [at + s * length for at in (0.0, *levels) for s in stations]
-    wanted = all(low <= s <= high for s in stations)
-    wanted = wanted and all(plane[0] <= place <= plane[1] for place in places)
+    usable = all(low <= s <= high for s in stations)
+    usable = usable and all(plane[0] <= place <= plane[1] for place in places)
     try:
         planned = planned_readings(procedure, machine)
     except RecordError:
-        assert not wanted
+        assert not usable
     else:
-        assert wanted
+        assert usable
         assert plane[0] <= planned.along_mm.min()
         assert planned.along_mm.max() <= plane[1]

@@ -119,8 +119,8 @@ HEADER = "x_mm,y_mm,z_mm,value_mm"
 DRIVE = "[[drive]]\norigin_mm = [{}]\ndirection = [{}]\n"
 
 
-def drives(*pairs: tuple[str, str], more: str = "") -> str:
-    text = 'schema = "glidecal.machine/1"\nleg_length_mm = 250.0\n' + more
+def drives(*pairs: tuple[str, str], extra: str = "") -> str:
+    text = 'schema = "glidecal.machine/1"\nleg_length_mm = 250.0\n' + extra
     return text + "".join(DRIVE.format(*pair) for pair in pairs)
 
 
@@ -129,21 +129,21 @@ FRONT, BACK = "-100.0, -60.0, 0.0", "0.0, 120.0, 0.0"
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (drives((FRONT, "0.0, 0.0, 0.0"), (BACK, UP), (BACK, UP)), "not of length 0"),
         (drives((FRONT, UP), (BACK, UP), (BACK, UP)), "singular posture at Zero"),
         (drives((FRONT, UP), ("300.0, 0.0, 0.0", UP), (BACK, UP)), "too short at Zero"),
         (drives((FRONT, UP), (BACK, UP)), "drive"),
         ('schema = "glidecal.hexaslide/1"\n', "another kind of machine"),
-        (drives((FRONT, UP), more="tower = 1\n"), r"tower: .*machine-1\.json lists the 4\d keys"),
-        (drives((FRONT, UP), more="leg_lenght_mm = 1.0\n"), "Keys like these: leg_length_mm"),
+        (drives((FRONT, UP), extra="tower = 1\n"), r"tower: .*machine-1\.json lists the 4\d keys"),
+        (drives((FRONT, UP), extra="leg_lenght_mm = 1.0\n"), "Keys like these: leg_length_mm"),
     ],
 )
-def test_machine_files_that_cannot_be(tmp_path: Path, text: str, said: str) -> None:
+def test_machine_files_that_cannot_be(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(RecordError, match=said):
+    with pytest.raises(RecordError, match=message):
         load_machine(path)
 
 
@@ -160,7 +160,7 @@ def test_what_is_wrong_with_a_machine_as_a_whole_is_said_in_full(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("table_text", "said"),
+    ("table_text", "message"),
     [
         (f"{HEADER}\n0,0,0,0\n400,0,0,0\n", "the bars reach"),
         ("x_mm,y_mm,value_mm\n0,0,0\n", "Missing: z_mm"),
@@ -168,22 +168,22 @@ def test_what_is_wrong_with_a_machine_as_a_whole_is_said_in_full(tmp_path: Path)
         (f"{HEADER},axis\n0,0,0,0,w\n", "x, y or z"),
     ],
 )
-def test_tables_that_cannot_be_imported(tmp_path: Path, table_text: str, said: str) -> None:
+def test_tables_that_cannot_be_imported(tmp_path: Path, table_text: str, message: str) -> None:
     source = tmp_path / "t.csv"
     source.write_text(table_text, encoding="utf-8")
-    with pytest.raises(RecordError, match=said):
+    with pytest.raises(RecordError, match=message):
         read_table(source, "linear-delta")
 
 
-def plate(more: str = "", radii: str = "[0.0, 30.0]") -> str:
+def plate(extra: str = "", radii: str = "[0.0, 30.0]") -> str:
     return (
         'schema = "glidecal.procedure/1"\nname = "own"\ntitle = "own"\ncycles = 1\n'
-        f"{more}\n[plate]\nradii_mm = {radii}\n"
+        f"{extra}\n[plate]\nradii_mm = {radii}\n"
     )
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (plate('levels = ["zero", "max"]'), "levels and plate"),
         (plate(radii="[0.0]"), "one position only"),
@@ -191,8 +191,8 @@ def plate(more: str = "", radii: str = "[0.0, 30.0]") -> str:
         (plate(radii="[0.0, 400.0]"), "within the joint limits"),
     ],
 )
-def test_plates_that_cannot_be_measured(tmp_path: Path, text: str, said: str) -> None:
+def test_plates_that_cannot_be_measured(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "own.toml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(RecordError, match=said):
+    with pytest.raises(RecordError, match=message):
         load_procedure(str(path), DELTA)

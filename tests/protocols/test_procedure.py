@@ -63,7 +63,7 @@ def test_unknown_name_lists_what_exists() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (FILE.format(level="80.0"), r"level: found 80 mm. Allowed: the joint limits"),
         (FILE.format(level='"top"'), r"levels"),
@@ -74,10 +74,10 @@ def test_unknown_name_lists_what_exists() -> None:
         (FILE.format(level="1.0").replace("procedure/1", "procedure/2"), r"schema"),
     ],
 )
-def test_bad_procedure_files(tmp_path: Path, text: str, said: str) -> None:
+def test_bad_procedure_files(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(text)
-    with pytest.raises(RecordError, match=said):
+    with pytest.raises(RecordError, match=message):
         load_procedure(str(path), Geometry()).steps(Geometry())
 
 
@@ -105,15 +105,15 @@ def procedure(**changes: object) -> Procedure:
     return Procedure.model_validate(fields | changes)
 
 
-def visits(one: Procedure) -> dict[tuple[str, int], list[float]]:
+def visits(plan: Procedure) -> dict[tuple[str, int], list[float]]:
     """Displacements of each leg and cycle, without the return at the end of a leg."""
-    found: dict[tuple[str, int], list[float]] = {}
-    for step in one.steps(Geometry()):
-        found.setdefault((step.leg, step.cycle), []).append(step.displacement_mm)
-    for leg in one.legs:
-        if one.return_to_zero:
-            assert found[leg, one.cycles].pop() == 0.0
-    return found
+    levels: dict[tuple[str, int], list[float]] = {}
+    for step in plan.steps(Geometry()):
+        levels.setdefault((step.leg, step.cycle), []).append(step.displacement_mm)
+    for leg in plan.legs:
+        if plan.return_to_zero:
+            assert levels[leg, plan.cycles].pop() == 0.0
+    return levels
 
 
 @pytest.mark.parametrize("seed", [0, 1, 7, 12345])
@@ -141,7 +141,7 @@ def test_both_axes_of_one_indicator_see_the_same_shuffled_order() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"order": "fixed", "random_seed": 1}, "random_seed: the order of this procedure is"),
         ({"levels": ("zero", 0.0)}, "levels: one posture only"),
@@ -156,14 +156,14 @@ def test_both_axes_of_one_indicator_see_the_same_shuffled_order() -> None:
         ({"repeat_limit_mm": 0.0}, "repeat_limit_mm"),
     ],
 )
-def test_procedures_without_sense_are_refused(changes: dict[str, object], said: str) -> None:
-    with pytest.raises(ValidationError, match=said):
+def test_procedures_without_sense_are_refused(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
         procedure(**changes)
 
 
 def test_zero_comes_before_cycles_that_do_not_begin_with_it() -> None:
-    one = procedure(levels=("max", "min"), cycles=2, legs=("y",))
-    assert [s.displacement_mm for s in one.steps(Geometry())] == [0, 60, -100, 0, 60, -100, 0]
+    plan = procedure(levels=("max", "min"), cycles=2, legs=("y",))
+    assert [s.displacement_mm for s in plan.steps(Geometry())] == [0, 60, -100, 0, 60, -100, 0]
     bare = procedure(levels=("max", "min"), cycles=2, legs=("y",), return_to_zero=False)
     assert [s.displacement_mm for s in bare.steps(Geometry())] == [60, -100] * 2
 
@@ -200,7 +200,7 @@ levels = [          # a comment, with [brackets]
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (MANY_LINES.format(level="80.0"), "line 9, level: found 80 mm"),
         (MANY_LINES.format(level="-100.5"), r"line 9, level: found -100\.5 mm"),
@@ -210,10 +210,10 @@ levels = [          # a comment, with [brackets]
         (MANY_LINES.format(level="1.0") + 'order = "any"\n', "line 11, order"),
     ],
 )
-def test_errors_in_files_name_their_line_on_load(tmp_path: Path, text: str, said: str) -> None:
+def test_errors_in_files_name_their_line_on_load(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(RecordError, match=said):
+    with pytest.raises(RecordError, match=message):
         load_procedure(str(path), Geometry())
 
 
@@ -226,8 +226,8 @@ def test_limits_are_those_of_the_machine_at_hand(tmp_path: Path) -> None:
 
 
 def test_a_machine_is_offered_what_it_can_measure() -> None:
-    both = "zero-max-min", "zero-max-min-plane"
-    legs = ("align", "plane", "sweep", "two-station", "verify", *both, "zero-min-max")
+    zero_procedures = "zero-max-min", "zero-max-min-plane"
+    legs = ("align", "plane", "sweep", "two-station", "verify", *zero_procedures, "zero-min-max")
     assert guided_procedure_names(Geometry()) == legs
     assert guided_procedure_names(load_machine("linear-delta").geometry()) == (
         "bars",

@@ -76,14 +76,18 @@ def test_every_number_has_its_schema_and_its_records() -> None:
 
 
 def test_the_records_of_this_number_have_every_event_and_key() -> None:
-    found: dict[str, set[str]] = defaultdict(set)
+    keys_by_event: dict[str, set[str]] = defaultdict(set)
     for path in records(SCHEMA_NUMBER):
         for line in lines(path):
-            found[line["event"]] |= {key for key, value in line.items() if value not in (None, {})}
+            keys_by_event[line["event"]] |= {
+                key for key, value in line.items() if value not in (None, {})
+            }
     for kind in get_args(get_args(Event)[0]):
         name = kind.model_fields["event"].default
         keys = {field.alias or key for key, field in kind.model_fields.items()}
-        assert keys - found[name] == set(), f"event {name}: add it to sample_sessions/make.py"
+        assert keys - keys_by_event[name] == set(), (
+            f"event {name}: add it to sample_sessions/make.py"
+        )
 
 
 @pytest.mark.parametrize(
@@ -114,8 +118,8 @@ def test_every_line_keeps_the_schema_of_its_number(path: Path) -> None:
 
 def newer(path: Path, changed: dict[str, dict[str, Any]]) -> Path:
     """A record of this program with keys of events changed."""
-    whole = [compact(line | changed.get(line["event"], {})) for line in lines(path)]
-    path.write_bytes(b"".join(line + b"\n" for line in whole))
+    events = [compact(line | changed.get(line["event"], {})) for line in lines(path)]
+    path.write_bytes(b"".join(line + b"\n" for line in events))
     return path
 
 
@@ -147,9 +151,9 @@ def test_so_is_one_that_a_newer_program_continued(tmp_path: Path) -> None:
 def test_what_names_no_number_is_no_session(tmp_path: Path, schema: object) -> None:
     path = write(tmp_path / "a.jsonl", story(), close=True)
     newer(path, {"opened": {"schema": schema}})
-    said = refused(3, "solve", path)
-    assert "newer" not in said
-    assert "Not a session file" in said
+    message = refused(3, "solve", path)
+    assert "newer" not in message
+    assert "Not a session file" in message
 
 
 def test_a_continued_record_tells_the_schema_of_the_program_that_went_on(tmp_path: Path) -> None:

@@ -99,28 +99,28 @@ def test_a_busy_computer_did_not_sleep(
 def test_a_break_counts_as_the_wall_clock_says_and_never_back(
     paused_s: float, counted_s: float
 ) -> None:
-    taken = reading(1).model_copy(update={"at": BEGIN + timedelta(seconds=90), "time_s": 80.0})
-    noted = Noted(text="before", at=taken.at + timedelta(seconds=10))
+    first = reading(1).model_copy(update={"at": BEGIN + timedelta(seconds=90), "time_s": 80.0})
+    noted = Noted(text="before", at=first.at + timedelta(seconds=10))
     again = Continued(program="test", at=noted.at + timedelta(seconds=paused_s))
     clocks = Clocks()
-    clock = clocks.of(begun(), taken, noted, again)
+    clock = clocks.of(begun(), first, noted, again)
     clocks.now_s += 5.0
     assert clock.time_s() == pytest.approx(80.0 + 10.0 + counted_s + 5.0)
 
 
 def test_times_that_go_back_are_told_and_not_used(tmp_path: Path) -> None:
     """As an older program, or a table, wrote them."""
-    taken = [
+    readings = [
         reading(n).model_copy(update={"time_s": time_s})
         for n, time_s in enumerate((10.0, 20.0, -3570.0, -3560.0), start=1)
     ]
     path = tmp_path / "s.jsonl"
-    write_whole(path, opened(), [*taken])
+    write_whole(path, opened(), [*readings])
     sessions, warnings = load_sessions([path])
     assert warnings == [
         "s.jsonl: time_s goes back at reading 3: the clock was set. Its times are not used, so "
         "drift with time cannot be computed."
     ]
     assert np.isnan(to_observations(sessions).time_s).all()
-    whole = fold([opened(), *taken[:2]])
-    assert to_observations([whole]).time_s.tolist() == [10.0, 20.0]
+    session = fold([opened(), *readings[:2]])
+    assert to_observations([session]).time_s.tolist() == [10.0, 20.0]

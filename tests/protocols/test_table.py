@@ -66,7 +66,7 @@ def test_tabs_between_columns_are_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("row", "said"),
+    ("row", "message"),
     [
         ("w,y,0,0.1", r"line 3, column leg: found 'w'. Allowed: x, y or z"),
         ("x,x,0,0.1", r"column axis: found 'x'. Allowed: an axis across the leg"),
@@ -89,13 +89,13 @@ def test_tabs_between_columns_are_told(tmp_path: Path) -> None:
         ('x,y,0,"0.1', r"line 3: found unexpected end of data"),
     ],
 )
-def test_bad_rows(tmp_path: Path, row: str, said: str) -> None:
-    with pytest.raises(RecordError, match=said):
+def test_bad_rows(tmp_path: Path, row: str, message: str) -> None:
+    with pytest.raises(RecordError, match=message):
         read(tmp_path, f"{HEADER}\nx,y,0,0.1\n{row}\n")
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("", r"header: found nothing"),
         (HEADER + "\n", r"no row of readings"),
@@ -104,13 +104,13 @@ def test_bad_rows(tmp_path: Path, row: str, said: str) -> None:
         (b"leg,axis\xff\n", r"not UTF-8 text\. Save it as UTF-8"),
     ],
 )
-def test_bad_tables(tmp_path: Path, text: str | bytes, said: str) -> None:
-    with pytest.raises(RecordError, match=said):
+def test_bad_tables(tmp_path: Path, text: str | bytes, message: str) -> None:
+    with pytest.raises(RecordError, match=message):
         read(tmp_path, text)
 
 
 @pytest.mark.parametrize(
-    ("columns", "values", "said"),
+    ("columns", "values", "message"),
     [
         ("seq", ["1", "3"], r"column seq: found '3'. Allowed: 2"),
         ("seq", ["1", "1"], r"column seq: found '1'. Allowed: 2"),
@@ -123,14 +123,16 @@ def test_bad_tables(tmp_path: Path, text: str | bytes, said: str) -> None:
         ("temperature_c", ["20", "warm"], r"column temperature_c: found 'warm'"),
     ],
 )
-def test_bad_optional_columns(tmp_path: Path, columns: str, values: list[str], said: str) -> None:
+def test_bad_optional_columns(
+    tmp_path: Path, columns: str, values: list[str], message: str
+) -> None:
     rows = "".join(f"x,y,{60 * k},0.1,{value}\n" for k, value in enumerate(values))
-    with pytest.raises(RecordError, match=said):
+    with pytest.raises(RecordError, match=message):
         read(tmp_path, f"{HEADER},{columns}\n{rows}")
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "message"),
     [
         ({"read_back_2_mm": ""}, "column read_back_2_mm: found ''. Allowed: filled in as the"),
         ({"moved_in": "work"}, "column moved_in: found 'work'. Allowed: tool or joint"),
@@ -140,20 +142,20 @@ def test_bad_optional_columns(tmp_path: Path, columns: str, values: list[str], s
     ],
 )
 def test_how_a_machine_was_moved_is_all_there_or_refused(
-    tmp_path: Path, changed: dict[str, str], said: str
+    tmp_path: Path, changed: dict[str, str], message: str
 ) -> None:
-    whole = dict.fromkeys(MOVED, "1.5") | {"moved_by": "linuxcnc", "moved_in": "tool"}
+    complete = dict.fromkeys(MOVED, "1.5") | {"moved_by": "linuxcnc", "moved_in": "tool"}
 
     def of(cells: dict[str, str]) -> tuple[tuple[Reading, ...], tuple[str, ...]]:
         table = f"{HEADER},{','.join(MOVED)}\nx,y,0,0.1,{','.join(cells.values())}\n"
         return read(tmp_path, table)
 
-    (one,), unknown = of(whole)
-    assert one.moved is not None
+    (row,), unknown = of(complete)
+    assert row.moved is not None
     assert unknown == ()
     assert of(dict.fromkeys(MOVED, ""))[0][0].moved is None
-    with pytest.raises(RecordError, match=said):
-        of(whole | changed)
+    with pytest.raises(RecordError, match=message):
+        of(complete | changed)
 
 
 def test_one_mounting_is_in_one_place(tmp_path: Path) -> None:
@@ -211,7 +213,7 @@ def test_a_workbook_is_the_same_table(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("cell", "said"),
+    ("cell", "message"),
     [
         (None, r"line 3, column value_mm: found ''"),
         ("0,1", r"found '0,1'.*decimal point"),
@@ -221,9 +223,9 @@ def test_a_workbook_is_the_same_table(tmp_path: Path) -> None:
         (1e300, r"sensible size"),
     ],
 )
-def test_bad_cells_of_a_workbook(tmp_path: Path, cell: object, said: str) -> None:
+def test_bad_cells_of_a_workbook(tmp_path: Path, cell: object, message: str) -> None:
     rows: list[list[object]] = [[*HEADER.split(",")], ["x", "y", 0, 0.1], ["x", "y", 60, cell]]
-    with pytest.raises(RecordError, match=said):
+    with pytest.raises(RecordError, match=message):
         read_table(workbook_of(tmp_path / "t.xlsx", rows))
 
 
@@ -253,9 +255,9 @@ def test_a_workbook_without_openpyxl(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_a_template_that_was_filled_in_holds_every_reading(
     tmp_path: Path, suffix: str, machine: str
 ) -> None:
-    known = load_machine(machine)
-    geometry, path = known.geometry(), tmp_path / f"t{suffix}"
-    procedure = load_procedure(known.usual_procedure, geometry)
+    machine_read = load_machine(machine)
+    geometry, path = machine_read.geometry(), tmp_path / f"t{suffix}"
+    procedure = load_procedure(machine_read.usual_procedure, geometry)
     empty = empty_table(procedure, geometry, path)
     path.write_bytes(empty.encode() if isinstance(empty, str) else empty)
     with pytest.raises(RecordError, match="line 2, column value_mm: found ''"):
@@ -274,10 +276,10 @@ def test_a_template_that_was_filled_in_holds_every_reading(
         for s in steps
         for axis in s.axes
     ]
-    found = [
+    values = [
         (r.leg, r.axis, r.displacement_mm, r.position_mm, r.cycle, r.station) for r in readings
     ]
-    assert found == expected
+    assert values == expected
     assert {r.value_mm for r in readings} == {0.125}
     assert unknown == ()
 
@@ -334,11 +336,11 @@ def test_any_cells_give_readings_or_a_record_error(
 @settings(deadline=None)
 @given(st.lists(st.integers(0, 5000), max_size=6), st.binary(max_size=6))
 def test_a_spoilt_workbook_is_refused_in_a_sentence(
-    tmp_path_factory: pytest.TempPathFactory, places: list[int], other: bytes
+    tmp_path_factory: pytest.TempPathFactory, places: list[int], replacement: bytes
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "spoilt.xlsx"
     content = bytearray(workbook_of(path, [HEADER.split(","), ["x", "y", 0, 0.1]]).read_bytes())
-    for at, byte in zip(places, other, strict=False):
+    for at, byte in zip(places, replacement, strict=False):
         content[at % len(content)] = byte
     path.write_bytes(content)
     try:

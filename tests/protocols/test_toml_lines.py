@@ -28,7 +28,7 @@ KEYS = ("alpha", "beta", "gamma", "levels", "my_key")
 
 comments = st.sampled_from(COMMENTS)
 scalars = st.sampled_from(SCALARS)
-blank = st.lists(comments, max_size=2).map(lambda found: [text.strip() for text in found])
+blank = st.lists(comments, max_size=2).map(lambda lines: [text.strip() for text in lines])
 Places = dict[tuple[str | int, ...], int]
 Text = tuple[list[str], Places]
 """Lines, and the line number of each location."""

@@ -92,9 +92,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def path(request: pytest.FixtureRequest) -> Path:
     if request.param == "committed":
         return PAGE
-    made = request.getfixturevalue("made")
-    assert isinstance(made, Path)
-    return made
+    study_page = request.getfixturevalue("made")
+    assert isinstance(study_page, Path)
+    return study_page
 
 
 @pytest.fixture
@@ -103,10 +103,10 @@ def page(path: Path) -> str:
 
 
 def test_ranks_beside_the_papers(page: str) -> None:
-    found = rows(page, "## What is seen")
-    assert set(found) == set(RANKS)
+    table = rows(page, "## What is seen")
+    assert set(table) == set(RANKS)
     for name, (count, published, rank, fewest) in RANKS.items():
-        row = found[name]
+        row = table[name]
         assert row[:3] == [f"{count}", f"{published}", f"**{rank}**"]
         assert row[5] == f"{fewest}"
 
@@ -125,9 +125,9 @@ def test_row_counts_and_the_papers_recipe(page: str) -> None:
 
 
 def test_condition_numbers_beside_the_papers(page: str) -> None:
-    found = {row[0]: row[1:] for row in rows(page, "## Random and optimum").values()}
-    assert {name: row[0] for name, row in found.items()} == PAPER
-    for row in found.values():
+    table = {row[0]: row[1:] for row in rows(page, "## Random and optimum").values()}
+    assert {name: row[0] for name, row in table.items()} == PAPER
+    for row in table.values():
         best = float(row[2].strip("*"))
         printed = float(row[0].split("→")[1])
         assert best < printed
@@ -135,32 +135,32 @@ def test_condition_numbers_beside_the_papers(page: str) -> None:
 
 def test_the_committed_optima_stay_below_the_limits() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    found = {row[0]: row[1:] for row in rows(text, "## Random and optimum").values()}
+    table = {row[0]: row[1:] for row in rows(text, "## Random and optimum").values()}
     for name, limit in LIMITS.items():
-        assert float(found[name][2].strip("*")) < limit, name
+        assert float(table[name][2].strip("*")) < limit, name
 
 
 def test_posture_sets_are_whole_and_in_the_box(path: Path) -> None:
-    found = posture_sets(path.parent / SETS)
-    assert {name: len(postures) for name, postures in found.items()} == POSTURES
+    table = posture_sets(path.parent / SETS)
+    assert {name: len(postures) for name, postures in table.items()} == POSTURES
     low, high = np.transpose(BOX)
-    for postures in found.values():
+    for postures in table.values():
         assert np.all((postures >= low - 1e-9) & (postures <= high + 1e-9))
 
 
 def test_the_committed_sets_have_the_condition_numbers_of_the_page() -> None:
-    found = {row[0]: row[1:] for row in rows(PAGE.read_text("utf-8"), "## Random").values()}
+    table = {row[0]: row[1:] for row in rows(PAGE.read_text("utf-8"), "## Random").values()}
     for name in POSTURES:
         view = look_at(hexaslide_planning(Request(name)))
         postures = load_postures(PAGE.parent / SETS / f"hexaslide-{name}.csv")
-        stated = float(found[name][2].strip("*"))
+        stated = float(table[name][2].strip("*"))
         assert conditions_at(view, postures)["m, rad"] == pytest.approx(stated, rel=0.01)
 
 
 def test_a_tilt_measured_too(page: str) -> None:
-    found = rows(page, "## Any measured components")
-    assert found["`x,y,z,theta`"][:2] == ["48 of 49", "turns Z"]
-    assert found["`x,y,z,theta,psi,phi`"][0] == "49 of 49"
+    table = rows(page, "## Any measured components")
+    assert table["`x,y,z,theta`"][:2] == ["48 of 49", "turns Z"]
+    assert table["`x,y,z,theta,psi,phi`"][0] == "49 of 49"
 
 
 def test_the_committed_page_is_that_of_the_script(made: Path) -> None:
@@ -171,13 +171,13 @@ def test_the_committed_page_is_that_of_the_script(made: Path) -> None:
 
 def sentences(text: str) -> list[str]:
     """Paragraphs of the page with their numbers taken out."""
-    kept = [part for part in text.split("\n\n") if not part.startswith(("|", "    "))]
-    return [re.sub(r"\d[\d.e]*|\s+", " ", part) for part in kept]
+    sections = [part for part in text.split("\n\n") if not part.startswith(("|", "    "))]
+    return [re.sub(r"\d[\d.e]*|\s+", " ", part) for part in sections]
 
 
-def numbers(found: Mapping[str, list[str]]) -> list[float]:
+def numbers(table: Mapping[str, list[str]]) -> list[float]:
     """Condition numbers of the column of random medians."""
-    return [float(row[2].split(":")[1].split("(")[0]) for row in found.values()]
+    return [float(row[2].split(":")[1].split("(")[0]) for row in table.values()]
 
 
 def test_random_medians_are_of_the_papers_size() -> None:

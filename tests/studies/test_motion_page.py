@@ -14,8 +14,8 @@ PAGE = motion.PAGE.read_text(encoding="utf-8")
 
 
 def test_the_drawing_is_that_of_the_table() -> None:
-    kept = motion.TARGET.read_text(encoding="utf-8")
-    assert kept == motion.picture(), "make it again: python -m studies.motion"
+    text = motion.TARGET.read_text(encoding="utf-8")
+    assert text == motion.picture(), "make it again: python -m studies.motion"
 
 
 def test_the_drawing_names_every_row_once() -> None:

@@ -13,16 +13,20 @@ def _printed() -> str:
 
 
 def test_it_prints_what_is_kept() -> None:
-    kept = read()
-    assert executed(kept) == kept, "make it again: python -m studies.notebook"
+    notebook = read()
+    assert executed(notebook) == notebook, "make it again: python -m studies.notebook"
 
 
 def test_it_gives_the_tables() -> None:
     """Pashkevich et al. 2008: tables 1 to 3 to 0.01 mm, but for three signs and the full set."""
     rows = [line.split() for line in _printed().splitlines()]
-    left, said = ([row[1:] for row in rows if row[:1] == [kind]] for kind in ("left", "printed"))
-    for name, found, shown in zip(("1c", "2", "3"), left[1:], said[1:], strict=False):
-        pairs = zip(map(float, found), map(float, shown), strict=True)
+    computed, printed = (
+        [row[1:] for row in rows if row[:1] == [kind]] for kind in ("left", "printed")
+    )
+    for name, numbers, printed_numbers in zip(
+        ("1c", "2", "3"), computed[1:], printed[1:], strict=False
+    ):
+        pairs = zip(map(float, numbers), map(float, printed_numbers), strict=True)
         assert all(abs(a - b) < 0.0101 for a, b in pairs), name
     pairs_of_table_2 = re.findall(r"([+-]?\d\.\d{3}) \(([+-]\d\.\d\d)\)(!?)", _printed())
     assert len(pairs_of_table_2) == 36
@@ -30,6 +34,6 @@ def test_it_gives_the_tables() -> None:
     assert len(wrong) == 3
     assert all(abs(a + b) < 0.01 for a, b in wrong), "only the sign"
     sets, of_paper = ([row[1:] for row in rows if row[:1] == [k]] for k in ("found", "printed"))
-    for one, other in zip(sets[1:], of_paper[-2:], strict=True):
-        pairs = zip(map(float, one), map(float, other), strict=True)
+    for computed_set, printed_set in zip(sets[1:], of_paper[-2:], strict=True):
+        pairs = zip(map(float, computed_set), map(float, printed_set), strict=True)
         assert all(abs(a - b) < 0.0101 for a, b in pairs)

@@ -59,16 +59,16 @@ def better(first: float, second: float, criterion: Criterion) -> bool:
 def test_criteria_are_those_of_their_definitions(criterion: Criterion, seed: int) -> None:
     rows, metric = random_rows(seed, 7, 2, 4), metric_of(4)
     flat = rows.reshape(-1, 4)
-    found = value_of(flat.T @ flat, Aim(criterion, None, metric))
-    assert found == pytest.approx(by_definition(rows, criterion, metric), rel=1e-10)
+    value = value_of(flat.T @ flat, Aim(criterion, None, metric))
+    assert value == pytest.approx(by_definition(rows, criterion, metric), rel=1e-10)
 
 
 def test_nuisance_is_fitted_too() -> None:
     """The covariance of the wanted ones is the corner of the whole inverse."""
     flat = random_rows(3, 12, 1, 6)[:, 0]
-    left = wanted_information(flat.T @ flat, Aim(wanted=(1, 3, 4)))
+    remaining = wanted_information(flat.T @ flat, Aim(wanted=(1, 3, 4)))
     corner = np.linalg.inv(flat.T @ flat)[np.ix_([1, 3, 4], [1, 3, 4])]
-    assert np.linalg.inv(left) == pytest.approx(corner, rel=1e-9)
+    assert np.linalg.inv(remaining) == pytest.approx(corner, rel=1e-9)
 
 
 @settings(deadline=None, max_examples=60)
@@ -83,8 +83,8 @@ def test_swap_formula_is_the_recomputed_determinant(seed: int, r: int, k: int, e
     chosen = np.random.default_rng(seed).choice(9, min(k + extra, 9), replace=False)
     pool = Candidates(rows)
 
-    def information(some: IntArray) -> FloatArray:
-        return pool.information(some) + np.eye(k)  # else some swaps leave next to nothing
+    def information(rows_chosen: IntArray) -> FloatArray:
+        return pool.information(rows_chosen) + np.eye(k)  # else some swaps leave next to nothing
 
     before = information(chosen)
     ratios = swap_ratios(rows, chosen, np.asarray(np.linalg.inv(before)))
@@ -99,15 +99,15 @@ def test_swap_formula_is_the_recomputed_determinant(seed: int, r: int, k: int, e
 @pytest.mark.parametrize("seed", range(4))
 def test_exchange_finds_the_best_of_all_subsets(criterion: Criterion, seed: int) -> None:
     rows, metric = random_rows(seed, 9, 1, 3), metric_of(3)
-    found = choose(Candidates(rows), 5, Aim(criterion, None, metric), seed=seed, starts=30)
-    every = [
+    selection = choose(Candidates(rows), 5, Aim(criterion, None, metric), seed=seed, starts=30)
+    values = [
         by_definition(rows[list(subset)], criterion, metric)
         for subset in itertools.combinations(range(9), 5)
     ]
-    best = max(every) if criterion.larger_is_better else min(every)
-    assert found.value == pytest.approx(best, rel=1e-9)
-    assert found.value == pytest.approx(
-        by_definition(rows[list(found.chosen)], criterion, metric), rel=1e-9
+    best = max(values) if criterion.larger_is_better else min(values)
+    assert selection.value == pytest.approx(best, rel=1e-9)
+    assert selection.value == pytest.approx(
+        by_definition(rows[list(selection.chosen)], criterion, metric), rel=1e-9
     )
 
 
@@ -118,8 +118,8 @@ def test_exchange_with_nuisance_finds_the_best_of_all_subsets(seed: int) -> None
     rows[:, 0, :2] = random_rows(seed, 10, 1, 2)[:, 0]
     rows[:5, 0, 2] = rows[5:, 0, 3] = 1.0
     aim = Aim(wanted=(0, 1))
-    found = choose(Candidates(rows), 5, aim, seed=1, starts=30)
-    every = []
+    selection = choose(Candidates(rows), 5, aim, seed=1, starts=30)
+    values = []
     for subset in itertools.combinations(range(10), 5):
         centred = [
             part[:, 0, :2] - part[:, 0, :2].mean(axis=0)
@@ -127,8 +127,8 @@ def test_exchange_with_nuisance_finds_the_best_of_all_subsets(seed: int) -> None
             if len(part)
         ]
         sigma = np.linalg.svd(np.vstack(centred), compute_uv=False)
-        every.append(math.sqrt(math.prod(sigma)))
-    assert found.value == pytest.approx(max(every), rel=1e-6)
+        values.append(math.sqrt(math.prod(sigma)))
+    assert selection.value == pytest.approx(max(values), rel=1e-6)
 
 
 @pytest.mark.parametrize("criterion", ALL)
@@ -136,13 +136,13 @@ def test_exchange_with_nuisance_finds_the_best_of_all_subsets(seed: int) -> None
 def test_never_worse_than_any_start(criterion: Criterion, r: int) -> None:
     rows, metric = random_rows(8, 40, r, 4), metric_of(4)
     aim = Aim(criterion, None, metric)
-    found = choose(Candidates(rows), 8, aim, seed=5, starts=6)
+    selection = choose(Candidates(rows), 8, aim, seed=5, starts=6)
     for generator in np.random.default_rng(5).spawn(6):
         start = generator.choice(40, 8, replace=False)
-        assert better(found.value, by_definition(rows[start], criterion, metric), criterion)
-    assert found.start_value is not None
-    assert better(found.value, found.start_value, criterion)
-    assert found.exchanges > 0
+        assert better(selection.value, by_definition(rows[start], criterion, metric), criterion)
+    assert selection.start_value is not None
+    assert better(selection.value, selection.start_value, criterion)
+    assert selection.exchanges > 0
 
 
 def test_more_starts_never_make_it_worse() -> None:
@@ -196,12 +196,12 @@ def test_wrong_input_is_refused() -> None:
 
 
 @pytest.mark.parametrize("criterion", ALL)
-@pytest.mark.parametrize("wanted", [None, (0, 1, 3)])
+@pytest.mark.parametrize("parameters", [None, (0, 1, 3)])
 def test_slope_of_the_cost_is_that_of_differences(
-    criterion: Criterion, wanted: tuple[int, ...] | None
+    criterion: Criterion, parameters: tuple[int, ...] | None
 ) -> None:
-    k = 4 if wanted is None else 3
-    aim = Aim(criterion, wanted, metric_of(k))
+    k = 4 if parameters is None else 3
+    aim = Aim(criterion, parameters, metric_of(k))
     flat = random_rows(6, 9, 1, 4)[:, 0]
     information = flat.T @ flat
     cost, slope = cost_and_slope(information, aim)
@@ -257,19 +257,19 @@ def parabola(points: FloatArray) -> tuple[FloatArray, Pull]:
 def test_refinement_finds_the_known_optimum_of_a_parabola() -> None:
     """D-optimum of a quadratic on [-1, 1]: the ends and the middle (Fedorov 1972)."""
     start = np.array([[-0.8], [0.3], [0.5]])
-    found = refine(parabola, start, np.array([-1.0]), np.array([1.0]))
-    assert found.coordinates[:, 0] == pytest.approx([-1.0, 0.0, 1.0], abs=1e-5)
-    assert found.on_bound == 2
-    assert found.value > found.start_value
+    refinement = refine(parabola, start, np.array([-1.0]), np.array([1.0]))
+    assert refinement.coordinates[:, 0] == pytest.approx([-1.0, 0.0, 1.0], abs=1e-5)
+    assert refinement.on_bound == 2
+    assert refinement.value > refinement.start_value
 
 
 @pytest.mark.parametrize("criterion", ALL)
 def test_refinement_is_never_worse_and_stays_in_the_box(criterion: Criterion) -> None:
     low, high = np.array([-1.0]), np.array([1.0])
     start = np.random.default_rng(4).uniform(-0.9, 0.9, (6, 1))
-    found = refine(parabola, start, low, high, Aim(criterion, None, metric_of(3)))
-    assert better(found.value, found.start_value, criterion)
-    assert ((low <= found.coordinates) & (found.coordinates <= high)).all()
+    refinement = refine(parabola, start, low, high, Aim(criterion, None, metric_of(3)))
+    assert better(refinement.value, refinement.start_value, criterion)
+    assert ((low <= refinement.coordinates) & (refinement.coordinates <= high)).all()
 
 
 def test_refinement_refuses_a_start_outside() -> None:

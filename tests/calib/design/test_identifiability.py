@@ -23,14 +23,14 @@ def sensitivity_of(procedure: str) -> Sensitivity:
 @pytest.mark.parametrize("procedure", guided_procedure_names(Geometry()))
 def test_derivatives_wrong_by_1e_7_change_no_decision(procedure: str) -> None:
     exact = sensitivity_of(procedure)
-    found = analyse(exact)
+    analysis = analyse(exact)
     for seed in range(10):
         wrong = np.random.default_rng(seed).uniform(-1e-7, 1e-7, exact.jacobian.shape)
         again = analyse(replace(exact, jacobian=exact.jacobian * (1.0 + wrong)))
-        assert again.rank == found.rank == (4 if procedure == "plane" else 6)
-        assert len(again.weak) == len(found.weak)
-        assert again.individually_known == found.individually_known
-        assert {d.combination for d in again.weak} == {d.combination for d in found.weak}
+        assert again.rank == analysis.rank == (4 if procedure == "plane" else 6)
+        assert len(again.weak) == len(analysis.weak)
+        assert again.individually_known == analysis.individually_known
+        assert {d.combination for d in again.weak} == {d.combination for d in analysis.weak}
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -40,26 +40,26 @@ def test_an_exactly_lost_combination_stays_lost(seed: int) -> None:
     jacobian = 1e9 * generator.normal(size=(30, 4))
     jacobian[:, 3] = jacobian[:, 0] + jacobian[:, 1]
     jacobian *= 1.0 + generator.uniform(-1e-7, 1e-7, jacobian.shape)
-    found = analyse(Sensitivity(tuple("abcd"), jacobian, np.ones(4)))
-    assert found.rank == 3
-    assert len(found.unseen) == 1
-    assert abs(found.unseen_vectors[0][2]) < 1e-6
+    analysis = analyse(Sensitivity(tuple("abcd"), jacobian, np.ones(4)))
+    assert analysis.rank == 3
+    assert len(analysis.unseen) == 1
+    assert abs(analysis.unseen_vectors[0][2]) < 1e-6
 
 
 def test_weak_vectors_are_those_of_the_weak_combinations() -> None:
-    found = analyse(Sensitivity(("a", "b"), np.diag([1000.0, 20.0]), np.array([1.0, 1.0])))
-    assert [direction.combination for direction in found.weak] == ["b"]
-    assert np.abs(found.weak[0].vector) == pytest.approx([0.0, 1.0])
+    analysis = analyse(Sensitivity(("a", "b"), np.diag([1000.0, 20.0]), np.array([1.0, 1.0])))
+    assert [direction.combination for direction in analysis.weak] == ["b"]
+    assert np.abs(analysis.weak[0].vector) == pytest.approx([0.0, 1.0])
 
 
 def test_classical_qr_flags_the_last_of_dependent_columns() -> None:
     """papers/001, section 3: which one is flagged depends on the order of the columns."""
     jacobian = np.random.default_rng(1).integers(-4, 5, (8, 3)).astype(np.float64)
     jacobian[:, 2] = 2.0 * jacobian[:, 0]
-    found = classical_qr(jacobian, ("a", "b", "c"))
+    factorisation = classical_qr(jacobian, ("a", "b", "c"))
     diagonal = np.abs(np.linalg.qr(jacobian)[1].diagonal())
-    assert found.tolerance == pytest.approx(3 * np.finfo(np.float64).eps * diagonal.max())
-    assert found.flagged == ("c",)
+    assert factorisation.tolerance == pytest.approx(3 * np.finfo(np.float64).eps * diagonal.max())
+    assert factorisation.flagged == ("c",)
     assert classical_qr(jacobian[:, ::-1], ("c", "b", "a")).flagged == ("a",)
     few = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 7.0]])
     assert classical_qr(few, ("a", "b", "c")).flagged == ("c",)

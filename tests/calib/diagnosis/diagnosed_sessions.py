@@ -34,7 +34,7 @@ def diagnose(
 
 
 def case(
-    taken: Observations,
+    conditions: Observations,
     *effects: EffectInstance,
     seed: int = 0,
     scatter_mm: float = 0.002,
@@ -43,8 +43,12 @@ def case(
     generator = np.random.default_rng(seed)
     offsets = np.concatenate([generator.uniform(-2, 2, 3), generator.normal(0, 0.03, 3)])
     truth = Model(parameters_mm=tuple(offsets.tolist()), effects=effects)
-    value = measure(truth, taken, scatter_mm=scatter_mm, resolution_mm=0.0, generator=generator)
-    return SessionCase(model or Model(), observe(taken, value), IndicatorFigures(), TOLERANCE_MM)
+    value = measure(
+        truth, conditions, scatter_mm=scatter_mm, resolution_mm=0.0, generator=generator
+    )
+    return SessionCase(
+        model or Model(), observe(conditions, value), IndicatorFigures(), TOLERANCE_MM
+    )
 
 
 def with_readings(session: SessionCase, observed: Observations) -> SessionCase:
@@ -68,5 +72,7 @@ def mistakes(diagnosis: Diagnosis) -> list[Finding]:
 
 def possible(diagnosis: Diagnosis) -> set[tuple[str, str]]:
     """Names at their places, and their rivals."""
-    rivals = {(r.id, r.where) for one in diagnosis.effects for r in one.indistinguishable_from}
+    rivals = {
+        (r.id, r.where) for effect in diagnosis.effects for r in effect.indistinguishable_from
+    }
     return {*names(diagnosis), *rivals}

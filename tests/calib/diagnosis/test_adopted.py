@@ -22,7 +22,7 @@ PLAY = LAWS["backlash"]
 
 def adopted(session: SessionCase, *effects: EffectInstance, held: bool = False) -> SessionCase:
     """The session against a model with these effects."""
-    free = frozenset() if held else frozenset((one.effect, one.place) for one in effects)
+    free = frozenset() if held else frozenset((effect.effect, effect.place) for effect in effects)
     return replace(session, model=Model(effects=effects), free=free)
 
 
@@ -38,18 +38,18 @@ def value_and_deviation(posterior: Posterior, law: tuple[object, str]) -> tuple[
     return middle, float(np.sqrt(square))
 
 
-@pytest.mark.parametrize("taken", [SWEEP, TWO_STATION])
-def test_a_wrong_size_of_the_model_is_found_again(taken: object) -> None:
-    session = case(taken, EffectInstance(PLAY, "z", (0.05,)), seed=4)  # type: ignore[arg-type]
+@pytest.mark.parametrize("observed", [SWEEP, TWO_STATION])
+def test_a_wrong_size_of_the_model_is_found_again(observed: object) -> None:
+    session = case(observed, EffectInstance(PLAY, "z", (0.05,)), seed=4)  # type: ignore[arg-type]
     free = posterior([adopted(session, EffectInstance(PLAY, "z", (0.03,)))])
     diagnosis = diagnosis_of(free)
     assert diagnosis.verdict == "agrees"
     assert diagnosis.gap_before.p_value > 0.01
-    made = correction(free, "play")
+    entry = correction(free, "play")
     (column,) = free.field.columns_of((PLAY, "z"))
     middle_mm, u_mm = value_and_deviation(free, (PLAY, "z"))
-    assert made.off.values[column] == pytest.approx(middle_mm, abs=u_mm)
-    assert abs(made.off.values[column] - 0.05) < 4.0 * u_mm
+    assert entry.off.values[column] == pytest.approx(middle_mm, abs=u_mm)
+    assert abs(entry.off.values[column] - 0.05) < 4.0 * u_mm
     assert u_mm < 0.002
     # as well known as where it is found without a model
     without = posterior([session])
@@ -59,21 +59,21 @@ def test_a_wrong_size_of_the_model_is_found_again(taken: object) -> None:
 def test_sizes_of_held_out_sessions_are_those_of_the_others() -> None:
     """The size that the model states would leave a gap there."""
     wrong = EffectInstance(PLAY, "z", (0.03,))
-    first, other = (
+    first, second = (
         adopted(case(SWEEP, EffectInstance(PLAY, "z", (0.05,)), seed=seed), wrong)
         for seed in (4, 9)
     )
-    gap = diagnosis_of(posterior([first]), [replace(other, free=frozenset())]).held_out
+    gap = diagnosis_of(posterior([first]), [replace(second, free=frozenset())]).held_out
     assert gap is not None
     assert gap.before_rms_mm < 1.5 * gap.noise_rms_mm
 
 
 def test_a_held_size_stays_and_what_it_lacks_is_missing() -> None:
     session = case(SWEEP, EffectInstance(PLAY, "z", (0.05,)), seed=4)
-    held = posterior([adopted(session, EffectInstance(PLAY, "z", (0.03,)), held=True)])
-    (column,) = held.field.columns_of((PLAY, "z"))
-    assert held.start[column] == pytest.approx(0.03)
-    diagnosis = diagnosis_of(held)
+    constant = posterior([adopted(session, EffectInstance(PLAY, "z", (0.03,)), held=True)])
+    (column,) = constant.field.columns_of((PLAY, "z"))
+    assert constant.start[column] == pytest.approx(0.03)
+    diagnosis = diagnosis_of(constant)
     assert diagnosis.missing > 0.99
     assert ("backlash", "z") in possible(diagnosis)
     (size,) = diagnosis.effects[0].parameters
@@ -105,11 +105,15 @@ def test_a_searched_lead_of_the_model_is_free() -> None:
 def test_a_size_that_fits_is_kept_and_its_uncertainty_is_in_the_bound() -> None:
     effect = EffectInstance(LAWS["actuator_scale"], "y", (0.5,))
     session = case(SWEEP, effect, seed=2)
-    free, held = (posterior([adopted(session, effect, held=held)]) for held in (False, True))
+    free, constant = (
+        posterior([adopted(session, effect, held=is_fixed)]) for is_fixed in (False, True)
+    )
     middle, u = value_and_deviation(free, (effect.effect, "y"))
     assert abs(middle - 0.5) < 4.0 * u
-    assert value_and_deviation(held, (effect.effect, "y"))[1] < 0.5 * u
-    bounds_mm = [correction(one, "tables").off.bound_mm["touched-off"] for one in (free, held)]
+    assert value_and_deviation(constant, (effect.effect, "y"))[1] < 0.5 * u
+    bounds_mm = [
+        correction(result, "tables").off.bound_mm["touched-off"] for result in (free, constant)
+    ]
     assert bounds_mm[0] > bounds_mm[1]
 
 
@@ -118,8 +122,8 @@ def test_what_is_missing_beside_an_adopted_effect_is_named() -> None:
     hidden = EffectInstance(PLAY, "z", (0.05,)), EffectInstance(LAWS["leg_bow"], "xy", (0.3,))
     session, before_mm = case(SWEEP, *hidden, seed=3), []
     for stated_mm in (0.01, 0.05):
-        known = adopted(session, EffectInstance(PLAY, "z", (stated_mm,)))
-        diagnosis = diagnosis_of(posterior([known]))
+        variant = adopted(session, EffectInstance(PLAY, "z", (stated_mm,)))
+        diagnosis = diagnosis_of(posterior([variant]))
         assert diagnosis.verdict == "explained"
         assert names(diagnosis) == [("leg_bow", "xy")]
         assert diagnosis.gap_after.p_value > 0.01

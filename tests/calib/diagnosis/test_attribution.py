@@ -23,8 +23,10 @@ def test_two_indicators_are_a_rival_of_one_bar(seed: int) -> None:
         for place, v in (("yx", 30.0), ("yz", -40.0))
     ]
     diagnosis = diagnose([case(SWEEP, *tilts, seed=seed)], CATALOGUE)
-    possible = {one.id for one in diagnosis.effects}
-    possible |= {rival.id for one in diagnosis.effects for rival in one.indistinguishable_from}
+    possible = {effect.id for effect in diagnosis.effects}
+    possible |= {
+        rival.id for effect in diagnosis.effects for rival in effect.indistinguishable_from
+    }
     assert "gauge_tilt" in possible
 
 

@@ -35,7 +35,7 @@ Triple = tuple[float, float, float]
 
 
 def session(
-    taken: Observations,
+    observed: Observations,
     lengths_mm: Triple,
     *effects: EffectInstance,
     offsets_mm: Triple = USUAL,
@@ -43,9 +43,9 @@ def session(
 ) -> SessionCase:
     """Of a machine with these bars, noise 2 µm."""
     truth = Model(parameters_mm=(*offsets_mm, *lengths_mm), effects=effects)
-    value = measure(truth, taken, scatter_mm=0.002, resolution_mm=0.0, generator=seed)
+    value = measure(truth, observed, scatter_mm=0.002, resolution_mm=0.0, generator=seed)
     figures = IndicatorFigures(repeatability_mm=0.002)
-    return SessionCase(Model(), observe(taken, value), figures, TOLERANCE_MM)
+    return SessionCase(Model(), observe(observed, value), figures, TOLERANCE_MM)
 
 
 def test_with_bars_of_their_tolerance_nothing_is_missing() -> None:
@@ -83,8 +83,8 @@ def test_published_gaps_are_not_closed_by_bars_of_metres(
 
 @pytest.mark.parametrize("seed", first_quick(range(4)))
 def test_bars_off_by_three_tolerances_make_no_other_name(seed: int) -> None:
-    for taken in (SWEEP, TWO_STATION):
-        diagnosis = diagnose([session(taken, (0.3, -0.3, 0.3), seed=seed)], CATALOGUE)
+    for observed in (SWEEP, TWO_STATION):
+        diagnosis = diagnose([session(observed, (0.3, -0.3, 0.3), seed=seed)], CATALOGUE)
         assert {name for name, _ in names(diagnosis)} <= {"leg_length"}
 
 
@@ -113,20 +113,20 @@ def test_all_scales_alike_are_another_size_of_machine() -> None:
 def test_lengths_found_in_two_sessions_serve_a_third() -> None:
     bars = (0.25, -0.2, 0.3)
     several = [session(SHORT, bars, offsets_mm=(k, -k, 0.5 * k), seed=k) for k in range(3)]
-    cells = [Cells.of(one) for one in several]
-    alone, others = Leftover.of(cells[2:]), Leftover.of(cells[:2])
-    with_bars = Leftover.of(cells[2:], bars=others.bars())
+    cells = [Cells.of(item) for item in several]
+    alone, former = Leftover.of(cells[2:]), Leftover.of(cells[:2])
+    with_bars = Leftover.of(cells[2:], bars=former.bars())
     assert with_bars.gap().chi_square < alone.gap().chi_square
     # as much less as the three have in common beyond the two, but for squares of 0.3 mm
     together = Leftover.of(cells).gap().chi_square
-    both = others.gap().chi_square + with_bars.gap().chi_square
-    assert together == pytest.approx(both, rel=2e-4)
+    total = former.gap().chi_square + with_bars.gap().chi_square
+    assert together == pytest.approx(total, rel=2e-4)
 
 
 def test_sessions_of_different_bars_are_told() -> None:
     bars: tuple[Triple, ...] = ((0.1, -0.1, 0.05), (-0.6, -0.5, 0.7))
-    made = [session(TWO_STATION, each, seed=k) for k, each in enumerate(bars)]
-    diagnosis = diagnose(made, CATALOGUE)
+    sessions = [session(TWO_STATION, bar, seed=k) for k, bar in enumerate(bars)]
+    diagnosis = diagnose(sessions, CATALOGUE)
     assert names(diagnosis) == [("other_bars", "session 2")]
     assert "diagnose the sessions one at a time" in diagnosis.effects[0].title
 
@@ -148,12 +148,12 @@ def test_one_posture_tells_nothing() -> None:
     assert any("measure others too" in remark for remark in diagnosis.remarks)
 
 
-def driven_again(taken: Observations, times: int) -> Observations:
+def driven_again(observed: Observations, times: int) -> Observations:
     """The same session, every cycle of it driven so many times."""
-    many = taken.take(np.tile(np.arange(len(taken)), times))
-    turn = np.repeat(np.arange(times), len(taken))
-    later = turn * (taken.time_s.max() + 20.0)
-    cycle = many.cycle + turn * taken.cycle.max()
+    many = observed.take(np.tile(np.arange(len(observed)), times))
+    turn = np.repeat(np.arange(times), len(observed))
+    later = turn * (observed.time_s.max() + 20.0)
+    cycle = many.cycle + turn * observed.cycle.max()
     many = replace(many, cycle=cycle, time_s=many.time_s + later)
     return many.take(np.argsort(many.mount, kind="stable"))
 
@@ -161,9 +161,9 @@ def driven_again(taken: Observations, times: int) -> Observations:
 def test_ten_times_the_readings_take_about_ten_times_as_long() -> None:
     seconds = []
     for times in (4, 12):
-        made = session(driven_again(TWO_STATION, times), (0.1, -0.1, 0.05))
+        data = session(driven_again(TWO_STATION, times), (0.1, -0.1, 0.05))
         start = time.process_time()
-        assert diagnose([made], CATALOGUE).verdict == "agrees"
+        assert diagnose([data], CATALOGUE).verdict == "agrees"
         seconds.append(time.process_time() - start)
     assert seconds[1] < 5.0 * seconds[0]  # three times the readings
 
@@ -171,10 +171,10 @@ def test_ten_times_the_readings_take_about_ten_times_as_long() -> None:
 @pytest.mark.parametrize("tolerance_mm", [1e-9, 100.0])
 def test_lengths_without_tolerance_and_with_decimetres_stay_finite(tolerance_mm: float) -> None:
     """The smallest and the largest that a machine file may state; bars are as they should be."""
-    made = session(SWEEP, (0.0, 0.0, 0.0))
-    held = replace(made, tolerance_mm=np.array([2.0] * 3 + [tolerance_mm] * 3))
-    diagnosis = diagnose([held], CATALOGUE)
+    data = session(SWEEP, (0.0, 0.0, 0.0))
+    with_limits = replace(data, tolerance_mm=np.array([2.0] * 3 + [tolerance_mm] * 3))
+    diagnosis = diagnose([with_limits], CATALOGUE)
     assert diagnosis.verdict == "agrees"
     assert np.isfinite(
-        [diagnosis.gap_before.rms_mm, *(one.size for one in diagnosis.smallest_detectable)]
+        [diagnosis.gap_before.rms_mm, *(effect.size for effect in diagnosis.smallest_detectable)]
     ).all()

@@ -35,14 +35,14 @@ def claims(weights: Weights) -> Claims:
     reach = {}
     for component in COMPONENTS:
         candidate = component.candidate
-        own = candidate is not None and candidate.arrangement in ("one", "each")
-        reach[name_of(component)] = frozenset(s.place for s in component.shares), own
+        separable = candidate is not None and candidate.arrangement in ("one", "each")
+        reach[name_of(component)] = frozenset(s.place for s in component.shares), separable
     assert {place for places, _ in weights for place in places} <= reach.keys()
-    each = {
+    components = {
         Claim(frozenset({*places} - UNNAMED), unnamed=bool({*places} & UNNAMED)): weight
         for places, weight in weights
     }
-    return Claims(each, reach)
+    return Claims(components, reach)
 
 
 def test_probabilities_are_sums_over_models() -> None:
@@ -96,15 +96,15 @@ def test_what_is_added_to_a_heavier_model_and_not_needed_is_no_rival() -> None:
 
 
 def test_an_effect_is_no_rival_of_itself_at_places_that_contain_it() -> None:
-    both = claims([((PLAY_X,), 0.6), ((PLAY_EACH,), 0.4)])
-    assert both.answer().rivals == {PLAY_X: ()}
-    assert both.one_in_other(PLAY_X, PLAY_EACH)
-    assert not both.one_in_other(PLAY_X, PLAY_Y)
+    mixture = claims([((PLAY_X,), 0.6), ((PLAY_EACH,), 0.4)])
+    assert mixture.answer().rivals == {PLAY_X: ()}
+    assert mixture.one_in_other(PLAY_X, PLAY_EACH)
+    assert not mixture.one_in_other(PLAY_X, PLAY_Y)
     elsewhere = claims([((PLAY_X,), 0.6), ((PLAY_Y,), 0.4)])
     assert elsewhere.answer().rivals == {PLAY_X: (PLAY_Y,)}
     shared = Named("backlash", "all")  # one value for all is not play at one drive
-    assert not both.one_in_other(PLAY_X, shared)
-    assert both.one_in_other(shared, PLAY_EACH)
+    assert not mixture.one_in_other(PLAY_X, shared)
+    assert mixture.one_in_other(shared, PLAY_EACH)
 
 
 def test_open_claims_hold_all_but_one_in_a_hundred() -> None:
@@ -115,8 +115,8 @@ def test_open_claims_hold_all_but_one_in_a_hundred() -> None:
 
 def test_equal_weights_keep_the_order_of_names() -> None:
     """Which of two exact aliases is told first does not depend on rounding."""
-    for more in (1e-15, -1e-15):
-        answer = claims([((TAPER,), 0.5 + more), ((BOW,), 0.5 - more)]).answer()
+    for difference in (1e-15, -1e-15):
+        answer = claims([((TAPER,), 0.5 + difference), ((BOW,), 0.5 - difference)]).answer()
         assert answer.rivals == {BOW: (TAPER,)}
 
 
@@ -134,7 +134,11 @@ def test_claims_of_a_posterior_are_its_models_read_one_by_one() -> None:
         free = bool(kinds & {"nameless", ELSE})
         unnamed += model.weight * free
         named += model.weight * (not free and bool(kinds or model.mistakes))
-        signs = [one for one in model.mistakes if (one.id, one.where) == ("gauge_sign", "xy")]
+        signs = [
+            mistake
+            for mistake in model.mistakes
+            if (mistake.id, mistake.where) == ("gauge_sign", "xy")
+        ]
         reversed_sign += model.weight * bool(signs)
     assert reversed_sign > 0.9
     assert read.named == pytest.approx(named)
@@ -144,8 +148,8 @@ def test_claims_of_a_posterior_are_its_models_read_one_by_one() -> None:
 
 def bounds_mm(posterior: Posterior) -> list[float]:
     """Of the tool touched off, with joint offsets and with all that a controller can hold."""
-    some = correction(posterior, "offsets"), correction(posterior, "kinematics")
-    return [made.off.bound_mm["touched-off"] for made in some]
+    entries = correction(posterior, "offsets"), correction(posterior, "kinematics")
+    return [entry.off.bound_mm["touched-off"] for entry in entries]
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -175,7 +179,9 @@ def test_models_with_the_name_at_places_that_contain_it_are_kept() -> None:
     certain = conditional(models, [name])
     assert certain is not None
     present = [{name_of(certain.components[k]) for k in m.members} for m in certain.models]
-    places = {some.where for names in present for some in names if some.id == "backlash"}
+    places = {
+        component.where for names in present for component in names if component.id == "backlash"
+    }
     assert {"x", "x,y,z"} <= places
     assert all({name, Named("backlash", "x,y,z")} & names for names in present)
     assert conditional(models, [name, Named("backlash", "y"), Named("leg_bow", "xy"), LAW]) is None

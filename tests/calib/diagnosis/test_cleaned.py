@@ -175,9 +175,9 @@ def test_a_wild_visit_is_left_out_and_nothing_else(
     _, diagnosis = changed(session, change)
     assert [mistake.id for mistake in mistakes(diagnosis)] == ["wild_reading"]
     right = cleaned(diagnosis)
-    kept = np.setdiff1d(np.arange(len(session.observed)), wild)
-    assert right.rows.tolist() == kept.tolist()
-    assert key(right.observed) == key(session.observed.take(kept))
+    good_rows = np.setdiff1d(np.arange(len(session.observed)), wild)
+    assert right.rows.tolist() == good_rows.tolist()
+    assert key(right.observed) == key(session.observed.take(good_rows))
 
 
 def test_a_wild_reading_in_an_exchanged_table_is_out_where_it_was_written() -> None:
@@ -193,18 +193,18 @@ def test_a_wild_reading_in_an_exchanged_table_is_out_where_it_was_written() -> N
     assert {mistake.id for mistake in mistakes(diagnosis)} == {"gauge_swap", "wild_reading"}
     right = cleaned(diagnosis)
     assert np.setdiff1d(np.arange(len(session.observed)), right.rows).tolist() == [wild]
-    kept = rows_of(session.observed, "zy")[4]
-    expected = session.observed.take(np.setdiff1d(np.arange(len(session.observed)), [kept]))
+    row = rows_of(session.observed, "zy")[4]
+    expected = session.observed.take(np.setdiff1d(np.arange(len(session.observed)), [row]))
     assert key(right.observed) == key(expected)
 
 
 def test_only_the_session_with_the_mistake_is_changed() -> None:
-    good, other = case(SHORT, seed=1), case(SHORT, seed=2)
-    value = times("yz", -1.0)(other.observed, other.observed.value_mm.copy())
-    diagnosis = diagnose([good, with_values(other, value)])
+    good, second_case = case(SHORT, seed=1), case(SHORT, seed=2)
+    value = times("yz", -1.0)(second_case.observed, second_case.observed.value_mm.copy())
+    diagnosis = diagnose([good, with_values(second_case, value)])
     first, second = diagnosis.cleaned
     assert key(first.observed) == key(good.observed)
-    assert key(second.observed) == key(other.observed)
+    assert key(second.observed) == key(second_case.observed)
 
 
 def test_the_readings_of_a_sound_session_are_as_they_were() -> None:

@@ -27,13 +27,13 @@ from tests.calib.diagnosis.diagnosed_sessions import (
 from tests.conftest import first_quick
 
 
-@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP, TWO_STATION]))
-def test_nothing_missing_agrees_and_says_what_would_have_been_seen(taken: Observations) -> None:
-    verdicts = [diagnose([case(taken, seed=seed)], CATALOGUE) for seed in range(6)]
-    assert sum(one.verdict == "agrees" for one in verdicts) >= 5
-    quiet = next(one for one in verdicts if one.verdict == "agrees")
+@pytest.mark.parametrize("observed", first_quick([SHORT, SWEEP, TWO_STATION]))
+def test_nothing_missing_agrees_and_says_what_would_have_been_seen(observed: Observations) -> None:
+    verdicts = [diagnose([case(observed, seed=seed)], CATALOGUE) for seed in range(6)]
+    assert sum(diagnosis.verdict == "agrees" for diagnosis in verdicts) >= 5
+    quiet = next(diagnosis for diagnosis in verdicts if diagnosis.verdict == "agrees")
     assert quiet.effects == ()
-    sizes = {one.id: one.size for one in quiet.smallest_detectable}
+    sizes = {effect.id: effect.size for effect in quiet.smallest_detectable}
     assert 0.0 < sizes["backlash"] < 0.1
 
 
@@ -45,8 +45,8 @@ def test_readings_without_any_scatter_name_nothing(
     """A factor shows in nothing that stands still, and no effect explains what rounding leaves."""
     exact_mm = Model(parameters_mm=(0.3, 0.2, -0.1, 0.0, 0.0, 0.0)).readings(SHORT)
     value_mm = np.full(len(SHORT), 0.5) if all_alike else exact_mm
-    made = with_readings(case(SHORT), observe(SHORT, value_mm))
-    diagnosis = diagnose([replace(made, indicator=IndicatorFigures(resolution_mm))], CATALOGUE)
+    session = with_readings(case(SHORT), observe(SHORT, value_mm))
+    diagnosis = diagnose([replace(session, indicator=IndicatorFigures(resolution_mm))], CATALOGUE)
     assert (diagnosis.verdict, diagnosis.effects) == (verdict, ())
     assert "best guess" not in diagnosis.sentence
 
@@ -82,17 +82,19 @@ def test_look_alikes_are_not_told_apart() -> None:
         [case(SHORT, EffectInstance(LAWS["leg_taper"], "xy", (0.4,)), seed=1)], CATALOGUE
     )
     assert diagnosis.verdict == "ambiguous"
-    every = {diagnosis.effects[0].id} | {r.id for r in diagnosis.effects[0].indistinguishable_from}
-    assert "leg_taper" in every
-    assert len(every) > 1
+    names_possible = {diagnosis.effects[0].id} | {
+        r.id for r in diagnosis.effects[0].indistinguishable_from
+    }
+    assert "leg_taper" in names_possible
+    assert len(names_possible) > 1
 
 
 def test_two_effects() -> None:
-    both = (
+    effects = (
         EffectInstance(LAWS["axis_squareness"], "xy", (0.8,)),
         EffectInstance(LAWS["backlash"], "z", (0.03,)),
     )
-    diagnosis = diagnose([case(TWO_STATION, *both, seed=5)], CATALOGUE)
+    diagnosis = diagnose([case(TWO_STATION, *effects, seed=5)], CATALOGUE)
     assert sorted(names(diagnosis)) == [("axis_squareness", "xy"), ("backlash", "z")]
     assert diagnosis.verdict == "explained"
 
@@ -110,16 +112,14 @@ def test_sessions_share_effects_and_keep_their_own_offsets() -> None:
 
 def test_a_model_that_has_the_effect_agrees() -> None:
     effect = EffectInstance(LAWS["backlash"], "x", (0.05,))
-    known = Model(effects=(effect,))
-    diagnosis = diagnose([case(SWEEP, effect, seed=2, model=known)], CATALOGUE)
+    model = Model(effects=(effect,))
+    diagnosis = diagnose([case(SWEEP, effect, seed=2, model=model)], CATALOGUE)
     assert diagnosis.verdict == "agrees"
 
 
 def test_an_effect_out_of_the_catalogue_is_not_given_a_name_with_confidence() -> None:
-    others = [effect for effect in CATALOGUE if effect.id not in ("backlash",)]
-    diagnosis = diagnose(
-        [case(TWO_STATION, EffectInstance(LAWS["backlash"], "x", (0.05,)))], others
-    )
+    laws = [effect for effect in CATALOGUE if effect.id not in ("backlash",)]
+    diagnosis = diagnose([case(TWO_STATION, EffectInstance(LAWS["backlash"], "x", (0.05,)))], laws)
     assert diagnosis.verdict in ("unexplained", "partly-explained")
 
 
@@ -142,10 +142,10 @@ def test_without_repeats_and_noise_nothing_is_judged() -> None:
 )
 def test_blunders_are_named_and_the_data_left_alone(change: object, name: str, where: str) -> None:
     assert callable(change)
-    one = case(SWEEP, seed=4)
-    wrong = replace(one.observed, value_mm=change(one.observed.value_mm, one.observed))
+    session = case(SWEEP, seed=4)
+    wrong = replace(session.observed, value_mm=change(session.observed.value_mm, session.observed))
     before = wrong.value_mm.copy()
-    diagnosis = diagnose([replace(one, observed=wrong)], CATALOGUE)
+    diagnosis = diagnose([replace(session, observed=wrong)], CATALOGUE)
     assert (diagnosis.effects[0].id, diagnosis.effects[0].where) == (name, where)
     assert diagnosis.effects[0].gap_rms_after_mm < 0.1 * diagnosis.effects[0].gap_rms_before_mm
     assert np.array_equal(wrong.value_mm, before)
@@ -160,9 +160,9 @@ def test_a_near_alias_is_a_rival_of_a_small_effect_and_none_of_a_large_one() -> 
 
     small, large = with_scale(0.3), with_scale(6.0)
     (doubtful,) = small.effects
-    every = {doubtful.id} | {rival.id for rival in doubtful.indistinguishable_from}
+    names_possible = {doubtful.id} | {rival.id for rival in doubtful.indistinguishable_from}
     assert small.verdict == "ambiguous"
-    assert {"actuator_scale", "gravity_sag"} <= every
+    assert {"actuator_scale", "gravity_sag"} <= names_possible
     assert large.verdict == "explained"
     assert names(large) == [("actuator_scale", "x")]
 
@@ -175,19 +175,21 @@ def test_two_effects_do_not_pass_for_one_in_every_place() -> None:
     )
     diagnosis = diagnose([case(SWEEP, *pair, seed=1)], CATALOGUE)
     named = {name for name, _ in names(diagnosis)}
-    rivals = {r.id for one in diagnosis.effects for r in one.indistinguishable_from}
+    rivals = {r.id for effect in diagnosis.effects for r in effect.indistinguishable_from}
     assert {"gauge_gain", "axis_squareness"} <= named | rivals
     assert ("leg_taper", "x,y,z") not in names(diagnosis)
 
 
 def test_two_leads_of_one_screw_are_terms_of_a_series() -> None:
-    both = [
+    effects = [
         EffectInstance(effect, "y", (0.0, 30.0))
         for effect in CATALOGUE
         if isinstance(effect, ActuatorCyclic) and effect.lead_mm in (5.0, 20.0)
     ]
-    one, two = (diagnose([case(SWEEP, *some, seed=2)], CATALOGUE) for some in (both[:1], both))
-    assert (one.verdict, names(one)) == ("explained", [("actuator_cyclic", "y")])
+    single, two = (
+        diagnose([case(SWEEP, *subset, seed=2)], CATALOGUE) for subset in (effects[:1], effects)
+    )
+    assert (single.verdict, names(single)) == ("explained", [("actuator_cyclic", "y")])
     assert names(two) == [("actuator_cyclic", "y")]
     sizes = {size.name: size for size in two.effects[0].parameters}
     for lead in (5, 20):

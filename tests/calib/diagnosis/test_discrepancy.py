@@ -35,8 +35,8 @@ def law_of(diagnosis: Diagnosis) -> ModelDiscrepancy:
 
 
 def test_a_cube_of_travel_is_described_and_never_named() -> None:
-    made = case(TWO_STATION, cube(800.0), seed=3)
-    diagnosis = diagnose([made], CATALOGUE)
+    session = case(TWO_STATION, cube(800.0), seed=3)
+    diagnosis = diagnose([session], CATALOGUE)
     assert diagnosis.verdict in ("partly-explained", "unexplained")
     unnamed = law_of(diagnosis)
     assert (unnamed.id, unnamed.kind, unnamed.where) == ("empirical", "empirical", "x")
@@ -44,19 +44,19 @@ def test_a_cube_of_travel_is_described_and_never_named() -> None:
     (value,) = unnamed.parameters
     assert abs(value.value - 800.0) < 4.0 * value.standard_uncertainty
     assert unnamed.gap_rms_after_mm < 0.4 * unnamed.gap_rms_before_mm
-    assert "empirical" not in {one.id for one in diagnosis.effects}
-    assert "empirical" not in {one.id for one in diagnosis.candidates}
-    held = law_of(diagnosis).held_out_gap
-    assert held is not None
-    assert held.after_rms_mm < 0.5 * held.before_rms_mm
+    assert "empirical" not in {effect.id for effect in diagnosis.effects}
+    assert "empirical" not in {effect.id for effect in diagnosis.candidates}
+    gap = law_of(diagnosis).held_out_gap
+    assert gap is not None
+    assert gap.after_rms_mm < 0.5 * gap.before_rms_mm
 
 
 def test_held_out_sessions_judge_the_law() -> None:
     sessions = [case(TWO_STATION, cube(800.0), seed=seed) for seed in (3, 4)]
-    held = law_of(diagnose(sessions[:1], CATALOGUE, sessions[1:])).held_out_gap
-    assert held is not None
-    assert held.how == "sessions that were not used"
-    assert held.after_rms_mm < 1.5 * held.noise_rms_mm < 0.5 * held.before_rms_mm
+    gap = law_of(diagnose(sessions[:1], CATALOGUE, sessions[1:])).held_out_gap
+    assert gap is not None
+    assert gap.how == "sessions that were not used"
+    assert gap.after_rms_mm < 1.5 * gap.noise_rms_mm < 0.5 * gap.before_rms_mm
 
 
 def test_readings_that_depend_on_time_and_direction() -> None:
@@ -81,36 +81,36 @@ def test_a_law_beside_what_was_named() -> None:
         EffectInstance(Empirical(("fourth_at_100mm",)), "xy", (30.0,)),
     )
     diagnosis = diagnose([case(TWO_STATION, *effects, seed=7)], [LAWS["backlash"]])
-    assert [(one.id, one.where) for one in diagnosis.effects] == [("backlash", "z")]
+    assert [(effect.id, effect.where) for effect in diagnosis.effects] == [("backlash", "z")]
     assert diagnosis.verdict == "partly-explained"
-    left = law_of(diagnosis)
-    assert left.where == "xy"
-    assert left.gap_rms_after_mm < 0.5 * left.gap_rms_before_mm
-    assert left.gap_rms_before_mm == pytest.approx(diagnosis.gap_after.rms_mm)
+    law = law_of(diagnosis)
+    assert law.where == "xy"
+    assert law.gap_rms_after_mm < 0.5 * law.gap_rms_before_mm
+    assert law.gap_rms_before_mm == pytest.approx(diagnosis.gap_after.rms_mm)
 
 
 def test_adopted_it_is_gone_and_the_model_agrees() -> None:
-    made = case(TWO_STATION, cube(800.0), seed=3)
-    effects = law_of(diagnose([made], CATALOGUE)).effects
+    session = case(TWO_STATION, cube(800.0), seed=3)
+    effects = law_of(diagnose([session], CATALOGUE)).effects
     again = case(TWO_STATION, cube(800.0), seed=3, model=Model(effects=effects))
     diagnosis = diagnose([again], CATALOGUE)
     assert diagnosis.verdict == "agrees"
     assert diagnosis.left_over is None
 
 
-@pytest.mark.parametrize("taken", [SWEEP, TWO_STATION])
-def test_noise_has_no_law(taken: Observations) -> None:
+@pytest.mark.parametrize("observed", [SWEEP, TWO_STATION])
+def test_noise_has_no_law(observed: Observations) -> None:
     for seed in range(4):
-        assert diagnose([case(taken, seed=seed)], []).left_over is None
+        assert diagnose([case(observed, seed=seed)], []).left_over is None
 
 
 def test_what_follows_no_law_is_said_to_follow_none() -> None:
-    made = case(SWEEP, seed=2)
-    value = made.observed.value_mm.copy()
-    keys = list(zip(made.observed.mount, made.observed.displacement_mm, strict=True))
-    own = {key: np.random.default_rng(abs(hash(key)) % 1000).normal(0, 0.02) for key in keys}
-    value += np.array([own[key] for key in keys])
-    rough = with_values(made, value)
+    session = case(SWEEP, seed=2)
+    value = session.observed.value_mm.copy()
+    keys = list(zip(session.observed.mount, session.observed.displacement_mm, strict=True))
+    off_mm = {key: np.random.default_rng(abs(hash(key)) % 1000).normal(0, 0.02) for key in keys}
+    value += np.array([off_mm[key] for key in keys])
+    rough = with_values(session, value)
     diagnosis = diagnose([rough], [])
     assert diagnosis.verdict == "unexplained"
     assert diagnosis.left_over is None
@@ -119,22 +119,24 @@ def test_what_follows_no_law_is_said_to_follow_none() -> None:
 
 def test_bases_and_laws_by_hand() -> None:
     readings = Empirical(("square_at_100mm", "per_hour"))
-    plain, taken = Model(parameters_mm=OFF), TWO_STATION
+    plain, conditions = Model(parameters_mm=OFF), TWO_STATION
     changed = Model(parameters_mm=OFF, effects=(EffectInstance(readings, "xz", (20.0, 6.0)),))
-    moved = changed.readings(taken) - plain.readings(taken)
-    here = (taken.leg == 0) & (taken.axis == 2)
-    expected = 0.020 * (taken.displacement_mm / 100.0) ** 2 + 0.006 * taken.time_s / 3600.0
+    moved = changed.readings(conditions) - plain.readings(conditions)
+    here = (conditions.leg == 0) & (conditions.axis == 2)
+    expected = (
+        0.020 * (conditions.displacement_mm / 100.0) ** 2 + 0.006 * conditions.time_s / 3600.0
+    )
     assert moved == pytest.approx(np.where(here, expected, 0.0), abs=1e-12)
     carriage = Empirical(("travel_square_at_100mm",))
     off = Model(parameters_mm=OFF, effects=(EffectInstance(carriage, "y", (100.0,)),))
     scale = Model(
         parameters_mm=OFF, effects=(EffectInstance(LAWS["actuator_scale"], "y", (-0.6,)),)
     )
-    low = (taken.leg == 1) & (np.abs(taken.displacement_mm) == 60.0)
-    for at in np.flatnonzero(low & (taken.displacement_mm > 0)):
+    low = (conditions.leg == 1) & (np.abs(conditions.displacement_mm) == 60.0)
+    for at in np.flatnonzero(low & (conditions.displacement_mm > 0)):
         # 100 µm · 0.6² = 36 µm at +60 mm, as much as -0.6 mm/m · 60 mm, but the other way
-        first = off.readings(taken)[at] - plain.readings(taken)[at]
-        second = scale.readings(taken)[at] - plain.readings(taken)[at]
+        first = off.readings(conditions)[at] - plain.readings(conditions)[at]
+        second = scale.readings(conditions)[at] - plain.readings(conditions)[at]
         assert first == pytest.approx(-second, rel=1e-2)
 
 

@@ -19,42 +19,44 @@ def left_by_the_true_effect_mm(cells: Cells, effect: EffectInstance) -> float:
 
     R.m.s. over the means of cells, which are what a diagnosis predicts.
     """
-    model, taken = Model(), cells.means
-    base = derivatives(model.geometry, model.parameters_mm, taken, (effect,))
+    model, means = Model(), cells.means
+    base = derivatives(model.geometry, model.parameters_mm, means, (effect,))
     small = 1e-6
     bigger = EffectInstance(effect.effect, effect.place, tuple(v + small for v in effect.values))
-    readings = [Model(effects=(e,)).readings(taken) for e in (effect, bigger)]
+    readings = [Model(effects=(e,)).readings(means) for e in (effect, bigger)]
     column = (readings[1] - readings[0]) / small
-    zeros = np.eye(taken.mount_count)[taken.mount]
+    zeros = np.eye(means.mount_count)[means.mount]
     root = 1.0 / np.sqrt(cells.variance_mm2)
     design: FloatArray = root[:, None] * np.column_stack([zeros, base, column])
     design = design / np.linalg.norm(design, axis=0)
-    left = root * (taken.value_mm - readings[0])
+    residual = root * (means.value_mm - readings[0])
     missed = []
     for leg in range(3):
         for side in (1.0, -1.0):
-            out = (taken.leg == leg) & (np.sign(taken.displacement_mm) == side)
-            x = np.linalg.lstsq(design[~out], left[~out], rcond=1e-12)[0]
-            missed.append((left[out] - design[out] @ x) / root[out])
+            out = (means.leg == leg) & (np.sign(means.displacement_mm) == side)
+            x = np.linalg.lstsq(design[~out], residual[~out], rcond=1e-12)[0]
+            missed.append((residual[out] - design[out] @ x) / root[out])
     return float(np.sqrt(np.mean(np.concatenate(missed) ** 2)))
 
 
-@pytest.mark.parametrize("taken", [SWEEP, TWO_STATION])
-def test_readings_left_out_are_predicted_as_well_as_by_the_true_effect(taken: Observations) -> None:
+@pytest.mark.parametrize("observed", [SWEEP, TWO_STATION])
+def test_readings_left_out_are_predicted_as_well_as_by_the_true_effect(
+    observed: Observations,
+) -> None:
     """Axes out of square pull the offsets of a fit without them 3 mm away: that must not hold."""
     effect = EffectInstance(LAWS["axis_squareness"], "xy", (2.0,))
-    made = case(taken, effect, seed=4)
-    diagnosis = diagnose([made], CATALOGUE)
-    assert [(one.id, one.where) for one in diagnosis.effects] == [("axis_squareness", "xy")]
+    session = case(observed, effect, seed=4)
+    diagnosis = diagnose([session], CATALOGUE)
+    assert [(claim.id, claim.where) for claim in diagnosis.effects] == [("axis_squareness", "xy")]
     assert diagnosis.held_out is not None
-    right = left_by_the_true_effect_mm(Cells.of(made), effect)
+    right = left_by_the_true_effect_mm(Cells.of(session), effect)
     assert diagnosis.held_out.after_rms_mm == pytest.approx(right, rel=0.1)
     assert diagnosis.held_out.before_rms_mm > 3.0 * right
 
 
 def test_where_points_at_the_leg_and_the_direction() -> None:
-    made = case(TWO_STATION, EffectInstance(LAWS["leg_bow"], "xy", (0.15,)), seed=6)
-    shares = locate(Leftover.of([Cells.of(made)]))
+    session = case(TWO_STATION, EffectInstance(LAWS["leg_bow"], "xy", (0.15,)), seed=6)
+    shares = locate(Leftover.of([Cells.of(session)]))
     first = next(s for s in shares if s.leg and s.axis)
     assert (first.leg, first.axis) == ("x", "y")
     assert sum(s.share for s in shares if s.leg and s.axis) == pytest.approx(1.0)

@@ -60,11 +60,13 @@ class Refit:
     def log_weight(self, model: Model) -> float:
         """Student's t of the kept rows, and the priors of names and scales."""
         rows, components = self.result.linear.rows, self.result.components
-        kept = self.spread_of(model)[np.ix_(self.kept, self.kept)]
+        inner_covariance = self.spread_of(model)[np.ix_(self.kept, self.kept)]
         y = self.residual[self.kept]
-        square = float(y @ np.linalg.solve(kept, y))
+        square = float(y @ np.linalg.solve(inner_covariance, y))
         power = (rows.freedom + rows.free - len(self.out)) / 2.0
-        log = -0.5 * np.linalg.slogdet(kept)[1] - power * math.log(rows.freedom + square)
+        log = -0.5 * np.linalg.slogdet(inner_covariance)[1] - power * math.log(
+            rows.freedom + square
+        )
         log += LOG_CAUSES[len(model)] + sum(components[k].log_prior for k, _ in model)
         return float(log + sum(LOG_SCALES[SCALES.index(scale)] for _, scale in model))
 
@@ -72,25 +74,25 @@ class Refit:
         """What is left of the rows that were out."""
         covariance = self.spread_of(model)
         across = covariance[np.ix_(self.out, self.kept)]
-        kept = covariance[np.ix_(self.kept, self.kept)]
-        told = across @ np.linalg.solve(kept, self.residual[self.kept])
-        return np.asarray(self.residual[self.out] - told)
+        inner_covariance = covariance[np.ix_(self.kept, self.kept)]
+        prediction = across @ np.linalg.solve(inner_covariance, self.residual[self.kept])
+        return np.asarray(self.residual[self.out] - prediction)
 
 
-@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP]), ids=["short", "sweep"])
+@pytest.mark.parametrize("observed", first_quick([SHORT, SWEEP]), ids=["short", "sweep"])
 @pytest.mark.parametrize("sessions", [1, 2])
 def test_what_is_missed_is_that_of_a_refit_without_the_rows(
-    taken: Observations, sessions: int
+    observed: Observations, sessions: int
 ) -> None:
     effect = EffectInstance(LAWS["axis_squareness"], "xy", (0.8,))
-    result = posterior([case(taken, effect, seed=3 + k) for k in range(sessions)])
+    result = posterior([case(observed, effect, seed=3 + k) for k in range(sessions)])
     assert result.linear.rows.excess == 0.0
-    names = [k for k, one in enumerate(result.components) if one.kind in NAMES]
+    names = [k for k, component in enumerate(result.components) if component.kind in NAMES]
     models: list[Model] = [((k, scale),) for k in names for scale in SCALES]
     models += [
-        tuple(zip(one.members, one.scales, strict=True))
-        for one in result.models
-        if len(one.members) > 1 and not one.mistakes and {*one.members} <= {*names}
+        tuple(zip(model.members, model.scales, strict=True))
+        for model in result.models
+        if len(model.members) > 1 and not model.mistakes and {*model.members} <= {*names}
     ]
     root = np.sqrt(np.concatenate([cells.variance_mm2 for cells in result.sessions]))
     before, after, noise, chosen = [], [], [], []
@@ -104,7 +106,9 @@ def test_what_is_missed_is_that_of_a_refit_without_the_rows(
     leftover = Leftover.of(result.sessions)
     gap = left_out_postures(result, leftover, leftover, ())
     assert gap is not None
-    rms = [float(np.sqrt(np.mean(np.concatenate(each) ** 2))) for each in (before, after, noise)]
+    rms = [
+        float(np.sqrt(np.mean(np.concatenate(values) ** 2))) for values in (before, after, noise)
+    ]
     assert gap.before_rms_mm == pytest.approx(rms[0], rel=1e-3)
     assert gap.after_rms_mm == pytest.approx(rms[1], rel=1e-3)
     assert gap.noise_rms_mm == pytest.approx(rms[2], rel=1e-9)
@@ -116,7 +120,7 @@ def test_sessions_that_were_not_used_judge_a_wrong_name_badly() -> None:
     wrong = EffectInstance(LAWS["axis_squareness"], "yz", (-0.8,))
     first, second = (Leftover.of([Cells.of(case(SWEEP, effect, seed=s))]) for s in (1, 9))
     right, mirrored = (
-        on_other_sessions(first, second.sessions, (one,), ()) for one in (effect, wrong)
+        on_other_sessions(first, second.sessions, (law,), ()) for law in (effect, wrong)
     )
     assert right is not None
     assert mirrored is not None

@@ -29,18 +29,18 @@ def test_what_shows_is_named_with_its_size(kind: str, what: Hidden) -> None:
     chance = np.random.default_rng(22)
     readings = measured(Plain(FILE, chance), FILE, kind, what, chance)
     tolerances = FILE.tolerances.of(readings.procedure.parameters)
-    found = diagnosed(readings, FILE.whole(), tolerances, LEAD_M)
-    assert tuple(one for claim in found.named for one in claim.causes) == what.truth
-    assert found.verdict == "explained"
-    assert found.p_before < 0.05
-    assert found.p_after > 1e-3
+    diagnosis = diagnosed(readings, FILE.whole(), tolerances, LEAD_M)
+    assert tuple(cause for claim in diagnosis.named for cause in claim.causes) == what.truth
+    assert diagnosis.verdict == "explained"
+    assert diagnosis.p_before < 0.05
+    assert diagnosis.p_after > 1e-3
     if what.cause in ("rail_scale", "backlash"):
-        (size,) = found.sizes
+        (size,) = diagnosis.sizes
         assert size.value == pytest.approx(1e3 * what.size, abs=4.0 * size.standard_uncertainty)
         assert size.standard_uncertainty < 0.5 * size.value
-        assert found.platform_m > 1e-7
+        assert diagnosis.platform_m > 1e-7
     if kind == "position":
-        assert len(found.unidentifiable) == 3
+        assert len(diagnosis.unidentifiable) == 3
 
 
 def test_sound_machines_are_not_accused() -> None:
@@ -51,10 +51,10 @@ def test_sound_machines_are_not_accused() -> None:
             chance = np.random.default_rng(seed)
             readings = measured(Plain(FILE, chance), FILE, kind, NOTHING, chance)
             tolerances = FILE.tolerances.of(readings.procedure.parameters)
-            found = diagnosed(readings, FILE.whole(), tolerances, LEAD_M)
-            assert found.named == ()
-            assert sum(claim.weight for claim in found.claims) <= 1.0 + 1e-12
-            agreed += found.verdict == "agrees"
+            diagnosis = diagnosed(readings, FILE.whole(), tolerances, LEAD_M)
+            assert diagnosis.named == ()
+            assert sum(claim.weight for claim in diagnosis.claims) <= 1.0 + 1e-12
+            agreed += diagnosis.verdict == "agrees"
     assert agreed >= 7
 
 
@@ -62,10 +62,10 @@ def test_hidden_machines_of_the_bench() -> None:
     """A part of it: nobody is accused wrongly, the truth is in the set."""
     inside = 0
     for seed in range(100, 112):
-        what, found = case("position", seed)
-        named = {one for claim in found.named for one in claim.causes}
+        what, diagnosis = case("position", seed)
+        named = {cause for claim in diagnosis.named for cause in claim.causes}
         assert named <= set(what.truth)
-        inside += what.truth in {claim.causes for claim in found.claims}
+        inside += what.truth in {claim.causes for claim in diagnosis.claims}
     assert inside >= 11
 
 
@@ -74,7 +74,7 @@ def test_too_few_readings_and_no_noise_tell_nothing() -> None:
     readings = measured(Plain(FILE, chance), FILE, "position", NOTHING, chance)
     few = readings.take(np.arange(len(readings.sliders)) < 17)
     tolerances = FILE.tolerances.of(readings.procedure.parameters)
-    found = diagnosed(few, FILE.whole(), tolerances)
-    assert (found.verdict, found.claims, found.spare) == ("cannot-tell", (), 5)
+    diagnosis = diagnosed(few, FILE.whole(), tolerances)
+    assert (diagnosis.verdict, diagnosis.claims, diagnosis.spare) == ("cannot-tell", (), 5)
     with pytest.raises(NotIdentifiable, match="no stated noise"):
         diagnosed(replace(few, length_noise_m=0.0, angle_noise_rad=0.0), FILE.whole(), tolerances)

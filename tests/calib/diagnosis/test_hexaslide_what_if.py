@@ -31,20 +31,20 @@ def test_what_is_left_is_what_a_fit_leaves_beside_that_size(
 ) -> None:
     """A fit to readings with carriages moved so is not linear."""
     models = trial.models
-    held = AdoptedEffect(*NAME, (size,), held=True)
+    constant = AdoptedEffect(*NAME, (size,), held=True)
     beside = weighed(
-        models.readings, FILE.whole(), models.tolerances, models.lead_m, (held,), models.middle
+        models.readings, FILE.whole(), models.tolerances, models.lead_m, (constant,), models.middle
     )
-    left = beside.mean_square(beside.free)[0]
-    assert trial.at((size,)).times_noise ** 2 == pytest.approx(left, rel=0.01)
+    square = beside.mean_square(beside.free)[0]
+    assert trial.at((size,)).times_noise ** 2 == pytest.approx(square, rel=0.01)
 
 
 def test_the_best_size_leaves_least_and_steps_stay_in_bounds(trial: PostureTrial) -> None:
     (best,), (deviation,) = trial.best, trial.deviations
     assert best == pytest.approx(0.5, abs=3.5 * deviation)
-    left = [trial.at((best + by * deviation,)).times_noise ** 2 for by in (-1, 0, 1)]
-    assert left[1] == min(left)
-    assert (left[0] - left[1]) * trial.models.spare == pytest.approx(1.0, rel=1e-6)
+    squares = [trial.at((best + by * deviation,)).times_noise ** 2 for by in (-1, 0, 1)]
+    assert squares[1] == min(squares)
+    assert (squares[0] - squares[1]) * trial.models.spare == pytest.approx(1.0, rel=1e-6)
     (step,) = trial.steps
     assert 0.3 * deviation < step <= deviation
     assert trial.moved((best,), 0, 10**6)[0] == 10.0

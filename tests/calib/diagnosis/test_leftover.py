@@ -39,44 +39,44 @@ def dense(
     for _ in range(STEPS):
         blocks, targets = [], []
         for number, cells in enumerate(sessions):
-            taken, root = cells.means, 1.0 / np.sqrt(cells.variance_mm2)
+            means, root = cells.means, 1.0 / np.sqrt(cells.variance_mm2)
             offsets = at[3 + 3 * number : 6 + 3 * number]
-            known = (*cells.case.model.effects, *effects)
-            model = Model(parameters_mm=(*offsets, *at[:3]), effects=known)
-            by_base = derivatives(model.geometry, np.array(model.parameters_mm), taken, known)
-            block = np.zeros((len(taken), len(at) + starts[-1]))
+            present = (*cells.case.model.effects, *effects)
+            model = Model(parameters_mm=(*offsets, *at[:3]), effects=present)
+            by_base = derivatives(model.geometry, np.array(model.parameters_mm), means, present)
+            block = np.zeros((len(means), len(at) + starts[-1]))
             block[:, :3] = by_base[:, 3:]
             block[:, 3 + 3 * number : 6 + 3 * number] = by_base[:, :3]
-            block[np.arange(len(taken)), len(at) + starts[number] + taken.mount] = 1.0
+            block[np.arange(len(means)), len(at) + starts[number] + means.mount] = 1.0
             blocks.append(root[:, None] * block)
-            targets.append(root * (taken.value_mm - model.readings(taken)))
-        held = np.zeros((3, blocks[0].shape[1]))
-        held[:, :3] = np.diag(1.0 / sessions[0].case.tolerance_mm[3:])
-        design = np.vstack([*blocks, held])
+            targets.append(root * (means.value_mm - model.readings(means)))
+        constraint = np.zeros((3, blocks[0].shape[1]))
+        constraint[:, :3] = np.diag(1.0 / sessions[0].case.tolerance_mm[3:])
+        design = np.vstack([*blocks, constraint])
         target = np.concatenate([*targets, -at[:3] / sessions[0].case.tolerance_mm[3:]])
         size = np.linalg.norm(design, axis=0)
         solution = np.linalg.lstsq(design / size, target, rcond=1e-12)[0] / size
-        left = target - design @ solution
+        residual = target - design @ solution
         at = at + solution[: len(at)]
-    parts = np.split(left, np.cumsum([len(cells.means) for cells in sessions]))
+    parts = np.split(residual, np.cumsum([len(cells.means) for cells in sessions]))
     left_mm = [p * np.sqrt(c.variance_mm2) for p, c in zip(parts, sessions, strict=False)]
     together = [cells.means.averaged for cells in sessions]
     square = sum(float((n * off**2).sum()) for n, off in zip(together, left_mm, strict=True))
     rms_mm = math.sqrt(square / float(np.concatenate(together).sum()))
-    return float(left @ left), rms_mm, left_mm
+    return float(residual @ residual), rms_mm, left_mm
 
 
 @pytest.mark.parametrize("sessions", [1, 2])
-@pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
-@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("observed", [SHORT, SWEEP, TWO_STATION])
+@pytest.mark.parametrize("in_model", [False, True])
 def test_a_gap_is_that_of_dense_least_squares(
-    taken: Observations, sessions: int, known: bool
+    observed: Observations, sessions: int, in_model: bool
 ) -> None:
     """Without a name and with the true effect in the model."""
     play = EffectInstance(LAWS["backlash"], "y", (0.02,))
-    cells = [Cells.of(case(taken, play, seed=seed)) for seed in range(sessions)]
-    assert all(not one.serial for one in cells)
-    effects = (play,) if known else ()
+    cells = [Cells.of(case(observed, play, seed=seed)) for seed in range(sessions)]
+    assert all(not cell.serial for cell in cells)
+    effects = (play,) if in_model else ()
     leftover = Leftover.of(cells, effects)
     chi_square, rms_mm, left_mm = dense(cells, effects)
     gap = leftover.gap()
@@ -122,9 +122,9 @@ def test_chance_of_a_gap() -> None:
     assert unknown.p_value(100.0, 10) == 1.0
 
     figures = IndicatorFigures(repeatability_mm=0.002)
-    whole = case(SHORT, seed=2)
-    once = whole.observed.take(whole.observed.cycle == 1)
-    stated = replace(whole, observed=once, indicator=figures)
+    full = case(SHORT, seed=2)
+    once = full.observed.take(full.observed.cycle == 1)
+    stated = replace(full, observed=once, indicator=figures)
     certain = Leftover.of([Cells.of(stated)])
     assert math.isinf(certain.noise_freedom)
     assert certain.p_value(100.0, 10) == pytest.approx(chi2.sf(100.0, 10))
@@ -141,12 +141,12 @@ def test_residual_cells_are_means_of_what_is_left_at_each_place() -> None:
     table = residuals(before, after)
     left_mm = np.concatenate(before.cells_mm(before.left))
     places: dict[tuple[object, ...], list[float]] = {}
-    taken = [cells[k].means for k in (0, 1)]
+    means = [cells[k].means for k in (0, 1)]
     rows = zip(
-        np.concatenate([t.leg for t in taken]).tolist(),
-        np.concatenate([t.axis for t in taken]).tolist(),
-        np.concatenate([t.displacement_mm for t in taken]).tolist(),
-        np.concatenate([t.approach for t in taken]).tolist(),
+        np.concatenate([t.leg for t in means]).tolist(),
+        np.concatenate([t.axis for t in means]).tolist(),
+        np.concatenate([t.displacement_mm for t in means]).tolist(),
+        np.concatenate([t.approach for t in means]).tolist(),
         left_mm.tolist(),
         strict=True,
     )

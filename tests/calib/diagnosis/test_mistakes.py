@@ -84,11 +84,11 @@ def under_level(observed: Observations, row: int, level_mm: float) -> Observatio
 
 def under_mount(observed: Observations, row: int, mount: int) -> Observations:
     """A reading that was written down in the table of another indicator."""
-    other = rows_of(observed, mount)[0]
+    partner = rows_of(observed, mount)[0]
     moved = {}
     for name in ("leg", "axis", "station", "mount"):
         moved[name] = getattr(observed, name).copy()
-        moved[name][row] = moved[name][other]
+        moved[name][row] = moved[name][partner]
     return approached(replace(observed, **moved))
 
 
@@ -119,14 +119,14 @@ def single(diagnosis: Diagnosis) -> list[Finding]:
 
 
 @pytest.mark.parametrize(
-    ("taken", "first", "by_mm"),
+    ("conditions", "first", "by_mm"),
     [(SHORT, 2, 0.05), (SHORT, 7, -0.05), (SWEEP, 11, 0.05), (SWEEP, 12, -0.1), (SWEEP, 17, 0.05)],
 )
 def test_a_slip_is_no_drift_and_no_wild_reading(
-    taken: Observations, first: int, by_mm: float
+    conditions: Observations, first: int, by_mm: float
 ) -> None:
     """Before the third reading, or between two cycles, repeats of one approach cannot tell."""
-    session = case(taken, seed=first)
+    session = case(conditions, seed=first)
     observed = session.observed
     rows = rows_of(observed, 3)
     diagnosis = diagnosed(session, shifted(observed, rows[first:], by_mm))
@@ -149,22 +149,22 @@ def test_slip_drift_and_wild_readings_are_told_apart(seed: int) -> None:
     wandering[rows] += np.linspace(0.0, 0.1, len(rows))
     wild = shifted(clean, rows[[9]], 0.2)
     for readings in (replace(clean, value_mm=wandering), wild, clean):
-        every = {mistake.id for mistake in mistakes(diagnosed(session, readings))}
-        assert "stand_slip" not in every
+        ids = {mistake.id for mistake in mistakes(diagnosed(session, readings))}
+        assert "stand_slip" not in ids
 
 
-@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP, TWO_STATION]))
+@pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
 @pytest.mark.parametrize("play_mm", [0.0, 0.03])
 @pytest.mark.parametrize(
     ("size", "sessions"), first_quick([(5.0, 2), (1.0, 2), (25.0, 4)], several=True)
 )
 def test_a_steady_drift_is_no_slip_whatever_the_play(
-    taken: Observations, play_mm: float, size: float, sessions: int
+    conditions: Observations, play_mm: float, size: float, sessions: int
 ) -> None:
     """Of a drift of 5 or less none is called so even where a slip is as likely as none."""
     for seed in range(sessions):
         effects = (EffectInstance(LAWS["backlash"], "y", (play_mm,)),) if play_mm else ()
-        session = case(taken, *effects, seed=seed)
+        session = case(conditions, *effects, seed=seed)
         observed = session.observed
         drift = 0.05 * (observed.time_s - observed.time_s[0]) / 3600.0
         diagnosis = diagnose([with_values(session, observed.value_mm + size * drift)], CATALOGUE)
@@ -194,13 +194,13 @@ def test_two_readings_under_one_label_and_the_wrong_one_is_told() -> None:
     assert left_out(diagnosis, len(session.observed)) == [row]
 
 
-@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP]))
-def test_a_reading_under_the_other_leg(taken: Observations) -> None:
-    session = case(taken, seed=3)
+@pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP]))
+def test_a_reading_under_the_other_leg(conditions: Observations) -> None:
+    session = case(conditions, seed=3)
     observed = session.observed
     row = int(rows_of(observed, 0)[2])
-    other = int(observed.mount[(observed.leg == 2) & (observed.axis == 1)][0])
-    diagnosis = diagnosed(session, under_mount(observed, row, other))
+    mount = int(observed.mount[(observed.leg == 2) & (observed.axis == 1)][0])
+    diagnosis = diagnosed(session, under_mount(observed, row, mount))
     mistake = the_mistake(diagnosis)
     assert (mistake.id, mistake.where) == ("label_error", "zy")
     assert mistake.title.endswith("it fits leg X")
@@ -306,7 +306,7 @@ def test_swapped_indicators_beside_a_strong_effect(seed: int) -> None:
     assert {finding.id for finding in diagnosis.effects} == {"gauge_swap", "axis_offset"}
 
 
-@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP, TWO_STATION]))
+@pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
 @pytest.mark.parametrize(
     ("effect", "where", "values"),
     [
@@ -318,27 +318,27 @@ def test_swapped_indicators_beside_a_strong_effect(seed: int) -> None:
     ],
 )
 def test_strong_effects_are_no_mistakes(
-    taken: Observations, effect: str, where: str, values: tuple[float, ...]
+    conditions: Observations, effect: str, where: str, values: tuple[float, ...]
 ) -> None:
     """Each is ten times the scatter of a reading or more, somewhere in the session."""
     for seed in range(2):
-        session = case(taken, EffectInstance(LAWS[effect], where, values), seed=seed)
-        plain = case(taken, seed=seed)
+        session = case(conditions, EffectInstance(LAWS[effect], where, values), seed=seed)
+        plain = case(conditions, seed=seed)
         change = np.abs(session.observed.value_mm - plain.observed.value_mm)
         assert change.max() > 10.0 * SCATTER_MM
         assert mistakes(diagnose([session], CATALOGUE)) == []
 
 
-@pytest.mark.parametrize("taken", first_quick([SWEEP, TWO_STATION]))
-def test_repeats_read_in_place_get_no_name(taken: Observations) -> None:
+@pytest.mark.parametrize("conditions", first_quick([SWEEP, TWO_STATION]))
+def test_repeats_read_in_place_get_no_name(conditions: Observations) -> None:
     """Every posture is off by the scatter of a reading; the repeats do not show it."""
-    keys = np.stack([taken.mount, taken.displacement_mm, taken.approach])
+    keys = np.stack([conditions.mount, conditions.displacement_mm, conditions.approach])
     cell = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
     doubts, named = 0, 0
     for seed in range(12):
-        session = case(taken, seed=seed)
-        own = SCATTER_MM * np.random.default_rng([7, seed]).normal(size=cell.max() + 1)
-        diagnosis = diagnose([with_values(session, session.observed.value_mm + own[cell])])
+        session = case(conditions, seed=seed)
+        noise = SCATTER_MM * np.random.default_rng([7, seed]).normal(size=cell.max() + 1)
+        diagnosis = diagnose([with_values(session, session.observed.value_mm + noise[cell])])
         assert diagnosis.verdict != "explained"
         doubts += diagnosis.verdict in ("unexplained", "partly-explained")
         named += bool(diagnosis.effects)
@@ -349,27 +349,27 @@ def test_repeats_read_in_place_get_no_name(taken: Observations) -> None:
 @pytest.mark.parametrize("off", [0.0, 2.0])
 def test_a_reading_that_another_posture_has_is_a_wrong_label(off: float) -> None:
     session = case(SWEEP, seed=2)
-    row, other = (int(rows_at(session.observed, 2, level)[1]) for level in (22.0, -37.0))
-    there = float(session.observed.value_mm[other])
+    row, partner = (int(rows_at(session.observed, 2, level)[1]) for level in (22.0, -37.0))
+    there = float(session.observed.value_mm[partner])
     diagnosis = diagnosed(session, reading(session.observed, row, there + off * SCATTER_MM))
     (mistake,) = single(diagnosis)
     assert (mistake.id, mistake.title.rpartition("; ")[2]) == ("label_error", "it fits -37 mm")
     assert left_out(diagnosis, len(session.observed)) == [row]
 
 
-@pytest.mark.parametrize(("taken", "level"), [(SWEEP, -37.0), (TWO_STATION, 60.0)])
+@pytest.mark.parametrize(("conditions", "level"), [(SWEEP, -37.0), (TWO_STATION, 60.0)])
 @pytest.mark.parametrize("by_mm", [0.05, -0.3])
 def test_a_posture_that_was_another_in_all_cycles(
-    taken: Observations, level: float, by_mm: float
+    conditions: Observations, level: float, by_mm: float
 ) -> None:
-    session = case(taken, seed=2)
+    session = case(conditions, seed=2)
     rows = rows_at(session.observed, 2, level)
     diagnosis = diagnosed(session, shifted(session.observed, rows, by_mm))
     mistake = the_mistake(diagnosis)
     assert (mistake.id, mistake.where) == ("posture_off", place_of(session.observed, int(rows[0])))
     assert f"all readings at {level:+.0f} mm are off" in mistake.title
     assert diagnosis.verdict == "explained"
-    assert left_out(diagnosis, len(taken)) == sorted(rows.tolist())
+    assert left_out(diagnosis, len(conditions)) == sorted(rows.tolist())
 
 
 def test_of_three_postures_none_is_called_another() -> None:
@@ -405,12 +405,12 @@ def test_a_reading_of_heavy_tails_is_not_moved() -> None:
     assert single(diagnosed(session, observed)) == []
 
 
-@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP, TWO_STATION]))
+@pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
 @pytest.mark.parametrize("size_mm", [0.1, 0.4, 5.0])
-def test_two_mistakes_do_not_hide_each_other(taken: Observations, size_mm: float) -> None:
+def test_two_mistakes_do_not_hide_each_other(conditions: Observations, size_mm: float) -> None:
     """Each of them alone would make the other look like scatter."""
     for seed in range(3):
-        session = case(taken, seed=seed)
+        session = case(conditions, seed=seed)
         observed = session.observed
         first, second = (int(rows_of(observed, mount)[4]) for mount in (0, 3))
         value = observed.value_mm.copy()
@@ -427,7 +427,7 @@ def test_two_mistakes_are_not_reported_as_noise() -> None:
     value[rows_of(session.observed, 5)[7]] -= 0.4
     diagnosis = diagnose([with_values(session, value)], CATALOGUE)
     assert diagnosis.verdict != "agrees"
-    assert [each.id for each in diagnosis.effects] == ["wild_reading", "wild_reading"]
+    assert [effect.id for effect in diagnosis.effects] == ["wild_reading", "wild_reading"]
     assert diagnosis.noise_mm == pytest.approx(SCATTER_MM, rel=0.5)
 
 
@@ -435,21 +435,21 @@ def wildest(noises: Sequence[FloatArray], count: int) -> list[tuple[int, FloatAr
     """Of sessions by their noise, with their numbers: a mistake is named where one reading is far
     off, so those with the farthest are tried for all.
     """
-    order = sorted(enumerate(noises), key=lambda each: -float(np.abs(each[1]).max()))
+    order = sorted(enumerate(noises), key=lambda item: -float(np.abs(item[1]).max()))
     return order[:count]
 
 
-@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP, TWO_STATION]))
-def test_heavy_tails_hold_no_wrong_labels(taken: Observations) -> None:
+@pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
+def test_heavy_tails_hold_no_wrong_labels(conditions: Observations) -> None:
     """Of forty sessions; were labels doubted from 6 standard deviations on, three would fail."""
     noises = [
-        SCATTER_MM * np.random.default_rng([8, seed]).standard_t(3, len(taken))
+        SCATTER_MM * np.random.default_rng([8, seed]).standard_t(3, len(conditions))
         for seed in range(40)
     ]
     for seed, noise in wildest(noises, 10):
-        session = case(taken, seed=seed, scatter_mm=1e-9)
+        session = case(conditions, seed=seed, scatter_mm=1e-9)
         diagnosis = diagnose([with_values(session, session.observed.value_mm + noise)])
-        assert "label_error" not in {each.id for each in mistakes(diagnosis)}
+        assert "label_error" not in {effect.id for effect in mistakes(diagnosis)}
 
 
 def test_two_wrong_labels_are_both_told() -> None:
@@ -459,28 +459,28 @@ def test_two_wrong_labels_are_both_told() -> None:
     first, second = int(rows_at(observed, 1, 60.0)[1]), int(rows_at(observed, 5, 0.0)[1])
     levels[first], levels[second] = -100.0, 60.0
     diagnosis = diagnosed(session, replace(observed, displacement_mm=levels))
-    assert [each.id for each in diagnosis.effects] == ["label_error", "label_error"]
+    assert [effect.id for effect in diagnosis.effects] == ["label_error", "label_error"]
     assert diagnosis.noise_mm == pytest.approx(SCATTER_MM, rel=0.5)
     assert left_out(diagnosis, len(observed)) == [first, second]
 
 
-@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP, TWO_STATION]))
-def test_first_readings_off_by_a_large_play_are_not_wild(taken: Observations) -> None:
+@pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
+def test_first_readings_off_by_a_large_play_are_not_wild(conditions: Observations) -> None:
     """Before the first reading nobody knows from where the machine came."""
     plays = [EffectInstance(LAWS["backlash"], leg, (0.5,)) for leg in "xyz"]
     for seed in range(4):
-        assert single(diagnose([case(taken, *plays, seed=seed)], CATALOGUE)) == []
+        assert single(diagnose([case(conditions, *plays, seed=seed)], CATALOGUE)) == []
 
 
-@pytest.mark.parametrize("taken", first_quick([SHORT, SWEEP, TWO_STATION]))
-def test_indicators_that_scatter_unequally_are_no_mistakes(taken: Observations) -> None:
+@pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
+def test_indicators_that_scatter_unequally_are_no_mistakes(conditions: Observations) -> None:
     """One of six scatters three times as much as the others, in forty sessions."""
     noises = []
     for seed in range(40):
-        larger = np.where(taken.mount == seed % taken.mount_count, 3.0, 1.0)
-        noise = SCATTER_MM * np.random.default_rng([8, seed]).normal(size=len(taken))
+        larger = np.where(conditions.mount == seed % conditions.mount_count, 3.0, 1.0)
+        noise = SCATTER_MM * np.random.default_rng([8, seed]).normal(size=len(conditions))
         noises.append(noise * larger)
     for seed, noise in wildest(noises, 14):
-        session = case(taken, seed=seed, scatter_mm=1e-9)
+        session = case(conditions, seed=seed, scatter_mm=1e-9)
         diagnosis = diagnose([with_values(session, session.observed.value_mm + noise)])
         assert single(diagnosis) == []

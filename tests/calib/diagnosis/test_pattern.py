@@ -40,8 +40,8 @@ def left_of_table_1(values: tuple[float, ...]) -> FloatArray:
 
 def published(*numbers: str, held_out: str = "") -> SharedPattern:
     paths = [SAMPLES / f"experiment_{n}_six.jsonl" for n in numbers]
-    others = [SAMPLES / f"experiment_{held_out}_six.jsonl"] if held_out else []
-    pattern = diagnose_files(paths, held_out=others).diagnosis.pattern
+    reference = [SAMPLES / f"experiment_{held_out}_six.jsonl"] if held_out else []
+    pattern = diagnose_files(paths, held_out=reference).diagnosis.pattern
     assert pattern is not None
     return pattern
 
@@ -81,10 +81,10 @@ def test_the_twelve_differences_of_table_2_share_none() -> None:
 
 def session(seed: int, shape: FloatArray) -> SessionCase:
     """A sweep with an error that has no name: one number for each posture of each mounting."""
-    one = case(SWEEP, seed=seed)
-    taken = one.observed
-    off = 0.02 * shape[taken.mount, np.unique(taken.displacement_mm, return_inverse=True)[1]]
-    return with_readings(one, observe(taken, taken.value_mm + off))
+    session_case = case(SWEEP, seed=seed)
+    observed = session_case.observed
+    off = 0.02 * shape[observed.mount, np.unique(observed.displacement_mm, return_inverse=True)[1]]
+    return with_readings(session_case, observe(observed, observed.value_mm + off))
 
 
 def shape(seed: int) -> FloatArray:
@@ -93,19 +93,19 @@ def shape(seed: int) -> FloatArray:
 
 
 def test_an_error_without_a_name_repeats_or_does_not() -> None:
-    same = [session(1, shape(7)), session(2, shape(7))]
-    pattern = shared_pattern([Cells.of(one) for one in same])
+    alike = [session(1, shape(7)), session(2, shape(7))]
+    pattern = shared_pattern([Cells.of(item) for item in alike])
     assert pattern is not None
     assert pattern.reproducible
     assert pattern.p_value_directions < 1e-6
     assert pattern.p_value_permutations <= 0.01
     assert pattern.pairs[0].scale == pytest.approx(1.0, abs=0.1)
     assert pattern.pairs[0].after_rms_mm < 0.2 * pattern.pairs[0].before_rms_mm
-    other = shared_pattern([Cells.of(same[0]), Cells.of(session(3, shape(8)))])
-    assert other is not None
-    assert not other.reproducible
-    assert abs(other.pairs[0].cosine) < 0.5
-    assert shared_pattern([Cells.of(case(SWEEP, seed=1)), Cells.of(same[0])]) is None
+    unlike = shared_pattern([Cells.of(alike[0]), Cells.of(session(3, shape(8)))])
+    assert unlike is not None
+    assert not unlike.reproducible
+    assert abs(unlike.pairs[0].cosine) < 0.5
+    assert shared_pattern([Cells.of(case(SWEEP, seed=1)), Cells.of(alike[0])]) is None
 
 
 def test_the_diagnosis_says_that_a_nameless_error_repeats() -> None:
@@ -120,15 +120,15 @@ def test_chance_of_two_directions_is_that_of_drawn_ones() -> None:
     pattern = shared_pattern([Cells.of(session(1, shape(7))), Cells.of(session(2, shape(8)))])
     assert pattern is not None
     drawn = np.random.default_rng(0).normal(size=(2, 20000, pattern.directions))
-    one, other = drawn / np.linalg.norm(drawn, axis=2, keepdims=True)
-    reached = np.abs((one * other).sum(axis=1)) >= abs(pattern.pairs[0].cosine)
+    first, second = drawn / np.linalg.norm(drawn, axis=2, keepdims=True)
+    reached = np.abs((first * second).sum(axis=1)) >= abs(pattern.pairs[0].cosine)
     assert pattern.p_value_directions == pytest.approx(reached.mean(), abs=0.015)
 
 
 def test_postures_that_only_one_session_has_do_not_count() -> None:
     first, second = session(1, shape(7)), session(2, shape(7))
-    kept = first.observed.take(first.observed.displacement_mm != 22.0)
-    fewer = shared_pattern([Cells.of(with_readings(first, kept)), Cells.of(second)])
+    subset = first.observed.take(first.observed.displacement_mm != 22.0)
+    fewer = shared_pattern([Cells.of(with_readings(first, subset)), Cells.of(second)])
     all_of_them = shared_pattern([Cells.of(first), Cells.of(second)])
     assert fewer is not None
     assert all_of_them is not None

@@ -22,16 +22,16 @@ from tests.calib.diagnosis.diagnosed_sessions import (
 )
 
 
-@pytest.mark.parametrize("taken", [SWEEP, TWO_STATION])
+@pytest.mark.parametrize("observed", [SWEEP, TWO_STATION])
 @pytest.mark.parametrize("lead_mm", [8.0, 25.0, 13.3])
-def test_any_lead_is_found(taken: Observations, lead_mm: float) -> None:
+def test_any_lead_is_found(observed: Observations, lead_mm: float) -> None:
     """Leads of which four that were tried before hold 8, 25 and 13.3 mm for 10, 20 and 20."""
     hidden = EffectInstance(ActuatorCyclic(lead_mm), "x", (15.0, 10.0))
-    diagnosis = diagnose([case(taken, hidden, seed=3)], CATALOGUE)
+    diagnosis = diagnose([case(observed, hidden, seed=3)], CATALOGUE)
     assert names(diagnosis) == [("actuator_cyclic", "x")]
     lead = diagnosis.effects[0].parameters[0].name.removeprefix("sine_").removesuffix("mm")
-    others = " ".join(diagnosis.remarks)
-    assert float(lead) == pytest.approx(lead_mm, rel=0.03) or f"{lead_mm:.2g}" in others
+    remarks = " ".join(diagnosis.remarks)
+    assert float(lead) == pytest.approx(lead_mm, rel=0.03) or f"{lead_mm:.2g}" in remarks
 
 
 def test_a_lead_that_is_not_the_only_one_is_said() -> None:
@@ -41,7 +41,7 @@ def test_a_lead_that_is_not_the_only_one_is_said() -> None:
     assert diagnose([plain], CATALOGUE).verdict == "agrees"
     hidden = EffectInstance(ActuatorCyclic(13.3), "z", (-6.0, 6.0))
     diagnosis = diagnose([case(SWEEP, hidden, seed=2)], CATALOGUE)
-    assert any("leads of" in one and "machine file" in one for one in diagnosis.remarks)
+    assert any("leads of" in remark and "machine file" in remark for remark in diagnosis.remarks)
 
 
 def test_a_known_lead_is_not_searched() -> None:

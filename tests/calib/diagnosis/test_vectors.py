@@ -27,16 +27,20 @@ def test_arrows_are_the_way_from_where_the_tool_should_be() -> None:
     correction = solve_sessions([session]).correction
     now = vector_maps(correction.off_now, "machine")
     entered = vector_maps(correction.off, "machine")
-    for (across, up), one, after in zip(PLANES, now, entered, strict=True):
-        maps = one.along_across, one.along_up
-        rows, columns = np.nonzero(np.isfinite(one.length))
+    for (across, up), before, after in zip(PLANES, now, entered, strict=True):
+        maps = before.along_across, before.along_up
+        rows, columns = np.nonzero(np.isfinite(before.length))
         places = np.zeros((len(rows), 3))
         places[:, across] = maps[0].coordinate_mm[columns]
         places[:, up] = maps[0].up_mm[rows]
-        taken = tool_conditions(places)
-        stands = posture(geometry, truth.parameters_mm, taken, command(geometry, taken)).tool_mm
+        conditions = tool_conditions(places)
+        stands = posture(
+            geometry, truth.parameters_mm, conditions, command(geometry, conditions)
+        ).tool_mm
         off_mm = stands - places
         for part, axis in zip(maps, (across, up), strict=True):
             assert part.value[rows, columns] == pytest.approx(off_mm[:, axis], abs=0.02)
-        assert one.length[rows, columns] == pytest.approx(np.linalg.norm(off_mm, axis=1), abs=0.02)
-        assert np.nanmax(after.length) < 0.1 * np.nanmax(one.length)
+        assert before.length[rows, columns] == pytest.approx(
+            np.linalg.norm(off_mm, axis=1), abs=0.02
+        )
+        assert np.nanmax(after.length) < 0.1 * np.nanmax(before.length)

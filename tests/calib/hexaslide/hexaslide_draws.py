@@ -48,10 +48,10 @@ def _six(generator: np.random.Generator, shape: str) -> tuple[FloatArray, FloatA
 def _direction(generator: np.random.Generator) -> FloatArray:
     """Evenly on the sphere, but for level ones."""
     while True:
-        found = generator.standard_normal(3)
-        found /= np.linalg.norm(found)
-        if abs(found[2]) > 0.1:
-            return np.asarray(found)
+        vector = generator.standard_normal(3)
+        vector /= np.linalg.norm(vector)
+        if abs(vector[2]) > 0.1:
+            return np.asarray(vector)
 
 
 def _symmetric(generator: np.random.Generator, _: str) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -96,6 +96,6 @@ def jacobian_and_slopes(
     """The Jacobian ``(p, r, k)`` and, by the complex step, its derivatives ``(p, r, k, 6)``."""
     count = len(postures)
     stepped = postures[None] + 1j * STEP * np.eye(6)[:, None]
-    found = jacobian(procedure, geometry, stepped.reshape(-1, 6), link)
-    split = found.reshape(6, count, *found.shape[1:])
+    rows = jacobian(procedure, geometry, stepped.reshape(-1, 6), link)
+    split = rows.reshape(6, count, *rows.shape[1:])
     return split[0].real, np.moveaxis(split.imag / STEP, 0, -1)

@@ -28,12 +28,12 @@ FIXED = (3, 4, 5, 13, 14)
 
 
 def power(base: Field, exponent: int) -> Field:
-    found, square = np.ones_like(base), base % P
+    product, square = np.ones_like(base), base % P
     while exponent:
         if exponent & 1:
-            found = found * square % P
+            product = product * square % P
         square, exponent = square * square % P, exponent >> 1
-    return found
+    return product
 
 
 def inverse(value: Field) -> Field:
@@ -43,8 +43,8 @@ def inverse(value: Field) -> Field:
 
 def root(square: Field) -> tuple[Field, NDArray[np.bool_]]:
     """A root where there is one, and whether there is."""
-    found = power(square, (P + 1) // 4)
-    return found, found * found % P == square % P
+    square_root = power(square, (P + 1) // 4)
+    return square_root, square_root * square_root % P == square % P
 
 
 def fraction(above: int, below: int) -> Field:
@@ -58,19 +58,19 @@ class Dual:
     value: Field
     slopes: Field
 
-    def __add__(self, other: Dual) -> Dual:
-        return Dual((self.value + other.value) % P, (self.slopes + other.slopes) % P)
+    def __add__(self, operand: Dual) -> Dual:
+        return Dual((self.value + operand.value) % P, (self.slopes + operand.slopes) % P)
 
-    def __sub__(self, other: Dual) -> Dual:
-        return Dual((self.value - other.value) % P, (self.slopes - other.slopes) % P)
+    def __sub__(self, operand: Dual) -> Dual:
+        return Dual((self.value - operand.value) % P, (self.slopes - operand.slopes) % P)
 
-    def __mul__(self, other: Dual) -> Dual:
-        slopes = self.value * other.slopes % P + other.value * self.slopes % P
-        return Dual(self.value * other.value % P, slopes % P)
+    def __mul__(self, operand: Dual) -> Dual:
+        slopes = self.value * operand.slopes % P + operand.value * self.slopes % P
+        return Dual(self.value * operand.value % P, slopes % P)
 
-    def over(self, other: Dual) -> Dual:
-        below = inverse(other.value)
-        slopes = (self.slopes - self.value * below % P * other.slopes) % P * below % P
+    def over(self, operand: Dual) -> Dual:
+        below = inverse(operand.value)
+        slopes = (self.slopes - self.value * below % P * operand.slopes) % P * below % P
         return Dual(self.value * below % P, slopes)
 
     def rooted(self, value: Field) -> Dual:
@@ -98,11 +98,11 @@ def plain(value: Field | int, count: int, like: Field) -> Dual:
 
 def turned(halves: Sequence[Dual], point: Vector) -> Vector:
     """``Ry Rx Rz`` times the point, from tangents of the half-angles theta, psi, phi."""
-    one = plain(1, len(halves[0].slopes), halves[0].value)
+    unity = plain(1, len(halves[0].slopes), halves[0].value)
     for axis, half in ((2, halves[2]), (0, halves[1]), (1, halves[0])):
         square = half * half
-        below = one + square
-        cosine, sine = (one - square).over(below), (half + half).over(below)
+        below = unity + square
+        cosine, sine = (unity - square).over(below), (half + half).over(below)
         first, second = (axis + 1) % 3, (axis + 2) % 3
         parts = list(point)
         parts[first] = cosine * point[first] - sine * point[second]
@@ -204,9 +204,9 @@ def postures(
 
     With a ``bar`` all of them lie where the constraint link has that length.
     """
-    kept: list[tuple[Field, Field, Field]] = []
-    found = 0
-    while found < count:
+    batches: list[tuple[Field, Field, Field]] = []
+    accepted_count = 0
+    while accepted_count < count:
         drawn = _draw(generator, (20_000, 6))
         for coordinate, value in (levels or {}).items():
             drawn[:, coordinate] = value
@@ -216,9 +216,9 @@ def postures(
         sliders, there = _sliders(machine, drawn)
         length, measurable = root(_square(_apart(machine, drawn)))
         good &= there & measurable
-        kept.append((drawn[good], sliders[good], length[good]))
-        found += int(good.sum())
-    parts = [np.concatenate(one)[:count] for one in zip(*kept, strict=True)]
+        batches.append((drawn[good], sliders[good], length[good]))
+        accepted_count += int(good.sum())
+    parts = [np.concatenate(column)[:count] for column in zip(*batches, strict=True)]
     return Postures(parts[0], parts[1], np.full(count, bar) if bar is not None else parts[2])
 
 
@@ -235,8 +235,8 @@ def _square(parts: Iterable[Field]) -> Field:
 
 
 def _apart(machine: Machine, drawn: Field) -> list[Field]:
-    seen = _seen_from(drawn, machine.platform_end)
-    return [(seen[k] - machine.base_end[k]) % P for k in range(3)]
+    turned_end = _seen_from(drawn, machine.platform_end)
+    return [(turned_end[k] - machine.base_end[k]) % P for k in range(3)]
 
 
 def _on_sphere(machine: Machine, drawn: Field, bar: int) -> tuple[Field, NDArray[np.bool_]]:
@@ -253,8 +253,8 @@ def _sliders(machine: Machine, drawn: Field) -> tuple[Field, NDArray[np.bool_]]:
     sliders = np.empty((len(drawn), CHAINS), dtype=np.int64)
     good = np.ones(len(drawn), dtype=np.bool_)
     for k in range(CHAINS):
-        seen = _seen_from(drawn, machine.platform[k])
-        reach = [(seen[j] - machine.base[k, j]) % P for j in range(3)]
+        turned_end = _seen_from(drawn, machine.platform[k])
+        reach = [(turned_end[j] - machine.base[k, j]) % P for j in range(3)]
         along = sum(reach[j] * machine.rails[k, j] % P for j in range(3)) % P
         square = (machine.links[k] ** 2 - _square(reach) + along * along) % P
         lean, there = root(square)
@@ -271,16 +271,16 @@ def slider_rows(machine: Machine, at: Postures) -> tuple[Field, Field]:
     for k in range(CHAINS):
         numbers = [*machine.platform[k], *machine.base[k], *machine.rails[k, :2], machine.links[k]]
         columns = np.column_stack([at.coordinates, np.tile(numbers, (count, 1))])
-        place, halves, own = _variables(columns)
-        ax, ay = own[6], own[7]
-        one = plain(1, 15, at.sliders[:, k])
-        rail = (ax, ay, (one - ax * ax - ay * ay).rooted(_many(machine.rails[k, 2], count)))
+        place, halves, constants = _variables(columns)
+        ax, ay = constants[6], constants[7]
+        unity = plain(1, 15, at.sliders[:, k])
+        rail = (ax, ay, (unity - ax * ax - ay * ay).rooted(_many(machine.rails[k, 2], count)))
         slider = plain(at.sliders[:, k], 15, at.sliders[:, k])
-        seen = turned(halves, (own[0], own[1], own[2]))
-        joint = (place[0] + seen[0], place[1] + seen[1], place[2] + seen[2])
+        turned_end = turned(halves, (constants[0], constants[1], constants[2]))
+        joint = (place[0] + turned_end[0], place[1] + turned_end[1], place[2] + turned_end[2])
         away = (slider * rail[0], slider * rail[1], slider * rail[2])
-        link = minus(minus(joint, (own[3], own[4], own[5])), away)
-        miss = dot(link, link) - own[8] * own[8]
+        link = minus(minus(joint, (constants[3], constants[4], constants[5])), away)
+        miss = dot(link, link) - constants[8] * constants[8]
         assert (miss.value == 0).all()
         by_posture[:, k] = miss.slopes[:6].T
         by_parameter[:, k, k] = miss.slopes[6:].T
@@ -305,16 +305,16 @@ def moved(machine: Machine, at: Postures) -> Field:
     return _solved(by_posture, -by_parameter % P)
 
 
-def _solved(left: Field, right: Field) -> Field:
+def _solved(matrix: Field, right: Field) -> Field:
     """Six equations at each posture, by elimination without exchange."""
-    whole = np.concatenate([left, right], axis=2)
+    system = np.concatenate([matrix, right], axis=2)
     for k in range(6):
-        whole[:, k] = whole[:, k] * inverse(whole[:, k, k])[:, None] % P
-        for other in range(6):
-            if other != k:
-                whole[:, other] -= whole[:, other, k, None] * whole[:, k] % P
-                whole[:, other] %= P
-    return np.asarray(whole[:, :, 6:])
+        system[:, k] = system[:, k] * inverse(system[:, k, k])[:, None] % P
+        for row in range(6):
+            if row != k:
+                system[:, row] -= system[:, row, k, None] * system[:, k] % P
+                system[:, row] %= P
+    return np.asarray(system[:, :, 6:])
 
 
 def link_rows(machine: Machine, at: Postures) -> Field:
@@ -322,11 +322,11 @@ def link_rows(machine: Machine, at: Postures) -> Field:
     count = len(at.coordinates)
     numbers = [*machine.platform_end, *machine.base_end]
     columns = np.column_stack([at.coordinates, np.tile(numbers, (count, 1)), at.lengths])
-    place, halves, own = _variables(columns)
-    seen = turned(halves, (own[0], own[1], own[2]))
-    end = (place[0] + seen[0], place[1] + seen[1], place[2] + seen[2])
-    apart = minus(end, (own[3], own[4], own[5]))
-    miss = dot(apart, apart) - own[6] * own[6]
+    place, halves, constants = _variables(columns)
+    turned_end = turned(halves, (constants[0], constants[1], constants[2]))
+    end = (place[0] + turned_end[0], place[1] + turned_end[1], place[2] + turned_end[2])
+    apart = minus(end, (constants[3], constants[4], constants[5]))
+    miss = dot(apart, apart) - constants[6] * constants[6]
     assert (miss.value == 0).all()
     shares = miss.slopes[:6].T
     by_chains = (shares[:, :, None] * moved(machine, at) % P).sum(axis=1) % P
@@ -345,15 +345,15 @@ def joint_rows(
     count = len(at.coordinates)
     numbers = [*machine.platform[chain], *machine.base[chain], *machine.rails[chain, :2]]
     columns = np.column_stack([at.coordinates, np.tile(numbers, (count, 1))])
-    place, halves, own = _variables(columns)
-    one = plain(1, 14, at.sliders[:, chain])
-    ax, ay = own[6], own[7]
-    rail = (ax, ay, (one - ax * ax - ay * ay).rooted(_many(machine.rails[chain, 2], count)))
+    place, halves, constants = _variables(columns)
+    unity = plain(1, 14, at.sliders[:, chain])
+    ax, ay = constants[6], constants[7]
+    rail = (ax, ay, (unity - ax * ax - ay * ay).rooted(_many(machine.rails[chain, 2], count)))
     slider = plain(at.sliders[:, chain], 14, at.sliders[:, chain])
-    seen = turned(halves, (own[0], own[1], own[2]))
-    joint = (place[0] + seen[0], place[1] + seen[1], place[2] + seen[2])
+    turned_end = turned(halves, (constants[0], constants[1], constants[2]))
+    joint = (place[0] + turned_end[0], place[1] + turned_end[1], place[2] + turned_end[2])
     away = (slider * rail[0], slider * rail[1], slider * rail[2])
-    link = minus(minus(joint, (own[3], own[4], own[5])), away)
+    link = minus(minus(joint, (constants[3], constants[4], constants[5])), away)
     zero = plain(0, 14, at.sliders[:, chain])
     if name == "turn":
         first = (ay, zero - ax, zero)
@@ -389,17 +389,17 @@ def free_columns(rows: Field) -> Field:
 
 def rank(rows: Field) -> int:
     """By elimination with exchange of rows."""
-    left = rows.reshape(-1, rows.shape[-1]) % P
-    found = 0
-    for column in range(left.shape[1]):
-        pivots = np.flatnonzero(left[found:, column])
+    matrix = rows.reshape(-1, rows.shape[-1]) % P
+    pivot_row = 0
+    for column in range(matrix.shape[1]):
+        pivots = np.flatnonzero(matrix[pivot_row:, column])
         if not len(pivots):
             continue
-        left[[found, found + pivots[0]]] = left[[found + pivots[0], found]]
-        top = left[found] * inverse(left[found, column]) % P
-        below = left[found + 1 :]
-        left[found + 1 :] = (below - below[:, column, None] * top % P) % P
-        found += 1
-        if found == len(left):
+        matrix[[pivot_row, pivot_row + pivots[0]]] = matrix[[pivot_row + pivots[0], pivot_row]]
+        top = matrix[pivot_row] * inverse(matrix[pivot_row, column]) % P
+        below = matrix[pivot_row + 1 :]
+        matrix[pivot_row + 1 :] = (below - below[:, column, None] * top % P) % P
+        pivot_row += 1
+        if pivot_row == len(matrix):
             break
-    return found
+    return pivot_row

@@ -74,13 +74,13 @@ def some(machine: HexaSlide, count: int) -> FloatArray:
 
 
 def test_rotation_is_that_of_the_paper() -> None:
-    found = rotation(np.radians([[10.0, -5.0, 20.0]]))[0]
+    matrix = rotation(np.radians([[10.0, -5.0, 20.0]]))[0]
     expected = [
         [0.9202403, -0.35104581, 0.17298739],
         [0.34071865, 0.93611681, 0.08715574],
         [-0.19253206, -0.02126419, 0.98106026],
     ]
-    assert found == pytest.approx(np.array(expected), abs=5e-9)
+    assert matrix == pytest.approx(np.array(expected), abs=5e-9)
 
 
 def test_sliders_of_the_middle_posture() -> None:
@@ -92,20 +92,20 @@ def test_sliders_of_the_middle_posture() -> None:
         0.43454930815897264,
         0.4402516678178078,
     ]
-    found = inverse(H60.geometry, np.array([[0.0, -0.8, -1.15, 0.0, 0.0, 0.0]]))[0]
-    assert found == pytest.approx(expected, abs=1e-14)
+    sliders = inverse(H60.geometry, np.array([[0.0, -0.8, -1.15, 0.0, 0.0, 0.0]]))[0]
+    assert sliders == pytest.approx(expected, abs=1e-14)
 
 
 def test_derivatives_of_the_third_slider() -> None:
     posture = np.array([[-0.123, -0.654, -1.234, 0.1, -0.2, 0.3]])
     row = jacobian(Procedure.of("pose-inverse"), H60.geometry, posture)[0, 2]
-    own = [
+    lengths = [
         row[NAMES.index(f"{part}3")]
         for part in ["Bx", "By", "Bz", "Ax", "Ay", "Az", "ax", "ay", "l"]
     ]
     expected = [0.44287273, 0.35823036, -0.85456074, -0.22264667, -0.29390269]
     expected += [0.9585348, 0.10379773, -0.00695604, -1.02700502]
-    assert own == pytest.approx(expected, abs=1e-8)
+    assert lengths == pytest.approx(expected, abs=1e-8)
 
 
 @pytest.mark.parametrize("seed", [None, 1, 2])
@@ -113,15 +113,15 @@ def test_forward_kinematics_returns_everywhere_in_the_box(seed: int | None) -> N
     machine = H60 if seed is None else random_machine(seed)
     postures = np.vstack([machine.box.grid(), some(machine, 500)])
     sliders = inverse(machine.geometry, postures)
-    found = forward(machine.geometry, sliders, machine.box)
-    assert np.abs(found - postures).max() < 1e-12
-    assert np.abs(inverse(machine.geometry, found) - sliders).max() < 1e-12
+    places = forward(machine.geometry, sliders, machine.box)
+    assert np.abs(places - postures).max() < 1e-12
+    assert np.abs(inverse(machine.geometry, places) - sliders).max() < 1e-12
 
 
 def test_the_iteration_of_the_paper_needs_the_other_sign() -> None:
     """papers/001, 2.2, step iii prints X + J⁻¹ (Q_g - Q_d); with Q_d - Q_g it arrives."""
-    wanted = np.array([[0.05, -0.75, -1.1, 0.05, -0.08, 0.1]])
-    sliders = inverse(H60.geometry, wanted)
+    posture = np.array([[0.05, -0.75, -1.1, 0.05, -0.08, 0.1]])
+    sliders = inverse(H60.geometry, posture)
     misses = {}
     for sign in (1.0, -1.0):
         guess = H60.box.centre[None].copy()
@@ -131,7 +131,7 @@ def test_the_iteration_of_the_paper_needs_the_other_sign() -> None:
             guess = guess + sign * np.linalg.solve(
                 slope, (sliders - inverse(H60.geometry, guess))[0]
             )
-            misses[sign] = float(np.abs(guess - wanted).max())
+            misses[sign] = float(np.abs(guess - posture).max())
             if misses[sign] > 0.3:  # the postures beyond need not exist
                 break
     assert misses[1.0] < 1e-9
@@ -164,19 +164,19 @@ def test_a_posture_beyond_singular_ones_is_never_given() -> None:
     centre = np.sign(np.linalg.det(legs(H60.geometry, H60.box.centre[None]).arms.by_posture))[0]
     beyond = wide[side != centre][:100]
     assert len(beyond) == 100
-    told = 0
+    solutions = 0
     for posture in beyond[:, None]:
         sliders = inverse(H60.geometry, posture)
         assert np.abs(forward_near(H60.geometry, sliders, posture) - posture).max() < 1e-9
         try:
-            found = forward(H60.geometry, sliders, H60.box)
+            postures = forward(H60.geometry, sliders, H60.box)
         except UnreachablePosture:
-            told += 1
+            solutions += 1
         else:
-            slopes = legs(H60.geometry, found).arms.by_posture
+            slopes = legs(H60.geometry, postures).arms.by_posture
             assert np.sign(np.linalg.det(slopes))[0] == centre
-            assert np.abs(inverse(H60.geometry, found) - sliders).max() < 1e-9
-    assert told > 0
+            assert np.abs(inverse(H60.geometry, postures) - sliders).max() < 1e-9
+    assert solutions > 0
 
 
 def test_all_of_the_box_is_reached_on_one_side_of_singular_postures() -> None:
@@ -192,9 +192,11 @@ def test_all_of_the_box_is_reached_on_one_side_of_singular_postures() -> None:
 
 def test_a_platform_that_is_not_held_is_told_where_it_matters() -> None:
     """All joints on a line: the platform turns about it, whatever the sliders do."""
-    own = H60.geometry
+    nominal = H60.geometry
     line = np.linspace(-0.2, 0.2, 6)[:, None] * [1.0, 0.5, 0.0]
-    loose = HexaSlide(Geometry(own.base, own.rails, line, own.links + 0.3), H60.box, H60.link)
+    loose = HexaSlide(
+        Geometry(nominal.base, nominal.rails, line, nominal.links + 0.3), H60.box, H60.link
+    )
     for kind in (ProcedureKind.POSE_FORWARD, ProcedureKind.POSITION, ProcedureKind.CONSTRAINT_LINK):
         with pytest.raises(CalibrationError, match="a singular one"):
             reachable(Procedure.of(kind), loose)
@@ -224,8 +226,8 @@ def test_implicit_derivatives_are_those_of_a_complex_step() -> None:
         (ProcedureKind.POSE_FORWARD, forward_rows),
         (ProcedureKind.POSITION, forward_rows[:, :3]),
     ):
-        found = jacobian(Procedure.of(kind), machine.geometry, postures)
-        assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+        slopes = jacobian(Procedure.of(kind), machine.geometry, postures)
+        assert np.abs(slopes - expected).max() < 1e-12 * np.abs(expected).max()
 
 
 def test_link_derivatives_are_those_of_a_complex_step() -> None:
@@ -233,7 +235,7 @@ def test_link_derivatives_are_those_of_a_complex_step() -> None:
     postures, link = some(machine, 4), machine.link
     assert link is not None
     procedure = Procedure(ProcedureKind.CONSTRAINT_LINK, known=())
-    found = jacobian(procedure, machine.geometry, postures, link)[:, 0]
+    column = jacobian(procedure, machine.geometry, postures, link)[:, 0]
     sliders = inverse(machine.geometry, postures).astype(complex)
     start = np.concatenate([values(machine.geometry), link.platform_end, link.base_end])
     for k in range(55):
@@ -242,8 +244,8 @@ def test_link_derivatives_are_those_of_a_complex_step() -> None:
         poses = forward(with_values(machine.geometry, step[:49]), sliders, machine.box)
         apart = poses[:, :3] + rotation(poses[:, 3:]) @ step[49:52] - step[52:]
         expected = np.sqrt((apart * apart).sum(axis=1)).imag / TINY
-        assert found[:, k] == pytest.approx(expected, abs=1e-12 * np.abs(found).max())
-    assert (found[:, 55] == -1.0).all()
+        assert column[:, k] == pytest.approx(expected, abs=1e-12 * np.abs(column).max())
+    assert (column[:, 55] == -1.0).all()
 
 
 def test_slopes_by_the_posture_agree_with_differences() -> None:
@@ -267,14 +269,14 @@ def test_forward_rows_are_inverse_rows_turned_and_blocks_have_their_ranks(
     postures = held_postures(machine, 9, 3)
     by_posture = legs(machine.geometry, postures).arms.by_posture
     by_parameter = jacobian(Procedure.of("pose-inverse"), machine.geometry, postures)
-    found = jacobian(Procedure.of("pose-forward"), machine.geometry, postures)
+    slopes = jacobian(Procedure.of("pose-forward"), machine.geometry, postures)
     expected = -np.linalg.inv(by_posture) @ by_parameter
-    assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+    assert np.abs(slopes - expected).max() < 1e-12 * np.abs(expected).max()
     sizes = np.linalg.svd(np.swapaxes(by_parameter, 0, 1), compute_uv=False)
     ranks = (sizes > 1e-9 * sizes[:, :1]).sum(axis=1)
     assert ranks.tolist() == [6, 7, 9, 9, 9, 9]
     positions = jacobian(Procedure.of("position"), machine.geometry, postures)
-    assert positions == pytest.approx(found[:, :3], rel=1e-12)
+    assert positions == pytest.approx(slopes[:, :3], rel=1e-12)
 
 
 @pytest.mark.parametrize("kind", list(ProcedureKind))
@@ -285,27 +287,29 @@ def test_fewest_postures(kind: ProcedureKind) -> None:
 def test_measured_subsets_and_what_they_lose() -> None:
     tilt = reachable(Procedure.of("pose-forward", ("x", "y", "z", "theta")), H60)
     assert tilt.rank == 48
-    assert [one.combination for one in tilt.unseen] == ["platform frame turned about its Z"]
+    assert [direction.combination for direction in tilt.unseen] == [
+        "platform frame turned about its Z"
+    ]
     angles = reachable(Procedure.of("pose-forward", COMPONENTS[3:]), H60)
     shifts = [f"platform frame shifted along its {axis}" for axis in "XYZ"]
-    assert [one.combination for one in angles.unseen][:3] == shifts
+    assert [direction.combination for direction in angles.unseen][:3] == shifts
 
 
 def test_individually_known_parameters_with_positions_only() -> None:
-    found = reachable(Procedure.of("position"), H60)
-    assert len(found.individually_known) == 31
-    assert not [name for name in found.individually_known if name.startswith("B")]
+    sensitivity = reachable(Procedure.of("position"), H60)
+    assert len(sensitivity.individually_known) == 31
+    assert not [name for name in sensitivity.individually_known if name.startswith("B")]
 
 
 @pytest.mark.parametrize(
     ("kind", "limit"), [(ProcedureKind.POSE_INVERSE, 55.0), (ProcedureKind.POSE_FORWARD, 500.0)]
 )
 def test_best_postures_are_far_better_than_random_ones(kind: ProcedureKind, limit: float) -> None:
-    found = best_postures(Procedure.of(kind), H60, 9, Search(starts=2))
-    assert found.condition_number < limit < found.start_condition_number / 10.0
-    rows = jacobian(Procedure.of(kind), H60.geometry, found.refined.coordinates)
-    assert np.linalg.cond(rows.reshape(-1, 49)) == pytest.approx(found.condition_number, rel=1e-6)
-    inside = found.refined.coordinates
+    design = best_postures(Procedure.of(kind), H60, 9, Search(starts=2))
+    assert design.condition_number < limit < design.start_condition_number / 10.0
+    rows = jacobian(Procedure.of(kind), H60.geometry, design.refined.coordinates)
+    assert np.linalg.cond(rows.reshape(-1, 49)) == pytest.approx(design.condition_number, rel=1e-6)
+    inside = design.refined.coordinates
     assert ((inside >= H60.box.lower) & (inside <= H60.box.upper)).all()
 
 
@@ -351,10 +355,10 @@ def test_matrices_that_the_paper_calls_homogeneous_are_not(kind: ProcedureKind) 
 
 def test_differences_through_the_inverse_kinematics_and_of_the_link_alone() -> None:
     procedure = Procedure.of("constraint-link", known=("d",))
-    for one in (procedure, Procedure.of("pose-inverse")):
-        found = differenced(one, H60, some(H60, 5))
-        expected = jacobian(one, H60.geometry, some(H60, 5), H60.link)
-        assert found == pytest.approx(expected, abs=2e-6)
+    for kind in (procedure, Procedure.of("pose-inverse")):
+        slopes = differenced(kind, H60, some(H60, 5))
+        expected = jacobian(kind, H60.geometry, some(H60, 5), H60.link)
+        assert slopes == pytest.approx(expected, abs=2e-6)
     with pytest.raises(CalibrationError, match="one in the machine file"):
         differenced(procedure, replace(H60, link=None), some(H60, 5))
 
@@ -368,10 +372,10 @@ def test_wrong_input_is_refused() -> None:
         best_postures(Procedure.of("position"), H60, 15)
     with pytest.raises(CalibrationError, match="different ones of x, y, z"):
         Procedure.of("position", ("x", "roll"))
-    own = H60.geometry
+    nominal = H60.geometry
     with pytest.raises(CalibrationError, match="a unit vector"):
-        Geometry(own.base, 1.1 * own.rails, own.platform, own.links)
+        Geometry(nominal.base, 1.1 * nominal.rails, nominal.platform, nominal.links)
     with pytest.raises(CalibrationError, match="six chains"):
-        Geometry(own.base[:5], own.rails[:5], own.platform[:5], own.links[:5])
+        Geometry(nominal.base[:5], nominal.rails[:5], nominal.platform[:5], nominal.links[:5])
     with pytest.raises(CalibrationError, match="positive lengths"):
-        Geometry(own.base, own.rails, own.platform, -own.links)
+        Geometry(nominal.base, nominal.rails, nominal.platform, -nominal.links)

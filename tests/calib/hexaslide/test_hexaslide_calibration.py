@@ -33,7 +33,8 @@ from tests.conftest import LONG
 NOMINAL = HexaSlide(H60.geometry, H60.box, H60.link)
 NOISE_M, NOISE_RAD = 1e-5, 2e-5
 MACHINES = [NOMINAL] + [
-    HexaSlide(one.geometry, one.box, one.link) for one in (random_machine(1), random_machine(2))
+    HexaSlide(example.geometry, example.box, example.link)
+    for example in (random_machine(1), random_machine(2))
 ]
 
 
@@ -74,26 +75,30 @@ def elsewhere(truth: HexaSlide, count: int = 100) -> FloatArray:
 def test_whole_postures_without_noise_give_every_parameter(
     kind: str, count: int, machine: HexaSlide
 ) -> None:
-    found, truth, _ = calibrated(kind, count, 1, machine)
-    assert (found.rank, found.unidentifiable, found.steps <= 12) == (49, (), True)
-    assert found.parameters == pytest.approx(truth.parameters(found.names), abs=1e-11)
-    assert found.known == found.names
+    calibration, truth, _ = calibrated(kind, count, 1, machine)
+    assert (calibration.rank, calibration.unidentifiable, calibration.steps <= 12) == (49, (), True)
+    assert calibration.parameters == pytest.approx(truth.parameters(calibration.names), abs=1e-11)
+    assert calibration.known == calibration.names
 
 
 @pytest.mark.parametrize("machine", MACHINES, ids=["H60", "other 1", "other 2"])
 def test_positions_without_noise_give_positions_and_one_constant_turn(machine: HexaSlide) -> None:
-    found, truth, _ = calibrated("position", 24, 2, machine)
-    assert (found.rank, found.unidentifiable_count, len(found.known)) == (46, 3, 31)
-    assert found.unidentifiable == tuple(
+    calibration, truth, _ = calibrated("position", 24, 2, machine)
+    assert (calibration.rank, calibration.unidentifiable_count, len(calibration.known)) == (
+        46,
+        3,
+        31,
+    )
+    assert calibration.unidentifiable == tuple(
         f"platform frame turned about its {axis}" for axis in "XYZ"
     )
     sliders = elsewhere(truth)
-    own, true = stand(found.machine, sliders), stand(truth, sliders)
-    assert np.abs(own[:, :3] - true[:, :3]).max() < 1e-11
-    turns = np.swapaxes(rotation(true[:, 3:]), 1, 2) @ rotation(own[:, 3:])
+    computed, true = stand(calibration.machine, sliders), stand(truth, sliders)
+    assert np.abs(computed[:, :3] - true[:, :3]).max() < 1e-11
+    turns = np.swapaxes(rotation(true[:, 3:]), 1, 2) @ rotation(computed[:, 3:])
     assert np.abs(turns - turns[0]).max() < 1e-11  # the same at every posture, and not nothing
     assert np.abs(turns[0] - np.eye(3)).max() > 1e-4
-    apart = frames_apart(own, true, found.unidentifiable)
+    apart = frames_apart(computed, true, calibration.unidentifiable)
     size = np.arccos((np.trace(turns[0]) - 1.0) / 2.0)
     assert apart.turned_rad == pytest.approx(size, rel=1e-6)
     assert apart.angles_rad.max() < 1e-11
@@ -105,20 +110,29 @@ def test_positions_without_noise_give_positions_and_one_constant_turn(machine: H
 def test_a_constraint_link_without_noise_gives_all_that_no_frame_changes(
     machine: HexaSlide,
 ) -> None:
-    found, truth, readings = calibrated("constraint-link", 60, 3, machine)
-    assert (found.rank, found.unidentifiable_count, len(found.unidentifiable)) == (48, 7, 7)
-    assert found.steps <= 12
-    own, true = found.machine.geometry, truth.geometry
+    calibration, truth, readings = calibrated("constraint-link", 60, 3, machine)
+    assert (
+        calibration.rank,
+        calibration.unidentifiable_count,
+        len(calibration.unidentifiable),
+    ) == (48, 7, 7)
+    assert calibration.steps <= 12
+    solution_geometry, true = calibration.machine.geometry, truth.geometry
     for i in range(6):
         for j in range(i):
-            between = [np.linalg.norm(one.platform[i] - one.platform[j]) for one in (own, true)]
+            between = [
+                np.linalg.norm(geometry.platform[i] - geometry.platform[j])
+                for geometry in (solution_geometry, true)
+            ]
             assert between[0] == pytest.approx(between[1], abs=1e-9)
-        start = [np.linalg.norm(one.base[i]) for one in (own, true)]
+        start = [np.linalg.norm(geometry.base[i]) for geometry in (solution_geometry, true)]
         assert start[0] == pytest.approx(start[1], abs=1e-9)
-    assert own.links == pytest.approx(true.links, abs=1e-9)
+    assert solution_geometry.links == pytest.approx(true.links, abs=1e-9)
     assert np.abs(inner_lengths(NOMINAL.geometry) - inner_lengths(true)).max() > 1e-4
     apart = frames_apart(
-        stand(found.machine, readings.sliders), stand(truth, readings.sliders), found.unidentifiable
+        stand(calibration.machine, readings.sliders),
+        stand(truth, readings.sliders),
+        calibration.unidentifiable,
     )
     assert apart.places_m.max() < 1e-9
     assert apart.shifted_m > 1e-5
@@ -130,16 +144,18 @@ def test_the_true_machine_keeps_the_length_of_its_link() -> None:
     assert np.abs(stretch(truth.link, stand(truth, readings.sliders))).max() < 1e-12
     assert np.abs(stretch(NOMINAL.link, stand(NOMINAL, readings.sliders))).max() > 1e-4
     play = calibrated("constraint-link", 60, 5, noise=(1e-4, 1e-4))
-    left = stretch(play[1].link, stand(play[1], play[2].sliders))
-    assert left.std() == pytest.approx(1e-4, rel=0.3)
+    residual = stretch(play[1].link, stand(play[1], play[2].sliders))
+    assert residual.std() == pytest.approx(1e-4, rel=0.3)
 
 
 def test_what_is_not_seen_stays_where_the_start_has_it() -> None:
     for kind, count in (("position", 24), ("constraint-link", 80)):
-        found, truth, _ = calibrated(kind, count, 4)
-        moved = found.parameters - NOMINAL.parameters(found.names)
-        true = truth.parameters(found.names) - NOMINAL.parameters(found.names)
-        assert np.linalg.norm(found.null.T @ moved) < 0.02 * np.linalg.norm(found.null.T @ true)
+        calibration, truth, _ = calibrated(kind, count, 4)
+        moved = calibration.parameters - NOMINAL.parameters(calibration.names)
+        true = truth.parameters(calibration.names) - NOMINAL.parameters(calibration.names)
+        assert np.linalg.norm(calibration.null.T @ moved) < 0.02 * np.linalg.norm(
+            calibration.null.T @ true
+        )
 
 
 @pytest.mark.parametrize(
@@ -158,14 +174,14 @@ def test_derivatives_are_those_of_what_is_left(kind: str, measured: tuple[str, .
     """Central differences of the residuals themselves, independent of the implicit functions."""
     procedure = Procedure.of(kind, measured)
     readings = measure(procedure, NOMINAL, NOMINAL, 3, np.random.default_rng(6))
-    names, own = procedure.parameters, NOMINAL.parameters(procedure.parameters)
+    names, nominal = procedure.parameters, NOMINAL.parameters(procedure.parameters)
     at = readings.measured if kind == "pose-inverse" else stand(NOMINAL, readings.sliders)
     slopes = residuals(readings, NOMINAL, at)[1]
     step = 1e-6
     for k in range(0, len(names), 4):
         ends = []
         for sign in (1.0, -1.0):
-            moved = NOMINAL.with_parameters(names, own + sign * step * np.eye(len(own))[k])
+            moved = NOMINAL.with_parameters(names, nominal + sign * step * np.eye(len(nominal))[k])
             ends.append(residuals_of(readings, moved).values)
         difference = (ends[0] - ends[1]) / (2.0 * step)
         assert -difference == pytest.approx(slopes[:, :, k], abs=1e-7)
@@ -175,12 +191,12 @@ def test_joint_angles_are_those_of_rotated_links() -> None:
     """Each link once more as its rail turned by scipy: swung out, then turned about the rail."""
     machine = random_machine(7)
     postures = machine.box.random(4, np.random.default_rng(1))
-    angles, own = joint_angles(machine.geometry, postures), machine.geometry
-    sliders = inverse(own, postures)
+    angles, geometry = joint_angles(machine.geometry, postures), machine.geometry
+    sliders = inverse(geometry, postures)
     for p, posture in enumerate(postures):
         turn = Rotation.from_euler("YXZ", posture[3:])
-        ends = posture[:3] + turn.apply(own.platform)
-        for k, rail in enumerate(own.rails):
+        ends = posture[:3] + turn.apply(geometry.platform)
+        for k, rail in enumerate(geometry.rails):
             up = np.array([0.0, 0.0, np.sign(rail[2])])
             axis = np.cross(up, rail)
             angle = np.arctan2(np.linalg.norm(axis), up @ rail)
@@ -188,8 +204,8 @@ def test_joint_angles_are_those_of_rotated_links() -> None:
             first = carry.apply([1.0, 0.0, 0.0])
             out = Rotation.from_rotvec(angles[p, 2 * k] * rail).apply(first)
             swing = angles[p, 2 * k + 1]
-            link = own.links[k] * (np.cos(swing) * rail + np.sin(swing) * out)
-            carriage = own.base[k] + sliders[p, k] * rail
+            link = geometry.links[k] * (np.cos(swing) * rail + np.sin(swing) * out)
+            carriage = geometry.base[k] + sliders[p, k] * rail
             assert carriage + link == pytest.approx(ends[k], abs=1e-12)
 
 
@@ -206,12 +222,15 @@ def test_tilts_and_encoders_without_noise_give_all_that_no_frame_changes(
 ) -> None:
     procedure, generator = Procedure.of(kind, measured), np.random.default_rng(2)
     truth = disturbed(NOMINAL, procedure, 1e-3, generator)
-    found = calibrate(measure(procedure, NOMINAL, truth, count, generator), NOMINAL)
-    assert (found.rank, found.unidentifiable_count) == (rank, len(found.names) - rank)
-    assert len(found.unidentifiable) == found.unidentifiable_count
-    lengths = inner_lengths(found.machine.geometry) - inner_lengths(truth.geometry)
+    calibration = calibrate(measure(procedure, NOMINAL, truth, count, generator), NOMINAL)
+    assert (calibration.rank, calibration.unidentifiable_count) == (
+        rank,
+        len(calibration.names) - rank,
+    )
+    assert len(calibration.unidentifiable) == calibration.unidentifiable_count
+    lengths = inner_lengths(calibration.machine.geometry) - inner_lengths(truth.geometry)
     assert np.abs(lengths).max() < 1e-9
-    zeros = (found.machine.zeros_rad - truth.zeros_rad)[1::2]  # swings have no frame
+    zeros = (calibration.machine.zeros_rad - truth.zeros_rad)[1::2]  # swings have no frame
     assert np.abs(zeros).max() < 1e-9
 
 
@@ -223,15 +242,15 @@ def test_tilts_and_encoders_without_noise_give_all_that_no_frame_changes(
 def test_intervals_of_individually_known_parameters_hold_the_truth(
     kind: str, count: int, sessions: int
 ) -> None:
-    held: list[float] = []
+    coverage: list[float] = []
     for seed in range(sessions):
-        found, truth, _ = calibrated(kind, count, seed, noise=(NOISE_M, NOISE_RAD))
-        assert found.covariance is not None
-        known = [found.names.index(name) for name in found.known]
-        error = (found.parameters - truth.parameters(found.names))[known]
-        u = np.sqrt(found.covariance.diagonal())[known]
-        held.append(float((np.abs(error) <= coverage_factor(np.inf) * u).mean()))
-    assert np.mean(held) == pytest.approx(0.95, abs=0.02)
+        calibration, truth, _ = calibrated(kind, count, seed, noise=(NOISE_M, NOISE_RAD))
+        assert calibration.covariance is not None
+        columns = [calibration.names.index(name) for name in calibration.known]
+        error = (calibration.parameters - truth.parameters(calibration.names))[columns]
+        u = np.sqrt(calibration.covariance.diagonal())[columns]
+        coverage.append(float((np.abs(error) <= coverage_factor(np.inf) * u).mean()))
+    assert np.mean(coverage) == pytest.approx(0.95, abs=0.02)
 
 
 def test_uncertainty_from_what_is_left_where_no_noise_is_stated() -> None:
@@ -248,8 +267,8 @@ def test_uncertainty_from_what_is_left_where_no_noise_is_stated() -> None:
 def test_pose_inverse_counts_the_noise_of_the_posture_not_of_the_sliders() -> None:
     """Weighted by what the posture's noise does to the sliders it is pose-forward, nearly."""
     inverse, _, readings = calibrated("pose-inverse", 20, 10, noise=(NOISE_M, NOISE_RAD))
-    same = replace(readings, procedure=Procedure.of("pose-forward"))
-    ahead = calibrate(same, NOMINAL)
+    forward_readings = replace(readings, procedure=Procedure.of("pose-forward"))
+    ahead = calibrate(forward_readings, NOMINAL)
     assert inverse.covariance is not None
     assert ahead.covariance is not None
     u = np.sqrt(ahead.covariance.diagonal())
@@ -260,8 +279,8 @@ def test_pose_inverse_counts_the_noise_of_the_posture_not_of_the_sliders() -> No
 def test_weights_make_residuals_independent_and_equal() -> None:
     _, truth, readings = calibrated("pose-inverse", 400, 11, noise=(NOISE_M, NOISE_RAD))
     white = whitening(readings, truth.geometry)
-    left = residuals_of(readings, truth).values
-    plain = np.einsum("prs,ps->pr", white, left) / NOISE_M
+    residual = residuals_of(readings, truth).values
+    plain = np.einsum("prs,ps->pr", white, residual) / NOISE_M
     assert np.cov(plain.T) == pytest.approx(np.eye(6), abs=0.2)
 
 
@@ -271,21 +290,21 @@ def test_shares_of_what_is_left_point_at_a_wrong_reading() -> None:
         Procedure.of("position"), NOMINAL, NOMINAL, 60, generator, length_noise_m=NOISE_M
     )
     readings.measured[17, 2] += 50 * NOISE_M
-    found = calibrate(readings, NOMINAL)
-    by_column, by_posture = shares(readings, found.machine.geometry, found.after)
+    calibration = calibrate(readings, NOMINAL)
+    by_column, by_posture = shares(readings, calibration.machine.geometry, calibration.after)
     assert (int(by_column.argmax()), int(by_posture.argmax())) == (2, 17)
     assert by_column.sum() == pytest.approx(1.0)
     assert by_posture.sum() == pytest.approx(1.0)
-    assert found.square_sum is not None
-    assert found.square_sum / found.free_values > 2.0
+    assert calibration.square_sum is not None
+    assert calibration.square_sum / calibration.free_values > 2.0
 
 
 def test_inner_lengths_do_not_move_with_frames() -> None:
     slopes = inner_slopes(NOMINAL.geometry)
     for kind, count in (("position", 24), ("constraint-link", 80)):
-        found, _, _ = calibrated(kind, count, 13)
-        own = inner_slopes(found.machine.geometry)
-        assert np.abs(own @ found.null[:49]).max() < 1e-9
+        calibration, _, _ = calibrated(kind, count, 13)
+        inner = inner_slopes(calibration.machine.geometry)
+        assert np.abs(inner @ calibration.null[:49]).max() < 1e-9
     base, step = values(NOMINAL.geometry), 1e-6
     for k in range(0, 49, 5):
         unit = step * np.eye(49)[k]
@@ -294,11 +313,11 @@ def test_inner_lengths_do_not_move_with_frames() -> None:
 
 
 def test_condition_number_is_that_of_the_bare_derivatives() -> None:
-    found, _, readings = calibrated("position", 30, 14)
-    at = stand(found.machine, readings.sliders)
-    bare = jacobian(readings.procedure, found.machine.geometry, at).reshape(-1, 49)
+    calibration, _, readings = calibrated("position", 30, 14)
+    at = stand(calibration.machine, readings.sliders)
+    bare = jacobian(readings.procedure, calibration.machine.geometry, at).reshape(-1, 49)
     singular = np.linalg.svd(bare, compute_uv=False)
-    assert found.condition_number == pytest.approx(singular[0] / singular[45], rel=1e-8)
+    assert calibration.condition_number == pytest.approx(singular[0] / singular[45], rel=1e-8)
 
 
 def test_too_few_postures_say_how_many_are_needed() -> None:

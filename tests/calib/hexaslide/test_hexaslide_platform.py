@@ -30,28 +30,28 @@ LENGTH_M, ANGLE_RAD = 1e-5, float(np.radians(1e-3))
 def test_the_platform_bound_holds(name: str) -> None:
     """In 95 of 100: of 25 machines, 21 or more in all but three of a thousand such tests."""
     stated = load_posture_procedure(name)
-    procedure, wanted = stated.whole(), commands(FILE, stated).procedure.in_metres()
+    procedure, postures = stated.whole(), commands(FILE, stated).procedure.in_metres()
     places = held_postures(NOMINAL, 200, 99)
-    sliders, held = NOMINAL.sliders_at(places), 0
+    sliders, within_bound = NOMINAL.sliders_at(places), 0
     for seed in range(25):
         generator = np.random.default_rng(seed)
         truth = disturbed(NOMINAL, procedure, 1e-3, generator)
         wide = replace(truth, box=Box(NOMINAL.box.lower - 0.05, NOMINAL.box.upper + 0.05))
         noise = {"length_noise_m": LENGTH_M, "angle_noise_rad": ANGLE_RAD}
-        readings = measure(procedure, NOMINAL, wide, wanted, generator, **noise)
-        found = calibrate(readings, NOMINAL)
-        error = platform_error(NOMINAL, found)
+        readings = measure(procedure, NOMINAL, wide, postures, generator, **noise)
+        calibration = calibrate(readings, NOMINAL)
+        error = platform_error(NOMINAL, calibration)
         stands = [
-            np.asarray(forward_near(one.geometry, sliders, places))
-            for one in (found.machine, truth)
+            np.asarray(forward_near(machine.geometry, sliders, places))
+            for machine in (calibration.machine, truth)
         ]
-        left = frames_apart(stands[0], stands[1], found.unidentifiable).places_rms_m
-        before = frames_apart(places, stands[1], found.unidentifiable).places_rms_m
+        actual_m = frames_apart(stands[0], stands[1], calibration.unidentifiable).places_rms_m
+        before = frames_apart(places, stands[1], calibration.unidentifiable).places_rms_m
         assert error.left_open == 0
         assert error.bound_m is not None
         assert error.bound_m < 0.5 * before
-        held += left <= error.bound_m
-    assert held >= 21
+        within_bound += actual_m <= error.bound_m
+    assert within_bound >= 21
 
 
 def test_poor_postures_have_no_bound() -> None:
@@ -59,8 +59,8 @@ def test_poor_postures_have_no_bound() -> None:
     procedure = Procedure.of("pose-forward")
     generator = np.random.default_rng(1)
     truth = disturbed(NOMINAL, procedure, 1e-3, generator)
-    same = np.tile(NOMINAL.box.centre, (12, 1))
-    readings = measure(procedure, NOMINAL, truth, same, generator, length_noise_m=1e-5)
+    centres = np.tile(NOMINAL.box.centre, (12, 1))
+    readings = measure(procedure, NOMINAL, truth, centres, generator, length_noise_m=1e-5)
     error = platform_error(NOMINAL, calibrate(replace(readings, angle_noise_rad=1e-5), NOMINAL))
     assert (error.bound_m, error.left_open) == (None, 43)
 
@@ -69,7 +69,7 @@ def test_poor_postures_have_no_bound() -> None:
 def test_what_is_expected_is_what_is_read(name: str) -> None:
     """Departures over their deviations are standard normal, and these shrink as postures come."""
     stated = load_posture_procedure(name)
-    asked = commands(FILE, stated)
+    plan = commands(FILE, stated)
     procedure, tolerances = stated.whole(), FILE.tolerances.of(stated.whole().parameters)
     scores: list[NDArray[np.float64]] = []
     first: list[float] = []
@@ -77,18 +77,18 @@ def test_what_is_expected_is_what_is_read(name: str) -> None:
     for seed in range(6):
         generator = np.random.default_rng(seed)
         truth = disturbed(NOMINAL, procedure, 1e-3, generator)
-        postures = asked.procedure.in_metres()[:24]
+        postures = plan.procedure.in_metres()[:24]
         noise = {"length_noise_m": LENGTH_M, "angle_noise_rad": ANGLE_RAD}
         readings = measure(procedure, NOMINAL, truth, postures, generator, **noise)
         expectation = Expectation(procedure, NOMINAL, tolerances)
         for k in range(len(postures)):
-            one = readings.take(np.arange(len(postures)) == k)
-            departure = expectation.departure(one)
+            reading = readings.take(np.arange(len(postures)) == k)
+            departure = expectation.departure(reading)
             assert departure is not None
             assert not departure.is_doubtful
             scores.append(departure.off / departure.deviation)
             (first if k == 0 else last).append(float(departure.deviation.max()))
-            expectation.learn(one)
+            expectation.learn(reading)
     assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1.0, abs=0.15)
     assert last[-1] < 0.5 * np.mean(first)
 

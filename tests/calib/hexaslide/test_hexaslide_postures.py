@@ -46,9 +46,9 @@ OF_PAPER = (
 def singular_values(procedure: Procedure, postures: FloatArray, rank: int) -> FloatArray:
     """Of the plain Jacobian, without those of what is never seen."""
     rows = jacobian(procedure, H60.geometry, postures, H60.link)
-    found = np.linalg.svd(rows.reshape(-1, len(procedure.parameters)), compute_uv=False)
-    assert rank == len(found) or found[rank] < 1e-10 * found[0]
-    return np.asarray(found[:rank], dtype=np.float64)
+    singular = np.linalg.svd(rows.reshape(-1, len(procedure.parameters)), compute_uv=False)
+    assert rank == len(singular) or singular[rank] < 1e-10 * singular[0]
+    return np.asarray(singular[:rank], dtype=np.float64)
 
 
 def by_definition(criterion: Criterion, sigma: FloatArray) -> float:
@@ -72,9 +72,9 @@ def test_rows_and_their_pull_are_those_of_a_complex_step(
     count = len(procedure.parameters)
     basis = np.linalg.qr(generator.normal(size=(count, count - 3)))[0]
     rows, slopes = jacobian_and_slopes(procedure, machine.geometry, postures, machine.link)
-    found, pull = RowMaker(procedure, machine.geometry, machine.link, basis)(postures)
-    assert np.abs(found - rows @ basis).max() < 1e-13 * np.abs(rows).max()
-    weights = generator.normal(size=found.shape)
+    rows_in_basis, pull = RowMaker(procedure, machine.geometry, machine.link, basis)(postures)
+    assert np.abs(rows_in_basis - rows @ basis).max() < 1e-13 * np.abs(rows).max()
+    weights = generator.normal(size=rows_in_basis.shape)
     expected = np.einsum("prn,prkd,kn->pd", weights, slopes, basis)
     assert np.abs(pull(weights) - expected).max() < 1e-12 * np.abs(expected).max()
 
@@ -85,14 +85,14 @@ def test_the_pull_agrees_with_differences_of_the_plain_jacobian(kind: ProcedureK
     maker = RowMaker(procedure, H60.geometry, H60.link, np.eye(len(procedure.parameters)))
     rows, pull = maker(postures)
     weights = np.random.default_rng(2).normal(size=rows.shape)
-    found = pull(weights)
+    slopes = pull(weights)
     for d in range(6):
         step = 1e-5 * np.eye(6)[d]
         ahead, behind = (
             jacobian(procedure, H60.geometry, postures + sign * step, H60.link) for sign in (1, -1)
         )
         expected = ((ahead - behind) * weights).sum(axis=(1, 2)) / 2e-5
-        assert found[:, d] == pytest.approx(expected, rel=1e-6, abs=1e-5)
+        assert slopes[:, d] == pytest.approx(expected, rel=1e-6, abs=1e-5)
 
 
 def test_rows_that_cannot_be_had_are_refused() -> None:
@@ -107,8 +107,8 @@ def test_rows_that_cannot_be_had_are_refused() -> None:
     touching = ConstraintLink(np.zeros(3), postures[2, :3], 0.5)
     with pytest.raises(CalibrationError, match="its ends touch"):
         RowMaker(linked, H60.geometry, touching, np.eye(55))(postures)
-    own = H60.geometry
-    loose = Geometry(own.base, own.rails, np.zeros((6, 3)), np.full(6, 2.0))
+    geometry = H60.geometry
+    loose = Geometry(geometry.base, geometry.rails, np.zeros((6, 3)), np.full(6, 2.0))
     with pytest.raises(CalibrationError, match="a singular one"):
         RowMaker(Procedure.of("position"), loose, None, basis)(postures)
 
@@ -130,20 +130,20 @@ def best(kind: ProcedureKind) -> BestPostures:
 
 @pytest.mark.parametrize("kind", first_quick(list(ProcedureKind)))
 def test_condition_numbers_on_the_example_machine(kind: ProcedureKind) -> None:
-    (count, rank, starts, limit), found = LIMITS[kind], best(kind)
-    postures = found.refined.coordinates
+    (count, rank, starts, limit), design = LIMITS[kind], best(kind)
+    postures = design.refined.coordinates
     assert postures.shape == (count, 6)
     assert ((H60.box.lower <= postures) & (postures <= H60.box.upper)).all()
     sigma = singular_values(Procedure.of(kind), postures, rank)
-    assert float(sigma[0] / sigma[-1]) == pytest.approx(found.condition_number, rel=1e-8)
-    assert found.condition_number <= limit < found.start_condition_number / 10.0
-    assert (found.rank, len(found.values)) == (rank, starts)
-    assert min(found.values) == pytest.approx(found.condition_number, rel=1e-8)
+    assert float(sigma[0] / sigma[-1]) == pytest.approx(design.condition_number, rel=1e-8)
+    assert design.condition_number <= limit < design.start_condition_number / 10.0
+    assert (design.rank, len(design.values)) == (rank, starts)
+    assert min(design.values) == pytest.approx(design.condition_number, rel=1e-8)
     width = H60.box.upper - H60.box.lower
     from_bound = np.minimum(postures - H60.box.lower, H60.box.upper - postures) / width
-    assert found.refined.on_bound == (from_bound < 1e-6).sum()
-    assert found.refined.on_bound > 0.3 * postures.size
-    assert found.start_on_bound == 0
+    assert design.refined.on_bound == (from_bound < 1e-6).sum()
+    assert design.refined.on_bound > 0.3 * postures.size
+    assert design.start_on_bound == 0
 
 
 def test_condition_numbers_rise_in_this_order() -> None:
@@ -160,10 +160,10 @@ def test_condition_numbers_rise_in_this_order() -> None:
 
 @pytest.fixture(scope="module")
 def by_criterion() -> dict[Criterion, BestPostures]:
-    wanted = (*OF_PAPER, Criterion.AVERAGE_VARIANCE)
+    criteria = (*OF_PAPER, Criterion.AVERAGE_VARIANCE)
     return {
         criterion: best_postures(PROCEDURES["pose-inverse"], H60, 10, Search(criterion, starts=1))
-        for criterion in wanted
+        for criterion in criteria
     }
 
 
@@ -177,25 +177,25 @@ def test_each_criterion_is_better_for_the_set_that_was_made_for_it(
     """
 
     def value(postures: FloatArray) -> float:
-        found = by_definition(criterion, singular_values(PROCEDURES["pose-inverse"], postures, 49))
-        return found if criterion.larger_is_better else -found
+        worth = by_definition(criterion, singular_values(PROCEDURES["pose-inverse"], postures, 49))
+        return worth if criterion.larger_is_better else -worth
 
-    own = value(by_criterion[criterion].refined.coordinates)
-    assert abs(own) == pytest.approx(by_criterion[criterion].refined.value, rel=1e-8)
+    best_value = value(by_criterion[criterion].refined.coordinates)
+    assert abs(best_value) == pytest.approx(by_criterion[criterion].refined.value, rel=1e-8)
     begin = H60.box.random(10, np.random.default_rng(0))
     assert abs(value(begin)) == pytest.approx(by_criterion[criterion].refined.start_value, rel=1e-6)
-    assert own > value(begin)
-    for other, found in by_criterion.items():
-        if other is not criterion and not {other, criterion} <= set(OF_ENDS):
-            assert own > value(found.refined.coordinates), other
+    assert best_value > value(begin)
+    for rival, design in by_criterion.items():
+        if rival is not criterion and not {rival, criterion} <= set(OF_ENDS):
+            assert best_value > value(design.refined.coordinates), rival
 
 
 def test_figures_of_the_paper_are_those_of_its_formulas() -> None:
     procedure = PROCEDURES["pose-inverse"]
-    found = best_postures(procedure, H60, 10, Search(Criterion.DETERMINANT, starts=1))
+    design = best_postures(procedure, H60, 10, Search(Criterion.DETERMINANT, starts=1))
     for postures, figures in (
-        (H60.box.random(10, np.random.default_rng(0)), found.start),
-        (found.refined.coordinates, found.found),
+        (H60.box.random(10, np.random.default_rng(0)), design.start),
+        (design.refined.coordinates, design.found),
     ):
         flat = jacobian(procedure, H60.geometry, postures).reshape(-1, 49)
         sigma = singular_values(procedure, postures, 49)
@@ -215,33 +215,33 @@ def test_figures_of_the_paper_are_those_of_its_formulas() -> None:
 def test_the_first_two_criteria_of_the_paper_order_alike() -> None:
     generator = np.random.default_rng(6)
     sets = [observability(np.sort(generator.uniform(1, 9, 5))[::-1], 7) for _ in range(20)]
-    by_first = sorted(sets, key=lambda one: one.log10_determinant)
-    assert by_first == sorted(sets, key=lambda one: one.geometric_mean)
+    by_first = sorted(sets, key=lambda candidate: candidate.log10_determinant)
+    assert by_first == sorted(sets, key=lambda candidate: candidate.geometric_mean)
 
 
 def test_equal_seeds_give_equal_postures_and_the_first_start_is_the_same_alone() -> None:
     procedure = PROCEDURES["pose-inverse"]
-    one, two, other = (
+    first, two, third = (
         best_postures(procedure, H60, 9, Search(Criterion.DETERMINANT, seed=seed, starts=starts))
         for seed, starts in ((3, 1), (3, 2), (4, 1))
     )
-    assert two.values[0] == one.values[0] != other.values[0]
+    assert two.values[0] == first.values[0] != third.values[0]
     assert two.refined.value == max(two.values)
 
 
 def test_postures_that_are_given_are_the_first_start_and_only_get_better() -> None:
-    procedure, given = PROCEDURES["pose-inverse"], some(H60, 9)
-    first = judged_postures(procedure, H60, given)
+    procedure, start = PROCEDURES["pose-inverse"], some(H60, 9)
+    first = judged_postures(procedure, H60, start)
     assert first.values == ()
-    assert (first.refined.coordinates == given).all()
+    assert (first.refined.coordinates == start).all()
     assert first.condition_number == pytest.approx(
-        float(np.linalg.cond(jacobian(procedure, H60.geometry, given).reshape(-1, 49)))
+        float(np.linalg.cond(jacobian(procedure, H60.geometry, start).reshape(-1, 49)))
     )
-    found = best_postures(procedure, H60, 9, Search(starts=1, given=given))
-    assert found.start == first.found
-    assert found.condition_number < first.condition_number / 10.0
-    again = best_postures(procedure, H60, 9, Search(starts=1, given=found.refined.coordinates))
-    assert again.condition_number <= found.condition_number
+    design = best_postures(procedure, H60, 9, Search(starts=1, given=start))
+    assert design.start == first.found
+    assert design.condition_number < first.condition_number / 10.0
+    again = best_postures(procedure, H60, 9, Search(starts=1, given=design.refined.coordinates))
+    assert again.condition_number <= design.condition_number
 
 
 def test_sets_that_do_not_show_enough_are_refused() -> None:
@@ -266,19 +266,19 @@ def test_the_benchmark_begins_both_searches_at_the_same_postures() -> None:
     raw = peer(procedure, H60, 1, 0.05, logarithm=False, seed=3)
     assert raw.values[0] <= float(sigma[0] / sigma[-1]) * (1.0 + 1e-9)
     better = peer(procedure, H60, 1, 0.5, logarithm=True, seed=3)
-    own = ours(procedure, H60, 1, seed=3)
-    assert own.values[0] < better.values[0] < float(sigma[0] / sigma[-1])
-    assert own.middle == own.values[0]
-    cells = own.row("pose-inverse, 9").strip("| ").split(" | ")
+    single = ours(procedure, H60, 1, seed=3)
+    assert single.values[0] < better.values[0] < float(sigma[0] / sigma[-1])
+    assert single.middle == single.values[0]
+    cells = single.row("pose-inverse, 9").strip("| ").split(" | ")
     assert cells[:3] == ["pose-inverse, 9", "glidecal", "1"]
-    assert float(cells[3]) == float(cells[5]) == pytest.approx(own.values[0], rel=1e-4)
+    assert float(cells[3]) == float(cells[5]) == pytest.approx(single.values[0], rel=1e-4)
 
 
 def test_another_machine_is_planned_for_as_well() -> None:
     machine = random_machine(8)
     small = HexaSlide(machine.geometry, machine.box, None)
-    found = best_postures(PROCEDURES["position"], small, 16, Search(starts=1))
-    assert found.condition_number < found.start_condition_number / 5.0
+    design = best_postures(PROCEDURES["position"], small, 16, Search(starts=1))
+    assert design.condition_number < design.start_condition_number / 5.0
 
 
 def test_the_papers_46_postures_are_judged_by_what_they_show() -> None:
@@ -286,11 +286,11 @@ def test_the_papers_46_postures_are_judged_by_what_they_show() -> None:
     procedure, few = PROCEDURES["constraint-link"], Search(starts=1, few=True)
     with pytest.raises(NotIdentifiable, match=r"found 46\. Allowed: 48 or more .* With --few"):
         best_postures(procedure, H60, 46, Search(starts=1))
-    found = best_postures(procedure, H60, 46, few)
-    assert (found.rank, found.reachable_rank) == (46, 48)
-    rows = jacobian(procedure, H60.geometry, found.coordinates, H60.link).reshape(46, 55)
-    assert found.condition_number == pytest.approx(float(np.linalg.cond(rows)), rel=1e-8)
-    assert found.condition_number < 275.0 < found.start_condition_number / 10.0
+    design = best_postures(procedure, H60, 46, few)
+    assert (design.rank, design.reachable_rank) == (46, 48)
+    rows = jacobian(procedure, H60.geometry, design.coordinates, H60.link).reshape(46, 55)
+    assert design.condition_number == pytest.approx(float(np.linalg.cond(rows)), rel=1e-8)
+    assert design.condition_number < 275.0 < design.start_condition_number / 10.0
     with pytest.raises(NotIdentifiable, match="48 values that show 45 combinations"):
         best_postures(PROCEDURES["pose-inverse"], H60, 8, few)
 
@@ -299,14 +299,16 @@ def test_limits_of_sliders_are_kept_and_cost_something() -> None:
     procedure = PROCEDURES["pose-inverse"]
     travel = np.outer([0.25, 0.6], np.ones(6))
     short = replace(H60, travel_m=travel)
-    free, found = (best_postures(procedure, one, 9, Search(starts=1)) for one in (H60, short))
-    sliders = inverse(H60.geometry, found.coordinates)
+    free, design = (
+        best_postures(procedure, machine, 9, Search(starts=1)) for machine in (H60, short)
+    )
+    sliders = inverse(H60.geometry, design.coordinates)
     assert (sliders >= 0.25 - 1e-9).all()
     assert (sliders <= 0.6 + 1e-9).all()
     passed = inverse(H60.geometry, free.coordinates)
     assert passed.min() < 0.2
     assert passed.max() > 0.65
-    assert free.condition_number < found.condition_number < found.start_condition_number / 10.0
+    assert free.condition_number < design.condition_number < design.start_condition_number / 10.0
     none = replace(H60, travel_m=np.outer([2.0, 3.0], np.ones(6)))
     with pytest.raises(CalibrationError, match="rails that reach 0 of"):
         best_postures(procedure, none, 9)
@@ -318,19 +320,19 @@ def test_between_the_ends_of_the_rails_more_is_seen_than_in_the_box() -> None:
     procedure, search = PROCEDURES["pose-forward"], Search(starts=1)
     machine = replace(H60, travel_m=np.outer([0.0, 1.05], np.ones(6)))
     box = best_postures(procedure, machine, 9, search)
-    found = best_postures(procedure, machine, 9, replace(search, in_joints=True))
-    assert (found.begin == box.begin).all()
-    assert found.condition_number < box.condition_number / 2.0
-    sliders = inverse(H60.geometry, found.coordinates)
+    design = best_postures(procedure, machine, 9, replace(search, in_joints=True))
+    assert (design.begin == box.begin).all()
+    assert design.condition_number < box.condition_number / 2.0
+    sliders = inverse(H60.geometry, design.coordinates)
     assert (sliders > -1e-9).all()
     assert (sliders < 1.05 + 1e-9).all()
-    assert found.refined.on_bound == ((sliders < 1e-6) | (sliders > 1.05 - 1e-6)).sum()
-    assert looseness(H60.geometry, found.coordinates).max() < 100.0
-    by_posture = legs(H60.geometry, found.coordinates).arms.by_posture
+    assert design.refined.on_bound == ((sliders < 1e-6) | (sliders > 1.05 - 1e-6)).sum()
+    assert looseness(H60.geometry, design.coordinates).max() < 100.0
+    by_posture = legs(H60.geometry, design.coordinates).arms.by_posture
     middle = legs(H60.geometry, H60.box.centre[None]).arms.by_posture
     assert (np.sign(np.linalg.det(by_posture)) == np.sign(np.linalg.det(middle))).all()
-    rows = jacobian(procedure, H60.geometry, found.coordinates).reshape(-1, 49)
-    assert found.condition_number == pytest.approx(float(np.linalg.cond(rows)), rel=1e-7)
+    rows = jacobian(procedure, H60.geometry, design.coordinates).reshape(-1, 49)
+    assert design.condition_number == pytest.approx(float(np.linalg.cond(rows)), rel=1e-7)
     endless = replace(H60, travel_m=np.outer([-np.inf, np.inf], np.ones(6)))
     with pytest.raises(CalibrationError, match="no travel_mm in the machine file"):
         best_postures(procedure, endless, 9, replace(search, in_joints=True))
@@ -340,15 +342,17 @@ def test_between_the_ends_of_the_rails_more_is_seen_than_in_the_box() -> None:
 def test_scaled_figures_are_the_same_in_millimetres(name: str) -> None:
     """The machine ten times as large is the same machine in decimetres."""
     ten, procedure = 10.0, PROCEDURES[name]
-    own, link = H60.geometry, H60.link
+    nominal, link = H60.geometry, H60.link
     assert link is not None
-    geometry = Geometry(ten * own.base, own.rails, ten * own.platform, ten * own.links)
+    geometry = Geometry(
+        ten * nominal.base, nominal.rails, ten * nominal.platform, ten * nominal.links
+    )
     size = np.array([ten, ten, ten, 1.0, 1.0, 1.0])
     box = replace(H60.box, lower=size * H60.box.lower, upper=size * H60.box.upper)
     long = ConstraintLink(ten * link.platform_end, ten * link.base_end, ten * link.length_m)
     postures, search = some(H60, 60), Search(scaled=True)
-    one = judged_postures(procedure, H60, postures, search)
-    other = judged_postures(procedure, HexaSlide(geometry, box, long), size * postures, search)
-    assert one.condition_number == pytest.approx(other.condition_number, rel=1e-7)
+    plain_design = judged_postures(procedure, H60, postures, search)
+    scaled_up = judged_postures(procedure, HexaSlide(geometry, box, long), size * postures, search)
+    assert plain_design.condition_number == pytest.approx(scaled_up.condition_number, rel=1e-7)
     plain = judged_postures(procedure, H60, postures)
-    assert plain.condition_number != pytest.approx(one.condition_number, rel=0.1)
+    assert plain.condition_number != pytest.approx(plain_design.condition_number, rel=0.1)

@@ -66,35 +66,35 @@ def test_ranks_gaps_and_lost_motions_of_machines_drawn_from_nothing(shape: str) 
         machine = drawn_machine(seed, shape)
         for kind, (rank, count) in RANKS.items():
             procedure = Procedure.of(kind)
-            seen = sensitivity(procedure, machine, enough_postures(procedure, machine))
-            found = analyse(seen)
-            assert (found.rank, len(found.names)) == (rank, count), (seed, kind)
-            scaled = seen.jacobian / np.linalg.norm(seen.jacobian, axis=0)
+            slopes = sensitivity(procedure, machine, enough_postures(procedure, machine))
+            analysis = analyse(slopes)
+            assert (analysis.rank, len(analysis.names)) == (rank, count), (seed, kind)
+            scaled = slopes.jacobian / np.linalg.norm(slopes.jacobian, axis=0)
             _, singular, turned = np.linalg.svd(scaled, full_matrices=False)
             if rank == count:
                 assert singular[-1] > 1e-9 * singular[0]
                 continue
             assert singular[rank - 1] > LEAST_GAP * singular[rank], (seed, kind)
-            assert [one.combination for one in found.unseen] == LOST[kind]
-            own = written_out(machine, kind, found.names)
-            assert sine(found.unseen_vectors, own) < 1e-8
-            own_scaled = own * np.linalg.norm(seen.jacobian, axis=0)
+            assert [direction.combination for direction in analysis.unseen] == LOST[kind]
+            expected = written_out(machine, kind, analysis.names)
+            assert sine(analysis.unseen_vectors, expected) < 1e-8
+            own_scaled = expected * np.linalg.norm(slopes.jacobian, axis=0)
             assert sine(turned[rank:], own_scaled) < 1e-6
 
 
 def written_out(machine: HexaSlide, kind: ProcedureKind, names: tuple[str, ...]) -> FloatArray:
     """The lost motions as changes of the parameters, from the geometry alone."""
-    own, link = machine.geometry, machine.link
+    geometry, link = machine.geometry, machine.link
     assert link is not None
     rows = []
     for axis in np.eye(3):
-        turn = {f"B{k + 1}": np.cross(axis, own.platform[k]) for k in range(6)}
+        turn = {f"B{k + 1}": np.cross(axis, geometry.platform[k]) for k in range(6)}
         rows.append(turn | {"c": np.cross(axis, link.platform_end)})
     if kind is ProcedureKind.CONSTRAINT_LINK:
         rows += [{f"B{k + 1}": axis for k in range(6)} | {"c": axis} for axis in np.eye(3)]
         about = np.array([1.0, 0.0, 0.0])
-        base = {f"A{k + 1}": np.cross(about, own.base[k]) for k in range(6)}
-        base |= {f"a{k + 1}": np.cross(about, own.rails[k]) for k in range(6)}
+        base = {f"A{k + 1}": np.cross(about, geometry.base[k]) for k in range(6)}
+        base |= {f"a{k + 1}": np.cross(about, geometry.rails[k]) for k in range(6)}
         rows.append(base | {"d": np.cross(about, link.base_end)})
     flat = [
         {f"{name[0]}{axis}{name[1:]}": move[k] for name, move in row.items()
@@ -107,8 +107,8 @@ def written_out(machine: HexaSlide, kind: ProcedureKind, names: tuple[str, ...])
 def sine(first: FloatArray, second: FloatArray) -> float:
     """Of the largest angle between spaces of equally many rows."""
     assert first.shape == second.shape
-    one, other = np.linalg.qr(first.T)[0], np.linalg.qr(second.T)[0]
-    return float(np.linalg.norm(one - other @ (other.T @ one), 2))
+    first_basis, second_basis = np.linalg.qr(first.T)[0], np.linalg.qr(second.T)[0]
+    return float(np.linalg.norm(first_basis - second_basis @ (second_basis.T @ first_basis), 2))
 
 
 class Exactly:
@@ -136,20 +136,20 @@ class Exactly:
 
     def fewest(self, procedure: Procedure) -> int:
         rows, low, high = self.rows(procedure), 1, EXACT_COUNT
-        wanted = exact.rank(rows)
+        full_rank = exact.rank(rows)
         while low < high:
             middle = (low + high) // 2
-            enough = exact.rank(rows[:middle]) == wanted
+            enough = exact.rank(rows[:middle]) == full_rank
             low, high = (low, middle) if enough else (middle + 1, high)
         return low
 
 
 def unknown(procedure: Procedure) -> list[int]:
     """Columns of the 49 and of what is not known of the link, counted here once more."""
-    own = list(range(49))
-    own += [] if "c" in procedure.known else [49, 50, 51]
-    own += [] if "d" in procedure.known else [52, 53, 54]
-    return own + ([] if "length" in procedure.known else [55])
+    unknowns = list(range(49))
+    unknowns += [] if "c" in procedure.known else [49, 50, 51]
+    unknowns += [] if "d" in procedure.known else [52, 53, 54]
+    return unknowns + ([] if "length" in procedure.known else [55])
 
 
 @cache
@@ -168,16 +168,16 @@ def test_the_field_is_one_and_has_the_roots_that_are_used() -> None:
 
 @pytest.mark.parametrize("shape", EXACT_SHAPES)
 def test_ranks_of_the_four_procedures_are_exact(shape: str) -> None:
-    own = exactly(shape)
+    prime = exactly(shape)
     for kind, (rank, count) in RANKS.items():
-        rows = own.rows(Procedure.of(kind))
+        rows = prime.rows(Procedure.of(kind))
         assert (exact.rank(rows), rows.shape[-1]) == (rank, count)
-    whole = exact.link_rows(own.machine, own.at)
-    assert exact.rank(whole[:, :-1]) == 48  # what the base frame fixes, counted too
-    sphere = exact.free_columns(exact.link_rows(own.machine, own.sphere))
-    for known in KNOWN:
-        procedure = Procedure.of("constraint-link", known=known)
-        assert exact.rank(sphere[:, unknown(procedure)]) == own.rank(procedure)
+    all_rows = exact.link_rows(prime.machine, prime.at)
+    assert exact.rank(all_rows[:, :-1]) == 48  # what the base frame fixes, counted too
+    sphere = exact.free_columns(exact.link_rows(prime.machine, prime.sphere))
+    for fixed_frames in KNOWN:
+        procedure = Procedure.of("constraint-link", known=fixed_frames)
+        assert exact.rank(sphere[:, unknown(procedure)]) == prime.rank(procedure)
 
 
 @pytest.mark.parametrize("shape", ["any", "h60"])
@@ -186,25 +186,30 @@ def test_every_measured_subset_has_the_exact_rank(shape: str) -> None:
     assert len(MEASURED) == 63
     for measured in MEASURED:
         procedure = Procedure.of("pose-forward", measured)
-        found = reachable(procedure, machine)
-        assert found.rank == exactly(shape).rank(procedure), measured
+        analysis = reachable(procedure, machine)
+        assert analysis.rank == exactly(shape).rank(procedure), measured
         # whatever is lost has a name
-        assert all("frame" in one.combination or "base" in one.combination for one in found.unseen)
+        assert all(
+            "frame" in direction.combination or "base" in direction.combination
+            for direction in analysis.unseen
+        )
 
 
 @pytest.mark.parametrize("shape", ["any", "h60"])
-@pytest.mark.parametrize("known", KNOWN, ids=lambda known: "-".join(known) or "none")
+@pytest.mark.parametrize(
+    "fixed_frames", KNOWN, ids=lambda fixed_frames: "-".join(fixed_frames) or "none"
+)
 def test_whatever_is_known_of_the_link_the_rank_is_exact(
-    shape: str, known: tuple[str, ...]
+    shape: str, fixed_frames: tuple[str, ...]
 ) -> None:
     machine = example() if shape == "h60" else drawn_machine(1, shape)
-    procedure = Procedure.of("constraint-link", known=known)
-    found = reachable(procedure, machine)
-    assert found.rank == exactly(shape).rank(procedure)
-    names = [one.combination for one in found.unseen]
+    procedure = Procedure.of("constraint-link", known=fixed_frames)
+    analysis = reachable(procedure, machine)
+    assert analysis.rank == exactly(shape).rank(procedure)
+    names = [direction.combination for direction in analysis.unseen]
     assert all("frame" in name or "base" in name for name in names)
-    assert ("base turned about X" in names) == ("d" not in known)
-    assert [name for name in names if "shifted" in name] == ([] if "c" in known else SHIFTS)
+    assert ("base turned about X" in names) == ("d" not in fixed_frames)
+    assert [name for name in names if "shifted" in name] == ([] if "c" in fixed_frames else SHIFTS)
     assert len([name for name in names if "platform frame turned" in name]) == 3
 
 
@@ -228,15 +233,15 @@ def test_what_is_measured_beside_the_link_has_the_exact_rank(
 ) -> None:
     procedure = Procedure.of("constraint-link", measured)
     machine = example() if shape == "h60" else drawn_machine(1, shape)
-    found = reachable(procedure, machine)
-    assert (found.rank, len(found.names)) == (rank, 55)
-    assert all("frame" in one.combination for one in found.unseen)
-    own = exactly(shape)
-    link = own.bar[:, None, unknown(Procedure.of("constraint-link"))]
-    places = own.moved[:, [COMPONENTS.index(name) for name in measured]]
+    analysis = reachable(procedure, machine)
+    assert (analysis.rank, len(analysis.names)) == (rank, 55)
+    assert all("frame" in direction.combination for direction in analysis.unseen)
+    prime = exactly(shape)
+    link = prime.bar[:, None, unknown(Procedure.of("constraint-link"))]
+    places = prime.moved[:, [COMPONENTS.index(name) for name in measured]]
     padding = np.zeros((*places.shape[:2], 6), dtype=np.int64)
-    both = np.concatenate([link, np.concatenate([places, padding], axis=-1)], axis=1)
-    assert exact.rank(both) == rank
+    both_kinds = np.concatenate([link, np.concatenate([places, padding], axis=-1)], axis=1)
+    assert exact.rank(both_kinds) == rank
 
 
 ENCODED = {
@@ -252,35 +257,38 @@ ENCODED = {
 """Rank, parameters and fewest postures: encoders find their own zeros and no frame."""
 
 
-@pytest.mark.parametrize(("asked", "found"), ENCODED.items(), ids=str)
+@pytest.mark.parametrize(("options", "expected"), ENCODED.items(), ids=str)
 def test_encoders_in_the_joints_have_the_exact_rank(
-    asked: tuple[str, tuple[str, ...]], found: tuple[int, int, int]
+    options: tuple[str, tuple[str, ...]], expected: tuple[int, int, int]
 ) -> None:
-    procedure = Procedure.of(*asked)
-    seen = reachable(procedure, example())
-    assert (seen.rank, len(seen.names)) == found[:2]
-    assert all("frame" in one.combination or "base" in one.combination for one in seen.unseen)
-    assert fewest_postures(procedure, example()) == found[2]
-    own, good = exactly("h60"), np.ones(EXACT_COUNT, dtype=np.bool_)
+    procedure = Procedure.of(*options)
+    slopes = reachable(procedure, example())
+    assert (slopes.rank, len(slopes.names)) == expected[:2]
+    assert all(
+        "frame" in direction.combination or "base" in direction.combination
+        for direction in slopes.unseen
+    )
+    assert fewest_postures(procedure, example()) == expected[2]
+    prime, good = exactly("h60"), np.ones(EXACT_COUNT, dtype=np.bool_)
     encoders = [name for name in procedure.measured if name in ENCODERS]
     width, blocks = len(procedure.parameters), []
     link = procedure.kind is ProcedureKind.CONSTRAINT_LINK
     if link:
-        blocks.append(own.bar[:, unknown(procedure)])
+        blocks.append(prime.bar[:, unknown(procedure)])
     for name in procedure.measured:
         rows = np.zeros((EXACT_COUNT, width), dtype=np.int64)
         if name in COMPONENTS:
-            rows[:, :49] = own.moved[:, COMPONENTS.index(name)]
+            rows[:, :49] = prime.moved[:, COMPONENTS.index(name)]
         else:
-            wide, there = exact.joint_rows(own.machine, own.at, int(name[-1]) - 1, name[:-1])
+            wide, there = exact.joint_rows(prime.machine, prime.at, int(name[-1]) - 1, name[:-1])
             rows[:, :49] = exact.free_columns(wide[:, :54])
             rows[:, width - len(encoders) + encoders.index(name)] = wide[:, 54]
             good &= there
         blocks.append(rows)
     if link:
         blocks[0] = np.pad(blocks[0], ((0, 0), (0, width - blocks[0].shape[1])))
-    assert good.sum() >= found[2]
-    assert exact.rank(np.stack(blocks, axis=1)[good]) == found[0]
+    assert good.sum() >= expected[2]
+    assert exact.rank(np.stack(blocks, axis=1)[good]) == expected[0]
 
 
 @pytest.mark.parametrize(
@@ -288,27 +296,27 @@ def test_encoders_in_the_joints_have_the_exact_rank(
     [
         *(Procedure.of(kind) for kind in ProcedureKind),
         *(Procedure.of("pose-forward", MEASURED[k]) for k in (0, 3, 5, 8, 12, 22, 30, 41, 57)),
-        *(Procedure.of("constraint-link", known=known) for known in KNOWN[::3]),
+        *(Procedure.of("constraint-link", known=fixed_frames) for fixed_frames in KNOWN[::3]),
     ],
-    ids=lambda one: "-".join((one.kind, *one.measured, *one.known)),
+    ids=lambda procedure: "-".join((procedure.kind, *procedure.measured, *procedure.known)),
 )
 def test_fewest_postures_are_exact(procedure: Procedure) -> None:
     assert fewest_postures(procedure, example()) == exactly("h60").fewest(procedure)
 
 
 @pytest.mark.parametrize(
-    ("held", "ranks"),
+    ("constants", "ranks"),
     [((3, 4, 5), (36, 36, 32, 29)), ((3, 4), (45, 45, 42, 42)), ((5,), None), ((2,), None)],
 )
 def test_postures_too_much_alike_lose_what_exact_arithmetic_says(
-    held: tuple[int, ...], ranks: tuple[int, ...] | None
+    constants: tuple[int, ...], ranks: tuple[int, ...] | None
 ) -> None:
     """Coordinates held at zero: translations only lose most, a constant phi or z nothing."""
-    machine, own = example(), Exactly("any", dict.fromkeys(held, 0))
+    machine, prime = example(), Exactly("any", dict.fromkeys(constants, 0))
     for k, kind in enumerate(ProcedureKind):
         procedure = Procedure.of(kind)
         postures = enough_postures(procedure, machine)
-        postures[:, held] = machine.box.centre[list(held)]
-        found = analyse(sensitivity(procedure, machine, postures)).rank
-        wanted = RANKS[kind][0] if ranks is None else ranks[k]
-        assert found == own.rank(procedure) == wanted
+        postures[:, constants] = machine.box.centre[list(constants)]
+        rank = analyse(sensitivity(procedure, machine, postures)).rank
+        expected = RANKS[kind][0] if ranks is None else ranks[k]
+        assert rank == prime.rank(procedure) == expected

@@ -46,7 +46,7 @@ def test_derivatives_are_those_of_differences(kind: str) -> None:
     postures, step = some(3, 2), 1e-6
     procedure = Procedure.of(kind).on(MACHINE)
     assert len(procedure.parameters) == 37
-    found = jacobian(procedure, MACHINE.geometry, postures)
+    slopes_by_row = jacobian(procedure, MACHINE.geometry, postures)
     for column, name in enumerate(procedure.parameters):
         ends = [PLAIN.with_value(name, way * step) for way in (1.0, -1.0)]
         for row, posture in enumerate(postures):
@@ -56,7 +56,7 @@ def test_derivatives_are_those_of_differences(kind: str) -> None:
                 drives = PLAIN.reads(posture)
                 up, down = (end.stands(drives, posture) for end in ends)
             slope = (up - down) / (2.0 * step)
-            assert found[row, :, column] == pytest.approx(slope, abs=2e-7), name
+            assert slopes_by_row[row, :, column] == pytest.approx(slope, abs=2e-7), name
 
 
 @pytest.mark.parametrize("kind", ["pose-inverse", "pose-forward", "position", "constraint-link"])
@@ -67,8 +67,8 @@ def test_the_pull_is_that_of_complex_steps(kind: str) -> None:
     weights = np.random.default_rng(4).normal(size=rows.shape)
     steps = (postures + 1e-30j * unit for unit in np.eye(6))
     slopes = [(weights * maker(moved)[0].imag).sum(axis=(1, 2)) / 1e-30 for moved in steps]
-    found = pull(weights)
-    assert found == pytest.approx(np.stack(slopes, axis=-1), rel=1e-9, abs=1e-9)
+    product = pull(weights)
+    assert product == pytest.approx(np.stack(slopes, axis=-1), rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -85,8 +85,8 @@ def test_the_pull_is_that_of_complex_steps(kind: str) -> None:
 )
 def test_what_can_be_identified(kind: str, rank: int, count: int, fewest: int) -> None:
     procedure = Procedure.of(kind).on(MACHINE)
-    seen = reachable(procedure, MACHINE)
-    assert (seen.rank, len(seen.names)) == (rank, count)
+    analysis = reachable(procedure, MACHINE)
+    assert (analysis.rank, len(analysis.names)) == (rank, count)
     assert fewest_postures(procedure, MACHINE) == fewest
 
 
@@ -102,39 +102,39 @@ def readings(truth: Plain, count: int, chance: np.random.Generator, noise: float
 def test_a_hidden_machine_comes_back_without_noise() -> None:
     chance = np.random.default_rng(6)
     truth = PLAIN.off(chance)
-    found = calibrate(readings(truth, 20, chance, 0.0), MACHINE)
-    geometry = found.machine.geometry
+    calibration = calibrate(readings(truth, 20, chance, 0.0), MACHINE)
+    geometry = calibration.machine.geometry
     assert geometry.base == pytest.approx(truth.base, abs=1e-10)
     assert geometry.platform == pytest.approx(truth.joint, abs=1e-10)
     assert geometry.links == pytest.approx(truth.zero, abs=1e-10)
-    assert (found.rank, found.unidentifiable) == (37, ())
+    assert (calibration.rank, calibration.unidentifiable) == (37, ())
 
 
 @LONG
 def test_parameters_lie_in_their_intervals_and_the_bound_holds() -> None:
     """Of 20 hidden machines: 95 % of 740 parameters, give or take four standard deviations."""
-    within, held = 0, 0
+    within, within_bound = 0, 0
     for seed in range(20):
         chance = np.random.default_rng(100 + seed)
         truth = PLAIN.off(chance)
-        found = calibrate(readings(truth, 20, chance, 1.0), MACHINE)
-        assert found.covariance is not None
-        deviation = np.sqrt(found.covariance.diagonal())
+        calibration = calibrate(readings(truth, 20, chance, 1.0), MACHINE)
+        assert calibration.covariance is not None
+        deviation = np.sqrt(calibration.covariance.diagonal())
         values = [
             (truth.joint, truth.base, truth.zero)["BAl".index(name[0])][
                 (int(name[-1]) - 1, "xyz".index(name[1])) if name[0] != "l" else int(name[-1]) - 1
             ]
-            for name in found.names
+            for name in calibration.names
         ]
-        within += int((np.abs(found.parameters - values) <= 1.96 * deviation).sum())
-        bound_m = platform_error(MACHINE, found).bound_m
+        within += int((np.abs(calibration.parameters - values) <= 1.96 * deviation).sum())
+        bound_m = platform_error(MACHINE, calibration).bound_m
         assert bound_m is not None
         fresh = some(60, 900 + seed)
-        drives = np.asarray(inverse(found.machine.geometry, fresh))
+        drives = np.asarray(inverse(calibration.machine.geometry, fresh))
         stood = np.array([truth.stands(*pair) for pair in zip(drives, fresh, strict=True)])
-        held += frames_apart(fresh, stood, ()).places_rms_m <= bound_m
+        within_bound += frames_apart(fresh, stood, ()).places_rms_m <= bound_m
     assert abs(within - 0.95 * 740) <= 4.0 * np.sqrt(740 * 0.95 * 0.05)
-    assert held >= 17, "a binomial of 20 and 95 % is below 17 once in 60 times"
+    assert within_bound >= 17, "a binomial of 20 and 95 % is below 17 once in 60 times"
 
 
 def test_a_leg_with_a_wrong_scale_is_named() -> None:
@@ -144,10 +144,10 @@ def test_a_leg_with_a_wrong_scale_is_named() -> None:
     drives[:, 2] -= 0.001 * (drives[:, 2] - drives[:, 2].mean())
     tolerances = FILE.tolerances.of(right.procedure.parameters)
     assert diagnosed(right, MACHINE, tolerances).verdict == "agrees"
-    found = diagnosed(replace(right, sliders=drives), MACHINE, tolerances)
-    assert [claim.causes for claim in found.named] == [(("leg_scale", "leg 3"),)]
-    assert found.sizes[0].value == pytest.approx(
-        1.0, abs=4.0 * found.sizes[0].standard_uncertainty + 0.01
+    diagnosis = diagnosed(replace(right, sliders=drives), MACHINE, tolerances)
+    assert [claim.causes for claim in diagnosis.named] == [(("leg_scale", "leg 3"),)]
+    assert diagnosis.sizes[0].value == pytest.approx(
+        1.0, abs=4.0 * diagnosis.sizes[0].standard_uncertainty + 0.01
     )
 
 
@@ -160,17 +160,17 @@ def test_what_needs_rails_is_refused() -> None:
 
 def test_a_drive_may_read_the_whole_length_of_its_leg() -> None:
     """Then its length at 0 is none, and a calibration may find a little less than none."""
-    whole = replace(MACHINE.geometry, links=np.zeros(6))
+    geometry = replace(MACHINE.geometry, links=np.zeros(6))
     postures = some(20, 9)
     expected = np.array([PLAIN.reads(posture) for posture in postures]) + PLAIN.zero
-    assert inverse(whole, postures) == pytest.approx(expected, abs=1e-14)
+    assert inverse(geometry, postures) == pytest.approx(expected, abs=1e-14)
     parameters = np.zeros(49)
-    machine = replace(MACHINE, geometry=whole)
+    machine = replace(MACHINE, geometry=geometry)
     moved = machine.with_parameters(("l1",), np.array([-3e-4]))
     assert moved.geometry.links[0] == -3e-4
     assert moved.geometry.telescopic
     with pytest.raises(CalibrationError):  # all starts at one point
-        with_values(whole, parameters)
+        with_values(geometry, parameters)
 
 
 def test_the_blind_bench_names_nothing_wrong() -> None:

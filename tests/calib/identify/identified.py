@@ -27,5 +27,5 @@ def identify(
     tolerance_mm: FloatArray = TOLERANCES_MM,
     sizes: tuple[Size, ...] = (),
 ) -> Solution:
-    told = IdentificationCase.of(model, observed, indicator or IndicatorFigures(), sizes)
-    return identify_told(told, subset, method, weights, tolerance_mm=tolerance_mm)
+    case = IdentificationCase.of(model, observed, indicator or IndicatorFigures(), sizes)
+    return identify_told(case, subset, method, weights, tolerance_mm=tolerance_mm)

@@ -41,14 +41,14 @@ def test_missing_zeros_and_extra_displacements(levels: tuple[float, ...]) -> Non
 
 def test_two_stations() -> None:
     middle, near = postures(), postures(station=0.3)
-    taken = conditions(
+    plan = conditions(
         np.concatenate([middle.leg, near.leg]).tolist(),
         np.concatenate([middle.axis, near.axis]).tolist(),
         np.concatenate([middle.displacement_mm, near.displacement_mm]).tolist(),
         station=[0.5] * len(middle) + [0.3] * len(near),
     )
     truth = [0.9, -1.2, 0.3, 0.5, 0.1, -0.4]
-    solution = identify(MODEL, observed(truth, taken), "both", "exact")
+    solution = identify(MODEL, observed(truth, plan), "both", "exact")
     assert solution.values_mm == pytest.approx(truth, abs=1e-6)
     assert len(solution.differences.published_rows) == 12
 
@@ -101,10 +101,10 @@ def test_weighting_by_14_against_its_own_formula() -> None:
 def test_intervals_cover_the_truth() -> None:
     """95 % intervals with noise from repeats: between 93 and 97 % of 600 sessions x 3."""
     truth = [0.4, -0.3, 0.8, 0.0, 0.0, 0.0]
-    taken = postures(repeats=3)
+    plan = postures(repeats=3)
     hits = 0
     for seed in range(600):
-        data = observed(truth, taken, scatter_mm=0.005, seed=seed)
+        data = observed(truth, plan, scatter_mm=0.005, seed=seed)
         solution = identify(MODEL, data, "joint-offsets", "exact")
         half = solution.coverage_factor * np.sqrt(np.diag(solution.covariance_mm2))
         hits += int((np.abs(solution.values_mm - truth[:3]) <= half).sum())
@@ -121,15 +121,15 @@ def test_averaged_values_weigh_as_their_number_of_readings() -> None:
         for key in zip(means.leg, means.axis, means.displacement_mm, strict=True)
     }
     averaged = observe(means, np.array(list(cells.values())), np.full(len(means), 3.0))
-    one = identify(
+    from_single = identify(
         MODEL, single, "joint-offsets", "exact", indicator=IndicatorFigures(repeatability_mm=0.01)
     )
     three = identify(
         MODEL, averaged, "joint-offsets", "exact", indicator=IndicatorFigures(repeatability_mm=0.01)
     )
-    assert one.values_mm == pytest.approx(three.values_mm, abs=1e-9)
-    ratio = one.noise.standard_deviation_mm / 0.01
-    assert one.covariance_mm2 == pytest.approx(three.covariance_mm2 * ratio**2)
+    assert from_single.values_mm == pytest.approx(three.values_mm, abs=1e-9)
+    ratio = from_single.noise.standard_deviation_mm / 0.01
+    assert from_single.covariance_mm2 == pytest.approx(three.covariance_mm2 * ratio**2)
 
 
 @pytest.mark.parametrize("method", ["linear", "exact"])
@@ -153,12 +153,12 @@ def test_no_degree_of_freedom_and_no_noise_figure() -> None:
 
 
 def test_lack_of_fit_is_quiet_on_good_data_and_loud_on_a_bent_leg() -> None:
-    taken = postures(repeats=3)
-    good = observed([0.5, 0.1, -0.2, 0, 0, 0], taken, scatter_mm=0.004, seed=5)
+    plan = postures(repeats=3)
+    good = observed([0.5, 0.1, -0.2, 0, 0, 0], plan, scatter_mm=0.004, seed=5)
     fit = identify(MODEL, good, "joint-offsets", "exact").lack_of_fit
     assert fit is not None
     assert fit.p_value > 0.01
-    bent = observe(taken, good.value_mm + 2e-5 * taken.displacement_mm**2 * (taken.leg == 1))
+    bent = observe(plan, good.value_mm + 2e-5 * plan.displacement_mm**2 * (plan.leg == 1))
     fit = identify(MODEL, bent, "joint-offsets", "exact").lack_of_fit
     assert fit is not None
     assert fit.p_value < 1e-6
@@ -183,44 +183,46 @@ def test_weak_combinations_are_named_where_the_noise_is_what_the_fit_leaves() ->
     data = observed([0.3, -0.2, 0.1, 0.0, 0.0, 0.0], postures(), scatter_mm=0.1, seed=4)
     solution = identify(MODEL, data, "both")
     assert solution.noise.source == "residuals"
-    names = [one.combination for one in solution.weak_directions]
+    names = [direction.combination for direction in solution.weak_directions]
     assert names == ["d_rho_x + d_L_x", "d_rho_y + d_L_y", "d_rho_z + d_L_z"]
     sums = np.hstack([np.eye(3), np.eye(3)])
     spread = np.sqrt(np.diag(sums @ solution.covariance_mm2 @ sums.T))
-    told = [one.standard_uncertainty_mm for one in solution.weak_directions]
-    assert told == pytest.approx(spread, rel=0.01)
+    uncertainties = [direction.standard_uncertainty_mm for direction in solution.weak_directions]
+    assert uncertainties == pytest.approx(spread, rel=0.01)
 
 
-def _by_hand_mm(taken: Observations) -> tuple[FloatArray, FloatArray]:
+def _by_hand_mm(readings: Observations) -> tuple[FloatArray, FloatArray]:
     """± (95 %) of joint offsets for 1 mm of scatter, and for 1 mm that a posture has in common."""
-    step_mm, still_mm = 1e-3, Model().readings(taken)
-    moved = (Model(parameters_mm=tuple(step_mm * np.eye(6)[k])).readings(taken) for k in range(3))
+    step_mm, still_mm = 1e-3, Model().readings(readings)
+    moved = (
+        Model(parameters_mm=tuple(step_mm * np.eye(6)[k])).readings(readings) for k in range(3)
+    )
     design = np.stack([one_mm - still_mm for one_mm in moved], axis=1) / step_mm
-    for mount in range(taken.mount_count):
-        design[taken.mount == mount] -= design[taken.mount == mount].mean(axis=0)
+    for mount in range(readings.mount_count):
+        design[readings.mount == mount] -= design[readings.mount == mount].mean(axis=0)
     estimator = np.linalg.pinv(design)
-    alike = (taken.posture[:, None] == taken.posture).astype(np.float64)
-    own, shared = estimator @ estimator.T, estimator @ alike @ estimator.T
-    return 1.96 * np.sqrt(own.diagonal()), 1.96 * np.sqrt(shared.diagonal())
+    alike = (readings.posture[:, None] == readings.posture).astype(np.float64)
+    separate, shared = estimator @ estimator.T, estimator @ alike @ estimator.T
+    return 1.96 * np.sqrt(separate.diagonal()), 1.96 * np.sqrt(shared.diagonal())
 
 
 def test_the_budget_is_scatter_steps_and_parts() -> None:
     """Repeats lower what scatters, not what a coarse display does to all of a posture."""
-    taken = postures(repeats=3)
+    plan = postures(repeats=3)
     tolerance_mm = np.array([2.0] * 3 + [0.1] * 3)
-    read = observed([0.01, -0.02, 0.03, 0.0, 0.0, 0.0], taken)
-    own, shared = _by_hand_mm(read)
+    read = observed([0.01, -0.02, 0.03, 0.0, 0.0, 0.0], plan)
+    separate, shared = _by_hand_mm(read)
     coarse = IndicatorFigures(resolution_mm=0.01)
-    found = identify(Model(), read, "joint-offsets", indicator=coarse, tolerance_mm=tolerance_mm)
-    scatter_mm, steps_mm, parts_mm = found.budget_mm.values()
+    solution = identify(Model(), read, "joint-offsets", indicator=coarse, tolerance_mm=tolerance_mm)
+    scatter_mm, steps_mm, parts_mm = solution.budget_mm.values()
     assert scatter_mm == pytest.approx(np.zeros(3), abs=1e-6)
     assert steps_mm == pytest.approx(0.01 / math.sqrt(12.0) * shared, rel=1e-3)
-    off_mm = 1.96 * np.linalg.norm(found.outside * tolerance_mm, axis=1)
+    off_mm = 1.96 * np.linalg.norm(solution.outside * tolerance_mm, axis=1)
     assert parts_mm == pytest.approx(off_mm, rel=1e-3)
 
     fine = IndicatorFigures(repeatability_mm=0.02)
-    found = identify(Model(), read, "joint-offsets", indicator=fine, tolerance_mm=tolerance_mm)
-    assert found.budget_mm["scatter of repeats"] == pytest.approx(0.02 * own, rel=1e-3)
-    assert found.budget_mm["steps of the display"] == pytest.approx(np.zeros(3), abs=1e-9)
-    together = sum(part**2 for part in found.budget_mm.values())
-    assert together == pytest.approx(found.expanded_with_tolerances_mm**2)
+    solution = identify(Model(), read, "joint-offsets", indicator=fine, tolerance_mm=tolerance_mm)
+    assert solution.budget_mm["scatter of repeats"] == pytest.approx(0.02 * separate, rel=1e-3)
+    assert solution.budget_mm["steps of the display"] == pytest.approx(np.zeros(3), abs=1e-9)
+    together = sum(part**2 for part in solution.budget_mm.values())
+    assert together == pytest.approx(solution.expanded_with_tolerances_mm**2)

@@ -79,10 +79,10 @@ def system_11(alpha_max: float, alpha_min: float) -> FloatArray:
             a = np.sin(alpha)
             b = (0.5 + a) * np.tan(alpha)
             c = (0.5 + a) / np.cos(alpha) - 0.5
-            for one, other in ((a, b), (b, a)):
+            for first, second in ((a, b), (b, a)):
                 row = np.zeros(6)
-                row[[i, j]] = one, other
-                row[[3 + i, 3 + j]] = (-c, -b) if one == a else (-b, -c)
+                row[[i, j]] = first, second
+                row[[3 + i, 3 + j]] = (-c, -b) if first == a else (-b, -c)
                 rows.append(row)
     return np.array(rows)
 
@@ -106,20 +106,20 @@ PREDICTS = {which: projector(which) for which in SETS}
 
 def unlike_print(experiment: int, values: FloatArray) -> dict[tuple[str, str], tuple[float, float]]:
     """Predictions that no rounding of data and print explains: computed, printed."""
-    found: dict[tuple[str, str], tuple[float, float]] = {}
+    cosines: dict[tuple[str, str], tuple[float, float]] = {}
     for which, printed in zip(SETS, TABLE_2[experiment][1:], strict=True):
         ours, theirs = PREDICTS[which] @ values, in_order(printed)
         rounding = HALF_DIGIT_MM * (1.0 + np.abs(PREDICTS[which]).sum(axis=1))
         for k in np.flatnonzero(np.abs(ours - theirs) > rounding):
-            found[ORDER[k], which] = (round(float(ours[k]), 2), float(theirs[k]))
-    return found
+            cosines[ORDER[k], which] = (round(float(ours[k]), 2), float(theirs[k]))
+    return cosines
 
 
 def of_table_1(values: FloatArray) -> tuple[float, float, FloatArray]:
     """R.m.s. before and after joint offsets, and what is left, in the order of `SIX`."""
     rows = [EXACT[ORDER.index(f"{n}+"), :3] - EXACT[ORDER.index(f"{n}-"), :3] for n in SIX]
-    left = values - np.array(rows) @ np.linalg.lstsq(np.array(rows), values, rcond=None)[0]
-    return rms(values), rms(left), left
+    residual = values - np.array(rows) @ np.linalg.lstsq(np.array(rows), values, rcond=None)[0]
+    return rms(values), rms(residual), residual
 
 
 def rms(values: FloatArray) -> float:
@@ -146,16 +146,16 @@ def test_the_matrix_is_the_printed_one_and_that_of_the_program() -> None:
 
 def test_x_z_of_experiment_1_is_1_48(samples: Path) -> None:
     """Printed: r.m.s. 1.19 → 0.74, and six residuals. Of all values +1.48 fits best."""
-    printed, left = (np.array(row) for row in TABLE_1[1])
+    printed, residual = (np.array(row) for row in TABLE_1[1])
     before, after, ours = of_table_1(printed)
     assert (before, after) == pytest.approx((1.209, 0.760), abs=5e-4)
-    assert np.abs(ours - left).max() > 0.05
+    assert np.abs(ours - residual).max() > 0.05
     tried = np.round(np.arange(-3.0, 3.005, 0.01), 2)
     unlike = []
     for place, value in product(range(6), tried):
         changed = printed.copy()
         changed[place] = value
-        unlike.append((float(np.abs(of_table_1(changed)[2] - left).max()), SIX[place], value))
+        unlike.append((float(np.abs(of_table_1(changed)[2] - residual).max()), SIX[place], value))
     least, *where = min(unlike)
     assert where == ["x_z", 1.48]
     assert least == pytest.approx(0.0045, abs=5e-4)
@@ -167,8 +167,8 @@ def test_x_z_of_experiment_1_is_1_48(samples: Path) -> None:
         (before, after), abs=1e-6
     )
     for experiment in (2, 3):  # the other two rows of table 1 agree with themselves
-        values, left = (np.array(row) for row in TABLE_1[experiment])
-        assert of_table_1(values)[2] == pytest.approx(left, abs=0.0055)
+        values, residual = (np.array(row) for row in TABLE_1[experiment])
+        assert of_table_1(values)[2] == pytest.approx(residual, abs=0.0055)
 
 
 def test_three_signs_of_experiment_2() -> None:
@@ -198,10 +198,13 @@ def test_x_z_minus_of_experiment_3_is_minus_0_13(samples: Path) -> None:
         changed[place] = value
         if len(unlike_print(3, changed)) <= 1:
             predictions = [PREDICTS[which] @ changed for which in SETS]
-            shown = zip(predictions, (*TABLE_2[3][1:3], turned), strict=True)
+            pairs = zip(predictions, (*TABLE_2[3][1:3], turned), strict=True)
             fitting[ORDER[place], float(value)] = (
-                max(float(np.abs(ours - in_order(theirs)).max()) for ours, theirs in shown),
-                [round(rms(left), 2) for left in (changed, *(changed - p for p in predictions))],
+                max(float(np.abs(ours - in_order(theirs)).max()) for ours, theirs in pairs),
+                [
+                    round(rms(difference), 2)
+                    for difference in (changed, *(changed - p for p in predictions))
+                ],
             )
     assert {place for place, _ in fitting} == {"x_y-", "x_z-"}
     assert {value for place, value in fitting if place == "x_y-"} == {0.14, 0.15, 0.16, 0.17}
@@ -231,19 +234,19 @@ def test_no_signs_reconcile_the_tables_of_experiment_3() -> None:
     assert np.abs(
         differences_of_table_2(in_order(TABLE_2[2][0])) - TABLE_1[2][0]
     ).max() == pytest.approx(0.02)  # experiment 2: the same readings, rounded twice
-    wanted = np.array(TABLE_1[3][0])
+    printed_values = np.array(TABLE_1[3][0])
     printed = in_order(TABLE_2[3][0])
     corrected = printed.copy()
     corrected[ORDER.index("x_z-")] = -0.13
     signs = np.array(list(product((1.0, -1.0), repeat=12)))
     turned = [{ORDER[k] for k in np.flatnonzero(row < 0.0)} for row in signs]
     for values, worst, best in ((printed, 0.08, 0.0540), (corrected, 0.13, 0.0701)):
-        apart = np.array([differences_of_table_2(row * values) - wanted for row in signs])
-        each = np.sqrt((apart**2).mean(axis=1))
+        apart = np.array([differences_of_table_2(row * values) - printed_values for row in signs])
+        rms_of_rows = np.sqrt((apart**2).mean(axis=1))
         assert np.abs(apart).max(axis=1).min() == pytest.approx(worst, abs=1e-9)
-        assert turned[int(each.argmin())] == {"z_x+", "z_y-"}
-        assert each.min() == pytest.approx(best, abs=5e-5)
-    assert rms(differences_of_table_2(printed) - wanted) == pytest.approx(0.2633, abs=5e-5)
+        assert turned[int(rms_of_rows.argmin())] == {"z_x+", "z_y-"}
+        assert rms_of_rows.min() == pytest.approx(best, abs=5e-5)
+    assert rms(differences_of_table_2(printed) - printed_values) == pytest.approx(0.2633, abs=5e-5)
     as_printed = [
         t
         for t, row in zip(turned, signs, strict=True)
@@ -257,9 +260,9 @@ def test_what_experiment_3_leaves_undecided() -> None:
     printed = in_order(TABLE_2[3][0])
     turned = printed.copy()
     turned[[ORDER.index("z_x+"), ORDER.index("z_y-")]] *= -1.0
-    found = [np.linalg.lstsq(EXACT[:, :3], values, rcond=None)[0] for values in (printed, turned)]
-    assert found[0] == pytest.approx([0.260, -0.047, -0.318], abs=5e-4)
-    assert found[1] == pytest.approx([0.030, -0.010, 0.138], abs=5e-4)
+    offsets = [np.linalg.lstsq(EXACT[:, :3], values, rcond=None)[0] for values in (printed, turned)]
+    assert offsets[0] == pytest.approx([0.260, -0.047, -0.318], abs=5e-4)
+    assert offsets[1] == pytest.approx([0.030, -0.010, 0.138], abs=5e-4)
     assert rms(turned - PREDICTS["joint-offsets"] @ turned) == pytest.approx(0.149, abs=5e-4)
     assert rms(printed - PREDICTS["joint-offsets"] @ printed) == pytest.approx(0.139, abs=5e-4)
 
@@ -302,12 +305,16 @@ def test_the_sign_of_1_contradicts_3() -> None:
 
 def test_table_1_agrees_with_what_was_expected_and_table_2_does_not() -> None:
     """Expected of experiment 3 is what joint offsets leave of experiment 2."""
-    expected, found = (np.array(part) for part in (TABLE_1[2][1], TABLE_1[3][0]))
-    assert rms(found - expected) == pytest.approx(0.063, abs=0.002)
-    assert expected @ found / np.linalg.norm(expected) / np.linalg.norm(found) > 0.95
+    expected, measured_again = (np.array(part) for part in (TABLE_1[2][1], TABLE_1[3][0]))
+    assert rms(measured_again - expected) == pytest.approx(0.063, abs=0.002)
+    assert (
+        expected @ measured_again / np.linalg.norm(expected) / np.linalg.norm(measured_again) > 0.95
+    )
     measured, predicted = (np.array(TABLE_2[2][k]) for k in (0, 2))
     predicted[TWELVE.index("y_z-")] *= -1.0  # a misprint
-    expected, found = measured - predicted, np.array(TABLE_2[3][0])
-    assert (rms(expected), rms(found)) == pytest.approx((0.14, 0.15), abs=0.005)
-    assert rms(found - expected) == pytest.approx(0.145, abs=0.002)
-    assert expected @ found / np.linalg.norm(expected) / np.linalg.norm(found) < 0.55
+    expected, measured_again = measured - predicted, np.array(TABLE_2[3][0])
+    assert (rms(expected), rms(measured_again)) == pytest.approx((0.14, 0.15), abs=0.005)
+    assert rms(measured_again - expected) == pytest.approx(0.145, abs=0.002)
+    assert (
+        expected @ measured_again / np.linalg.norm(expected) / np.linalg.norm(measured_again) < 0.55
+    )

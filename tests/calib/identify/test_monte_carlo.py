@@ -39,10 +39,10 @@ def test_95_percent_intervals_hold_the_truth(
     campaign = Campaign(
         Model(), OBSERVED, SUBSETS[subset], scatter_mm, resolution_mm, np.full(6, 1.0)
     )
-    found = simulate_and_identify(campaign, SESSIONS, seed=11)
-    assert found.failed == 0
-    assert (found.covered > 0.94).all(), found.covered
-    assert (found.covered < 0.96).all(), found.covered
+    summary = simulate_and_identify(campaign, SESSIONS, seed=11)
+    assert summary.failed == 0
+    assert (summary.covered > 0.94).all(), summary.covered
+    assert (summary.covered < 0.96).all(), summary.covered
 
 
 def test_few_repeats_need_students_factor() -> None:
@@ -50,8 +50,8 @@ def test_few_repeats_need_students_factor() -> None:
     rows = OBSERVED.cycle <= 2
     two_cycles = OBSERVED.take(rows)
     campaign = Campaign(Model(), two_cycles, SUBSETS["joint-offsets"], 0.005, 0.0, np.full(6, 1.0))
-    found = simulate_and_identify(campaign, SESSIONS, seed=3)
-    assert (np.abs(found.covered - 0.95) < 0.01).all()
+    summary = simulate_and_identify(campaign, SESSIONS, seed=3)
+    assert (np.abs(summary.covered - 0.95) < 0.01).all()
     assert coverage_factor(6.0) == pytest.approx(2.447, abs=5e-4)
 
 
@@ -67,8 +67,8 @@ def test_a_known_noise_needs_no_repeats(scatter_mm: float, resolution_mm: float)
         np.full(6, 1.0),
         noise_known=True,
     )
-    found = simulate_and_identify(campaign, SESSIONS, seed=4)
-    assert (np.abs(found.covered - 0.95) < 0.012).all(), found.covered
+    summary = simulate_and_identify(campaign, SESSIONS, seed=4)
+    assert (np.abs(summary.covered - 0.95) < 0.012).all(), summary.covered
 
 
 def test_batched_intervals_are_those_of_identify() -> None:
@@ -94,7 +94,7 @@ def test_batched_intervals_are_those_of_identify() -> None:
 @pytest.mark.parametrize("subset", NAMED)
 def test_the_stated_covariance_is_that_of_the_errors(subset: Subset) -> None:
     campaign = Campaign(Model(), OBSERVED, SUBSETS[subset], 0.005, 0.0, np.full(6, 0.5))
-    found = simulate_and_identify(campaign, 20_000, seed=7)
+    summary = simulate_and_identify(campaign, 20_000, seed=7)
     solution = identify(
         Model(),
         observe(OBSERVED, measured(seed=2)),
@@ -102,7 +102,7 @@ def test_the_stated_covariance_is_that_of_the_errors(subset: Subset) -> None:
         indicator=IndicatorFigures(repeatability_mm=0.005),
     )
     scale = 0.005**2 / solution.noise.standard_deviation_mm**2
-    trace = float(np.trace(found.error_covariance_mm2))
+    trace = float(np.trace(summary.error_covariance_mm2))
     assert trace == pytest.approx(scale * float(np.trace(solution.covariance_mm2)), rel=0.05)
 
 
@@ -124,11 +124,11 @@ def test_a_decision_needs_95_of_100_machines_on_one_side() -> None:
 
 
 def test_memory_and_result_do_not_depend_on_how_sessions_are_cut() -> None:
-    told: list[tuple[float, int]] = []
+    progress: list[tuple[float, int]] = []
     campaign = Campaign(Model(), OBSERVED, SUBSETS["both"], 0.005, 0.01, np.full(6, 1.0))
-    token = on_part.set(lambda done, parts: told.append((done, parts)))
+    token = on_part.set(lambda done, parts: progress.append((done, parts)))
     first = simulate_and_identify(campaign, 5000, seed=1)
     on_part.reset(token)
     again = simulate_and_identify(campaign, 5000, seed=1)
-    assert told == [(1, 3), (2, 3), (3, 3)]
+    assert progress == [(1, 3), (2, 3), (3, 3)]
     assert np.array_equal(first.error_covariance_mm2, again.error_covariance_mm2)

@@ -51,11 +51,11 @@ def test_a_fit_held_by_tolerances_is_the_same_through_the_stages(geometry: Geome
     """Without effects in closed form, each posture once; with one of size nothing by stages."""
     low, high = geometry.workspace_mm or ((-60.0,) * 3, (40.0,) * 3)
     places = np.repeat(np.random.default_rng(2).uniform(low, high, (12, 3)), 2, axis=0)
-    taken = tool_conditions(places)
+    plan = tool_conditions(places)
     truth = Model(geometry, (0.4, -0.3, 0.2, 0.05, -0.02, 0.01))
-    observed = observe(taken, truth.readings(taken))
+    observed = observe(plan, truth.readings(plan))
     nothing = EffectInstance(
-        next(one for one in CATALOGUE if one.id == "actuator_scale"), "x", (0.0,)
+        next(effect for effect in CATALOGUE if effect.id == "actuator_scale"), "x", (0.0,)
     )
     tolerance_mm = np.array([2.0] * 3 + [0.1] * 3)
     plain, staged = (
@@ -73,37 +73,37 @@ def test_the_form_for_any_tripod_is_the_pipeline(geometry: Geometry) -> None:
     generator = np.random.default_rng(1)
     low, high = geometry.workspace_mm or ((-60.0,) * 3, (40.0,) * 3)
     at_tool = [tool_conditions(generator.uniform(low, high, (20, 3)), axis) for axis in range(3)]
-    for taken in (*at_tool, *([random_conditions(generator, geometry)] * geometry.reads_legs)):
-        assert_is_the_pipeline(geometry, taken, TripodDesign, 2)
+    for plan in (*at_tool, *([random_conditions(generator, geometry)] * geometry.reads_legs)):
+        assert_is_the_pipeline(geometry, plan, TripodDesign, 2)
 
 
 def assert_is_the_pipeline(
     geometry: Geometry,
-    taken: Conditions,
+    plan: Conditions,
     kind: type[PapersDesign] | type[TripodDesign],
     seed: int,
 ) -> None:
     machines = np.random.default_rng(seed).uniform(-5.0, 5.0, (6, 3))
-    values, slopes = kind.of(geometry, taken).readings_and_derivatives(machines)
+    values, slopes = kind.of(geometry, plan).readings_and_derivatives(machines)
     for b in range(3):
-        exact = simulate(geometry, machines[:, b], taken)
+        exact = simulate(geometry, machines[:, b], plan)
         np.testing.assert_allclose(values[:, b], exact, rtol=0.0, atol=1e-11)
-        by_step = derivatives(geometry, machines[:, b], taken)
+        by_step = derivatives(geometry, machines[:, b], plan)
         np.testing.assert_allclose(slopes[:, :, b].T, by_step, rtol=0.0, atol=1e-12)
 
 
 def sessions(scatter_mm: float, count: int, seed: int = 0) -> tuple[Conditions, FloatArray]:
     """Readings of standard sessions on random machines, ``(n_readings, count)``."""
     generator = np.random.default_rng(seed)
-    taken = postures(repeats=3)
+    plan = postures(repeats=3)
     truth = generator.uniform(-2.0, 2.0, (count, 6))
-    zeros = generator.normal(size=(count, taken.mount_count))
-    values = simulate(Geometry(), truth, taken) + zeros[:, taken.mount]
+    zeros = generator.normal(size=(count, plan.mount_count))
+    values = simulate(Geometry(), truth, plan) + zeros[:, plan.mount]
     values = values + generator.normal(scale=scatter_mm, size=values.shape)
-    return taken, values.T
+    return plan, values.T
 
 
-def by_scipy(taken: Conditions, value_mm: FloatArray, free: tuple[int, ...]) -> FloatArray:
+def by_scipy(plan: Conditions, value_mm: FloatArray, free: tuple[int, ...]) -> FloatArray:
     """Raw readings, one unknown zero for each mounting, scipy's trust region, complex step."""
     geometry, index = Geometry(), list(free)
 
@@ -113,20 +113,20 @@ def by_scipy(taken: Conditions, value_mm: FloatArray, free: tuple[int, ...]) -> 
         return parameters
 
     def residual(x: FloatArray) -> FloatArray:
-        modelled = simulate(geometry, full(x), taken) + x[len(index) :][taken.mount]
+        modelled = simulate(geometry, full(x), plan) + x[len(index) :][plan.mount]
         return np.asarray(modelled - value_mm)
 
     def jacobian(x: FloatArray) -> FloatArray:
-        columns = derivatives(geometry, full(x), taken)[:, index]
-        return np.hstack([columns, np.eye(taken.mount_count)[taken.mount]])
+        columns = derivatives(geometry, full(x), plan)[:, index]
+        return np.hstack([columns, np.eye(plan.mount_count)[plan.mount]])
 
-    start = np.zeros(len(index) + taken.mount_count)
-    found = least_squares(
+    start = np.zeros(len(index) + plan.mount_count)
+    solution = least_squares(
         residual, start, jac=jacobian, x_scale="jac", ftol=1e-15, xtol=1e-15, gtol=1e-15
     ).x
     for _ in range(60):  # scipy stops where the sum of squares no longer moves; go on to the end
-        found = found - np.linalg.lstsq(jacobian(found), residual(found), rcond=None)[0]
-    return np.asarray(found[: len(index)])
+        solution = solution - np.linalg.lstsq(jacobian(solution), residual(solution), rcond=None)[0]
+    return np.asarray(solution[: len(index)])
 
 
 def identify_many(observed: Observations, free: tuple[int, ...], values: FloatArray) -> FloatArray:
@@ -139,41 +139,41 @@ def identify_many(observed: Observations, free: tuple[int, ...], values: FloatAr
 @pytest.mark.parametrize("scatter_mm", [1e-4, 0.01])
 def test_same_optimum_as_scipy(subset: Subset, scatter_mm: float) -> None:
     free = SUBSETS[subset]
-    taken, values = sessions(scatter_mm, 6)
-    observed = observe(taken, values[:, 0])
-    found = identify_many(observed, free, values)
+    plan, values = sessions(scatter_mm, 6)
+    observed = observe(plan, values[:, 0])
+    solutions = identify_many(observed, free, values)
     for b in range(values.shape[1]):
-        expected = by_scipy(taken, values[:, b], free)
-        np.testing.assert_allclose(found[:, b], expected, rtol=0.0, atol=1e-9)
+        expected = by_scipy(plan, values[:, b], free)
+        np.testing.assert_allclose(solutions[:, b], expected, rtol=0.0, atol=1e-9)
 
 
 def test_every_one_of_many_sessions_converges() -> None:
-    taken, values = sessions(0.01, 3000, seed=4)
-    observed = observe(taken, values[:, 0])
-    found = identify_many(observed, SUBSETS["both"], values)
-    assert np.isfinite(found).all()
-    alone = exact_fit(Model(), observed, SUBSETS["both"], np.ones(len(taken)))
-    np.testing.assert_allclose(found[:, 0], alone.parameters_mm, atol=1e-9)
+    plan, values = sessions(0.01, 3000, seed=4)
+    observed = observe(plan, values[:, 0])
+    solutions = identify_many(observed, SUBSETS["both"], values)
+    assert np.isfinite(solutions).all()
+    alone = exact_fit(Model(), observed, SUBSETS["both"], np.ones(len(plan)))
+    np.testing.assert_allclose(solutions[:, 0], alone.parameters_mm, atol=1e-9)
 
 
 def test_a_session_out_of_reach_is_told_and_leaves_the_others_alone() -> None:
-    taken, values = sessions(0.001, 4)
+    plan, values = sessions(0.001, 4)
     values[:, 2] = 1e6 * np.random.default_rng(1).normal(size=len(values))
-    found = identify_many(observe(taken, values[:, 0]), SUBSETS["both"], values)
-    assert np.isfinite(found[:, [0, 1, 3]]).all()
-    alone = identify_many(observe(taken, values[:, 0]), SUBSETS["both"], values[:, [0, 1, 3]])
-    np.testing.assert_allclose(found[:, [0, 1, 3]], alone, atol=1e-9)
+    solutions = identify_many(observe(plan, values[:, 0]), SUBSETS["both"], values)
+    assert np.isfinite(solutions[:, [0, 1, 3]]).all()
+    alone = identify_many(observe(plan, values[:, 0]), SUBSETS["both"], values[:, [0, 1, 3]])
+    np.testing.assert_allclose(solutions[:, [0, 1, 3]], alone, atol=1e-9)
 
 
 def test_unequal_weights_count_in_means_as_in_raw_readings() -> None:
-    taken, values = sessions(0.02, 1, seed=9)
+    plan, values = sessions(0.02, 1, seed=9)
     generator = np.random.default_rng(2)
-    weight = generator.uniform(0.5, 3.0, len(taken))
-    observed = observe(taken, values[:, 0])
+    weight = generator.uniform(0.5, 3.0, len(plan))
+    observed = observe(plan, values[:, 0])
     fit = exact_fit(Model(), observed, SUBSETS["both"], weight)
-    left = without_zeros(observed, weight, observed.value_mm - fit.predicted_mm)
+    residual = without_zeros(observed, weight, observed.value_mm - fit.predicted_mm)
     centred = without_zeros(observed, weight, fit.design)
-    assert np.abs(centred.T @ (weight * left)).max() < 1e-8
+    assert np.abs(centred.T @ (weight * residual)).max() < 1e-8
 
 
 def test_rosenbrock_needs_the_damping() -> None:
@@ -188,9 +188,9 @@ def test_rosenbrock_needs_the_damping() -> None:
         )
         return residual, slope
 
-    found = minimise(evaluate, start, np.zeros((2, 2, 2)))
-    assert found.converged.all()
-    np.testing.assert_allclose(found.values, 1.0, atol=1e-7)
+    minimum = minimise(evaluate, start, np.zeros((2, 2, 2)))
+    assert minimum.converged.all()
+    np.testing.assert_allclose(minimum.values, 1.0, atol=1e-7)
 
 
 def test_cholesky_over_the_last_axis_against_numpy() -> None:
@@ -199,16 +199,16 @@ def test_cholesky_over_the_last_axis_against_numpy() -> None:
     matrix = factor @ factor.transpose(0, 2, 1)
     matrix[3] -= 50.0 * np.eye(6)
     right = generator.normal(size=(7, 6))
-    found, positive = solve_positive(matrix.transpose(1, 2, 0), right.T)
+    solution, positive = solve_positive(matrix.transpose(1, 2, 0), right.T)
     assert positive.tolist() == [True, True, True, False, True, True, True]
     expected = np.linalg.solve(matrix, right[..., None])[..., 0]
     good = [0, 1, 2, 4, 5, 6]
-    np.testing.assert_allclose(found.T[good], expected[good], rtol=1e-8)
+    np.testing.assert_allclose(solution.T[good], expected[good], rtol=1e-8)
 
 
 def test_observations_are_not_touched() -> None:
-    taken, values = sessions(0.01, 2)
-    observed = observe(taken, values[:, 0])
+    plan, values = sessions(0.01, 2)
+    observed = observe(plan, values[:, 0])
     before = Observations(**vars(observed))
     identify_many(observed, SUBSETS["both"], values)
     assert np.array_equal(before.value_mm, observed.value_mm)

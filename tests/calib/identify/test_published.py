@@ -78,9 +78,9 @@ def test_residuals_of_experiment_2_six_as_printed(samples: Path) -> None:
     """Table 1 prints x_y -0.28, x_z 0.25, y_x 0.21, y_z -0.14, z_x -0.13, z_y 0.09."""
     solution = solved(samples, "experiment_2_six", "joint-offsets")
     residual = solution.differences.value_mm - solution.predicted_mm
-    found = dict(zip(solution.differences.names, residual, strict=True))
+    residuals = dict(zip(solution.differences.names, residual, strict=True))
     printed = {"x_y": -0.28, "x_z": 0.245, "y_x": 0.21, "y_z": -0.14, "z_x": -0.13, "z_y": 0.09}
-    assert found == pytest.approx(printed, abs=0.0055)
+    assert residuals == pytest.approx(printed, abs=0.0055)
 
 
 def test_singular_values(samples: Path) -> None:
@@ -91,8 +91,8 @@ def test_singular_values(samples: Path) -> None:
     ]:
         observed = published(samples, name)
         system = differences(Geometry(), observed).combine @ reading_matrix(Geometry(), observed)
-        found = np.linalg.svd(system, compute_uv=False)
-        assert found == pytest.approx(expected, abs=0.006 if "six" in name else 5e-5)
+        singular = np.linalg.svd(system, compute_uv=False)
+        assert singular == pytest.approx(expected, abs=0.006 if "six" in name else 5e-5)
 
 
 def test_six_differences_do_not_give_six_parameters(samples: Path) -> None:
@@ -133,12 +133,12 @@ def test_accuracy_of_equations_12_and_14(
 
 def test_both_sets_of_three_do_alike_and_the_full_one_little_better(samples: Path) -> None:
     """As the authors found for experiment 2, who therefore corrected joint offsets alone."""
-    offsets, lengths, both = (
+    offsets, lengths, all_mm = (
         solved(samples, "experiment_2_twelve", subset).rms_after_mm
         for subset in ("joint-offsets", "leg-lengths", "both")
     )
     assert lengths == pytest.approx(offsets, rel=0.03)
-    assert 0.9 * offsets < both < offsets
+    assert 0.9 * offsets < all_mm < offsets
 
 
 def test_what_is_left_is_ten_times_the_noise(samples: Path) -> None:

@@ -51,22 +51,22 @@ def visited(stations: tuple[float, ...] = (0.3, 0.7)) -> Conditions:
                         (leg, axis, level, station, side, cycle) for axis in range(3) if axis != leg
                     ]
     legs, axes, levels, touched, sides, cycles = zip(*rows, strict=True)
-    taken = conditions(legs, axes, levels, station=touched)
-    return replace(taken, approach=np.array(sides), cycle=np.array(cycles, dtype=np.intp))
+    plan = conditions(legs, axes, levels, station=touched)
+    return replace(plan, approach=np.array(sides), cycle=np.array(cycles, dtype=np.intp))
 
 
 def measured(truth: Model, scatter_mm: float, seed: int) -> Observations:
-    taken = visited()
-    values = measure(truth, taken, scatter_mm=scatter_mm, resolution_mm=0.0, generator=seed)
-    return observe(taken, values)
+    plan = visited()
+    values = measure(truth, plan, scatter_mm=scatter_mm, resolution_mm=0.0, generator=seed)
+    return observe(plan, values)
 
 
 def test_a_lean_no_longer_goes_into_the_offsets() -> None:
     truth = machine(2.0, 0.05, 1.0, -0.5, 0.3, 0.0, 0.0, 0.0)
-    seen = measured(truth, 1e-7, 1)
-    alone = identify(Model(Geometry()), seen, "joint-offsets", indicator=FINE)
+    data = measured(truth, 1e-7, 1)
+    alone = identify(Model(Geometry()), data, "joint-offsets", indicator=FINE)
     start = machine(1.0, 0.01, *(0.0,) * 6)
-    together = identify(start, seen, "joint-offsets", indicator=FINE, sizes=LEAN_AND_PLAY)
+    together = identify(start, data, "joint-offsets", indicator=FINE, sizes=LEAN_AND_PLAY)
     assert np.abs(alone.values_mm - truth.parameters_mm[:3]).max() > 0.05
     assert together.values_mm == pytest.approx(truth.parameters_mm[:3], abs=1e-5)
     assert [size.value for size in together.sizes] == pytest.approx([2.0, 0.05], abs=1e-5)
@@ -78,33 +78,37 @@ def test_stated_uncertainties_of_sizes_and_offsets_hold() -> None:
     truth = machine(1.5, 0.04, 0.6, 0.2, -0.4, 0.0, 0.0, 0.0)
     scores = []
     for seed in range(60):
-        found = identify(truth, measured(truth, 0.003, seed), "joint-offsets", sizes=LEAN_AND_PLAY)
-        off = np.append(found.values_mm, [size.value for size in found.sizes])
+        solution = identify(
+            truth, measured(truth, 0.003, seed), "joint-offsets", sizes=LEAN_AND_PLAY
+        )
+        off = np.append(solution.values_mm, [size.value for size in solution.sizes])
         off -= np.append(truth.parameters_mm[:3], [1.5, 0.04])
-        known = np.append(found.uncertainty_mm, [s.standard_uncertainty for s in found.sizes])
-        scores.append(off / known)
+        uncertainty = np.append(
+            solution.uncertainty_mm, [s.standard_uncertainty for s in solution.sizes]
+        )
+        scores.append(off / uncertainty)
     square = float((np.array(scores) ** 2).mean())
     assert square == pytest.approx(1.0, abs=4.0 * (2.0 / 60) ** 0.5)
 
 
 def test_all_six_held_by_tolerances_beside_free_sizes() -> None:
     truth = machine(2.0, 0.05, 1.0, -0.5, 0.3, 0.05, -0.02, 0.0)
-    found = identify(
+    solution = identify(
         machine(1.0, 0.01, *(0.0,) * 6),
         measured(truth, 0.001, 2),
         "with-tolerances",
         tolerance_mm=np.repeat([2.0, 0.1], 3),
         sizes=LEAN_AND_PLAY,
     )
-    assert found.covariance_mm2.shape == (6, 6)
-    for size, value in zip(found.sizes, (2.0, 0.05), strict=True):
+    assert solution.covariance_mm2.shape == (6, 6)
+    for size, value in zip(solution.sizes, (2.0, 0.05), strict=True):
         assert size.value == pytest.approx(value, abs=4.0 * size.standard_uncertainty)
 
 
 def test_a_size_that_nothing_shows_is_refused_by_name() -> None:
     truth = Model(Geometry(), (1.0, -0.5, 0.3, 0.0, 0.0, 0.0))
-    taken = visited()
-    still = replace(taken, approach=np.zeros(len(taken)))  # from where is not known
+    plan = visited()
+    still = replace(plan, approach=np.zeros(len(plan)))  # from where is not known
     values = measure(truth, still, scatter_mm=0.002, resolution_mm=0.0, generator=3)
     start = replace(truth, effects=(EffectInstance(Backlash(), "x", (0.02,)),))
     play = Size("play", "mm", 0.01, ((0, 0),))

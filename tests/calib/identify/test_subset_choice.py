@@ -28,17 +28,17 @@ MODEL = Model()
 
 def test_the_usual_view_is_joint_offsets_whatever_fits_better() -> None:
     """50 µm of play at every carriage: lengths of a millimetre fit it better than offsets do."""
-    taken = with_first_movements(MODEL.geometry, conditions_of("two-station"))
+    conditions = with_first_movements(MODEL.geometry, conditions_of("two-station"))
     lost = tuple(EffectInstance(Backlash(), leg, (0.05,)) for leg in "xyz")
     truth = Model(parameters_mm=(-0.66, 0.46, 0.05, 0.0, 0.0, 0.0), effects=lost)
-    noise = np.random.default_rng(4).normal(scale=0.002, size=len(taken))
-    data = replace(taken, value_mm=truth.readings(taken) + noise)
+    noise = np.random.default_rng(4).normal(scale=0.002, size=len(conditions))
+    data = replace(conditions, value_mm=truth.readings(conditions) + noise)
     choice = choose_subset(MODEL, data, tolerance_mm=TOLERANCES)
-    held = choice.solutions["with-tolerances"]
-    assert held.rms_after_mm < 0.8 * choice.solutions["joint-offsets"].rms_after_mm
-    assert [name for name, *_ in held.beyond_tolerance] == ["d_L_x", "d_L_y", "d_L_z"]
+    solution = choice.solutions["with-tolerances"]
+    assert solution.rms_after_mm < 0.8 * choice.solutions["joint-offsets"].rms_after_mm
+    assert [name for name, *_ in solution.beyond_tolerance] == ["d_L_x", "d_L_y", "d_L_z"]
     assert choice.usual == "joint-offsets"
-    assert choice.fitted is held
+    assert choice.fitted is solution
     assert not choice.solutions["joint-offsets"].beyond_tolerance
 
 
@@ -47,9 +47,11 @@ def test_weak_directions_of_a_set_with_tolerances_are_those_of_its_covariance() 
     solution = identify(MODEL, data, "with-tolerances", tolerance_mm=TOLERANCES)
     assert solution.weak_directions
     for direction in solution.weak_directions:
-        wanted = np.array([float(name in direction.combination) for name in solution.names])
-        own = np.sqrt(wanted @ solution.covariance_mm2 @ wanted)
-        assert direction.standard_uncertainty_mm == pytest.approx(float(own), rel=0.02)
+        direction_vector = np.array(
+            [float(name in direction.combination) for name in solution.names]
+        )
+        uncertainty_mm = np.sqrt(direction_vector @ solution.covariance_mm2 @ direction_vector)
+        assert direction.standard_uncertainty_mm == pytest.approx(float(uncertainty_mm), rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -66,16 +68,18 @@ def test_what_is_left_counts_with_its_own_degrees_of_freedom(
     assert solution.lack_of_fit.degrees_of_freedom == freedom
     assert solution.coverage_factor == pytest.approx(1.960, abs=5e-4)
     ratio = solution.inflated_expanded_mm / solution.expanded_mm
-    wanted = np.sqrt(solution.lack_of_fit.statistic) * factor / 1.96
-    np.testing.assert_allclose(ratio, wanted, rtol=1e-3)
+    expected = np.sqrt(solution.lack_of_fit.statistic) * factor / 1.96
+    np.testing.assert_allclose(ratio, expected, rtol=1e-3)
 
 
 def test_tolerances_are_no_noise_that_the_left_over_enlarges(samples: Path) -> None:
     """The inflated covariance is the error of this estimate under more noise, by simulation."""
     session = fold(read_record(samples / "experiment_2_twelve.jsonl").events)
-    taken = to_observations([session])
+    observations = to_observations([session])
     stated = IndicatorFigures(resolution_mm=0.01, repeatability_mm=0.02)
-    solution = identify(MODEL, taken, "with-tolerances", indicator=stated, tolerance_mm=TOLERANCES)
+    solution = identify(
+        MODEL, observations, "with-tolerances", indicator=stated, tolerance_mm=TOLERANCES
+    )
     assert solution.lack_of_fit is not None
     assert 6.0 < solution.lack_of_fit.degrees_of_freedom < 9.0
     generator = np.random.default_rng(0)
@@ -85,8 +89,8 @@ def test_tolerances_are_no_noise_that_the_left_over_enlarges(samples: Path) -> N
         truth = generator.normal(size=6) * TOLERANCES
         data = observed(truth.tolist(), postures(), scatter_mm=sigma, seed=seed)
         data.averaged[:] = 3.0
-        found = identify(MODEL, data, "with-tolerances", indicator=stated, tolerance_mm=TOLERANCES)
-        errors.append(found.values_mm - truth)
+        refit = identify(MODEL, data, "with-tolerances", indicator=stated, tolerance_mm=TOLERANCES)
+        errors.append(refit.values_mm - truth)
     true = np.sqrt(np.mean(np.square(errors), axis=0))
     np.testing.assert_allclose(np.sqrt(solution.inflated_mm2(9.0).diagonal()), true, rtol=0.15)
 

@@ -43,10 +43,10 @@ def test_even_last_digits_tell_when_there_are_enough_of_them(
 
 
 def test_fine_readings_have_no_step() -> None:
-    found = [display_step_mm(shown(1e-6, 10, seed), WRITTEN_MM) for seed in range(300)]
-    assert found == [None] * 300
-    found = [display_step_mm(shown(0.001, 10, seed), 0.001) for seed in range(300)]
-    assert found == [None] * 300
+    steps = [display_step_mm(shown(1e-6, 10, seed), WRITTEN_MM) for seed in range(300)]
+    assert steps == [None] * 300
+    steps = [display_step_mm(shown(0.001, 10, seed), 0.001) for seed in range(300)]
+    assert steps == [None] * 300
 
 
 def test_equal_readings_count_once_and_zeros_not_at_all() -> None:

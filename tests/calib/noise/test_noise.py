@@ -50,10 +50,10 @@ def test_a_step_that_the_values_show_serves_as_a_stated_one_does() -> None:
     data = observed(TRUTH, postures(repeats=3), scatter_mm=0.003, seed=2)
     rounded = observe(data, round_to(data.value_mm, 0.01))
     stated = reading_noise(rounded, IndicatorFigures(resolution_mm=0.01, step_mm=1e-6))
-    shown = reading_noise(rounded, IndicatorFigures(step_mm=1e-6, values_step_mm=0.01))
-    assert stated == shown
-    known = IndicatorFigures(values_step_mm=0.01, repeatability_mm=0.002)
-    assert known.noise() == IndicatorFigures(0.01, 0.002).noise()
+    estimate = reading_noise(rounded, IndicatorFigures(step_mm=1e-6, values_step_mm=0.01))
+    assert stated == estimate
+    figures = IndicatorFigures(values_step_mm=0.01, repeatability_mm=0.002)
+    assert figures.noise() == IndicatorFigures(0.01, 0.002).noise()
 
 
 def test_a_step_is_no_noise_without_repeats() -> None:
@@ -64,8 +64,11 @@ def test_a_step_is_no_noise_without_repeats() -> None:
 
 def test_equal_repeats_are_no_noise_of_zero() -> None:
     """(0.1 + 0.1 + 0.1) / 3 is not 0.1: rounding of the arithmetic must not pose as noise."""
-    taken = postures(repeats=3)
-    assert reading_noise(observe(taken, np.full(len(taken), 0.1)), IndicatorFigures()) is None
+    conditions = postures(repeats=3)
+    assert (
+        reading_noise(observe(conditions, np.full(len(conditions), 0.1)), IndicatorFigures())
+        is None
+    )
 
 
 def test_nothing_known() -> None:
@@ -90,8 +93,8 @@ def test_the_two_directions_of_approach_are_different_cells() -> None:
 
 def test_repeats_in_place_count_as_one_visit() -> None:
     """Readings with no motion between them share the error of their approach."""
-    taken = postures((0.0, 0.0, 0.0, 60.0, 60.0, -100.0), repeats=2)
-    data = observed(TRUTH, taken, scatter_mm=0.01)
+    conditions = postures((0.0, 0.0, 0.0, 60.0, 60.0, -100.0), repeats=2)
+    data = observed(TRUTH, conditions, scatter_mm=0.01)
     visited = visits(data)
     assert len(visited) == 6 * 2 * 3
     assert visited.value_mm[0] == pytest.approx(data.value_mm[:3].mean())

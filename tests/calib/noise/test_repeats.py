@@ -18,26 +18,32 @@ def session(
 ) -> Observations:
     """Cycles on six mountings, each cycle shifted by a drift of its own."""
     generator = np.random.default_rng(seed)
-    taken = postures(repeats=cycles)
-    cycle = np.zeros(len(taken), dtype=np.intp)
-    for mount in range(taken.mount_count):
-        rows = np.flatnonzero(taken.mount == mount)
-        for displacement in np.unique(taken.displacement_mm[rows]):
-            here = rows[taken.displacement_mm[rows] == displacement]
+    conditions = postures(repeats=cycles)
+    cycle = np.zeros(len(conditions), dtype=np.intp)
+    for mount in range(conditions.mount_count):
+        rows = np.flatnonzero(conditions.mount == mount)
+        for displacement in np.unique(conditions.displacement_mm[rows]):
+            here = rows[conditions.displacement_mm[rows] == displacement]
             cycle[here] = np.arange(len(here))
     shift = drift_mm * generator.normal(size=(6, cycles))
-    value = taken.displacement_mm * 0.001 + shift[taken.mount, cycle]
-    value = value + generator.normal(scale=scatter_mm, size=len(taken))
-    return replace(observe(taken, value), cycle=cycle, indicator=(taken.axis - taken.leg) % 3 - 1)
+    value = conditions.displacement_mm * 0.001 + shift[conditions.mount, cycle]
+    value = value + generator.normal(scale=scatter_mm, size=len(conditions))
+    return replace(
+        observe(conditions, value),
+        cycle=cycle,
+        indicator=(conditions.axis - conditions.leg) % 3 - 1,
+    )
 
 
 def test_drift_from_cycle_to_cycle_is_not_noise() -> None:
     calm, drifting = session(0.002), session(0.002, drift_mm=0.5)
-    one, other = (reading_noise(s, IndicatorFigures()) for s in (calm, drifting))
-    assert one is not None
-    assert other is not None
-    assert other.standard_deviation_mm == pytest.approx(one.standard_deviation_mm, rel=1e-9)
-    assert other.degrees_of_freedom == pytest.approx(6 * (3 - 1) * (3 - 1))
+    noise, drifting_noise = (reading_noise(s, IndicatorFigures()) for s in (calm, drifting))
+    assert noise is not None
+    assert drifting_noise is not None
+    assert drifting_noise.standard_deviation_mm == pytest.approx(
+        noise.standard_deviation_mm, rel=1e-9
+    )
+    assert drifting_noise.degrees_of_freedom == pytest.approx(6 * (3 - 1) * (3 - 1))
 
 
 def test_many_cycles_have_a_steady_rate_in_place_of_a_mean_each() -> None:
@@ -46,8 +52,8 @@ def test_many_cycles_have_a_steady_rate_in_place_of_a_mean_each() -> None:
     repeats = Repeats.of(data)
     assert {basis.shape[1] for _, basis in repeats.cycles} == {1}
     steady = replace(data, value_mm=data.value_mm + 0.02 * data.cycle / 300)
-    for each in (data, steady):
-        noise = reading_noise(each, IndicatorFigures())
+    for trial in (data, steady):
+        noise = reading_noise(trial, IndicatorFigures())
         assert noise is not None
         assert noise.standard_deviation_mm == pytest.approx(0.002, rel=0.03)
     assert {basis.shape[1] for _, basis in Repeats.of(session(0.002, cycles=9)).cycles} == {8}
@@ -75,10 +81,10 @@ def test_scatter_against_the_two_way_formula() -> None:
         for k, level in enumerate(np.unique(data.displacement_mm)):
             rows = (data.mount == mount) & (data.displacement_mm == level)
             table[mount, k, data.cycle[rows]] = data.value_mm[rows]
-    left = table - table.mean(axis=1, keepdims=True) - table.mean(axis=2, keepdims=True)
-    left += table.mean(axis=(1, 2), keepdims=True)
-    found = Repeats.of(data).sums_of_squares(data.value_mm[:, None])
-    assert float(found.sum()) == pytest.approx(float((left**2).sum()), rel=1e-9)
+    residual = table - table.mean(axis=1, keepdims=True) - table.mean(axis=2, keepdims=True)
+    residual += table.mean(axis=(1, 2), keepdims=True)
+    sums = Repeats.of(data).sums_of_squares(data.value_mm[:, None])
+    assert float(sums.sum()) == pytest.approx(float((residual**2).sum()), rel=1e-9)
 
 
 def test_equal_indicators_are_pooled_at_the_stated_rate() -> None:
@@ -98,10 +104,13 @@ def test_an_indicator_with_ten_times_the_noise_is_kept_apart() -> None:
         noise = reading_noise(replace(data, value_mm=data.value_mm + louder), IndicatorFigures())
         assert noise is not None
         assert not noise.pooled
-        quiet, loud = (np.sqrt(one.variance_mm2) for one in noise.indicators)
+        quiet, loud = (np.sqrt(indicator.variance_mm2) for indicator in noise.indicators)
         assert 3.0 < loud / quiet < 35.0
-        shown = noise.repeatability_mm2(data)
-        assert shown[data.indicator == 1].min() > 9.0 * shown[data.indicator == 0].max()
+        repeatability = noise.repeatability_mm2(data)
+        assert (
+            repeatability[data.indicator == 1].min()
+            > 9.0 * repeatability[data.indicator == 0].max()
+        )
 
 
 def test_those_that_scatter_alike_share_one_estimate_beside_a_loud_one() -> None:
@@ -139,8 +148,8 @@ def test_degrees_of_freedom_of_a_shared_estimate_count_once() -> None:
     """Welch and Satterthwaite by hand: (v0 + 5 v1)² / (v0²/4 + (5 v1)²/20)."""
     loud, quiet = IndicatorNoise(4e-4, 0.0, 4.0), IndicatorNoise(4e-6, 0.0, 20.0)
     noise = Noise((loud, *(quiet,) * 5), "repeats", pooled=False)
-    wanted = (4e-4 + 2e-5) ** 2 / (4e-4**2 / 4.0 + 2e-5**2 / 20.0)
-    assert noise.degrees_of_freedom == pytest.approx(wanted)
+    expected = (4e-4 + 2e-5) ** 2 / (4e-4**2 / 4.0 + 2e-5**2 / 20.0)
+    assert noise.degrees_of_freedom == pytest.approx(expected)
 
 
 def test_a_wild_reading_is_flagged_and_still_counts() -> None:
@@ -149,7 +158,7 @@ def test_a_wild_reading_is_flagged_and_still_counts() -> None:
     value[17] += 0.05
     noise = reading_noise(replace(data, value_mm=value), IndicatorFigures())
     assert noise is not None
-    assert [one.row for one in noise.outliers] == [17]
+    assert [outlier.row for outlier in noise.outliers] == [17]
     assert noise.outliers[0].studentised > 5.0
 
 
@@ -169,19 +178,19 @@ def test_studentised_residual_against_leaving_the_reading_out() -> None:
     value[row] += 0.2
     data = replace(data, value_mm=value)
     repeats = Repeats.of(data)
-    found = {w.row: w.studentised for w in outlying_readings(repeats, 0.0)}
-    rest = np.delete(np.arange(len(data)), row)
-    others = Repeats.of(data.take(rest))
-    variance = float(others.sums_of_squares(value[rest, None]).sum())
-    variance /= float(others.degrees_of_freedom.sum())
+    by_row = {w.row: w.studentised for w in outlying_readings(repeats, 0.0)}
+    rows = np.delete(np.arange(len(data)), row)
+    remaining = Repeats.of(data.take(rows))
+    variance = float(remaining.sums_of_squares(value[rows, None]).sum())
+    variance /= float(remaining.degrees_of_freedom.sum())
     share = 1.0 - repeats.leverage[row]
-    own = repeats.scatter(value[:, None])[row, 0]
-    assert found[row] == pytest.approx(own / np.sqrt(share * variance), rel=1e-9)
+    residual = repeats.scatter(value[:, None])[row, 0]
+    assert by_row[row] == pytest.approx(residual / np.sqrt(share * variance), rel=1e-9)
 
 
 def test_one_cycle_tells_nothing() -> None:
-    taken = postures(repeats=1)
-    data = observe(taken, np.random.default_rng(0).normal(size=len(taken)))
+    conditions = postures(repeats=1)
+    data = observe(conditions, np.random.default_rng(0).normal(size=len(conditions)))
     assert float(Repeats.of(data).degrees_of_freedom.sum()) == 0.0
     assert reading_noise(data, IndicatorFigures()) is None
     assert reading_noise(data, IndicatorFigures(resolution_mm=0.01)) is not None
@@ -221,8 +230,8 @@ def test_of_two_repeats_that_disagree_neither_is_accused_alone() -> None:
     value = data.value_mm.copy()
     value[5] += 0.4
     apart = disagreeing(Repeats.of(replace(data, value_mm=value)), 0.0)
-    other = next(k for k in np.flatnonzero(data.cell == data.cell[5]).tolist() if k != 5)
-    assert set(apart) == {5, other}
+    partner = next(k for k in np.flatnonzero(data.cell == data.cell[5]).tolist() if k != 5)
+    assert set(apart) == {5, partner}
 
 
 def test_heavy_tails_disagree_with_nothing() -> None:
@@ -249,8 +258,8 @@ def test_beside_a_steady_drift_the_scatter_is_that_of_the_readings() -> None:
 def test_one_repeat_a_mounting_tells_the_noise_although_a_drift_could_explain_it() -> None:
     """The step of the display is not the noise where readings came back to Zero."""
     data = session(0.02)
-    kept = data.take((data.cycle == 0) | ((data.cycle == 1) & (data.displacement_mm == 0.0)))
-    once = replace(kept, cycle=np.zeros(len(kept), dtype=np.intp))
+    subset = data.take((data.cycle == 0) | ((data.cycle == 1) & (data.displacement_mm == 0.0)))
+    once = replace(subset, cycle=np.zeros(len(subset), dtype=np.intp))
     stated = IndicatorFigures(resolution_mm=0.001)
     noise = reading_noise(once, stated, steady=True)
     assert noise is not None

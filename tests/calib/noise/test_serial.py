@@ -19,14 +19,16 @@ def session(
     rho: float, seed: int, *, rate_mm: float = 0.0, procedure: str = "sweep"
 ) -> Observations:
     """Repeats whose errors are correlated from visit to visit of a mounting."""
-    taken = conditions_of(procedure)
-    values = SD_MM * wandering(taken, rho, np.random.default_rng(seed))
-    return replace(taken, value_mm=values + rate_mm * taken.time_s / taken.time_s.max())
+    conditions = conditions_of(procedure)
+    values = SD_MM * wandering(conditions, rho, np.random.default_rng(seed))
+    return replace(
+        conditions, value_mm=values + rate_mm * conditions.time_s / conditions.time_s.max()
+    )
 
 
-def wandering(taken: Observations, rho: float, generator: np.random.Generator) -> FloatArray:
-    values = generator.normal(size=len(taken))
-    for rows in taken.mountings:
+def wandering(conditions: Observations, rho: float, generator: np.random.Generator) -> FloatArray:
+    values = generator.normal(size=len(conditions))
+    for rows in conditions.mountings:
         for before, row in pairwise(rows):
             values[row] = rho * values[before] + np.sqrt(1.0 - rho**2) * values[row]
     return values
@@ -78,10 +80,10 @@ def test_likelihood_against_the_whole_covariance() -> None:
     drifts = np.zeros((len(data), data.mount_count))
     for mount, rows in enumerate(data.mountings):
         visit[rows] = drifts[rows, mount] = np.arange(len(rows))
-    left, singular, _ = np.linalg.svd(
+    vectors, singular, _ = np.linalg.svd(
         np.hstack([np.eye(int(data.cell.max()) + 1)[data.cell], drifts])
     )
-    repeats = left[:, int((singular > 1e-9).sum()) :]
+    repeats = vectors[:, int((singular > 1e-9).sum()) :]
     value = repeats.T @ data.value_mm
     apart = np.abs(np.subtract.outer(visit, visit))
     logs = []

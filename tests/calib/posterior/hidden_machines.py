@@ -23,7 +23,7 @@ def hidden(id: str, place: str, *values: float) -> EffectInstance:
 
 
 def session(
-    taken: Observations,
+    conditions: Observations,
     *effects: EffectInstance,
     seed: int = 0,
     scatter_mm: float = 0.001,
@@ -35,5 +35,9 @@ def session(
         [generator.uniform(-offset_mm, offset_mm, 3), generator.normal(0, 0.03, 3)]
     )
     machine = Model(parameters_mm=tuple(parameters.tolist()), effects=effects)
-    value = measure(machine, taken, scatter_mm=scatter_mm, resolution_mm=0.0, generator=generator)
-    return SessionCase(Model(), observe(taken, value), IndicatorFigures(), TOLERANCE_MM), machine
+    value = measure(
+        machine, conditions, scatter_mm=scatter_mm, resolution_mm=0.0, generator=generator
+    )
+    return SessionCase(
+        Model(), observe(conditions, value), IndicatorFigures(), TOLERANCE_MM
+    ), machine

@@ -19,16 +19,20 @@ SWEEP, SHORT, TWO_STATION = map(conditions_of, ("sweep", "zero-max-min", "two-st
 
 
 def case(
-    taken: Observations, *effects: EffectInstance, seed: int = 0, model: Model | None = None
+    conditions: Observations, *effects: EffectInstance, seed: int = 0, model: Model | None = None
 ) -> SessionCase:
     """A machine with joint offsets and lengths of its own, each mounting with a zero of its own."""
     generator = np.random.default_rng(seed)
     offsets = np.concatenate([generator.uniform(-2, 2, 3), generator.normal(0, 0.03, 3)])
     truth = Model(parameters_mm=tuple(offsets.tolist()), effects=effects)
-    value = measure(truth, taken, scatter_mm=SCATTER_MM, resolution_mm=0.0, generator=generator)
-    return SessionCase(model or Model(), observe(taken, value), IndicatorFigures(), TOLERANCE_MM)
+    value = measure(
+        truth, conditions, scatter_mm=SCATTER_MM, resolution_mm=0.0, generator=generator
+    )
+    return SessionCase(
+        model or Model(), observe(conditions, value), IndicatorFigures(), TOLERANCE_MM
+    )
 
 
-def with_values(one: SessionCase, value_mm: FloatArray) -> SessionCase:
+def with_values(session: SessionCase, value_mm: FloatArray) -> SessionCase:
     """The same session with other values ``(n,)``."""
-    return replace(one, observed=replace(one.observed, value_mm=value_mm))
+    return replace(session, observed=replace(session.observed, value_mm=value_mm))

@@ -29,15 +29,15 @@ def covariance(cells: Cells) -> FloatArray:
 
 
 def correlated(seed: int) -> Cells:
-    one = case(SWEEP, seed=seed)
+    session = case(SWEEP, seed=seed)
     generator = np.random.default_rng(seed)
-    value = one.observed.value_mm.copy()
-    for rows in one.observed.mountings:
+    value = session.observed.value_mm.copy()
+    for rows in session.observed.mountings:
         error = generator.normal(size=len(rows))
         for k, n in pairwise(range(len(rows))):
             error[n] = 0.8 * error[k] + 0.6 * error[n]
         value[rows] += 5.0 * SCATTER_MM * error
-    return Cells.of(with_values(one, value))
+    return Cells.of(with_values(session, value))
 
 
 def test_means_of_correlated_errors_are_those_of_least_squares() -> None:
@@ -58,8 +58,8 @@ def test_whitened_rows_have_the_information_of_all_visits_beside_their_zeros(ser
     precision = np.linalg.inv(covariance(cells))
     zeros = np.eye(cells.visited.mount_count)[cells.visited.mount]
     at_visits = columns[cells.cell]
-    seen = precision @ zeros
-    beside = precision - seen @ np.linalg.solve(zeros.T @ seen, seen.T)
+    product = precision @ zeros
+    beside = precision - product @ np.linalg.solve(zeros.T @ product, product.T)
     whitened = cells.whitened(columns)
     assert whitened.T @ whitened == pytest.approx(at_visits.T @ beside @ at_visits, rel=1e-6)
     again = cells.whitened(cells.coloured(whitened))
@@ -104,10 +104,10 @@ def test_evidences_of_other_mountings_compare() -> None:
 
     A stated instrument and no repeats: nothing is estimated.
     """
-    whole = case(SHORT, seed=2)
-    once = whole.observed.take(whole.observed.cycle == 1)
+    complete = case(SHORT, seed=2)
+    once = complete.observed.take(complete.observed.cycle == 1)
     figures = IndicatorFigures(repeatability_mm=SCATTER_MM)
-    one = replace(whole, observed=once, indicator=figures)
+    session = replace(complete, observed=once, indicator=figures)
     mount = once.mount.copy()
     mount[2] = once.mount_count
     wide_mm2 = 1e2
@@ -124,7 +124,7 @@ def test_evidences_of_other_mountings_compare() -> None:
         return ours, -0.5 * (square + log_det) + prior
 
     for visited in (once, replace(once, mount=numbered(mount))):
-        cells = Cells.of_visits(one, visited)
+        cells = Cells.of_visits(session, visited)
         assert cells.freedom == np.inf
         ours, theirs = density(cells)
         assert ours == pytest.approx(theirs, abs=0.01)
@@ -137,10 +137,10 @@ def test_a_session_without_repeats_has_the_noise_of_the_others_and_adds_none() -
     first = np.unique(np.stack([once.observed.mount, levels]), axis=1, return_index=True)[1]
     once = replace(once, observed=once.observed.take(np.sort(first)))
     assert Cells.of(once).noise is None
-    both = Cells.of_all([once, several])
-    noise = both[1].noise
+    all_cells = Cells.of_all([once, several])
+    noise = all_cells[1].noise
     assert noise is not None
-    assert both[0].scatter_mm2 == pytest.approx(noise.standard_deviation_mm**2)
-    assert [cells.freedom for cells in both] == [0.0, noise.degrees_of_freedom]
+    assert all_cells[0].scatter_mm2 == pytest.approx(noise.standard_deviation_mm**2)
+    assert [cells.freedom for cells in all_cells] == [0.0, noise.degrees_of_freedom]
     (alone,) = Cells.of_all([once])
     assert alone.noise is None

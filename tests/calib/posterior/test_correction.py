@@ -69,13 +69,13 @@ def test_the_bound_is_what_975_of_1000_machines_drawn_from_the_posterior_keep(
 def test_no_other_values_leave_less(unsure: Posterior, frame: Frame) -> None:
     entered = correction(unsure, "kinematics", frame)
     generator = np.random.default_rng(2)
-    held = [k for parts in parts_of(unsure, "kinematics").values() for _, i in parts for k in i]
+    columns = [k for parts in parts_of(unsure, "kinematics").values() for _, i in parts for k in i]
     off = unsure.field.rows @ (unsure.mean - entered.off.values)
     least = float(in_frame(unsure, off[:, None], frame)[0])
     for _ in range(40):
-        other = entered.off.values.copy()
-        other[held] += 1e-3 * generator.standard_normal(len(held))
-        moved = unsure.field.rows @ (unsure.mean - other)
+        variant = entered.off.values.copy()
+        variant[columns] += 1e-3 * generator.standard_normal(len(columns))
+        moved = unsure.field.rows @ (unsure.mean - variant)
         assert float(in_frame(unsure, moved[:, None], frame)[0]) > least - 1e-9
 
 
@@ -115,7 +115,7 @@ def test_play_that_is_likelier_not_there_is_entered_for_a_large_gain_alone(
     base = len(play.base)
     plain = replace(play, members=(), scales=(), mean=play.mean[:base], sizes=play.sizes[:base])
     models = (replace(plain, weight=1.0 - weight), replace(play, weight=weight))
-    made = correction(replace(unsure, models=models), "play")
-    assert [part.part for part in made.left_out] == ([] if entered else ["play"])
+    entry = correction(replace(unsure, models=models), "play")
+    assert [part.part for part in entry.left_out] == ([] if entered else ["play"])
     if not entered:
-        assert "likelier to raise" in made.left_out[0].reason
+        assert "likelier to raise" in entry.left_out[0].reason

@@ -43,8 +43,8 @@ class Truth:
 
     def tool(self, sent: FloatArray) -> FloatArray:
         """Where the tool is: two differences of spheres are planes, so x and y follow from z."""
-        told = sent[2] + np.sqrt(BAR**2 - ((sent[:2] - STAND) ** 2).sum(axis=1))
-        height = told + self.switch
+        height_reading = sent[2] + np.sqrt(BAR**2 - ((sent[:2] - STAND) ** 2).sum(axis=1))
+        height = height_reading + self.switch
         stand = STAND + np.array(self.out)[:, None] * OUT
         bar = BAR + np.array(self.bar)
         square = (stand**2).sum(axis=1) + height**2 - bar**2
@@ -83,22 +83,22 @@ SECOND = np.vstack([-CORNERS[:3], np.roll(CORNERS, -2, axis=0)])
 PLACES = np.vstack([np.zeros((1, 3)), ring(40.0, 6), ring(80.0, 12)])
 
 
-def touched(true: Truth, generator: np.random.Generator, known: Model | None = None) -> SessionCase:
+def touched(true: Truth, generator: np.random.Generator, model: Model | None = None) -> SessionCase:
     """Contacts over the plate, each place twice; the radius may be off where a model says so."""
     height = np.array([true.met(x, y) for x, y, _ in PLACES])
     noisy = height + generator.normal(0.0, CONTACT_MM, (CYCLES, len(PLACES)))
     mean = noisy.mean(axis=0)
-    taken = tool_conditions(np.tile(np.column_stack([PLACES[:, :2], mean]), (CYCLES, 1)))
-    taken = replace(
-        taken,
-        contact=np.ones(len(taken), dtype=np.bool_),
-        movement=-np.ones((len(taken), 3)),
+    contacts = tool_conditions(np.tile(np.column_stack([PLACES[:, :2], mean]), (CYCLES, 1)))
+    contacts = replace(
+        contacts,
+        contact=np.ones(len(contacts), dtype=np.bool_),
+        movement=-np.ones((len(contacts), 3)),
         cycle=np.repeat(np.arange(CYCLES) + 1, len(PLACES)),
     )
-    observed = observe(taken, -(noisy - mean).ravel())
-    free = frozenset[tuple[Effect, str]](RADIUS_LAWS if known else ())
+    observed = observe(contacts, -(noisy - mean).ravel())
+    free = frozenset[tuple[Effect, str]](RADIUS_LAWS if model else ())
     tolerance = MACHINE.tolerances_mm()
-    return SessionCase(known or Model(DELTA), observed, IndicatorFigures(), tolerance, free=free)
+    return SessionCase(model or Model(DELTA), observed, IndicatorFigures(), tolerance, free=free)
 
 
 def measured(true: Truth, generator: np.random.Generator) -> Distances:
@@ -118,11 +118,11 @@ def true_machine(seed: int) -> Truth:
     return Truth(*(tuple(size) for size in sizes))
 
 
-def common_bar(found: Posterior) -> tuple[float, float]:
+def common_bar(result: Posterior) -> tuple[float, float]:
     """Mean of the three bars, and its standard deviation over all models."""
-    mean = [float(one.mean[:3].mean()) for one in found.models]
-    square = [float(one.covariance[:3, :3].sum()) / 9.0 for one in found.models]
-    weight = [one.weight for one in found.models]
+    mean = [float(model.mean[:3].mean()) for model in result.models]
+    square = [float(model.covariance[:3, :3].sum()) / 9.0 for model in result.models]
+    weight = [model.weight for model in result.models]
     middle = float(np.dot(weight, mean))
     spread = np.array(square) + (np.array(mean) - middle) ** 2
     return middle, math.sqrt(float(np.dot(weight, spread)))
@@ -158,12 +158,12 @@ def test_derivatives_are_those_of_the_machine_of_the_test() -> None:
     by_laws = distances_of().by_laws(model_of(OFF), RADIUS_LAWS)
     for kind, name in enumerate(("switch", "bar", "out")):
         for tower in range(3):
-            both = []
+            sides = []
             for sign in (1.0, -1.0):
                 sizes = list(getattr(OFF, name))
                 sizes[tower] += sign * step
-                both.append(replace(OFF, **{name: tuple(sizes)}).apart(FIRST, SECOND))
-            want = (both[0] - both[1]) / (2.0 * step) / 0.5
+                sides.append(replace(OFF, **{name: tuple(sizes)}).apart(FIRST, SECOND))
+            want = (sides[0] - sides[1]) / (2.0 * step) / 0.5
             if name == "out":
                 assert by_laws[RADIUS_LAWS[tower]][:, 0] == pytest.approx(want, abs=1e-6)
             else:
@@ -199,17 +199,17 @@ def test_distances_tell_the_common_size_that_contacts_leave_open() -> None:
     A tolerance of 0.3 mm for each bar is 0.173 mm for the mean of three.
     """
     contacts = np.array([solved(seed, with_distances=False) for seed in MACHINES])
-    both = np.array([solved(seed, with_distances=True) for seed in MACHINES])
+    results = np.array([solved(seed, with_distances=True) for seed in MACHINES])
     assert np.median(contacts[:, 1]) > 0.7 * 0.173
-    assert np.median(both[:, 1]) < 0.6 * np.median(contacts[:, 1])
-    assert np.sqrt((both[:, 0] ** 2).mean()) < 0.6 * np.sqrt((contacts[:, 0] ** 2).mean())
+    assert np.median(results[:, 1]) < 0.6 * np.median(contacts[:, 1])
+    assert np.sqrt((results[:, 0] ** 2).mean()) < 0.6 * np.sqrt((contacts[:, 0] ** 2).mean())
 
 
 @LONG
 def test_the_interval_covers() -> None:
     """Of 24 machines 95 % would be 22.8; fewer than 20 come once in a hundred times."""
-    both = np.array([solved(seed, with_distances=True) for seed in MACHINES])
-    assert (np.abs(both[:, 0]) < 1.96 * both[:, 1]).sum() >= 20
+    results = np.array([solved(seed, with_distances=True) for seed in MACHINES])
+    assert (np.abs(results[:, 0]) < 1.96 * results[:, 1]).sum() >= 20
 
 
 def test_each_distance_counts_by_its_own_deviation() -> None:
@@ -220,7 +220,8 @@ def test_each_distance_counts_by_its_own_deviation() -> None:
     wild = replace(sound, value_mm=sound.value_mm + np.array([1.0, *[0.0] * 8]))
     loose = replace(wild, deviation_mm=np.array([10.0, *[CALIPER_MM] * 8]))
     results = [
-        common_bar(posterior([replace(case, distances=one)]))[0] for one in (sound, loose, wild)
+        common_bar(posterior([replace(case, distances=distances)]))[0]
+        for distances in (sound, loose, wild)
     ]
     assert abs(results[1] - results[0]) < 0.2 * abs(results[2] - results[0])
 
@@ -228,13 +229,15 @@ def test_each_distance_counts_by_its_own_deviation() -> None:
 def test_what_a_wild_distance_leaves_is_its_own() -> None:
     case = touched(OFF, np.random.default_rng(1), WITH_RADIUS)
     sound = measured(OFF, np.random.default_rng(2))
-    left = posterior([replace(case, distances=sound)]).distances_left
-    assert np.abs(left).max() < 4.0
+    residual = posterior([replace(case, distances=sound)]).distances_left
+    assert np.abs(residual).max() < 4.0
     value_mm = sound.value_mm.copy()
     value_mm[4] += 1.0
-    left = posterior([replace(case, distances=replace(sound, value_mm=value_mm))]).distances_left
-    assert np.abs(left).argmax() == 4
-    assert left[4] > 10.0
+    residual = posterior(
+        [replace(case, distances=replace(sound, value_mm=value_mm))]
+    ).distances_left
+    assert np.abs(residual).argmax() == 4
+    assert residual[4] > 10.0
     assert posterior([case]).distances_left.shape == (0,)
 
 
@@ -244,6 +247,6 @@ def test_a_second_session_may_have_the_distances() -> None:
     first, second = (touched(true, np.random.default_rng(seed), WITH_RADIUS) for seed in (1, 2))
     alone = common_bar(posterior([first, second]))
     beside = replace(second, distances=measured(true, np.random.default_rng(3)))
-    both = common_bar(posterior([first, beside]))
-    assert both[1] < 0.7 * alone[1]
-    assert abs(both[0] - float(np.mean(true.bar))) < 2.5 * both[1]
+    bar_together = common_bar(posterior([first, beside]))
+    assert bar_together[1] < 0.7 * alone[1]
+    assert abs(bar_together[0] - float(np.mean(true.bar))) < 2.5 * bar_together[1]

@@ -38,13 +38,13 @@ OFFSETS_MM = (0.8, -1.3, 0.4)
 PLAY = EffectInstance(Backlash(), "y", (0.06,))
 
 
-def case(*hidden: EffectInstance, known: tuple[EffectInstance, ...] = ()) -> SessionCase:
+def case(*hidden: EffectInstance, in_model: tuple[EffectInstance, ...] = ()) -> SessionCase:
     """A session of a machine with offsets and these effects, against a model with others."""
-    taken = with_first_movements(ORTHOGLIDE, conditions_of("two-station"))
+    conditions = with_first_movements(ORTHOGLIDE, conditions_of("two-station"))
     truth = Model(ORTHOGLIDE, (*OFFSETS_MM, 0.0, 0.0, 0.0), hidden)
-    noise = np.random.default_rng(5).normal(scale=0.002, size=len(taken))
-    data = observe(taken, truth.readings(taken) + noise)
-    return SessionCase(Model(ORTHOGLIDE).with_effects(known), data, FIGURES, TOLERANCES)
+    noise = np.random.default_rng(5).normal(scale=0.002, size=len(conditions))
+    data = observe(conditions, truth.readings(conditions) + noise)
+    return SessionCase(Model(ORTHOGLIDE).with_effects(in_model), data, FIGURES, TOLERANCES)
 
 
 @pytest.fixture(scope="module")
@@ -53,8 +53,8 @@ def plain() -> Posterior:
 
 
 def test_values_of_a_correction_are_those_of_its_model(plain: Posterior) -> None:
-    made = correction(plain, "tables")
-    assert values_of(plain, made.model) == pytest.approx(made.off.values)
+    entry = correction(plain, "tables")
+    assert values_of(plain, entry.model) == pytest.approx(entry.off.values)
 
 
 def test_a_correction_leaves_less_than_the_least_without_it(plain: Posterior) -> None:
@@ -74,20 +74,25 @@ def test_parts_that_a_controller_does_not_take_are_left_out_with_the_reason(
     plain: Posterior,
 ) -> None:
     """All of a kind, or one; what they did goes into the others as far as it can."""
-    one = correction(plain, "play", absent={"play of y": "worn"})
-    assert "worn" in [left.reason for left in one.left_out if left.part == "play of y"]
-    assert one.off.values[list(plain.field.columns_of((Backlash(), "y")))] == pytest.approx([0.0])
-    made = correction(plain, "tables", absent={"table": "no tables here", "play": "no play"})
-    reasons = {one.part: one.reason for one in made.left_out}
+    entry = correction(plain, "play", absent={"play of y": "worn"})
+    assert "worn" in [
+        omission.reason for omission in entry.left_out if omission.part == "play of y"
+    ]
+    assert entry.off.values[list(plain.field.columns_of((Backlash(), "y")))] == pytest.approx([0.0])
+    tables = correction(plain, "tables", absent={"table": "no tables here", "play": "no play"})
+    reasons = {omission.part: omission.reason for omission in tables.left_out}
     assert {reasons[f"table of {leg}"] for leg in "xyz"} == {"no tables here"}
-    assert made.model.effects == ()
+    assert tables.model.effects == ()
     alone = correction(plain, "offsets")
-    assert made.off.values == pytest.approx(alone.off.values)
+    assert tables.off.values == pytest.approx(alone.off.values)
 
 
 def test_what_gains_nothing_is_left_out() -> None:
     """Where nothing but offsets is hidden, a controller that holds more is given no more."""
-    reasons = {one.part: one.reason for one in correction(posterior([case()]), "tables").left_out}
+    reasons = {
+        omission.part: omission.reason
+        for omission in correction(posterior([case()]), "tables").left_out
+    }
     assert reasons["play"].startswith("it lowers the expected square")
 
 
@@ -96,29 +101,33 @@ def test_an_effect_that_the_model_has_is_entered_as_far_as_it_can_be(
     plain: Posterior, holds: Holds
 ) -> None:
     """The same values whether the play is found or known: it is entered once."""
-    known = posterior([case(PLAY, known=(PLAY,))])
-    assert known.start[list(known.field.columns_of((Backlash(), "y")))] == pytest.approx([0.06])
-    same = correction(known, holds), correction(plain, holds)
-    assert same[0].off.values[:3] == pytest.approx(same[1].off.values[:3], abs=0.003)
+    with_adopted = posterior([case(PLAY, in_model=(PLAY,))])
+    assert with_adopted.start[
+        list(with_adopted.field.columns_of((Backlash(), "y")))
+    ] == pytest.approx([0.06])
+    entries = correction(with_adopted, holds), correction(plain, holds)
+    assert entries[0].off.values[:3] == pytest.approx(entries[1].off.values[:3], abs=0.003)
     play = [
-        made.off.values[list(found.field.columns_of((Backlash(), "y")))]
-        for made, found in zip(same, (known, plain), strict=True)
+        entry.off.values[list(result.field.columns_of((Backlash(), "y")))]
+        for entry, result in zip(entries, (with_adopted, plain), strict=True)
     ]
     assert play[0] == pytest.approx(play[1], abs=0.003)
 
 
 def test_a_lead_that_no_library_has_is_known_of_a_model() -> None:
     odd = EffectInstance(ActuatorCyclic(7.3), "x", (12.0, 0.0))
-    known = posterior([case(odd, known=(odd,))])
-    made = correction(known, "tables")
-    column = made.off.values[list(known.field.columns_of((ActuatorCyclic(7.3), "x")))]
+    with_adopted = posterior([case(odd, in_model=(odd,))])
+    entry = correction(with_adopted, "tables")
+    column = entry.off.values[list(with_adopted.field.columns_of((ActuatorCyclic(7.3), "x")))]
     assert column == pytest.approx([12.0, 0.0], abs=0.5)
 
 
 def test_squareness_of_a_model_goes_into_the_axes() -> None:
     lean = EffectInstance(AxisSquareness(), "xy", (2.0,))
-    known = posterior([case(lean, known=(lean,))])
-    offsets, axes = (correction(known, holds, "aligned") for holds in ("offsets", "kinematics"))
+    with_adopted = posterior([case(lean, in_model=(lean,))])
+    offsets, axes = (
+        correction(with_adopted, holds, "aligned") for holds in ("offsets", "kinematics")
+    )
     assert axes.off.bound_mm["aligned"] < 0.2 * offsets.off.bound_mm["aligned"]
 
 
@@ -138,20 +147,20 @@ def test_how_well_offsets_are_known_is_that_of_drawn_machines(plain: Posterior) 
 
 def test_towers_of_firmware_stand_in_the_field_where_they_are() -> None:
     """Switches, bars and places that the firmware holds wholly: what it is told is the truth."""
-    taken = rings(repeats=2)
+    conditions = rings(repeats=2)
     moved = tuple(
         EffectInstance(AxisOffset(tuple(DELTA.across)), place, (mm,))
         for place, mm in (("xt", 0.2), ("yt", -0.1), ("zr", 0.3))
     )
     truth = Model(DELTA, (0.1, -0.2, 0.1, 0.05, -0.05, 0.02), moved)
-    data = observe(taken, Model(DELTA).readings(taken))
+    data = observe(conditions, Model(DELTA).readings(conditions))
     tolerance = np.array([1.0] * 3 + [0.3] * 3)
-    found = posterior([SessionCase(Model(DELTA), data, FIGURES, tolerance)])
-    rows = found.field.rows
-    told = rows @ tower_values(found, entered(truth, ON_ONE_CIRCLE))
-    wanted = rows @ values_of(found, truth)
-    assert np.abs(wanted).max() > 0.15
-    assert np.abs(told - wanted).max() < 0.005
+    result = posterior([SessionCase(Model(DELTA), data, FIGURES, tolerance)])
+    rows = result.field.rows
+    by_towers = rows @ tower_values(result, entered(truth, ON_ONE_CIRCLE))
+    expected = rows @ values_of(result, truth)
+    assert np.abs(expected).max() > 0.15
+    assert np.abs(by_towers - expected).max() < 0.005
 
 
 def test_a_map_shows_what_the_machine_does_at_each_place() -> None:
@@ -162,10 +171,14 @@ def test_a_map_shows_what_the_machine_does_at_each_place() -> None:
         joint_mm = inverse(ORTHOGLIDE, places_mm) + parameters_mm[:3]
         return np.asarray(direct(ORTHOGLIDE, joint_mm, parameters_mm[3:]) - places_mm)
 
-    taken = observed(parameters_mm.tolist(), conditions_of("two-station"), scatter_mm=1e-4, seed=1)
+    readings = observed(
+        parameters_mm.tolist(), conditions_of("two-station"), scatter_mm=1e-4, seed=1
+    )
     figures = IndicatorFigures(repeatability_mm=1e-4)
-    known = posterior([SessionCase(Model(), taken, figures, np.array([2.0] * 3 + [0.1] * 3))])
-    off = ToolOff(known, nothing_entered(known))
+    with_adopted = posterior(
+        [SessionCase(Model(), readings, figures, np.array([2.0] * 3 + [0.1] * 3))]
+    )
+    off = ToolOff(with_adopted, nothing_entered(with_adopted))
     on_average = moved_mm(workspace_points(ORTHOGLIDE)).mean(axis=0)
     frames: dict[Frame, FloatArray] = {"machine": np.zeros(3), "touched-off": on_average}
     for frame, free_mm in frames.items():

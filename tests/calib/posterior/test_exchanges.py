@@ -14,45 +14,49 @@ EVERY = list(exchanges(SWEEP))
 NUMBERS: FloatArray = 1.0 + np.arange(len(SWEEP), dtype=np.float64)
 
 
-def rows_of(taken: Observations, place: str) -> IntArray:
+def rows_of(observed: Observations, place: str) -> IntArray:
     leg, axis = map("xyz".index, place)
-    return np.flatnonzero((taken.leg == leg) & (taken.axis == axis))
+    return np.flatnonzero((observed.leg == leg) & (observed.axis == axis))
 
 
 @given(number=st.integers(0, len(EVERY) - 1), seed=st.integers(0, 99))
 @settings(max_examples=60, deadline=None)
 def test_done_twice_an_exchange_does_nothing_but_scale(number: int, seed: int) -> None:
-    one = EVERY[number]
+    exchange = EVERY[number]
     value: FloatArray = np.random.default_rng(seed).normal(size=len(SWEEP))
-    twice = one.put_right(one.put_right(value))
-    touched = np.union1d(one.here, one.there)
+    twice = exchange.put_right(exchange.put_right(value))
+    touched = np.union1d(exchange.here, exchange.there)
     scale = np.ones(len(SWEEP))
-    scale[touched] = one.factor**2
+    scale[touched] = exchange.factor**2
     assert np.allclose(twice, scale * value, rtol=1e-12)
-    assert not np.allclose(one.put_right(value), value)
+    assert not np.allclose(exchange.put_right(value), value)
 
 
 def test_each_exchange_is_there_once() -> None:
-    done = [tuple(one.put_right(NUMBERS).tolist()) for one in EVERY]
+    done = [tuple(exchange.put_right(NUMBERS).tolist()) for exchange in EVERY]
     assert len(set(done)) == len(done)
 
 
 def test_legs_exchange_column_by_column_and_crossed() -> None:
     numbers: FloatArray = np.arange(len(SHORT), dtype=np.float64)
-    legs = [one for one in exchanges(SHORT) if (one.id, one.where) == ("legs_exchanged", "x,z")]
-    straight, crossed = (one.put_right(numbers) for one in legs)
-    for one, pairs in ((straight, ("xz zx", "xy zy")), (crossed, ("xz zy", "xy zx"))):
+    legs = [
+        exchange
+        for exchange in exchanges(SHORT)
+        if (exchange.id, exchange.where) == ("legs_exchanged", "x,z")
+    ]
+    straight, crossed = (exchange.put_right(numbers) for exchange in legs)
+    for values, pairs in ((straight, ("xz zx", "xy zy")), (crossed, ("xz zy", "xy zx"))):
         for pair in pairs:
             here, there = (rows_of(SHORT, place) for place in pair.split())
-            assert one[here].tolist() == numbers[there].tolist()
-            assert one[there].tolist() == numbers[here].tolist()
+            assert values[here].tolist() == numbers[there].tolist()
+            assert values[there].tolist() == numbers[here].tolist()
         untouched = [rows_of(SHORT, place) for place in ("yx", "yz")]
-        assert all(one[rows].tolist() == numbers[rows].tolist() for rows in untouched)
+        assert all(values[rows].tolist() == numbers[rows].tolist() for rows in untouched)
 
 
 def test_two_indicators_of_every_leg_and_two_postures_of_every_cycle_are_among_them() -> None:
     numbers = np.arange(len(SHORT), dtype=np.float64)
-    done = {tuple(one.put_right(numbers).tolist()): one for one in exchanges(SHORT)}
+    done = {tuple(exchange.put_right(numbers).tolist()): exchange for exchange in exchanges(SHORT)}
     for leg in range(3):
         swapped = numbers.copy()
         first, second = (
@@ -67,6 +71,6 @@ def test_two_indicators_of_every_leg_and_two_postures_of_every_cycle_are_among_t
             low = np.flatnonzero(mine & (SHORT.displacement_mm == -100.0))
             swapped = numbers.copy()
             swapped[high], swapped[low] = numbers[low], numbers[high]
-            one = done[tuple(swapped.tolist())]
-            assert one.id == "postures_exchanged"
-            assert one.words(SHORT) == f"+60 mm and -100 mm exchanged in cycle {cycle}"
+            swap = done[tuple(swapped.tolist())]
+            assert swap.id == "postures_exchanged"
+            assert swap.words(SHORT) == f"+60 mm and -100 mm exchanged in cycle {cycle}"

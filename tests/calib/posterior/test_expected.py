@@ -22,15 +22,15 @@ from tests.conftest import first_quick
 TOLERANCE_MM = np.array([2.0] * 3 + [0.1] * 3)
 
 
-def planning(taken: Observations, noise_mm: float) -> TripodPlanning:
+def planning(observed: Observations, noise_mm: float) -> TripodPlanning:
     return TripodPlanning(
         name="orthoglide",
         geometry=Machine().geometry(),
         procedure="any",
-        planned=taken,
+        planned=observed,
         of_tool=False,
         stations=(0.5,),
-        step_count=len(taken) // 2,
+        step_count=len(observed) // 2,
         mounting_count=3,
         seconds_per_step=20.0,
         minutes_per_mounting=2.0,
@@ -46,11 +46,11 @@ def expected(procedure: str, noise_mm: float = 0.002) -> ExpectedResult:
 @pytest.mark.parametrize("procedure", first_quick(["zero-max-min", "two-station"]))
 def test_the_bound_is_that_of_a_session_that_shows_nothing_new(procedure: str) -> None:
     """Of the same machine, read with this noise; its own zero readings and repeats included."""
-    taken = conditions_of(procedure)
+    observed = conditions_of(procedure)
     bounds_mm = []
     for seed in range(5):
-        noise = 0.002 * np.random.default_rng(seed).normal(size=len(taken))
-        data = observe(taken, Model().readings(taken) + noise)
+        noise = 0.002 * np.random.default_rng(seed).normal(size=len(observed))
+        data = observe(observed, Model().readings(observed) + noise)
         figures = IndicatorFigures(repeatability_mm=0.002)
         result = posterior([SessionCase(Model(), data, figures, TOLERANCE_MM)])
         bounds_mm.append(correction(result, "offsets").off.bound_mm["touched-off"])
@@ -60,14 +60,14 @@ def test_the_bound_is_that_of_a_session_that_shows_nothing_new(procedure: str) -
 
 def test_more_readings_and_less_noise_lower_the_bound() -> None:
     coarse, fine = (expected("zero-max-min", noise_mm) for noise_mm in (0.02, 0.002))
-    more = expected("two-station")
-    assert more.bound_mm < fine.bound_mm < coarse.bound_mm
+    better = expected("two-station")
+    assert better.bound_mm < fine.bound_mm < coarse.bound_mm
 
 
 def test_parameters_are_half_widths_of_least_squares() -> None:
     """Of the derivatives that the examination of the procedure has, by normal equations."""
-    taken = conditions_of("two-station")
-    plan = planning(taken, 0.002)
+    observed = conditions_of("two-station")
+    plan = planning(observed, 0.002)
     result = expected_of(plan, TOLERANCE_MM)
     rows = plan.examine().sensitivity.jacobian
 
@@ -75,11 +75,11 @@ def test_parameters_are_half_widths_of_least_squares() -> None:
         return np.asarray(1.96 * np.sqrt(np.linalg.inv(design.T @ design).diagonal()))
 
     alone = [*half_widths(rows[:, :3]), *half_widths(rows[:, 3:])]
-    every = half_widths(rows)
-    held = half_widths(np.vstack([rows, np.diag(1.0 / TOLERANCE_MM)]))
-    assert [one.name for one in result.parameters] == [*PARAMETER_NAMES]
-    for number, one in enumerate(result.parameters):
-        assert one.alone_mm == pytest.approx(alone[number], rel=1e-3)
-        assert one.all_mm == pytest.approx(every[number], rel=1e-2)
-        assert one.held_mm == pytest.approx(held[number], rel=1e-3)
-        assert one.held_mm <= min(every[number], 1.97 * TOLERANCE_MM[number])
+    free = half_widths(rows)
+    with_tolerances = half_widths(np.vstack([rows, np.diag(1.0 / TOLERANCE_MM)]))
+    assert [parameter.name for parameter in result.parameters] == [*PARAMETER_NAMES]
+    for number, expectation in enumerate(result.parameters):
+        assert expectation.alone_mm == pytest.approx(alone[number], rel=1e-3)
+        assert expectation.all_mm == pytest.approx(free[number], rel=1e-2)
+        assert expectation.held_mm == pytest.approx(with_tolerances[number], rel=1e-3)
+        assert expectation.held_mm <= min(free[number], 1.97 * TOLERANCE_MM[number])

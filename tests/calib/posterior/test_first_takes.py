@@ -26,15 +26,15 @@ PLAY_MM = 0.05
 PLAY = EffectInstance(Backlash(), "x", (PLAY_MM,))
 
 
-def first_rows(taken: Observations) -> IntArray:
+def first_rows(observed: Observations) -> IntArray:
     """The first readings that play of x moves, of legs y and z."""
-    first = np.unique(taken.mount, return_index=True)[1]
-    return np.asarray(first[taken.axis[first] == 0])
+    first = np.unique(observed.mount, return_index=True)[1]
+    return np.asarray(first[observed.axis[first] == 0])
 
 
-def play_mm(taken: Observations) -> np.ndarray:
+def play_mm(observed: Observations) -> np.ndarray:
     """What the play does to each of them when the carriage came down."""
-    rows = taken.take(first_rows(taken))
+    rows = observed.take(first_rows(observed))
     down, up = (
         Model(effects=(PLAY,)).readings(replace(rows, movement=np.full((len(rows), 3), way)))
         for way in (-1.0, 1.0)
@@ -42,58 +42,58 @@ def play_mm(taken: Observations) -> np.ndarray:
     return np.asarray(down - up)
 
 
-def within(taken: Observations, shares: tuple[float, float], seed: int) -> SessionCase:
+def within(observed: Observations, shares: tuple[float, float], seed: int) -> SessionCase:
     """A session with play of x, whose first takes stand within it."""
-    one = case(taken, PLAY, seed=seed)
-    value = one.observed.value_mm.copy()
-    value[first_rows(taken)] += np.array(shares) * play_mm(taken)
-    return with_values(one, value)
+    session = case(observed, PLAY, seed=seed)
+    value = session.observed.value_mm.copy()
+    value[first_rows(observed)] += np.array(shares) * play_mm(observed)
+    return with_values(session, value)
 
 
-@pytest.mark.parametrize("taken", [SHORT, SWEEP], ids=["short", "sweep"])
+@pytest.mark.parametrize("observed", [SHORT, SWEEP], ids=["short", "sweep"])
 @pytest.mark.parametrize("shares", [(0.5, 0.4), (0.6, 0.0)])
 def test_a_first_take_within_a_play_is_named_and_the_play_keeps_its_size(
-    taken: Observations, shares: tuple[float, float]
+    observed: Observations, shares: tuple[float, float]
 ) -> None:
-    answer = posterior([within(taken, shares, seed=21)])
+    answer = posterior([within(observed, shares, seed=21)])
     where = "all" if all(shares) else "y"
     assert answer.mistakes["first_take", where] > 0.5
     assert answer.places["backlash", "x"] > 0.9
     (column,) = answer.field.columns_of((Backlash(), "x"))
     size_mm = answer.mean[column]
     square = sum(
-        one.weight
+        model.weight
         * (
-            one.inflated**2 * one.base[column, column]
-            + (one.root[column] ** 2).sum()
-            + (one.mean[column] - size_mm) ** 2
+            model.inflated**2 * model.base[column, column]
+            + (model.root[column] ** 2).sum()
+            + (model.mean[column] - size_mm) ** 2
         )
-        for one in answer.models_in_field
+        for model in answer.models_in_field
     )
     assert abs(size_mm - PLAY_MM) < 2.0 * math.sqrt(square)
 
 
-@pytest.mark.parametrize("taken", [SHORT, SWEEP], ids=["short", "sweep"])
+@pytest.mark.parametrize("observed", [SHORT, SWEEP], ids=["short", "sweep"])
 @pytest.mark.parametrize("settled_mm", first_quick([0.06, 0.2]))
 def test_a_stand_that_settled_is_named_beside_the_play_of_another_carriage(
-    taken: Observations, settled_mm: float
+    observed: Observations, settled_mm: float
 ) -> None:
     """Something else would explain both, and play of all carriages much of it."""
-    one = case(taken, PLAY, seed=26)
-    value = one.observed.value_mm.copy()
-    first = np.unique(taken.mount, return_index=True)[1]
-    value[first[taken.leg[first] == 2]] += settled_mm
-    answer = posterior([with_values(one, value)])
+    session = case(observed, PLAY, seed=26)
+    value = session.observed.value_mm.copy()
+    first = np.unique(observed.mount, return_index=True)[1]
+    value[first[observed.leg[first] == 2]] += settled_mm
+    answer = posterior([with_values(session, value)])
     assert answer.mistakes["first_take", "z"] > 0.5
     assert answer.places["backlash", "x"] > 0.5
 
 
 def test_without_a_play_a_little_departure_is_no_mistake() -> None:
-    one = case(SWEEP, seed=22)
-    value = one.observed.value_mm.copy()
+    session = case(SWEEP, seed=22)
+    value = session.observed.value_mm.copy()
     first = first_rows(SWEEP)[0]
     value[first] = value[SWEEP.posture == SWEEP.posture[first]].max() + 4.5 * SCATTER_MM
-    changed = with_values(one, value)
+    changed = with_values(session, value)
     assert first_takes_apart(Cells.of(changed), 0) is not None
     answer = posterior([changed])
     assert answer.mistakes.get(("first_take", "y"), 0.0) < 0.05
@@ -101,19 +101,19 @@ def test_without_a_play_a_little_departure_is_no_mistake() -> None:
 
 
 def test_an_adopted_play_makes_a_first_take_within_it_usual() -> None:
-    one = within(SWEEP, (0.5, 0.0), seed=23)
-    known = replace(one, model=Model(effects=(PLAY,)), free=frozenset([(Backlash(), "x")]))
-    assert posterior([known]).mistakes["first_take", "y"] > 0.5
+    session = within(SWEEP, (0.5, 0.0), seed=23)
+    variant = replace(session, model=Model(effects=(PLAY,)), free=frozenset([(Backlash(), "x")]))
+    assert posterior([variant]).mistakes["first_take", "y"] > 0.5
 
 
 def test_a_play_reaches_one_first_take_and_every_far_one() -> None:
-    one = case(SWEEP, PLAY, seed=25)
-    value = one.observed.value_mm.copy()
+    session = case(SWEEP, PLAY, seed=25)
+    value = session.observed.value_mm.copy()
     first = first_rows(SWEEP)
     value[first] += np.array([0.5, 0.4]) * play_mm(SWEEP)
     for more_mm, reached in ((0.0, True), (0.2, False)):
         value[first[0]] += more_mm
-        cells = Cells.of(with_values(one, value))
+        cells = Cells.of(with_values(session, value))
         mistake = first_takes_apart(cells, 0)
         assert mistake is not None
         within = WithinPlay.of(Cells.of_visits(cells.case, mistake.visited))
@@ -137,13 +137,13 @@ def test_prior_of_a_first_take_within_a_play() -> None:
     expected_mm = np.abs([0.5, 0.4] * play_mm(SWEEP))
     assert first.off_mm == pytest.approx(expected_mm, abs=4.0 * SCATTER_MM)
     components = library([(right.model, right.means)])
-    adopted, more = first.log_more(components)
+    adopted, log_odds = first.log_more(components)
     assert adopted == 0.0
     (number,) = [k for k, c in enumerate(components) if (c.id, c.where) == ("backlash", "x")]
     unit_mm = 0.01 * np.abs(play_mm(SWEEP)) / PLAY_MM
     for row, scale in enumerate(SCALES):
         log = norm.logpdf(first.off_mm, scale=scale * unit_mm)
         log += np.log(2.0 * LOG_RANGE * first.off_mm)
-        assert more[row, number] == pytest.approx(log[log > 0.0].sum(), abs=0.02)
-    others = [k for k, one in enumerate(components) if one.id != "backlash"]
-    assert not more[:, others].any()
+        assert log_odds[row, number] == pytest.approx(log[log > 0.0].sum(), abs=0.02)
+    columns = [k for k, component in enumerate(components) if component.id != "backlash"]
+    assert not log_odds[:, columns].any()

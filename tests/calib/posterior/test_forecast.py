@@ -54,9 +54,11 @@ def machine_of(result: Posterior, model: Weighted, values: FloatArray) -> Model:
 class Dense:
     """One model and readings of one set-up: means of cells, with zeros as unknowns."""
 
-    def __init__(self, result: Posterior, model: Weighted, taken: Conditions, mm2: float) -> None:
-        first = np.unique(taken.cell, return_index=True)[1]
-        cells = taken.take(first)
+    def __init__(
+        self, result: Posterior, model: Weighted, conditions: Conditions, mm2: float
+    ) -> None:
+        first = np.unique(conditions.cell, return_index=True)[1]
+        cells = conditions.take(first)
         at = model.mean.copy()
         self.expected = machine_of(result, model, at).readings(cells)
         deviation = np.sqrt(model.variance)
@@ -69,7 +71,7 @@ class Dense:
         self.columns = np.column_stack(moved)
         self.before = model.covariance
         zeros = ZERO_MM**2 * np.equal.outer(cells.mount, cells.mount)
-        noise = np.diag(model.inflated**2 * mm2 / np.bincount(taken.cell))
+        noise = np.diag(model.inflated**2 * mm2 / np.bincount(conditions.cell))
         by_offsets = self.columns[:, result.parameter_count - 3 : result.parameter_count]
         homed = (model.inflated * HOMING_MM) ** 2 * by_offsets @ by_offsets.T
         self.spread = self.columns @ self.before @ self.columns.T + zeros + noise + homed
@@ -122,58 +124,58 @@ class Known:
 
 
 @pytest.fixture(scope="module")
-def known(unsure: Posterior) -> Known:
+def both_ways(unsure: Posterior) -> Known:
     """Three models both ways."""
     return Known.of(unsure)
 
 
-def test_covariances_after_readings_are_those_of_dense_matrices(known: Known) -> None:
-    metric = known.result.field.metrics[FRAME]
-    for number, dense in known.dense.items():
-        updated, j = known.after[number]
-        off = np.zeros((len(known.forecast.shown), len(updated.group.rows)))
+def test_covariances_after_readings_are_those_of_dense_matrices(both_ways: Known) -> None:
+    metric = both_ways.result.field.metrics[FRAME]
+    for number, dense in both_ways.dense.items():
+        updated, j = both_ways.after[number]
+        off = np.zeros((len(both_ways.forecast.shown), len(updated.group.rows)))
         square = float(updated.distances(off)[j, 0])
-        assert square == pytest.approx(dense.square(known.result), rel=0.01)
+        assert square == pytest.approx(dense.square(both_ways.result), rel=0.01)
         before = float(np.trace(dense.into.T @ metric @ dense.into @ dense.before))
         assert square < 0.9 * before
 
 
-def test_means_go_where_the_readings_of_another_model_take_them(known: Known) -> None:
-    for (true, first), (other, second) in permutations(known.dense.items(), 2):
+def test_means_go_where_the_readings_of_another_model_take_them(both_ways: Known) -> None:
+    for (true, first), (rival, second) in permutations(both_ways.dense.items(), 2):
         moved = second.into @ (second.gain @ (first.expected - second.expected))
-        truth, j = known.after[true]
-        updated, i = known.after[other]
+        truth, j = both_ways.after[true]
+        updated, i = both_ways.after[rival]
         change = updated.means(truth.expected[:, j])[:, i] - updated.group.tool_mean[:, i]
-        forecast = known.forecast
+        forecast = both_ways.forecast
         expected = np.concatenate([forecast.shown @ moved, forecast.entered @ moved])
         size = np.abs(expected).max()
         assert size > 3e-5
         assert np.abs(change - expected).max() < 0.05 * size
 
 
-def test_weights_change_by_the_divergence_of_the_expected_readings(known: Known) -> None:
-    for (true, mine), (other, dense) in product(known.dense.items(), repeat=2):
+def test_weights_change_by_the_divergence_of_the_expected_readings(both_ways: Known) -> None:
+    for (true, mine), (second, dense) in product(both_ways.dense.items(), repeat=2):
         off = mine.expected - dense.expected
         square = float(off @ np.linalg.solve(dense.spread, off))
         logs = np.linalg.slogdet(dense.spread)[1] - np.linalg.slogdet(mine.spread)[1]
         wide = float(np.trace(np.linalg.solve(dense.spread, mine.spread))) - len(off)
-        (truth, j), (updated, at) = known.after[true], known.after[other]
+        (truth, j), (updated, at) = both_ways.after[true], both_ways.after[second]
         divergence = updated.log_factor(truth, j)[at]
         assert divergence == pytest.approx(0.5 * (wide + square + logs), rel=0.05, abs=0.05)
-        left = updated.square(truth.expected[:, j])[at]
-        assert left == pytest.approx(square, rel=0.05, abs=0.02)
-        assert divergence == pytest.approx(0.0, abs=1e-6) if true == other else divergence > 0.0
+        square_left = updated.square(truth.expected[:, j])[at]
+        assert square_left == pytest.approx(square, rel=0.05, abs=0.02)
+        assert divergence == pytest.approx(0.0, abs=1e-6) if true == second else divergence > 0.0
 
 
-def test_models_are_apart_by_what_each_leaves_of_the_others_readings(known: Known) -> None:
+def test_models_are_apart_by_what_each_leaves_of_the_others_readings(both_ways: Known) -> None:
     """Worked out for these models alone, in any order."""
-    (readings,) = known.forecast.readings([TAKEN])
-    dense = dict(reversed(known.dense.items()))
-    numbers = known.forecast.numbers.tolist()
-    apart = known.forecast.apart(readings, [numbers.index(number) for number in dense])
-    for (i, mine), (j, other) in product(enumerate(dense.values()), repeat=2):
-        off = mine.expected - other.expected
-        square = float(off @ np.linalg.solve(other.spread, off))
+    (readings,) = both_ways.forecast.readings([TAKEN])
+    dense = dict(reversed(both_ways.dense.items()))
+    numbers = both_ways.forecast.numbers.tolist()
+    apart = both_ways.forecast.apart(readings, [numbers.index(number) for number in dense])
+    for (i, mine), (j, second) in product(enumerate(dense.values()), repeat=2):
+        off = mine.expected - second.expected
+        square = float(off @ np.linalg.solve(second.spread, off))
         assert apart[i, j] == pytest.approx(square, rel=0.05, abs=0.02)
     assert apart.max() > 1.0
 

@@ -19,21 +19,21 @@ def drawn(rows: int, laws: int) -> FloatArray:
 @pytest.mark.parametrize(("rows", "laws"), SHAPES)
 def test_rows_are_whitened_by_the_inverse_of_the_whole_covariance(rows: int, laws: int) -> None:
     columns = drawn(rows, laws)
-    whole = np.eye(rows) + columns @ columns.T
+    full = np.eye(rows) + columns @ columns.T
     little = LittleOfAll(columns)
     values = np.random.default_rng(1).normal(size=(rows, 3))
     white = little.whitened(values)
-    assert white.T @ white == pytest.approx(values.T @ np.linalg.inv(whole) @ values)
+    assert white.T @ white == pytest.approx(values.T @ np.linalg.inv(full) @ values)
     assert little.whitened(values[:, 0]) == pytest.approx(white[:, 0])
-    assert little.room == pytest.approx(-0.5 * np.linalg.slogdet(whole).logabsdet)
+    assert little.room == pytest.approx(-0.5 * np.linalg.slogdet(full).logabsdet)
 
 
 @pytest.mark.parametrize(("rows", "laws"), SHAPES)
 def test_what_is_left_of_the_laws(rows: int, laws: int) -> None:
     columns = drawn(rows, laws)
     little = LittleOfAll(columns)
-    left = np.linalg.inv(np.eye(laws) + columns.T @ columns)
-    assert little.root @ little.root.T == pytest.approx(left)
+    inverse = np.linalg.inv(np.eye(laws) + columns.T @ columns)
+    assert little.root @ little.root.T == pytest.approx(inverse)
     # values of the laws for given rows: their covariance with the rows, times the inverse of these
     values = np.random.default_rng(2).normal(size=rows)
     expected = columns.T @ np.linalg.solve(np.eye(rows) + columns @ columns.T, values)

@@ -20,53 +20,55 @@ def named(answer: Posterior, least: float = 0.5) -> list[tuple[str, str]]:
     return [name for name, p in answer.mistakes.items() if p >= least]
 
 
-def rows_of(taken: Observations, place: str, displacement_mm: float | None = None) -> IntArray:
+def rows_of(observed: Observations, place: str, displacement_mm: float | None = None) -> IntArray:
     leg, axis = map("xyz".index, place)
-    rows = (taken.leg == leg) & (taken.axis == axis)
+    rows = (observed.leg == leg) & (observed.axis == axis)
     if displacement_mm is not None:
-        rows &= taken.displacement_mm == displacement_mm
+        rows &= observed.displacement_mm == displacement_mm
     return np.flatnonzero(rows)
 
 
-def changed(one: SessionCase, rows: IntArray, value_mm: FloatArray) -> Posterior:
-    value = one.observed.value_mm.copy()
+def changed(session: SessionCase, rows: IntArray, value_mm: FloatArray) -> Posterior:
+    value = session.observed.value_mm.copy()
     value[rows] = value_mm
-    return posterior([with_values(one, value)])
+    return posterior([with_values(session, value)])
 
 
-@pytest.mark.parametrize("taken", [SHORT, SWEEP], ids=["short", "sweep"])
+@pytest.mark.parametrize("observed", [SHORT, SWEEP], ids=["short", "sweep"])
 @pytest.mark.parametrize("seed", first_quick(range(3)))
-def test_in_a_clean_session_nothing_is_exchanged(taken: Observations, seed: int) -> None:
-    assert not named(posterior([case(taken, seed=seed)]), least=0.05)
+def test_in_a_clean_session_nothing_is_exchanged(observed: Observations, seed: int) -> None:
+    assert not named(posterior([case(observed, seed=seed)]), least=0.05)
 
 
 def test_a_play_is_no_mistake() -> None:
-    one = case(SWEEP, EffectInstance(Backlash(), "y", (0.04,)), seed=4)
-    answer = posterior([one])
+    session = case(SWEEP, EffectInstance(Backlash(), "y", (0.04,)), seed=4)
+    answer = posterior([session])
     assert answer.places[("backlash", "y")] > 0.9
     assert not [name for name in named(answer) if name[0] != "first_take"]
 
 
 def test_a_reversed_indicator() -> None:
-    one = case(SHORT, seed=1)
+    session = case(SHORT, seed=1)
     rows = rows_of(SHORT, "yz")
-    assert named(changed(one, rows, -one.observed.value_mm[rows])) == [("gauge_sign", "yz")]
+    assert named(changed(session, rows, -session.observed.value_mm[rows])) == [("gauge_sign", "yz")]
 
 
 @pytest.mark.parametrize("factor", [25.4, 1 / 25.4])
 def test_another_unit(factor: float) -> None:
-    one = case(SHORT, seed=2)
+    session = case(SHORT, seed=2)
     rows = rows_of(SHORT, "zx")
-    assert named(changed(one, rows, factor * one.observed.value_mm[rows])) == [("unit_mixup", "zx")]
+    assert named(changed(session, rows, factor * session.observed.value_mm[rows])) == [
+        ("unit_mixup", "zx")
+    ]
 
 
 def test_exchanged_indicators_and_the_exchange_of_legs_that_is_the_same_are_both_named() -> None:
     """What leaves the same readings has the same evidence: only their priors differ."""
-    one = case(SHORT, seed=3)
+    session = case(SHORT, seed=3)
     first, second = rows_of(SHORT, "zx"), rows_of(SHORT, "zy")
-    value = one.observed.value_mm
-    both = np.concatenate([first, second])
-    answer = changed(one, both, np.concatenate([value[second], value[first]]))
+    value = session.observed.value_mm
+    rows = np.concatenate([first, second])
+    answer = changed(session, rows, np.concatenate([value[second], value[first]]))
     chances = answer.mistakes
     swap, legs = chances[("gauge_swap", "z")], chances[("legs_exchanged", "x,y")]
     assert swap + legs > 0.95
@@ -76,9 +78,9 @@ def test_exchanged_indicators_and_the_exchange_of_legs_that_is_the_same_are_both
 
 
 def test_two_postures_of_a_cycle_are_no_noise() -> None:
-    one = case(SHORT, seed=5)
+    session = case(SHORT, seed=5)
     rows = np.array([rows_of(SHORT, "xy", 60.0)[1], rows_of(SHORT, "xy", -100.0)[1]])
-    answer = changed(one, rows, one.observed.value_mm[rows[::-1]])
+    answer = changed(session, rows, session.observed.value_mm[rows[::-1]])
     assert named(answer) == [("postures_exchanged", "xy")]
     noise = answer.sessions[0].noise
     assert noise is not None
@@ -86,9 +88,9 @@ def test_two_postures_of_a_cycle_are_no_noise() -> None:
 
 
 def test_a_stand_that_moved_is_named_with_its_first_reading() -> None:
-    one = case(SWEEP, seed=6)
+    session = case(SWEEP, seed=6)
     rows = rows_of(SWEEP, "yx")[9:]
-    answer = changed(one, rows, one.observed.value_mm[rows] + 0.05)
+    answer = changed(session, rows, session.observed.value_mm[rows] + 0.05)
     assert named(answer) == [("stand_slip", "yx")]
     (title,) = {m.title for model in answer.models for m in model.mistakes if model.weight > 0.5}
     words = SWEEP.posture_words(int(rows[0]))
@@ -97,19 +99,19 @@ def test_a_stand_that_moved_is_named_with_its_first_reading() -> None:
 
 @pytest.mark.parametrize("off_mm", [0.1, 2.0])
 def test_a_typing_error_is_named_and_pulls_nothing(off_mm: float) -> None:
-    one = case(SHORT, seed=8)
+    session = case(SHORT, seed=8)
     rows = rows_of(SHORT, "zy", -100.0)[:1]
-    answer = changed(one, rows, one.observed.value_mm[rows] + off_mm)
+    answer = changed(session, rows, session.observed.value_mm[rows] + off_mm)
     assert named(answer) == [("wild_reading", "zy")]
-    clean = posterior([one])
+    clean = posterior([session])
     # one reading fewer of offsets that the tolerance of the bars leaves open by 0.07 mm
     assert np.abs(answer.mean - clean.mean)[:3].max() < 0.035
 
 
 def test_a_reading_of_another_posture_is_a_wrong_label() -> None:
-    one = case(SHORT, seed=9)
-    rows, others = rows_of(SHORT, "xz", -100.0)[1:2], rows_of(SHORT, "xz", 60.0)
-    answer = changed(one, rows, one.observed.value_mm[others[:1]])
+    session = case(SHORT, seed=9)
+    rows, wrong = rows_of(SHORT, "xz", -100.0)[1:2], rows_of(SHORT, "xz", 60.0)
+    answer = changed(session, rows, session.observed.value_mm[wrong[:1]])
     assert named(answer) == [("label_error", "xz")]
     (title,) = {m.title for model in answer.models for m in model.mistakes if model.weight > 0.5}
     assert title == "one reading is wrong, at -100 mm, cycle 2; it fits +60 mm"
@@ -117,19 +119,19 @@ def test_a_reading_of_another_posture_is_a_wrong_label() -> None:
 
 @pytest.mark.parametrize("off_mm", first_quick([0.02, 0.06, 0.1]))
 def test_a_stand_that_settles_after_its_first_take_is_no_play(off_mm: float) -> None:
-    one = case(SHORT, seed=10)
+    session = case(SHORT, seed=10)
     first = np.array([rows_of(SHORT, "yx")[0], rows_of(SHORT, "yz")[0]])
-    answer = changed(one, first, one.observed.value_mm[first] + off_mm)
+    answer = changed(session, first, session.observed.value_mm[first] + off_mm)
     assert named(answer) == [("first_take", "y")]
     assert sum(share for (id_, _), share in answer.places.items() if id_ == "backlash") < 0.1
 
 
 def test_weights_of_all_ways_to_put_a_session_right_are_one() -> None:
-    one = case(SHORT, seed=3)
+    session = case(SHORT, seed=3)
     first, second = rows_of(SHORT, "zx"), rows_of(SHORT, "zy")
-    value = one.observed.value_mm
-    both = np.concatenate([first, second])
-    answer = changed(one, both, np.concatenate([value[second], value[first]]))
+    value = session.observed.value_mm
+    rows = np.concatenate([first, second])
+    answer = changed(session, rows, np.concatenate([value[second], value[first]]))
     assert sum(model.weight for model in answer.models) == pytest.approx(1.0)
     assert all(max(model.members, default=0) < len(answer.components) for model in answer.models)
 

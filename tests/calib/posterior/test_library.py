@@ -17,32 +17,38 @@ COMPONENTS = library([(Model(), SWEEP)])
 
 @pytest.mark.parametrize("kind", ["named", "beside", "nameless"])
 def test_priors_of_a_kind_are_its_share(kind: str) -> None:
-    total = math.fsum(math.exp(one.log_prior) for one in COMPONENTS if one.kind == kind)
+    total = math.fsum(
+        math.exp(component.log_prior) for component in COMPONENTS if component.kind == kind
+    )
     assert total == pytest.approx(SHARES[kind])
 
 
 def test_names_of_one_kind_are_equally_likely() -> None:
-    ids = {one.id for one in COMPONENTS if one.kind == "named"}
-    each = [math.fsum(math.exp(o.log_prior) for o in COMPONENTS if o.id == name) for name in ids]
-    assert each == pytest.approx([SHARES["named"] / len(ids)] * len(ids))
+    ids = {component.id for component in COMPONENTS if component.kind == "named"}
+    sums = [math.fsum(math.exp(o.log_prior) for o in COMPONENTS if o.id == name) for name in ids]
+    assert sums == pytest.approx([SHARES["named"] / len(ids)] * len(ids))
 
 
 def test_what_is_left_out_of_the_effects_is_not_known_at_all() -> None:
     fewer = tuple(effect for effect in CATALOGUE if effect.id != "leg_bow")
-    ids = {one.id for one in library([(Model(), SWEEP)], fewer)}
+    ids = {component.id for component in library([(Model(), SWEEP)], fewer)}
     assert "leg_bow" not in ids
     assert {"leg_taper", "joint_clearance"} <= ids
 
 
 def test_a_guide_may_be_bent_one_way_only() -> None:
     """Both ways of a drive together, and each alone with the same derivatives."""
-    bent = {one.where: one.candidate for one in COMPONENTS if one.id == "straightness"}
+    bent = {
+        component.where: component.candidate
+        for component in COMPONENTS
+        if component.id == "straightness"
+    }
     assert {"x", "xy", "xz"} <= set(bent)
-    both, first, second = bent["x"], bent["xy"], bent["xz"]
-    assert both is not None
+    total, first, second = bent["x"], bent["xy"], bent["xz"]
+    assert total is not None
     assert first is not None
     assert second is not None
-    np.testing.assert_array_equal(both.columns, np.hstack([first.columns, second.columns]))
+    np.testing.assert_array_equal(total.columns, np.hstack([first.columns, second.columns]))
     (effect,) = first.effects([0.3])
     assert (effect.place, effect.values) == ("xy", (0.3,))
 
@@ -50,12 +56,12 @@ def test_a_guide_may_be_bent_one_way_only() -> None:
 def test_something_else_is_smooth_within_a_mounting_and_differs_between_sides() -> None:
     columns = something_else(SWEEP)
     alike = columns @ columns.T
-    seen = SWEEP.approach_known
-    assert np.diagonal(alike)[seen] == pytest.approx(1.0, abs=0.05)
+    known_rows = SWEEP.approach_known
+    assert np.diagonal(alike)[known_rows] == pytest.approx(1.0, abs=0.05)
     place = np.column_stack([SWEEP.leg, SWEEP.axis])
-    other = (place[:, None] != place).any(axis=2)
-    assert np.abs(alike[other]).max() < 1e-9
-    same_posture = ~other & (SWEEP.displacement_mm[:, None] == SWEEP.displacement_mm)
+    different = (place[:, None] != place).any(axis=2)
+    assert np.abs(alike[different]).max() < 1e-9
+    same_posture = ~different & (SWEEP.displacement_mm[:, None] == SWEEP.displacement_mm)
     sides = same_posture & (SWEEP.approach[:, None] * SWEEP.approach < 0)
     assert sides.any()
     assert alike[sides] == pytest.approx(1.0 - SIDED, abs=0.05)
@@ -64,10 +70,10 @@ def test_something_else_is_smooth_within_a_mounting_and_differs_between_sides() 
 def test_something_else_has_a_first_take_half_way_between_its_sides() -> None:
     """It has no direction of its own, which would explain away every first take."""
     columns = something_else(SWEEP)
-    seen = SWEEP.approach_known
-    for row in np.flatnonzero(~seen):
+    known_rows = SWEEP.approach_known
+    for row in np.flatnonzero(~known_rows):
         alike = (SWEEP.leg == SWEEP.leg[row]) & (SWEEP.axis == SWEEP.axis[row])
-        there = seen & alike & (SWEEP.displacement_mm == SWEEP.displacement_mm[row])
+        there = known_rows & alike & (SWEEP.displacement_mm == SWEEP.displacement_mm[row])
         up, down = (columns[there & (SWEEP.approach * way > 0)][0] for way in (1.0, -1.0))
         np.testing.assert_allclose(columns[row], (up + down) / 2.0)
         assert columns[row] @ columns[row] == pytest.approx(1.0 - SIDED / 2.0, abs=0.01)

@@ -40,8 +40,8 @@ def of_lines(seed: int) -> tuple[SessionCase, dict[str, float]]:
     generator = np.random.default_rng([7, seed])
     hidden = {law: float(generator.normal(0.0, size)) for law, size in LINES.items()}
     effects = [EffectInstance(*law, (value,)) for law, value in hidden.items()]
-    one = replace(case(SWEEP, *effects, seed=seed), geometry=LINES)
-    return one, {f"{law.id} {place}": value for (law, place), value in hidden.items()}
+    session = replace(case(SWEEP, *effects, seed=seed), geometry=LINES)
+    return session, {f"{law.id} {place}": value for (law, place), value in hidden.items()}
 
 
 @pytest.mark.parametrize(
@@ -55,10 +55,10 @@ def of_lines(seed: int) -> tuple[SessionCase, dict[str, float]]:
 def test_parameters_of_lines_are_those_that_readings_can_see(
     geometry: Geometry, laws: tuple[type, ...]
 ) -> None:
-    every = geometry_tolerances(geometry, 0.3, 1.0, 2.0)
-    assert {type(law) for law, _ in every} == set(laws)
-    assert len(every) == (9 if geometry.common_zero else 15)
-    assert geometry_tolerances(geometry, 0.0, 1.0, 0.0).keys() < every.keys()
+    tolerances = geometry_tolerances(geometry, 0.3, 1.0, 2.0)
+    assert {type(law) for law, _ in tolerances} == set(laws)
+    assert len(tolerances) == (9 if geometry.common_zero else 15)
+    assert geometry_tolerances(geometry, 0.0, 1.0, 0.0).keys() < tolerances.keys()
     assert not geometry_tolerances(geometry, 0.0, 0.0, 0.0)
 
 
@@ -70,8 +70,8 @@ def test_lines_within_their_tolerance_are_measured_and_have_no_name() -> None:
     """
     distances, shares = [], []
     for seed in range(8):
-        one, hidden = of_lines(seed)
-        result = posterior([one])
+        session, hidden = of_lines(seed)
+        result = posterior([session])
         named = sum(m.weight for m in result.models if m.members)
         shares.append(named)
         for (law, place), tolerance in LINES.items():
@@ -90,22 +90,23 @@ def test_what_no_reading_shows_stays_at_its_tolerance_and_is_in_the_bound() -> N
     length = Geometry().leg_length_mm[2]
     z = length - np.sqrt(length**2 - x**2 - y**2)
     places = np.tile(np.stack([x, y, z], axis=-1).reshape(-1, 3), (2, 1))
-    taken = observe(tool_conditions(places), np.zeros(len(places)))
-    resting = replace(case(taken, seed=4), geometry=LINES)
-    result, known = posterior([resting]), posterior([replace(resting, geometry={})])
-    names = {(one.id, one.where) for one in result.components}
+    observed = observe(tool_conditions(places), np.zeros(len(places)))
+    resting = replace(case(observed, seed=4), geometry=LINES)
+    result, reference = posterior([resting]), posterior([replace(resting, geometry={})])
+    names = {(component.id, component.where) for component in result.components}
     assert ("actuator_scale", "x") in names
     assert ("actuator_scale", "z") not in names, "else the test shows nothing"
     assert result.value_of((ActuatorScale(), "z")) == pytest.approx((0.0, 0.05))
-    less, more = (
-        one.tool_errors["touched-off"].bound_mm(nothing_entered(one)) for one in (known, result)
+    less, larger = (
+        outcome.tool_errors["touched-off"].bound_mm(nothing_entered(outcome))
+        for outcome in (reference, result)
     )
-    assert less < more
+    assert less < larger
 
 
 def test_without_tolerances_the_same_machine_has_a_name() -> None:
-    one, _ = of_lines(0)
-    result = posterior([replace(one, geometry={})])
+    session, _ = of_lines(0)
+    result = posterior([replace(session, geometry={})])
     assert sum(m.weight for m in result.models if m.members) > 0.99
 
 
@@ -115,23 +116,23 @@ def _log_determinant(columns: FloatArray) -> float:
 
 def test_ways_are_weighed_with_what_their_freedom_costs() -> None:
     """The matrix determinant lemma backwards: of rows as they are, no triangle, no basis."""
-    one, _ = of_lines(1)
+    session, _ = of_lines(1)
     for stated in ("nothing", "directions", "lines", "lines and bars"):
-        cells = Cells.of(replace(one, as_stated=stated))
+        cells = Cells.of(replace(session, as_stated=stated))
         problem = PosteriorProblem.of((cells,), None)
-        own = problem.rows.base * problem.rows.spread
-        every = [own[:, LENGTHS:], own[:, :LENGTHS], problem.base[:, own.shape[1] :]]
-        cost = -0.5 * (_log_determinant(np.hstack(every)) - _log_determinant(every[0]))
+        columns = problem.rows.base * problem.rows.spread
+        blocks = [columns[:, LENGTHS:], columns[:, :LENGTHS], problem.base[:, columns.shape[1] :]]
+        cost = -0.5 * (_log_determinant(np.hstack(blocks)) - _log_determinant(blocks[0]))
         assert problem.log_of_lines == pytest.approx(cost, abs=1e-6)
 
 
 def test_towers_are_off_alike() -> None:
     delta = load_machine("linear-delta")
     geometry = delta.geometry()
-    one = replace(case(SWEEP), geometry=geometry_tolerances(geometry, 0.4, 1.0, 2.0))
-    covariance = one.lines_root @ one.lines_root.T
-    assert np.sqrt(covariance.diagonal()) == pytest.approx([*one.geometry.values()])
-    names = [place if law.id == "axis_offset" else "" for law, place in one.geometry]
+    session = replace(case(SWEEP), geometry=geometry_tolerances(geometry, 0.4, 1.0, 2.0))
+    covariance = session.lines_root @ session.lines_root.T
+    assert np.sqrt(covariance.diagonal()) == pytest.approx([*session.geometry.values()])
+    names = [place if law.id == "axis_offset" else "" for law, place in session.geometry]
     xr, yr, xt = (names.index(place) for place in ("xr", "yr", "xt"))
     assert covariance[xr, yr] == pytest.approx(0.8 * 0.4**2)
     assert covariance[xr, xt] == 0.0

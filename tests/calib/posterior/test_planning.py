@@ -64,14 +64,16 @@ def with_reading_of(
     case: SessionCase, candidate: FurtherMeasurement, machine: Model, generator: np.random.Generator
 ) -> SessionCase:
     """The session with what a candidate reads of a machine, its mountings being further ones."""
-    taken = [case.observed]
+    parts = [case.observed]
     for set_up in candidate.taken:
         value_mm = measure(
             machine, set_up, scatter_mm=NOISE_MM, resolution_mm=0.0, generator=generator
         )
-        taken.append(observe(set_up, value_mm))
-    every = replace(joined(taken), indicator=np.zeros(sum(map(len, taken)), dtype=np.intp))
-    return replace(case, observed=observe(every, np.concatenate([one.value_mm for one in taken])))
+        parts.append(observe(set_up, value_mm))
+    together = replace(joined(parts), indicator=np.zeros(sum(map(len, parts)), dtype=np.intp))
+    return replace(
+        case, observed=observe(together, np.concatenate([observed.value_mm for observed in parts]))
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,20 +89,22 @@ class Trial:
         """Session of a number; its indicator is one, so that its noise is that of all."""
         effects = HIDDEN[number % len(HIDDEN)]
         case, _ = session(SHORT, *effects, seed=number, scatter_mm=NOISE_MM)
-        one = np.zeros(len(case.observed), dtype=np.intp)
-        case = replace(case, observed=replace(case.observed, indicator=one))
+        zeros = np.zeros(len(case.observed), dtype=np.intp)
+        case = replace(case, observed=replace(case.observed, indicator=zeros))
         return cls(case, holds, np.random.default_rng(100 + number))
 
     @cached_property
     def planner(self) -> Planner:
         """With set-ups of one leg and all, over the whole way at two stations."""
         result = posterior([self.case])
-        some = [
-            one
-            for one in candidates(result)
-            if one.cycles == 1 and one.station in (0.2, 0.8) and not one.preparation.words
+        subset = [
+            proposal
+            for proposal in candidates(result)
+            if proposal.cycles == 1
+            and proposal.station in (0.2, 0.8)
+            and not proposal.preparation.words
         ]
-        return Planner(result, self.entered(result), tuple(some))
+        return Planner(result, self.entered(result), tuple(subset))
 
     def entered(self, result: Posterior) -> Correction:
         """From a posterior, in the usual frame."""
@@ -125,21 +129,21 @@ class Followed:
 @pytest.fixture(scope="module")
 def followed() -> list[Followed]:
     """Twenty sessions, ten each with joint offsets and with kinematics to enter; a machine each."""
-    every = []
+    results = []
     for number in range(20):
         trial = Trial.of(number, "offsets" if number % 10 < 5 else "kinematics")
         proposals = trial.planner.proposals
-        best, worst = proposals[0], max(proposals, key=lambda one: one.bound_mm)
+        best, worst = proposals[0], max(proposals, key=lambda proposal: proposal.bound_mm)
         machine = machine_drawn(trial.planner.posterior, trial.generator)
-        after = [trial.bound_after_mm(one.candidate, machine) for one in (best, worst)]
-        every.append(Followed(best.bound_mm, after[0], worst.bound_mm, after[1]))
-    return every
+        after = [trial.bound_after_mm(proposal.candidate, machine) for proposal in (best, worst)]
+        results.append(Followed(best.bound_mm, after[0], worst.bound_mm, after[1]))
+    return results
 
 
 @LONG
 def test_bounds_become_what_was_expected(followed: list[Followed]) -> None:
-    best = np.median([one.best_after_mm / one.best_mm for one in followed])
-    worst = np.median([one.worst_after_mm / one.worst_mm for one in followed])
+    best = np.median([step.best_after_mm / step.best_mm for step in followed])
+    worst = np.median([step.worst_after_mm / step.worst_mm for step in followed])
     assert 0.85 < best < 1.18
     assert 0.85 < worst < 1.18
 
@@ -149,9 +153,9 @@ def test_the_proposal_gains_what_it_promised_over_the_worst_candidate(
     followed: list[Followed],
 ) -> None:
     """The mean of logarithms, for these are ratios; of forty sessions 0.61 became 0.68."""
-    expected = float(np.exp(np.mean([np.log(one.best_mm / one.worst_mm) for one in followed])))
+    expected = float(np.exp(np.mean([np.log(step.best_mm / step.worst_mm) for step in followed])))
     became = float(
-        np.exp(np.mean([np.log(one.best_after_mm / one.worst_after_mm) for one in followed]))
+        np.exp(np.mean([np.log(step.best_after_mm / step.worst_after_mm) for step in followed]))
     )
     assert expected < 0.72
     assert 0.8 < became / expected < 1.2
@@ -164,8 +168,8 @@ def planner_of(
     pace: Pace | None = None,
 ) -> Planner:
     result = posterior([case])
-    every = candidates(result, pace) if pace else candidates(result)
-    return Planner(result, correction(result, holds, frame), tuple(every))
+    possible = candidates(result, pace) if pace else candidates(result)
+    return Planner(result, correction(result, holds, frame), tuple(possible))
 
 
 @pytest.fixture(scope="module")
@@ -178,11 +182,11 @@ def play_or_screw() -> Planner:
 def test_the_best_a_minute_come_first(play_or_screw: Planner) -> None:
     bound_mm = play_or_screw.bound_mm
     assert bound_mm == play_or_screw.correction.off.bound_mm["touched-off"]
-    gains = [one.gain_mm_per_minute for one in play_or_screw.proposals]
+    gains = [proposal.gain_mm_per_minute for proposal in play_or_screw.proposals]
     assert gains == sorted(gains, reverse=True)
-    for one in play_or_screw.proposals:
-        gain = (bound_mm - one.bound_mm) / one.candidate.minutes
-        assert one.gain_mm_per_minute == pytest.approx(gain)
+    for candidate in play_or_screw.proposals:
+        gain = (bound_mm - candidate.bound_mm) / candidate.candidate.minutes
+        assert candidate.gain_mm_per_minute == pytest.approx(gain)
     assert gains[0] > 0.0
     assert play_or_screw.more_helps
 
@@ -191,8 +195,8 @@ def test_slow_mountings_make_long_set_ups_better() -> None:
     case, _ = session(SHORT, hidden("backlash", "x", 0.03), seed=2, scatter_mm=NOISE_MM)
     slow = planner_of(case, pace=Pace(minutes_per_mounting=60.0, seconds_per_step=1.0))
     quick = planner_of(case, pace=Pace(minutes_per_mounting=0.0, seconds_per_step=60.0))
-    steps = [len(one.proposals[0].candidate.taken[0]) for one in (quick, slow)]
-    minutes = [one.proposals[0].candidate.minutes for one in (quick, slow)]
+    steps = [len(proposal.proposals[0].candidate.taken[0]) for proposal in (quick, slow)]
+    minutes = [proposal.proposals[0].candidate.minutes for proposal in (quick, slow)]
     assert steps[0] < steps[1]
     assert minutes == [steps[0] / 2, 60.0 + steps[1] / 120]
 
@@ -233,20 +237,20 @@ def test_more_of_the_same_does_not_help_where_offsets_cannot_hold_what_is_known(
 def test_set_ups_in_turn_lower_the_bound_as_long_as_each_is_worth_it() -> None:
     trial = Trial.of(0, "kinematics")
     reach = trial.planner.reach
-    bounds = [trial.planner.bound_mm, *(one.bound_mm for one in reach.further)]
+    bounds = [trial.planner.bound_mm, *(set_up.bound_mm for set_up in reach.further)]
     assert 1 <= len(reach.further) < 6
     assert reach.is_last
     for before, after in pairwise(bounds):
         assert after < 0.9 * before
     first = reach.further[0]
     proposals = trial.planner.proposals
-    alone = [one for one in proposals if one.candidate.levels_mm == first.displacements_mm]
-    (proposal,) = [one for one in alone if one.candidate.legs == first.legs]
+    alone = [rival for rival in proposals if rival.candidate.levels_mm == first.displacements_mm]
+    (proposal,) = [rival for rival in alone if rival.candidate.legs == first.legs]
     assert first.bound_mm == pytest.approx(proposal.bound_mm, rel=1e-6)
     gains = {
-        one.candidate: float(np.log(bounds[0] / one.bound_mm)) / one.candidate.minutes
-        for one in proposals
-        if one.candidate.is_way and one.bound_mm < 0.9 * bounds[0]
+        rival.candidate: float(np.log(bounds[0] / rival.bound_mm)) / rival.candidate.minutes
+        for rival in proposals
+        if rival.candidate.is_way and rival.bound_mm < 0.9 * bounds[0]
     }
     assert gains[proposal.candidate] > 0.99 * max(gains.values())
     assert min(gains.values()) < 0.7 * max(gains.values())
@@ -282,20 +286,22 @@ def test_what_legs_do_not_see_is_shown_by_another_instrument(
 
 def test_weight_on_the_bars_is_seen_by_a_load() -> None:
     case, _ = session(SHORT, hidden("gravity_sag", "y", 0.3), seed=2, scatter_mm=NOISE_MM)
-    every = candidates(posterior([case]))
-    loaded = [one for one in every if one.preparation.load == 2.0]
+    possible = candidates(posterior([case]))
+    loaded = [candidate for candidate in possible if candidate.preparation.load == 2.0]
     assert loaded
-    assert all("load the tool to 2 times its weight" in one.words for one in loaded)
-    assert min(one.minutes for one in loaded) > 5.0
+    assert all("load the tool to 2 times its weight" in candidate.words for candidate in loaded)
+    assert min(candidate.minutes for candidate in loaded) > 5.0
 
 
 def test_a_shifted_offset_keeps_clear_of_the_joint_limits(play_or_screw: Planner) -> None:
     geometry = Geometry()
-    shifted = [one for one in play_or_screw.candidates if any(one.preparation.entered_mm)]
+    shifted = [
+        candidate for candidate in play_or_screw.candidates if any(candidate.preparation.entered_mm)
+    ]
     assert shifted
-    for one in shifted:
-        assert max(one.levels_mm) <= geometry.travel_max_mm - 5.0
-        assert min(one.levels_mm) >= geometry.travel_min_mm + 5.0
+    for way in shifted:
+        assert max(way.levels_mm) <= geometry.travel_max_mm - 5.0
+        assert min(way.levels_mm) >= geometry.travel_min_mm + 5.0
     assert shifted[0].words.startswith("add ")
 
 
@@ -309,13 +315,13 @@ def test_an_entered_offset_is_gone_from_the_machine() -> None:
 def test_a_candidate_is_a_procedure_with_the_readings_that_were_judged(
     play_or_screw: Planner,
 ) -> None:
-    for one in play_or_screw.candidates[:: len(play_or_screw.candidates) // 12]:
-        read = Procedure.model_validate_json(json.dumps(tomllib.loads(one.text)))
+    for candidate in play_or_screw.candidates[:: len(play_or_screw.candidates) // 12]:
+        read = Procedure.model_validate_json(json.dumps(tomllib.loads(candidate.text)))
         steps = [(leg_number(s.leg), s.displacement_mm, s.station) for s in read.steps(Geometry())]
         judged: list[tuple[int, float, float]] = []
-        for taken in one.taken:
-            first = taken.axis == taken.axis[0]
-            columns = (taken.leg[first], taken.displacement_mm[first], taken.station[first])
+        for part in candidate.taken:
+            first = part.axis == part.axis[0]
+            columns = (part.leg[first], part.displacement_mm[first], part.station[first])
             judged += zip(*(column.tolist() for column in columns), strict=True)
         assert steps == judged
 
@@ -323,12 +329,12 @@ def test_a_candidate_is_a_procedure_with_the_readings_that_were_judged(
 def test_a_procedure_of_the_program_is_judged_beside_set_ups(play_or_screw: Planner) -> None:
     sweep = tuple(SWEEP.take(SWEEP.leg == leg) for leg in range(3))
     result = play_or_screw.posterior
-    (one,) = [c for c in candidates(result, procedures={"sweep": sweep}) if c.procedure]
-    assert one.words == "procedure sweep"
-    assert one.text == "sweep"
-    steps = sum(len(taken) for taken in sweep) / 2
-    assert one.minutes == pytest.approx(3 * 2.0 + steps / 3.0)
-    (proposal,) = Planner(result, play_or_screw.correction, (one,)).proposals
+    (candidate,) = [c for c in candidates(result, procedures={"sweep": sweep}) if c.procedure]
+    assert candidate.words == "procedure sweep"
+    assert candidate.text == "sweep"
+    steps = sum(len(part) for part in sweep) / 2
+    assert candidate.minutes == pytest.approx(3 * 2.0 + steps / 3.0)
+    (proposal,) = Planner(result, play_or_screw.correction, (candidate,)).proposals
     best = min(play_or_screw.proposals, key=lambda proposal: proposal.bound_mm)
     assert proposal.bound_mm == pytest.approx(best.bound_mm, rel=0.05)
 
@@ -337,5 +343,5 @@ def test_a_session_without_a_known_noise_has_a_plan() -> None:
     case, _ = session(SHORT, seed=3, scatter_mm=NOISE_MM)
     once = case.observed.take(np.flatnonzero(case.observed.cycle == 1))
     plan = planner_of(replace(case, observed=once))
-    bounds = [one.bound_mm for one in plan.proposals]
+    bounds = [proposal.bound_mm for proposal in plan.proposals]
     assert 0.1 * plan.bound_mm < min(bounds) < plan.bound_mm < np.inf

@@ -24,7 +24,7 @@ def dense(result: Posterior, model: Weighted) -> tuple[FloatArray, FloatArray]:
     Derivatives are differences of simulations, zeros of mountings are unknowns like the others.
     """
     (cells,) = result.sessions
-    taken, tolerance_mm = cells.means, cells.case.tolerance_mm
+    means, tolerance_mm = cells.means, cells.case.tolerance_mm
     values = model.mean
     effects = [
         (result.components[k].candidate, scale * result.components[k].unit)
@@ -48,7 +48,7 @@ def dense(result: Posterior, model: Weighted) -> tuple[FloatArray, FloatArray]:
             if mine.any():
                 acting += candidate.effects(mine)
         parameters = tuple(np.concatenate([at[3:6], at[:3]]).tolist())
-        return Model(parameters_mm=parameters, effects=tuple(acting)).readings(taken)
+        return Model(parameters_mm=parameters, effects=tuple(acting)).readings(means)
 
     now = np.zeros(len(spread))
     now[:6] = values[:6]
@@ -60,12 +60,12 @@ def dense(result: Posterior, model: Weighted) -> tuple[FloatArray, FloatArray]:
         step = np.zeros(len(spread))
         step[k] = STEP * spread[k]
         moved.append((readings(now + step) - readings(now - step)) / (2.0 * STEP))
-    zeros = ZERO_MM * np.equal.outer(taken.mount, np.unique(taken.mount))
+    zeros = ZERO_MM * np.equal.outer(means.mount, np.unique(means.mount))
     design = np.column_stack([*moved, zeros]) / np.sqrt(cells.variance_mm2)[:, None]
-    left = (taken.value_mm - readings(now)) / np.sqrt(cells.variance_mm2)
+    residual = (means.value_mm - readings(now)) / np.sqrt(cells.variance_mm2)
     inverse = np.linalg.inv(np.eye(design.shape[1]) + design.T @ design)
     before = np.concatenate([-now / spread, np.zeros(zeros.shape[1])])
-    mean = inverse @ (design.T @ left + before)
+    mean = inverse @ (design.T @ residual + before)
     six = slice(0, 6)
     return (
         now[six] + spread[six] * mean[six],
@@ -73,16 +73,16 @@ def dense(result: Posterior, model: Weighted) -> tuple[FloatArray, FloatArray]:
     )
 
 
-@pytest.mark.parametrize("taken", [SHORT, TWO_STATION], ids=["zero-max-min", "two-station"])
+@pytest.mark.parametrize("observed", [SHORT, TWO_STATION], ids=["zero-max-min", "two-station"])
 @pytest.mark.parametrize(
     "effects", [(), (hidden("gravity_sag", "y", 0.3),)], ids=["nothing", "sag"]
 )
 def test_a_model_has_the_mean_and_the_spread_of_its_normal_equations(
-    taken: Observations, effects: tuple[EffectInstance, ...]
+    observed: Observations, effects: tuple[EffectInstance, ...]
 ) -> None:
-    case, _ = session(taken, *effects, seed=3)
+    case, _ = session(observed, *effects, seed=3)
     result = posterior([case])
-    model = max(result.models, key=lambda one: one.weight)
+    model = max(result.models, key=lambda candidate: candidate.weight)
     assert [result.components[k].id for k in model.members] == [e.id for e in effects]
     mean_mm, deviation_mm = dense(result, model)
     assert (np.abs(model.mean[:6] - mean_mm) < deviation_mm / 50.0).all()
@@ -95,9 +95,9 @@ def test_a_gain_that_shows_nothing_where_the_fit_starts_has_its_size() -> None:
     case, _ = session(TWO_STATION, hidden("gauge_gain", "yx", 6.0), seed=4, offset_mm=2.0)
     result = posterior([case])
     (model, *_) = [
-        one
-        for one in result.models
-        if [(result.components[k].id, result.components[k].where) for k in one.members]
+        candidate
+        for candidate in result.models
+        if [(result.components[k].id, result.components[k].where) for k in candidate.members]
         == [("gauge_gain", "yx")]
     ]
     deviation = float(np.sqrt(model.variance[-1]))
@@ -106,10 +106,10 @@ def test_a_gain_that_shows_nothing_where_the_fit_starts_has_its_size() -> None:
 
 def test_weights_are_shares_and_sessions_have_offsets_of_their_own() -> None:
     first, machine = session(SHORT, seed=5)
-    second, other = session(SHORT, seed=6)
+    second, second_machine = session(SHORT, seed=6)
     result = posterior([first, second])
     assert sum(model.weight for model in result.models) == pytest.approx(1.0)
     model = result.models[0]
-    offsets = np.array([machine.parameters_mm[:3], other.parameters_mm[:3]]).ravel()
+    offsets = np.array([machine.parameters_mm[:3], second_machine.parameters_mm[:3]]).ravel()
     deviation = np.sqrt(model.variance[3:9])
     assert (np.abs(model.mean[3:9] - offsets) < 4.0 * deviation).all()

@@ -51,10 +51,10 @@ def dense_log_evidence(
     return float(multivariate_t(np.zeros(len(y)), covariance, df=int(race.freedom)).logpdf(y))
 
 
-def dense(design: FloatArray, y: FloatArray, race: Race, most: int) -> Weights:
+def dense(design: FloatArray, y: FloatArray, race: Race, largest: int) -> Weights:
     """Weights of all models of at most so many components, normalised."""
     log: Weights = {}
-    for count in range(most + 1):
+    for count in range(largest + 1):
         for members in combinations(range(len(race.columns)), count):
             for rows in product(range(len(SCALES)), repeat=count):
                 model = tuple((k, SCALES[r]) for k, r in zip(members, rows, strict=True))
@@ -62,17 +62,17 @@ def dense(design: FloatArray, y: FloatArray, race: Race, most: int) -> Weights:
                 prior += sum(LOG_SCALES[r] for r in rows)
                 log[model] = dense_log_evidence(design, y, race, model) + float(prior)
     top = max(log.values())
-    total = math.fsum(math.exp(one - top) for one in log.values())
-    return {model: math.exp(one - top) / total for model, one in log.items()}
+    total = math.fsum(math.exp(value - top) for value in log.values())
+    return {model: math.exp(value - top) / total for model, value in log.items()}
 
 
 def weights_of(race: Race) -> Weights:
     entries = race.run()
-    largest = max(one.log_weight for one in entries)
-    shares = [math.exp(one.log_weight - largest) for one in entries]
+    largest = max(entry.log_weight for entry in entries)
+    shares = [math.exp(entry.log_weight - largest) for entry in entries]
     return {
-        tuple(zip(one.members, one.scales, strict=True)): share / math.fsum(shares)
-        for one, share in zip(entries, shares, strict=True)
+        tuple(zip(entry.members, entry.scales, strict=True)): share / math.fsum(shares)
+        for entry, share in zip(entries, shares, strict=True)
     }
 
 
@@ -84,14 +84,14 @@ def test_weights_are_those_of_all_models_of_up_to_three(seed: int, freedom: floa
     design = rng.normal(size=(ROWS, 7))
     y = rng.normal(size=ROWS) + design[:, :3] @ rng.normal(size=3) * seed
     race = race_of(design, y, columns, freedom)
-    expected, found = dense(design, y, race, 3), weights_of(race)
+    expected, weights = dense(design, y, race, 3), weights_of(race)
     assert len(list(combinations(columns, 2))) <= TRIPLES_FROM  # so no triple is left untried
     best = max(expected, key=expected.__getitem__)
-    for model, weight in found.items():
+    for model, weight in weights.items():
         ratio = expected[model] / expected[best]
-        assert weight / found[best] == pytest.approx(ratio, rel=1e-6), model
+        assert weight / weights[best] == pytest.approx(ratio, rel=1e-6), model
     # three components stand at the best scales of a pair of them: little else is missing
-    untried = {model for model, w in expected.items() if w > 2.0 * LIGHTEST} - found.keys()
+    untried = {model for model, w in expected.items() if w > 2.0 * LIGHTEST} - weights.keys()
     assert all(len(model) == 3 for model in untried)
     assert math.fsum(expected[model] for model in untried) < 0.01
 
@@ -99,10 +99,10 @@ def test_weights_are_those_of_all_models_of_up_to_three(seed: int, freedom: floa
 def test_a_pair_of_which_neither_helps_alone_is_found_among_many() -> None:
     """Each of the two takes up next to nothing alone; forty others take up more by chance."""
     rng = np.random.default_rng(5)
-    others = rng.normal(size=(ROWS, 40))
+    noise = rng.normal(size=(ROWS, 40))
     shared, hidden = np.linalg.qr(rng.normal(size=(ROWS, 2)))[0].T
     first, second = 20.0 * shared + hidden, 20.0 * shared - hidden
-    design = np.column_stack([others, first, second])
+    design = np.column_stack([noise, first, second])
     y = 30.0 * hidden + 0.3 * rng.normal(size=ROWS)
     race = race_of(design, y, columns_of((1,) * 42), math.inf)
     square, _ = race.one_more()  # what each leaves alone
@@ -117,10 +117,10 @@ def test_a_wide_component_runs_beside_narrow_ones() -> None:
     design = rng.normal(size=(ROWS + 6, NARROW + 3))
     y = rng.normal(size=ROWS + 6) + 40.0 * design[:, 0] + design[:, 2:] @ np.full(NARROW + 1, 2.0)
     race = race_of(design, y, columns, math.inf)
-    expected, found = dense(design, y, race, 3), weights_of(race)
+    expected, weights = dense(design, y, race, 3), weights_of(race)
     model = max(expected, key=expected.__getitem__)
     assert {k for k, _ in model} >= {0, 2}
-    assert found[model] == pytest.approx(expected[model], rel=0.01)
+    assert weights[model] == pytest.approx(expected[model], rel=0.01)
 
 
 def test_components_that_are_the_same_have_the_same_weight() -> None:
@@ -130,7 +130,7 @@ def test_components_that_are_the_same_have_the_same_weight() -> None:
     y = rng.normal(size=ROWS) + 9.0 * design[:, 0]
     race = race_of(design, y, columns_of((1, 1, 1)), math.inf)
     alike = Race(race.products, race.columns, np.full(3, -3.0), race.free, race.freedom)
-    found = weights_of(alike)
+    weights = weights_of(alike)
     for scale in SCALES:
-        one, other = found.get(((0, scale),), 0.0), found.get(((1, scale),), 0.0)
-        assert one == pytest.approx(other, rel=1e-9)
+        first, second = weights.get(((0, scale),), 0.0), weights.get(((1, scale),), 0.0)
+        assert first == pytest.approx(second, rel=1e-9)

@@ -28,9 +28,11 @@ def leads_of(effects: tuple[Effect, ...]) -> list[float]:
 
 
 def searched(sessions: list[Cells]) -> list[float]:
-    known = leads_of(CATALOGUE)
+    catalogue_leads = leads_of(CATALOGUE)
     return [
-        lead for lead in leads_of(with_searched_leads(CATALOGUE, sessions)) if lead not in known
+        lead
+        for lead in leads_of(with_searched_leads(CATALOGUE, sessions))
+        if lead not in catalogue_leads
     ]
 
 
@@ -52,11 +54,11 @@ class Readings:
         blocks, targets = [], []
         plain = {id(cells): cells.model.readings(cells.means) for cells in sessions}
         for cells in sessions:
-            taken, root = cells.means, 1.0 / np.sqrt(cells.variance_mm2)
-            base = derivatives(cells.model.geometry, np.array(cells.model.parameters_mm), taken)
-            own = np.column_stack([np.eye(taken.mount_count)[taken.mount], base])
-            blocks.append(root[:, None] * own)
-            targets.append(root * (taken.value_mm - plain[id(cells)]))
+            observed, root = cells.means, 1.0 / np.sqrt(cells.variance_mm2)
+            base = derivatives(cells.model.geometry, np.array(cells.model.parameters_mm), observed)
+            columns = np.column_stack([np.eye(observed.mount_count)[observed.mount], base])
+            blocks.append(root[:, None] * columns)
+            targets.append(root * (observed.value_mm - plain[id(cells)]))
         free, target = np.asarray(block_diag(*blocks)), np.concatenate(targets)
         axes, singular, _ = np.linalg.svd(free / np.linalg.norm(free, axis=0), full_matrices=False)
         basis = axes[:, singular > 1e-10 * singular[0]]
@@ -70,8 +72,8 @@ class Readings:
         waves = np.vstack([self._waves(cells, lead_mm, place) for cells in self.sessions])
         waves -= self.basis @ (self.basis.T @ waves)
         size = np.linalg.lstsq(waves, self.left, rcond=1e-10)[0]
-        rest = self.left - waves @ size
-        return float(self.left @ self.left - rest @ rest)
+        residual = self.left - waves @ size
+        return float(self.left @ self.left - residual @ residual)
 
     def _waves(self, cells: Cells, lead_mm: float, place: str) -> FloatArray:
         model, small = cells.model, (SMALL_UM, 1j * SMALL_UM)  # sine beside cosine
@@ -82,24 +84,24 @@ class Readings:
         return np.asarray(waves / np.sqrt(cells.variance_mm2)[:, None])
 
 
-@pytest.mark.parametrize("taken", [SWEEP, TWO_STATION], ids=["sweep", "two-station"])
+@pytest.mark.parametrize("observed", [SWEEP, TWO_STATION], ids=["sweep", "two-station"])
 @pytest.mark.parametrize("lead_mm", first_quick([8.0, 13.3, 25.0]))
 @pytest.mark.parametrize("sessions", first_quick([1, 2]))
 def test_leads_that_are_added_explain_as_much_as_any(
-    taken: Observations, lead_mm: float, sessions: int
+    observed: Observations, lead_mm: float, sessions: int
 ) -> None:
     """Against a fine grid of frequencies; the true one is among them, within its own doubt.
 
     A wave of one carriage may be taken for one of another, which is then searched, too.
     """
     screw = EffectInstance(ActuatorCyclic(lead_mm), "x", (15.0, 10.0))
-    cells = [Cells.of(case(taken, screw, seed=3 + k)) for k in range(sessions)]
+    cells = [Cells.of(case(observed, screw, seed=3 + k)) for k in range(sessions)]
     leads, explained = searched(cells), Readings.of(cells).explained
     turns = np.linspace(1.0 / ISO_LEADS_MM[-1], 1.0 / ISO_LEADS_MM[0], 250)
     best = {place: max(explained(float(1.0 / turn), place) for turn in turns) for place in "xyz"}
     assert best["x"] > 40.0
-    every = [*leads, *leads_of(CATALOGUE)]
-    assert max(explained(lead, "x") for lead in every) > best["x"] - AS_GOOD
+    all_leads = [*leads, *leads_of(CATALOGUE)]
+    assert max(explained(lead, "x") for lead in all_leads) > best["x"] - AS_GOOD
     for lead in leads:  # three digits of a lead are less than its doubt
         short = {place: best[place] - explained(lead, place) for place in "xyz"}
         assert min(short.values()) < 1.5 * AS_GOOD
@@ -117,5 +119,5 @@ def test_a_lead_in_the_machine_file_three_postures_and_other_laws_are_not_search
     assert searched([Cells.of(case(SWEEP, screw, seed=3))])
     assert not searched([Cells.of(case(SWEEP, screw, seed=3, model=machine))])
     assert not searched([Cells.of(case(SHORT, screw, seed=3))])
-    others = tuple(law for law in CATALOGUE if not isinstance(law, ActuatorCyclic))
-    assert with_searched_leads(others, [Cells.of(case(SWEEP, screw, seed=3))]) == others
+    laws = tuple(law for law in CATALOGUE if not isinstance(law, ActuatorCyclic))
+    assert with_searched_leads(laws, [Cells.of(case(SWEEP, screw, seed=3))]) == laws

@@ -25,13 +25,13 @@ HOMED_MM = np.array([0.006, -0.004, 0.005])
 
 
 def read(
-    taken: Observations, change_mm: FloatArray | float, seed: int, state: Hashable = "as built"
+    conditions: Observations, change_mm: FloatArray | float, seed: int, state: Hashable = "as built"
 ) -> SessionCase:
     """What was read with joint offsets that differ by so much ``(3,)``."""
     parameters = (*(OFFSETS_MM + change_mm).tolist(), *LENGTH_ERRORS_MM)
     machine = Model(parameters_mm=parameters)
-    value = measure(machine, taken, scatter_mm=0.001, resolution_mm=0.0, generator=seed)
-    observed = observe(taken, value)
+    value = measure(machine, conditions, scatter_mm=0.001, resolution_mm=0.0, generator=seed)
+    observed = observe(conditions, value)
     return SessionCase(Model(), observed, IndicatorFigures(), TOLERANCE_MM, state=state)
 
 
@@ -63,7 +63,7 @@ def test_a_leg_read_again_leaves_the_machine_known(sessions: list[SessionCase]) 
     assert deviation[1] < 0.5 * HOMING_MM  # leg x read along y shows it
     alone = posterior([replace(case, state=None) for case in sessions])
     shared_mm, own_mm = (
-        correction(one, "offsets").off.bound_mm["touched-off"] for one in (together, alone)
+        correction(result, "offsets").off.bound_mm["touched-off"] for result in (together, alone)
     )
     assert shared_mm < 0.01
     assert own_mm > 0.5

@@ -35,16 +35,16 @@ TOLERANCES = np.array([2.0, 2.0, 2.0, 0.1, 0.1, 0.1])
 def test_tool_columns_are_differences_of_the_machine(geometry: Geometry) -> None:
     """Against small real sizes in the pipeline, for every law that moves the machine."""
     points = workspace_points(geometry)[::25]
-    wanted = np.vstack([points, np.zeros(3)])
-    joint_mm, taken = inverse(geometry, wanted), conditions_of("sweep")
+    targets = np.vstack([points, np.zeros(3)])
+    joint_mm, conditions = inverse(geometry, targets), conditions_of("sweep")
     for effect in laws(geometry):
-        for place in effect.places(taken)[:2]:
+        for place in effect.places(conditions)[:2]:
             columns = tool_columns(geometry, points, [(effect, place)], -1.0)
             for k, parameter in enumerate(effect.parameters):
                 values = [0.0] * len(effect.parameters)
                 values[k] = 0.01 * parameter.tolerance
                 acting = Model(geometry, effects=(EffectInstance(effect, place, tuple(values)),))
-                moved = machine_at(acting, joint_mm, -1.0).tool_mm - wanted
+                moved = machine_at(acting, joint_mm, -1.0).tool_mm - targets
                 moved = moved[:-1] - moved[-1] if geometry.set_at_zero else moved[:-1]
                 assert columns[:, :, k] * values[k] == pytest.approx(moved, abs=1e-6)
 
@@ -78,10 +78,10 @@ def at_two_stations(machine: Model) -> Observations:
 
 def test_more_readings_lower_the_bound() -> None:
     """Three times more set-ups rule more out."""
-    few, more = (with_offsets(data) for data in (FEW, at_two_stations(MACHINE)))
-    for result, _ in (few, more):
+    few, many = (with_offsets(data) for data in (FEW, at_two_stations(MACHINE)))
+    for result, _ in (few, many):
         assert max(result.places.values()) < 0.5
-    assert more[1].off.bound_mm["machine"] < 0.7 * few[1].off.bound_mm["machine"]
+    assert many[1].off.bound_mm["machine"] < 0.7 * few[1].off.bound_mm["machine"]
 
 
 def test_a_hidden_scale_is_in_the_bound() -> None:

@@ -57,7 +57,7 @@ def off(chance: np.random.Generator) -> Hidden:
 def measured(machine: Hidden, chance: np.random.Generator, plan: Plan = ALIGN) -> Observations:
     rows = rows_of(plan, chance)
     count = len(rows)
-    taken = Conditions(
+    conditions = Conditions(
         leg=rows.leg,
         axis=rows.axis,
         displacement_mm=rows.displacement_mm,
@@ -76,7 +76,7 @@ def measured(machine: Hidden, chance: np.random.Generator, plan: Plan = ALIGN) -
     )
     zeros = chance.uniform(-0.5, 0.5, rows.mount.max() + 1)[rows.mount]
     noise = SCATTER_MM * chance.normal(size=count)
-    return observe(taken, np.round(readings(rows, machine) + zeros + noise, 3))
+    return observe(conditions, np.round(readings(rows, machine) + zeros + noise, 3))
 
 
 def figures(machine: Hidden) -> FloatArray:
@@ -112,12 +112,12 @@ def turned(machine: Hidden, shim: Shim, chance: np.random.Generator) -> Hidden:
     if chance.random() < 0.5:
         new = moved(machine, shim, shim.move_mm * chance.normal(1.0, 0.03))
     else:
-        wanted = shim.move_mm * shim.shown(Geometry(), STATION) + chance.normal(scale=STOPS_MM)
+        target = shim.move_mm * shim.shown(Geometry(), STATION) + chance.normal(scale=STOPS_MM)
         start, slope = at_zero(machine, shim), at_zero(moved(machine, shim, 0.1), shim)
-        new = moved(machine, shim, 0.1 * wanted / (slope - start))
-        assert at_zero(new, shim) - start == pytest.approx(wanted, abs=1e-3)
-    other = replace(shim, support_mm=shim.other_mm, other_mm=shim.support_mm)
-    return moved(new, other, chance.normal(scale=DRAGS_MM))
+        new = moved(machine, shim, 0.1 * target / (slope - start))
+        assert at_zero(new, shim) - start == pytest.approx(target, abs=1e-3)
+    reverse = replace(shim, support_mm=shim.other_mm, other_mm=shim.support_mm)
+    return moved(new, reverse, chance.normal(scale=DRAGS_MM))
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -127,12 +127,12 @@ def test_three_rounds_of_a_fitter(seed: int) -> None:
     assert np.abs(figures(machine)).max() > 1.0
     for _ in range(3):
         session = measured(machine, chance)
-        found = alignment(Geometry(), session, TOLERANCE, FIGURES)
-        for shim in shims(found, seed % 3, RESTS_MM):
+        result = alignment(Geometry(), session, TOLERANCE, FIGURES)
+        for shim in shims(result, seed % 3, RESTS_MM):
             machine = turned(machine, shim, chance) if shim.needed else machine
-    left = figures(machine)
-    assert np.abs(left[:3]).max() < 0.1
-    assert np.abs(left[3:]).max() < 0.05
+    remaining = figures(machine)
+    assert np.abs(remaining[:3]).max() < 0.1
+    assert np.abs(remaining[3:]).max() < 0.05
 
 
 def test_what_is_found_is_within_its_bounds() -> None:
@@ -141,10 +141,10 @@ def test_what_is_found_is_within_its_bounds() -> None:
     for seed in range(10):
         chance = np.random.default_rng([seed, 78])
         machine = off(chance)
-        found = alignment(Geometry(), measured(machine, chance), TOLERANCE, FIGURES)
-        miss = np.concatenate([found.lean_mrad, found.distance_mm]) - figures(machine)
-        outside += int((np.abs(miss) > found.expanded).sum())
-        assert found.left_mm < 1.3 * found.noise_mm
+        result = alignment(Geometry(), measured(machine, chance), TOLERANCE, FIGURES)
+        miss = np.concatenate([result.lean_mrad, result.distance_mm]) - figures(machine)
+        outside += int((np.abs(miss) > result.expanded).sum())
+        assert result.left_mm < 1.3 * result.noise_mm
     assert outside <= 8
 
 
@@ -152,9 +152,10 @@ def test_the_moves_by_hand() -> None:
     """Rails square but for y, which leans to x by 1 mrad and misses it: 0.2 mm too low along z."""
     machine = Hidden().plus([(("lean", (1, 0)), 1e-3), (("shift", (1, 2)), -0.2)])
     chance = np.random.default_rng(1)
-    found = alignment(Geometry(), measured(machine, chance), TOLERANCE, FIGURES)
+    result = alignment(Geometry(), measured(machine, chance), TOLERANCE, FIGURES)
     by_place = {
-        (one.rail, one.towards, one.support_mm): one.move_mm for one in shims(found, 0, RESTS_MM)
+        (shim.rail, shim.towards, shim.support_mm): shim.move_mm
+        for shim in shims(result, 0, RESTS_MM)
     }
     assert by_place[1, 0, 180.0] == pytest.approx(-0.18, abs=0.02)  # away from x
     assert by_place[1, 0, 400.0] == pytest.approx(-0.40, abs=0.03)
@@ -176,21 +177,21 @@ def test_what_moves_the_machine_as_a_whole_is_no_move_of_a_rail(common: str) -> 
         way = np.array([0.8, -0.5, 0.3])
         machine.amounts["shift"] = np.tile(way, (3, 1)) * ~np.eye(3, dtype=np.bool_)
     chance = np.random.default_rng(2)
-    found = alignment(Geometry(), measured(machine, chance), TOLERANCE, FIGURES)
-    for one in shims(found, 1, RESTS_MM):
-        assert abs(one.move_mm) < 2.0 * one.expanded_mm
+    result = alignment(Geometry(), measured(machine, chance), TOLERANCE, FIGURES)
+    for shim in shims(result, 1, RESTS_MM):
+        assert abs(shim.move_mm) < 2.0 * shim.expanded_mm
 
 
 def test_a_moved_rail_of_the_simulated_machine_is_that_of_the_tests() -> None:
     shim = Shim(2, 0, 180.0, 400.0, 0.0, 0.0)
     session = measured(moved(Hidden(), shim, 0.7), np.random.default_rng(3))
     exact = Model(effects=(RailMoved.by_shim(shim, 0.7),)).readings(session)
-    left = session.value_mm - exact
+    residual = session.value_mm - exact
     for rows in session.mountings:
         along = session.along_mm[rows]
         columns = np.column_stack([np.ones(len(rows)), np.nan_to_num(along)])
-        fitted = columns @ np.linalg.lstsq(columns, left[rows], rcond=None)[0]
-        assert left[rows] == pytest.approx(fitted, abs=5 * SCATTER_MM)
+        fitted = columns @ np.linalg.lstsq(columns, residual[rows], rcond=None)[0]
+        assert residual[rows] == pytest.approx(fitted, abs=5 * SCATTER_MM)
     assert slope_at_zero_mm(Model(effects=(RailMoved.by_shim(shim, 0.7),)), 2, 0) == pytest.approx(
         0.7 * (400.0 - LEG_MM) / 220.0, abs=2e-3
     )
@@ -213,8 +214,8 @@ def test_readings_that_do_not_tell_are_refused() -> None:
 def test_drives_as_they_lie(lean_mrad: list[float], apart_mm: list[float], reference: int) -> None:
     """Their angles and distances by cross products of the test's own; the reference stays."""
     lean, apart = np.array(lean_mrad), np.array(apart_mm)
-    found = Alignment(Model(), lean, apart, np.eye(6), 0.0, 0.0)
-    lies = aligned_geometry(Geometry(), found, reference)
+    result = Alignment(Model(), lean, apart, np.eye(6), 0.0, 0.0)
+    lies = aligned_geometry(Geometry(), result, reference)
     ways, places = np.array(lies.direction), np.array(lies.origin_mm)
     for (i, j), mrad in zip(((0, 1), (1, 2), (0, 2)), lean_mrad, strict=True):
         angle = math.atan2(float(np.linalg.norm(np.cross(ways[i], ways[j]))), ways[i] @ ways[j])
@@ -238,10 +239,12 @@ def test_rails_are_judged_by_a_right_angle_whatever_the_machine_file_has() -> No
         ),
         0,
     )
-    taken = measured(Hidden(), chance)
-    exact = replace(taken, value_mm=Model(lies, (0.4, -0.3, 0.2, 0.0, 0.0, 0.0)).readings(taken))
-    found = alignment(lies, exact, TOLERANCE, FIGURES)
-    assert found.lean_mrad == pytest.approx([4.0, -3.0, 2.0], abs=0.01)
-    assert found.distance_mm == pytest.approx([0.3, -0.2, 0.4], abs=0.002)
-    by_shims = [shim.move_mm for shim in shims(found, 0, RESTS_MM) if shim.rail == 1]
+    observed = measured(Hidden(), chance)
+    exact = replace(
+        observed, value_mm=Model(lies, (0.4, -0.3, 0.2, 0.0, 0.0, 0.0)).readings(observed)
+    )
+    result = alignment(lies, exact, TOLERANCE, FIGURES)
+    assert result.lean_mrad == pytest.approx([4.0, -3.0, 2.0], abs=0.01)
+    assert result.distance_mm == pytest.approx([0.3, -0.2, 0.4], abs=0.002)
+    by_shims = [shim.move_mm for shim in shims(result, 0, RESTS_MM) if shim.rail == 1]
     assert by_shims[:2] == pytest.approx([-4e-3 * at for at in RESTS_MM], abs=0.01)

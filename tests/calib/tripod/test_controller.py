@@ -42,41 +42,41 @@ def model(*effects: tuple[Effect, str, tuple[float, ...]]) -> Model:
 
 
 def test_error_of_a_carriage_by_hand() -> None:
-    found = model((ActuatorScale(), "x", (0.5,)), (Backlash(), "y", (0.06,)))
+    machine = model((ActuatorScale(), "x", (0.5,)), (Backlash(), "y", (0.06,)))
     joints = np.array([[L + 60.0, L, L], [L - 100.0, L - 100.0, L]])
-    up = carriage_error_mm(found, joints, 1.0)
-    down = carriage_error_mm(found, joints, -1.0)
+    up = carriage_error_mm(machine, joints, 1.0)
+    down = carriage_error_mm(machine, joints, -1.0)
     assert up == pytest.approx(np.array([[0.83, -1.3, 0.45], [0.75, -1.3, 0.45]]), abs=1e-12)
     assert down - up == pytest.approx(np.array([[0.0, 0.06, 0.0]] * 2), abs=1e-12)
 
 
 def test_a_table_is_read_where_the_corrected_controller_is() -> None:
     """Offset entered, believed q + offset is the old q: the sine moves with it."""
-    found = table_of(model((ActuatorCyclic(5.0), "x", (10.0, 0.0))), 0)
-    assert found is not None
-    old = found.joint_mm - OFFSETS[0]
+    table = table_of(model((ActuatorCyclic(5.0), "x", (10.0, 0.0))), 0)
+    assert table is not None
+    old = table.joint_mm - OFFSETS[0]
     for _ in range(20):
         error = 0.01 * np.sin(2 * math.pi * (old - L) / 5.0)
-        old = found.joint_mm - OFFSETS[0] - error
+        old = table.joint_mm - OFFSETS[0] - error
     # 5 nm: the error between the places at which it was worked out
-    assert found.error_up_mm == pytest.approx(error, abs=5e-6)
-    assert found.error_down_mm == pytest.approx(error, abs=5e-6)
-    fine = np.linspace(found.joint_mm[0], found.joint_mm[-1], 10_001)
+    assert table.error_up_mm == pytest.approx(error, abs=5e-6)
+    assert table.error_down_mm == pytest.approx(error, abs=5e-6)
+    fine = np.linspace(table.joint_mm[0], table.joint_mm[-1], 10_001)
     old = fine - OFFSETS[0]
     for _ in range(20):
         exact = 0.01 * np.sin(2 * math.pi * (old - L) / 5.0)
         old = fine - OFFSETS[0] - exact
-    assert np.abs(np.interp(fine, found.joint_mm, found.error_up_mm) - exact).max() < 1.1e-3
-    assert len(found.joint_mm) <= 256
+    assert np.abs(np.interp(fine, table.joint_mm, table.error_up_mm) - exact).max() < 1.1e-3
+    assert len(table.joint_mm) <= 256
 
 
 def test_a_proportional_error_takes_two_points_and_nothing_none() -> None:
     assert table_of(model(), 0) is None
     assert table_of(model((GaugeGain(), "xy", (1.0,))), 0) is None, "no effect on the carriage"
-    found = table_of(model((ActuatorScale(), "z", (0.5,))), 2)
-    assert found is not None
-    assert len(found.joint_mm) == 2
-    assert found.error_up_mm[1] - found.error_up_mm[0] == pytest.approx(0.08, abs=1e-4)
+    table = table_of(model((ActuatorScale(), "z", (0.5,))), 2)
+    assert table is not None
+    assert len(table.joint_mm) == 2
+    assert table.error_up_mm[1] - table.error_up_mm[0] == pytest.approx(0.08, abs=1e-4)
 
 
 def test_an_error_too_fine_for_256_points_is_refused() -> None:
@@ -86,7 +86,7 @@ def test_an_error_too_fine_for_256_points_is_refused() -> None:
 
 def test_drives_and_bars_by_hand() -> None:
     """Axis x leans 1 mrad to y, y to x; axis z is 0.2 mm towards x; 0.05 mm of bow per 100² mm²."""
-    found = kinematics_of(
+    kinematics = kinematics_of(
         Model(
             Geometry(),
             (*OFFSETS, 0.3, -0.2, 0.1),
@@ -101,20 +101,20 @@ def test_drives_and_bars_by_hand() -> None:
     )
     direction = np.eye(3)
     direction[0, 1] = direction[1, 0] = 1e-3
-    assert found.direction[1:] == pytest.approx(direction[1:], abs=1e-12)
+    assert kinematics.direction[1:] == pytest.approx(direction[1:], abs=1e-12)
     # straightness follows the command, 0.8 mm behind the carriage: a lean and a shift of its own
-    assert found.direction[0] == pytest.approx([1.0, 1e-3, -2 * 5e-6 * 0.8], abs=1e-9)
-    assert found.bend_per_mm[0] == pytest.approx([0.0, 0.0, 5e-6], abs=1e-12)
-    assert found.origin_mm[2] == pytest.approx([0.2, 0.0, 0.0], abs=1e-9)
-    assert found.length_mm == pytest.approx([L + 0.3, L - 0.2, L + 0.1])
-    assert found.sag_mm == pytest.approx([0.0, 0.0, 0.02])
-    assert found.misfit_mm < 1e-9
+    assert kinematics.direction[0] == pytest.approx([1.0, 1e-3, -2 * 5e-6 * 0.8], abs=1e-9)
+    assert kinematics.bend_per_mm[0] == pytest.approx([0.0, 0.0, 5e-6], abs=1e-12)
+    assert kinematics.origin_mm[2] == pytest.approx([0.2, 0.0, 0.0], abs=1e-9)
+    assert kinematics.length_mm == pytest.approx([L + 0.3, L - 0.2, L + 0.1])
+    assert kinematics.sag_mm == pytest.approx([0.0, 0.0, 0.02])
+    assert kinematics.misfit_mm < 1e-9
 
 
 def test_what_is_told_leaves_nothing_and_offsets_leave_what_the_jacobian_says() -> None:
-    found = model((Backlash(), "x", (0.06,)), (AxisOffset(), "xy", (0.1,)))
-    assert tool_error_mm(not_told(found, kinematics=True)) == pytest.approx(0.0, abs=1e-12)
-    axes = tool_error_mm(not_told(found, kinematics=False))
+    machine = model((Backlash(), "x", (0.06,)), (AxisOffset(), "xy", (0.1,)))
+    assert tool_error_mm(not_told(machine, kinematics=True)) == pytest.approx(0.0, abs=1e-12)
+    axes = tool_error_mm(not_told(machine, kinematics=False))
     # the bar takes up 0.1 mm times its slope p_y / L, whose r.m.s. over the workspace is 0.18
     assert axes == pytest.approx(0.018, rel=0.25)
     small = Model(Geometry(), (1e-4, -2e-4, 1e-4, 0.0, 0.0, 0.0))
@@ -128,10 +128,12 @@ def test_what_is_told_leaves_nothing_and_offsets_leave_what_the_jacobian_says() 
 def test_a_controller_that_knows_the_parameters_sends_the_tool_where_it_should_be(
     geometry: Geometry,
 ) -> None:
-    known = (0.6, -0.4, 0.2, 0.3, -0.2, 0.1)
-    machine = Model(geometry, known)
+    parameters = (0.6, -0.4, 0.2, 0.3, -0.2, 0.1)
+    machine = Model(geometry, parameters)
     points = workspace_points(geometry)
-    joints = commanded_with(geometry, known)(points)
+    joints = commanded_with(geometry, parameters)(points)
     assert machine_at(machine, joints, 1.0).tool_mm == pytest.approx(points, abs=1e-9)
-    assert tool_error_mm(machine, commanded_with(geometry, known)) == pytest.approx(0.0, abs=1e-9)
+    assert tool_error_mm(machine, commanded_with(geometry, parameters)) == pytest.approx(
+        0.0, abs=1e-9
+    )
     assert commanded_with(geometry, (0.0,) * 6)(points) == pytest.approx(inverse(geometry, points))

@@ -36,13 +36,13 @@ def test_readings_count_from_zero_and_the_line_is_the_machine() -> None:
     """Offsets alone: readings are what the machine shows less what it shows at Zero."""
     solved = exact_session("sweep", OFFSETS)
     planned = planned_readings(load_procedure("sweep", MACHINE.geometry()), MACHINE)
-    shown = OFFSETS.readings(planned)
+    readings = OFFSETS.readings(planned)
     assert len(solved.curves) == 6
     for curve in solved.curves:
         rows = (planned.leg == curve.leg) & (planned.axis == curve.axis)
-        at_zero = shown[rows & planned.at_zero][0]
+        at_zero = readings[rows & planned.at_zero][0]
         assert curve.at_mm == pytest.approx(planned.displacement_mm[rows])
-        assert curve.value_mm == pytest.approx(shown[rows] - at_zero, abs=2e-5)
+        assert curve.value_mm == pytest.approx(readings[rows] - at_zero, abs=2e-5)
         assert np.abs(curve.left_mm).max() < 2e-5
         (line,) = curve.model_mm
         on_line = np.interp(curve.at_mm, *line.T)
@@ -56,9 +56,9 @@ def test_what_a_gauge_lags_is_the_split_of_the_directions() -> None:
     assert sorted(set(curve.approach.tolist())) == [-1.0, 0.0, 1.0]
     assert curve.first.tolist() == [0]
     up, down = (curve.approach == side for side in (1.0, -1.0))
-    both = set(curve.at_mm[up].tolist()) & set(curve.at_mm[down].tolist())
-    assert len(both) == 4
-    for at_mm in both:
+    common = set(curve.at_mm[up].tolist()) & set(curve.at_mm[down].tolist())
+    assert len(common) == 4
+    for at_mm in common:
         here = curve.at_mm == at_mm
         split_mm = curve.left_mm[here & up].mean() - curve.left_mm[here & down].mean()
         assert split_mm == pytest.approx(-1e-3 * lag_um, abs=1e-9)
@@ -75,6 +75,6 @@ def test_over_a_plane_places_lie_along_the_leg() -> None:
         apart_mm = {round(float(np.ptp(line[:, 0])), 3) for line in curve.model_mm}
         assert all(0.75 * length_mm < mm <= 0.8 * length_mm for mm in apart_mm)
         fitted = np.vstack(curve.model_mm)
-        for at_mm, left in zip(curve.at_mm, curve.value_mm - curve.left_mm, strict=True):
+        for at_mm, residual in zip(curve.at_mm, curve.value_mm - curve.left_mm, strict=True):
             near = np.abs(fitted[:, 0] - at_mm) < 1e-6
-            assert np.abs(fitted[near, 1] - left).min() < 1e-9
+            assert np.abs(fitted[near, 1] - residual).min() < 1e-9

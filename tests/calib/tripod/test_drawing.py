@@ -103,25 +103,25 @@ def test_each_spindle_stands_on_its_side_along_its_axis(
 
 @given(machines())
 def test_no_drive_hides_behind_another_and_gravity_pulls_down(geometry: Geometry) -> None:
-    seen = view(geometry)
-    assert seen @ seen.T == pytest.approx(np.eye(2))
-    drives = geometry.directions @ seen.T
+    axes = view(geometry)
+    assert axes @ axes.T == pytest.approx(np.eye(2))
+    drives = geometry.directions @ axes.T
     assert np.linalg.norm(drives, axis=1) == pytest.approx(np.full(3, (2.0 / 3.0) ** 0.5))
     for first, second in ((0, 1), (1, 2), (2, 0)):
         assert drives[first] @ drives[second] / (2.0 / 3.0) == pytest.approx(-0.5)
-    falls = seen @ np.array(geometry.gravity)
+    falls = axes @ np.array(geometry.gravity)
     assert falls[0] == pytest.approx(0.0, abs=1e-9)
     assert falls[1] < 0.0
 
 
 def test_a_machine_seen_along_its_gravity_has_a_picture_too() -> None:
     slanted = 3.0**-0.5
-    seen = view(replace(ORTHOGLIDE, gravity=(-slanted, -slanted, -slanted)))
-    assert seen @ seen.T == pytest.approx(np.eye(2))
+    axes = view(replace(ORTHOGLIDE, gravity=(-slanted, -slanted, -slanted)))
+    assert axes @ axes.T == pytest.approx(np.eye(2))
 
 
 def test_the_usual_machine_by_hand() -> None:
     """Seen from the corner: z up, x down to the left, y down to the right."""
-    seen = view(ORTHOGLIDE)
+    axes = view(ORTHOGLIDE)
     half, third = 2.0**-0.5, 6.0**-0.5
-    assert seen == pytest.approx(np.array([[-half, half, 0.0], [-third, -third, 2.0 * third]]))
+    assert axes == pytest.approx(np.array([[-half, half, 0.0], [-third, -third, 2.0 * third]]))

@@ -38,11 +38,11 @@ OFF = (1.2, -0.7, 0.4, 0.05, -0.02, 0.03)
 
 def walked(levels: tuple[float, ...] = (0, 22, 60, 22, 0, -37, -100, -37, 0)) -> Conditions:
     """Every leg and axis over a path, with directions, times and temperatures."""
-    taken = postures(levels, repeats=2)
-    rows = np.arange(len(taken)).astype(np.float64)
-    moved = np.sign(np.diff(taken.displacement_mm, prepend=0.0))
-    moved[np.diff(taken.mount, prepend=-1) != 0] = 0.0
-    return replace(taken, approach=moved, time_s=rows * 20.0, temperature_c=21.0 + rows * 0.01)
+    plan = postures(levels, repeats=2)
+    rows = np.arange(len(plan)).astype(np.float64)
+    moved = np.sign(np.diff(plan.displacement_mm, prepend=0.0))
+    moved[np.diff(plan.mount, prepend=-1) != 0] = 0.0
+    return replace(plan, approach=moved, time_s=rows * 20.0, temperature_c=21.0 + rows * 0.01)
 
 
 def on_plate() -> Conditions:
@@ -52,8 +52,8 @@ def on_plate() -> Conditions:
     place = np.vstack([[0.0, 0.0, 0.0], 40.0 * ring, 80.0 * ring, 60.0 * ring + [0.0, 0.0, 8.0]])
     rows = np.arange(len(place)).astype(np.float64)
     moved = np.random.default_rng(3).choice([-1.0, 1.0], (len(place), 3))
-    taken = replace(tool_conditions(place), movement=moved)
-    return replace(taken, time_s=rows * 20.0, temperature_c=21.0 + rows * 0.01)
+    plan = replace(tool_conditions(place), movement=moved)
+    return replace(plan, time_s=rows * 20.0, temperature_c=21.0 + rows * 0.01)
 
 
 TAKEN = walked()
@@ -63,23 +63,21 @@ PROBED = replace(CONTACTS, beside_mm=np.tile([25.0, -10.0, 0.0], (len(PLATE), 1)
 
 EVERY = (*CATALOGUE, *BESIDE_CATALOGUE)
 SETTINGS = [
-    pytest.param(known, geometry, taken, id=f"{known.id}-{known.parameters[0].name}-{name}")
-    for name, geometry, taken in (
+    pytest.param(law, geometry, plan, id=f"{law.id}-{law.parameters[0].name}-{name}")
+    for name, geometry, plan in (
         ("legs", Geometry(), TAKEN),
         ("plate", DELTA, PLATE),
         ("contacts", DELTA, PROBED),
     )
-    for known in effects_of(EVERY, geometry)
-    if known.places(taken)
+    for law in effects_of(EVERY, geometry)
+    if law.places(plan)
 ]
 """Every law on a machine whose readings it may touch."""
 
 
 def effect(effect_id: str, parameter: str = "") -> Effect:
     return next(
-        known
-        for known in EVERY
-        if known.id == effect_id and parameter in ("", known.parameters[0].name)
+        law for law in EVERY if law.id == effect_id and parameter in ("", law.parameters[0].name)
     )
 
 
@@ -87,70 +85,68 @@ def change(
     effect_id: str,
     place: str,
     value: float,
-    taken: Conditions,
+    plan: Conditions,
     geometry: Geometry | None = None,
     parameter: str = "",
 ) -> FloatArray:
     """What an effect changes in the readings of the nominal machine."""
     model = Model(geometry or Geometry())
     placed = EffectInstance(effect(effect_id, parameter), place, (value,))
-    return replace(model, effects=(placed,)).readings(taken) - model.readings(taken)
+    return replace(model, effects=(placed,)).readings(plan) - model.readings(plan)
 
 
 def at(leg: int, axis: int, *displacements: float, approach: float = 1.0) -> Conditions:
     count = len(displacements)
-    taken = conditions([leg] * count, [axis] * count, displacements)
-    return replace(taken, approach=np.full(count, approach))
+    plan = conditions([leg] * count, [axis] * count, displacements)
+    return replace(plan, approach=np.full(count, approach))
 
 
 def test_the_catalogue_holds_the_ids_of_the_contract() -> None:
     contract = """axis_squareness axis_offset straightness actuator_scale actuator_cyclic backlash
         leg_length gravity_sag thermal_drift leg_taper leg_bow gauge_gain gauge_tilt"""
     beside = {"plate_tilt"}  # of contacts, which the contract did not know yet
-    assert set(contract.split()) | beside == {known.id for known in CATALOGUE}
-    assert not {known.id for known in CATALOGUE} & {known.id for known in BESIDE_CATALOGUE}
-    for known in EVERY:
-        assert known.title
-        assert all(p.unit and p.tolerance > 0 for p in known.parameters)
+    assert set(contract.split()) | beside == {law.id for law in CATALOGUE}
+    assert not {law.id for law in CATALOGUE} & {law.id for law in BESIDE_CATALOGUE}
+    for law in EVERY:
+        assert law.title
+        assert all(p.unit and p.tolerance > 0 for p in law.parameters)
 
 
-@pytest.mark.parametrize(("known", "geometry", "taken"), SETTINGS)
+@pytest.mark.parametrize(("law", "geometry", "plan"), SETTINGS)
 def test_zero_changes_nothing_and_columns_are_central_differences(
-    known: Effect, geometry: Geometry, taken: Conditions
+    law: Effect, geometry: Geometry, plan: Conditions
 ) -> None:
     """Complex steps against differences of the nonlinear simulation, at a machine that is off."""
     model = Model(geometry, OFF)
-    plain = model.readings(taken)
-    for place in known.places(taken):
-        none = replace(
-            model, effects=(EffectInstance(known, place, (0.0,) * len(known.parameters)),)
-        )
-        assert none.readings(taken) == pytest.approx(plain, abs=1e-13)
-    found = [c for c in candidates(model, taken, [known]) if c.arrangement != "each"]
-    assert found
-    for candidate in found:
+    plain = model.readings(plan)
+    for place in law.places(plan):
+        none = replace(model, effects=(EffectInstance(law, place, (0.0,) * len(law.parameters)),))
+        assert none.readings(plan) == pytest.approx(plain, abs=1e-13)
+    causes = [c for c in candidates(model, plan, [law]) if c.arrangement != "each"]
+    assert causes
+    for candidate in causes:
         for number, parameter in enumerate(candidate.parameters):
             step = np.zeros(len(candidate.parameters))
             step[number] = parameter.tolerance
-            high = replace(model, effects=candidate.effects(step)).readings(taken)
-            low = replace(model, effects=candidate.effects(-step)).readings(taken)
+            high = replace(model, effects=candidate.effects(step)).readings(plan)
+            low = replace(model, effects=candidate.effects(-step)).readings(plan)
             central = (high - low) / (2 * parameter.tolerance)
             scale = float(np.abs(central).max())
             assert candidate.columns[:, number] == pytest.approx(central, abs=1e-4 * scale + 1e-11)
 
 
-@pytest.mark.parametrize(("known", "geometry", "taken"), SETTINGS)
+@pytest.mark.parametrize(("law", "geometry", "plan"), SETTINGS)
 def test_base_derivatives_pass_through_every_effect(
-    known: Effect, geometry: Geometry, taken: Conditions
+    law: Effect, geometry: Geometry, plan: Conditions
 ) -> None:
     """A batch of complex machines with the effect adopted equals differences of single ones."""
-    sizes = tuple(p.tolerance for p in known.parameters)
-    effects = tuple(EffectInstance(known, place, sizes) for place in known.places(taken))
-    exact = derivatives(geometry, OFF, taken, effects)
+    sizes = tuple(p.tolerance for p in law.parameters)
+    effects = tuple(EffectInstance(law, place, sizes) for place in law.places(plan))
+    exact = derivatives(geometry, OFF, plan, effects)
     for number in range(6):
         step = 1e-3 * np.eye(6)[number]
-        high = simulate(geometry, np.array(OFF) + step, taken, effects)
-        low = simulate(geometry, np.array(OFF) - step, taken, effects)
+        high = simulate(geometry, np.array(OFF) + step, plan, effects)
+        low = simulate(geometry, np.array(OFF) - step, plan, effects)
         assert exact[:, number] == pytest.approx((high - low) / 2e-3, abs=1e-7)
 
 
@@ -158,8 +154,8 @@ def test_base_derivatives_pass_through_every_effect(
 def test_squareness_changes_both_readings_alike(displacement: float, per_rad: float) -> None:
     """Theory section 4; the value is the sum of both leans in mrad."""
     for leg, axis in ((0, 1), (1, 0)):
-        found = change("axis_squareness", "xy", 0.01, at(leg, axis, displacement))
-        assert found[0] / 1e-5 == pytest.approx(per_rad, abs=2e-3)
+        change_mm = change("axis_squareness", "xy", 0.01, at(leg, axis, displacement))
+        assert change_mm[0] / 1e-5 == pytest.approx(per_rad, abs=2e-3)
     assert change("axis_squareness", "xy", 0.01, at(2, 0, displacement))[0] == pytest.approx(
         0.0, abs=1e-7
     )
@@ -171,8 +167,8 @@ def test_squareness_changes_both_readings_alike(displacement: float, per_rad: fl
 )
 def test_offset(leg: int, axis: int, displacement: float, expected: float) -> None:
     """Theory section 4: axis x shifted towards y, differences to Zero."""
-    taken = at(leg, axis, displacement, 0.0)
-    far, zero = change("axis_offset", "xy", 1e-3, taken)
+    plan = at(leg, axis, displacement, 0.0)
+    far, zero = change("axis_offset", "xy", 1e-3, plan)
     assert (far - zero) / 1e-3 == pytest.approx(expected, abs=1e-4)
 
 
@@ -202,25 +198,27 @@ def reads(
 @pytest.mark.parametrize("displacement", [60.0, -100.0])
 def test_straightness_moves_the_foot_by_the_square_of_travel(displacement: float) -> None:
     part = (displacement / 100.0) ** 2
-    found = change("straightness", "xy", 0.02, at(0, 1, displacement, 0.0))
+    change_mm = change("straightness", "xy", 0.02, at(0, 1, displacement, 0.0))
     moved = reads(0, 1, displacement, sideways_mm=0.02 * part) - reads(0, 1, displacement)
-    assert found == pytest.approx([moved, 0.0], abs=1e-11)
+    assert change_mm == pytest.approx([moved, 0.0], abs=1e-11)
 
 
 @pytest.mark.parametrize("displacement", [60.0, -100.0])
 def test_scale_and_cyclic_are_errors_of_the_carriage(displacement: float) -> None:
     """On legs x and y; there carriage x stands at sqrt(L² - s²)."""
     for leg, axis in ((0, 1), (1, 0)):
-        taken = at(leg, axis, displacement)
+        plan = at(leg, axis, displacement)
         travel = displacement if leg == 0 else np.sqrt(L**2 - displacement**2) - L
         plain = reads(leg, axis, displacement)
         scaled = reads(leg, axis, displacement, (5e-4 * travel, 0.0, 0.0)) - plain
-        assert change("actuator_scale", "x", 0.5, taken)[0] == pytest.approx(scaled, abs=1e-11)
+        assert change("actuator_scale", "x", 0.5, plan)[0] == pytest.approx(scaled, abs=1e-11)
         turn = 2 * np.pi * travel / 4.0
         error = 1e-3 * (3.0 * np.sin(turn) + 5.0 * (np.cos(turn) - 1.0))
         cyclic = EffectInstance(effect("actuator_cyclic", "sine_4mm"), "x", (3.0, 5.0))
-        found = Model(effects=(cyclic,)).readings(taken)[0]
-        assert found == pytest.approx(reads(leg, axis, displacement, (error, 0.0, 0.0)), abs=1e-11)
+        reading_mm = Model(effects=(cyclic,)).readings(plan)[0]
+        assert reading_mm == pytest.approx(
+            reads(leg, axis, displacement, (error, 0.0, 0.0)), abs=1e-11
+        )
 
 
 @pytest.mark.parametrize("name", ["orthoglide", "unequal-bars", "platform", "tilted", "star"])
@@ -240,10 +238,10 @@ def test_last_movement_of_every_carriage_over_a_path(name: str) -> None:
                 line = np.array(geometry.direction[k])
                 square = (end**2).sum(axis=1) - geometry.leg_length_mm[k] ** 2
                 command.append(end @ line + np.sqrt((end @ line) ** 2 - square))
-            taken = at(leg, (leg + 1) % 3, after, approach=float(np.sign(after - before)))
+            plan = at(leg, (leg + 1) % 3, after, approach=float(np.sign(after - before)))
             back_mm = np.max(command, axis=1) - np.array(command)[:, -1]  # none ever turns upwards
             ways = np.where(back_mm < TURNED_MM, 1.0, -1.0)
-            assert last_movement(geometry, taken)[0] == pytest.approx(ways), (leg, before, after)
+            assert last_movement(geometry, plan)[0] == pytest.approx(ways), (leg, before, after)
     assert not last_movement(geometry, at(0, 1, 30.0, approach=0.0)).any()
 
 
@@ -269,28 +267,28 @@ def test_backlash_over_the_steps_of_the_procedures() -> None:
     """Reading by reading against directions followed along the record by hand."""
     machine = Machine()
     for name in ("zero-max-min", "zero-min-max", "sweep"):
-        taken = to_observations([fold(planned(name, machine))])
-        found = change("backlash", "x", 0.02, taken)
-        stood = dict.fromkeys(range(taken.mount_count), (0.0, 0.0))
+        observations = to_observations([fold(planned(name, machine))])
+        change_mm = change("backlash", "x", 0.02, observations)
+        stood = dict.fromkeys(range(observations.mount_count), (0.0, 0.0))
         lagging = 0
-        for row in range(len(taken)):
-            mount, now = int(taken.mount[row]), float(taken.displacement_mm[row])
+        for row in range(len(observations)):
+            mount, now = int(observations.mount[row]), float(observations.displacement_mm[row])
             before, moved = stood[mount]
             moved = float(np.sign(now - before)) or moved
             stood[mount] = now, moved
-            own = int(taken.leg[row]) == 0
-            lags = moved < 0 if own else moved * now > 0
+            same_leg = int(observations.leg[row]) == 0
+            lags = moved < 0 if same_leg else moved * now > 0
             late = 0.02 if lags else 0.0
-            leg, axis = int(taken.leg[row]), int(taken.axis[row])
+            leg, axis = int(observations.leg[row]), int(observations.axis[row])
             expected = reads(leg, axis, now, (late, 0.0, 0.0)) - reads(leg, axis, now)
-            assert found[row] == pytest.approx(expected, abs=1e-11)
+            assert change_mm[row] == pytest.approx(expected, abs=1e-11)
             lagging += lags
         assert lagging > 6
 
 
 def planned(name: str, machine: Machine) -> list[Event]:
     """Events of a session whose values are without meaning."""
-    made = simulated_session(
+    session = simulated_session(
         load_procedure(name, machine.geometry()),
         machine,
         Model(),
@@ -298,7 +296,7 @@ def planned(name: str, machine: Machine) -> list[Event]:
         scatter_mm=0.0,
         resolution_mm=0.0,
     )
-    return [made.opened, *made.readings]
+    return [session.opened, *session.readings]
 
 
 def test_weight_hangs_on_the_vertical_bar_and_presses_when_turned_over() -> None:
@@ -319,12 +317,12 @@ def test_forces_balance_at_any_posture() -> None:
 
 def test_sag_lengthens_the_hanging_bar_and_follows_gravity() -> None:
     """At Zero leg z carries all: z gets longer by the value, so the tool goes down by it."""
-    taken = at(0, 2, 0.0, 60.0)
-    hanging = change("gravity_sag", "z", 0.05, taken)
-    longer = Model(parameters_mm=(0, 0, 0, 0, 0, 0.05)).readings(taken) - Model().readings(taken)
+    plan = at(0, 2, 0.0, 60.0)
+    hanging = change("gravity_sag", "z", 0.05, plan)
+    longer = Model(parameters_mm=(0, 0, 0, 0, 0, 0.05)).readings(plan) - Model().readings(plan)
     assert change("gravity_sag", "x", 0.05, at(0, 2, 0.0))[0] == pytest.approx(0.0, abs=1e-12)
     assert hanging[0] == pytest.approx(longer[0], abs=1e-12)
-    turned = change("gravity_sag", "z", 0.05, taken, Geometry(gravity=(0.0, 0.0, 1.0)))
+    turned = change("gravity_sag", "z", 0.05, plan, Geometry(gravity=(0.0, 0.0, 1.0)))
     assert turned == pytest.approx(-hanging, abs=1e-4)
     assert abs(hanging[1]) > 0.01
 
@@ -332,32 +330,32 @@ def test_sag_lengthens_the_hanging_bar_and_follows_gravity() -> None:
 def test_taper_and_bow_follow_the_place_on_the_bar() -> None:
     """At +60 mm the point moved 60 mm towards the tool along a bar of 310.25 mm, and turned."""
     part = 0.5 - 60.0 / (L * np.cos(0.0))
-    taken = at(0, 1, 60.0, 0.0)
-    taper = change("leg_taper", "xy", 1.0, taken)
+    plan = at(0, 1, 60.0, 0.0)
+    taper = change("leg_taper", "xy", 1.0, plan)
     assert taper[0] - taper[1] == pytest.approx(-0.060, abs=1e-3)
-    bow = change("leg_bow", "xy", 0.2, taken)
+    bow = change("leg_bow", "xy", 0.2, plan)
     assert bow[1] == pytest.approx(0.2, abs=1e-12)
     assert bow[0] == pytest.approx(0.2 * 4 * part * (1 - part), abs=2e-3)
-    assert change("leg_taper", "xz", 1.0, taken) == pytest.approx([0.0, 0.0])
+    assert change("leg_taper", "xz", 1.0, plan) == pytest.approx([0.0, 0.0])
 
 
 def test_gain_and_tilt() -> None:
-    taken = conditions([0, 0, 1], [1, 2, 0], [60.0] * 3)
+    plan = conditions([0, 0, 1], [1, 2, 0], [60.0] * 3)
     model = Model(parameters_mm=OFF)
-    plain = model.readings(taken)
+    plain = model.readings(plan)
     gain = replace(model, effects=(EffectInstance(effect("gauge_gain"), "xy", (2.0,)),)).readings(
-        taken
+        plan
     )
     assert gain == pytest.approx(plain * [1.02, 1.0, 1.0])
-    both = conditions([0] * 4, [1, 2, 1, 2], [60.0, 60.0, 0.0, 0.0])
-    plain = model.readings(both)
+    pairs = conditions([0] * 4, [1, 2, 1, 2], [60.0, 60.0, 0.0, 0.0])
+    plain = model.readings(pairs)
     tilt = replace(model, effects=(EffectInstance(effect("gauge_tilt"), "xy", (10.0,)),)).readings(
-        both
+        pairs
     )
     moved = tilt - plain
     assert moved[[1, 3]] == pytest.approx([0.0, 0.0])
-    own, across = plain[[0, 1]] - plain[[2, 3]]
-    expected = np.sin(0.010) * across + (np.cos(0.010) - 1.0) * own
+    along, across = plain[[0, 1]] - plain[[2, 3]]
+    expected = np.sin(0.010) * across + (np.cos(0.010) - 1.0) * along
     assert moved[0] - moved[2] == pytest.approx(expected, abs=1e-12)
 
 
@@ -366,23 +364,23 @@ def test_three_distances_are_what_six_shifts_show() -> None:
 
     Axis x shifted towards y by 1 is y of z to x: zx -1; its change of the readings in proportion.
     """
-    taken = at(0, 1, 0.0, 60.0, -100.0)
+    plan = at(0, 1, 0.0, 60.0, -100.0)
     model = Model()
     shifts = {
-        place: change("axis_offset", place, 1e-3, taken)
+        place: change("axis_offset", place, 1e-3, plan)
         for place in ("xy", "xz", "yx", "yz", "zx", "zy")
     }
     base = derivatives(model.geometry, model.parameters_mm, TAKEN)
     free = np.hstack([base[:, :3], incidence(TAKEN.mount)])
     for first, second in (("xy", "zy"), ("xz", "yz"), ("yx", "zx")):
-        both = change("axis_offset", first, 1e-3, TAKEN) + change(
+        sum_of_shifts = change("axis_offset", first, 1e-3, TAKEN) + change(
             "axis_offset", second, 1e-3, TAKEN
         )
-        fitted = free @ np.linalg.lstsq(free, both, rcond=1e-9)[0]
-        assert fitted == pytest.approx(both, abs=1e-7)
+        fitted = free @ np.linalg.lstsq(free, sum_of_shifts, rcond=1e-9)[0]
+        assert fitted == pytest.approx(sum_of_shifts, abs=1e-7)
     assert (shifts["xy"][1:] - shifts["xy"][0]) / 1e-3 == pytest.approx([-0.1934, 0.3223], abs=1e-4)
     for pair, plus, minus in (("xy", "xz", "yz"), ("yz", "yx", "zx"), ("zx", "zy", "xy")):
-        distance = change("axis_offset", pair, 1e-3, taken, parameter="distance")
+        distance = change("axis_offset", pair, 1e-3, plan, parameter="distance")
         half = (shifts[plus] - shifts[minus]) / 2
         assert distance == pytest.approx(half, abs=1e-9)
 
@@ -396,12 +394,12 @@ def test_a_single_shifted_axis_is_two_distances() -> None:
             incidence(TAKEN.mount),
         ]
     )
-    found = {c.where: c for c in candidates(model, TAKEN) if c.id == "axis_offset"}
+    by_place = {c.where: c for c in candidates(model, TAKEN) if c.id == "axis_offset"}
     shift = replace(model, effects=(EffectInstance(AxisOffset(), "xz", (1e-4,)),))
-    seen = (shift.readings(TAKEN) - model.readings(TAKEN)) / 1e-4
-    value = np.linalg.lstsq(np.hstack([found["xy"].columns, free]), seen, rcond=1e-10)[0]
+    slope = (shift.readings(TAKEN) - model.readings(TAKEN)) / 1e-4
+    value = np.linalg.lstsq(np.hstack([by_place["xy"].columns, free]), slope, rcond=1e-10)[0]
     assert value[0] == pytest.approx(1.0, abs=1e-4)
-    value = np.linalg.lstsq(np.hstack([found["x"].columns, free]), seen, rcond=1e-10)[0]
+    value = np.linalg.lstsq(np.hstack([by_place["x"].columns, free]), slope, rcond=1e-10)[0]
     assert value[:2] == pytest.approx([1.0, 0.0], abs=1e-4)
 
 
@@ -426,38 +424,40 @@ def test_a_stand_drifts_alone() -> None:
 def test_a_guide_bent_like_an_s(displacement: float) -> None:
     """By hand: 0.02 mm at 100 mm is 0.02 · 0.6³ = 0.00432 mm at 60 mm, -0.02 at -100 mm."""
     sideways = {60.0: 0.00432, -100.0: -0.02}[displacement]
-    found = change("straightness_cubic", "xy", 0.02, at(0, 1, displacement))[0]
+    change_mm = change("straightness_cubic", "xy", 0.02, at(0, 1, displacement))[0]
     expected = reads(0, 1, displacement, sideways_mm=sideways) - reads(0, 1, displacement)
-    assert found == pytest.approx(expected, abs=1e-9)
+    assert change_mm == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_tip_on_a_round_bar() -> None:
     """By hand: across by z on a radius of 10 mm, 100 / m, it reads z² / 20 mm less."""
     model = Model(parameters_mm=(0.0, 0.0, 9.0, 0.0, 0.0, 0.0))
-    taken, across = at(0, 1, 60.0), at(0, 2, 60.0)
+    plan, across = at(0, 1, 60.0), at(0, 2, 60.0)
     z = float(model.readings(across)[0])
     assert abs(z) > 0.9
-    found = model.with_effects((EffectInstance(effect("tip_on_round_bar"), "xy", (100.0,)),))
-    change_mm = found.readings(taken)[0] - model.readings(taken)[0]
+    reading_mm = model.with_effects((EffectInstance(effect("tip_on_round_bar"), "xy", (100.0,)),))
+    change_mm = reading_mm.readings(plan)[0] - model.readings(plan)[0]
     assert change_mm == pytest.approx(-(z**2) / 20.0, rel=1e-9)
-    assert found.readings(at(0, 1, 0.0)) == pytest.approx(model.readings(at(0, 1, 0.0)), abs=1e-12)
+    assert reading_mm.readings(at(0, 1, 0.0)) == pytest.approx(
+        model.readings(at(0, 1, 0.0)), abs=1e-12
+    )
 
 
 def test_an_indicator_lags_by_half_either_way() -> None:
     for approach, expected in ((1.0, -0.002), (-1.0, 0.002), (0.0, 0.0)):
-        found = change("gauge_hysteresis", "xy", 4.0, at(0, 1, 22.0, approach=approach))
-        assert found[0] == pytest.approx(expected, abs=1e-12)
+        change_mm = change("gauge_hysteresis", "xy", 4.0, at(0, 1, 22.0, approach=approach))
+        assert change_mm[0] == pytest.approx(expected, abs=1e-12)
         assert change("gauge_hysteresis", "xy", 4.0, at(0, 2, 22.0))[0] == 0.0
 
 
-def warm(kelvins: float, taken: Conditions) -> Conditions:
-    return replace(taken, temperature_c=np.full(len(taken), 20.0 + kelvins))
+def warm(kelvins: float, plan: Conditions) -> Conditions:
+    return replace(plan, temperature_c=np.full(len(plan), 20.0 + kelvins))
 
 
 def test_a_bar_grows_with_temperature() -> None:
     """System (11): a longer bar x reads -b along y on itself, b = (0.5 + sin a) tan a = 0.1367."""
-    taken = warm(2.0, at(0, 1, 60.0, 0.0))
-    far, zero = change("thermal_growth", "x", 3.0, taken, parameter="bar_per_kelvin")
+    plan = warm(2.0, at(0, 1, 60.0, 0.0))
+    far, zero = change("thermal_growth", "x", 3.0, plan, parameter="bar_per_kelvin")
     assert (far - zero) / 0.006 == pytest.approx(-0.1367, abs=2e-4)
     cold = at(0, 1, 60.0, 0.0)
     assert change("thermal_growth", "x", 3.0, cold, parameter="bar_per_kelvin") == pytest.approx(0)
@@ -467,10 +467,10 @@ def test_a_screw_grows_from_its_bearing() -> None:
     """By hand: 11.5 µm/m K, 2 K, carriage x at sqrt(L² - 60²) = 304.39 mm: 0.0070 mm further."""
     further = 11.5e-6 * 2.0 * np.sqrt(L**2 - 60.0**2)
     assert further == pytest.approx(0.0070, abs=1e-5)
-    taken = warm(2.0, at(1, 0, 60.0))
-    found = change("thermal_growth", "x", 11.5, taken, parameter="screw_per_kelvin")[0]
+    plan = warm(2.0, at(1, 0, 60.0))
+    change_mm = change("thermal_growth", "x", 11.5, plan, parameter="screw_per_kelvin")[0]
     expected = reads(1, 0, 60.0, along_mm=(further, 0.0, 0.0)) - reads(1, 0, 60.0)
-    assert found == pytest.approx(expected, abs=1e-9)
+    assert change_mm == pytest.approx(expected, abs=1e-9)
 
 
 def test_clearance_follows_the_pull() -> None:
@@ -488,13 +488,13 @@ def test_clearance_follows_the_pull() -> None:
     assert pressed[0] == pytest.approx(back, abs=2e-6)
 
 
-def named(found: tuple[Candidate, ...], effect_id: str) -> list[tuple[str, str, int]]:
-    return [(c.where, c.arrangement, len(c.parameters)) for c in found if c.id == effect_id]
+def named(library: tuple[Candidate, ...], effect_id: str) -> list[tuple[str, str, int]]:
+    return [(c.where, c.arrangement, len(c.parameters)) for c in library if c.id == effect_id]
 
 
 def test_places_and_arrangements() -> None:
-    found = candidates(Model(parameters_mm=OFF), TAKEN)
-    assert named(found, "axis_squareness") == [
+    library = candidates(Model(parameters_mm=OFF), TAKEN)
+    assert named(library, "axis_squareness") == [
         *((pair, "one", 1) for pair in ("xy", "yz", "xz")),
         *(("all", "same", 1), ("xy,yz,xz", "each", 3)),
     ]
@@ -502,17 +502,17 @@ def test_places_and_arrangements() -> None:
         *((leg, "each", 2) for leg in "xyz"),
         *(("all", "same", 1), ("all", "mirror", 2), ("all", "turning", 2), ("x,y,z", "each", 6)),
     ]
-    assert named(found, "axis_offset") == [
+    assert named(library, "axis_offset") == [
         *((pair, "one", 1) for pair in ("xy", "yz", "zx")),
         *((axis, "each", 2) for axis in "xyz"),
         *(("all", "same", 1), ("xy,yz,zx", "each", 3)),
     ]
     mounts = [(place, "one", 1) for place in ("xy", "xz", "yx", "yz", "zx", "zy")]
-    assert named(found, "straightness") == lateral
-    assert named(found, "leg_taper") == mounts + lateral
-    assert len(named(found, "actuator_cyclic")) == len(STANDARD_LEADS_MM) * 5
-    assert len(named(found, "thermal_drift")) == 2 * 5
-    turning = next(c for c in found if (c.id, c.arrangement) == ("leg_bow", "turning"))
+    assert named(library, "straightness") == lateral
+    assert named(library, "leg_taper") == mounts + lateral
+    assert len(named(library, "actuator_cyclic")) == len(STANDARD_LEADS_MM) * 5
+    assert len(named(library, "thermal_drift")) == 2 * 5
+    turning = next(c for c in library if (c.id, c.arrangement) == ("leg_bow", "turning"))
     assert [p.name for p in turning.parameters] == ["middle_next", "middle_before"]
     placed = {p.place: p.values for p in turning.effects(np.array([1.0, 2.0]))}
     assert placed == {
@@ -531,15 +531,15 @@ def test_a_known_lead_leaves_one_cyclic_error() -> None:
 
 def test_what_nothing_shows_is_listed() -> None:
     """Of leg x alone: no time, no temperature, no direction of approach."""
-    taken = postures()
-    leg_x = taken.take(taken.leg == 0)
+    plan = postures()
+    leg_x = plan.take(plan.leg == 0)
     silent = replace(leg_x, time_s=np.full(len(leg_x), np.nan))
     hidden = invisible(Model(), silent)
     assert {("backlash", leg) for leg in "xyz"} <= set(hidden)
     assert ("thermal_drift", "y") in hidden
     assert ("axis_squareness", "xy") not in hidden
-    shown = {(c.id, c.where) for c in candidates(Model(), silent)}
-    assert not shown & set(hidden)
+    places = {(c.id, c.where) for c in candidates(Model(), silent)}
+    assert not places & set(hidden)
     assert not {c.id for c in candidates(Model(), silent)} & {"backlash", "thermal_drift"}
     assert not invisible(Model(parameters_mm=OFF), TAKEN)
 
@@ -557,19 +557,19 @@ def test_candidates_of_a_model_that_has_effects() -> None:
 
 def test_a_large_session_takes_milliseconds() -> None:
     """350 readings at two stations; 60 ms is the aim, the limit leaves room for a busy machine."""
-    one = walked((0, 22, 60, 41, 22, 0, -37, -71, -100, -71, -37, 0, 22, 60))
-    two = one.take(np.concatenate([np.arange(len(one)), np.arange(len(one))]))
-    second = np.arange(len(two)) >= len(one)
-    taken = replace(
+    single = walked((0, 22, 60, 41, 22, 0, -37, -71, -100, -71, -37, 0, 22, 60))
+    two = single.take(np.concatenate([np.arange(len(single)), np.arange(len(single))]))
+    second = np.arange(len(two)) >= len(single)
+    plan = replace(
         two,
         station=np.where(second, 0.35, 0.5),
-        mount=two.mount + second * one.mount_count,
+        mount=two.mount + second * single.mount_count,
     )
-    assert len(taken) >= 330
+    assert len(plan) >= 330
     spans = []
     for _ in range(5):
         start = time.perf_counter()
-        candidates(Model(parameters_mm=OFF), taken)
+        candidates(Model(parameters_mm=OFF), plan)
         spans.append(time.perf_counter() - start)
     assert min(spans) < 0.3
 
@@ -584,23 +584,23 @@ def test_remedies_tell_what_to_enter_and_at_which_joints() -> None:
     assert remedies([EffectInstance(Backlash(), "y", (-0.02,))]) == (
         "nothing to enter: no machine has -0.02 mm of this",
     )
-    (said,) = remedies([EffectInstance(AxisOffset(), "zy", (-0.12,))])
-    assert said.startswith("axis z: the kinematics of export --format linuxcnc-kins")
-    assert said.endswith("or shim it by -0.12 mm against y")
-    (said,) = remedies([EffectInstance(AxisDistance(), "zx", (0.2,))])
-    assert said.endswith("or shim axis z against y by +0.2 mm")
+    (remedy,) = remedies([EffectInstance(AxisOffset(), "zy", (-0.12,))])
+    assert remedy.startswith("axis z: the kinematics of export --format linuxcnc-kins")
+    assert remedy.endswith("or shim it by -0.12 mm against y")
+    (remedy,) = remedies([EffectInstance(AxisDistance(), "zx", (0.2,))])
+    assert remedy.endswith("or shim axis z against y by +0.2 mm")
 
 
 def test_every_effect_says_what_to_do() -> None:
     for effect in EVERY:
         place = "xy" if effect.stage != Stage.ACTUATOR else "x"
-        (said,) = remedies([EffectInstance(effect, place, (1.0,) * len(effect.parameters))])
-        assert "{" not in said, effect.id
+        (remedy,) = remedies([EffectInstance(effect, place, (1.0,) * len(effect.parameters))])
+        assert "{" not in remedy, effect.id
 
 
 def test_an_indicator_has_no_law_for_contacts_and_changes_none() -> None:
     """A gain of 100 % leaves the height of a contact as it is; with an indicator it doubles."""
-    ids = {known.id for known in effects_of(EVERY, DELTA) if known.places(CONTACTS)}
+    ids = {law.id for law in effects_of(EVERY, DELTA) if law.places(CONTACTS)}
     assert "plate_tilt" in ids
     assert not ids & {"gauge_gain", "gauge_tilt", "gauge_hysteresis", "stand_drift"}
     gain = EffectInstance(effect("gauge_gain"), "tz", (100.0,))
@@ -613,9 +613,9 @@ def test_an_indicator_has_no_law_for_contacts_and_changes_none() -> None:
 def test_a_plate_that_falls_towards_x_is_further_from_the_tool_there() -> None:
     tilt = EffectInstance(effect("plate_tilt"), "tz", (3.0, 0.0))
     place = [[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [0.0, 50.0, 0.0]]
-    taken = tool_conditions(place)
-    taken = replace(taken, contact=np.ones(3, dtype=np.bool_))
-    height = replace(Model(DELTA), effects=(tilt,)).readings(taken)
+    plan = tool_conditions(place)
+    plan = replace(plan, contact=np.ones(3, dtype=np.bool_))
+    height = replace(Model(DELTA), effects=(tilt,)).readings(plan)
     assert height == pytest.approx([0.0, 0.150, 0.0], abs=1e-9)
 
 
@@ -631,15 +631,13 @@ def test_the_tool_is_higher_over_a_plate_that_falls_outwards(
     shape: str, expected: list[float]
 ) -> None:
     """0.1 mm at 100 mm: 0.1 (x/100)^2, 0.1 (y/100)^2, 0.2 x y/100^2."""
-    taken = tool_conditions(
-        [[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [0.0, 50.0, 0.0], [40.0, 30.0, 0.0]]
-    )
-    taken = replace(taken, contact=np.ones(4, dtype=np.bool_))
-    height = change("plate_bow", "tz", 0.1, taken, DELTA, shape)
+    plan = tool_conditions([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [0.0, 50.0, 0.0], [40.0, 30.0, 0.0]])
+    plan = replace(plan, contact=np.ones(4, dtype=np.bool_))
+    height = change("plate_bow", "tz", 0.1, plan, DELTA, shape)
     assert height == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_probe_at_the_tool_does_not_tilt() -> None:
-    (tilt,) = [known for known in EVERY if known.id == "platform_tilt"]
+    (tilt,) = [law for law in EVERY if law.id == "platform_tilt"]
     assert tilt.places(PROBED) == ("x", "y", "z")
     assert tilt.places(CONTACTS) == ()

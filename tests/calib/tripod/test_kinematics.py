@@ -72,9 +72,9 @@ def equation_4(carriage: FloatArray, lengths: FloatArray) -> FloatArray:
 @pytest.mark.parametrize("shape", [(3,), (1, 3), (4, 5, 3), (2, 3000, 3), (0, 3)])
 def test_any_leading_shape(shape: tuple[int, ...]) -> None:
     tool = np.random.default_rng(3).uniform(-50.0, 50.0, shape)
-    found = direct(ORTHOGLIDE, inverse(ORTHOGLIDE, tool))
-    assert found.shape == shape
-    assert found == pytest.approx(tool, abs=1e-9)
+    position = direct(ORTHOGLIDE, inverse(ORTHOGLIDE, tool))
+    assert position.shape == shape
+    assert position == pytest.approx(tool, abs=1e-9)
 
 
 @pytest.mark.parametrize("carriage", [[L, L, 5 * L], [np.nan, L, L]])

@@ -50,10 +50,10 @@ def by_readings(pool: LegPool, criterion: Criterion) -> float:
             axes.append(axis)
             levels.append(float(level))
             stations.append(float(station))
-    taken = conditions(legs, axes, levels, station=stations)
-    rows = derivatives(Geometry(), np.zeros(6), taken) / NOISE_MM
-    for mount in range(taken.mount_count):
-        rows[taken.mount == mount] -= rows[taken.mount == mount].mean(axis=0)
+    plan = conditions(legs, axes, levels, station=stations)
+    rows = derivatives(Geometry(), np.zeros(6), plan) / NOISE_MM
+    for mount in range(plan.mount_count):
+        rows[plan.mount == mount] -= rows[plan.mount == mount].mean(axis=0)
     sigma = np.linalg.svd(rows, compute_uv=False)
     covariance = np.linalg.inv(rows.T @ rows)
     values = {
@@ -96,8 +96,8 @@ def test_no_other_dial_in_the_cell_is_better(criterion: Criterion) -> None:
         if -100.0 <= level <= 60.0:
             tried = pool.displacement_mm.copy()
             tried[k] = level
-            other = pool.moved(tried, pool.station)
-            assert gain(criterion, value, by_readings(other, criterion)) < 1e-5
+            neighbour = pool.moved(tried, pool.station)
+            assert gain(criterion, value, by_readings(neighbour, criterion)) < 1e-5
 
 
 @pytest.mark.parametrize("criterion", first_quick(list(Criterion)))
@@ -150,9 +150,9 @@ def test_repeats_stay_repeats() -> None:
 
 
 def test_legs_that_are_treated_alike_stay_so() -> None:
-    one = [GRID.index(0, level, 0.35) for level in (-100.0, -20.0, 0.0, 60.0)]
+    first_leg = [GRID.index(0, level, 0.35) for level in (-100.0, -20.0, 0.0, 60.0)]
     chosen = [
-        GRID.index(leg, float(GRID.displacement_mm[k]), 0.35) for leg in range(3) for k in one
+        GRID.index(leg, float(GRID.displacement_mm[k]), 0.35) for leg in range(3) for k in first_leg
     ]
     moved = move_off_grid(GRID, chosen, NOISE_MM, aim_of(Criterion.CONDITION))
     assert better(moved, GRID.take(np.array(chosen)), Criterion.CONDITION) > 0.0

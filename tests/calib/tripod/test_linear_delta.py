@@ -52,55 +52,57 @@ def readings_by_hand(place: FloatArray, parameters: FloatArray) -> FloatArray:
 
 
 def test_readings_are_those_of_the_geometry_written_out() -> None:
-    taken = rings((0.0, 12.0))
+    conditions = rings((0.0, 12.0))
     parameters = np.array([0.4, -0.3, 0.2, 0.1, -0.2, 0.15])
-    found = simulate(DELTA, parameters, taken)
-    assert found == pytest.approx(readings_by_hand(taken.position_mm, parameters), abs=2e-6)
+    readings = simulate(DELTA, parameters, conditions)
+    assert readings == pytest.approx(readings_by_hand(conditions.position_mm, parameters), abs=2e-6)
 
 
 def test_a_plate_shows_five_of_six_combinations_and_not_what_all_towers_share() -> None:
     """Rank of derivatives by differences of independent geometry, zeros taken out."""
-    taken, step = rings(), 1e-3
+    conditions, step = rings(), 1e-3
     columns = [
-        (readings_by_hand(taken.position_mm, h) - readings_by_hand(taken.position_mm, -h))
+        (readings_by_hand(conditions.position_mm, h) - readings_by_hand(conditions.position_mm, -h))
         / (2 * step)
         for h in step * np.eye(6)
     ]
     by_hand = np.stack(columns, axis=1)
-    ours = derivatives(DELTA, np.zeros(6), taken)
+    ours = derivatives(DELTA, np.zeros(6), conditions)
     assert ours == pytest.approx(by_hand, abs=2e-6)
-    free = without_zeros(observe(taken, np.zeros(len(taken))), np.ones(len(taken)), by_hand)
+    free = without_zeros(
+        observe(conditions, np.zeros(len(conditions))), np.ones(len(conditions)), by_hand
+    )
     singular, axes = np.linalg.svd(free)[1:]
     assert int((singular > 1e-4 * singular[0]).sum()) == 5
     assert np.abs(axes[5]) == pytest.approx(np.array([1, 1, 1, 0, 0, 0]) / np.sqrt(3), abs=1e-4)
 
 
 def test_what_a_plate_shows_is_identified_and_the_rest_refused() -> None:
-    taken = rings(repeats=2)
+    conditions = rings(repeats=2)
     truth = np.array([0.3, -0.25, 0.1, 0.08, -0.05, 0.06])
-    value = simulate(DELTA, truth, taken) + 0.7
-    observed, model = observe(taken, value), Model(DELTA)
+    value = simulate(DELTA, truth, conditions) + 0.7
+    observed, model = observe(conditions, value), Model(DELTA)
     with pytest.raises(NotIdentifiable, match="d_rho_x \\+ d_rho_y \\+ d_rho_z"):
         identify(model, observed, "both", indicator=IndicatorFigures(repeatability_mm=1e-5))
-    found = identify(
+    solution = identify(
         model,
         observed,
         "with-tolerances",
         indicator=IndicatorFigures(repeatability_mm=1e-5),
         tolerance_mm=np.array([1.0] * 3 + [0.3] * 3),
     )
-    values = np.array(found.model.parameters_mm)
+    values = np.array(solution.model.parameters_mm)
     assert values[3:] == pytest.approx(truth[3:], abs=1e-4)
     assert values[:3] - values[:3].mean() == pytest.approx(truth[:3] - truth[:3].mean(), abs=1e-4)
-    assert found.uncertainty_mm[:3] == pytest.approx([1.0 / np.sqrt(3.0)] * 3, abs=1e-3)
+    assert solution.uncertainty_mm[:3] == pytest.approx([1.0 / np.sqrt(3.0)] * 3, abs=1e-3)
 
 
 def test_offsets_that_a_plate_cannot_show_alone_are_viewed_with_tolerances() -> None:
-    taken, tolerance = rings(repeats=3), np.array([1.0] * 3 + [0.3] * 3)
+    conditions, tolerance = rings(repeats=3), np.array([1.0] * 3 + [0.3] * 3)
     truth = np.array([0.3, -0.25, 0.1, 0.08, -0.05, 0.06])
-    noise = np.random.default_rng(2).normal(scale=0.002, size=len(taken))
-    value = simulate(DELTA, truth, taken) + noise
-    choice = choose_subset(Model(DELTA), observe(taken, value), tolerance_mm=tolerance)
+    noise = np.random.default_rng(2).normal(scale=0.002, size=len(conditions))
+    value = simulate(DELTA, truth, conditions) + noise
+    choice = choose_subset(Model(DELTA), observe(conditions, value), tolerance_mm=tolerance)
     assert choice.usual == "with-tolerances"
     assert "joint-offsets" in choice.refused
 
@@ -114,25 +116,25 @@ def test_errors_of_the_tool_count_from_zero() -> None:
 
 
 def test_uncertainties_are_true_on_many_sessions() -> None:
-    taken = rings(repeats=3)
+    conditions = rings(repeats=3)
     campaign = Campaign(
         Model(DELTA),
-        observe(taken, np.zeros(len(taken))),
+        observe(conditions, np.zeros(len(conditions))),
         SUBSETS["leg-lengths"],
         scatter_mm=0.005,
         resolution_mm=0.0,
         spread_mm=np.full(6, 0.1),
     )
-    found = simulate_and_identify(campaign, 600, seed=1)
-    assert found.failed == 0
-    assert found.covered == pytest.approx([0.95] * 3, abs=0.035)
+    summary = simulate_and_identify(campaign, 600, seed=1)
+    assert summary.failed == 0
+    assert summary.covered == pytest.approx([0.95] * 3, abs=0.035)
 
 
 def test_cells_are_positions_with_the_way_there() -> None:
     """Same place from two sides: two cells; the same side again: one."""
-    taken = tool_conditions([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]] * 2 + [[30.0, 0.0, 0.0]])
+    conditions = tool_conditions([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]] * 2 + [[30.0, 0.0, 0.0]])
     movement = np.array([[1, 1, 1], [1, -1, 1], [1, 1, 1], [1, -1, 1], [-1, 1, 1]], dtype=float)
-    observed = observe(replace(taken, movement=movement), np.zeros(5))
+    observed = observe(replace(conditions, movement=movement), np.zeros(5))
     assert observed.cell.tolist() == [0, 2, 0, 2, 1]
     assert [observed.posture_words(k) for k in (0, 1)] == ["(0, 0, 0) mm", "(30, 0, 0) mm"]
 
@@ -142,7 +144,7 @@ def moved(origin: Three | None = None, **changes: object) -> Geometry:
 
 
 @pytest.mark.parametrize(
-    ("build", "said"),
+    ("build", "message"),
     [
         (
             lambda: moved((DELTA.origin_mm[2],) * 3, platform_mm=(DELTA.platform_mm[2],) * 3),
@@ -162,9 +164,9 @@ def moved(origin: Three | None = None, **changes: object) -> Geometry:
         (lambda: moved(workspace_mm=((0.0, 0.0, 0.0), (0.0, 1.0, 1.0))), "workspace"),
     ],
 )
-def test_machines_that_cannot_work_are_refused(build: object, said: str) -> None:
+def test_machines_that_cannot_work_are_refused(build: object, message: str) -> None:
     assert callable(build)
-    with pytest.raises(CalibrationError, match=said):
+    with pytest.raises(CalibrationError, match=message):
         build()
 
 

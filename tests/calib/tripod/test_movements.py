@@ -44,12 +44,14 @@ def test_play_is_all_that_is_missing_however_the_machine_homed(
     for number, strength in enumerate((8.0, 12.0, 16.0)):
         name = f"homed/{procedure}/{number}"
         case = Case(name, "single", procedure, "gaussian", ("backlash",), (strength,), homed=-1.0)
-        found = diagnose_files([session(tmp_path, case)]).diagnosis
-        places = [(one.id, one.where) for one in found.effects if one.kind == "machine"]
+        diagnosis = diagnose_files([session(tmp_path, case)]).diagnosis
+        places = [
+            (effect.id, effect.where) for effect in diagnosis.effects if effect.kind == "machine"
+        ]
         (hidden,) = make(case, 1).truth["hidden"]
         assert ("backlash", hidden["where"][0]) in places
-        assert found.verdict in ("explained", "ambiguous")
-        assert found.gap_after.p_value > 1e-3
+        assert diagnosis.verdict in ("explained", "ambiguous")
+        assert diagnosis.gap_after.p_value > 1e-3
 
 
 def test_a_first_reading_that_agrees_with_its_repeats_stays_as_it_is(tmp_path: Path) -> None:

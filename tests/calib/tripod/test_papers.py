@@ -41,17 +41,17 @@ def test_legs_stay_parallel_to_their_planes_on_the_nominal_machine() -> None:
     ]
     leg, axis, displacement = zip(*rows, strict=True)
     for station in (0.1, 0.5, 0.9):
-        taken = conditions(leg, axis, displacement, station=station)
-        assert Model().readings(taken) == pytest.approx(np.zeros(len(taken)), abs=1e-12)
+        plan = conditions(leg, axis, displacement, station=station)
+        assert Model().readings(plan) == pytest.approx(np.zeros(len(plan)), abs=1e-12)
 
 
 def test_gauges_stand_at_10() -> None:
     """(10), of first order: the touched point of each leg at Zero."""
     rho, length = np.array([0.02, -0.01, 0.03]), np.array([-0.01, 0.02, 0.015])
-    taken = conditions([0, 1, 2], [1, 2, 0], [0.0] * 3)
+    plan = conditions([0, 1, 2], [1, 2, 0], [0.0] * 3)
     model = Model(NOMINAL, tuple(np.concatenate([rho, length]).tolist()))
-    flow = posture(NOMINAL, model.parameters_mm, taken, command(NOMINAL, taken))
-    middle = 0.5 * (flow.tool_mm + flow.foot_mm[np.arange(3), taken.leg])
+    flow = posture(NOMINAL, model.parameters_mm, plan, command(NOMINAL, plan))
+    middle = 0.5 * (flow.tool_mm + flow.foot_mm[np.arange(3), plan.leg])
     printed = np.tile(0.5 * (rho - length), (3, 1))
     printed[np.arange(3), np.arange(3)] = 0.5 * (L_MM - length) + rho
     assert middle == pytest.approx(printed, abs=1e-5)
@@ -63,8 +63,8 @@ def test_parameter_mu() -> None:
     """3.2: μ = 0.5 + S - S ΔL/L, here the part of the bar from the foot, at XMax."""
     length = 0.1
     parameters = np.array([0.0, 0.0, 0.0, length, 0.0, 0.0])
-    taken = conditions([0, 0], [1, 1], [60.0, 0.0])  # the last row is Zero
-    flow = posture(NOMINAL, parameters, taken, command(NOMINAL, taken))
+    plan = conditions([0, 0], [1, 1], [60.0, 0.0])  # the last row is Zero
+    flow = posture(NOMINAL, parameters, plan, command(NOMINAL, plan))
     mu = 1.0 - touched_fraction(replace(flow, fraction=np.empty(0)))[0]
     sine = 60.0 / L_MM
     assert mu == pytest.approx(0.5 + sine - sine * length / L_MM, abs=1e-7)

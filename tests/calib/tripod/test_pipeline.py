@@ -34,11 +34,11 @@ def test_system_11_is_the_derivative_of_the_exact_pipeline(
 ) -> None:
     """Issue figure: central differences of the pipeline, 1e-8, for any L, limits and station."""
     geometry = Geometry((length,) * 3, high * length, low * length)
-    taken = postures((0.0, geometry.travel_max_mm, geometry.travel_min_mm), station=station)
+    plan = postures((0.0, geometry.travel_max_mm, geometry.travel_min_mm), station=station)
     h = 1e-3
     steps = h * np.eye(6)
-    central = (simulate(geometry, steps, taken) - simulate(geometry, -steps, taken)).T / (2 * h)
-    assert reading_matrix(geometry, taken) == pytest.approx(central, abs=1e-8)
+    central = (simulate(geometry, steps, plan) - simulate(geometry, -steps, plan)).T / (2 * h)
+    assert reading_matrix(geometry, plan) == pytest.approx(central, abs=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -54,38 +54,38 @@ def test_any_set_of_differences_is_the_derivative_of_the_exact_pipeline(
     levels: tuple[float, ...], expected_names: set[str]
 ) -> None:
     """Missing zeros, only Max minus Min, extra displacements: system (11) of what is there."""
-    taken = postures(levels)
-    measured = differences(NOMINAL, observe(taken, np.zeros(len(taken))))
+    plan = postures(levels)
+    measured = differences(NOMINAL, observe(plan, np.zeros(len(plan))))
     assert {name for name in measured.names if name.startswith("y_x")} == expected_names
     h = 1e-3
     steps = h * np.eye(6)
-    central = (simulate(NOMINAL, steps, taken) - simulate(NOMINAL, -steps, taken)).T / (2 * h)
-    system = measured.combine @ reading_matrix(NOMINAL, taken)
+    central = (simulate(NOMINAL, steps, plan) - simulate(NOMINAL, -steps, plan)).T / (2 * h)
+    system = measured.combine @ reading_matrix(NOMINAL, plan)
     assert system == pytest.approx(measured.combine @ central, abs=1e-8)
 
 
 def test_complex_step_derivatives_away_from_the_nominal_machine() -> None:
-    taken = postures((0.0, 60.0, 30.0, -45.0, -100.0))
+    plan = postures((0.0, 60.0, 30.0, -45.0, -100.0))
     base = np.array([1.5, -2.0, 0.7, 0.4, -0.3, 1.1])
     h = 1e-4
-    forward, back = (simulate(NOMINAL, base + s * h * np.eye(6), taken) for s in (1, -1))
-    exact = derivatives(NOMINAL, base, taken)
+    forward, back = (simulate(NOMINAL, base + s * h * np.eye(6), plan) for s in (1, -1))
+    exact = derivatives(NOMINAL, base, plan)
     assert exact == pytest.approx((forward - back).T / (2 * h), abs=1e-8)
 
 
 def test_readings_at_zero_are_zero_whatever_the_machine() -> None:
-    taken = postures((0.0, 0.0))
-    found = simulate(NOMINAL, [2.0, -1.0, 3.0, 0.5, 0.2, -0.7], taken)
-    assert found == pytest.approx(np.zeros(len(taken)), abs=1e-12)
+    plan = postures((0.0, 0.0))
+    readings = simulate(NOMINAL, [2.0, -1.0, 3.0, 0.5, 0.2, -0.7], plan)
+    assert readings == pytest.approx(np.zeros(len(plan)), abs=1e-12)
 
 
 def test_batch_of_machines_equals_one_after_the_other() -> None:
-    taken = postures()
+    plan = postures()
     machines = np.random.default_rng(5).uniform(-3, 3, (7, 6))
-    together = simulate(NOMINAL, machines, taken)
-    assert together.shape == (7, len(taken))
+    together = simulate(NOMINAL, machines, plan)
+    assert together.shape == (7, len(plan))
     for machine, row in zip(machines, together, strict=True):
-        assert row == pytest.approx(simulate(NOMINAL, machine, taken), abs=1e-12)
+        assert row == pytest.approx(simulate(NOMINAL, machine, plan), abs=1e-12)
 
 
 def test_commands_of_the_named_postures() -> None:
@@ -149,9 +149,9 @@ class Gain:
 def slope(
     effect_at: Callable[[float], StageEffect], leg: int, axis: int, displacement: float, h: float
 ) -> float:
-    taken = conditions([leg], [axis], [displacement])
-    high = Model(effects=(effect_at(h),)).readings(taken)[0]
-    low = Model(effects=(effect_at(-h),)).readings(taken)[0]
+    plan = conditions([leg], [axis], [displacement])
+    high = Model(effects=(effect_at(h),)).readings(plan)[0]
+    low = Model(effects=(effect_at(-h),)).readings(plan)[0]
     return float(high - low) / (2 * h)
 
 
@@ -180,7 +180,7 @@ def test_axis_shift(leg: int, axis: int, displacement: float, expected: float) -
 
 
 def test_effects_of_several_stages_compose() -> None:
-    taken = postures()
+    plan = postures()
     lean = Lean(1, 2, 1e-3)
-    plain = Model(effects=(lean,)).readings(taken)
-    assert Model(effects=(lean, Gain(1.02))).readings(taken) == pytest.approx(1.02 * plain)
+    plain = Model(effects=(lean,)).readings(plan)
+    assert Model(effects=(lean, Gain(1.02))).readings(plan) == pytest.approx(1.02 * plain)

@@ -43,14 +43,14 @@ def measured(
     name: str, parameters: FloatArray, tilt: float = 0.0, scatter: float = 0.0
 ) -> Observations:
     """A session of a machine; zeros and tilts of the planes at random, scatter as asked."""
-    taken = taken_by(name)
+    conditions = taken_by(name)
     generator = np.random.default_rng(4)
-    over = taken.over_plane
-    values = np.asarray(simulate(NOMINAL, parameters, taken))
-    values = values + generator.normal(size=taken.mount_count)[taken.mount]
-    slope = tilt * generator.normal(size=taken.mount_count)[taken.mount]
-    values[over] += (slope * taken.along_mm)[over]
-    return observe(taken, values + scatter * generator.normal(size=len(taken)))
+    over = conditions.over_plane
+    values = np.asarray(simulate(NOMINAL, parameters, conditions))
+    values = values + generator.normal(size=conditions.mount_count)[conditions.mount]
+    slope = tilt * generator.normal(size=conditions.mount_count)[conditions.mount]
+    values[over] += (slope * conditions.along_mm)[over]
+    return observe(conditions, values + scatter * generator.normal(size=len(conditions)))
 
 
 def height(
@@ -71,63 +71,67 @@ def height(
 
 
 def test_readings_are_heights_of_the_bar() -> None:
-    taken = taken_by("plane")
+    conditions = taken_by("plane")
     expected = [
         height(OFF, int(leg), int(axis), float(at), float(station))
         for leg, axis, at, station in zip(
-            taken.leg, taken.axis, taken.displacement_mm, taken.station, strict=True
+            conditions.leg,
+            conditions.axis,
+            conditions.displacement_mm,
+            conditions.station,
+            strict=True,
         )
     ]
     assert np.ptp(expected) > 1.0
-    assert simulate(NOMINAL, OFF, taken) == pytest.approx(np.array(expected), abs=1e-9)
+    assert simulate(NOMINAL, OFF, conditions) == pytest.approx(np.array(expected), abs=1e-9)
 
 
 def test_the_closed_form_and_its_derivatives_are_the_pipeline() -> None:
-    taken = taken_by("zero-max-min-plane")
-    design = plain_design(NOMINAL, taken)
+    conditions = taken_by("zero-max-min-plane")
+    design = plain_design(NOMINAL, conditions)
     assert isinstance(design, TripodDesign)
     value, slope = design.readings_and_derivatives(OFF[:, None])
-    assert value[:, 0] == pytest.approx(simulate(NOMINAL, OFF, taken), abs=1e-11)
-    assert pytest.approx(derivatives(NOMINAL, OFF, taken), abs=1e-11) == slope[:, :, 0].T
+    assert value[:, 0] == pytest.approx(simulate(NOMINAL, OFF, conditions), abs=1e-11)
+    assert pytest.approx(derivatives(NOMINAL, OFF, conditions), abs=1e-11) == slope[:, :, 0].T
 
 
 @pytest.mark.parametrize("method", ["exact", "linear"])
 def test_neither_zero_nor_tilt_of_a_plane_matters(method: str) -> None:
     """Noise-free sessions over planes off by 10 mm in 1 m give the machine back."""
     figures = IndicatorFigures(repeatability_mm=SIGMA_MM)
-    found = identify(
+    solution = identify(
         Model(), measured("zero-max-min-plane", OFF, tilt=0.01), "both", indicator=figures
     )
-    assert found.values_mm == pytest.approx(OFF, abs=1e-7)
+    assert solution.values_mm == pytest.approx(OFF, abs=1e-7)
     if method == "linear":  # of first order: small errors, weighted by covariance
         small = 1e-4 * OFF
         session = measured("zero-max-min-plane", small, tilt=0.01)
-        found = identify(
+        solution = identify(
             Model(), session, "both", "linear", weights="covariance", indicator=figures
         )
-        assert found.values_mm == pytest.approx(small, abs=1e-7)
+        assert solution.values_mm == pytest.approx(small, abs=1e-7)
 
 
 def test_a_tilt_over_all_the_table_is_of_first_order_only() -> None:
     """A plane tilted by 1 mrad under a leg 2 mm off its place: less than 2 µm of offset."""
     parameters = np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    taken = taken_by("zero-max-min-plane")
-    values = np.array(simulate(NOMINAL, parameters, taken))
-    along = taken.along_mm + 2.0  # where the bar is in truth
-    values[taken.over_plane] += 1e-3 * along[taken.over_plane]
-    found = identify(
+    conditions = taken_by("zero-max-min-plane")
+    values = np.array(simulate(NOMINAL, parameters, conditions))
+    along = conditions.along_mm + 2.0  # where the bar is in truth
+    values[conditions.over_plane] += 1e-3 * along[conditions.over_plane]
+    solution = identify(
         Model(),
-        observe(taken, values),
+        observe(conditions, values),
         "joint-offsets",
         indicator=IndicatorFigures(repeatability_mm=SIGMA_MM),
     )
-    assert found.values_mm == pytest.approx(parameters[:3], abs=2e-3)
+    assert solution.values_mm == pytest.approx(parameters[:3], abs=2e-3)
 
 
 def test_what_the_plane_shows_alone() -> None:
     """Both sums d_rho + d_L of legs x and y stay hidden; of six combinations four are seen."""
-    taken = visits(taken_by("plane"))
-    assert set_up_unknowns(taken) == 4  # a zero and a tilt for each of two legs
+    conditions = visits(taken_by("plane"))
+    assert set_up_unknowns(conditions) == 4  # a zero and a tilt for each of two legs
     with pytest.raises(NotIdentifiable, match="d_rho_x \\+ d_L_x; d_rho_y \\+ d_L_y"):
         identify(
             Model(), measured("plane", OFF), indicator=IndicatorFigures(repeatability_mm=SIGMA_MM)
@@ -138,26 +142,28 @@ def test_zero_and_tilt_of_a_plane_never_reach_the_diagnosis() -> None:
     """They are in its base: the same readings on other planes leave the same."""
     figures = IndicatorFigures(repeatability_mm=SIGMA_MM)
     tolerance = np.repeat([2.0, 0.1], 3)
-    left = []
+    leftovers = []
     for tilt in (0.0, 4e-3):
         observed = measured("zero-max-min-plane", OFF, tilt=tilt, scatter=SIGMA_MM)
         cells = Cells.of(SessionCase(Model(), observed, figures, tolerance))
-        left.append(Leftover.of([cells]))
-    assert left[1].left == pytest.approx(left[0].left, abs=1e-5)
-    assert float(np.abs(left[0].left).max()) > 0.5
-    (cells,) = left[0].sessions
+        leftovers.append(Leftover.of([cells]))
+    assert leftovers[1].left == pytest.approx(leftovers[0].left, abs=1e-5)
+    assert float(np.abs(leftovers[0].left).max()) > 0.5
+    (cells,) = leftovers[0].sessions
     assert cells.zeros.T @ cells.zeros == pytest.approx(np.eye(cells.zeros.shape[1]), abs=1e-9)
     assert cells.zeros.shape[1] == 6 + 2 * 2  # zeros, zeros and tilts over planes
-    assert left[0].freedom == len(cells.means) - (6 + 2 * 2 + 3)  # and joint offsets
+    assert leftovers[0].freedom == len(cells.means) - (6 + 2 * 2 + 3)  # and joint offsets
 
 
 def test_a_bowed_bar_over_a_plane_by_hand() -> None:
     """A parabola over the bar: at s it stands 4 s (1 - s) out, wherever the posture is."""
-    taken = taken_by("plane")
+    conditions = taken_by("plane")
     bow = EffectInstance(LegBow(), "xz", (0.05,))
-    shown = Model(effects=(bow,)).readings(taken) - Model().readings(taken)
-    expected = np.where(taken.leg == 0, 0.05 * 4 * taken.station * (1 - taken.station), 0.0)
-    assert shown == pytest.approx(expected, abs=1e-12)
+    change = Model(effects=(bow,)).readings(conditions) - Model().readings(conditions)
+    expected = np.where(
+        conditions.leg == 0, 0.05 * 4 * conditions.station * (1 - conditions.station), 0.0
+    )
+    assert change == pytest.approx(expected, abs=1e-12)
 
 
 def uncertainty(rows: FloatArray, zeros: FloatArray, free: range = range(6)) -> FloatArray:
@@ -239,18 +245,20 @@ def test_what_4a_adds_to_4b(
     added, places = over_planes(axes, stations)
     keys = [(leg, axis, at if zero == "posture" else 0.0) for leg, axis, at, _ in places]
     legs = [(leg, axis) for leg, axis, _, _ in places]
-    unknown = [np.array([[key == one for one in dict.fromkeys(keys)] for key in keys], dtype=float)]
+    unknown = [
+        np.array([[key == column for column in dict.fromkeys(keys)] for key in keys], dtype=float)
+    ]
     if tilted:
         along = np.array([at + station * L_MM for _, _, at, station in places])
         of_leg = np.array(
-            [[leg == one for one in dict.fromkeys(legs)] for leg in legs], dtype=float
+            [[leg == column for column in dict.fromkeys(legs)] for leg in legs], dtype=float
         )
         unknown.append(along[:, None] * of_leg)
-    more = np.hstack(unknown)
+    zeros_block = np.hstack(unknown)
     rows = np.vstack([base, added])
-    both = np.zeros((len(rows), 6 + more.shape[1]))
-    both[: len(base), :6], both[len(base) :, 6:] = zeros, more
-    of_full, of_offsets = uncertainty(rows, both), uncertainty(rows, both, range(3))
+    design = np.zeros((len(rows), 6 + zeros_block.shape[1]))
+    design[: len(base), :6], design[len(base) :, 6:] = zeros, zeros_block
+    of_full, of_offsets = uncertainty(rows, design), uncertainty(rows, design, range(3))
     assert (of_full[0], of_full[2]) == pytest.approx(full, abs=1e-4)
     assert (of_offsets[0], of_offsets[2]) == pytest.approx(offsets, abs=1e-4)
 
@@ -267,34 +275,39 @@ def test_the_program_promises_what_the_covariance_says() -> None:
         return_to_zero=False,
     )
     observed = planned_readings(steps, Machine())
-    found = identify(Model(), observed, indicator=IndicatorFigures(repeatability_mm=SIGMA_MM))
-    stated = np.sqrt(found.covariance_mm2.diagonal())
+    solution = identify(Model(), observed, indicator=IndicatorFigures(repeatability_mm=SIGMA_MM))
+    stated = np.sqrt(solution.covariance_mm2.diagonal())
     assert (stated[0], stated[2]) == pytest.approx((0.7247, 0.2248), abs=1e-4)
 
 
 def test_intervals_hold_the_truth() -> None:
     """300 sessions with tilts and noise: 95 % of the intervals of d_rho_z."""
-    taken = taken_by("zero-max-min-plane")
-    weight = np.full(len(taken), SIGMA_MM**-2.0)
+    conditions = taken_by("zero-max-min-plane")
+    weight = np.full(len(conditions), SIGMA_MM**-2.0)
     generator = np.random.default_rng(2)
-    over = np.nan_to_num(taken.along_mm)[:, None]
-    values = np.asarray(simulate(NOMINAL, OFF, taken))[:, None]
-    values = values + generator.normal(size=(taken.mount_count, 300))[taken.mount]
-    values = values + over * 1e-3 * generator.normal(size=(taken.mount_count, 300))[taken.mount]
+    over = np.nan_to_num(conditions.along_mm)[:, None]
+    values = np.asarray(simulate(NOMINAL, OFF, conditions))[:, None]
+    values = values + generator.normal(size=(conditions.mount_count, 300))[conditions.mount]
+    values = (
+        values
+        + over * 1e-3 * generator.normal(size=(conditions.mount_count, 300))[conditions.mount]
+    )
     values = values + SIGMA_MM * generator.normal(size=values.shape)
-    optimum = PlainFit.of(Model(), taken, tuple(range(6)), weight).solve(values)
+    optimum = PlainFit.of(Model(), conditions, tuple(range(6)), weight).solve(values)
     assert optimum.converged.all()
     stated = identify(
-        Model(), observe(taken, values[:, 0]), indicator=IndicatorFigures(repeatability_mm=SIGMA_MM)
+        Model(),
+        observe(conditions, values[:, 0]),
+        indicator=IndicatorFigures(repeatability_mm=SIGMA_MM),
     )
     assert stated.noise.standard_deviation_mm == pytest.approx(SIGMA_MM, rel=0.3)
-    known = (
+    uncertainty_mm = (
         np.sqrt(stated.covariance_mm2.diagonal()) * SIGMA_MM / stated.noise.standard_deviation_mm
     )
     off = optimum.values - OFF[:, None]
-    assert off.std(axis=1) == pytest.approx(known, rel=0.12)
-    held = (np.abs(off) < 1.96 * known[:, None]).mean(axis=1)
-    assert (held > 0.91).all()
+    assert off.std(axis=1) == pytest.approx(uncertainty_mm, rel=0.12)
+    coverage = (np.abs(off) < 1.96 * uncertainty_mm[:, None]).mean(axis=1)
+    assert (coverage > 0.91).all()
 
 
 def test_steps_slide_the_stand_and_keep_the_set_up() -> None:
@@ -304,6 +317,6 @@ def test_steps_slide_the_stand_and_keep_the_set_up() -> None:
     assert len({s.place for s in steps}) == 2
     assert {(s.leg, s.axes) for s in steps} == {("x", ("z",)), ("y", ("z",))}
     assert load_procedure("plane", NOMINAL).read_in_place(NOMINAL) == 0
-    taken: Conditions = taken_by("plane")
+    conditions: Conditions = taken_by("plane")
     assert len(visits(taken_by("plane"))) == len(steps)
-    assert command(NOMINAL, taken).shape == (len(steps), 3)
+    assert command(NOMINAL, conditions).shape == (len(steps), 3)

@@ -36,7 +36,7 @@ def tool_at(geometry: Geometry, joints_mm: FloatArray, wanted_mm: FloatArray) ->
 
 def joints_at(geometry: Geometry, tool_mm: FloatArray) -> FloatArray:
     """Where nominal carriages are, by bisection ahead of the platform."""
-    every = []
+    tools = []
     for end, at, way, length in zip(
         np.array(geometry.platform_mm),
         np.array(geometry.origin_mm),
@@ -51,13 +51,13 @@ def joints_at(geometry: Geometry, tool_mm: FloatArray) -> FloatArray:
         ) -> float:
             return float(np.linalg.norm(tool_mm + end - at - mm * way))
 
-        every.append(
+        tools.append(
             brentq(lambda mm, length=length: off(mm) - length, nearest, nearest + 2.0 * length)
         )
-    return np.array(every)
+    return np.array(tools)
 
 
-@pytest.mark.parametrize("name", [name for name, one in TRIPODS.items() if one.reads_legs])
+@pytest.mark.parametrize("name", [name for name, tripod in TRIPODS.items() if tripod.reads_legs])
 def test_a_reading_is_where_the_bar_crosses_the_line_of_the_indicator(name: str) -> None:
     """Set up at Zero, square to the drive, in the plane of both; the tool goes along the drive.
 
@@ -74,25 +74,25 @@ def test_a_reading_is_where_the_bar_crosses_the_line_of_the_indicator(name: str)
         def bar(
             level: float, leg: int = leg, start: FloatArray = start
         ) -> tuple[FloatArray, FloatArray]:
-            wanted = start + level * np.array(geometry.direction[leg])
-            joints = joints_at(geometry, wanted) + PARAMETERS_MM[:3]
+            target = start + level * np.array(geometry.direction[leg])
+            joints = joints_at(geometry, target) + PARAMETERS_MM[:3]
             foot = np.array(geometry.origin_mm[leg]) + joints[leg] * np.array(
                 geometry.direction[leg]
             )
-            return tool_at(geometry, joints, wanted) + geometry.platform_mm[leg], foot
+            return tool_at(geometry, joints, target) + geometry.platform_mm[leg], foot
 
         tool_end, foot = bar(0.0)
         stands = tool_end + station * (foot - tool_end)
         for axis in {0, 1, 2} - {leg}:
-            other = np.array(geometry.direction[axis])
-            if np.linalg.norm(np.cross(way, other)) < 1e-9:
-                other = np.subtract(geometry.origin_mm[axis], geometry.origin_mm[leg])
-            across = np.cross(np.cross(way, other), way)
+            second = np.array(geometry.direction[axis])
+            if np.linalg.norm(np.cross(way, second)) < 1e-9:
+                second = np.subtract(geometry.origin_mm[axis], geometry.origin_mm[leg])
+            across = np.cross(np.cross(way, second), way)
             across = across / np.linalg.norm(across)
             for level in levels:
                 tool_end, foot = bar(level)
                 share = ((stands - tool_end) @ way) / ((foot - tool_end) @ way)
-                shown = float((tool_end + share * (foot - tool_end) - stands) @ across)
-                taken = conditions([leg], [axis], [level], station=station)
-                computed = simulate(geometry, PARAMETERS_MM, taken)[0]
-                assert computed == pytest.approx(shown, abs=1e-9), (leg, axis, level)
+                reading = float((tool_end + share * (foot - tool_end) - stands) @ across)
+                plan = conditions([leg], [axis], [level], station=station)
+                computed = simulate(geometry, PARAMETERS_MM, plan)[0]
+                assert computed == pytest.approx(reading, abs=1e-9), (leg, axis, level)

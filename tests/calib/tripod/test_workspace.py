@@ -57,9 +57,11 @@ def test_joint_limits_leave_less_than_that_cube() -> None:
     points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
     assert ORTHOGLIDE.stands(points).all()
     assert distortion(ORTHOGLIDE, points).max() <= 2.0
-    found = workspace_of(ORTHOGLIDE, 2.0)
-    assert (found.lowest_factor, found.highest_factor) == pytest.approx((0.65, 2.3), abs=0.1)
-    assert found.inside > 0.999
+    workspace = workspace_of(ORTHOGLIDE, 2.0)
+    assert (workspace.lowest_factor, workspace.highest_factor) == pytest.approx(
+        (0.65, 2.3), abs=0.1
+    )
+    assert workspace.inside > 0.999
     assert largest_cube(ORTHOGLIDE, 1.0) is None
 
 
@@ -139,22 +141,24 @@ def test_equation_1_gives_the_tool_back(
 @given(NEAR)
 def test_every_mode_is_a_solution_of_equation_2(tool: tuple[float, float, float]) -> None:
     """[C] (3): eight carriages for a tool; [C] (4): two tools for carriages."""
-    found = posture_of_tool(ORTHOGLIDE, tool)
+    posture = posture_of_tool(ORTHOGLIDE, tool)
     p = np.array(tool)
-    assert len({mode.carriage_mm for mode in found.modes}) == 8
-    for mode in found.modes:
+    assert len({mode.carriage_mm for mode in posture.modes}) == 8
+    for mode in posture.modes:
         q = np.array(mode.carriage_mm) + L_MM
         assert (p - q) ** 2 + (p @ p - p**2) == pytest.approx([L_MM**2] * 3, rel=1e-12)
         assert np.sign(q - p).tolist() == list(mode.signs)
-    q, other = np.array(found.modes[0].carriage_mm) + L_MM, found.assembly_mm
-    assert (other - q) ** 2 + (other @ other - other**2) == pytest.approx([L_MM**2] * 3, rel=1e-9)
-    assert np.linalg.norm(other - p) > 100.0
+    q, assembly = np.array(posture.modes[0].carriage_mm) + L_MM, posture.assembly_mm
+    assert (assembly - q) ** 2 + (assembly @ assembly - assembly**2) == pytest.approx(
+        [L_MM**2] * 3, rel=1e-9
+    )
+    assert np.linalg.norm(assembly - p) > 100.0
 
 
 def test_the_other_assembly_at_zero_is_the_root_that_the_papers_print() -> None:
-    found = posture_of_tool(ORTHOGLIDE, (0.0, 0.0, 0.0))
-    assert found.assembly_mm == pytest.approx([2 * L_MM / 3] * 3)
-    assert found.stands
+    posture = posture_of_tool(ORTHOGLIDE, (0.0, 0.0, 0.0))
+    assert posture.assembly_mm == pytest.approx([2 * L_MM / 3] * 3)
+    assert posture.stands
     assert not posture_of_tool(ORTHOGLIDE, (70.0, 40.0, 0.0)).stands  # carriage x at 67 mm
 
 
@@ -172,8 +176,8 @@ def test_milling_near_zero_does_not_show_legs_that_are_off_by_2_mm() -> None:
     points = workspace_points(geometry, near_zero=True)
     shift = direct(geometry, geometry.zero_mm + rho)
     off = direct(geometry, inverse(geometry, points) + rho) - points
-    whole, relative = (np.sqrt((e**2).sum(axis=1).mean()) for e in (off, off - shift))
-    assert whole == pytest.approx(1.83, abs=0.02)
+    absolute, relative = (np.sqrt((e**2).sum(axis=1).mean()) for e in (off, off - shift))
+    assert absolute == pytest.approx(1.83, abs=0.02)
     assert relative == pytest.approx(0.23, abs=0.02)
 
 

@@ -306,8 +306,8 @@ class Garbles(Ill):
         if "cuts" in self.kinds:
             answer = answer[: self.generator.randrange(len(answer) + 1)]
         if "names" in self.kinds:
-            one, other = self.generator.sample(NAMES, 2)
-            answer = answer.replace(one.encode(), other.encode())
+            first, second = self.generator.sample(NAMES, 2)
+            answer = answer.replace(first.encode(), second.encode())
         if "doubles" in self.kinds:
             answer *= 2
         return answer
@@ -370,15 +370,15 @@ class Refuses(Ill):
                 front.answer(link, b"error:%d\r\n" % self.number)
                 return b""
             return came
-        kept = []
+        lines_through = []
         for line in came.splitlines(keepends=True):
             words = line.split()
-            wanted = {"any": b"", "stop": b"abort", "move": b"mdi"}[self.what]
-            if words[:1] == [b"set"] and wanted in words[1] and not words[1].startswith(b"e"):
+            prefix = {"any": b"", "stop": b"abort", "move": b"mdi"}[self.what]
+            if words[:1] == [b"set"] and prefix in words[1] and not words[1].startswith(b"e"):
                 front.answer(link, b"SET %s NAK\n\r" % words[1].upper())
             else:
-                kept.append(line)
-        return b"".join(kept)
+                lines_through.append(line)
+        return b"".join(lines_through)
 
     def tells(self, front: Front, link: Link, answer: bytes) -> bytes:
         if self.what != "never":

@@ -201,11 +201,11 @@ class Scenario:
         return places, self._generator.choice((600.0, 1500.0, FEED))
 
     def _consented(self) -> bool:
-        taken = self._line.consent()
-        if taken:
+        consent = self._line.consent()
+        if consent:
             self._consents.append([time.monotonic() - 0.001, math.inf])
             self._changed()
-        return taken
+        return consent
 
     def _sent(self) -> tuple[Future[Triple], list[Triple], float]:
         places, feed = self._way()
@@ -229,8 +229,8 @@ class Scenario:
         if place_mm is not None and not self._place_unknown():
             true_mm = self._axes.place(now_s)
             near = max(abs(a - b) for a, b in zip(true_mm, places[-1], strict=True))
-            others = any(at_s > self._ways[-1][0] for at_s, what in self._front.changes)
-            if near > LIMITS.reached_mm + 0.001 and not others:
+            change_near = any(at_s > self._ways[-1][0] for at_s, what in self._front.changes)
+            if near > LIMITS.reached_mm + 0.001 and not change_near:
                 self._blame(f"arrived at {places[-1]}, in truth at {true_mm}")
         self._line.release()
 
@@ -380,7 +380,7 @@ def test_ill_controllers(name: str, ticker: Ticker, monkeypatch: pytest.MonkeyPa
         wrong = list(
             pool.map(lambda seed: scenario(name, seed, ticker).run(), range(FIRST, FIRST + SEEDS))
         )
-    assert not any(wrong), "\n".join(words for each in wrong for words in each)
+    assert not any(wrong), "\n".join(words for messages in wrong for words in messages)
 
 
 @pytest.mark.parametrize(
@@ -439,7 +439,7 @@ def test_ill_controllers_leave_no_guard(name: str, ticker: Ticker) -> None:
     """A twentieth of the seeds, with the process beside the program."""
     wrong = [scenario(name, seed, ticker).run() for seed in range(FIRST, FIRST + SEEDS, 20)]
     assert not LEFT or all(guard.poll() is not None for guard in LEFT)
-    assert not any(wrong), "\n".join(words for each in wrong for words in each)
+    assert not any(wrong), "\n".join(words for messages in wrong for words in messages)
 
 
 @contextmanager
@@ -735,7 +735,7 @@ def test_a_stranger_behind_the_port(name: str, ticker: Ticker) -> None:
     devices = [(b"", 0.0), *((s, 0.0) for s in STRANGERS), *((s, 0.1) for s in STRANGERS[::3])]
     with ThreadPoolExecutor(AT_ONCE) as pool:
         wrong = list(pool.map(lambda device: stranger(name, device[0], device[1], ticker), devices))
-    assert not any(wrong), "\n".join(words for each in wrong for words in each)
+    assert not any(wrong), "\n".join(words for messages in wrong for words in messages)
 
 
 @pytest.mark.parametrize("name", NAMES)

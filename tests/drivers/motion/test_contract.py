@@ -43,10 +43,10 @@ from tests.drivers.motion.bench import (
     rig,
 )
 
-every = pytest.mark.parametrize("name", TWINS)
+controllers = pytest.mark.parametrize("name", TWINS)
 
 
-@every
+@controllers
 def test_goes_where_it_is_sent_and_reads_back(name: str) -> None:
     with rig(name) as r:
         for to in ((10.0, 0.25, -4.5), (10.0, 0.25, -4.5), START):
@@ -57,7 +57,7 @@ def test_goes_where_it_is_sent_and_reads_back(name: str) -> None:
         assert len(r.twin.moves) == 3
 
 
-@every
+@controllers
 def test_waits_for_the_end(name: str) -> None:
     with rig(name) as r:
         began = time.monotonic()
@@ -66,7 +66,7 @@ def test_waits_for_the_end(name: str) -> None:
         assert not r.axes.moving
 
 
-@every
+@controllers
 def test_an_inch_machine_moves_as_far_as_any(name: str) -> None:
     def inch(axes: SimulatedAxes) -> MotionTwin:
         twin = TWINS[name](axes)
@@ -87,7 +87,7 @@ def test_a_feed_is_of_mm_also_where_inches_were_in_force() -> None:
         assert time.monotonic() - began >= 0.5  # 5 mm at 10 mm/s
 
 
-@every
+@controllers
 @pytest.mark.parametrize(
     ("to", "feed"),
     [
@@ -182,16 +182,16 @@ def test_diameters_of_another_client_halve_no_way() -> None:
         assert "G8" in r.twin.state["program_codes"].split()  # type: ignore[attr-defined]
 
 
-@every
+@controllers
 @pytest.mark.parametrize(
     "trouble", [MotionTrouble.NOT_HOMED, MotionTrouble.OFF, MotionTrouble.ESTOP]
 )
 def test_a_machine_that_is_not_ready(name: str, trouble: MotionTrouble) -> None:
     with beside(name) as (controller, twin):
         twin.befall(trouble)
-        with pytest.raises(ControllerFault) as said:
+        with pytest.raises(ControllerFault) as fault:
             controller.ready()
-        assert said.value.kind in (MotionFault.NOT_READY, MotionFault.CONTROLLER)
+        assert fault.value.kind in (MotionFault.NOT_READY, MotionFault.CONTROLLER)
         assert not twin.moves
 
 
@@ -208,7 +208,7 @@ STOPPED_BY = {
 """What the operator meets; None: held or a fault, as the controller tells it."""
 
 
-@every
+@controllers
 @pytest.mark.parametrize("trouble", STOPPED_BY)
 def test_trouble_on_the_way_stops_it(name: str, trouble: MotionTrouble) -> None:
     with rig(name) as r:
@@ -227,7 +227,7 @@ def test_trouble_on_the_way_stops_it(name: str, trouble: MotionTrouble) -> None:
         assert 1.0 < r.axes.at_mm[0] < 49.0
 
 
-@every
+@controllers
 def test_a_controller_that_falls_silent_is_not_stopped_and_says_so(name: str) -> None:
     with rig(name, answer_s=0.2) as r:
         r.on_the_way()
@@ -256,7 +256,7 @@ def test_an_acknowledgement_that_is_lost_is_asked_for_again() -> None:
         assert r.line.answered().result(PATIENCE_S) == pytest.approx(r.axes.at_mm, abs=0.001)
 
 
-@every
+@controllers
 def test_who_leaves_a_machine_that_is_not_seen_to_rest_reads_that(name: str) -> None:
     with rig(name, answer_s=0.2) as r:
         r.on_the_way()
@@ -268,7 +268,7 @@ def test_who_leaves_a_machine_that_is_not_seen_to_rest_reads_that(name: str) -> 
         assert comes_true(lambda: all(guard.poll() is not None for guard in LEFT))
 
 
-@every
+@controllers
 def test_stops_short(name: str) -> None:
     with rig(name) as r:
         r.twin.befall(MotionTrouble.ELSEWHERE)
@@ -278,7 +278,7 @@ def test_stops_short(name: str) -> None:
         r.comes(State.HELD)
 
 
-@every
+@controllers
 @pytest.mark.parametrize("coordinate", range(3))
 def test_a_place_that_is_no_number_is_a_fault(
     coordinate: int, name: str, monkeypatch: pytest.MonkeyPatch
@@ -290,7 +290,7 @@ def test_a_place_that_is_no_number_is_a_fault(
         assert "Allowed: a number" in r.line.why
 
 
-@every
+@controllers
 @pytest.mark.parametrize(
     "trouble",
     [MotionTrouble.MODE, MotionTrouble.UNHOMED, MotionTrouble.OVERRIDE, MotionTrouble.OFFSET],
@@ -309,7 +309,7 @@ def test_what_others_change_at_rest_is_noticed_before_anything_moves(
         assert not r.line.consent()
 
 
-@every
+@controllers
 def test_what_others_change_at_rest_is_noticed_without_a_move(name: str) -> None:
     with rig(name) as r:
         r.twin.befall(MotionTrouble.OFFSET)
@@ -317,7 +317,7 @@ def test_what_others_change_at_rest_is_noticed_without_a_move(name: str) -> None
         assert "-5.000" in r.line.why
 
 
-@every
+@controllers
 def test_somebody_else_moved_it(name: str) -> None:
     with rig(name) as r:
         r.go((10.0, 0.0, 0.0))
@@ -350,9 +350,9 @@ def test_an_answer_that_came_while_the_program_was_held_up_counts(
 def test_password_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     for words in ("WRONG EMCTOO", "EMC WRONG"):
         monkeypatch.setenv("GLIDECAL_LINUXCNC_PASSWORDS", words)
-        with pytest.raises(ControllerFault, match="password") as said, beside("linuxcnc"):
+        with pytest.raises(ControllerFault, match="password") as fault, beside("linuxcnc"):
             pass
-        assert said.value.kind is MotionFault.REFUSED
+        assert fault.value.kind is MotionFault.REFUSED
 
 
 @pytest.mark.parametrize(
@@ -412,10 +412,10 @@ def test_a_server_that_is_no_linuxcnc_is_asked_about(
         clients[0].close()
 
 
-@pytest.mark.parametrize("told", ["linuxcnc", "linuxcnc:", "klipper:/dev/x", ""])
-def test_unknown_controllers(told: str) -> None:
+@pytest.mark.parametrize("address", ["linuxcnc", "linuxcnc:", "klipper:/dev/x", ""])
+def test_unknown_controllers(address: str) -> None:
     with pytest.raises(UsageError, match="linuxcnc:HOST:PORT or grbl:PORT"):
-        controller_of(told, LIMITS)
+        controller_of(address, LIMITS)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
@@ -492,9 +492,9 @@ def test_bytes_of_the_text_server() -> None:
     with closing(LinuxCncTwin(SimulatedAxes(START))) as twin:
         host, _, port = twin.address.partition(":")
         with socket.create_connection((host, int(port)), timeout=2.0) as client:
-            for asked, answer in recorded:
-                client.sendall(asked.encode() + b"\n")
+            for request, answer in recorded:
+                client.sendall(request.encode() + b"\n")
                 got = b""
                 while len(got) < len(answer):
                     got += client.recv(4096)
-                assert got == answer, asked
+                assert got == answer, request

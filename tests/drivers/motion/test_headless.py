@@ -32,9 +32,9 @@ def test_without_linuxcnc_the_command_says_how_to_get_it(
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     folder = tmp_path / "demo"
-    said = refused(2, "demo", "--controller", "linuxcnc", "--headless", "--folder", folder)
+    message = refused(2, "demo", "--controller", "linuxcnc", "--headless", "--folder", folder)
     for words in ("no linuxcnc here", "apt install linuxcnc-uspace", "--controller twin"):
-        assert words in said
+        assert words in message
     assert not folder.exists()
 
 

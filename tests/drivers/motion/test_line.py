@@ -149,9 +149,9 @@ def test_each_row_of_the_table(row: tuple[State, Cause]) -> None:
 
 
 def test_every_row_has_a_test() -> None:
-    others = {(State.OFF, Cause.CONNECTED), (State.OFF, Cause.FAILED)}  # test_start…
+    connecting = {(State.OFF, Cause.CONNECTED), (State.OFF, Cause.FAILED)}  # test_start…
     closing_rows = {(state, Cause.CLOSED) for state in State}
-    assert set(TRANSITIONS) == set(WAYS) | others | closing_rows
+    assert set(TRANSITIONS) == set(WAYS) | connecting | closing_rows
 
 
 @pytest.mark.parametrize("before", [ready, consented, moving, stopping, stopped, held, fault])
@@ -470,8 +470,8 @@ def test_a_program_that_is_killed_or_suspended_leaves_no_machine_moving(
         if way == "SIGSTOP":
             time.sleep(0.5)
             program.send_signal(signal.SIGCONT)
-            said, _ = program.communicate(timeout=PATIENCE_S)
-            assert "the program did not run for" in said or "no sign of it" in said
+            output, _ = program.communicate(timeout=PATIENCE_S)
+            assert "the program did not run for" in output or "no sign of it" in output
             assert not twin.axes.moving
         else:
             program.communicate()

@@ -47,7 +47,7 @@ A_VALUE = {
 
 
 @pytest.mark.parametrize(
-    ("profile", "line", "asked", "value_mm", "resolution_mm", "assumed"),
+    ("profile", "line", "query", "value_mm", "resolution_mm", "assumed"),
     [
         (MITUTOYO_COUNTER, "GN01,+0016.2345", Query(), 16.2345, 1e-4, True),
         (MITUTOYO_COUNTER, "GN01,-0016.2345", Query(), -16.2345, 1e-4, True),
@@ -86,18 +86,18 @@ A_VALUE = {
 def test_values(
     profile: Profile,
     line: str,
-    asked: Query,
+    query: Query,
     value_mm: float,
     resolution_mm: float,
     assumed: bool,
 ) -> None:
-    found = profile.parse(line, asked)
-    assert isinstance(found, IndicatorReading)
-    assert found.value_mm == pytest.approx(value_mm, rel=1e-12)
-    assert found.resolution_mm == pytest.approx(resolution_mm, rel=1e-12)
-    assert found.unit_assumed is assumed
-    assert found.unit is asked.unit
-    assert found.text == line
+    reading = profile.parse(line, query)
+    assert isinstance(reading, IndicatorReading)
+    assert reading.value_mm == pytest.approx(value_mm, rel=1e-12)
+    assert reading.resolution_mm == pytest.approx(resolution_mm, rel=1e-12)
+    assert reading.unit_assumed is assumed
+    assert reading.unit is query.unit
+    assert reading.text == line
 
 
 @pytest.mark.parametrize(
@@ -171,11 +171,11 @@ def test_values(
     ],
 )
 def test_what_is_not_a_value(profile: Profile, line: str, kind: FaultKind) -> None:
-    found = profile.parse(line, Query())
-    assert isinstance(found, Fault)
-    assert found.kind is kind
-    assert found.text == line
-    assert found.words
+    fault = profile.parse(line, Query())
+    assert isinstance(fault, Fault)
+    assert fault.kind is kind
+    assert fault.text == line
+    assert fault.words
 
 
 @pytest.mark.parametrize(
@@ -219,9 +219,9 @@ def test_passed_over(profile: Profile, line: str) -> None:
     ],
 )
 def test_strangers_are_not_understood(profile: Profile, line: str) -> None:
-    found = profile.parse(line, Query())
-    assert isinstance(found, Fault)
-    assert found.kind is STRANGE
+    fault = profile.parse(line, Query())
+    assert isinstance(fault, Fault)
+    assert fault.kind is STRANGE
 
 
 def test_statuses_of_u_wave_have_words_of_their_own() -> None:
@@ -236,9 +236,9 @@ def test_statuses_of_u_wave_have_words_of_their_own() -> None:
 def test_bad_replies_are_the_faults_that_they_claim_to_be(profile: Profile) -> None:
     assert profile.bad_replies
     for bad in profile.bad_replies.values():
-        found = profile.parse(bad.reply.strip(b"\r\n").decode("latin-1"), Query())
-        assert isinstance(found, Fault)
-        assert found.kind is bad.kind
+        fault = profile.parse(bad.reply.strip(b"\r\n").decode("latin-1"), Query())
+        assert isinstance(fault, Fault)
+        assert fault.kind is bad.kind
 
 
 def answer(profile: Profile, spindle: Spindle) -> bytes:
@@ -278,10 +278,10 @@ def test_round_trip(
 ) -> None:
     sent = answer(profile, Spindle(lambda: position_mm, resolution_mm, channel))
     assert sent.endswith(b"\r\n") or sent.endswith(b"\r")
-    found = profile.parse(sent.rstrip(b"\r\n").decode("latin-1"), Query(channel=channel))
-    assert isinstance(found, IndicatorReading)
-    assert abs(found.value_mm - position_mm) <= resolution_mm / 2 + 1e-9
-    assert found.resolution_mm <= resolution_mm * (1 + 1e-9)
+    reading = profile.parse(sent.rstrip(b"\r\n").decode("latin-1"), Query(channel=channel))
+    assert isinstance(reading, IndicatorReading)
+    assert abs(reading.value_mm - position_mm) <= resolution_mm / 2 + 1e-9
+    assert reading.resolution_mm <= resolution_mm * (1 + 1e-9)
 
 
 @EVERY
@@ -314,16 +314,16 @@ ANYTHING = st.binary(max_size=40).map(lambda sent: sent.decode("latin-1"))
 
 def assert_anchored(profile: Profile, line: str) -> None:
     """A typed outcome, and a value only from a line of the grammar and with its very digits."""
-    found = profile.parse(line, Query())
-    assert found is None or isinstance(found, IndicatorReading | Fault)
-    if isinstance(found, IndicatorReading):
+    outcome = profile.parse(line, Query())
+    assert outcome is None or isinstance(outcome, IndicatorReading | Fault)
+    if isinstance(outcome, IndicatorReading):
         assert re.fullmatch(A_VALUE[profile.name], line)
         numbers = re.findall(r"[+-]? *[0-9]*\.[0-9]+", line)
         assert len(numbers) == 1
         number = numbers[0].replace(" ", "")
         if profile is U_WAVE and line.endswith("0"):
             number = number[:-1]
-        assert found.value_mm == float(number)
+        assert outcome.value_mm == float(number)
 
 
 @EVERY

@@ -82,15 +82,15 @@ def heard(name: str, text: str, channel: int = 1, unit: Unit = Unit.MM) -> Outco
     ],
 )
 def test_values_without_a_unit(name: str, text: str, value: float, step: float) -> None:
-    found = heard(name, text)
-    assert isinstance(found, IndicatorReading)
-    assert (found.value_mm, found.resolution_mm) == (value, step)
-    assert found.unit_assumed
-    assert found.text == text
+    reading = heard(name, text)
+    assert isinstance(reading, IndicatorReading)
+    assert (reading.value_mm, reading.resolution_mm) == (value, step)
+    assert reading.unit_assumed
+    assert reading.text == text
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "asked", "value", "step"),
+    ("name", "text", "query", "value", "step"),
     [
         ("magnescale-lt", "ANM+12.3456", Query(), 12.3456, 1e-4),
         ("magnescale-lt", "APMG-12.3456", Query(), -12.3456, 1e-4),
@@ -120,14 +120,14 @@ def test_values_without_a_unit(name: str, text: str, value: float, step: float) 
     ],
 )
 def test_values_with_their_unit(
-    name: str, text: str, asked: Query, value: float, step: float
+    name: str, text: str, query: Query, value: float, step: float
 ) -> None:
-    found = heard(name, text, asked.channel, asked.unit)
-    assert isinstance(found, IndicatorReading)
-    assert found.value_mm == pytest.approx(value, abs=1e-12)
-    assert found.resolution_mm == pytest.approx(step)
-    assert not found.unit_assumed
-    assert found.unit is asked.unit
+    reading = heard(name, text, query.channel, query.unit)
+    assert isinstance(reading, IndicatorReading)
+    assert reading.value_mm == pytest.approx(value, abs=1e-12)
+    assert reading.resolution_mm == pytest.approx(step)
+    assert not reading.unit_assumed
+    assert reading.unit is query.unit
 
 
 @pytest.mark.parametrize(
@@ -194,10 +194,10 @@ def test_values_with_their_unit(
     ],
 )
 def test_faults(name: str, text: str, kind: FaultKind) -> None:
-    found = heard(name, text)
-    assert isinstance(found, Fault)
-    assert (found.kind, found.text) == (kind, text)
-    assert found.words
+    fault = heard(name, text)
+    assert isinstance(fault, Fault)
+    assert (fault.kind, fault.text) == (kind, text)
+    assert fault.words
 
 
 @pytest.mark.parametrize(
@@ -232,9 +232,10 @@ def test_traps_are_no_values(name: str, text: str) -> None:
 
 def test_the_channel_picks_the_amplifier() -> None:
     text = "M0,+001.0000,-002.0000,+999.9999"
-    found = [heard("keyence-dl-rs1a", text, channel) for channel in (0, 1, 2, 3, 4)]
+    outcomes = [heard("keyence-dl-rs1a", text, channel) for channel in (0, 1, 2, 3, 4)]
     kinds = [
-        one.value_mm if isinstance(one, IndicatorReading) else one and one.kind for one in found
+        outcome.value_mm if isinstance(outcome, IndicatorReading) else outcome and outcome.kind
+        for outcome in outcomes
     ]
     wrong, beyond = FaultKind.WRONG_CHANNEL, FaultKind.OVER_RANGE
     assert kinds == [wrong, 1.0, -2.0, beyond, wrong]
@@ -300,19 +301,19 @@ def spoken(profile: Profile, position: float, resolution: float, channel: int = 
 )
 def test_round_trip(name: str, position: float, resolution: float, channel: int) -> None:
     reply = spoken(PROFILES[name], position, resolution, channel)
-    found = heard(name, reply.decode("latin-1").rstrip("\r\n"), 1 if "A+" in name else channel)
-    assert isinstance(found, IndicatorReading)
-    assert abs(found.value_mm - position) <= resolution / 2 + 1e-9
-    assert found.resolution_mm <= resolution * (1 + 1e-9)
+    reading = heard(name, reply.decode("latin-1").rstrip("\r\n"), 1 if "A+" in name else channel)
+    assert isinstance(reading, IndicatorReading)
+    assert abs(reading.value_mm - position) <= resolution / 2 + 1e-9
+    assert reading.resolution_mm <= resolution * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("name", PROFILES)
 def test_bad_replies_are_what_they_say(name: str) -> None:
     for bad in PROFILES[name].bad_replies.values():
         assert bad.reply.endswith((b"\r", b"\r\n"))
-        found = heard(name, bad.reply.decode("latin-1").rstrip("\r\n"))
-        assert isinstance(found, Fault)
-        assert found.kind is bad.kind
+        fault = heard(name, bad.reply.decode("latin-1").rstrip("\r\n"))
+        assert isinstance(fault, Fault)
+        assert fault.kind is bad.kind
     assert PROFILES[name].bad_replies or name == "ascii-line asked"
 
 
@@ -343,10 +344,10 @@ def damaged(draw: st.DrawFn) -> str:
 @given(text=damaged() | st.text(SIGNS.map(lambda sign: sign[0]), max_size=24) | st.text())
 def test_no_value_from_outside_the_grammar(name: str, text: str) -> None:
     profile, grammar = GRAMMARS[name]
-    found = profile.parse(text, Query())
-    if isinstance(found, IndicatorReading):
+    outcome = profile.parse(text, Query())
+    if isinstance(outcome, IndicatorReading):
         assert re.fullmatch(grammar, text)
-        assert abs(found.value_mm) < 1e9
+        assert abs(outcome.value_mm) < 1e9
 
 
 @pytest.mark.parametrize(
@@ -385,9 +386,9 @@ def test_patterns_that_cannot_work(pattern: str, words: str) -> None:
 )
 def test_patterns_of_the_user(pattern: str, text: str, value: float) -> None:
     profile = ascii_line(pattern)
-    found = profile.parse(text, Query())
-    assert isinstance(found, IndicatorReading)
-    assert found.value_mm == value
+    reading = profile.parse(text, Query())
+    assert isinstance(reading, IndicatorReading)
+    assert reading.value_mm == value
     assert isinstance(profile.parse(f"{text}x", Query()), Fault)
 
 

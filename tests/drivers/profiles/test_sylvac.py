@@ -20,10 +20,10 @@ from drivers.profiles.sylvac import SYLVAC
     ],
 )
 def test_values(text: str, value: float, step: float) -> None:
-    found = SYLVAC.parse(text, Query())
-    assert isinstance(found, IndicatorReading)
-    assert (found.value_mm, found.resolution_mm) == (value, step)
-    assert found.unit_assumed
+    reading = SYLVAC.parse(text, Query())
+    assert isinstance(reading, IndicatorReading)
+    assert (reading.value_mm, reading.resolution_mm) == (value, step)
+    assert reading.unit_assumed
 
 
 @pytest.mark.parametrize(
@@ -40,9 +40,9 @@ def test_values(text: str, value: float, step: float) -> None:
     ],
 )
 def test_what_is_not_a_value(text: str, kind: FaultKind) -> None:
-    found = SYLVAC.parse(text, Query())
-    assert isinstance(found, Fault)
-    assert found.kind is kind
+    fault = SYLVAC.parse(text, Query())
+    assert isinstance(fault, Fault)
+    assert fault.kind is kind
 
 
 @pytest.mark.parametrize("text", ["SY276", "SY123.opt.opt", "?", "PRI"])

@@ -100,9 +100,9 @@ def arms_saved(arm_mm: float = BAR) -> list[str]:
     return [line for name in "abc" for line in (f"[stepper_{name}]", f"arm_length = {arm_mm:.6f}")]
 
 
-def printer_cfg(hidden: Hidden, count: int = 19, more: Sequence[str] = ()) -> str:
+def printer_cfg(hidden: Hidden, count: int = 19, extra: Sequence[str] = ()) -> str:
     """A ``printer.cfg`` with arms that the saved block replaces, and its heights."""
-    block = [*arms_saved(), *height_lines(hidden, count), *more]
+    block = [*arms_saved(), *height_lines(hidden, count), *extra]
     return PRINTER + superseded() + "[delta_calibrate]\nradius: 80\n" + saved(block)
 
 

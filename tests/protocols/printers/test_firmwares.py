@@ -93,22 +93,27 @@ def g33(
     """
 
     def height(radius_mm: float, *angles_deg: float) -> float:
-        each = [
+        heights = [
             touched_at(hidden, radius_mm * math.cos(angle), radius_mm * math.sin(angle), 2.0)[2]
             for angle in np.radians(angles_deg).tolist()
         ]
-        return float(np.mean(each)) - 2.0
+        return float(np.mean(heights)) - 2.0
 
     middle = height(8.0, 90.0, 330.0, 210.0) if places == 3 else height(0.0, 0.0)
-    found = {"c": middle} | {name: height(80.0, angle) for name, angle in G33_AT_DEG.items()}
-    first = [f"{'c'}:{found['c']:+.2f}", *(f" {name}:{found[name]:+.2f}" for name in "xyz")]
-    second = [f"{name}:{found[name]:+.2f}" for name in ("yz", "zx", "xy")]
+    heights_by_name = {"c": middle} | {
+        name: height(80.0, angle) for name, angle in G33_AT_DEG.items()
+    }
+    first = [
+        f"{'c'}:{heights_by_name['c']:+.2f}",
+        *(f" {name}:{heights_by_name[name]:+.2f}" for name in "xyz"),
+    ]
+    second = [f"{name}:{heights_by_name[name]:+.2f}" for name in ("yz", "zx", "xy")]
     table = {
         1: f".      {first[0]}",
         2: f".      {'  '.join(first)}",
         3: f".      {'  '.join(first)}\nRecv: .               {'  '.join(second)}",
     }[places]
-    said = (
+    lines = (
         "G33 Auto Calibrate",
         f"Checking... AC{radius}{mode}",
         f".Height:{HEIGHT:.2f}  Ex:-0.40  Ey:-0.60  Ez:-0.10  Radius:{true.RADIUS:.2f}",
@@ -116,7 +121,7 @@ def g33(
         table,
         "End DRY-RUN                                   std dev:0.123",
     )
-    return f"Send: N7 {sent}*35\n" + "".join(f"Recv: {line}\n" for line in said)
+    return f"Send: N7 {sent}*35\n" + "".join(f"Recv: {line}\n" for line in lines)
 
 
 def held_by_marlin() -> str:
@@ -139,13 +144,13 @@ EEPROM = {
 }
 
 
-def m205(hidden: true.Hidden, cycles: int = 1, more: str = "") -> str:
+def m205(hidden: true.Hidden, cycles: int = 1, extra: str = "") -> str:
     lines = [f"11:26:45.077 : EPR:3 {k} {value:.3f} {name}" for k, (value, name) in EEPROM.items()]
     for _ in range(cycles):
         for x, y in rings():
             down = 3.0 - touched_at(hidden, x, y)[2]
             lines.append(f"09:23:25.257 : Z-probe:{down:.3f} X:{x:.2f} Y:{y:.2f}")
-    return "\n".join(lines) + f"\n{more}"
+    return "\n".join(lines) + f"\n{extra}"
 
 
 @pytest.mark.parametrize("dialect", ["reprapfirmware", "marlin", "repetier"])
@@ -158,9 +163,9 @@ def test_geometry_and_contacts_are_what_the_firmware_holds(
         "marlin": (m503(hidden, 2),),
         "repetier": (m205(hidden, 2),),
     }[dialect]
-    found = read(tmp_path, *texts)
-    machine, far = found.opened.machine, 3.0 if dialect == "repetier" else 0.0
-    assert not found.odd
+    printer = read(tmp_path, *texts)
+    machine, far = printer.opened.machine, 3.0 if dialect == "repetier" else 0.0
+    assert not printer.odd
     assert machine.leg_length_mm == true.BAR
     assert machine.position_endstop_mm == pytest.approx(true.ENDSTOPS, abs=1e-9)
     assert machine.drive is not None
@@ -168,12 +173,12 @@ def test_geometry_and_contacts_are_what_the_firmware_holds(
     assert np.hypot(*stand.T) == pytest.approx([true.RADIUS] * 3, abs=1e-5)
     assert np.degrees(np.arctan2(*stand.T[::-1])) % 360.0 == pytest.approx(true.ANGLES, abs=1e-4)
     height = {"reprapfirmware": 0.25, "marlin": 2.0, "repetier": 0.0}[dialect]
-    assert {one.value_mm for one in found.contacts} == {height}
-    assert [one.cycle for one in found.contacts] == [1] * 19 + [2] * 19
-    places = np.array([one.position_mm for one in found.contacts[:19]])
+    assert {contact.value_mm for contact in printer.contacts} == {height}
+    assert [contact.cycle for contact in printer.contacts] == [1] * 19 + [2] * 19
+    places = np.array([contact.position_mm for contact in printer.contacts[:19]])
     want = np.array([touched_at(hidden, x, y, height) for x, y in rings()]) - [0.0, 0.0, far]
     assert np.abs(places - want).max() < 0.0051
-    observed = to_observations([fold([found.opened, *found.contacts])])
+    observed = to_observations([fold([printer.opened, *printer.contacts])])
     assert observed.contact.all()
     assert len(np.unique(observed.posture)) == 19
 
@@ -192,10 +197,10 @@ def test_heights_of_g33_are_contacts_at_its_places(
 ) -> None:
     """Its middle of three places at a tenth of the radius, shown in steps of 0.01 mm, too."""
     hidden = true.OFF_IN_ALL
-    found = read(tmp_path, held_by_marlin() + 2 * g33(hidden, places, sent))
-    assert not found.odd
-    assert [contact.cycle for contact in found.contacts] == [1] * len(names) + [2] * len(names)
-    for contact, name in zip(found.contacts[: len(names)], names, strict=True):
+    printer = read(tmp_path, held_by_marlin() + 2 * g33(hidden, places, sent))
+    assert not printer.odd
+    assert [contact.cycle for contact in printer.contacts] == [1] * len(names) + [2] * len(names)
+    for contact, name in zip(printer.contacts[: len(names)], names, strict=True):
         angle, radius = np.radians(G33_AT_DEG.get(name, 0.0)), 0.0 if name == "c" else 80.0
         want = touched_at(hidden, radius * np.cos(angle), radius * np.sin(angle), 2.0)
         assert contact.position_mm == pytest.approx(want, abs=0.011)
@@ -204,8 +209,8 @@ def test_heights_of_g33_are_contacts_at_its_places(
 
 def test_g33_with_o_sends_the_probe_to_its_places(tmp_path: Path) -> None:
     """The probe is 15 mm to the right of the tool and 5 mm before it."""
-    found = read(tmp_path, held_by_marlin() + g33(PERFECT, sent="G33 P3 V0 O"))
-    assert found.contacts[0].position_mm == pytest.approx((-15.0, 5.0, 2.0))
+    printer = read(tmp_path, held_by_marlin() + g33(PERFECT, sent="G33 P3 V0 O"))
+    assert printer.contacts[0].position_mm == pytest.approx((-15.0, 5.0, 2.0))
 
 
 def test_from_g33_to_better_lines(tmp_path: Path) -> None:
@@ -233,17 +238,17 @@ def test_heights_of_g33_that_are_no_contacts_say_why(tmp_path: Path, log: str, w
     with pytest.raises(RecordError) as problem:
         read(tmp_path, held_by_marlin() + log)
     assert why in " ".join(str(problem.value).split())
-    found = read(tmp_path, held_by_marlin() + log + m503(PERFECT))
-    assert why in " ".join(found.odd)
-    assert len(found.contacts) == 19
+    printer = read(tmp_path, held_by_marlin() + log + m503(PERFECT))
+    assert why in " ".join(printer.odd)
+    assert len(printer.contacts) == 19
 
 
 def test_contacts_before_a_calibration_are_not_of_what_is_read_after_it(tmp_path: Path) -> None:
     calibrating = g33(PERFECT, sent="G33", mode="")
     text = held_by_marlin() + g33(true.OFF_IN_ALL) + calibrating + m503(PERFECT)
-    found = read(tmp_path, text)
-    assert "7 contacts: G33 calibrated between them and the M665 that is read" in found.odd
-    assert len(found.contacts) == 19
+    printer = read(tmp_path, text)
+    assert "7 contacts: G33 calibrated between them and the M665 that is read" in printer.odd
+    assert len(printer.contacts) == 19
 
 
 @pytest.mark.parametrize("dialect", ["reprapfirmware", "marlin"])
@@ -278,8 +283,8 @@ def test_from_files_of_a_printer_to_better_lines(tmp_path: Path, dialect: str) -
 )
 def test_commands_as_firmware_takes_them(tmp_path: Path, line: str, otherwise: str) -> None:
     assert line in CONFIG_G
-    found = read(tmp_path, CONFIG_G.replace(line, otherwise), *g32(PERFECT))
-    assert found.opened.machine == read(tmp_path, CONFIG_G, *g32(PERFECT)).opened.machine
+    printer = read(tmp_path, CONFIG_G.replace(line, otherwise), *g32(PERFECT))
+    assert printer.opened.machine == read(tmp_path, CONFIG_G, *g32(PERFECT)).opened.machine
 
 
 def test_where_the_probe_is_stands_in_the_machine_file(tmp_path: Path) -> None:
@@ -304,15 +309,15 @@ def test_steps_per_mm_of_the_towers_are_those_of_the_last_m92(tmp_path: Path) ->
         folder.mkdir()
         return read(folder, *texts).opened.machine.steps_per_mm
 
-    shown = m503(PERFECT).replace("Y80.00 Z80.00", "Y80.10 Z79.90")
-    assert held(tmp_path / "m", shown) == (80.0, 80.1, 79.9)
-    assert held(tmp_path / "n", re.sub(r".*M92.*\n", "", shown)) is None
-    partly = shown.replace("M92 X80.00 Y80.10 Z79.90", "M92 X80.00")
+    answer = m503(PERFECT).replace("Y80.00 Z80.00", "Y80.10 Z79.90")
+    assert held(tmp_path / "m", answer) == (80.0, 80.1, 79.9)
+    assert held(tmp_path / "n", re.sub(r".*M92.*\n", "", answer)) is None
+    partly = answer.replace("M92 X80.00 Y80.10 Z79.90", "M92 X80.00")
     assert held(tmp_path / "p", partly) is None
-    again = shown.replace("echo:  M666", "echo:  M92 Y81\necho:  M666")
+    again = answer.replace("echo:  M666", "echo:  M92 Y81\necho:  M666")
     assert held(tmp_path / "a", again) == (80.0, 81.0, 79.9)
     with pytest.raises(RecordError, match="steps per mm above 0"):
-        held(tmp_path / "z", shown.replace("X80.00", "X0"))
+        held(tmp_path / "z", answer.replace("X80.00", "X0"))
 
 
 def test_a_tower_without_a_length_has_the_first_ones(tmp_path: Path) -> None:
@@ -347,16 +352,16 @@ def real_eeprom() -> str:
 
 def test_a_real_eeprom_is_the_machine_of_its_owner(tmp_path: Path) -> None:
     """The tower with most steps trips at the homed height."""
-    found = read(tmp_path, real_eeprom())
-    machine = found.opened.machine
+    printer = read(tmp_path, real_eeprom())
+    machine = printer.opened.machine
     assert machine.position_endstop_mm == pytest.approx((273.67, 274.20, 275.38))
     assert machine.drive is not None
     stand = np.array([drive.origin_mm[:2] for drive in machine.drive])
     want = [[-85.969337, -43.879192], [80.607346, -53.09], [0.0, 96.52]]
     assert stand == pytest.approx(np.array(want), abs=2e-3)
-    assert found.contacts[0].position_mm == (0.0, 70.0, -1.860)
+    assert printer.contacts[0].position_mm == (0.0, 70.0, -1.860)
     # ten contacts of no known noise are no reason for bars of thirty tolerances
-    corrections = diagnose_sessions([fold([found.opened, *found.contacts])]).corrections
+    corrections = diagnose_sessions([fold([printer.opened, *printer.contacts])]).corrections
     assert np.abs(corrections.of("kinematics").model.parameters_mm[3:]).max() < 3.0 * 0.3
     # nor for values that could make it much worse than it is
     now_mm = corrections.off_now.bound_mm["touched-off"]
@@ -366,20 +371,20 @@ def test_a_real_eeprom_is_the_machine_of_its_owner(tmp_path: Path) -> None:
 def test_answers_of_a_printer_win_over_its_configuration(tmp_path: Path) -> None:
     """M665 and M666 asked for on the printer show what is held now; config.g what it began with."""
     macro, log = g32(PERFECT)
-    held = (
+    settings = (
         f"Diagonals {true.BAR:.3f}:{true.BAR:.3f}:{true.BAR:.3f}, delta radius {true.RADIUS:.3f}, "
         "homed height 300.500, bed radius 100.0, X 0.000°, Y 0.000°, Z 0.000°\n"
         "Endstop adjustments X0.10 Y-0.20 Z0.10, tilt X0.00% Y0.00%\n"
     )
-    found = read(tmp_path, CONFIG_G, macro, held + log)
-    assert found.opened.machine.position_endstop_mm == pytest.approx((300.6, 300.3, 300.6))
+    printer = read(tmp_path, CONFIG_G, macro, settings + log)
+    assert printer.opened.machine.position_endstop_mm == pytest.approx((300.6, 300.3, 300.6))
 
 
 ODD_G = "G30 P0 X0 Y0 Z-99999\nG30 P1 X50 Y0 Z0.1\nG30 P2 X0 Y50 Z-99999 S-1\n"
 
 
 @pytest.mark.parametrize(
-    ("texts", "said"),
+    ("texts", "message"),
     [
         (
             (CONFIG_G, ODD_G, "G32 bed probe heights: 0.010 probing failed, mean 0, dev"),
@@ -399,23 +404,23 @@ ODD_G = "G30 P0 X0 Y0 Z-99999\nG30 P1 X50 Y0 Z0.1\nG30 P2 X0 Y50 Z-99999 S-1\n"
             "an offset that M206 adds | 0.g, line 44: 'Bed X: nothing': no place of G30",
         ),
         (
-            (m205(PERFECT, more="Z-probe: failed\nEPR:3 800 20.0 Z-probe offset x [mm]\n"),),
+            (m205(PERFECT, extra="Z-probe: failed\nEPR:3 800 20.0 Z-probe offset x [mm]\n"),),
             "no place of a probe | the probe's offset in X and Y: places are taken as the tool's",
         ),
     ],
     ids=["entries", "calibrated", "marlin", "repetier"],
 )
-def test_what_is_not_used_is_named(tmp_path: Path, texts: tuple[str, ...], said: str) -> None:
-    found = read(tmp_path, *texts)
-    assert said in " | ".join(found.odd)
-    assert found.opened.remarks == tuple(f"not used: {odd}" for odd in found.odd)
+def test_what_is_not_used_is_named(tmp_path: Path, texts: tuple[str, ...], message: str) -> None:
+    printer = read(tmp_path, *texts)
+    assert message in " | ".join(printer.odd)
+    assert printer.opened.remarks == tuple(f"not used: {odd}" for odd in printer.odd)
 
 
 MACRO, LOG = g32(PERFECT)
 
 
 @pytest.mark.parametrize(
-    ("texts", "said"),
+    ("texts", "message"),
     [
         ((CONFIG_G, LOG), "1 answers of G32 to 0 lists of places G30 P"),
         ((CONFIG_G, MACRO), "no contact with the plate"),
@@ -439,10 +444,10 @@ MACRO, LOG = g32(PERFECT)
         ((m503(PERFECT), m205(PERFECT)), "no geometry and no answer of a probe"),
     ],
 )
-def test_files_that_cannot_be_used(tmp_path: Path, texts: tuple[str, ...], said: str) -> None:
+def test_files_that_cannot_be_used(tmp_path: Path, texts: tuple[str, ...], message: str) -> None:
     with pytest.raises(RecordError) as problem:
         read(tmp_path, *texts)
-    assert said in " ".join(str(problem.value).split())
+    assert message in " ".join(str(problem.value).split())
 
 
 BEGUN = (
@@ -457,8 +462,8 @@ ALPHABET = "GM0356 XYZLRHPSB.:-+;echoBdprbiagnlsEPRxyz\n"
 def test_whatever_a_log_holds_is_read_or_refused_in_a_sentence(text: str, which: int) -> None:
     dialect = (reprapfirmware, marlin, repetier)[which]
     try:
-        found = dialect.held([(Path("a.g"), BEGUN[which] + text)])
+        values = dialect.held([(Path("a.g"), BEGUN[which] + text)])
     except RecordError:
         return
-    for contact in found.contacts:
+    for contact in values.contacts:
         assert np.isfinite(contact.place_mm).all()

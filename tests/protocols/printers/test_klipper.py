@@ -65,28 +65,28 @@ def test_stable_positions_are_the_places_that_were_commanded(
     tmp_path: Path, hidden: true.Hidden
 ) -> None:
     """Carriages from steps, the tool from carriages; half a step of each is a step across."""
-    found = to_observations([_session(read(tmp_path, printer_cfg(hidden)))])
-    assert found.contact.all()
+    observed = to_observations([_session(read(tmp_path, printer_cfg(hidden)))])
+    assert observed.contact.all()
     want = np.array([touched_at(hidden, x, y) for x, y in rings()])
-    assert np.abs(found.position_mm - want).max() < 2.0 * STEP_MM
-    steps = np.array([true.BELIEVED(place) for place in found.position_mm]) / STEP_MM
+    assert np.abs(observed.position_mm - want).max() < 2.0 * STEP_MM
+    steps = np.array([true.BELIEVED(place) for place in observed.position_mm]) / STEP_MM
     assert steps == pytest.approx(np.array([stable(hidden, x, y) for x, y in rings()]), abs=1e-6)
 
 
-def _session(found: ImportedPrinter) -> Session:
-    return fold([found.opened, *found.contacts])
+def _session(printer: ImportedPrinter) -> Session:
+    return fold([printer.opened, *printer.contacts])
 
 
 def test_heights_by_hand_have_a_zero_of_their_own(tmp_path: Path) -> None:
     steps = ",".join(f"{step:.3f}" for step in stable(PERFECT, 30.0, 0.0, 25.0))
-    more = ("manual_height0 = 25.0", f"manual_height0_pos = {steps}")
-    found = read(tmp_path, printer_cfg(PERFECT, 7, more))
-    assert len(found.contacts) == 8
-    by_hand = found.contacts[-1]
+    extra = ("manual_height0 = 25.0", f"manual_height0_pos = {steps}")
+    printer = read(tmp_path, printer_cfg(PERFECT, 7, extra))
+    assert len(printer.contacts) == 8
+    by_hand = printer.contacts[-1]
     assert by_hand.value_mm == 25.0
-    assert by_hand.mount != found.contacts[0].mount
+    assert by_hand.mount != printer.contacts[0].mount
     assert by_hand.position_mm == pytest.approx((30.0, 0.0, 25.0), abs=STEP_MM)
-    assert not found.odd
+    assert not printer.odd
 
 
 def test_probe_heights_are_heights_of_the_tool_as_it_trips(tmp_path: Path) -> None:
@@ -95,9 +95,11 @@ def test_probe_heights_are_heights_of_the_tool_as_it_trips(tmp_path: Path) -> No
     lines = ["[delta_calibrate]"]
     for number, text in enumerate(steps):
         lines += [f"height{number} = 2.0", f"height{number}_pos = {text}"]
-    found = read(tmp_path, PRINTER + steppers() + saved(lines))
-    assert [one.value_mm for one in found.contacts] == [2.0] * 7
-    assert [one.position_mm[2] for one in found.contacts] == pytest.approx([2.0] * 7, abs=STEP_MM)  # type: ignore[index]
+    printer = read(tmp_path, PRINTER + steppers() + saved(lines))
+    assert [contact.value_mm for contact in printer.contacts] == [2.0] * 7
+    assert [contact.position_mm[2] for contact in printer.contacts] == pytest.approx(  # type: ignore[index]
+        [2.0] * 7, abs=STEP_MM
+    )
 
 
 @pytest.mark.parametrize("section", ["probe", "bltouch", "probe_eddy_current coil"])
@@ -109,31 +111,31 @@ def test_a_log_of_probe_is_cycles_of_places(tmp_path: Path, section: str) -> Non
         f"Recv: // Result: at {x:.3f},{y:.3f} estimate contact at z={0.1 + k / 1000:.6f}\n"
         for k, (x, y) in enumerate([(0, 0), (30, 0), (0, 30)] * 2)
     )
-    found = read(tmp_path, PRINTER + steppers() + probe, log)
-    assert [one.cycle for one in found.contacts] == [1, 1, 1, 2, 2, 2]
-    assert found.contacts[1].position_mm == pytest.approx((10.0, 5.0, 1.601))
-    assert {one.value_mm for one in found.contacts} == {1.5}
-    observed = to_observations([_session(found)])
+    printer = read(tmp_path, PRINTER + steppers() + probe, log)
+    assert [contact.cycle for contact in printer.contacts] == [1, 1, 1, 2, 2, 2]
+    assert printer.contacts[1].position_mm == pytest.approx((10.0, 5.0, 1.601))
+    assert {contact.value_mm for contact in printer.contacts} == {1.5}
+    observed = to_observations([_session(printer)])
     assert len(np.unique(observed.posture)) == 3
     assert observed.beside_mm == pytest.approx(np.tile([20.0, -5.0, 0.0], (6, 1)))
-    machine = found.opened.machine
+    machine = printer.opened.machine
     assert machine.probe_offset_mm == (20.0, -5.0)
     assert machine.platform_tilt_tolerance_mrad > 0.0
-    assert not found.odd
+    assert not printer.odd
 
 
 def test_old_answers_are_the_place_of_the_tool(tmp_path: Path) -> None:
     log = "// probe at 0.000,30.000 is z=2.506948\n// probe at 5.0 is z=1\n"
-    found = read(tmp_path, PRINTER + steppers() + "[probe]\nz_offset: 2.5\n", log)
-    (contact,) = found.contacts
+    printer = read(tmp_path, PRINTER + steppers() + "[probe]\nz_offset: 2.5\n", log)
+    (contact,) = printer.contacts
     assert contact.position_mm == (0.0, 30.0, 2.506948)
     assert contact.value_mm == 2.5
-    assert found.odd == ("0.log, line 2: '// probe at 5.0 is z=1': no place of PROBE",)
-    assert found.opened.remarks == (f"not used: {found.odd[0]}",)
+    assert printer.odd == ("0.log, line 2: '// probe at 5.0 is z=1': no place of PROBE",)
+    assert printer.opened.remarks == (f"not used: {printer.odd[0]}",)
 
 
 def test_what_is_not_used_is_named(tmp_path: Path) -> None:
-    more = (
+    extra = (
         "distance1 = 60.0",
         "distance1_pos1 = 1,2,3",
         "distance1_pos2 = 3,2,1",
@@ -141,15 +143,15 @@ def test_what_is_not_used_is_named(tmp_path: Path) -> None:
         "height9_pos = 1,2,3",
         "delta_a_angle = 210.0",
     )
-    found = read(tmp_path, printer_cfg(PERFECT, 7, more) + "")
-    said = " | ".join(found.odd)
-    assert "distance1: a number before it is missing" in said
-    assert "distance1_pos2: a number before it is missing" in said
-    assert not found.distances
-    assert "height9: a number before it is missing" in said
-    assert "height9_pos: a number before it is missing" in said
-    assert "delta_a_angle: not known" in said
-    assert len(found.contacts) == 7
+    printer = read(tmp_path, printer_cfg(PERFECT, 7, extra) + "")
+    remarks = " | ".join(printer.odd)
+    assert "distance1: a number before it is missing" in remarks
+    assert "distance1_pos2: a number before it is missing" in remarks
+    assert not printer.distances
+    assert "height9: a number before it is missing" in remarks
+    assert "height9_pos: a number before it is missing" in remarks
+    assert "delta_a_angle: not known" in remarks
+    assert len(printer.contacts) == 7
 
 
 def distance_lines(hidden: true.Hidden, off_mm: float = 0.0) -> list[str]:
@@ -158,26 +160,33 @@ def distance_lines(hidden: true.Hidden, off_mm: float = 0.0) -> list[str]:
     for number, (x, y) in enumerate([(60.0, 0.0), (30.0, 52.0), (-30.0, 52.0)]):
         ends = [true.BELIEVED(np.array([sign * x, sign * y, 0.0])) for sign in (1.0, -1.0)]
         steps = [np.round(travel_mm / STEP_MM) for travel_mm in ends]
-        first, second = (hidden.tool(whole * STEP_MM) for whole in steps)
+        first, second = (hidden.tool(step_count * STEP_MM) for step_count in steps)
         lines.append(f"distance{number} = {np.linalg.norm(first - second) + off_mm:.5f}")
-        for end, whole in enumerate(steps, start=1):
-            lines.append(f"distance{number}_pos{end} = {','.join(f'{s:.3f}' for s in whole)}")
+        for end, steps_of_end in enumerate(steps, start=1):
+            lines.append(
+                f"distance{number}_pos{end} = {','.join(f'{s:.3f}' for s in steps_of_end)}"
+            )
     return lines
 
 
 def test_distances_are_between_the_marks_as_they_were_commanded(tmp_path: Path) -> None:
     """Steps count from the switches, so the places are those of the controller, whatever is off."""
-    found = read(tmp_path, printer_cfg(true.OFF_IN_ALL, 7, distance_lines(true.OFF_IN_ALL)))
-    assert not found.odd
+    printer = read(tmp_path, printer_cfg(true.OFF_IN_ALL, 7, distance_lines(true.OFF_IN_ALL)))
+    assert not printer.odd
     want = [(60.0, 0.0), (30.0, 52.0), (-30.0, 52.0)]
-    assert [one.from_mm[:2] for one in found.distances] == [
+    assert [distance.from_mm[:2] for distance in printer.distances] == [
         pytest.approx(place, abs=2.0 * STEP_MM) for place in want
     ]
-    for one in found.distances:
-        first, second = (true.BELIEVED(np.array(end)) for end in (one.from_mm, one.to_mm))
-        whole = [np.round(end / STEP_MM) * STEP_MM for end in (first, second)]
-        ends = [true.OFF_IN_ALL.tool(travel_mm) for travel_mm in whole]
-        assert one.value_mm == pytest.approx(np.linalg.norm(ends[0] - ends[1]), abs=1e-4)
+    for measured_distance in printer.distances:
+        first, second = (
+            true.BELIEVED(np.array(end))
+            for end in (measured_distance.from_mm, measured_distance.to_mm)
+        )
+        indicated = [np.round(end / STEP_MM) * STEP_MM for end in (first, second)]
+        ends = [true.OFF_IN_ALL.tool(travel_mm) for travel_mm in indicated]
+        assert measured_distance.value_mm == pytest.approx(
+            np.linalg.norm(ends[0] - ends[1]), abs=1e-4
+        )
 
 
 @LONG
@@ -185,14 +194,14 @@ def test_distances_go_with_the_contacts_into_record_and_result(tmp_path: Path) -
     """A machine whose bars are longer alike: the tool is known better than by contacts alone."""
     hidden = true.Hidden(switch_mm=(0.2, -0.1, 0.1), bar_mm=(0.5, 0.5, 0.5))
     bound_mm = []
-    for name, more in (("a", ()), ("b", distance_lines(hidden))):
+    for name, extra in (("a", ()), ("b", distance_lines(hidden))):
         cfg, session = tmp_path / f"{name}.cfg", tmp_path / f"{name}.jsonl"
-        cfg.write_text(printer_cfg(hidden, 19, more), encoding="utf-8")
-        deviation = ("--distance-deviation", "0.02") if more else ()
+        cfg.write_text(printer_cfg(hidden, 19, extra), encoding="utf-8")
+        deviation = ("--distance-deviation", "0.02") if extra else ()
         run = glidecal("import", cfg, "-o", session, *deviation)
         assert run.status == 0, run.err
-        stated = [one.deviation_mm for one in read_record(session).session.distances]
-        assert stated == [0.02] * (len(more) // 3)
+        stated = [distance.deviation_mm for distance in read_record(session).session.distances]
+        assert stated == [0.02] * (len(extra) // 3)
         assert glidecal("validate", session).status == 0
         run = glidecal("solve", session)
         assert ("3 distances between marks" in run.out) == (name == "b")
@@ -205,9 +214,9 @@ def test_includes_are_read_where_they_stand(tmp_path: Path) -> None:
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "towers.cfg").write_text(steppers(), encoding="utf-8")
     text = PRINTER + "[include parts/*.cfg]\n[include lost.cfg]\n" + saved(height_lines(PERFECT))
-    found = read(tmp_path, text)
-    assert len(found.contacts) == 19
-    assert found.odd == ("[include lost.cfg] of printer.cfg: there is no such file",)
+    printer = read(tmp_path, text)
+    assert len(printer.contacts) == 19
+    assert printer.odd == ("[include lost.cfg] of printer.cfg: there is no such file",)
 
 
 def test_files_that_include_twice_as_many_each_end(tmp_path: Path) -> None:
@@ -224,19 +233,21 @@ def test_marks_breaks_and_comments_of_other_editors(tmp_path: Path, end: str) ->
     """A byte order mark, breaks of other systems, and a comment without a space before it."""
     text = printer_cfg(PERFECT, 7).replace(f"{true.RADIUS}  #", f"{true.RADIUS}#")
     (tmp_path / "a.cfg").write_bytes(("\ufeff" + text.replace("\n", end)).encode())
-    found = imported_printer([tmp_path / "a.cfg"], "test")
+    printer = imported_printer([tmp_path / "a.cfg"], "test")
     usual = read(tmp_path, printer_cfg(PERFECT, 7))
-    assert [one.text for one in found.contacts] == [one.text for one in usual.contacts]
-    assert found.opened.machine.drive == usual.opened.machine.drive
+    assert [contact.text for contact in printer.contacts] == [
+        contact.text for contact in usual.contacts
+    ]
+    assert printer.opened.machine.drive == usual.opened.machine.drive
 
 
 def test_a_long_log_takes_no_square_of_its_length(tmp_path: Path) -> None:
     """20,000 contacts at 100 x 100 places, each twice: the second is cycle 2."""
-    every = [(x, y) for x in range(-50, 50) for y in range(-50, 50)]
-    log = "".join(f"probe: at {x},{y} bed will contact at z=0.1\n" for x, y in every * 2)
+    places = [(x, y) for x in range(-50, 50) for y in range(-50, 50)]
+    log = "".join(f"probe: at {x},{y} bed will contact at z=0.1\n" for x, y in places * 2)
     begin = time.process_time()
-    found = read(tmp_path, PRINTER + steppers(), log)
-    assert [one.cycle for one in found.contacts] == [1] * 10_000 + [2] * 10_000
+    printer = read(tmp_path, PRINTER + steppers(), log)
+    assert [contact.cycle for contact in printer.contacts] == [1] * 10_000 + [2] * 10_000
     assert time.process_time() - begin < 10.0  # comparing each with each takes minutes; this 2 s
 
 
@@ -260,11 +271,11 @@ def test_a_configuration_of_an_editor_with_another_alphabet(tmp_path: Path, codi
     text = printer_cfg(PERFECT, 7).replace("# measured", "# gemessen, Größe 5 µm bei 60 °C")
     assert "Größe" in text
     (tmp_path / "a.cfg").write_bytes(text.encode(coding))
-    found = imported_printer([tmp_path / "a.cfg"], "test")
-    assert found.opened.machine == read(
+    printer = imported_printer([tmp_path / "a.cfg"], "test")
+    assert printer.opened.machine == read(
         tmp_path, printer_cfg(PERFECT, 7)
     ).opened.machine.model_copy(update={"name": "a"})
-    assert len(found.contacts) == 7
+    assert len(printer.contacts) == 7
 
 
 def test_gears_and_full_steps_make_a_step_shorter(tmp_path: Path) -> None:
@@ -281,10 +292,10 @@ def test_gears_and_full_steps_make_a_step_shorter(tmp_path: Path) -> None:
     saved_lines = [
         f"{key} = {line}" if "_pos" in key else line for key, line in zip(keys, lines, strict=True)
     ]
-    found = read(tmp_path, PRINTER + steppers(motor=motor) + saved(saved_lines))
-    places = np.array([one.position_mm for one in found.contacts])
+    printer = read(tmp_path, PRINTER + steppers(motor=motor) + saved(saved_lines))
+    places = np.array([contact.position_mm for contact in printer.contacts])
     assert places[:, :2] == pytest.approx(np.array(rings(7)), abs=STEP_MM)
-    machine = found.opened.machine
+    machine = printer.opened.machine
     assert machine.screw_lead_mm == 8.0
     assert machine.rotation_distance_mm == (40.0, 40.0, 40.0), "as it stands there"
     assert machine.steps_per_mm == pytest.approx((800.0, 800.0, 800.0))
@@ -294,7 +305,7 @@ ARM = steppers()
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (
             PRINTER.replace("delta\n", "cartesian\n").replace("delta_radius", "size") + ARM,
@@ -365,11 +376,11 @@ ARM = steppers()
         (PRINTER + ARM + saved([]) + saved([]), "no section or key"),
     ],
 )
-def test_configurations_that_cannot_be_used(tmp_path: Path, text: str, said: str) -> None:
+def test_configurations_that_cannot_be_used(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "printer.cfg"
     path.write_text(text, encoding="utf-8")
-    told = refused(3, "import", path, "-o", tmp_path / "s.jsonl")
-    assert said in " ".join(told.split())
+    output = refused(3, "import", path, "-o", tmp_path / "s.jsonl")
+    assert message in " ".join(output.split())
     assert not (tmp_path / "s.jsonl").exists()
 
 
@@ -411,8 +422,8 @@ def test_heights_saved_before_the_radius_was_changed_are_no_contacts_beside_a_lo
     cfg.write_text(text, encoding="utf-8")
     assert glidecal("import", cfg, log, "-o", out).status == 0
     cfg.write_text(text.replace("delta_radius: 124.0", "delta_radius: 90.0"), encoding="utf-8")
-    told = refused(3, "import", cfg, log, "-o", tmp_path / "t.jsonl")
-    assert "Were values changed between these contacts?" in " ".join(told.split())
+    output = refused(3, "import", cfg, log, "-o", tmp_path / "t.jsonl")
+    assert "Were values changed between these contacts?" in " ".join(output.split())
 
 
 def test_what_the_command_line_cannot_mean(tmp_path: Path) -> None:
@@ -466,14 +477,14 @@ def test_whatever_stands_below_a_config_is_read_or_refused_in_a_sentence(text: s
         path = Path(folder, "printer.cfg")
         path.write_text(PRINTER + steppers() + text, encoding="utf-8")
         try:
-            found = klipper.held([(path, path.read_text(encoding="utf-8"))])
+            values = klipper.held([(path, path.read_text(encoding="utf-8"))])
         except RecordError:
             return
-        for contact in found.contacts:
+        for contact in values.contacts:
             assert np.isfinite(contact.place_mm).all()
 
 
 def test_motors_without_a_common_turn_have_no_screw(tmp_path: Path) -> None:
     text = PRINTER + steppers().replace(MOTOR, MOTOR.replace("40", "39.9"), 1)
-    found = read(tmp_path, text + saved([*arms_saved(), *height_lines(PERFECT)]))
-    assert found.opened.machine.screw_lead_mm is None
+    printer = read(tmp_path, text + saved([*arms_saved(), *height_lines(PERFECT)]))
+    assert printer.opened.machine.screw_lead_mm is None

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from tests.conftest import ROOT
 
-ROOMS = ("app", "calib", "drivers", "protocols", "glidecal")
+ROOMS = ("app", "calib", "drivers", "protocols", "glidecal", "tests", "benchmarks", "studies")
 
 LIST = (
     "found one said told held own known asked shown given other left rest it them taken wanted "

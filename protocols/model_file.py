@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 from pydantic import Field
 
 from calib.arrays import TOOL, conditions
@@ -149,7 +151,10 @@ def _places(
 ) -> tuple[str, ...]:
     legs = ([0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]) if geometry.reads_legs else ([], [])
     at = [*legs[0], TOOL, TOOL, TOOL], [*legs[1], 0, 1, 2]
-    known_places = effect.places(conditions(*at, [0.0] * len(at[0])))
+    readings = conditions(*at, [0.0] * len(at[0]))
+    of_tool = readings.leg == TOOL
+    contacts = replace(readings, contact=of_tool, beside_mm=np.outer(of_tool, np.ones(3)))
+    known_places = tuple(dict.fromkeys((*effect.places(readings), *effect.places(contacts))))
     default_places = known_places if entry.where == "all" else (entry.where,)
     places = parameter.places or default_places
     unknown = [place for place in places if place not in known_places]

@@ -16,6 +16,7 @@ from calib.errors import RecordError, UsageError
 from calib.posterior.library import laws
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import candidates
+from calib.tripod.effects.contacts import SHAPES, PlatformTilt, TiltOfTouchedPlate
 from calib.tripod.effects.drives import ActuatorCyclic, AxisOffset
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import Empirical
@@ -65,6 +66,20 @@ def test_every_law_that_may_be_adopted_comes_back(tmp_path: Path, effect: Effect
     model = Model(
         machine.geometry(), OFF, tuple(EffectInstance(effect, place, sizes) for place in places)
     )
+    path = tmp_path / "model.json"
+    path.write_text(model_file(model, machine).text(), encoding="utf-8")
+    assert read_model(path) == (model, machine)
+
+
+@pytest.mark.parametrize(
+    "effect", [TiltOfTouchedPlate(), *SHAPES, PlatformTilt()], ids=lambda e: e.parameters[0].name
+)
+def test_every_law_of_contacts_comes_back(tmp_path: Path, effect: Effect) -> None:
+    """The tool met a plate, or a probe beside it: such places exist in no other readings."""
+    where = "x" if isinstance(effect, PlatformTilt) else "tz"
+    sizes = tuple(0.5 * p.tolerance for p in effect.parameters)
+    machine = Machine()
+    model = Model(machine.geometry(), OFF, (EffectInstance(effect, where, sizes),))
     path = tmp_path / "model.json"
     path.write_text(model_file(model, machine).text(), encoding="utf-8")
     assert read_model(path) == (model, machine)

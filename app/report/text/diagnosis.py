@@ -310,7 +310,11 @@ def effects_text(findings: tuple[Finding, ...], towers: Mapping[str, str]) -> st
 
 
 def _rivals(finding: Finding) -> str:
-    return ", ".join(f"{r.id} ({r.where})" for r in finding.indistinguishable_from)
+    """Each rival once, with its place where it has but one."""
+    places: dict[str, list[str]] = {}
+    for rival in finding.indistinguishable_from:
+        places.setdefault(rival.id, []).append(rival.where)
+    return ", ".join(f"{name} ({at[0]})" if len(at) == 1 else name for name, at in places.items())
 
 
 def _values_and_gap(finding: Finding) -> list[str]:

@@ -3,7 +3,8 @@
 Leg readings see, of six leans and six shifts of the rails, how far each pair is from square and how
 far each pair misses the other: six figures. The rest turns or moves the machine as a whole. One
 rail is the reference and stays; the next one (x, y, z, x …) is turned square to it and moved to
-meet it, the third does the same to both.
+meet it, the third does the same to both. Drives that are not meant to be square are turned and
+moved to where the machine file has them.
 """
 
 from __future__ import annotations
@@ -37,6 +38,9 @@ LEAN_TOLERANCE_MRAD = 5.0
 DISTANCE_TOLERANCE_MM = 5.0
 """A raw machine is no further off than some of these; they only keep a poor session solvable."""
 
+DESIGNED_MRAD = 10.0
+"""Nobody designs drives that are nearer to square and are not: such a file states how they lie."""
+
 FINE_MRAD, FINE_MM = 0.05, 0.025
 """Half of what is aimed at: what lies nearer is left alone, for a fitter's hand adds more."""
 
@@ -61,6 +65,19 @@ class Alignment:
     covariance: FloatArray
     noise_mm: float
     left_mm: float
+
+    @property
+    def to_square(self) -> bool:
+        """Whether the drives are to be square and to meet; else as the machine file has them."""
+        return bool(np.abs(figures_of(self.model.geometry)[0]).max() < DESIGNED_MRAD)
+
+    @property
+    def off(self) -> FloatArray:
+        """Leans and distances ``(6,)``, mrad and mm, from what they are to be."""
+        figures = np.concatenate([self.lean_mrad, self.distance_mm])
+        if self.to_square:
+            return figures
+        return np.asarray(figures - np.concatenate(figures_of(self.model.geometry)))
 
     @property
     def expanded(self) -> FloatArray:
@@ -152,7 +169,7 @@ def _model(geometry: Geometry, x: FloatArray) -> Model:
     return Model(geometry, tuple(x[:6].tolist()), (*leans, *apart))
 
 
-def aligned_geometry(geometry: Geometry, alignment_found: Alignment, reference: int) -> Geometry:
+def aligned_geometry(geometry: Geometry, alignment_result: Alignment, reference: int) -> Geometry:
     """The machine with its drives as they lie, for a controller that is told of them.
 
     The reference drive stays, the next one stays in the plane of both, as `shims` have it. Raises
@@ -160,7 +177,7 @@ def aligned_geometry(geometry: Geometry, alignment_found: Alignment, reference: 
     """
     order = [(reference + k) % 3 for k in range(3)]
     lean = np.zeros((3, 3))
-    for (i, j), value in zip(map(numbers, PAIRS), alignment_found.lean_mrad.tolist(), strict=True):
+    for (i, j), value in zip(map(numbers, PAIRS), alignment_result.lean_mrad.tolist(), strict=True):
         lean[i, j] = lean[j, i] = math.sin(PER_THOUSAND * value)
     cosines = (lean + np.eye(3))[np.ix_(order, order)]
     axes = geometry.directions[reference], geometry.read_along[reference, order[1]]
@@ -169,7 +186,7 @@ def aligned_geometry(geometry: Geometry, alignment_found: Alignment, reference: 
     directions[order] = np.linalg.cholesky(cosines) @ frame  # rows of these products
     anchors = np.zeros((3, 3))
     anchors[reference] = geometry.anchors[reference]
-    distance = dict(zip(AROUND, alignment_found.distance_mm.tolist(), strict=True))
+    distance = dict(zip(AROUND, alignment_result.distance_mm.tolist(), strict=True))
     for k, drive in enumerate(order[1:], start=1):
         rows, far = [directions[drive]], [0.0]
         for earlier in order[:k]:
@@ -197,8 +214,8 @@ class Shim:
     """What one end of a rail is to be moved by: ``move_mm`` ± ``expanded_mm`` (95 %).
 
     ``rail`` and ``towards``, the axis across it, are 0, 1, 2; the end rests at ``support_mm`` along
-    the rail from where the axes meet, the other end at ``other_mm``. Not ``needed``: as square and
-    as near already as a turn would make it.
+    the rail from where the axes meet, the other end at ``other_mm``. Not ``needed``: as near
+    already as a turn would make it.
     """
 
     rail: int
@@ -219,13 +236,13 @@ class Shim:
 
 
 def shims(
-    alignment_found: Alignment, reference: int, supports_mm: tuple[float, float]
+    alignment_result: Alignment, reference: int, supports_mm: tuple[float, float]
 ) -> list[Shim]:
     """Moves of both ends of the two other rails, in every direction that is told; see the module.
 
     ``supports_mm`` are the two places along every rail where it rests.
     """
-    figures = np.concatenate([alignment_found.lean_mrad, alignment_found.distance_mm])
+    off = alignment_result.off
     second, third = (reference + 1) % 3, (reference + 2) % 3
     turned = [
         (second, reference, _lean(second, reference), np.zeros(6)),
@@ -235,13 +252,13 @@ def shims(
     ]
     moves = []
     for rail, towards, lean, shift in turned:
-        fine = abs(float(lean @ figures)) < FINE_MRAD and abs(float(shift @ figures)) < FINE_MM
+        fine = abs(float(lean @ off)) < FINE_MRAD and abs(float(shift @ off)) < FINE_MM
         for support, opposite in (supports_mm, supports_mm[::-1]):
             row = shift - PER_THOUSAND * support * lean
             half = coverage_factor(math.inf) * math.sqrt(
-                float(row @ alignment_found.covariance @ row)
+                float(row @ alignment_result.covariance @ row)
             )
-            move = float(row @ figures)
+            move = float(row @ off)
             moves.append(Shim(rail, towards, support, opposite, move, half, not fine))
     return moves
 

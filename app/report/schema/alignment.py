@@ -66,6 +66,9 @@ class AlignmentReport(Report):
     distance_mm: tuple[FigureEntry, ...] = of(
         lambda r: _distances(r.aligned.found), "the first lies so much further along the third axis"
     )
-    moves: tuple[MoveEntry, ...] = of(lambda r: tuple(map(MoveEntry.of, r.aligned.shims)))
+    moves: tuple[MoveEntry, ...] = of(
+        lambda r: tuple(map(MoveEntry.of, r.aligned.shims)),
+        "to square, or to where the machine file has drives that are not meant to be",
+    )
     left_mm: float = of(lambda r: r.aligned.found.left_mm, "r.m.s. that the fit leaves")
     noise_mm: float = of(lambda r: r.aligned.found.noise_mm, "of a reading")

@@ -8,6 +8,14 @@ from calib.arrays import LEG_NAMES
 from calib.tripod.alignment import Shim
 from calib.tripod.effects.effect import AROUND, PAIRS
 
+SQUARE = (
+    "Positive: less than a right angle; the first axis, in the order x y z x, lies further along "
+    "the third."
+)
+AS_THE_FILE = (
+    "Both are from the drives of the machine file. Positive: a smaller angle; the first axis, in "
+    "the order x y z x, lies further along what is across both."
+)
 UNSEEN = (
     "Leg readings do not tell which axis of a pair leans or lies aside, only how both lie to each "
     "other: rail {} is the reference and stays (--reference)."
@@ -27,15 +35,15 @@ decides is where the end of the rail is when you press {align.watch}."""
 
 
 def aligned_text(aligned: Aligned) -> str:
-    """Squareness and distances, then the moves."""
-    figure, half = aligned.found, aligned.found.expanded.tolist()
-    figures = new_table("axes", "from square, mrad", "±", "miss each other, mm", "±", left=1)
-    by_pair = dict(
-        zip(AROUND, zip(figure.distance_mm.tolist(), half[3:], strict=True), strict=True)
-    )
+    """How the rails lie to each other, from what they are to be; then the moves."""
+    figure, half, off = aligned.found, aligned.found.expanded.tolist(), aligned.found.off.tolist()
+    square = aligned.found.to_square
+    names = ("from square", "miss each other") if square else ("turned", "moved")
+    figures = new_table("axes", f"{names[0]}, mrad", "±", f"{names[1]}, mm", "±", left=1)
+    by_pair = dict(zip(AROUND, zip(off[3:], half[3:], strict=True), strict=True))
     for k, pair in enumerate(PAIRS):
         mm, wide = by_pair[pair if pair in by_pair else pair[::-1]]
-        lean = signed(float(figure.lean_mrad[k]))
+        lean = signed(off[k])
         figures.add_row(pair.upper(), lean, uncertain(half[k]), signed(mm), uncertain(wide))
     moves = new_table("move the end of", "at, mm", "towards", "by, mm", "±", "", left=1)
     for shim in aligned.shims:
@@ -43,8 +51,7 @@ def aligned_text(aligned: Aligned) -> str:
         moves.add_row(*_cells(shim), uncertain(shim.expanded_mm), fine)
     return paragraphs(
         figures,
-        "Positive: less than a right angle; the first axis, in the order x y z x, lies further "
-        "along the third.",
+        SQUARE if square else AS_THE_FILE,
         moves,
         "An end lies so far along its rail from where the axes meet; rails rest at rail_mm of the "
         "machine file. " + UNSEEN.format(aligned.reference.upper()),
@@ -102,7 +109,7 @@ def screw_text(work: Round, number: int) -> str:
             f"{parallel}\n{{align.watch}} when it is there."
         )
     if not shim.needed:
-        do = "As square and as near as a turn would make it: leave it. {align.down}: the next one."
+        do = "As near as a turn would make it: leave it. {align.down}: the next one."
     elif not work.watchable(shim):
         do = "No turn of this screw shows at Zero: turn it by the number, then {align.asked}."
     else:

@@ -139,6 +139,9 @@ def test_values_that_help_are_the_next_step_on_the_screen(walked: tuple[Path, st
     assert solved.printer_change is not None
     assert solved.printer_change.helps
     assert not solved.correction.helps
+    text = words(glidecal("solve", walked[0] / "printer.jsonl").out)
+    assert "alone leave 2.7 times the noise. With the lines of the drives" in text
+    assert "WARNING" not in text, "the diagnosis agrees"
     text = next_text(solved, (), exports=True, measures=False)
     assert text == "Next: {result.export} writes these values as files for the controller."
 

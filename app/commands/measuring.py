@@ -221,7 +221,7 @@ def measured_until(plan: Plan, until: float | None, *, headless: bool, done: boo
     """
     if plan.prove and plan.motion is None:
         raise UsageError("--prove", "no --motion", "--motion, of a machine that moves itself")
-    of_legs = bool(plan.procedure.levels) and plan.machine.geometry().common_zero
+    of_legs = bool(plan.procedure.levels) and plan.machine.geometry().reads_legs
     if until is not None and (plan.motion is None or not headless):
         raise UsageError("--until", "no --motion, or a screen", "--motion … --headless")
     if until is not None and not of_legs:

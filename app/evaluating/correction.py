@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Self
 
-from calib.arrays import LEG_NAMES, FloatArray
+from calib.arrays import LEG_NAMES, FloatArray, Observations
 from calib.errors import ImpossibleRequest, NotIdentifiable
+from calib.noise.reading import IndicatorFigures
 from calib.posterior.cells import SessionCase
 from calib.posterior.correction import (
     HOLDS,
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from calib.tripod.effects.effect import Effect
     from calib.tripod.pipeline import StageEffect
     from calib.tripod.towers import Entered, TowerEntries
-    from protocols.machine import Frame
+    from protocols.machine import Frame, Machine
     from protocols.session import Session
 
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
@@ -296,18 +297,28 @@ def case_of(
 
     Joint offsets are those of sessions between which no part was moved, less what was entered.
     """
-    machine = session.opened.machine
-    geometry = replace(model.geometry, load=machine.load)
+    readings = to_observations([session]), indicator_figures([session])
+    case = case_of_machine(session.opened.machine, model, free, *readings)
+    return replace(case, distances=measured_distances(session))
+
+
+def case_of_machine(
+    machine: Machine,
+    model: Model,
+    free: frozenset[tuple[Effect, str]],
+    observed: Observations,
+    indicator: IndicatorFigures,
+) -> SessionCase:
+    """Readings of a machine with what is known of it beforehand; else as `case_of`."""
     return SessionCase(
-        replace(model, geometry=geometry),
-        to_observations([session]),
-        indicator_figures([session]),
+        replace(model, geometry=replace(model.geometry, load=machine.load)),
+        observed,
+        indicator,
         machine.tolerances_mm(),
         free=free,
         geometry=machine.geometry_tolerances(),
         state=(machine.name, machine.adjusted),
         entered_mm=machine.entered_offsets_mm,
-        distances=measured_distances(session),
         length_correlation=machine.length_correlation,
     )
 

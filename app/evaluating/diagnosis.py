@@ -16,6 +16,7 @@ from app.evaluating.solution import (
     refuse_leaning_planes,
     solve_sessions,
 )
+from calib.arrays import LEG_NAMES
 from calib.diagnosis.claims import conditional
 from calib.diagnosis.diagnose import diagnosis_of
 from calib.diagnosis.results import Contender, Diagnosis, Finding, Named
@@ -452,11 +453,12 @@ def write_procedure(diagnosed: SessionDiagnosis, path: Path, *, replace: bool = 
     """The proposed measurement as a procedure file. Raises UsageError where there is none."""
     proposed = diagnosed.separation
     if proposed is None:
+        legs = all(r.leg in LEG_NAMES for session in diagnosed.sessions for r in session.readings)
         raise UsageError(
             "--next",
             "no two effects that a measurement would decide between",
             "a diagnosis that proposes a measurement",
-            "To lower the bound at the tool nevertheless: glidecal plan SESSION.",
+            "To lower the bound at the tool nevertheless: glidecal plan SESSION." if legs else "",
         )
     text = proposed.candidate.text
     if not text.startswith("schema"):

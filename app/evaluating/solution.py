@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from app.evaluating.correction import ControllerCorrections, Gain, SessionCorrection
 from app.evaluating.printer import PrinterChange, printer_change
 from calib.arrays import FloatArray, Observations, descending, joined_values
+from calib.diagnosis.results import Verdict
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.accuracy import Decision, decide
 from calib.identify.fit import plane_tilts_mrad
@@ -159,11 +160,21 @@ class SessionSolution(Tabled):
         return tuple(readings[row] for row in visit_starts(self.observed).tolist())
 
     @cached_property
-    def lacks_something(self) -> bool:
-        """Whether the posterior says that anything is missing from the model, as the diagnosis."""
+    def verdict(self) -> Verdict:
+        """That of the posterior, as the diagnosis has it."""
         from calib.diagnosis.diagnose import verdict_of  # all of it comes with it
 
-        return verdict_of(self.corrections.posterior) not in ("agrees", "cannot-tell")
+        return verdict_of(self.corrections.posterior)
+
+    @property
+    def lacks_something(self) -> bool:
+        """Whether the posterior says that anything is missing from the model."""
+        return self.verdict not in ("agrees", "cannot-tell")
+
+    @property
+    def is_part_of_the_model(self) -> bool:
+        """Whether the set leaves lines of drives out with which nothing is missing."""
+        return bool(self.lines) and self.verdict == "agrees"
 
     @property
     def suspects(self) -> tuple[Suspect, ...]:

@@ -8,7 +8,7 @@ from glob import escape
 from pathlib import Path
 from typing import Annotated
 
-from app.evaluating.correction import case_of
+from app.evaluating.correction import case_of, case_of_machine
 from app.evaluating.own_effects import known_effects
 from app.measuring.simulated import planned_readings, simulated_session
 from calib.arrays import LEG_NAMES
@@ -257,9 +257,9 @@ def next_measurement(
     free: frozenset[tuple[Effect, str]] = frozenset()
     if model_file:
         free = free_effects(read_model_file(model_file), known_effects())
-    cases = [case_of(session, nominal, free) for session in sessions] or [
-        nothing_measured(nominal, stated.standard_deviation_mm, machine.tolerances_mm())
-    ]
+    cases = [case_of(session, nominal, free) for session in sessions]
+    if not sessions:
+        cases = [case_of_machine(machine, nominal, free, *nothing_measured(nominal))]
     weighted = posterior(cases)
     measurements = candidates(weighted, Pace(minutes_per_mounting, _pace_s(machine, sessions)))
     if not measurements:
@@ -312,11 +312,11 @@ def _machine_and_model(
             "--macro writes places to probe, for the firmware of a printer. Distances on a "
             "printed object show what a plate does not: glidecal import --distances."
         )
-    if of_tool or not machine.geometry().common_zero:
+    if of_tool or not machine.geometry().reads_legs:
         raise UsageError(
             "glidecal plan",
             f"readings of the tool, or the machine '{machine.name}'",
-            "readings of legs, on bars along their drives at one Zero",
+            "readings of legs, on bars that lie along their drives at Zero",
             next_step,
         )
     return machine, model or Model(machine.geometry())

@@ -6,13 +6,12 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import product
+from itertools import groupby, product, takewhile
 
 import numpy as np
 
-from calib.arrays import LEG_NAMES, Conditions, FloatArray, conditions, observe
+from calib.arrays import LEG_NAMES, Conditions, Observations, conditions, joined, observe
 from calib.noise.reading import IndicatorFigures
-from calib.posterior.cells import SessionCase
 from calib.posterior.models import Posterior
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
@@ -36,6 +35,9 @@ STATIONS_OF_CYCLES = (0.3, 0.7)
 SHIFT_MM = 5.0
 """A joint offset is changed by so much where readings must become larger; levels keep clear of the
 joint limits by as much."""
+
+NOTHING_MM = 1e4
+"""Scatter of an indicator that tells nothing: ten metres."""
 
 LOAD = 2.0
 """The tool with a mass as heavy as itself."""
@@ -172,7 +174,7 @@ def set_ups_of(
     model: Model, pace: Pace = USUAL_PACE, *, load_tells: bool = True
 ) -> Iterator[FurtherMeasurement]:
     """Every set-up of legs that is considered on a machine; none where the tool is read."""
-    if not model.geometry.common_zero:
+    if not model.geometry.reads_legs:
         return
     ways: list[tuple[tuple[float, ...], int, float]] = [(WAY, 1, at) for at in STATIONS]
     ways += [(parts, CYCLES, at) for parts, at in product(LEVEL_SETS, STATIONS_OF_CYCLES)]
@@ -230,13 +232,26 @@ def levels_within(
     """Displacements, whole mm, as parts of the way that joint limits and bars allow.
 
     ``places`` are legs and stations; the ends stay clear of limits by ``clear_mm``. None where no
-    way to both sides is left.
+    way to both sides is left. Where each leg has its own Zero the machine may stand on one side of
+    it only; then the levels of that side remain.
     """
+    places = list(places)
     lows, highs = zip(*(geometry.span_mm(*place) for place in places), strict=True)
     low, high = math.ceil(max(lows) + clear_mm), math.floor(min(highs) - clear_mm)
-    if not low < 0 < high:
+    if geometry.common_zero and not low < 0 < high:
         return ()
-    return tuple(float(round(part * (high if part > 0.0 else -low))) for part in parts)
+    if not geometry.common_zero:
+        low, high = (_farthest(geometry, places, end) for end in (low, high))
+    ends = [round(part * (high if part > 0.0 else -low)) for part in parts]
+    levels = tuple(float(level) for level, _ in groupby(ends))  # none twice without a movement
+    return levels if any(levels) else ()
+
+
+def _farthest(geometry: Geometry, places: Iterable[tuple[int, float]], end_mm: int) -> int:
+    """How far from their Zeros, towards an end, all of these legs can go, whole mm."""
+    way = range(0, end_mm, 1 if end_mm > 0 else -1)
+    stands = takewhile(lambda at: all(geometry.goes(leg, at) for leg, _ in places), [*way, end_mm])
+    return max(stands, key=abs, default=0)
 
 
 @lru_cache(maxsize=256)
@@ -259,10 +274,15 @@ def set_up(
     )
 
 
-def nothing_measured(model: Model, noise_mm: float, tolerance_mm: FloatArray) -> SessionCase:
-    """A session of one posture, which tells nothing but zeros, with the noise of its indicators."""
-    places = [(leg, axis) for leg in range(3) for axis in range(3) if axis != leg]
-    legs, axes = zip(*places, strict=True)
-    planned = conditions(legs, axes, [0.0] * len(places))
-    figures = IndicatorFigures(repeatability_mm=noise_mm)
-    return SessionCase(model, observe(planned, np.zeros(len(places))), figures, tolerance_mm)
+def nothing_measured(model: Model) -> tuple[Observations, IndicatorFigures]:
+    """Readings that tell nothing, with such an indicator: of every bar, at both ends of it.
+
+    With them the posterior is what is known beforehand, of effects too that act on these places.
+    Where no way is left each leg at Zero.
+    """
+    ways = []
+    for leg, station in product(range(3), STATIONS_OF_CYCLES):
+        levels = levels_within(model.geometry, [(leg, station)], WAY) or (0.0,)
+        ways.append(set_up(leg, station, levels, 1, USUAL_PACE.seconds_per_step))
+    planned = joined(ways)
+    return observe(planned, np.zeros(len(planned))), IndicatorFigures(repeatability_mm=NOTHING_MM)

@@ -46,7 +46,12 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
     """What the model leaves, and sets that the readings do not determine."""
     solution, refused = solved.solution, solved.choice.refused
     fit = solution.lack_of_fit
-    if fit and solution.lacks_fit:
+    if fit and solution.lacks_fit and solved.is_part_of_the_model:
+        yield (
+            f"These parameters alone leave {math.sqrt(fit.statistic):.1f} times the noise. With "
+            "the lines of the drives, for which the values to enter allow, nothing is missing."
+        )
+    elif fit and solution.lacks_fit:
         larger = float(solution.inflated_expanded_mm.max())
         yield (
             f"WARNING: the residual is {math.sqrt(fit.statistic):.1f} times the noise: these "
@@ -65,7 +70,7 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
             f"All figures are valid only if {right}: these readings show neither an error there "
             "nor what it does at the tool."
         )
-    if solution.beyond_tolerance:
+    if solution.beyond_tolerance and not solved.is_part_of_the_model:
         parts_beyond = ", ".join(
             f"{name} {signed(value, 2)} mm (tolerance {within:g})"
             for name, value, within in solution.beyond_tolerance

@@ -166,6 +166,12 @@ def postures_text(chosen: ChosenPostures) -> str:
     )
 
 
+NOTHING_YET = (
+    "With nothing measured yet this is a mean over machines of every kind, also over those whose "
+    "errors no offset removes. Most are better: plan again after the first session."
+)
+
+
 def plan_text(plan: MeasurementPlan) -> str:
     """One sentence, then the runners-up; set-ups in turn, names, and instruments outside."""
     basis_words = (
@@ -190,6 +196,7 @@ def plan_text(plan: MeasurementPlan) -> str:
         f"Next, {basis_words}: {best.candidate.words}, both axes. {after}",
         table,
         further_text(planner.reach),
+        "" if plan.sessions else NOTHING_YET,
         separation_text(planner.separation),
         outside_text(planner.outside),
     )
@@ -222,7 +229,7 @@ def further_text(reach: Reach) -> str:
     if reach.is_last:
         stop = (
             f"{'After that no' if reach.further else 'No'} set-up lowers the bound by a tenth: "
-            "more readings of legs would not help."
+            "more readings of legs would not help, as far as one can tell now."
         )
     if reach.further:
         levels = ", ".join(f"{level:+g}" for level in reach.further[0].displacements_mm)

@@ -20,6 +20,14 @@ WHERE = (
 SCREWS = (
     "In place of new values, the screws of the endstops can move the switches by the last column."
 )
+WITHIN_TOLERANCES = (
+    "That is more than contacts scatter, but not more than parts within their tolerances explain: "
+    "towers that lean, belts, the plate. Firmware has no value for these."
+)
+WITHOUT_AN_ENTRY = (
+    "That is more than contacts scatter: a belt, a bent tower, a plate that is not flat, or "
+    "anything else without an entry. glidecal diagnose looks for it."
+)
 NO_REPEATS = (
     "No place was probed twice, so nothing shows whether contacts repeat. Probe every place three "
     "times (glidecal plan --macro)."
@@ -111,10 +119,7 @@ def change_answers(solved: SessionSolution, change: PrinterChange) -> Iterator[s
             f"values the same contacts would differ by {uncertain(uneven.then)} mm."
         )
         if scatter_mm is not None and uneven.then > BEYOND_NOISE * scatter_mm:
-            yield (
-                "That is more than contacts scatter: a belt, a bent tower, a plate that is not "
-                "flat, or anything else without an entry. glidecal diagnose looks for it."
-            )
+            yield WITHIN_TOLERANCES if solved.verdict == "agrees" else WITHOUT_AN_ENTRY
     if change.bound_mm > SIZE_SHOWS * uneven.then and not any(
         session.distances for session in solved.sessions
     ):

@@ -362,6 +362,46 @@ def test_a_proposed_measurement_is_a_procedure(samples: Path, tmp_path: Path) ->
     assert glidecal("run", "--dry-run", "--protocol", path, "-o", tmp_path / "s.jsonl").status == 0
 
 
+def test_bars_with_a_zero_each_are_planned_measured_and_planned_again(tmp_path: Path) -> None:
+    """A linear delta, which stands above the Zero of a bar and hardly below it."""
+    machine, path, session = load_machine("linear-delta"), tmp_path / "p.toml", tmp_path / "s.jsonl"
+    blank = document("plan", "--machine", "linear-delta", "--noise", "0.002")
+    best, further = blank["next"], blank["further"]
+    assert [f["bound_mm"] for f in further] == sorted(f["bound_mm"] for f in further)[::-1]
+    for leg in best["legs"]:
+        for level in best["displacements_mm"]:
+            assert machine.geometry().goes("xyz".index(leg), level)
+    path.write_text(best["protocol"], encoding="utf-8")
+    made = ("--machine", "linear-delta", "--protocol", path, "--seed", "4", "--scatter", "0.002")
+    assert glidecal("simulate", *made, "-o", session).status == 0
+    assert document("plan", session)["next"]["bound_mm"] < document("plan", session)["bound_mm"]
+    glidecal(
+        "simulate", "--machine", "linear-delta", "--protocol", "bars", "-o", tmp_path / "b.jsonl"
+    )
+    assert document("plan", tmp_path / "b.jsonl")["bound_mm"] < 0.01
+
+
+@LONG
+@pytest.mark.parametrize("machine", ["orthoglide", "linear-delta"])
+def test_with_nothing_measured_the_promise_is_the_mean_of_what_is_kept(
+    machine: str, tmp_path: Path
+) -> None:
+    """Six simulated machines measured as proposed: the median of their bounds is at most twice, at
+    least a third of what was promised.
+
+    A promise without effects, which single readings cannot exclude, was ten times too good.
+    """
+    path, bounds = tmp_path / "p.toml", []
+    best = document("plan", "--machine", machine, "--noise", "0.002")["next"]
+    path.write_text(best["protocol"], encoding="utf-8")
+    for seed in range(6):
+        session = tmp_path / f"{seed}.jsonl"
+        made = ("--machine", machine, "--protocol", path, "--seed", str(seed), "-o", session)
+        assert glidecal("simulate", *made).status == 0
+        bounds.append(document("solve", session)["correction"]["bound"]["touched_off_mm"])
+    assert 1 / 3 < np.median(bounds) / best["bound_mm"] < 2.0
+
+
 def test_a_displacement_on_a_limit_is_reached_from_one_side_only() -> None:
     pool = leg_pool(Geometry())
     assert set(pool.approach[pool.displacement_mm == 60.0].tolist()) == {1}

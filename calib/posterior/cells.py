@@ -269,12 +269,7 @@ class Cells:
         if noise is None and case.others is not None:
             noise = case.others.for_indicators(visited.indicator_count)
         if noise is None:  # equal weights: what the model leaves tells the variance
-            if visited.contact.all():
-                scatter_mm2 = _likeliest_mm2(case, visited)
-            else:
-                centred = without_zeros(visited, visited.averaged, visited.value_mm)
-                scatter_mm2 = max(1e-4 * float((centred**2).mean()), 1e-8)
-            scatter = scatter_mm2 / visited.averaged
+            scatter = _likeliest_mm2(case, visited) / visited.averaged
         else:
             scatter = np.maximum(noise.repeatability_mm2(visited), FINEST_MM**2)
             alone = set_apart(cell, apart)
@@ -424,7 +419,7 @@ SCATTERS_MM = np.geomspace(1e-3, 1.0, 61)
 
 
 def _likeliest_mm2(case: SessionCase, visited: Observations) -> float:
-    """The variance of contacts with which a machine within its tolerances is likeliest, mm²."""
+    """The variance of readings with which a machine within its tolerances is likeliest, mm²."""
     within = design_of(case.model, visited, range(BASE), ()) @ case.base_root
     lines = _by_geometry(case, case.model, visited)
     rows = np.column_stack([visited.value_mm - case.model.readings(visited), within, lines])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -131,7 +131,10 @@ OF_INDICATORS = (
 
 def export(
     context: typer.Context,
-    source: Annotated[Path, typer.Argument(help="Session or model file.", show_default=False)],
+    sources: Annotated[
+        list[Path],
+        typer.Argument(help="Sessions of one machine, or a model file.", show_default=False),
+    ],
     output: Output,
     format_name: Annotated[
         Literal[
@@ -201,7 +204,8 @@ def export(
 
     With --table the numbers of a session instead. With -o - one text goes to standard output.
     """
-    if (verbs := family_of_files(None, [source]).sessions) is not None:
+    if (verbs := family_of_files(None, sources).sessions) is not None:
+        source = _only(sources, "postures")
         _export_of_machine(verbs, context, source, output, force=force)
         return
     if table or format_name in ("xlsx", "parquet"):
@@ -209,22 +213,23 @@ def export(
         beside |= {"--steps": steps, "--ini": ini}
         _refuse_beside_table(table or "readings", format_name, {**beside, "--frame": frame})
         force = may_deliver(output, force=force, several=format_name != "csv")
+        source = _only(sources, "a table")
         table_found = _table(source, table or "readings", subset, method, model)
         deliver(output, {"": table_found.written(format_name)}, force=force)
         return
     from app.exports import FORMATS, IN_FOLDERS
     from app.exports.linuxcnc_ini import read_controller
-    from app.report.offsets import offsets_from_file
+    from app.report.offsets import offsets_from_files
     from app.report.text.caveats import UNKNOWN_HOME_OFFSET
     from calib.tripod.controller import ControllerJoints
     from protocols.documents import read_bytes
 
     if format_name not in FORMATS:
-        read_bytes(source, "file")  # a file that is not there is no question of its format
-        raise UsageError("--format", f"{format_name} of {source}", ", ".join(FORMATS))
+        read_bytes(sources[0], "file")  # a file that is not there is no question of its format
+        raise UsageError("--format", f"{format_name} of {sources[0]}", ", ".join(FORMATS))
     _check_joints(home_offset, endstops, ini, format_name)
     force = may_deliver(output, force=force, several=format_name in IN_FOLDERS)
-    offsets = offsets_from_file(source, subset, method, model, frame)
+    offsets = offsets_from_files(sources, subset, method, model, frame)
     machine = offsets.machine.holding_steps(_triple("--steps", steps))
     offsets = replace(offsets, machine=machine)
     home = _triple("--home-offset", home_offset)
@@ -250,6 +255,12 @@ def _check_joints(
         raise UsageError("--home-offset, --endstops and --ini", "more than one", "one of them")
     if ini and format_name in ("klipper", "reprapfirmware", "marlin", "smoothieware", "p-3z"):
         raise UsageError("--ini", f"--format {format_name}", "a LinuxCNC format, or --endstops")
+
+
+def _only(sources: Sequence[Path], what: str) -> Path:
+    if len(sources) > 1:
+        raise UsageError("glidecal export", f"{len(sources)} files", f"one session, for {what}")
+    return sources[0]
 
 
 def _export_of_machine(

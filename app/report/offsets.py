@@ -53,7 +53,7 @@ class Offsets:
 
     ``cautions`` are the bound at the tool, what is not in the files, what else to know of the
     readings, one line each. ``model`` holds the parameters, and effects with them. ``controller``
-    is what the controller holds now, None where nobody stated it; ``recorded`` is when the last
+    is what the controller holds now, None where nobody stated it; ``recorded`` is when the first
     record began, None where the source does not tell, ``measured`` when it was measured, in words.
     ``bound`` is the caution that states the bound at the tool. ``solved`` is the result that it is
     from, None for a model file; with ``view`` one of its sets is written as it is, in place of the
@@ -207,7 +207,7 @@ def offsets_from_solved(solved: SessionSolution, *, view: bool = False) -> Offse
         parameters={},
         model=Model(machine.geometry()),
         controller=_stated(machine),
-        recorded=last.at,
+        recorded=min(session.opened.at for session in solved.sessions),
         measured=measured_words(last, MINUTE),
         digests=tuple(session.digest for session in solved.sessions),
         cautions=tuple(map(one_line, caveats(solved))),
@@ -253,23 +253,24 @@ def one_line(text: str) -> str:
     return printable(" ".join(text.split()))
 
 
-def offsets_from_file(
-    path: Path,
+def offsets_from_files(
+    paths: Sequence[Path],
     subset: Subset | None,
     method: Method,
     model: Path | None = None,
     frame: Frame | None = None,
 ) -> Offsets:
-    """What is exported of a session or a model file; an unfinished session is a caution, too.
+    """What is exported of sessions or a model file; an unfinished session is a caution, too.
 
-    With a model its effects are fitted to the session, too. A subset, and what the linear method
+    With a model its effects are fitted to the sessions, too. A subset, and what the linear method
     gives, is written as it is, in place of the correction.
 
-    Raises RecordError where the file is neither, NotIdentifiable where it gives no result.
+    Raises RecordError where a file is neither, UsageError for sessions between which the machine or
+    its controller was changed, NotIdentifiable where they give no result.
     """
-    if is_model(path):
-        return _offsets_from_model(path)
-    solved = solve_files([path], subset=subset, method=method, model=model, frame=frame)
+    if len(paths) == 1 and is_model(paths[0]):
+        return _offsets_from_model(paths[0])
+    solved = solve_files(paths, subset=subset, method=method, model=model, frame=frame)
     offsets = offsets_from_solved(solved, view=subset is not None or method != "exact")
     return replace(offsets, cautions=(*map(one_line, solved.warnings), *offsets.cautions))
 

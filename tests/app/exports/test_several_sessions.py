@@ -1,0 +1,57 @@
+"""What is entered may come from several sessions: of legs, of a plate, of one machine."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.app.cli import glidecal, refused
+
+
+def simulated(folder: Path, protocol: str, machine: str = "linear-delta") -> Path:
+    session = folder / f"{protocol}.jsonl"
+    words = ("--machine", machine, "--protocol", protocol, "--seed", "3", "-o", session)
+    assert glidecal("simulate", *words).status == 0
+    return session
+
+
+def document(*words: str | Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(glidecal(*words).out)
+    return content
+
+
+def test_bars_and_plate_in_one_export(tmp_path: Path) -> None:
+    """Readings of bars and of the tool: the values are those of the common solution."""
+    sessions = simulated(tmp_path, "bars"), simulated(tmp_path, "plate-rings")
+    exported = document("export", *sessions, "--format", "json", "-o", "-")
+    solved = document("solve", *sessions, "--json")
+    assert exported["source"] == "bars.jsonl, plate-rings.jsonl"
+    for name in ("d_rho_x", "d_rho_y", "d_rho_z"):
+        expected = solved["correction"]["values"][name]
+        assert exported["parameters"][name]["value"] == pytest.approx(expected["value"], abs=1e-12)
+    bound = solved["correction"]["bound"]["touched_off_mm"]
+    assert f"at most {bound:.4f} mm with these values" in exported["cautions"][0]
+
+
+def test_sessions_between_which_something_was_entered_are_refused(tmp_path: Path) -> None:
+    before = simulated(tmp_path, "zero-max-min", "orthoglide")
+    machine, after = tmp_path / "m.toml", tmp_path / "after.jsonl"
+    machine.write_text(
+        'schema = "glidecal.machine/1"\nname = "orthoglide"\nentered_offsets_mm = [0.1, 0.0, 0.0]\n'
+    )
+    words = ("simulate", "--machine", machine, "--seed", "3", "-o", after)
+    assert glidecal(*words).status == 0
+    text = refused(2, "export", before, after, "--format", "json", "-o", "-")
+    assert (
+        "found offsets entered between them, entered_offsets_mm (0, 0, 0) and (0.1, 0, 0)" in text
+    )
+
+
+def test_one_session_for_a_table_and_of_postures(tmp_path: Path, samples: Path) -> None:
+    pair = samples / "experiment_2_six.jsonl", samples / "experiment_3_six.jsonl"
+    text = refused(2, "export", *pair, "--format", "xlsx", "-o", tmp_path / "a.xlsx")
+    assert "found 2 files. Allowed: one session, for a table" in text
+    assert not (tmp_path / "a.xlsx").exists()

@@ -38,7 +38,7 @@ from calib.posterior.gaussian import About, LittleOfAll
 from calib.posterior.race import ADOPTED
 from calib.tripod.effects.bars import LegLength
 from calib.tripod.effects.candidates import place_columns
-from calib.tripod.effects.contacts import BowOfTouchedPlate, PlatformTilt
+from calib.tripod.effects.contacts import ROUND, SHAPES, BowOfTouchedPlate, PlatformTilt
 from calib.tripod.effects.drives import ActuatorScale, AxisLean, AxisOffset, AxisSquareness
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.geometry import PARAMETER_NAMES
@@ -192,6 +192,8 @@ class SessionCase:
         if not self.geometry:
             return {}
         beyond = {law: size for (law, _), size in self.geometry.items()}
+        if SHAPES[0] in beyond:
+            beyond[ROUND] = beyond[SHAPES[0]]
         stated = self.as_stated == "lines and bars"
         return beyond | {LegLength(): math.inf if stated else float(self.tolerance_mm[3:].max())}
 

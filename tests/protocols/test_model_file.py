@@ -16,7 +16,7 @@ from calib.errors import RecordError, UsageError
 from calib.posterior.library import laws
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import candidates
-from calib.tripod.effects.contacts import SHAPES, PlatformTilt, TiltOfTouchedPlate
+from calib.tripod.effects.contacts import ROUND, SHAPES, PlatformTilt, TiltOfTouchedPlate
 from calib.tripod.effects.drives import ActuatorCyclic, AxisOffset
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import Empirical
@@ -72,7 +72,9 @@ def test_every_law_that_may_be_adopted_comes_back(tmp_path: Path, effect: Effect
 
 
 @pytest.mark.parametrize(
-    "effect", [TiltOfTouchedPlate(), *SHAPES, PlatformTilt()], ids=lambda e: e.parameters[0].name
+    "effect",
+    [TiltOfTouchedPlate(), *SHAPES, ROUND, PlatformTilt()],
+    ids=lambda e: e.parameters[0].name,
 )
 def test_every_law_of_contacts_comes_back(tmp_path: Path, effect: Effect) -> None:
     """The tool met a plate, or a probe beside it: such places exist in no other readings."""

@@ -13,7 +13,7 @@ from calib.tripod.effects.bars import (
     LegLength,
     LegTaper,
 )
-from calib.tripod.effects.contacts import SHAPES, PlatformTilt, TiltOfTouchedPlate
+from calib.tripod.effects.contacts import ROUND, SHAPES, PlatformTilt, TiltOfTouchedPlate
 from calib.tripod.effects.drives import (
     STANDARD_LEADS_MM,
     ActuatorCyclic,
@@ -68,6 +68,7 @@ BESIDE_CATALOGUE: tuple[Effect, ...] = (
     GaugeHysteresis(),
     DriftOfStand(),
     *SHAPES,
+    ROUND,
     PlatformTilt(),
 )
 """Those that machines have less often: the diagnosis gives them less weight beforehand."""

@@ -53,15 +53,15 @@ class TiltOfTouchedPlate(PlateTilt):
         return np.asarray((off_mm * met)[..., None] * along)
 
 
-Shape = Literal["first", "second", "twist"]
+Shape = Literal["first", "second", "twist", "round"]
 
 
 @dataclass(frozen=True)
 class BowOfTouchedPlate(TiltOfTouchedPlate):
     """The plate is no plane but bowed about its middle; positive: it falls from there outwards.
 
-    Along the first (second) of the other two coordinates, or along their diagonal, x = y, while it
-    rises along x = -y.
+    Along the first (second) of the other two coordinates, along their diagonal, x = y, while it
+    rises along x = -y, or every way alike: a dome, and a dish where it is negative.
     """
 
     shape: Shape = "first"
@@ -78,7 +78,13 @@ class BowOfTouchedPlate(TiltOfTouchedPlate):
         """By the value times the square of the way from Zero / 100 mm."""
         first, second = (k for k in range(3) if k != numbers(at.place)[1])
         x, y = (at.stage_input[..., k] / AT_MM for k in (first, second))
-        squares = {"first": x * x, "second": y * y, "twist": 2.0 * x * y}
+        first_square, second_square = x * x, y * y
+        squares = {
+            "first": first_square,
+            "second": second_square,
+            "twist": 2.0 * x * y,
+            "round": first_square + second_square,
+        }
         return np.asarray(at.values[0] * squares[self.shape])
 
 
@@ -87,6 +93,10 @@ SHAPES: tuple[BowOfTouchedPlate, ...] = (
     BowOfTouchedPlate("second"),
     BowOfTouchedPlate("twist"),
 )
+"""They add up to any bow."""
+
+ROUND = BowOfTouchedPlate("round")
+"""The commonest one, a name of its own: as two bows it would be two causes."""
 
 
 @dataclass(frozen=True)

@@ -625,6 +625,7 @@ def test_a_plate_that_falls_towards_x_is_further_from_the_tool_there() -> None:
         ("bow_first_at_100mm", [0.0, 0.025, 0.0, 0.016]),
         ("bow_second_at_100mm", [0.0, 0.0, 0.025, 0.009]),
         ("bow_twist_at_100mm", [0.0, 0.0, 0.0, 0.024]),
+        ("bow_round_at_100mm", [0.0, 0.025, 0.025, 0.025]),
     ],
 )
 def test_the_tool_is_higher_over_a_plate_that_falls_outwards(

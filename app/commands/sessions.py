@@ -246,15 +246,13 @@ def _write_template(
 ) -> None:
     from protocols.files import write_files
     from protocols.machine import load_machine
-    from protocols.procedure import load_procedure
+    from protocols.procedure import procedure_on
     from protocols.table import empty_table
 
     if len(source) > 1:
         raise UsageError("--template", f"{len(source)} files", "one table to write")
     machine_known = load_machine(machine)
-    procedure_asked = load_procedure(
-        protocol or machine_known.usual_procedure, machine_known.geometry()
-    )
+    procedure_asked = procedure_on(machine_known, protocol)
     empty = empty_table(procedure_asked, machine_known.geometry(), source[0])
     write_files(source[0], {"": empty}, replace=may_replace(force, source[0]))
     say(f"{procedure_asked.name} to be filled in, column value_mm: {source[0]}")

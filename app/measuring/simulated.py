@@ -29,7 +29,7 @@ from protocols.procedure import (
     Touched,
     default_mount,
     leg_number,
-    load_procedure,
+    procedure_on,
 )
 from protocols.session import Opened, Reading, Session, fold
 
@@ -175,7 +175,7 @@ def simulated_of_files(
     else:
         machine_known = load_machine(machine)
         real = Model(machine_known.geometry())
-    planned = load_procedure(procedure or machine_known.usual_procedure, machine_known.geometry())
+    planned = procedure_on(machine_known, procedure)
     if effect is not None:
         hidden = hidden_effect(
             effect,

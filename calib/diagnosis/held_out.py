@@ -128,7 +128,9 @@ class _LeftOut:
     def _base(self) -> FloatArray:
         """Columns ``(n, z + k + b)`` of zeros, adopted sizes and base, per what is expected."""
         rows = self.linear.rows
-        all_zeros: FloatArray = block_diag([cells.zeros for cells in self.posterior.sessions]).toarray()
+        all_zeros: FloatArray = block_diag(
+            [cells.zeros for cells in self.posterior.sessions]
+        ).toarray()
         zeros = np.zeros((len(rows.residual), all_zeros.shape[1]))
         zeros[: rows.cells] = LOOSE * all_zeros
         case, linear = self.posterior.sessions[-1].case, self.linear

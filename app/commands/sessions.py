@@ -314,13 +314,15 @@ def _taken_from(
 
 def _cautions(session: Session, word: str) -> Iterator[str]:
     """What was measured where the machine file allows none, and too little."""
-    from protocols.table import off_bar_words, within_limits
+    from protocols.table import off_bar_words, off_plate_words, outside_limits
 
     readings, geometry = session.all_readings, session.opened.machine.geometry()
-    if outside := sum(not within_limits(reading, geometry) for reading in readings):
+    if outside := outside_limits(readings, geometry):
         yield f"{outside} {word} are outside the joint limits of the machine file"
     if off_bar := off_bar_words(readings, geometry):
         yield off_bar
+    if off_plate := off_plate_words(readings, session.opened.machine):
+        yield off_plate
     if len({reading.posture_mm for reading in readings}) < 2:
         yield f"only one posture in these {word}; they cannot be solved alone"
 

@@ -25,12 +25,12 @@ class Quantity:
 
     ``decimals`` are for a ``signed`` number, at least so many for an ``uncertainty`` and for what
     is ``measured``: that has as many as its uncertainty in the same row. ``two-digit`` numbers
-    have their own. ``missing`` stands in place of None.
+    have their own, a ``tolerance`` three at most. ``missing`` stands in place of None.
     """
 
     label: str | None = None
     unit: str = ""
-    kind: Literal["plain", "signed", "measured", "uncertainty", "two-digit"] = "plain"
+    kind: Literal["plain", "signed", "measured", "uncertainty", "two-digit", "tolerance"] = "plain"
     decimals: int | None = None
     words: str = ""
     missing: str = ""
@@ -56,6 +56,8 @@ class Quantity:
             return signed(value, decimals_for(uncertainty or 0.0, least) if apart else least)
         if self.kind == "two-digit":
             return figures(value)
+        if self.kind == "tolerance":
+            return f"{value:.3g}"
         return f"{value:g}" if self.decimals is None else f"{value:.{least}f}"
 
     def __get_pydantic_json_schema__(

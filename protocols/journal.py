@@ -135,8 +135,9 @@ class Journal:
         lines: list[bytes] = []
         for number, event in enumerate(events, start=len(self._events) + 1):
             chained = event.model_copy(update={"line": number, "previous": digest, "seal": ""})
-            seal = digest_of(_encoded(chained))
-            lines.append(_encoded(chained.model_copy(update={"seal": seal})))
+            unsealed = _encoded(chained)  # its own key comes before all text of the event
+            seal = f'"seal":"{digest_of(unsealed)}"'.encode()
+            lines.append(unsealed.replace(b'"seal":""', seal, 1))
             digest = digest_of(lines[-1])
         placed: list[Event] = [self._form.lines.validate_json(line) for line in lines]
         return b"".join(line + b"\n" for line in lines), placed, digest

@@ -175,6 +175,8 @@ class Machine(Document):
     from its middle; ``platform_tilt_tolerance_mrad`` of how unequal the two bars of a leg are, in
     parts of their distance: the platform tilts by about so much as it goes out. It acts on a probe
     that is ``probe_offset_mm`` beside the tool, in x and y;
+    ``printable_radius_mm`` is the circle about Zero that firmware of a printer lets the tool go
+    in: rings of the program's own plate procedures follow it;
     ``adjusted`` is any name, such as a date, of the state since parts of the machine were last
     moved: sessions with other names are of another machine; ``rail_mm`` are the two places along
     every rail, from where the axes meet, at which it rests on shims or screws.
@@ -214,6 +216,7 @@ class Machine(Document):
     plate_bow_tolerance_mm: LineTolerance = 0.0
     platform_tilt_tolerance_mrad: LineTolerance = 0.0
     probe_offset_mm: tuple[LengthMm, LengthMm] | None = None
+    printable_radius_mm: Length | None = None
     adjusted: Name | None = None
     rail_mm: tuple[Length, Length] | None = None
     plane_tilt_mrad: Annotated[float, Field(ge=0.01, le=100.0)] = 5.0

@@ -28,7 +28,7 @@ from protocols.documents import (
     read_text,
     read_toml,
 )
-from protocols.machine import Instrument
+from protocols.machine import Instrument, Machine
 
 Leg = Literal["x", "y", "z"]
 Touched = Literal["x", "y", "z", "tool"]
@@ -46,6 +46,9 @@ ALL_AXES: tuple[Leg, ...] = ("x", "y", "z")
 BOTH = ("xyz", "xyz")
 """Two indicators that may measure along any axis."""
 
+
+USUAL_PRINTABLE_MM = 100.0
+"""The printable radius that rings of the program's own plate procedures are for: 80 mm of it."""
 
 SLIDING = -1.0
 """Station of a mounting that has several, on a reference plane."""
@@ -101,6 +104,12 @@ class Plate(Document):
         if len(set(self.places_mm())) < 2:
             raise ValueError("one position only; at least two different ones are needed")
         return self
+
+    def within(self, printable_mm: float) -> Plate:
+        """The same with rings of the same part of a printable circle of this radius."""
+        factor = printable_mm / USUAL_PRINTABLE_MM
+        radii = tuple(round(factor * radius, 3) for radius in self.radii_mm)
+        return self.model_copy(update={"radii_mm": radii})
 
     def places_mm(self) -> list[Triple]:
         """Every position in the order given, mm."""
@@ -504,21 +513,24 @@ def procedure_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in PROCEDURES.glob("*.toml")))
 
 
-def guided_procedure_names(geometry: Geometry) -> tuple[str, ...]:
+def guided_procedure_names(
+    geometry: Geometry, printable_mm: float | None = None
+) -> tuple[str, ...]:
     """Those of them that a guided session can measure on this machine: legs, or a plate."""
     names = []
     for name in procedure_names():
         try:
-            load_procedure(name, geometry).steps(geometry)
+            load_procedure(name, geometry, printable_mm).steps(geometry)
         except (RecordError, UsageError):  # beyond its limits, or legs that cannot be read
             continue
         names.append(name)
     return tuple(names)
 
 
-def load_procedure(name: str, geometry: Geometry) -> Procedure:
+def load_procedure(name: str, geometry: Geometry, printable_mm: float | None = None) -> Procedure:
     """A procedure by name, or from a TOML file by path, checked against the machine.
 
+    Where firmware lets the tool go within ``printable_mm`` of Zero, rings of one by name follow it.
     Raises UsageError for an unknown name and for legs that are not read on these drives,
     RecordError for a file that cannot be used.
     """
@@ -529,9 +541,18 @@ def load_procedure(name: str, geometry: Geometry) -> Procedure:
             choices = ", ".join(procedure_names()) + ", or the path of a .toml file"
             raise UsageError("procedure", repr(name), choices)
     procedure = read_toml(path, Procedure, WHAT)
+    if path.parent == PROCEDURES and procedure.plate and printable_mm is not None:
+        plate = procedure.plate.within(printable_mm)
+        procedure = procedure.model_copy(update={"plate": plate})
     procedure.check_limits(geometry, path)
     procedure.check_bars(geometry, path)
     return procedure
+
+
+def procedure_on(machine: Machine, name: str | None = None) -> Procedure:
+    """The procedure of that name on a machine, None: its usual one; as `load_procedure`."""
+    named = name or machine.usual_procedure
+    return load_procedure(named, machine.geometry(), machine.printable_radius_mm)
 
 
 def shuffled(procedure: Procedure, seed: int) -> Procedure:

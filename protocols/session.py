@@ -43,6 +43,7 @@ SchemaId = Literal[
     "glidecal.session/7",
     "glidecal.session/8",
     "glidecal.session/9",
+    "glidecal.session/10",
 ]
 """Every schema of a record. A changed event needs a new one: docs/decisions/0003-record.md."""
 

@@ -29,7 +29,7 @@ from protocols.data_table import (
 )
 from protocols.documents import describe, read_text
 from protocols.machine import Instrument, Machine
-from protocols.procedure import ALL_AXES, SLIDING, Leg, Procedure, default_mount, may_stand, off_bar
+from protocols.procedure import ALL_AXES, SLIDING, Leg, Procedure, default_mount, off_bar
 from protocols.session import (
     LARGEST_READING_MM,
     MOVED,
@@ -41,6 +41,9 @@ from protocols.session import (
     Restored,
     Superseded,
 )
+
+COMMON_TOLERANCES = 2.0
+"""Of offsets, beyond which contacts that are off alike are worth a word: 95 of 100 are within."""
 
 REQUIRED = ("leg", "axis", "displacement_mm", "value_mm")
 OPTIONAL = (
@@ -208,13 +211,41 @@ def opened_table(
     return opened, events, unknown
 
 
-def within_limits(reading: Reading, geometry: Geometry) -> bool:
-    """Whether the joint limits allow the posture of a reading."""
-    if reading.position_mm is not None:
-        return may_stand(geometry, reading.position_mm)
+def outside_limits(readings: Sequence[Reading], geometry: Geometry) -> int:
+    """How many readings are in postures that the joint limits do not allow."""
+    places = [r.position_mm for r in readings if r.position_mm is not None]
+    of_legs = [r for r in readings if r.position_mm is None]
+    of_tool = int((~geometry.stands(np.array(places))).sum()) if places else 0
+    return of_tool + sum(not _leg_within(reading, geometry) for reading in of_legs)
+
+
+def _leg_within(reading: Reading, geometry: Geometry) -> bool:
     if not geometry.common_zero:
         return geometry.goes(LEG_NAMES.index(reading.leg), reading.displacement_mm)
     return geometry.travel_min_mm <= reading.displacement_mm <= geometry.travel_max_mm
+
+
+def off_plate_words(readings: Sequence[Reading], machine: Machine) -> str:
+    """By how much a plate is off where the controller expects it, at all places alike.
+
+    The median of where the tool was sent less its height, against twice the tolerance of offsets;
+    empty within that.
+    """
+    off_mm = [
+        reading.position_mm[LEG_NAMES.index(reading.axis)] - reading.value_mm
+        for reading in readings
+        if reading.contact and reading.position_mm is not None
+    ]
+    common_mm = float(np.median(off_mm)) if off_mm else 0.0
+    limit_mm = COMMON_TOLERANCES * machine.offset_tolerance_mm
+    if abs(common_mm) <= limit_mm:
+        return ""
+    side = "higher" if common_mm > 0.0 else "lower"
+    return (
+        f"the plate is {abs(common_mm):.3g} mm {side} than the controller expects, at all places "
+        f"alike. Allowed: up to {limit_mm:g} mm (offset_tolerance_mm, k = 2). Look at z_offset of "
+        "the probe, or touch the plate again; the values of solve hardly depend on this height"
+    )
 
 
 def off_bar_words(readings: Sequence[Reading], geometry: Geometry) -> str:

@@ -115,7 +115,7 @@ def run(
     from drivers.motion import check_controller
     from protocols.machine import load_machine
     from protocols.motion import procedure_of
-    from protocols.procedure import load_procedure, shuffled
+    from protocols.procedure import procedure_on, shuffled
     from protocols.record import read_record
 
     refuse_beside_continue(context)
@@ -144,7 +144,7 @@ def run(
         measured_until(plan, until, headless=headless, done=is_whole)
         return
     named = protocol or procedure_of(machine_known, moving=motion is not None)
-    procedure = load_procedure(named, machine_known.geometry())
+    procedure = procedure_on(machine_known, named)
     if random_order is not None:
         procedure = shuffled(procedure, random_order)
     if macro is not None:
@@ -423,7 +423,7 @@ def align(
     from calib.tripod.alignment import check_common_zero
     from protocols.files import write_files
     from protocols.machine import load_machine, machine_text
-    from protocols.procedure import ALL_AXES, load_procedure
+    from protocols.procedure import ALL_AXES, procedure_on
 
     rail = next((letter for letter in ALL_AXES if reference and letter == reference.lower()), None)
     if rail is None and reference is not None:
@@ -462,7 +462,7 @@ def align(
             allowed = "--indicator PROFILE:PORT once or twice, or --simulated"
             raise UsageError("indicators", "none", allowed)
         check_common_zero(machine_known.geometry())
-        procedure = load_procedure(protocol or "align", machine_known.geometry())
+        procedure = procedure_on(machine_known, protocol or "align")
         check_procedure(procedure, machine_known, rail or "x")
         path = output or session_name(Path(), procedure.name)
         plan = Plan(path, machine_known, procedure, chosen, seed=seed, bench=WATCHED)

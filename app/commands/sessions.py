@@ -246,15 +246,13 @@ def _write_template(
 ) -> None:
     from protocols.files import write_files
     from protocols.machine import load_machine
-    from protocols.procedure import load_procedure
+    from protocols.procedure import procedure_on
     from protocols.table import empty_table
 
     if len(source) > 1:
         raise UsageError("--template", f"{len(source)} files", "one table to write")
     machine_known = load_machine(machine)
-    procedure_asked = load_procedure(
-        protocol or machine_known.usual_procedure, machine_known.geometry()
-    )
+    procedure_asked = procedure_on(machine_known, protocol)
     empty = empty_table(procedure_asked, machine_known.geometry(), source[0])
     write_files(source[0], {"": empty}, replace=may_replace(force, source[0]))
     say(f"{procedure_asked.name} to be filled in, column value_mm: {source[0]}")
@@ -316,13 +314,15 @@ def _taken_from(
 
 def _cautions(session: Session, word: str) -> Iterator[str]:
     """What was measured where the machine file allows none, and too little."""
-    from protocols.table import off_bar_words, within_limits
+    from protocols.table import off_bar_words, off_plate_words, outside_limits
 
     readings, geometry = session.all_readings, session.opened.machine.geometry()
-    if outside := sum(not within_limits(reading, geometry) for reading in readings):
+    if outside := outside_limits(readings, geometry):
         yield f"{outside} {word} are outside the joint limits of the machine file"
     if off_bar := off_bar_words(readings, geometry):
         yield off_bar
+    if off_plate := off_plate_words(readings, session.opened.machine):
+        yield off_plate
     if len({reading.posture_mm for reading in readings}) < 2:
         yield f"only one posture in these {word}; they cannot be solved alone"
 

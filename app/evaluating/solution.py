@@ -331,6 +331,7 @@ class LineParameter:
         float,
         Quantity(
             "tolerance",
+            kind="tolerance",
             words="of the machine file: standard deviation before measuring",
         ),
     ]

@@ -35,11 +35,13 @@ def macro(
 ) -> str:
     """G-code that probes every place of a procedure in its order, cycle after cycle.
 
-    ``printable_mm`` is the radius that the firmware allows; None: what towers and bars allow.
+    ``printable_mm`` is the radius that the firmware allows; None: that of the machine file, else
+    what towers and bars allow.
     Raises UsageError for readings of legs, places off the plate and places outside this circle,
     ImpossibleRequest for a machine without upright towers.
     """
     plate = _probed(procedure)
+    printable_mm = printable_mm or machine.printable_radius_mm
     if printable_mm is None:
         towers = Towers.of(machine.geometry())
         radius_mm = float(towers.radius_mm.min())
@@ -100,7 +102,8 @@ def _cycles(procedure: Procedure, machine: Machine, printable_mm: float) -> list
                     f"a macro of procedure {procedure.name}",
                     f"position {position_words(position)}, {away_mm:.1f} mm from the middle",
                     f"positions in the printable circle, up to {printable_mm:.1f} mm",
-                    "Use smaller radii in the procedure, or state --printable-radius.",
+                    "State printable_radius_mm in the machine file, which rings of plate-rings "
+                    "follow, or use smaller radii in a procedure of your own.",
                 )
         cycles.append([(x, y) for x, y, _ in positions])
     return cycles

@@ -208,8 +208,8 @@ MacroName = Annotated[
 PrintableRadius = Annotated[
     float | None,
     number(
-        "With --macro: radius of the circle that the firmware prints in, mm; default: what towers "
-        "and bars allow.",
+        "With --macro: radius of the circle that the firmware prints in, mm; default: that of the "
+        "machine file, else what towers and bars allow.",
         least=1.0,
         most=10_000.0,
     ),

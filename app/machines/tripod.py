@@ -81,12 +81,10 @@ def identifiability(question: Question, options: IdentifiabilityOptions) -> Answ
 def _asked(question: Question) -> tuple[Machine, Procedure]:
     """A machine, with its usual procedure where none is named."""
     from protocols.machine import load_machine
-    from protocols.procedure import load_procedure
+    from protocols.procedure import procedure_on
 
     machine = load_machine(question.machine_file or question.machine)
-    return machine, load_procedure(
-        question.procedure or machine.usual_procedure, machine.geometry()
-    )
+    return machine, procedure_on(machine, question.procedure)
 
 
 @dataclass(frozen=True)
@@ -318,15 +316,13 @@ def _macro(
     from app.exports.macros import macro
     from protocols.files import STANDARD_OUTPUT
     from protocols.machine import load_machine
-    from protocols.procedure import load_procedure
+    from protocols.procedure import procedure_on
     from protocols.record import read_record
 
     if sessions and machine is not None:
         raise UsageError("--machine", "beside a session, which has its own", "one of them")
     machine_known = read_record(sessions[-1]).opened.machine if sessions else load_machine(machine)
-    procedure = load_procedure(
-        options.protocol or machine_known.usual_procedure, machine_known.geometry()
-    )
+    procedure = procedure_on(machine_known, options.protocol)
     text = macro(dialect, procedure, machine_known, options.printable_radius)
 
     def shown() -> str:

@@ -29,7 +29,7 @@ from drivers.twins import IndicatorTwin, SimulatedRig, TwinPort, default_transpo
 from protocols.documents import Triple, read_text
 from protocols.machine import Machine, MotionLimits, load_machine
 from protocols.motion import box_mm, tool_at, zero_mm
-from protocols.procedure import Step, default_mount, leg_number, load_procedure
+from protocols.procedure import Step, default_mount, leg_number, procedure_on
 
 WATCHED = BenchSettings(motion_s=0.6)
 """Where somebody looks at it, spindles glide."""
@@ -63,7 +63,7 @@ def demo_plan(
     started, and for an effect that is not known or that the procedure cannot see.
     """
     machine, watched = load_machine(machine_name), bench.motion_s > 0.0
-    procedure = load_procedure(protocol or machine.usual_procedure, machine.geometry())
+    procedure = procedure_on(machine, protocol)
     if by_itself == "linuxcnc":
         check_linuxcnc()
         machine = behind_linuxcnc(machine, hurried=not watched)

@@ -13,14 +13,14 @@ from app.version import program
 from calib.arrays import TOOL, Conditions, Observations, descending
 from calib.errors import RecordError, UsageError
 from calib.tripod.effects import BESIDE_CATALOGUE
-from calib.tripod.effects.candidates import candidates
+from calib.tripod.effects.candidates import candidates, single_places
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.hidden import hidden_among
 from calib.tripod.pipeline import Model, StageEffect, measure
 from calib.tripod.planning import excursion_mm
 from drivers.profile import LARGEST_MM
 from protocols.machine import Instrument, Machine, load_machine
-from protocols.model_file import read_model
+from protocols.model_file import OF_MODELS, read_model
 from protocols.observations import to_observations
 from protocols.procedure import (
     Leg,
@@ -29,7 +29,7 @@ from protocols.procedure import (
     Touched,
     default_mount,
     leg_number,
-    load_procedure,
+    procedure_on,
 )
 from protocols.session import Opened, Reading, Session, fold
 
@@ -48,7 +48,7 @@ def hidden_effect(
     Raises UsageError where it is not known, or these readings cannot show it.
     """
     effect_id, _, where = wanted.partition(":")
-    effects = (*known_effects(), *BESIDE_CATALOGUE)
+    effects = (*known_effects(), *BESIDE_CATALOGUE, *OF_MODELS)
     if effect_id not in {effect.id for effect in effects}:
         raise UsageError("effect", repr(effect_id), ", ".join(dict.fromkeys(x.id for x in effects)))
     of_it = [
@@ -59,8 +59,12 @@ def hidden_effect(
     if not of_it:
         raise _not_seen(effect_id, conditions)
     here = [c for c in of_it if where in ("", c.where)]
+    if not here:  # one direction across a drive, which has a place in a model file, too
+        laws = [effect for effect in effects if effect.id == effect_id]
+        alone = single_places(truth, conditions, laws)
+        here = [c for c in alone if c.where == where]
     if not here:
-        places = ", ".join(dict.fromkeys(c.where for c in of_it))
+        places = ", ".join(dict.fromkeys(c.where for c in (*of_it, *alone)))
         raise UsageError(f"place of effect {effect_id}", repr(where), places)
     effect_hidden = hidden_among(here, truth, conditions, seed=seed, noise_mm=noise_mm, size=size)
     if not effect_hidden:
@@ -171,7 +175,7 @@ def simulated_of_files(
     else:
         machine_known = load_machine(machine)
         real = Model(machine_known.geometry())
-    planned = load_procedure(procedure or machine_known.usual_procedure, machine_known.geometry())
+    planned = procedure_on(machine_known, procedure)
     if effect is not None:
         hidden = hidden_effect(
             effect,

@@ -32,7 +32,7 @@ from protocols.machine import Frame, Instrument, Machine, load_machine
 from protocols.model_file import free_effects, read_model, read_model_file
 from protocols.motion import seconds_per_step
 from protocols.observations import to_observations, worst_stated
-from protocols.procedure import Procedure, load_procedure
+from protocols.procedure import Procedure, procedure_on
 from protocols.session import Session
 
 PROTOTYPE_NOISE_MM = 0.02
@@ -282,7 +282,7 @@ def _pace_s(machine: Machine, sessions: Sequence[Session]) -> float:
     if machine.motion is None:
         return USUAL_PACE.seconds_per_step
     last = sessions[-1].opened.procedure if sessions else None
-    like = last or load_procedure(machine.usual_procedure, machine.geometry())
+    like = last or procedure_on(machine)
     return seconds_per_step(machine, like)
 
 
@@ -336,7 +336,7 @@ def alias_map(
     machine = load_machine(machine_name)
     model = Model(machine.geometry(), TYPICAL_MM)
     planned = simulated_session(
-        load_procedure(procedure or machine.usual_procedure, machine.geometry()),
+        procedure_on(machine, procedure),
         machine,
         model,
         seed=1,

@@ -47,7 +47,7 @@ from protocols.data_table import NUMBER
 from protocols.documents import MOST_LETTERS
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.motion import procedure_of
-from protocols.procedure import Procedure, guided_procedure_names, load_procedure, shuffled
+from protocols.procedure import Procedure, guided_procedure_names, procedure_on, shuffled
 
 Form = dict[str, object]
 """The values of an indicator by their names in the record, texts as typed; empty: none."""
@@ -385,7 +385,7 @@ class PrepareScreen(Screen[None]):
 
     def _procedure(self, machine: Machine) -> Procedure:
         name = str(self.query_one("#procedure", Select).value)
-        procedure = load_procedure(name, machine.geometry())
+        procedure = procedure_on(machine, name)
         seed = _seed(self._value("random"))
         return procedure if seed is None else shuffled(procedure, seed)
 
@@ -420,7 +420,8 @@ class PrepareScreen(Screen[None]):
 
 def _procedures(machine: Machine) -> list[tuple[str, str]]:
     """What a guided session can measure on this machine, its usual procedure first."""
-    names = [machine.usual_procedure, *guided_procedure_names(machine.geometry())]
+    offered = guided_procedure_names(machine.geometry(), machine.printable_radius_mm)
+    names = [machine.usual_procedure, *offered]
     return [(name, name) for name in dict.fromkeys(names)]
 
 

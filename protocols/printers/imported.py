@@ -12,7 +12,6 @@ import numpy as np
 
 from calib.arrays import FloatArray
 from calib.errors import RecordError, UsageError
-from calib.tripod.geometry import Geometry
 from protocols.distance_table import Measured
 from protocols.machine import Instrument, Machine, machine_text
 from protocols.observations import BY_HAND, SAME_PLACE_MM
@@ -29,6 +28,9 @@ STEEPEST = 0.1
 
 BESIDE_MM = 5.0
 """So near each other contacts differ by the probe's errors, not by slopes."""
+
+MOST_CONTACTS = 100_000
+"""A record of more would be beyond its size: a contact takes about half a kilobyte."""
 
 MOST_REMARKS = 20
 SHOWN = 80
@@ -110,6 +112,13 @@ def imported_printer(
             "Write the machine file now (--machine-file-out), with it the places to probe "
             "(glidecal plan --macro), run them, and name their log here, too.",
         )
+    if len(held.contacts) > MOST_CONTACTS:
+        raise RecordError(
+            f"{WHAT} {paths[-1]}",
+            f"{len(held.contacts):,} contacts",
+            f"up to {MOST_CONTACTS:,} in a session",
+            "Import the log of one run of the places, not that of weeks.",
+        )
     text = None
     if held.printer is not None:
         machine = held.printer.machine(held.contacts, held.beside_mm)
@@ -174,9 +183,12 @@ def _check(path: Path, contacts: Sequence[Contact], machine: Machine) -> None:
     geometry, allowed = machine.geometry(), "contacts with one plate, of this machine"
     off_mm = np.array([contact.place_mm[2] - contact.height_mm for contact in contacts])
     usual_mm = float(np.median(off_mm)) if len(contacts) else 0.0
-    for contact, off in zip(contacts, off_mm.tolist(), strict=True):
+    places_mm = np.array([contact.place_mm for contact in contacts]).reshape(-1, 3)
+    is_near = np.abs(places_mm).sum(axis=1) <= LARGEST
+    is_reached = (geometry.reach_mm2(np.where(is_near[:, None], places_mm, 0.0)) > 0.0).all(axis=1)
+    reachable = (is_near & is_reached).tolist()
+    for contact, off, reached in zip(contacts, off_mm.tolist(), reachable, strict=True):
         x, y, z = contact.place_mm
-        reached = abs(x) + abs(y) + abs(z) <= LARGEST and _reached(geometry, contact)
         if not reached or abs(off - usual_mm) > OFF_PLATE_MM:
             why = f"{abs(off - usual_mm):.3g} mm off the others" if reached else "not reached"
             raise RecordError(
@@ -210,10 +222,6 @@ def _check_neighbours(path: Path, contacts: Sequence[Contact], off_mm: FloatArra
                 "Were values changed between these contacts? Probe again, or take out what was "
                 "measured before.",
             )
-
-
-def _reached(geometry: Geometry, contact: Contact) -> bool:
-    return bool((geometry.reach_mm2(np.array(contact.place_mm)) > 0.0).all())
 
 
 @dataclass

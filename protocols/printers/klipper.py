@@ -231,7 +231,8 @@ def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Three]:
     turns = [_turn_mm(config, name) for name in STEPPERS]
     steps = [turn / _steps_a_turn(config, name) for turn, name in zip(turns, STEPPERS, strict=True)]
     a, b, c = (config.number(name, "rotation_distance", above=0.0) for name in STEPPERS)
-    printable = config.number("printer", "print_radius", radius, above=0.0)
+    stated = config.text("printer", "print_radius") is not None
+    printable = config.number("printer", "print_radius", above=0.0) if stated else None
     printer = TowerPrinter(
         f"{WHAT} {path}",
         path.stem,

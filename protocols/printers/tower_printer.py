@@ -18,6 +18,7 @@ from calib.tripod.geometry import USUAL_ANGLES_DEG, trilaterate
 from protocols.distance_table import Measured
 from protocols.documents import Triple, describe
 from protocols.machine import Drive, Machine
+from protocols.procedure import USUAL_PRINTABLE_MM
 
 OFF_PLATE_MM = 5.0
 """So far the tool may be above or below its plate in a contact: a machine that is off by more was
@@ -150,6 +151,12 @@ class TowerPrinter:
         allowed = min(radius, min(self.length_mm) - radius)
         return min(self.printable_mm or allowed, allowed)
 
+    @property
+    def stated_reach_mm(self) -> float | None:
+        """The same where the firmware states it, or where the usual plate is beyond it."""
+        is_beyond = self.reach_mm < USUAL_PRINTABLE_MM
+        return self.reach_mm if self.printable_mm is not None or is_beyond else None
+
     def machine(self, contacts: Sequence[Contact], beside_mm: Pair = (0.0, 0.0)) -> Machine:
         """The machine file, with travel for the printable plate and these contacts.
 
@@ -188,6 +195,7 @@ class TowerPrinter:
                 plate_bow_tolerance_mm=0.05,
                 platform_tilt_tolerance_mrad=1.0 if is_beside else 0.0,
                 probe_offset_mm=beside_mm if is_beside else None,
+                printable_radius_mm=self.stated_reach_mm,
                 position_endstop_mm=self.endstop_mm,
                 rotation_distance_mm=self.rotation_distance_mm,
                 steps_per_mm=self.steps_per_mm,

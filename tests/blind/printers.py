@@ -179,15 +179,21 @@ def contacts(parts: Hidden, random: np.random.Generator) -> list[FloatArray]:
 
 
 def fitted(
-    met: list[FloatArray], factors: int, stops_mm: Sequence[float] = (STOP,) * 3
+    met: list[FloatArray],
+    factors: int,
+    stops_mm: Sequence[float] = (STOP,) * 3,
+    *,
+    radius_mm: float = RADIUS,
+    angles_deg: FloatArray = ANGLES,
+    bar_mm: float = BAR,
 ) -> Firmware:
     """The peers' least squares: a machine with which all contacts are at height 0."""
-    controller = firmware(np.array(stops_mm), RADIUS, ANGLES, BAR)
+    controller = firmware(np.array(stops_mm), radius_mm, angles_deg, bar_mm)
     below = np.array([controller(place) for place in met])
 
     def values(v: FloatArray) -> tuple[FloatArray, float, FloatArray, float]:
-        angles = ANGLES + np.array([v[4], v[5], 0.0])
-        return stops_mm + v[:3], RADIUS + v[3], angles, BAR + (v[6] if factors == 9 else 0.0)
+        angles = angles_deg + np.array([v[4], v[5], 0.0])
+        return stops_mm + v[:3], radius_mm + v[3], angles, bar_mm + (v[6] if factors == 9 else 0.0)
 
     def heights(v: FloatArray) -> FloatArray:
         stops, radius, angles, bar = values(v)

@@ -66,9 +66,9 @@ def test_the_schema_of_a_number_is_not_written_over(tmp_path: Path) -> None:
 
 def test_every_number_has_its_schema_and_its_records() -> None:
     assert f"glidecal.session/{SCHEMA_NUMBER}" == SCHEMA
-    assert [path.name for path in sorted(SCHEMAS.glob("session-*.json"))] == [
+    assert {path.name for path in SCHEMAS.glob("session-*.json")} == {
         f"session-{number}.json" for number in range(1, NEXT)
-    ]
+    }
     assert sorted(int(folder.name) for folder in CORPUS.iterdir()) == list(range(1, NEXT))
     for number in range(1, NEXT):
         schemas_named = {lines(path)[0]["schema"] for path in records(number)}

@@ -74,6 +74,25 @@ def candidates_together(
     return tuple(c for c, is_seen in _all_candidates(sessions, effects) if is_seen)
 
 
+def single_places(
+    model: Model, observed: Conditions, effects: Sequence[Effect]
+) -> tuple[Candidate, ...]:
+    """These laws at one place each, as a model file names it, where the readings show them.
+
+    `candidates` arranges several directions of a drive together; here each is alone.
+    """
+    placed_effects = effects_of(effects, model.geometry)
+    alone = [
+        _one(effect, columns, place)
+        for effect, columns in zip(
+            placed_effects, place_columns(model, observed, placed_effects), strict=True
+        )
+        for place in columns
+    ]
+    seen = _are_seen(observed.mount, alone)
+    return tuple(candidate for candidate, is_seen in zip(alone, seen, strict=True) if is_seen)
+
+
 def invisible(
     model: Model, observed: Conditions, effects: Sequence[Effect] = CATALOGUE
 ) -> tuple[tuple[str, str], ...]:

@@ -15,7 +15,7 @@ from protocols.observations import to_observations
 from protocols.record import read_record
 from protocols.session import fold
 from tests.app.cli import glidecal, refused
-from tests.blind.linear_delta import Hidden, table
+from tests.blind.linear_delta import Hidden, table, tool
 from tests.conftest import ROOT
 
 MACHINE = ("--machine", "linear-delta")
@@ -70,6 +70,28 @@ def test_an_effect_is_hidden_and_found_by_its_name(tmp_path: Path) -> None:
     ran("simulate", "-o", path, *MACHINE, "--effect", "backlash:y", "--size", "0.03")
     diagnosis = json.loads(ran("diagnose", path, "--json"))
     assert [effect["id"] for effect in diagnosis["effects"]] == ["backlash"]
+
+
+def test_a_direction_of_one_tower_is_hidden_by_its_place(tmp_path: Path) -> None:
+    """Beside the independent simulation with that tower further out, or nearer, by 0.5 mm."""
+    path, size = tmp_path / "out.jsonl", 0.5
+    exact = ("--scatter", "0", "--resolution", "0")
+    ran("simulate", "-o", path, *MACHINE, "--effect", "axis_offset:xr", "--size", "0.5", *exact)
+    readings = json.loads(ran("replay", path, "--json"))["readings"]
+    values = np.array([reading["value_mm"] for reading in readings])
+    at = np.array([reading["position_mm"] for reading in readings])
+    out = [
+        np.array([tool(Hidden(out_mm=(sign * size, 0.0, 0.0)), p, np.zeros(3))[2] for p in at])
+        for sign in (1.0, -1.0)
+    ]
+    off = [np.abs(values - values[0] - (z - z[0])).max() for z in out]
+    assert np.ptp(values) > 0.1
+    assert min(off) < 1e-6
+    for place in ("axis_lean:xt", "axis_lean:x"):
+        name = place.replace(":", "-") + ".jsonl"
+        ran("simulate", "-o", tmp_path / name, *MACHINE, "--effect", place, "--size", "2")
+    wrong = refused(2, "simulate", "-o", path, *MACHINE, "--effect", "axis_offset:w")
+    assert "x, y, z, all, xr, xt, yr, yt, zr, zt" in wrong
 
 
 def test_a_dry_run_lists_positions_with_one_indicator() -> None:

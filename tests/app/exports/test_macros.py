@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
 import pytest
 
 from protocols.machine import load_machine, machine_text
+from protocols.printers.tower_printer import TowerPrinter
 from protocols.procedure import load_procedure
 from tests.app.cli import glidecal, refused
+from tests.protocols.printers.printers import PRINTER, steppers
 
 DIALECTS = ("klipper", "reprapfirmware", "marlin")
 DRY = ("run", "--dry-run", "--machine", "linear-delta")
@@ -116,6 +119,44 @@ def test_places_outside_the_printable_circle_are_refused(tmp_path: Path) -> None
     far = plate(tmp_path, "positions_mm = [[0.0, 0.0, 0.0], [0.0, 124.5, 0.0]]")
     assert "up to 124.0 mm" in refused(2, *arguments, "--protocol", far)
     ran(*arguments, "--protocol", far, "--printable-radius", "130")
+
+
+@pytest.mark.parametrize(
+    ("printable", "furthest_mm"),
+    [
+        ("print_radius: 50", 40.0),
+        ("print_radius: 75", 60.0),
+        ("print_radius: 115", 92.0),
+        ("", 80.0),
+    ],
+)
+def test_rings_follow_the_printable_radius_of_the_firmware(
+    printable: str, furthest_mm: float, tmp_path: Path
+) -> None:
+    """From `print_radius` through the machine file to the places of each firmware's macro."""
+    config, machine = tmp_path / "printer.cfg", tmp_path / "printer.toml"
+    config.write_text(PRINTER.replace("print_radius: 100", printable) + steppers(), "utf-8")
+    ran("import", config, "--machine-file-out", machine)
+    for dialect in DIALECTS:
+        places = probed(ran("plan", "--machine", machine, "--macro", dialect))
+        away_mm = [math.hypot(x, y) for x, y in places]
+        assert len(places) == 58
+        assert max(away_mm) == pytest.approx(furthest_mm, abs=0.01)
+    dry = ran("run", "--dry-run", "--machine", machine, "--macro", "marlin")
+    assert probed(dry) == probed(ran("plan", "--machine", machine, "--macro", "marlin"))
+    if printable:  # a procedure of one's own stays as it is
+        beyond_mm = furthest_mm / 0.8 + 1.0
+        edge = plate(tmp_path, f"radii_mm = [0.0, {beyond_mm}]")
+        message = refused(2, "plan", "--machine", machine, "--macro", "klipper", "--protocol", edge)
+        assert f"{beyond_mm:.1f} mm from the middle" in message
+
+
+def test_a_printer_smaller_than_the_usual_rings_is_probed_as_far_as_it_reaches() -> None:
+    """Nobody stated what is printable: bars of 150 mm on 63 mm reach 63 mm."""
+    small = TowerPrinter("p", "p", (150.0,) * 3, (63.0,) * 3, (200.0,) * 3)
+    assert small.machine(()).printable_radius_mm == 63.0
+    large = TowerPrinter("p", "p", (300.0,) * 3, (140.0,) * 3, (300.0,) * 3)
+    assert large.machine(()).printable_radius_mm is None
 
 
 def test_what_no_probe_measures_is_refused(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -106,6 +107,8 @@ def test_text_of_others_is_no_markup_in_a_notebook() -> None:
         (Quantity("a", kind="uncertainty", decimals=3), 0.0, "0.0000010"),
         (Quantity("a", decimals=1), 0.25, "0.2"),
         (Quantity("a"), 0.25, "0.25"),
+        (Quantity("a", kind="tolerance"), 0.4, "0.4"),
+        (Quantity("a", kind="tolerance"), 0.2 * math.sqrt(2.0), "0.283"),
         (Quantity("a"), 7, "7"),
         (Quantity("a", missing="not determined"), None, "not determined"),
     ],

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from calib.errors import RecordError
 from protocols.machine import load_machine
 from protocols.observations import to_observations
-from protocols.printers import klipper
+from protocols.printers import imported, klipper
 from protocols.printers.imported import ImportedPrinter, imported_printer
 from protocols.record import read_record
 from protocols.session import Session, fold
@@ -27,6 +27,7 @@ from tests.protocols.printers.printers import (
     OLD_ARM,
     PERFECT,
     PRINTER,
+    PROBE,
     STEP_MM,
     arms_saved,
     height_lines,
@@ -122,6 +123,43 @@ def test_a_log_of_probe_is_cycles_of_places(tmp_path: Path, section: str) -> Non
     assert machine.probe_offset_mm == (20.0, -5.0)
     assert machine.platform_tilt_tolerance_mrad > 0.0
     assert not printer.odd
+
+
+@pytest.mark.parametrize(("off_mm", "words"), [(0.0, ""), (10.0, "higher"), (-10.0, "lower")])
+def test_contacts_that_are_off_alike_are_a_warning(
+    off_mm: float, words: str, tmp_path: Path
+) -> None:
+    """As with a z_offset that is 10 mm wrong: the session is written, and so is a sentence."""
+    cfg, log, out = tmp_path / "printer.cfg", tmp_path / "probe.log", tmp_path / "s.jsonl"
+    cfg.write_text(PRINTER + PROBE + steppers(), encoding="utf-8")
+    log.write_text(
+        "".join(
+            f"// probe: at {x:.3f},{y:.3f} bed will contact at z={off_mm + 0.1 + k / 1000:.6f}\n"
+            for k, (x, y) in enumerate([(0, 0), (30, 0), (0, 30)] * 2)
+        ),
+        encoding="utf-8",
+    )
+    run = glidecal("import", cfg, log, "-o", out)
+    assert run.status == 0
+    assert "6 contacts written" in run.err
+    text = " ".join(run.err.split())
+    assert ("than the controller expects, at all places alike" in text) == bool(words)
+    if words:
+        size = abs(off_mm + 0.1025)
+        assert f"the plate is {size:.3g} mm {words} than" in text
+        assert "up to 2 mm (offset_tolerance_mm, k = 2)" in text
+
+
+def test_more_contacts_than_a_session_takes_are_refused_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(imported, "Reading", None)
+    log = "// probe at 0.000,30.000 is z=2.506948\n" * (imported.MOST_CONTACTS + 1)
+    with pytest.raises(RecordError) as refusal:
+        read(tmp_path, PRINTER + PROBE + steppers(), log)
+    assert "0.log: found 100,001 contacts. Allowed: up to 100,000 in a session" in str(
+        refusal.value
+    )
 
 
 def test_old_answers_are_the_place_of_the_tool(tmp_path: Path) -> None:

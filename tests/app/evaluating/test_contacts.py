@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from app.evaluating.diagnosis import diagnose_sessions
+from app.evaluating.what_if import what_if
 from calib.diagnosis.results import Diagnosis
 from calib.posterior.models import Posterior
 from protocols.machine import load_machine
@@ -86,6 +87,30 @@ def test_a_belt_is_named_in_contacts(tmp_path: Path, scale: float) -> None:
     assert diagnosis.verdict != "agrees"
     named = {(effect.id, effect.where) for effect in diagnosis.effects}
     assert ("actuator_scale", "y") in named
+
+
+@pytest.mark.parametrize("bow_mm", [-0.5, 0.4])
+def test_a_round_plate_and_a_wrong_radius_are_rivals(tmp_path: Path, bow_mm: float) -> None:
+    """A dish of ten tolerances was called towers 1.26 mm too far out, with 0.98."""
+    header, *lines = contacts(Hidden(), 3).splitlines()
+    x, y, z = (header.split(",").index(name) for name in ("x_mm", "y_mm", "z_mm"))
+    rows = [line.split(",") for line in lines]
+    for row in rows:
+        lower_mm = bow_mm * (float(row[x]) ** 2 + float(row[y]) ** 2) / 100.0**2
+        row[z] = f"{float(row[z]) - lower_mm:.4f}"
+    path = tmp_path / "t.csv"
+    path.write_text("\n".join([header, *map(",".join, rows)]), encoding="utf-8")
+    machine = load_machine("linear-delta").model_copy(update={"plate_bow_tolerance_mm": 0.05})
+    opened, events, _ = opened_table(path, machine, "test")
+    measured = fold([opened, *events])
+    (effect,) = diagnose_sessions([measured]).diagnosis.effects
+    rivals = {(rival.id, rival.where) for rival in effect.indistinguishable_from}
+    assert {("plate_bow", "tz"), ("axis_offset", "all")} <= {(effect.id, effect.where), *rivals}
+    if effect.id == "plate_bow":
+        (size,) = effect.parameters
+        assert size.value == pytest.approx(bow_mm, abs=0.03)
+    trial = what_if([measured], "plate_bow:tz", [bow_mm])
+    assert trial.solved.solution.rms_after_mm < 0.1 * abs(bow_mm)
 
 
 def test_one_contact_beside_dirt_is_a_mistake_in_words_of_contacts(tmp_path: Path) -> None:

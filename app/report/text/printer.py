@@ -131,6 +131,7 @@ def tower_remedies(effects: Sequence[EffectInstance], towers: Mapping[str, str])
 
     Where a printer has no words of its own, or ``towers`` is empty, those of any machine.
     """
+    effects = [effect for effect in effects if abs(effect.values[0]) >= LEAST]
     words = [_remedy(effect, towers) for effect in effects] if towers else [None]
     return tuple(filter(None, words)) if all(words) else remedies(effects)
 

@@ -1,8 +1,9 @@
 """Klipper's own kinematics of a delta, as its host program sets them up from ``printer.cfg``.
 
 Nothing of it is kept in this repository and nothing is fetched: a checkout or bare git directory
-``klipper`` lies where `tests.firmware.sources` looks for sources. Only `klippy/mathutil.py` and
-`klippy/kinematics/delta.py` are loaded; what moves motors is replaced.
+``klipper`` lies where `tests.firmware.sources` looks for sources. Only `klippy/mathutil.py`,
+`klippy/kinematics/delta.py` and `klippy/extras/delta_calibrate.py` are loaded; what moves motors is
+replaced.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import configparser
 import subprocess
 import sys
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -120,3 +122,31 @@ def kinematics_of(text: str) -> Any:  # noqa: ANN401 (a class of Klipper)
     toolhead.get_max_velocity.return_value = (300.0, 3000.0)
     toolhead.Coord = lambda *parts, **_: parts
     return module.DeltaKinematics(toolhead, Section(parser, "printer"))
+
+
+def calibrated(text: str, places_mm: Sequence[Sequence[float]]) -> Any:  # noqa: ANN401 (as above)
+    """`DELTA_CALIBRATE` of a ``printer.cfg`` after contacts at these places ``(n, 3)``, mm.
+
+    Its fit is done here in place of a process of its own.
+    """
+    kinematics, mathutil = kinematics_of(text), delta_module().mathutil
+    module, extras = ModuleType("extras.delta_calibrate"), ModuleType("extras")
+    extras.probe = MagicMock()  # type: ignore[attr-defined]
+    module.__package__ = "extras"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "extras", extras)
+        patch.setitem(sys.modules, "mathutil", mathutil)
+        exec(compile(_source("extras/delta_calibrate.py"), "delta_calibrate", "exec"), vars(module))
+        patch.setattr(
+            mathutil,
+            "background_coordinate_descent",
+            lambda _, *arguments: mathutil.coordinate_descent(*arguments),
+        )
+        calibrate = object.__new__(module.DeltaCalibrate)
+        calibrate.printer, calibrate.gcode, calibrate.manual_heights = MagicMock(), MagicMock(), []
+        calibrate.printer.lookup_object.return_value.get_kinematics.return_value = kinematics
+        results: list[Any] = []
+        calibrate.save_state = lambda _contacts, _distances, result: results.append(result)
+        steps = kinematics.get_calibration().calc_stable_position
+        calibrate.calculate_params([(0.0, steps(place)) for place in places_mm], [])
+    return results[0]

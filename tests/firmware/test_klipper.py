@@ -10,8 +10,15 @@ import pytest
 from protocols.printers.imported import imported_printer
 from tests.app.cli import glidecal
 from tests.app.exports import test_towers as true
+from tests.blind import printers
 from tests.conftest import LONG
-from tests.firmware.klipper import STEP_MM, configuration_of, kinematics_of, need_klipper
+from tests.firmware.klipper import (
+    STEP_MM,
+    calibrated,
+    configuration_of,
+    kinematics_of,
+    need_klipper,
+)
 from tests.protocols.printers.printers import (
     NOW,
     PRINTER,
@@ -134,3 +141,27 @@ def test_of_two_values_klipper_and_the_import_take_the_same(
 def _of(text: str, line: str) -> bool:
     """Whether a line of the saved block is that of a contact's steps."""
     return line.startswith(text.split(":")[0] + "_pos")
+
+
+BLIND = f"[printer]\nkinematics: delta\ndelta_radius: {printers.RADIUS}\n" + "".join(
+    f"[stepper_{letter}]\narm_length: {printers.BAR}\nangle: {angle}\n"
+    f"position_endstop: {printers.STOP}\nrotation_distance: 40\n"
+    for letter, angle in zip("abc", printers.ANGLES.tolist(), strict=True)
+)
+
+
+@pytest.mark.parametrize("name", printers.CASES)
+def test_the_six_factors_of_the_comparison_are_the_fit_of_klipper(name: str) -> None:
+    """Column "six factors" of docs/benchmarks.md: `DELTA_CALIBRATE` itself leaves as much."""
+    random = np.random.default_rng([7, len(name)])
+    parts = printers.CASES[name](random)
+    contacts = printers.contacts(parts, random)
+    means = np.array(contacts).reshape(printers.CYCLES, -1, 3).mean(axis=0)
+    by_us = true.rms(printers.errors(parts, printers.fitted(contacts, 6)))
+    calibration = calibrated(BLIND, means.tolist())
+
+    def firmware(place: true.FloatArray) -> true.FloatArray:
+        return STEP_MM * np.array(calibration.calc_stable_position(place.tolist()))
+
+    by_klipper = true.rms(printers.errors(parts, firmware))
+    assert by_klipper == pytest.approx(by_us, rel=0.02, abs=5e-4)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 
 from glidecal import conflict
+
+NEW_OBJECTS = 50_000
+"""So many between two looks for garbage: a start makes more that stay, and looks took 5 % of it."""
 
 
 def main() -> None:
@@ -12,6 +16,7 @@ def main() -> None:
     if conflict_words := conflict():
         print(f"glidecal: {conflict_words}", file=sys.stderr)
         sys.exit(2)
+    gc.set_threshold(NEW_OBJECTS)
     from app.cli import main as run
 
     run()

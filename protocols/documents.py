@@ -54,7 +54,12 @@ class Document(BaseModel):
     """Strict and frozen: no coercion of text to numbers, no unknown keys, no NaN."""
 
     model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, serialize_by_alias=True
+        frozen=True,
+        extra="forbid",
+        strict=True,
+        allow_inf_nan=False,
+        serialize_by_alias=True,
+        defer_build=True,  # most are parts of others: built alone they took 0.04 s of every start
     )
 
 

@@ -26,6 +26,7 @@ GOOD, CAUTION, FAULT = (f"bold $text-{name}" for name in ("success", "warning", 
 SIGNALS = {
     "Next:": "bold $text-primary",
     **dict.fromkeys(("AGREES.", "EXPLAINED.", "PASS", "Taken"), GOOD),
+    **dict.fromkeys(("✓ The plate is done.", *(f"✓ Leg {leg} is done." for leg in "XYZ")), GOOD),
     **dict.fromkeys(("WARNING:", "AMBIGUOUS.", "PARTLY-EXPLAINED.", "CANNOT-TELL."), CAUTION),
     **dict.fromkeys(("LEFT OUT:", "WEAK:", "SUSPECT:", "LOST:", "UNDECIDED", "WAIT:"), CAUTION),
     **dict.fromkeys(("UNEXPLAINED.", "FAIL", "Not taken:", "FAULT:"), FAULT),

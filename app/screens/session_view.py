@@ -378,7 +378,8 @@ class LegReviewScreen(Dialog[bool]):
         except GlidecalError as problem:
             text = str(problem)
         text = self.app.keyed(text)
-        with Horizontal(classes="wide-dialog"):
+        classes = f"wide-dialog {'' if 'WARNING:' in text else 'done'}"
+        with Horizontal(classes=classes):
             with VerticalScroll(id="review"):
                 yield Static(signalled(text), id="review-text")
             yield ChartPlot(plot_id="review-chart")

@@ -21,8 +21,8 @@ from app.measuring.opening import start_session
 from app.measuring.plan import QUICK_INTERVAL_S, Plan, plan_to_repeat, verification_plan
 from app.measuring.unattended import measure_all
 from app.report.charts.legs import leg_figures
-from app.report.charts.results import difference_words
 from app.report.text.result import WORKING_OUT, solution_text
+from app.report.text.tables import difference_words
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface

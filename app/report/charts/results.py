@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -20,6 +19,7 @@ from app.report.charts.charts import (
     series_of,
 )
 from app.report.charts.legs import FIRST, OTHER, LegFigure, left_by
+from app.report.text.tables import difference_words
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.diagnosis.results import SEEN, Cell
 from calib.identify.solution import Solution
@@ -85,19 +85,6 @@ def before_and_after(before: Solution, after: Solution) -> Chart:
         names,
         ("before", differences.value_mm[rows], before.difference_uncertainty_mm[rows]),
         ("after", differences_after.value_mm[partners], after.difference_uncertainty_mm[partners]),
-    )
-
-
-DIFFERENCE = re.compile(r"([xyz])_([xyz])([+-]?)")
-"""Leg, axis and end of travel in the name of a difference; both ends where there is no sign."""
-
-ENDS = {"+": "MAX", "-": "MIN", "": "MAX − MIN"}
-
-
-def difference_words(name: str) -> str:
-    """``y_x+`` as ``X along Y, MAX``: leg, axis, posture less Zero; other names as they are."""
-    return DIFFERENCE.sub(
-        lambda part: f"{part[2].upper()} along {part[1].upper()}, {ENDS[part[3]]}", name
     )
 
 

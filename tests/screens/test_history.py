@@ -10,6 +10,8 @@ import pytest
 from textual.widgets import OptionList, TabPane
 
 from app.evaluating.history import Entry, History, history_of_machine, read_history
+from app.report.charts.characters import chart_text
+from app.report.charts.results import control_charts
 from app.screens.history import HistoryScreen
 from app.screens.home import HomeScreen
 from app.screens.plot import ChartPlot
@@ -67,6 +69,16 @@ async def test_entered_offsets_are_a_line_in_the_plot(tmp_path: Path) -> None:
             "joint z, change of the offset (3 of 3)" in row for row in rows(interface.screen)
         )
         await pilot.press("f10")
+
+
+def test_one_day_has_an_axis_of_whole_days(tmp_path: Path) -> None:
+    """Of one session, too: no thousandth of a day."""
+    shutil.copy(SESSION, tmp_path)
+    (machine,) = read_history(tmp_path).machines
+    for figure in control_charts(machine):
+        for chart in figure.charts:
+            labels = chart_text(chart, 12).splitlines()[-2].split()
+            assert labels == ["0", "1", "2", "3", "4", "5", "6"]
 
 
 def thirty_machines() -> History:

@@ -58,7 +58,16 @@ from protocols.record import read_record
 from protocols.session import Session, fold
 from tests.app.posture_sessions import posture_session
 from tests.conftest import SAMPLES
-from tests.screens.driving import QUESTIONED, placed, quick_plan, said, take, to_measuring, until
+from tests.screens.driving import (
+    QUESTIONED,
+    placed,
+    quick_plan,
+    rows,
+    said,
+    take,
+    to_measuring,
+    until,
+)
 from tests.screens.test_moving import measuring as moving
 
 SIZES = [(80, 24), (100, 30), (120, 40)]
@@ -181,8 +190,8 @@ def of_widget(widget: Widget, place: MapGeometry) -> Iterator[str]:
         if (needed := optimal if nowrap else words.get_minimal_width(rules)) > room.width:
             yield f"a word of {needed} in {room.width} cells"
         helped = isinstance(widget.screen, HelpDialog)  # its lines are broken by hand
-        rows = [row for row in str(widget.content).splitlines() if helped or ROW.search(row)]
-        yield from (f"broken {row!r}" for row in rows if cell_len(row.rstrip()) > room.width)
+        lines = [row for row in str(widget.content).splitlines() if helped or ROW.search(row)]
+        yield from (f"broken {row!r}" for row in lines if cell_len(row.rstrip()) > room.width)
 
 
 async def look(pilot: Pilot[str], interface: Interface) -> list[str]:
@@ -243,9 +252,16 @@ async def test_nothing_is_cut_while_measuring(tmp_path: Path) -> None:
     interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZES[0]) as pilot:
         screen = await to_measuring(pilot, interface)
-        for size in SIZES:
+        for size, high in zip(SIZES, (3, 5, 5), strict=True):
             await pilot.resize_terminal(*size)
             assert not (cuts := await pages(pilot, interface)), (size, cuts)
+            for display in screen.query(GaugeDisplay):
+                assert len(display.digits) == high, "legible from three metres where there is room"
+                x, y = display.content_region.offset
+                drawn = [row[x : x + display.size.width] for row in rows(screen)[y : y + high]]
+                pairs = zip(drawn, display.digits, strict=True)
+                assert all(row.strip() == digits.strip() for row, digits in pairs)
+                assert display.content_region.bottom - y - high - 1 >= len(display.strip) > 0
         await take(pilot, screen)
         for size in SIZES:
             await pilot.resize_terminal(*size)

@@ -204,6 +204,10 @@ def residuals_over_normal(solved: SessionSolution) -> Chart:
     )
 
 
+LEAST_DAYS = (0.0, 6.0)
+"""The axis of a history has at least these: sessions of one day stand at its start."""
+
+
 def control_charts(machine: MachineHistory) -> tuple[LegFigure, ...]:
     """A control chart of each joint offset, and below it what the tool was off by.
 
@@ -223,12 +227,15 @@ def control_charts(machine: MachineHistory) -> tuple[LegFigure, ...]:
         (series_of("", list(zip(machine.days, tool_um, strict=True)), FIRST),),
         marks=marks,
         strokes=tuple(limit if tolerance_mm else []),
+        x_room=LEAST_DAYS,
     )
     return tuple(
         LegFigure(
             title,
             f"Joint {LEG_NAMES[k]}",
-            replace(_control_chart(machine, k, start_mm), title=title, marks=marks),
+            replace(
+                _control_chart(machine, k, start_mm), title=title, marks=marks, x_room=LEAST_DAYS
+            ),
             tool,
         )
         for k, start_mm in enumerate(started_mm)

@@ -126,6 +126,7 @@ class GaugeDisplay(Resting):
     def on_resize(self) -> None:
         """The digits are as large as there is room."""
         self.digits, self._strip_at = self._digits(), 0.0
+        self.refresh()
 
     def _digits(self) -> tuple[str, ...]:
         large, room = large_digits(self.number), self.size
@@ -141,8 +142,7 @@ class GaugeDisplay(Resting):
             if len(self.digits) == rows:
                 self.redraw(0, rows)
             else:
-                self._strip_at = 0.0
-                self.refresh()
+                self.on_resize()
         if state != self.state:
             self.state = state
             self.redraw(len(self.digits), 1)

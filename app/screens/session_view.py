@@ -20,6 +20,7 @@ from textual.widgets import Static
 
 from app.measuring.gauges import Live, Motion, Trace
 from app.measuring.leg_review import review_leg
+from app.report.charts.digits import large_digits
 from app.report.charts.results import readings_by_posture
 from app.report.charts.strips import strip_rows
 from app.report.charts.tripod import drawn_set_up
@@ -44,15 +45,7 @@ MARKS = {
     Motion.FAULT: "! FAULT",
 }
 NO_NUMBER = "------"
-GLYPHS = {
-    **{"0": "75557", "1": "26227", "2": "71747", "3": "71717", "4": "55711", "5": "74717"},
-    **{"6": "74757", "7": "71111", "8": "75757", "9": "75717"},
-    **{"+": "02720", "-": "00700", ".": "00001"},
-}
-"""Large digits, an octal figure for the three squares of each row."""
-
-LARGE_ROWS = 5
-STRIP_ROWS = 4
+LEAST_STRIP_ROWS = 4
 """Digits are large where so many rows of the strip chart are left."""
 
 STRIP_S, RESTING_STRIP_S = 1.0, 2.0
@@ -69,18 +62,6 @@ CHART_S = 0.06
 def big_digits(number: str) -> tuple[str, ...]:
     """The rows of a number in big digits."""
     return tuple("".join(row) for row in zip(*map(_big_digit, number), strict=True))
-
-
-def large_digits(number: str) -> tuple[str, ...]:
-    """The rows of a number in digits that are legible from three metres."""
-    return tuple(" ".join(row) for row in zip(*map(_large_digit, number), strict=True))
-
-
-@lru_cache(maxsize=64)
-def _large_digit(digit: str) -> tuple[str, ...]:
-    squares = (0,) if digit == "." else (2, 1, 0)
-    rows = ([int(row) >> k & 1 for k in squares] for row in GLYPHS[digit])
-    return tuple("".join("██" if filled else "  " for filled in row) for row in rows)
 
 
 @lru_cache(maxsize=64)
@@ -130,7 +111,7 @@ class GaugeDisplay(Resting):
 
     def _digits(self) -> tuple[str, ...]:
         large, room = large_digits(self.number), self.size
-        fits = room.height > LARGE_ROWS + STRIP_ROWS and len(large[0]) <= room.width
+        fits = room.height > len(large) + LEAST_STRIP_ROWS and len(large[0]) <= room.width
         return large if fits else big_digits(self.number)
 
     def show(self, live: Live) -> None:

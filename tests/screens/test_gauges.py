@@ -10,9 +10,10 @@ from textual.pilot import Pilot
 from textual.widget import Widget
 
 from app.measuring.gauges import Live, Motion, Trace
+from app.report.charts.digits import large_digits
 from app.report.charts.strips import strip_rows
 from app.screens import interface
-from app.screens.session_view import GaugeDisplay, big_digits, large_digits
+from app.screens.session_view import GaugeDisplay, big_digits
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
 from protocols.machine import Instrument
 from tests.screens.driving import rows, strips

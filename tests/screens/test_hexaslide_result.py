@@ -120,7 +120,7 @@ def test_a_machine_that_is_not_better_is_not_entered(session: Path) -> None:
     now_mm = document.platform.now_rms_mm
     platform = document.platform.model_copy(update={"bound_rms_mm": now_mm})
     worse = document.model_copy(update={"platform": platform})
-    assert "keep the machine as it is" in next_text(worse, "")
+    assert "change nothing in the controller" in next_text(worse, "")
     assert "enter" not in next_text(worse, "folder")
 
 

@@ -88,7 +88,7 @@ def next_text(document: HexaSlideCalibrationReport, folder: str) -> str:
     """What to do next; nothing is entered that is not shown to be better."""
     platform = document.platform
     if platform.bound_rms_mm is not None and platform.bound_rms_mm >= platform.now_rms_mm:
-        return "Next: keep the machine as it is; {postures.report} writes the report."
+        return "Next: change nothing in the controller; {postures.report} writes the report."
     if not folder:
         return (
             "Next: {postures.export} writes the calibrated machine, {postures.report} the report."

@@ -165,6 +165,7 @@ class RememberedIndicators(Document):
         default_factory=dict
     )
     serial_numbers: dict[Name, Words] = Field(default_factory=dict)
+    places: dict[Name, Words] = Field(default_factory=dict)
     adapters: dict[Name, Name] = Field(default_factory=dict)
 
 
@@ -176,12 +177,18 @@ def last_used(machine: str) -> tuple[Instrument, ...]:
     return _last_used().machines.get(machine, ())
 
 
-def last_serial_number(machine: str) -> str:
-    """The serial number of the machine of this name that was measured last. Raises RecordError."""
-    return _last_used().serial_numbers.get(machine, "")
+def last_identity(machine: str) -> tuple[str, str]:
+    """Serial number and place of the machine of this name that was measured last, "": none stated.
+
+    Raises RecordError.
+    """
+    remembered = _last_used()
+    return remembered.serial_numbers.get(machine, ""), remembered.places.get(machine, "")
 
 
-def remember(machine: str, instruments: Sequence[Instrument], serial_number: str = "") -> None:
+def remember(
+    machine: str, instruments: Sequence[Instrument], serial_number: str = "", place: str = ""
+) -> None:
     """Keep what is used for the next session. Raises RecordError, UsageError for a link."""
     remembered = _last_used()
     ports, here = {instrument.port for instrument in instruments}, adapters()
@@ -191,6 +198,7 @@ def remember(machine: str, instruments: Sequence[Instrument], serial_number: str
     updated = RememberedIndicators(
         machines=remembered.machines | {machine: tuple(instruments)},
         serial_numbers=remembered.serial_numbers | numbers,
+        places=remembered.places | ({machine: place} if place else {}),
         adapters=before | {port: number for port, number in here.items() if port in ports},
     )
     if updated != remembered:

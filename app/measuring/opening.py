@@ -98,7 +98,8 @@ def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
             RecordError, UsageError
         ):  # a proposal for the next time: no session fails for it
             machine = plan.machine
-            remember(machine.name, plan.instruments, machine.serial_number or "")
+            identity = machine.serial_number or "", machine.place or ""
+            remember(machine.name, plan.instruments, *identity)
     return guided
 
 

@@ -38,7 +38,7 @@ class DiagnoseScreen(PagedScreen[None]):
         Binding("a", "adopt", "Adopt", id="diagnose.adopt"),
         Binding("n", "next", "Next measurement", id="diagnose.next"),
         Binding("w", "what_if", "What if", id="diagnose.what_if"),
-        Binding("r", "result", "Result", id="diagnose.result"),
+        Binding("l", "result", "Result", id="diagnose.result"),
         *PAGE_KEYS,
     ]
     PAGES = (

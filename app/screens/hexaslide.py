@@ -164,7 +164,7 @@ class HexaSlideScreen(PagedScreen[None]):
             return
         self._end_search()
         self.searching, self.found, self._drawn_at = True, None, 0
-        self.show_page("search")
+        self.action_show_page("search")
         self._show_all()
         self._search(view, self._count)
 

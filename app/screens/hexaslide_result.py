@@ -31,7 +31,9 @@ class HexaSlideResultScreen(PagedScreen[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("e", "export", "Export", id="postures.export"),
         Binding("r", "report", "Report", id="postures.report"),
+        Binding("d", "show_page('diagnosis')", "Diagnose", id="postures.diagnose"),
         Binding("w", "what_if", "What if", id="postures.what_if"),
+        Binding("h", "home", "Home", show=False, id="postures.home"),
         *PAGE_KEYS,
     ]
     PAGES = (
@@ -47,6 +49,7 @@ class HexaSlideResultScreen(PagedScreen[None]):
         self.path = path
         self.first = first
         self.result: PostureResult | None = None
+        self.folder = ""
 
     def begin(self) -> None:
         """Work everything out apart from the screen."""
@@ -61,18 +64,29 @@ class HexaSlideResultScreen(PagedScreen[None]):
         machine = result.solved.source.machine.whole()
         self.head(texts.heading_text(self.path, result))
         drawings = drawn_machine(machine, machine.box.centre)
-        self.put("result", texts.glance_text(result, read_only=self.app.read_only), *drawings)
+        self.put("result", None, *drawings)
+        self._show_glance()
         self.put("details", texts.details_text(result))
         self.put("left", texts.left_text(result), *residual_charts(result.solved))
         self.put("diagnosis", texts.missing_text(result))
         self.put("readings", texts.readings_text(result))
 
+    def _show_glance(self) -> None:
+        if self.result is not None:
+            columns, only = min(self.size.width, 80) - 4, self.app.read_only
+            words = texts.glance_text(self.result, columns, read_only=only, folder=self.folder)
+            self.put("result", words)
+
+    def on_resize(self) -> None:
+        """The bars are as long as there is room."""
+        self._show_glance()
+
     def why_not(self, action: str) -> str:
-        if action not in ("export", "report", "what_if"):
+        if action not in ("export", "report", "what_if", "home"):
             return ""
         if self.app.read_only and action != "what_if":
             return f"{ONLY_SHOWN} {REPORTS_SERVED}" if action == "report" else ONLY_SHOWN
-        if self.result is None:
+        if self.result is None and action != "home":
             return texts.LOOKING if self.looking else texts.NO_RESULT
         return ""
 
@@ -96,6 +110,11 @@ class HexaSlideResultScreen(PagedScreen[None]):
             paths := await self.app.written(partial(write_calibrated, result.solved, folder))
         ):
             self.app.notify(texts.exported_text(paths), markup=False)
+            self.folder = folder.name
+            self._show_glance()
+
+    def action_home(self) -> None:
+        self.app.go_to(self.app.home())
 
     @work(exclusive=True, group="write")
     async def action_report(self) -> None:

@@ -62,5 +62,5 @@ class HistoryScreen(PagedScreen[None]):
 
     def action_figure(self, by: int) -> None:
         """Another joint or machine on the page of charts."""
-        self.show_page("charts")
+        self.action_show_page("charts")
         self.query_one(LegPlots).turn(by)

@@ -12,7 +12,6 @@ from typing import ClassVar
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.widgets import Footer
 
 from app.measuring.doubts import TakenStep
 from app.measuring.gauges import Live, Motion
@@ -27,7 +26,7 @@ from app.report.text.session import TakenBy
 from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog
 from app.screens.motion_dialog import MotionDialog
-from app.screens.pages import Resting, apart, is_left
+from app.screens.pages import KeyLine, Resting, apart, is_left
 from app.screens.session_view import LegReviewScreen, SessionView
 from calib.errors import GlidecalError, sentence
 from drivers.motion.states import State
@@ -59,7 +58,7 @@ ANYWAY_S = 4.0
 """How long a second press takes readings that still move."""
 
 
-class KeysInForce(Footer, Resting):
+class KeysInForce(KeyLine, Resting):
     """The keys, at the bottom."""
 
 
@@ -101,7 +100,7 @@ class MeasureScreen(Corrections, Resting):
 
     def compose(self) -> ComposeResult:
         yield self.view
-        yield KeysInForce(compact=True, show_command_palette=False)
+        yield KeysInForce()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """G is for a machine that a controller moves, and takes by itself there; A for the rest."""

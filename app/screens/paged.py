@@ -185,13 +185,13 @@ class PagedScreen(LeftOnce[ScreenResultType]):
             texts = [str(chart.render()).rstrip() for chart in charts]
         self.app.copy("\n\n".join(texts))
 
-    def show_page(self, name: str) -> None:
+    def action_show_page(self, name: str) -> None:
         """The page of this name."""
         self.query_one(TabbedContent).active = name
 
     def action_turn_to(self, number: int) -> None:
         if number <= len(self.pages):
-            self.show_page(self.pages[number - 1].name)
+            self.action_show_page(self.pages[number - 1].name)
 
     def action_turn(self, direction: int) -> None:
         tabs = self.query_one(Tabs)

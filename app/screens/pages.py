@@ -19,6 +19,8 @@ from textual.timer import Timer
 from textual.widget import Widget
 from textual.widgets import Footer, Static
 
+from app.screens.keys import bindings_of
+
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
 
@@ -26,6 +28,7 @@ GOOD, CAUTION, FAULT = (f"bold $text-{name}" for name in ("success", "warning", 
 SIGNALS = {
     "Next:": "bold $text-primary",
     **dict.fromkeys(("AGREES.", "EXPLAINED.", "PASS", "Taken"), GOOD),
+    **dict.fromkeys(("✓ The plate is done.", *(f"✓ Leg {leg} is done." for leg in "XYZ")), GOOD),
     **dict.fromkeys(("WARNING:", "AMBIGUOUS.", "PARTLY-EXPLAINED.", "CANNOT-TELL."), CAUTION),
     **dict.fromkeys(("LEFT OUT:", "WEAK:", "SUSPECT:", "LOST:", "UNDECIDED", "WAIT:"), CAUTION),
     **dict.fromkeys(("UNEXPLAINED.", "FAIL", "Not taken:", "FAULT:"), FAULT),
@@ -88,10 +91,26 @@ class Message(Static):
         self._fading = self.set_timer(SHOWN_S, partial(self.tell, "")) if text else None
 
 
+class KeyLine(Footer):
+    """The keys in the order of the bindings, which is that of their importance.
+
+    Textual moves one of other settings behind all others.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(compact=True, show_command_palette=False)
+
+    def compose(self) -> ComposeResult:
+        places = (*bindings_of(type(self.screen)), *bindings_of(type(self.app)))
+        keys = {key: getattr(key, "action", "") for key in super().compose()}
+        order = [*(binding.action for _, binding in places), *keys.values()]
+        yield from sorted(keys, key=lambda key: order.index(keys[key]))
+
+
 def last_lines() -> ComposeResult:
     """What happened last, and the keys: the end of every screen."""
     yield Message()
-    yield Footer(compact=True, show_command_palette=False)
+    yield KeyLine()
 
 
 class Resting(Widget):

@@ -25,7 +25,7 @@ from app.measuring.indicators import (
     form_of,
     from_file,
     indicator_of,
-    last_serial_number,
+    last_identity,
     last_used,
     port_is_gone,
     serial_ports,
@@ -265,7 +265,8 @@ class PrepareScreen(Screen[None]):
         yield Title()
         with VerticalScroll(id="form"):
             yield from entry(*texts.MACHINE)
-            yield from entry(*texts.SERIAL_NUMBER)
+            for field in texts.IDENTITY:
+                yield from entry(*field)
             yield from row("Procedure", choice("procedure", _procedures(self._offered_for)))
             for name, words in zip(INDICATORS, texts.WHICH_INDICATOR, strict=True):
                 yield from row(words, IndicatorField(id=name, markup=False))
@@ -333,8 +334,9 @@ class PrepareScreen(Screen[None]):
         instruments, source = from_file(machine.indicator, "the machine file"), "file"
         self._proposed_for = machine
         with self.app.complaining():
-            serial_number = machine.serial_number or last_serial_number(machine.name)
-            self.query_one("#serial", Input).value = serial_number
+            serial_number, place = last_identity(machine.name)
+            self.query_one("#serial", Input).value = machine.serial_number or serial_number
+            self.query_one("#place", Input).value = machine.place or place
         if not instruments:
             with self.app.complaining():
                 instruments, source = last_used(machine.name), "last"
@@ -400,8 +402,9 @@ class PrepareScreen(Screen[None]):
         return self._instruments(procedure) or simulated_indicators()
 
     def _plan(self) -> Plan:
-        serial_number = self._value("serial") or None
-        machine = self._machine().model_copy(update={"serial_number": serial_number})
+        names = {"serial_number": "serial", "place": "place"}
+        identity = {key: self._value(name) or None for key, name in names.items()}
+        machine = self._machine().model_copy(update=identity)
         procedure = self._procedure(machine)
         instruments = self._instruments(procedure)
         if not instruments:

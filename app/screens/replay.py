@@ -48,7 +48,7 @@ class ReplayScreen(Screen[None]):
         Binding("pagedown", "page(1)", "List down", show=False, id="replay.list-down"),
         Binding("w", "where", "Where", show=False, id="replay.where"),
         Binding("v", "plot", "View", show=False, id="replay.plot"),
-        Binding("r", "result", "Result", id="replay.result"),
+        Binding("l", "result", "Result", id="replay.result"),
         Binding("y", "copy", "Copy", show=False, id="replay.copy"),
         Binding("escape", "back", "Back", id="replay.leave"),
         Binding("f10", "app.quit", "Quit", id="replay.quit"),

@@ -67,7 +67,6 @@ class ResultScreen(PagedScreen[None]):
         self.plan = plan
         self.path = path
         self.before = plan.before if plan else None
-        self.first = "before-after" if self.before else ""
         self.done: set[Done] = set()
 
     @property
@@ -76,7 +75,7 @@ class ResultScreen(PagedScreen[None]):
         return [*self.PAGES, COMPARISON] if self.before else self.PAGES
 
     def begin(self) -> None:
-        """Say which session this is; the comparison is there at once."""
+        """Say which session this is; the comparison is there at once, on its page."""
         self.head(texts.result_heading(self.solved, self.path, self.model))
         if self.before is not None:
             pair = self.before.solution, self.solved.solution
@@ -100,7 +99,7 @@ class ResultScreen(PagedScreen[None]):
 
     def action_leg(self, by: int) -> None:
         """Another leg or axis on its page."""
-        self.show_page("legs")
+        self.action_show_page("legs")
         self.query_one(LegPlots).turn(by)
 
     def _show(self) -> None:
@@ -141,7 +140,7 @@ class ResultScreen(PagedScreen[None]):
         if subset is not None:
             with self.app.complaining():
                 if self.query_one(TabbedContent).active == "result":
-                    self.show_page("details")
+                    self.action_show_page("details")
                 self.solved = self.solved.with_subset(subset)
                 self._show()
 

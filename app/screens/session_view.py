@@ -20,6 +20,7 @@ from textual.widgets import Static
 
 from app.measuring.gauges import Live, Motion, Trace
 from app.measuring.leg_review import review_leg
+from app.report.charts.digits import large_digits
 from app.report.charts.results import readings_by_posture
 from app.report.charts.strips import strip_rows
 from app.report.charts.tripod import drawn_set_up
@@ -44,9 +45,8 @@ MARKS = {
     Motion.FAULT: "! FAULT",
 }
 NO_NUMBER = "------"
-DIGIT_ROWS = 3
-STATE_ROW, STRIP_ROW = 3, 4
-"""Rows within the border; the strip chart has all from its own on."""
+LEAST_STRIP_ROWS = 4
+"""Digits are large where so many rows of the strip chart are left."""
 
 STRIP_S, RESTING_STRIP_S = 1.0, 2.0
 """The strip chart is drawn at most so often, while the reading moves and while it rests: drawing
@@ -60,7 +60,7 @@ CHART_S = 0.06
 
 
 def big_digits(number: str) -> tuple[str, ...]:
-    """The rows of a number in large digits."""
+    """The rows of a number in big digits."""
     return tuple("".join(row) for row in zip(*map(_big_digit, number), strict=True))
 
 
@@ -88,6 +88,7 @@ class GaugeDisplay(Resting):
         self._index = number
         self.name_it(instrument)
         self.number, self.state = NO_NUMBER, ""
+        self.digits = big_digits(NO_NUMBER)
         self.strip: tuple[str, ...] = ()
         self._motion: Motion | None = None
         self._strip_at = 0.0
@@ -104,17 +105,28 @@ class GaugeDisplay(Resting):
         self.border_subtitle = Content(self._port)
 
     def on_resize(self) -> None:
-        self._strip_at = 0.0
+        """The digits are as large as there is room."""
+        self.digits, self._strip_at = self._digits(), 0.0
+        self.refresh()
+
+    def _digits(self) -> tuple[str, ...]:
+        large, room = large_digits(self.number), self.size
+        fits = room.height > len(large) + LEAST_STRIP_ROWS and len(large[0]) <= room.width
+        return large if fits else big_digits(self.number)
 
     def show(self, live: Live) -> None:
         """Show what the indicator tells now; only rows that changed are drawn again."""
         number, state = self._number(live), self._state(live)
         if number != self.number:
-            self.number = number
-            self.redraw(0, DIGIT_ROWS)
+            self.number, rows = number, len(self.digits)
+            self.digits = self._digits()
+            if len(self.digits) == rows:
+                self.redraw(0, rows)
+            else:
+                self.on_resize()
         if state != self.state:
             self.state = state
-            self.redraw(STATE_ROW, 1)
+            self.redraw(len(self.digits), 1)
             if Motion.FAULT in (live.motion, self._motion):
                 self.refresh()
         if live.motion is not self._motion:
@@ -135,13 +147,14 @@ class GaugeDisplay(Resting):
         if self._motion is Motion.FAULT:  # its words in the place of digits and trend
             rows = self._state_rows()
             return Strip([Segment(rows[y] if y < len(rows) else "", ground)])
-        if y < DIGIT_ROWS:
-            row, width = big_digits(self.number)[y], self.size.width
+        y_of_state = len(self.digits)
+        if y < y_of_state:
+            row, width = self.digits[y], self.size.width
             indent = max(0, width - len(row)) // 2
             return Strip([Segment((" " * indent + row).ljust(width), ground)])
-        if y == STATE_ROW:
+        if y == y_of_state:
             return Strip([Segment(self._state_rows()[0], ground)])
-        chart = self.strip[y - STRIP_ROW :][:1]
+        chart = self.strip[y - y_of_state - 1 :][:1]
         return Strip(Segment(row, self.get_component_rich_style("gauge--strip")) for row in chart)
 
     def get_selection(self, selection: Selection) -> tuple[str, str] | None:
@@ -149,11 +162,12 @@ class GaugeDisplay(Resting):
         return self.number, "\n"
 
     def _draw_strip(self, trace: Trace) -> None:
-        rows = strip_rows(trace, self.size.width, max(0, self.size.height - STRIP_ROW))
+        above = len(self.digits) + 1
+        rows = strip_rows(trace, self.size.width, max(0, self.size.height - above))
         self._strip_at = time.monotonic()
         if rows != self.strip:
             self.strip = rows
-            self.redraw(STRIP_ROW, len(rows))
+            self.redraw(above, len(rows))
 
     def _state_rows(self) -> list[str]:
         """The state in rows, cut between words; never control codes."""
@@ -378,7 +392,8 @@ class LegReviewScreen(Dialog[bool]):
         except GlidecalError as problem:
             text = str(problem)
         text = self.app.keyed(text)
-        with Horizontal(classes="wide-dialog"):
+        classes = f"wide-dialog {'' if 'WARNING:' in text else 'done'}"
+        with Horizontal(classes=classes):
             with VerticalScroll(id="review"):
                 yield Static(signalled(text), id="review-text")
             yield ChartPlot(plot_id="review-chart")

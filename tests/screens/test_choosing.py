@@ -12,7 +12,7 @@ from textual.widgets import Input, OptionList, Select
 
 from app.measuring.indicators import (
     RememberedIndicators,
-    last_serial_number,
+    last_identity,
     last_used,
     port_is_gone,
     remember,
@@ -175,6 +175,7 @@ async def test_what_was_typed_stays_and_is_judged_once_it_is_typed(twin: TwinPor
         assert interface.screen is screen
         await fill_in(pilot, interface, "indicator2", certificate_date="2026-01-31")
         screen.query_one("#serial", Input).value = "OG-7"
+        screen.query_one("#place", Input).value = "hall [3]"
         screen.query_one("#operator", Input).value = "Ada"
         screen.query_one("#temperature", Input).value = "21,5"
         screen.query_one("#note", Input).value = "after the crash"
@@ -201,7 +202,9 @@ async def test_what_was_typed_stays_and_is_judged_once_it_is_typed(twin: TwinPor
         "2026-01-31",
     )
     assert (record.opened.operator, record.opened.temperature_c) == ("Ada", 21.5)
-    assert record.opened.machine.serial_number == last_serial_number("orthoglide") == "OG-7"
+    machine = record.opened.machine
+    assert (machine.serial_number, machine.place) == ("OG-7", "hall [3]")
+    assert last_identity("orthoglide") == ("OG-7", "hall [3]")
     assert "after the crash" in path.read_text(encoding="utf-8")
     assert last_used("orthoglide") == (instrument,)
 
@@ -232,19 +235,21 @@ async def test_the_indicators_used_last_are_proposed_and_a_missing_port_is_said(
         await pilot.press("f10")
 
 
-async def test_the_serial_number_of_a_machine_is_asked_once(tmp_path: Path) -> None:
-    remember("orthoglide", [SYLVAC], "OG-7")
+async def test_which_machine_it_is_and_where_is_asked_once(tmp_path: Path) -> None:
+    identity = ("serial", "place")
+    remember("orthoglide", [SYLVAC], "OG-7", "hall 3")
     other_file = tmp_path / "other.toml"
     other_file.write_text(
-        'schema = "glidecal.machine/1"\nserial_number = "OG-9"\n', encoding="utf-8"
+        'schema = "glidecal.machine/1"\nserial_number = "OG-9"\nplace = "room 5"\n',
+        encoding="utf-8",
     )
     interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await form(pilot, interface)
-        assert screen.query_one("#serial", Input).value == "OG-7"
+        assert [screen.query_one(f"#{n}", Input).value for n in identity] == ["OG-7", "hall 3"]
         screen.query_one("#machine", Input).value = str(other_file)
         await pilot.pause()
-        assert screen.query_one("#serial", Input).value == "OG-9"
+        assert [screen.query_one(f"#{n}", Input).value for n in identity] == ["OG-9", "room 5"]
         await pilot.press("f10")
 
 

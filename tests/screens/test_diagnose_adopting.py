@@ -185,7 +185,7 @@ async def test_a_mistake_is_put_right_in_a_new_session_and_its_result_shown(tmp_
         await until(pilot, "again", lambda: screen.paths == (new,) and not screen.looking)
         assert verdict(interface).startswith("AGREES.")
         assert text(interface, "#heading").startswith(new.name)
-        await pilot.press("r")
+        await pilot.press("l")
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
         result_screen = interface.screen
         assert isinstance(result_screen, ResultScreen)
@@ -208,7 +208,7 @@ async def test_the_result_with_an_adopted_model_is_exported(tmp_path: Path) -> N
             await pilot.press(keys)
             await pilot.pause()
         await until(pilot, "again", lambda: screen.model is not None and not screen.looking)
-        await pilot.press("r")
+        await pilot.press("l")
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
         await until(pilot, "text", lambda: "backlash y: play" in text(interface, "#details-text"))
         await pilot.press("e")

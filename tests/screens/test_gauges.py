@@ -10,6 +10,7 @@ from textual.pilot import Pilot
 from textual.widget import Widget
 
 from app.measuring.gauges import Live, Motion, Trace
+from app.report.charts.digits import large_digits
 from app.report.charts.strips import strip_rows
 from app.screens import interface
 from app.screens.session_view import GaugeDisplay, big_digits
@@ -96,6 +97,27 @@ async def test_every_change_is_drawn_and_nothing_old_stays() -> None:
             assert first == (words if change is gone else big_digits(left.number)[0].strip())
             assert left.has_class(change.motion.value)
         assert left.number == "-0.001"
+
+
+async def test_digits_are_large_where_there_is_room() -> None:
+    """A number that is longer than the panel is smaller, never cut."""
+    app = Panels()
+    async with app.run_test(size=(100, 30)) as pilot:
+        left, _ = app.panels
+        left.styles.height = 12
+        await pilot.pause()
+        for value_mm in (0.501, -2.25, -12345.125, 10.125, 0.5):
+            left.show(shown(value_mm))
+            await pilot.pause()
+            large = large_digits(left.number)
+            digits = large if value_mm > -100.0 else big_digits(left.number)
+            panel = [row[2:-2] for row in rows_of(app, left)[1:-1]]
+            pairs = zip(panel, digits, strict=False)
+            assert all(row.strip() == words.strip() for row, words in pairs)
+            assert panel[len(digits)].startswith("= STABLE")
+            assert await as_drawn_anew(pilot, app) == rows(app.screen)
+    assert {len(large_digits(digit)) for digit in "0123456789+-."} == {5}
+    assert len({large_digits(digit) for digit in "0123456789+-."}) == 13
 
 
 async def test_panels_that_the_screen_cuts_show_what_fits() -> None:

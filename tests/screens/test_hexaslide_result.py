@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from textual.pilot import Pilot
 from textual.widgets import OptionList, TabbedContent
 
+from app.evaluating.hexaslide import posture_result
 from app.machines.registry import LOOKS
+from app.report.schema.hexaslide import HexaSlideCalibrationReport
+from app.report.text.hexaslide_result import glance_text, next_text
 from app.screens.hexaslide_result import HexaSlideResultScreen
 from app.screens.home import HomeScreen, ReplayChoiceScreen
 from app.screens.interface import ChoiceDialog, Interface
@@ -70,6 +74,7 @@ async def test_the_machine_and_the_report_are_written(session: Path) -> None:
     interface = Glidecal(HexaSlideResultScreen(session))
     async with interface.run_test(size=SIZE) as pilot:
         await looked(pilot, interface, HexaSlideResultScreen)
+        assert "Next: E writes the calibrated machine" in text(interface, "#result-text")
         await pilot.press("e")
         folder = session.with_suffix("")
         await until(pilot, "written", lambda: "Written to" in said(interface))
@@ -78,11 +83,55 @@ async def test_the_machine_and_the_report_are_written(session: Path) -> None:
             "hexaslidekins.comp",
             "machine.toml",
         ]
+        shown = text(interface, "#result-text")
+        assert "E writes" not in shown  # what was done is not the next thing
+        assert f"Next: enter the calibrated machine from {folder.name}" in shown
+        assert "49 parameters are entered: a [b] has them as files" in shown
         await pilot.press("r")
         await until(pilot, "choices", lambda: isinstance(interface.screen, ChoiceDialog))
         await pilot.press("enter")
         await until(pilot, "report", lambda: "Report written" in said(interface))
         assert session.with_suffix(".html").stat().st_size > 50_000
+        await pilot.press("f10")
+
+
+@pytest.mark.parametrize("tolerance_mm", [None, 0.1])
+def test_bars_stand_against_the_tolerance_where_one_is_stated(
+    session: Path, tolerance_mm: float | None
+) -> None:
+    result = posture_result(session)
+    source = result.solved.source
+    machine = source.machine.model_copy(update={"platform_tolerance_mm": tolerance_mm})
+    source = source.model_copy(update={"machine": machine})
+    solved = replace(result.solved, source=source)
+    page = glance_text(replace(result, solved=solved), 76, read_only=False)
+    lines, words = page.splitlines(), " ".join(page.split())
+    now, after = (line for line in lines if line.startswith(("now ", "after ")))
+    assert len(now) <= 76
+    assert now.count("█") > after.count("█")
+    assert ("│ tolerance 0.1 mm" in page) == (tolerance_mm is not None)
+    assert "tolerance none" not in page
+    assert ("NOT JUDGED" in page) == (tolerance_mm is None)
+    assert ("State platform_tolerance_mm in the machine file" in words) == (tolerance_mm is None)
+
+
+def test_a_machine_that_is_not_better_is_not_entered(session: Path) -> None:
+    document = HexaSlideCalibrationReport.of(posture_result(session).solved)
+    now_mm = document.platform.now_rms_mm
+    platform = document.platform.model_copy(update={"bound_rms_mm": now_mm})
+    worse = document.model_copy(update={"platform": platform})
+    assert "change nothing in the controller" in next_text(worse, "")
+    assert "enter" not in next_text(worse, "folder")
+
+
+async def test_keys_are_those_of_the_other_result(session: Path) -> None:
+    interface = Glidecal(HexaSlideResultScreen(session))
+    async with interface.run_test(size=SIZE) as pilot:
+        screen = await looked(pilot, interface, HexaSlideResultScreen)
+        await pilot.press("d")
+        await until(pilot, "diagnosis", lambda: active(screen) == "diagnosis")
+        await pilot.press("h")
+        await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
         await pilot.press("f10")
 
 

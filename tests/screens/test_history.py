@@ -10,6 +10,9 @@ import pytest
 from textual.widgets import OptionList, TabPane
 
 from app.evaluating.history import Entry, History, history_of_machine, read_history
+from app.report.charts.characters import chart_text
+from app.report.charts.results import control_charts
+from app.report.text.history import machine_sentence
 from app.screens.history import HistoryScreen
 from app.screens.home import HomeScreen
 from app.screens.plot import ChartPlot
@@ -67,6 +70,29 @@ async def test_entered_offsets_are_a_line_in_the_plot(tmp_path: Path) -> None:
             "joint z, change of the offset (3 of 3)" in row for row in rows(interface.screen)
         )
         await pilot.press("f10")
+
+
+def test_the_heading_says_which_machine_and_where() -> None:
+    identity = {"serial_number": "OG-7", "place": "hall 3"}
+    entry = Entry(
+        began=datetime(2026, 1, 1, tzinfo=UTC),
+        machine=load_machine(None).model_copy(update=identity),
+        offsets_mm=(0.0, 0.0, 0.0),
+        expanded_mm=(0.01, 0.01, 0.01),
+    )
+    machine = history_of_machine(entry.machine.title, "measured", [(Path("a.jsonl"), entry)])
+    words = machine_sentence(machine, entry.began)
+    assert words.startswith("orthoglide, no. OG-7, hall 3: 1 session. Last calibrated today")
+
+
+def test_one_day_has_an_axis_of_whole_days(tmp_path: Path) -> None:
+    """Of one session, too: no thousandth of a day."""
+    shutil.copy(SESSION, tmp_path)
+    (machine,) = read_history(tmp_path).machines
+    for figure in control_charts(machine):
+        for chart in figure.charts:
+            labels = chart_text(chart, 12).splitlines()[-2].split()
+            assert labels == ["0", "1", "2", "3", "4", "5", "6"]
 
 
 def thirty_machines() -> History:

@@ -114,6 +114,15 @@ def test_every_row_of_help_has_its_key(words: str) -> None:
     assert all(len(line) <= 76 for line in page.splitlines())
 
 
+def test_a_letter_writes_the_report_everywhere_or_nowhere() -> None:
+    """R is the report of every result; nowhere does it lead to a result."""
+    letters = {keys for key_id, keys, _ in known_keys().values() if key_id.endswith(".report")}
+    assert letters == {("r",)}
+    results = [keys for key_id, keys, _ in known_keys().values() if key_id.endswith(".result")]
+    assert len(results) == 2
+    assert all("r" not in keys for keys in results)
+
+
 async def test_texts_follow_the_settings() -> None:
     """On the page, in its help, and on a dialog."""
     keys = {"diagnose.adopt": "f6", "diagnose.next": "f7", "help.close": "f8", "page.copy": "f9"}

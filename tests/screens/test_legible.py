@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.style import Style
 from textual.color import Color
 from textual.pilot import Pilot
 from textual.screen import Screen
@@ -173,6 +174,33 @@ async def test_escape_leads_back_from_every_screen(
 async def escape(pilot: Pilot[str], interface: Interface, name: str) -> None:
     await pilot.press("escape")
     await until(pilot, f"home after {name}", lambda: isinstance(interface.screen, HomeScreen))
+
+
+@pytest.mark.parametrize("colours", ["textual-dark", "textual-light", "NO_COLOR"])
+async def test_a_leg_that_is_done_looks_done(
+    samples: Path, colours: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By colour, by a word, and by a mark."""
+    if colours == "NO_COLOR":
+        monkeypatch.setenv("NO_COLOR", "1")
+    session = fold(read_record(samples / "simulated_zero-max-min.jsonl").events)
+    theme = "textual-dark" if colours == "NO_COLOR" else colours
+    interface = interface_on(HomeScreen(), theme)
+    async with interface.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        interface.push_screen(LegReviewScreen(session, session.steps()[-1]))
+        words = "✓ Leg Z is done."
+        await until(pilot, "review", lambda: words in text(interface, "#review-text"))
+        await pilot.pause()
+        segments = (segment for strip in strips(interface.screen) for segment in strip)
+        style = next(segment.style for segment in segments if segment.text == words)
+        assert style is not None
+        assert style.bold
+        if colours != "NO_COLOR":
+            assert min(contrasts(interface, words)) >= LEGIBLE
+            assert style.color != Style.parse(interface.theme_variables["foreground"]).color
+            success = Color.parse(interface.theme_variables["success"])
+            assert interface.screen.query_one(".done").styles.border.top[1] == success
 
 
 @pytest.mark.parametrize("colours", ["textual-dark", "textual-light", "NO_COLOR"])

@@ -110,6 +110,7 @@ class Moved:
 
     async def dialog(self) -> MotionDialog:
         await until(self.pilot, "dialog", lambda: isinstance(self.interface.screen, MotionDialog))
+        await until(self.pilot, "its words", lambda: bool(text(self.interface, "#event")))
         assert isinstance(self.interface.screen, MotionDialog)
         return self.interface.screen
 

@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 from rich.cells import cell_len
+from textual.color import Color
+from textual.filter import Monochrome
 from textual.map_geometry import MapGeometry
 from textual.pilot import Pilot
 from textual.screen import Screen
@@ -43,7 +45,7 @@ from app.screens.interface import ChoiceDialog, Dialog, HelpDialog, Interface, T
 from app.screens.measure import MeasureScreen
 from app.screens.motion_dialog import MotionDialog
 from app.screens.paged import PagedScreen
-from app.screens.pages import Message
+from app.screens.pages import Message, contrast
 from app.screens.prepare import IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
@@ -58,12 +60,25 @@ from protocols.record import read_record
 from protocols.session import Session, fold
 from tests.app.posture_sessions import posture_session
 from tests.conftest import SAMPLES
-from tests.screens.driving import QUESTIONED, placed, quick_plan, said, take, to_measuring, until
+from tests.screens.driving import (
+    QUESTIONED,
+    placed,
+    quick_plan,
+    rows,
+    said,
+    strips,
+    take,
+    to_measuring,
+    until,
+)
 from tests.screens.test_moving import measuring as moving
 
 SIZES = [(80, 24), (100, 30), (120, 40)]
 TITLE_EDGES = 6
 """On a border a title has a corner, a dash and a blank on both sides."""
+
+LEAST_CONTRAST = 3.0
+"""Of large and bold words (WCAG 2.1, 1.4.3); signal words have more, by test_legible."""
 
 ROW = re.compile(r"\S {2,}\S.* {2,}\S")
 """A row of a table; prose has no such gaps and may be wrapped."""
@@ -181,14 +196,39 @@ def of_widget(widget: Widget, place: MapGeometry) -> Iterator[str]:
         if (needed := optimal if nowrap else words.get_minimal_width(rules)) > room.width:
             yield f"a word of {needed} in {room.width} cells"
         helped = isinstance(widget.screen, HelpDialog)  # its lines are broken by hand
-        rows = [row for row in str(widget.content).splitlines() if helped or ROW.search(row)]
-        yield from (f"broken {row!r}" for row in rows if cell_len(row.rstrip()) > room.width)
+        lines = [row for row in str(widget.content).splitlines() if helped or ROW.search(row)]
+        yield from (f"broken {row!r}" for row in lines if cell_len(row.rstrip()) > room.width)
+
+
+def faint(interface: Interface) -> list[str]:
+    """Words that nobody tells from their ground, as they are sent to the terminal."""
+    if interface.screen.is_modal:
+        return []  # what lies behind a dialog is dim
+    segments = [segment for strip in strips(interface.screen) for segment in strip]
+    pairs = [
+        (segment.text.strip(), segment.style.color, segment.style.bgcolor)
+        for segment in segments
+        if segment.style and any(map(str.isalnum, segment.text))
+    ]
+    return [
+        f"{words!r} has a contrast of {ratio:.1f}"
+        for words, *pair in pairs
+        if None not in pair
+        and (ratio := contrast(*map(Color.from_rich_color, pair))) < LEAST_CONTRAST
+    ]
+
+
+def colours(interface: Interface) -> list[str]:
+    """Words that are not black, grey or white."""
+    segments = [segment for strip in strips(interface.screen) for segment in strip]
+    pairs = [(segment.text, segment.style.color) for segment in segments if segment.style]
+    return [words for words, c in pairs if c and len(set(c.get_truecolor())) > 1]
 
 
 async def look(pilot: Pilot[str], interface: Interface) -> list[str]:
     await pilot.pause()
     await pilot.pause(0.05)
-    return cut(interface)
+    return cut(interface) + faint(interface)
 
 
 async def pages(pilot: Pilot[str], interface: Interface) -> list[str]:
@@ -224,6 +264,13 @@ async def test_nothing_is_cut(
         for size in SIZES:
             await pilot.resize_terminal(*size)
             assert not (cuts := await pages(pilot, interface)), (size, cuts)
+        await pilot.resize_terminal(*SIZES[0])
+        interface.theme = "textual-light"
+        assert not (cuts := await pages(pilot, interface)), ("light", cuts)
+        interface._filters.append(Monochrome())  # as Textual does at its start with NO_COLOR
+        interface.theme = "textual-dark"
+        assert not (cuts := await pages(pilot, interface)), ("NO_COLOR", cuts)
+        assert not colours(interface)
         assert isinstance(interface.screen, kind)
         interface.notify("what happened last")
         await pilot.pause()
@@ -238,14 +285,26 @@ async def test_nothing_is_cut(
             assert line.has_class("wrong"), "in the colour of errors"
 
 
+def whole(screen: Screen[Any], display: GaugeDisplay) -> bool:
+    """Whether a panel shows its digits, and below its state the strip chart."""
+    (x, y), high = display.content_region.offset, len(display.digits)
+    drawn = [row[x : x + display.size.width] for row in rows(screen)[y : y + high]]
+    beside = zip(drawn, display.digits, strict=True)
+    room = display.size.height - high - 1
+    return all(row.strip() == d.strip() for row, d in beside) and 0 < len(display.strip) <= room
+
+
 async def test_nothing_is_cut_while_measuring(tmp_path: Path) -> None:
     """With the longest words: a new set-up, a fault, what was taken, every page."""
     interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZES[0]) as pilot:
         screen = await to_measuring(pilot, interface)
-        for size in SIZES:
+        for size, high in zip(SIZES, (3, 5, 5), strict=True):
             await pilot.resize_terminal(*size)
             assert not (cuts := await pages(pilot, interface)), (size, cuts)
+            for display in screen.query(GaugeDisplay):
+                assert len(display.digits) == high, "legible from three metres where there is room"
+                await until(pilot, "digits", lambda display=display: whole(screen, display))
         await take(pilot, screen)
         for size in SIZES:
             await pilot.resize_terminal(*size)

@@ -126,6 +126,7 @@ async def test_result(samples: Path, tmp_path: Path, size: tuple[int, int]) -> N
 async def test_comparison(samples: Path, tmp_path: Path, size: tuple[int, int]) -> None:
     interface = still(compared_screen(samples, tmp_path))
     async with interface.run_test(size=size) as pilot:
+        await pilot.press("5")
         await until(pilot, "page", page_is(interface, "before-after"))
         await pilot.pause()
         assert "Leg deviations went from" in text(interface, "#before-after-text")

@@ -203,7 +203,7 @@ async def test_result_and_back(samples: Path) -> None:
     interface = Glidecal(ReplayScreen(samples / "simulated_zero-max-min.jsonl"))
     async with interface.run_test(size=SIZE) as pilot:
         await begin(pilot, interface)
-        await pilot.press("right", "r")
+        await pilot.press("right", "l")
         await until(pilot, "a result", lambda: isinstance(interface.screen, ResultScreen))
         await until(pilot, "text", lambda: "d_rho_x" in text(interface, "#details-text"))
         await pilot.press("escape")
@@ -217,7 +217,7 @@ async def test_no_result_is_said_in_words(tmp_path: Path) -> None:
     interface = Glidecal(ReplayScreen(empty))
     async with interface.run_test(size=SIZE) as pilot:
         await begin(pilot, interface)
-        await pilot.press("r")
+        await pilot.press("l")
         await until(pilot, "words", lambda: "No result of this" in text(interface, "#said"))
         assert "readings: found none" in text(interface, "#said")
         assert isinstance(interface.screen, ReplayScreen)
@@ -289,7 +289,7 @@ async def test_read_only_reaches_neither_export_nor_verify_nor_home(
     interface = Glidecal(ReplayScreen(path), read_only=True)
     async with interface.run_test(size=SIZE) as pilot:
         await begin(pilot, interface)
-        await pilot.press("r")
+        await pilot.press("l")
         await until(pilot, "a result", lambda: isinstance(interface.screen, ResultScreen))
         for key in ("e", "v"):
             await pilot.press(key)

@@ -21,8 +21,8 @@ from app.measuring.opening import start_session
 from app.measuring.plan import QUICK_INTERVAL_S, Plan, plan_to_repeat, verification_plan
 from app.measuring.unattended import measure_all
 from app.report.charts.legs import leg_figures
-from app.report.charts.results import difference_words
 from app.report.text.result import WORKING_OUT, solution_text
+from app.report.text.tables import difference_words
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface
@@ -470,11 +470,17 @@ async def test_comparison_is_a_page_of_its_own(verified: tuple[SessionSolution, 
     before, after = plan.before.solution.rms_before_mm, solved.solution.rms_before_mm
     interface = Glidecal(ResultScreen(solved, plan, plan.path))
     async with interface.run_test(size=SIZE) as pilot:
-        await until(pilot, "a plot", lambda: len(drawn(interface, "#before-after-chart0")) > 15)
-        assert page(interface) == "before-after"
+        await until(pilot, "text", lambda: "Next: " in text(interface, "#result-text"))
+        assert page(interface) == "result"
+        first = text(interface, "#result-text")
         compared = text(interface, "#before-after-text")
         assert f"from {before:.4f} to {after:.4f} mm" in compared
-        assert text(interface, "#result-text").startswith(compared.splitlines()[0])
+        assert first.startswith(compared.splitlines()[0])
+        assert "WARNING: not to be entered" in first
+        assert "Add to the offsets" not in first
+        await pilot.press("left")
+        await until(pilot, "a plot", lambda: len(drawn(interface, "#before-after-chart0")) > 15)
+        assert page(interface) == "before-after"
         lines = drawn(interface, "#before-after-chart0")
         assert lines[-1].strip() == "x before   o after"
         assert [line.split("┤")[0].strip() for line in lines if "┤" in line] == NAMES

@@ -8,6 +8,7 @@ import pytest
 from textual.command import Command, CommandPalette
 from textual.pilot import Pilot
 from textual.widgets import OptionList, Static
+from textual.widgets._footer import FooterKey
 
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
@@ -66,6 +67,22 @@ async def test_own_keys_take_the_place_of_the_usual_ones(tmp_path: Path) -> None
         await pilot.press("x")
         await until(pilot, "again", lambda: screen.guided.session.done() == {1})
         await pilot.press("f10")
+
+
+async def test_the_footer_keeps_the_order_of_importance(tmp_path: Path) -> None:
+    """A key of the settings stands where the usual one stands."""
+    lines = []
+    for keys in ({}, {"measure.take": "f6", "measure.note": "t", "app.help": "f3"}):
+        interface = Glidecal(CheckScreen(quick_plan(tmp_path)), settings=Settings(keys=keys))
+        async with interface.run_test(size=SIZE) as pilot:
+            screen = await to_measuring(pilot, interface)
+            await until(pilot, "keys", lambda screen=screen: bool(screen.query(FooterKey)))
+            await pilot.pause()
+            lines.append([key.description for key in screen.query(FooterKey)])
+            await pilot.press("f10")
+    assert lines[0] == lines[1]
+    assert lines[0][0] == "Take"
+    assert lines[0][-2:] == ["Leave", "Help"]
 
 
 async def test_theme_from_the_settings_is_not_written_again(file: Path) -> None:

@@ -153,7 +153,7 @@ async def test_a_size_that_was_moved_is_adopted_and_held(bowed: Path) -> None:
         assert parameter.standard_uncertainty is None
         assert verdict(interface)
         # on the result with that model the same effect can be moved on, and freed again
-        await pilot.press("r")
+        await pilot.press("l")
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
         result = interface.screen
         sentence = "Held as a person stated it"

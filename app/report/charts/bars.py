@@ -4,8 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from app.report.text.tables import uncertain
+
 EIGHTHS = " ▏▎▍▌▋▊▉"
 FULL, MARK = "█", "│"
+WIDTH_WITHOUT_BARS, SHORTEST, LONGEST = 22, 8, 54
+"""Columns of names and figures beside the bars, and how long the longest bar may be."""
+
+
+def now_and_after(
+    now_mm: float, after_mm: float | None, tolerance_mm: float | None, columns: int
+) -> list[str]:
+    """A bar for an error now and one for that afterwards, mm, against the tolerance.
+
+    ``columns`` is the width of all; what is None is not known, or not stated.
+    """
+    pairs = (("now", now_mm), ("after", after_mm))
+    lengths = [(name, f"{uncertain(mm)} mm", mm) for name, mm in pairs if mm is not None]
+    limit = (f"tolerance {tolerance_mm:g} mm", tolerance_mm) if tolerance_mm else None
+    return bar_rows(lengths, min(LONGEST, max(SHORTEST, columns - WIDTH_WITHOUT_BARS)), limit)
 
 
 def bar_rows(

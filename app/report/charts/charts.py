@@ -65,7 +65,7 @@ class Chart:
 
     With ``x_names`` the places 1, 2, … of ``x`` carry names in the place of numbers; ``x_short``
     are symbols for them where there is no room for words. ``marks`` are
-    places of ``x`` with a line from top to bottom. The scale covers ``room``, too.
+    places of ``x`` with a line from top to bottom. The scales cover ``room`` and ``x_room``, too.
     """
 
     title: str
@@ -77,6 +77,7 @@ class Chart:
     marks: tuple[float, ...] = ()
     room: tuple[float, ...] = ()
     strokes: tuple[Stroke, ...] = ()
+    x_room: tuple[float, ...] = field(default=(), kw_only=True)
 
     @property
     def heading(self) -> str:
@@ -87,7 +88,7 @@ class Chart:
         """Round numbers, or the places of the names."""
         if self.x_names:
             return tuple(float(k) for k in range(1, len(self.x_names) + 1))
-        return round_ticks(x for x, _ in self.points())
+        return round_ticks((*(x for x, _ in self.points()), *self.x_room))
 
     def points(self) -> Iterator[Point]:
         """Everything that is drawn, of series and strokes."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -20,6 +19,7 @@ from app.report.charts.charts import (
     series_of,
 )
 from app.report.charts.legs import FIRST, OTHER, LegFigure, left_by
+from app.report.text.tables import difference_words
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.diagnosis.results import SEEN, Cell
 from calib.identify.solution import Solution
@@ -85,19 +85,6 @@ def before_and_after(before: Solution, after: Solution) -> Chart:
         names,
         ("before", differences.value_mm[rows], before.difference_uncertainty_mm[rows]),
         ("after", differences_after.value_mm[partners], after.difference_uncertainty_mm[partners]),
-    )
-
-
-DIFFERENCE = re.compile(r"([xyz])_([xyz])([+-]?)")
-"""Leg, axis and end of travel in the name of a difference; both ends where there is no sign."""
-
-ENDS = {"+": "MAX", "-": "MIN", "": "MAX − MIN"}
-
-
-def difference_words(name: str) -> str:
-    """``y_x+`` as ``X along Y, MAX``: leg, axis, posture less Zero; other names as they are."""
-    return DIFFERENCE.sub(
-        lambda part: f"{part[2].upper()} along {part[1].upper()}, {ENDS[part[3]]}", name
     )
 
 
@@ -217,6 +204,10 @@ def residuals_over_normal(solved: SessionSolution) -> Chart:
     )
 
 
+LEAST_DAYS = (0.0, 6.0)
+"""The axis of a history has at least these: sessions of one day stand at its start."""
+
+
 def control_charts(machine: MachineHistory) -> tuple[LegFigure, ...]:
     """A control chart of each joint offset, and below it what the tool was off by.
 
@@ -236,12 +227,15 @@ def control_charts(machine: MachineHistory) -> tuple[LegFigure, ...]:
         (series_of("", list(zip(machine.days, tool_um, strict=True)), FIRST),),
         marks=marks,
         strokes=tuple(limit if tolerance_mm else []),
+        x_room=LEAST_DAYS,
     )
     return tuple(
         LegFigure(
             title,
             f"Joint {LEG_NAMES[k]}",
-            replace(_control_chart(machine, k, start_mm), title=title, marks=marks),
+            replace(
+                _control_chart(machine, k, start_mm), title=title, marks=marks, x_room=LEAST_DAYS
+            ),
             tool,
         )
         for k, start_mm in enumerate(started_mm)

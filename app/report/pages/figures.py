@@ -272,6 +272,9 @@ def _name_places(axes: Axes, chart: Chart) -> None:
         axes.set_xticks(chart.x_ticks(), chart.x_names)
         axes.set_xlim(0.4, len(chart.x_names) + 0.6)
         axes.grid(visible=False, axis="x")
+    elif chart.x_room:
+        axes.update_datalim([(x, 0.0) for x in chart.x_room])
+        axes.autoscale_view(scaley=False)
 
 
 def _legend(axes: Axes) -> None:

@@ -73,7 +73,7 @@ def _section(machine: MachineHistory, now: datetime) -> Section:
     table, notes = texts.sessions_table(machine)
     figures = control_charts(machine)
     pictures = [Picture(legs_svg(figures[k : k + 2]), CAPTION) for k in range(0, len(figures), 2)]
-    heading = f"{machine.machine}{texts.ORIGIN_WORDS[machine.origin]}"
+    heading = f"{texts.title_of(machine)}{texts.ORIGIN_WORDS[machine.origin]}"
     parts: list[str | Table | Picture] = [
         texts.machine_sentence(machine, now),
         *texts.drift_lines(machine),

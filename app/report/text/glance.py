@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from enum import StrEnum
 
-from app.evaluating.correction import SessionCorrection
-from app.evaluating.printer import PrinterChange
 from app.evaluating.solution import SessionSolution, judge
-from app.report.charts.bars import bar_rows
+from app.report.charts.bars import now_and_after
 from app.report.text.correction import FRAME_WORDS, correction_table, sole_mistake_words
 from app.report.text.printer import change_tables
 from app.report.text.result import (
@@ -17,10 +15,7 @@ from app.report.text.result import (
     export_caution,
     judged_sentence,
 )
-from app.report.text.tables import paragraphs, uncertain
-
-WIDTH_WITHOUT_BARS, SHORTEST, LONGEST = 22, 8, 54
-"""Columns of names and figures beside the bars, and how long the longest bar may be."""
+from app.report.text.tables import paragraphs
 
 
 class Done(StrEnum):
@@ -46,36 +41,30 @@ def glance_text(
     machine, frame = solved.sessions[0].opened.machine, solved.frame
     change, correction = solved.printer_change, solved.entered
     tolerance_mm = machine.tool_tolerance_mm
-    lengths = [
-        (name, f"{uncertain(mm)} mm", mm)
-        for name, mm in (("now", correction.now_mm), ("after", correction.bound_mm))
-    ]
-    limit = (f"tolerance {tolerance_mm:g} mm", tolerance_mm) if tolerance_mm else None
-    bars = bar_rows(lengths, min(LONGEST, max(SHORTEST, columns - WIDTH_WITHOUT_BARS)), limit)
-    verdict = bound_sentence(correction, frame)
+    bars = now_and_after(correction.now_mm, correction.bound_mm, tolerance_mm, columns)
+    verdict = [] if before else [bound_sentence(correction, frame)]
     if tolerance_mm:
-        verdict = judged_sentence(judge(solved, tolerance_mm), verified=before is not None)
-    elif before:
-        verdict = comparison_sentence(before.solution, solved.solution)
+        verdict = [judged_sentence(judge(solved, tolerance_mm), verified=before is not None)]
+    if before:
+        verdict.append(comparison_sentence(before.solution, solved.solution))
     caution = export_caution(solved) if Done.EXPORTED in done else ""
+    heading = "Add to the offsets in the controller:" if any(machine.entered_offsets_mm) else ""
+    if not correction.helps:
+        heading = "WARNING: not to be entered, the tool would not become more accurate:"
     return paragraphs(
-        [verdict, *_cautions(solved, correction), *([f"WARNING: {caution}"] if caution else [])],
-        "Add to the offsets in the controller:" if any(machine.entered_offsets_mm) else "",
+        [*verdict, *_cautions(solved), *([f"WARNING: {caution}"] if caution else [])],
+        heading,
         *(change_tables(change) if change else [correction_table(solved.correction)]),
         [f"Tool error, at most (95 %), r.m.s., {FRAME_WORDS[frame]}:", *bars],
         next_text(solved, done, exports=exports, measures=measures),
     )
 
 
-def _cautions(
-    solved: SessionSolution, correction: SessionCorrection | PrinterChange
-) -> Iterator[str]:
+def _cautions(solved: SessionSolution) -> Iterator[str]:
     """A short line each; the pages behind say more."""
     yield from sole_mistake_words(solved)
     if solved.lacks_something or solved.suspects:
         yield "WARNING: something is missing from the model. The bound allows for it."
-    if not correction.helps:
-        yield "WARNING: these values would not make the tool more accurate."
 
 
 def next_text(
@@ -86,11 +75,11 @@ def next_text(
         return "Next: {result.diagnose} looks for what is missing from the model."
     if not exports:
         return ""
+    if not solved.entered.helps:
+        return f"Next: {MORE_THAN_OFFSETS if solved.corrections.more_helps else LEAVE_AS_IT_IS}"
     if Done.EXPORTED in done:
         return f"Next: enter the values in the controller; {AGAIN if measures else REPORT}"
-    if solved.entered.helps:
-        return "Next: {result.export} writes these values as files for the controller."
-    return f"Next: {MORE_THAN_OFFSETS if solved.corrections.more_helps else LEAVE_AS_IT_IS}"
+    return "Next: {result.export} writes these values as files for the controller."
 
 
 AGAIN = "then {result.verify} measures again and compares."

@@ -91,10 +91,10 @@ def off_words(solved: CalibratedMachine, tolerance_mm: float | None) -> str:
     """What the platform is off by as it was measured, beside the tolerance."""
     off_mm, bound_m = 1000.0 * solved.platform.now.places_rms_m, solved.platform.bound_m
     bound = "an unknown amount" if bound_m is None else f"{1000.0 * bound_m:.3g} mm"
-    tolerance = f"{tolerance_mm:g} mm" if tolerance_mm else "none"
+    tolerance = f"; tolerance {tolerance_mm:g} mm" if tolerance_mm else ""
     return (
         f"the platform is off by {off_mm:.3g} mm r.m.s. over the box, give or take {bound}"
-        f" (95 %); tolerance {tolerance}."
+        f" (95 %){tolerance}."
     )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from app.evaluating.hexaslide import PostureResult
 from app.evaluating.hexaslide_calibration import decided
+from app.report.charts.bars import now_and_after
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import (
     caveats,
@@ -24,7 +25,9 @@ from calib.errors import GlidecalError
 POSTURE_RESULT_HELP = f"""\
 {{postures.export}}  the calibrated machine and its kinematics, into a folder
 {{postures.report}}  the report to sign, as HTML or PDF
+{{postures.diagnose}}  the diagnosis: what may be missing, and why
 {{postures.what_if}}  what if: the size of a cause is moved
+{{postures.home}}  to the home screen
 {PAGE_HELP}
 
 The result of a session of postures. What no reading shows is named: frames
@@ -51,26 +54,48 @@ def problem_text(problem: GlidecalError) -> str:
     return paragraphs(f"{NO_RESULT} {problem}")
 
 
-def glance_text(result: PostureResult, *, read_only: bool) -> str:
-    """The verdict, the platform now and then, what no reading shows, and the next key."""
+def glance_text(result: PostureResult, columns: int, *, read_only: bool, folder: str = "") -> str:
+    """The decision, the platform now and then, what is entered, what no reading shows, what next.
+
+    ``folder`` is that with the calibrated machine, empty before.
+    """
     solved = result.solved
     document = HexaSlideCalibrationReport.of(solved)
     tolerance_mm = solved.source.machine.platform_tolerance_mm
-    words = off_words(solved, tolerance_mm)
-    if tolerance_mm is not None:
-        words = f"{decided(solved, tolerance_mm).upper()}: {words}"
-    bound_mm = document.platform.bound_rms_mm
-    then = "not known" if bound_mm is None else f"at most {bound_mm:.3g} mm r.m.s. (95 %)"
+    decision = "NOT JUDGED" if tolerance_mm is None else decided(solved, tolerance_mm).upper()
     verdict = f"NOT DIAGNOSED. {result.not_diagnosed}"
     if result.diagnosis is not None:
         verdict = f"{result.diagnosis.verdict.upper()}. {verdict_words(result.diagnosis)}"
-    enter = "Next: {postures.export} writes the calibrated machine, {postures.report} the report."
+    platform, count = document.platform, len(document.individually_known)
+    after = "after is not known" if platform.bound_rms_mm is None else "after: at most (95 %)"
+    bars = now_and_after(platform.now_rms_mm, platform.bound_rms_mm, tolerance_mm, columns)
+    files = f"{folder} has" if folder else "{postures.export} writes"
     return paragraphs(
-        verdict,
-        f"As measured: {words}",
-        f"With the calibrated machine: {then}.",
+        f"{decision}: {off_words(solved, tolerance_mm)}"
+        f"{NO_TOLERANCE if tolerance_mm is None else ''}\n{verdict}",
+        [f"Platform error, r.m.s. over the box; {after}:", *bars],
+        f"{document.parameter_count} parameters are entered: {files} them as files, page Details "
+        f"has the {count} that are known alone.",
         "\n".join(caveats(document)),
-        "" if read_only else enter,
+        "" if read_only else next_text(document, folder),
+    )
+
+
+NO_TOLERANCE = " State platform_tolerance_mm in the machine file, and it is judged."
+
+
+def next_text(document: HexaSlideCalibrationReport, folder: str) -> str:
+    """What to do next; nothing is entered that is not shown to be better."""
+    platform = document.platform
+    if platform.bound_rms_mm is not None and platform.bound_rms_mm >= platform.now_rms_mm:
+        return "Next: change nothing in the controller; {postures.report} writes the report."
+    if not folder:
+        return (
+            "Next: {postures.export} writes the calibrated machine, {postures.report} the report."
+        )
+    return (
+        f"Next: enter the calibrated machine from {folder} in the controller, then measure "
+        "postures again with its machine.toml; {postures.report} writes the report."
     )
 
 

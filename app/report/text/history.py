@@ -63,9 +63,14 @@ def machine_text(machine: MachineHistory, now: datetime) -> str:
     )
 
 
+def title_of(machine: MachineHistory) -> str:
+    """Its name, with serial number and place as far as they are stated."""
+    return ", ".join(filter(None, [machine.machine, machine.last.machine.place]))
+
+
 def machine_sentence(machine: MachineHistory, now: datetime) -> str:
     """How many sessions, how long ago the last, and when the next is due."""
-    last = _last_words(machine.machine, machine.origin, len(machine.points))
+    last = _last_words(title_of(machine), machine.origin, len(machine.points))
     when = _when_words(machine.last.began, now)
     return f"{last} calibrated {when}: {machine.points[-1].path.name}. {due_words(machine)}"
 

@@ -147,6 +147,10 @@ FIELD_HELP = {
         "Serial number of the machine: the history of a folder and the certificate\n"
         "know it by this. It is asked once; a machine file may state it (serial_number)."
     ),
+    "place": (
+        "Place of the machine: the history of a folder says where it is. It is\n"
+        "asked once; a machine file may state it (place)."
+    ),
     "operator": "Operator: a name for the record.",
     "temperature": "Temperature of the machine for the record, in °C.",
     "note": "Note for the record; it is shown below the result.",
@@ -160,7 +164,10 @@ FIELD_HELP = {
 
 OTHERS = ", ".join(name for name in machine_names() if name != USUAL_MACHINE)
 MACHINE = ("machine", "Machine", f"empty: {USUAL_MACHINE}; or {OTHERS}, or a file")
-SERIAL_NUMBER = ("serial", "Its serial number", "separates machines of one name in the history")
+IDENTITY = (
+    ("serial", "Its serial number", "separates machines of one name in the history"),
+    ("place", "Its place", "a hall or a room, for the history"),
+)
 FIELDS = (
     ("operator", "Operator", ""),
     ("temperature", "Temperature, °C", ""),

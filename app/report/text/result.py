@@ -33,6 +33,7 @@ from app.report.text.printer import change_parts
 from app.report.text.tables import (
     PAGE_HELP,
     decimals_for,
+    difference_words,
     free_words,
     map_table,
     new_table,
@@ -352,7 +353,10 @@ def monte_carlo_text(monte_carlo: MonteCarlo) -> str:
 
 def comparison_text(before: Solution, after: Solution, *, changed: bool = False) -> str:
     """The differences before and after entering the offsets, or a mechanical change."""
-    table = result_table(DataTable.of(BothValues, both_values(before, after), "difference"))
+    pairs = both_values(before, after).items()
+    rows = {difference_words(name): pair for name, pair in pairs}
+    heading = "leg along axis" if any(" along " in name for name in rows) else "difference"
+    table = result_table(DataTable.of(BothValues, rows, heading))
     sentence = comparison_sentence(before, after)
     if changed:
         sentence = (

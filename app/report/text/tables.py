@@ -72,6 +72,19 @@ def _paragraph(part: str | list[str] | Table) -> str:
     return "\n".join(part) if isinstance(part, list) else wrapped(part)
 
 
+DIFFERENCE = re.compile(r"([xyz])_([xyz])([+-]?)")
+"""Leg, axis and end of travel in the name of a difference; both ends where there is no sign."""
+
+ENDS = {"+": "MAX", "-": "MIN", "": "MAX − MIN"}
+
+
+def difference_words(name: str) -> str:
+    """``y_x+`` as ``X along Y, MAX``: leg, axis, posture less Zero; other names as they are."""
+    return DIFFERENCE.sub(
+        lambda part: f"{part[2].upper()} along {part[1].upper()}, {ENDS[part[3]]}", name
+    )
+
+
 def map_table(plane: PlaneMap, value_words: Callable[[float], str]) -> Table:
     """Values on a plane through Zero; a dash where the tool does not reach."""
     places = (f"{v:+.0f}" for v in plane.coordinate_mm)

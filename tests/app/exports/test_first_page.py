@@ -43,6 +43,21 @@ def test_next_is_always_the_next_thing(solved: Callable[[str], SessionSolution])
     assert next_text(sound, (), exports=False, measures=True) == ""
 
 
+def test_what_is_not_to_be_entered_is_not_added(
+    solved: Callable[[str], SessionSolution], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One truth on the page: whatever was done, nobody is told to enter the values."""
+    sound = solved("simulated_zero-max-min")
+    for helps in (True, False):
+        monkeypatch.setattr(type(sound.entered), "helps", helps)
+        for done in ((), (Done.EXPORTED,)):
+            page = glance_text(sound, sound, done, 76, exports=True, measures=True)
+            assert page.startswith("Leg deviations went from")
+            assert ("WARNING: not to be entered" in page) != helps
+            next_words = page[page.index("\nNext:") :]
+            assert ("enter the values" in next_words or "{result.export}" in next_words) == helps
+
+
 @pytest.mark.parametrize("columns", [36, 76])
 def test_no_line_of_bars_is_longer_than_the_page(
     solved: Callable[[str], SessionSolution], columns: int

@@ -221,7 +221,7 @@ def test_what_the_operator_reads_over_a_plane(tmp_path: Path) -> None:
         )
         assert point_text(second, guided.session).startswith("step   2  leg X  ZERO 0.9")
         assert review_text(review_leg(guided.session, first), guided.session).startswith(
-            "Leg X is done."
+            "✓ Leg X is done."
         )
     text = dry_run_text(BOTH, MACHINE, (ACROSS, ALONG))
     last = next(line for line in text.split("\n") if line.split()[:1] == ["67"])

@@ -201,5 +201,5 @@ def test_what_the_operator_reads_of_a_plate(tmp_path: Path) -> None:
         assert table[4].startswith("back at Zero")
         assert point_text(second, guided.session).startswith("step   2  tool  (0, 60, 0) mm")
         review = review_text(review_leg(guided.session, guided.steps[-1]), guided.session)
-        assert review.startswith("The plate is done.")
+        assert review.startswith("✓ The plate is done.")
         assert "z(0, 60, 0)" in review

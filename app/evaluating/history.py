@@ -291,6 +291,21 @@ def key_of(content: bytes) -> str:
     return hashlib.sha256(f"{RESULTS} ".encode() + content).hexdigest()
 
 
+def known_decisions(
+    paths: Sequence[Path], *, index: Path | None = None
+) -> dict[Path, Decision | None]:
+    """On the machines as these sessions found them, of those that the index knows."""
+    decisions: dict[Path, Decision | None] = {}
+    with closing(Index(index or index_path())) as remembered:
+        for path in paths:
+            with suppress(GlidecalError):
+                key = key_of(read_bytes(path, "session", MOST_BYTES))
+                for of_postures in (False, True):
+                    if entry := remembered.entry(key, of_postures=of_postures):
+                        decisions[path] = entry.decision
+    return decisions
+
+
 def index_path() -> Path:
     """That of the user."""
     return cache_path() / "history-3.sqlite"

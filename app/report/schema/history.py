@@ -63,6 +63,7 @@ class PastMachine(Report):
 
     of = Source[MachineHistory]()
     machine: str = of(lambda r: r.last.machine.name)
+    title: str = of(lambda r: r.machine, "its name, with its serial number where one is stated")
     serial_number: str | None = of(lambda r: r.last.machine.serial_number, "null: none stated")
     place: str | None = of(lambda r: r.last.machine.place, "of the last session")
     origin: str = of(
@@ -105,6 +106,7 @@ class PastPostureMachine(Report):
 
     of = Source[PostureHistory]()
     machine: str = of(lambda r: r.machine)
+    title: str = of(lambda r: r.machine, "the same")
     origin: str = of(
         lambda r: r.origin, "measured, simulated or imported: each has a history of its own"
     )
@@ -127,6 +129,7 @@ class HistoryReport(Report):
     of = Source[History]()
     schema_id: Literal["glidecal.history/1"] = schema("glidecal.history/1")
     folder: str = of(lambda r: str(r.folder))
+    files: int = of(lambda r: r.sessions, "session files in the folder and below")
     waiting: int = of(lambda r: r.waiting, "sessions that are not worked out yet (--within)")
     machines: tuple[PastMachine, ...] = of(lambda r: tuple(map(PastMachine.of, r.machines)))
     posture_machines: tuple[PastPostureMachine, ...] = of(

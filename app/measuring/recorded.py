@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
+from typing import cast
 
 from app.measuring.indicators import SIMULATED, asked_of, profile_of
 from calib.errors import GlidecalError, RecordError
 from calib.printable import counted
 from drivers.profile import IndicatorReading, Profile, Query
-from protocols.hexaslide_session import PosturesOpened
 from protocols.machine import Instrument
 from protocols.machine_files import form_name
 from protocols.record import (
@@ -131,9 +131,8 @@ def _state_of_form(path: Path, form: str) -> SessionFile:
     state = f"{count - len(superseded)} readings, {record.end}"
     if record.end != "closed":
         state += "; go on in the terminal: glidecal run --continue"
-    opened = record.events[0]
-    assert isinstance(opened, PosturesOpened)
-    machine, day = opened.machine.before_calibration, measured_words(opened)
+    opened = cast("Opened", record.events[0])  # that of its form has these keys, too
+    machine, day = opened.machine.title, measured_words(opened)
     return SessionFile(path, state, empty=not count, own_form=True, machine=machine, day=day)
 
 

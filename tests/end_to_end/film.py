@@ -77,7 +77,7 @@ class Film(Terminal):
 
     def screen(self) -> str:
         """What is shown; another picture than before is filmed."""
-        picture = self._call("capture-pane", "-p", "-e")
+        picture = self.call("capture-pane", "-p", "-e")
         if not self._frames or picture != self._frames[-1][1]:
             self._frames.append((time.monotonic() - self._began_s, picture))
         return "\n".join(row.rstrip() for row in COLOURS.sub("", picture).splitlines())
@@ -93,11 +93,11 @@ class Film(Terminal):
     def type_and_see(self, name: str, command: str, *words: str) -> None:
         """A command in the shell, which then waits for the next one."""
         number = len(self.stations) + 1
-        self._call("send-keys", "-l", f'clear; {command}; echo "[$?]"')
-        self._call("clear-history")
+        self.call("send-keys", "-l", f'clear; {command}; echo "[$?]"')
+        self.call("clear-history")
         self.press("Enter")
         self.wait_for(f"] {number}\n$")
-        text = self._call("capture-pane", "-p", "-J", "-S", f"-{MOST_LINES}")
+        text = self.call("capture-pane", "-p", "-J", "-S", f"-{MOST_LINES}")
         self.stations.append(Station(name, command, (*words, "[0]"), text, of_program=False))
 
     def write(self, folder: Path) -> None:
@@ -129,7 +129,7 @@ def walk(film: Film, folder: Path) -> None:
 
 def demonstration(film: Film) -> None:
     """`make demo` with its keys."""
-    film._call("send-keys", "-l", "clear; glidecal demo")
+    film.call("send-keys", "-l", "clear; glidecal demo")
     film.press_and_see("demo", "Enter", "Enter begins the session", "The machine is simulated")
     film.press_and_see(
         "measuring", "Enter", "LEG X   ZERO   cycle 1 of 3", "space Take", "= STABLE"
@@ -186,7 +186,7 @@ def of_history(film: Film, folder: Path) -> None:
     (folder / "published").mkdir()
     for path in (*SAMPLES.glob("experiment_?_*.jsonl"), SAMPLES / "simulated_sweep.jsonl"):
         shutil.copy(path, folder / "published")
-    film._call("send-keys", "-l", "clear; glidecal history published --screen")
+    film.call("send-keys", "-l", "clear; glidecal history published --screen")
     film.press_and_see("machines", "Enter", "orthoglide, imported: ", "1 Machines")
     film.press_and_see("sessions", "Enter", "imported: 7 sessions. Last calibrated", "2 History")
     film.press_and_see("charts", "+", "joint x, change of the offset (1 of 3)")

@@ -37,13 +37,13 @@ class Terminal:
 
     def run(self, script: str) -> None:
         """What is on the screen ends with the script."""
-        self._call("new-session", "-d", *self._size, script)
+        self.call("new-session", "-d", *self._size, script)
 
     def press(self, *keys: str) -> None:
-        self._call("send-keys", *keys)
+        self.call("send-keys", *keys)
 
     def screen(self) -> str:
-        return self._call("capture-pane", "-p")
+        return self.call("capture-pane", "-p")
 
     def wait_for(self, text: str, patience_s: float = PATIENCE_S) -> str:
         deadline = time.monotonic() + patience_s
@@ -64,7 +64,8 @@ class Terminal:
     def stop(self) -> None:
         subprocess.run([*self._tmux, "kill-server"], capture_output=True, check=False)
 
-    def _call(self, *arguments: str) -> str:
+    def call(self, *arguments: str) -> str:
+        """What tmux answers."""
         done = subprocess.run(
             [*self._tmux, *arguments], capture_output=True, text=True, check=True, timeout=300
         )

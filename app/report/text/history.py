@@ -68,7 +68,7 @@ def waiting_sentences(history: History) -> list[str]:
         return []
     return [
         f"WAIT: {history.waiting:,} of {history.sessions:,} sessions are still to be worked out. "
-        "What is known is remembered: the next look goes on there."
+        "The others are remembered: the next call goes on there."
     ]
 
 

@@ -23,7 +23,7 @@ HISTORY_HELP = f"""\
 {{history.next_figure}}, {{history.figure_before}}  Charts: another joint
 {PAGE_HELP}
 
-Of several machines the first page is a list: Enter shows one of them.
+Of several machines the first page is a list; choose one there.
 All sessions of a folder and those below it: where the joints are, what
 the tool was off by, what was changed in between, what drifts. Sessions
 that were simulated or imported have histories of their own. In a chart

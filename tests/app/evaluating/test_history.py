@@ -11,24 +11,28 @@ import sys
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.evaluating import history
 from app.evaluating.history import Entry, MachineHistory, read_history
-from app.evaluating.solution import judge, solve_files
+from app.evaluating.solution import correct_session, judge, solve_files, solve_sessions
 from app.measuring.simulated import simulated_session
 from app.report.charts.results import control_charts
 from app.report.text.history import history_text
 from calib.clusters import on_part
+from calib.errors import NotIdentifiable
 from calib.printable import HIDDEN, printable
 from calib.tripod.pipeline import Model
 from protocols.journal import write_whole
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
+from protocols.record import read_record
+from protocols.session import Reading
 from tests.app.cli import glidecal, refused
-from tests.conftest import LONG, PATIENCE_S, ROOT, SAMPLES, needs_links
+from tests.conftest import LONG, PATIENCE_S, ROOT, SAMPLES, first_quick, needs_links
 
 BEGAN = datetime(2026, 1, 1, tzinfo=UTC)
 NOW = BEGAN + timedelta(days=200)
@@ -238,6 +242,7 @@ TOLD = {
 }
 """By `RESULTS`: offsets x, y, z, their half widths, the tool now and after, mm."""
 
+
 def told(entry: Entry) -> tuple[float, ...]:
     assert entry.offsets_mm is not None
     assert entry.expanded_mm is not None
@@ -340,6 +345,30 @@ def test_one_machine_of_several(tmp_path: Path) -> None:
     why_not = refused(2, "history", tmp_path, "--machine", "A")
     assert "no sessions of 'A'" in why_not
     assert "orthoglide, no. A1, orthoglide, no. B2" in " ".join(why_not.split())
+
+
+@pytest.mark.parametrize(
+    "name", first_quick(["simulated_plane", "simulated_zero-max-min", "experiment_1_six"])
+)
+def test_a_session_says_what_solve_says(name: str) -> None:
+    session = read_record(SAMPLES / f"{name}.jsonl").session
+    one, solved = correct_session(session), solve_sessions([session])
+    assert one.joint_offsets_mm == solved.joint_offsets_mm
+    assert (one.now_mm, one.bound_mm) == (solved.correction.now_mm, solved.correction.bound_mm)
+    assert one.uncertainties_mm is not None
+    assert np.array_equal(one.uncertainties_mm[1], solved.corrections.half_widths_mm())
+
+
+def test_what_solve_refuses_has_no_line(tmp_path: Path) -> None:
+    record = read_record(SAMPLES / "simulated_zero-max-min.jsonl")
+    readings = [event for event in record.events if isinstance(event, Reading)][:1]
+    write_whole(path := tmp_path / "one.jsonl", record.opened, [*readings])
+    past = read_history(tmp_path, index=tmp_path / "index")
+    ((_, problem),) = past.problems
+    with pytest.raises(NotIdentifiable) as refusal:
+        solve_files([path])
+    assert problem == f"one.jsonl: {refusal.value}"
+    assert past.all_machines == ()
 
 
 def test_the_decision_is_that_of_solve(tmp_path: Path) -> None:

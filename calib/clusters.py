@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from contextvars import ContextVar
 from typing import TypeVar
 
@@ -17,7 +18,7 @@ set it.
 """
 
 
-def in_parallel(work: Callable[[T], R], parts: Sequence[T]) -> Iterator[R]:
+def in_parallel(work: Callable[[T], R], parts: Sequence[T]) -> Generator[R]:
     """What ``work`` makes of each part, in their order.
 
     One after the other, here, unless the caller asked joblib for more: within ``with
@@ -27,6 +28,16 @@ def in_parallel(work: Callable[[T], R], parts: Sequence[T]) -> Iterator[R]:
     for done, result in enumerate(_results(work, parts), start=1):
         on_part.get()(done, len(parts))
         yield result
+
+
+def on_processors(count: int) -> AbstractContextManager[object]:
+    """Within it `in_parallel` works in so many processes; one: here, as the caller asked before."""
+    if count < 2:
+        return nullcontext()
+    from joblib import parallel_config
+
+    context: AbstractContextManager[object] = parallel_config("loky", n_jobs=count)
+    return context
 
 
 def _results(work: Callable[[T], R], parts: Sequence[T]) -> Iterator[R]:

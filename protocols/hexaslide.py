@@ -217,6 +217,11 @@ class HexaSlideMachine(Document):
         """The name that the machine had before any calibration; a calibrated one has more."""
         return self.name.removesuffix(CALIBRATED)
 
+    @property
+    def title(self) -> str:
+        """As the title of other machines: by it the sessions of a machine are put together."""
+        return self.before_calibration
+
     @field_validator("chain")
     @classmethod
     def _framed(cls, chain: tuple[Chain, ...]) -> tuple[Chain, ...]:

@@ -209,7 +209,8 @@ async def hexaslide() -> None:
         await pilot.press("f10")
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Make all of them."""
     quick_fingers = patch("app.screens.measure.HELD_KEY_S", 0.0)
     with quick_fingers, tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary, "measurements")  # its name is on the pictures
@@ -219,3 +220,7 @@ if __name__ == "__main__":
         asyncio.run(what_if(folder))
         asyncio.run(hexaslide())
         asyncio.run(printer(folder))
+
+
+if __name__ == "__main__":
+    main()

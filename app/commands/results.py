@@ -279,9 +279,20 @@ def _export_of_machine(
 
 def history(
     folder: Annotated[Path, argument("Folder with sessions, and those below it.")] = Path(),
+    machine: Annotated[
+        str | None, typer.Option(help="Only this machine, by its name or serial number.")
+    ] = None,
     effects: Annotated[
         bool, typer.Option("--effects", help="Also diagnose each session; slow the first time.")
     ] = False,
+    within_s: Annotated[
+        float | None,
+        typer.Option(
+            "--within",
+            help="Seconds; sessions that are not worked out by then are left for the next time.",
+            min=0.0,
+        ),
+    ] = None,
     screen: Annotated[bool, typer.Option("--screen", help="Show it on a screen.")] = False,
     output: Annotated[
         Path | None,
@@ -291,21 +302,32 @@ def history(
     as_json: AsJson = False,
 ) -> None:
     """All sessions of a folder over time. Changes, drift, and when the next one is due."""
+    import os
     from datetime import UTC, datetime
 
     from app.evaluating.history import read_history
 
     if output is not None:
         force = may_deliver(output, force=force)
-    with working("Reading sessions"):
-        history_found = read_history(folder, effects=effects, of_postures=LOOKS)
+    # a server ends this process by force, and no other one that it began
+    processors = (os.cpu_count() or 1) if within_s is None else 1
+    with working("Working out sessions", "sessions"):
+        past = read_history(
+            folder,
+            effects=effects,
+            of_postures=LOOKS,
+            within_s=within_s,
+            processors=processors,
+        )
+    if machine is not None:
+        past = past.only(machine)
     if screen:
         from app.report.streams import need_terminal
         from app.screens.history import HistoryScreen
         from app.screens.start import open_screen
 
         need_terminal("history", "history without --screen")
-        raise typer.Exit(open_screen(HistoryScreen(history_found), LOOKS))
+        raise typer.Exit(open_screen(HistoryScreen(past), LOOKS))
     from app.report.schema.history import HistoryReport
     from app.report.text.history import history_text
 
@@ -314,11 +336,9 @@ def history(
         with extra("glidecal history -o", "report"):
             from app.report.pages.history import history_page
             from app.report.pages.report import html_of
-        deliver(output, {"": html_of(history_page(history_found, now))}, force=force)
+        deliver(output, {"": html_of(history_page(past, now))}, force=force)
         return
-    answer = Answer(
-        lambda: history_text(history_found, now), lambda: HistoryReport.of(history_found)
-    )
+    answer = Answer(lambda: history_text(past, now), lambda: HistoryReport.of(past))
     typer.echo(answer.shown(as_json=as_json))
 
 

@@ -107,6 +107,12 @@ class SessionCorrection:
         return values
 
     @property
+    def joint_offsets_mm(self) -> tuple[float, float, float]:
+        """d_rho of joints x, y, z."""
+        x, y, z = self.model.parameters_mm[:3]
+        return x, y, z
+
+    @property
     def bound_mm(self) -> float:
         """What 95 of 100 such machines keep in the chosen frame."""
         return self.off.bound_in(self.frame)

@@ -67,7 +67,7 @@ def posture_entry(path: Path, effects: bool) -> PostureEntry:
         solved = calibrated(path.name, source, 0.0)
         named = _named(source) if effects else None
     except GlidecalError as problem:
-        return entry.model_copy(update={"problem": f"{path.name}: {problem}"})
+        return entry.model_copy(update={"problem": f"{problem}"})
     bound_m, tolerance_mm = solved.platform.bound_m, opened.machine.platform_tolerance_mm
     return entry.model_copy(
         update={
@@ -75,7 +75,7 @@ def posture_entry(path: Path, effects: bool) -> PostureEntry:
             "bound_mm": None if bound_m is None else 1000.0 * bound_m,
             "decision": None if tolerance_mm is None else decided(solved, tolerance_mm),
             "effects": named,
-            "problem": record.unfinished,
+            "problem": record.unfinished.removeprefix(f"{path.name}: "),
         }
     )
 

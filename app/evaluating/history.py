@@ -1,16 +1,18 @@
 """All sessions of a folder: what each says of its machine, what changed, what drifts.
 
-The index remembers what a record said, by the digest of all its bytes and the program's version. It
-is never asked about a record that is not there byte for byte, and it may be deleted at any time.
+The index remembers what a record said, by the digest of all its bytes and the number of the
+solver's results. It is never asked about a record that is not there byte for byte, and it may be
+deleted at any time.
 """
 
 from __future__ import annotations
 
 import hashlib
 import sqlite3
+import time
 from collections.abc import Iterable, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TypeVar
@@ -18,6 +20,7 @@ from typing import TypeVar
 from pydantic import AwareDatetime, ValidationError
 
 from app.evaluating.posture_history import (
+    Decision,
     Origin,
     Point,
     PostureEntry,
@@ -27,14 +30,19 @@ from app.evaluating.posture_history import (
     posture_history,
 )
 from app.settings import cache_path
-from app.version import version
+from calib.clusters import in_parallel, on_processors
 from calib.control_chart import Watched, watch
-from calib.errors import GlidecalError, RecordError
+from calib.errors import GlidecalError, RecordError, UsageError
 from calib.identify.accuracy import days_in_tolerance
 from protocols.documents import Document, read_bytes
 from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record
 from protocols.session import Session, is_dated, measured_at
+
+RESULTS = 1
+"""Number of the solver's results: it is raised when sessions give other ones, or an `Entry` says
+more. What the index remembers under another number is worked out again.
+"""
 
 ORIGINS = ("measured", "imported", "simulated")
 """In this order the histories of a folder follow each other."""
@@ -51,7 +59,8 @@ class Entry(Document):
 
     ``offsets_mm`` are d_rho with what was entered before added: where the joints truly stand, so
     that entering offsets changes nothing. ``expanded_mm`` (95 %) is over all
-    that may be true of the machine. ``effects`` are None where nobody asked for a diagnosis.
+    that may be true of the machine. ``decision`` is on the machine as it was found, None without a
+    tolerance in its file. ``effects`` are None where nobody asked for a diagnosis.
     ``dated`` is false for an imported table whose day nobody stated.
     """
 
@@ -66,6 +75,7 @@ class Entry(Document):
     expanded_mm: tuple[float, float, float] | None = None
     bound_before_mm: float = 0.0
     bound_after_mm: float = 0.0
+    decision: Decision | None = None
     effects: tuple[str, ...] | None = None
     problem: str = ""
 
@@ -107,12 +117,49 @@ class MachineHistory:
 class History:
     """Machines by name, those that are measured in postures apart; ``problems`` are files that
     cannot be used, or not as they are.
+
+    Paths are relative to the ``folder``. So many of its ``sessions`` are still ``waiting`` to be
+    worked out.
     """
 
     folder: Path
     machines: tuple[MachineHistory, ...]
     problems: tuple[tuple[Path, str], ...]
     of_postures: tuple[PostureHistory, ...] = ()
+    sessions: int = 0
+    waiting: int = 0
+
+    @property
+    def all_machines(self) -> tuple[MachineHistory | PostureHistory, ...]:
+        """Of both kinds."""
+        return (*self.machines, *self.of_postures)
+
+    def of_number(self, number: int) -> History:
+        """One machine of `all_machines`; the problems are of the folder."""
+        past = self.all_machines[number]
+        machines = (past,) if isinstance(past, MachineHistory) else ()
+        of_postures = (past,) if isinstance(past, PostureHistory) else ()
+        return replace(self, machines=machines, of_postures=of_postures, problems=(), waiting=0)
+
+    def only(self, which: str) -> History:
+        """Those with this name, serial number or both, as `Machine.title` has them.
+
+        Raises UsageError where there is none.
+        """
+        chosen = replace(
+            self,
+            machines=tuple(past for past in self.machines if which in _names(past)),
+            of_postures=tuple(past for past in self.of_postures if past.machine == which),
+        )
+        if not chosen.all_machines:
+            known = ", ".join(dict.fromkeys(past.machine for past in self.all_machines))
+            raise UsageError("--machine", f"no sessions of {which!r}", known or "none has sessions")
+        return chosen
+
+
+def _names(past: MachineHistory) -> tuple[str | None, ...]:
+    machine = past.last.machine
+    return past.machine, machine.name, machine.serial_number
 
 
 def read_history(
@@ -121,13 +168,17 @@ def read_history(
     effects: bool = False,
     index: Path | None = None,
     of_postures: Sequence[PostureSessions] = (),
+    within_s: float | None = None,
+    processors: int = 1,
 ) -> History:
     """Every record below a folder; with ``effects`` each one is diagnosed, too. Sessions of other
     kinds of machines are those of ``of_postures``.
 
-    What is not in the ``index`` (None: that of the user) is solved and remembered. Raises
+    What is not in the ``index`` (None: that of the user) is worked out and remembered, on so many
+    ``processors`` if it is much; after ``within_s`` the others are left for the next time. Raises
     RecordError where there is no such folder, or no session in it.
     """
+    ends_s = None if within_s is None else time.monotonic() + within_s
     if not folder.is_dir():
         raise RecordError(f"folder {folder}", reason="no such folder")
     paths = sorted(folder.rglob("*.jsonl"), key=lambda path: (len(path.parts), path))
@@ -138,65 +189,131 @@ def read_history(
             "files that end with .jsonl",
             "Measure one first, or begin in the folder that has them.",
         )
-    problems: list[tuple[Path, str]] = []
-    files: dict[tuple[str, Origin], list[tuple[Path, Entry]]] = {}
-    posture_files: dict[tuple[str, Origin], list[tuple[Path, PostureEntry]]] = {}
+    entries: dict[Path, AnyEntry] = {}
+    problem_by_path: dict[Path, str] = {}
     path_by_digest: dict[str, Path] = {}
-    with closing(Index(index or cache_path() / "history-2.sqlite")) as remembered:
+    unknown: list[_Unknown] = []
+    with closing(Index(index or index_path())) as remembered:
         for path in paths:
             try:
-                digest, entry = _entry_of(path, remembered, of_postures, effects=effects)
+                key = key_of(read_bytes(path, "session", MOST_BYTES))
+                kind = next((kind for kind in of_postures if kind.reads(path)), None)
             except GlidecalError as problem:
-                problems.append((path, str(problem)))
+                problem_by_path[path] = str(problem)
                 continue
-            if (first_path := path_by_digest.setdefault(digest, path)) != path:
-                problems.append((path, f"{path}: the same session as {first_path}, used once."))
+            if (first_path := path_by_digest.setdefault(key, path)) != path:
+                problem_by_path[path] = f"{path}: the same session as {first_path}, used once."
                 continue
-            if entry.problem:
-                problems.append((path, entry.problem))
-            if not entry.has_result or entry.unfinished:
-                continue
-            if isinstance(entry, PostureEntry):
-                of_machine = entry.name, entry.origin
-                posture_files.setdefault(of_machine, []).append((path, entry))
-            else:
-                files.setdefault((entry.machine.title, entry.origin), []).append((path, entry))
-    machines = [history_of_machine(*key, files[key]) for key in sorted(files, key=_by_origin)]
-    measured_in_postures = [
-        posture_history(*key, posture_files[key]) for key in sorted(posture_files, key=_by_origin)
-    ]
-    return History(folder, tuple(machines), tuple(problems), tuple(measured_in_postures))
+            entry = remembered.entry(key, of_postures=kind is not None)
+            if entry is not None:
+                entries[path] = entry
+            if entry is None or (effects and entry.effects is None and entry.has_result):
+                unknown.append(_Unknown(path, kind, effects))
+        waiting = len(unknown)
+        with on_processors(processors if waiting >= MANY else 1):
+            results = in_parallel(_worked_out, unknown)
+            while waiting and not (ends_s is not None and time.monotonic() > ends_s):
+                path, key, outcome = next(results)
+                waiting -= 1
+                if isinstance(outcome, str):
+                    problem_by_path[path] = outcome
+                else:
+                    remembered.put(key, outcome)
+                    entries[path] = outcome
+            results.close()
+    return _of_entries(folder, paths, entries, problem_by_path, waiting)
+
+
+MANY = 20
+"""So many sessions are worth the start of further processes."""
+
+
+def _of_entries(
+    folder: Path,
+    paths: Sequence[Path],
+    entries: dict[Path, AnyEntry],
+    problem_by_path: dict[Path, str],
+    waiting: int,
+) -> History:
+    files: dict[tuple[str, Origin], list[tuple[Path, Entry]]] = {}
+    posture_files: dict[tuple[str, Origin], list[tuple[Path, PostureEntry]]] = {}
+    for path in paths:
+        entry, name = entries.get(path), path.relative_to(folder)
+        if entry is None:
+            continue
+        if entry.problem:
+            problem_by_path[path] = f"{name}: {entry.problem}"
+        if not entry.has_result or entry.unfinished:
+            continue
+        if isinstance(entry, PostureEntry):
+            posture_files.setdefault((entry.name, entry.origin), []).append((name, entry))
+        else:
+            files.setdefault((entry.machine.title, entry.origin), []).append((name, entry))
+    return History(
+        folder,
+        tuple(history_of_machine(*key, files[key]) for key in sorted(files, key=_by_origin)),
+        tuple((path, problem_by_path[path]) for path in paths if path in problem_by_path),
+        tuple(
+            posture_history(*key, posture_files[key])
+            for key in sorted(posture_files, key=_by_origin)
+        ),
+        sessions=len(paths),
+        waiting=waiting,
+    )
 
 
 def _by_origin(key: tuple[str, Origin]) -> tuple[int, tuple[str, Origin]]:
     return ORIGINS.index(key[1]), key
 
 
-def _entry_of(
-    path: Path, remembered: Index, of_postures: Sequence[PostureSessions], *, effects: bool
-) -> tuple[str, AnyEntry]:
-    content = read_bytes(path, "session", MOST_BYTES)
-    key, kind = key_of(content), next((kind for kind in of_postures if kind.reads(path)), None)
-    entry: AnyEntry | None = (
-        remembered.get(key, Entry) if kind is None else remembered.get(key, PostureEntry)
-    )
-    if entry is None or (effects and entry.effects is None and entry.has_result):
-        if kind is None:
-            entry = _told_by(path, content, effects=effects)
-        else:
-            entry = kind.past(path, effects)
-        remembered.put(key, entry)
-    return key, entry
+@dataclass(frozen=True)
+class _Unknown:
+    """A file of which the index has nothing, or no diagnosis where ``effects`` are asked for."""
+
+    path: Path
+    kind: PostureSessions | None
+    effects: bool
+
+
+def _worked_out(unknown: _Unknown) -> tuple[Path, str, AnyEntry | str]:
+    """Its key in the index, and what the record says, or why it cannot be used."""
+    path, kind, effects = unknown.path, unknown.kind, unknown.effects
+    try:
+        content = read_bytes(path, "session", MOST_BYTES)
+        entry = kind.past(path, effects) if kind else _told_by(path, content, effects=effects)
+    except GlidecalError as problem:
+        return path, "", str(problem)
+    return path, key_of(content), entry
 
 
 def key_of(content: bytes) -> str:
     """Under which the index has a record with this content."""
-    return hashlib.sha256(version().encode() + content).hexdigest()
+    return hashlib.sha256(f"{RESULTS} ".encode() + content).hexdigest()
+
+
+def known_decisions(
+    paths: Sequence[Path], *, index: Path | None = None
+) -> dict[Path, Decision | None]:
+    """On the machines as these sessions found them, of those that the index knows."""
+    decisions: dict[Path, Decision | None] = {}
+    with closing(Index(index or index_path())) as remembered:
+        for path in paths:
+            with suppress(GlidecalError):
+                key = key_of(read_bytes(path, "session", MOST_BYTES))
+                for of_postures in (False, True):
+                    if entry := remembered.entry(key, of_postures=of_postures):
+                        decisions[path] = entry.decision
+    return decisions
+
+
+def index_path() -> Path:
+    """That of the user."""
+    return cache_path() / "history-3.sqlite"
 
 
 def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
     """What a record says. Raises RecordError for one that is altered."""
-    from app.evaluating.solution import solve_sessions  # heavy: not for what is known
+    from app.evaluating.solution import correct_session, decided_in  # heavy: not for what is known
 
     record = check_record(path, content)
     session, opened = record.session, record.opened
@@ -210,23 +327,27 @@ def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
         verifies=opened.verifies,
     )
     try:
-        solved = solve_sessions([session])
-        entered = solved.correction
-        half_widths_mm = solved.corrections.half_widths_mm()
+        entered = correct_session(session)
         named = _named(session) if effects else None
     except GlidecalError as problem:
-        return entry.model_copy(update={"problem": f"{path.name}: {problem}"})
-    x, y, z = half_widths_mm.tolist()
-    totals = zip(opened.machine.entered_offsets_mm, solved.joint_offsets_mm, strict=True)
+        return entry.model_copy(update={"problem": f"{problem}"})
+    assert entered.uncertainties_mm is not None  # of joint offsets alone
+    x, y, z = entered.uncertainties_mm[1].tolist()
+    totals = zip(opened.machine.entered_offsets_mm, entered.joint_offsets_mm, strict=True)
+    tolerance_mm = opened.machine.tool_tolerance_mm
+    decision = None
+    if tolerance_mm is not None:
+        decision = decided_in(entered.off_now, entered.frame, tolerance_mm)
     return Entry.model_validate(
         {
             **dict(entry),
-            "offsets_mm": tuple(entered + remaining for entered, remaining in totals),
+            "offsets_mm": tuple(before + remaining for before, remaining in totals),
             "expanded_mm": (x, y, z),
             "bound_before_mm": entered.now_mm,
             "bound_after_mm": entered.bound_mm,
+            "decision": decision,
             "effects": named,
-            "problem": record.unfinished,
+            "problem": record.unfinished.removeprefix(f"{path.name}: "),
         }
     )
 
@@ -306,6 +427,10 @@ class Index:
         data.execute("CREATE TABLE IF NOT EXISTS entry (digest TEXT PRIMARY KEY, said TEXT)")
         data.execute("SELECT digest, said FROM entry LIMIT 1").fetchone()
         return data
+
+    def entry(self, digest: str, *, of_postures: bool) -> AnyEntry | None:
+        """Of a session of either kind; None where there is none that can be read."""
+        return self.get(digest, PostureEntry) if of_postures else self.get(digest, Entry)
 
     def get(self, digest: str, kind: type[E]) -> E | None:
         """None where there is none that can be read."""

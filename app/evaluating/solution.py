@@ -18,7 +18,7 @@ from calib.identify.accuracy import Decision, decide
 from calib.identify.fit import plane_tilts_mrad
 from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
 from calib.identify.solution import Difference, Estimate, Method, Solution, Subset, Weights
-from calib.identify.subset_choice import SubsetChoice, choose_subset
+from calib.identify.subset_choice import SubsetChoice, choose_subset, usual_solution
 from calib.noise.reading import (
     NoisyIndicator,
     noisy_indicators,
@@ -305,8 +305,7 @@ class SessionSolution(Tabled):
     @property
     def joint_offsets_mm(self) -> tuple[float, float, float]:
         """d_rho of joints x, y, z that are entered where the controller holds nothing else."""
-        x, y, z = self.corrections.of("offsets").model.parameters_mm[:3]
-        return x, y, z
+        return self.corrections.of("offsets").joint_offsets_mm
 
 
 @dataclass(frozen=True)
@@ -480,6 +479,20 @@ def solve_sessions(
     return solved.with_subset(chosen)
 
 
+def correct_session(session: Session) -> SessionCorrection:
+    """What to enter where the controller holds joint offsets, as `solve_sessions` has it.
+
+    One set of the papers is identified, not all. Raises NotIdentifiable and RecordError alike.
+    """
+    observed, machine = to_observations([session]), session.opened.machine
+    start = Model(machine.geometry())
+    figures, tolerance_mm = indicator_figures([session]), machine.tolerances_mm()
+    view = usual_solution(start, observed, indicator=figures, tolerance_mm=tolerance_mm)
+    refuse_leaning_planes([session], view.model, observed)
+    corrections = ControllerCorrections.of_sessions([session], start, machine.frame)
+    return corrections.of("offsets")
+
+
 def _of(
     model: ModelFile, machine: Machine, method: Method
 ) -> tuple[Model, tuple[Size, ...], frozenset[tuple[Effect, str]]]:
@@ -577,7 +590,7 @@ def judge(solved: SessionSolution, tolerance_mm: float) -> Judgement:
 
 def decided_in(off: ToolOff, frame: Frame, tolerance_mm: float) -> Decision:
     """The decision on what the tool is off by in a frame."""
-    return decide(off.least_mm[frame], off.bound_in(frame), tolerance_mm)
+    return decide(off.least_in(frame), off.bound_in(frame), tolerance_mm)
 
 
 def check_tolerance(tolerance_mm: float | None) -> None:

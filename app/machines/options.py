@@ -132,10 +132,11 @@ def deliver(output: Path, written: Written, *, force: bool) -> None:
 
 
 @contextmanager
-def working(words: str) -> Iterator[None]:
+def working(words: str, parts_name: str = "") -> Iterator[None]:
     """Tells a terminal what is under way, for how long, and how far where that is known.
 
-    Nothing may be said meanwhile.
+    How far is "412 of 1,000 sessions" where the parts have that name. Nothing may be said
+    meanwhile.
     """
     if not sys.stderr.isatty():
         yield
@@ -145,11 +146,16 @@ def working(words: str) -> Iterator[None]:
 
     from calib.clusters import on_part
 
-    columns = ("{task.description}", BarColumn(), TimeElapsedColumn())
+    columns = ("{task.description}", BarColumn(), "{task.fields[far]}", TimeElapsedColumn())
     # a bar needs the terminal's own codes, and shows no text of a file
     with Progress(*columns, console=Console(file=sys.__stderr__), transient=True) as bar:
-        task = bar.add_task(f"{words}, Ctrl-C stops", total=None)
-        token = on_part.set(lambda done, parts: bar.update(task, completed=done, total=parts))
+        task = bar.add_task(f"{words}, Ctrl-C stops", total=None, far="")
+
+        def show(done: float, parts: int) -> None:
+            far = f"{done:,.0f} of {parts:,} {parts_name}" if parts_name else ""
+            bar.update(task, completed=done, total=parts, far=far)
+
+        token = on_part.set(show)
         try:
             yield
         finally:

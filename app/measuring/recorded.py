@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
+from typing import cast
 
 from app.measuring.indicators import SIMULATED, asked_of, profile_of
 from calib.errors import GlidecalError, RecordError
@@ -23,7 +24,15 @@ from protocols.record import (
     read_record,
     record_form,
 )
-from protocols.session import Closed, Continued, Reading, Superseded
+from protocols.session import (
+    Closed,
+    Continued,
+    Event,
+    Opened,
+    Reading,
+    Superseded,
+    measured_words,
+)
 
 MOST = 12
 
@@ -34,6 +43,8 @@ SMALL_BYTES = 2 * END_BYTES
 @dataclass(frozen=True)
 class SessionFile:
     """One session file: its state in words, whether it can go on, what it verifies.
+
+    ``machine`` is its title, ``day`` when it was measured; empty where the file cannot be read.
 
     ``empty``: it was left before its first reading. ``problem`` is the reason why a file cannot be
     used; empty for a readable session. One with its ``own_form`` is
@@ -47,6 +58,8 @@ class SessionFile:
     verifies: str | None = None
     problem: str = ""
     own_form: bool = False
+    machine: str = ""
+    day: str = ""
 
 
 def recent_sessions(*folders: Path) -> list[SessionFile]:
@@ -94,8 +107,13 @@ def look_at(path: Path) -> SessionFile:
         if form := form_name(path):
             return _state_of_form(path, form)
         status = _stat(path)
-        large = status is not None and status.st_size > SMALL_BYTES
-        return _state_by_ends(path) if large else _state(read_record(path))
+        if status is not None and status.st_size > SMALL_BYTES:
+            opened, last = read_ends(path)
+            state = _state_by_ends(path, opened, last)
+        else:
+            record = read_record(path)
+            opened, state = record.opened, _state(record)
+        return replace(state, machine=opened.machine.title, day=measured_words(opened))
     except GlidecalError as problem:
         return SessionFile(path, "unreadable", problem=str(problem))
 
@@ -113,7 +131,9 @@ def _state_of_form(path: Path, form: str) -> SessionFile:
     state = f"{count - len(superseded)} readings, {record.end}"
     if record.end != "closed":
         state += "; go on in the terminal: glidecal run --continue"
-    return SessionFile(path, state, empty=not count, own_form=True)
+    opened = cast("Opened", record.events[0])  # that of its form has these keys, too
+    machine, day = opened.machine.title, measured_words(opened)
+    return SessionFile(path, state, empty=not count, own_form=True, machine=machine, day=day)
 
 
 def check_session(path: Path) -> None:
@@ -122,9 +142,8 @@ def check_session(path: Path) -> None:
     read_record(path, record_form(form) if form else None)
 
 
-def _state_by_ends(path: Path) -> SessionFile:
+def _state_by_ends(path: Path, opened: Opened, last: Sequence[Event]) -> SessionFile:
     """The state of a large record: superseded readings count here, and no line is checked."""
-    opened, last = read_ends(path)
     end = next((event for event in reversed(last) if isinstance(event, Closed | Reading)), None)
     if isinstance(end, Closed):
         state = f"{counted(end.readings, 'reading')}, closed"

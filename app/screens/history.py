@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import ClassVar
 
+from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
+from textual.containers import Vertical, VerticalScroll
+from textual.widgets import OptionList, Static
+from textual.widgets.option_list import Option
 
 from app.evaluating.comparison import Comparison
 from app.evaluating.history import History
+from app.report.charts.posture_history import platform_figure
 from app.report.charts.results import before_and_after, control_charts
 from app.report.text import history as texts
 from app.report.text import result as result_texts
@@ -38,8 +44,21 @@ class CompareScreen(PagedScreen[None]):
         self.put("plot", None, chart)
 
 
+class Machines(Vertical):
+    """Files that cannot be used, and a list of machines."""
+
+    def __init__(self, history: History) -> None:
+        super().__init__()
+        self._history = history
+
+    def compose(self) -> ComposeResult:
+        rows = texts.machine_rows(self._history)
+        yield OptionList(*map(Option, rows), id="machines", markup=False)
+        yield VerticalScroll(Static("", id="machines-text", classes="page", markup=False))
+
+
 class HistoryScreen(PagedScreen[None]):
-    """A page of text, and one of control charts."""
+    """A list of machines where there are several, a text of one of them, and its charts."""
 
     HELP = texts.HISTORY_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -52,15 +71,33 @@ class HistoryScreen(PagedScreen[None]):
     def __init__(self, history: History) -> None:
         super().__init__()
         self._history = history
+        self._several = len(history.all_machines) > 1
+
+    @property
+    def pages(self) -> Sequence[Page]:
+        listed = Page("machines", "Machines", content=lambda: Machines(self._history))
+        return (listed, *self.PAGES) if self._several else self.PAGES
 
     def begin(self) -> None:
         self.head(f"History of {self._history.folder.absolute().name}")
-        self.put("history", texts.history_text(self._history, datetime.now(UTC)))
-        machines = self._history.machines
-        figures = [figure for machine in machines for figure in control_charts(machine)]
+        if self._several:
+            self.put("machines", texts.files_text(self._history))
+            self._show(self._history.of_number(0))
+        else:
+            self._show(self._history)
+
+    def _show(self, history: History) -> None:
+        """One machine."""
+        self.put("history", texts.history_text(history, datetime.now(UTC)))
+        figures = [figure for machine in history.machines for figure in control_charts(machine)]
+        figures += map(platform_figure, history.of_postures)
         self.query_one(LegPlots).show(figures)
 
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        self._show(self._history.of_number(event.option_index))
+        self.action_show_page("history")
+
     def action_figure(self, by: int) -> None:
-        """Another joint or machine on the page of charts."""
+        """Another joint on the page of charts."""
         self.action_show_page("charts")
         self.query_one(LegPlots).turn(by)

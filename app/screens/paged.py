@@ -170,8 +170,8 @@ class PagedScreen(LeftOnce[ScreenResultType]):
         return not self.why_not(action)
 
     def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
-        """Up and down scroll the text of the page that is shown."""
-        scrolls = event.pane.query(VerticalScroll)
+        """Up and down scroll the text of the page that is shown, or move in its list."""
+        scrolls = event.pane.query("OptionList, VerticalScroll")
         self.set_focus(scrolls.first() if scrolls else None)
 
     def action_copy(self) -> None:

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+import json
+import math
 import os
 import sys
 from asyncio.subprocess import DEVNULL, PIPE
@@ -17,6 +19,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
+from urllib.parse import urlencode
 
 from aiohttp import web
 from jinja2 import Environment, StrictUndefined, Template
@@ -32,6 +36,9 @@ MOST_MADE = 2
 
 MAKING_S = 120.0
 """How long one may take."""
+
+WORKING_OUT_S = 20.0
+"""So long a history works out sessions before it shows those that it has."""
 
 MOST_BYTES = 20_000_000
 """A report of 40 pages has 2 MB."""
@@ -49,9 +56,11 @@ HEADERS = {
 
 BUSY = f"{MOST_MADE} pages are being made. Load this one again when they are there."
 SLOW = (
-    f"This takes longer than {MAKING_S:.0f} s and was ended. The history remembers what it has "
-    "read: load the page again. A report can be written in the terminal: glidecal report."
+    f"This takes longer than {MAKING_S:.0f} s and was ended. A report can be written in the "
+    "terminal: glidecal report."
 )
+DECISION = "Decision: on the machine as it was found, by the tolerance in its file."
+NOT_KNOWN = "not worked out"
 LARGE = f"More than {MOST_BYTES / 1e6:.0f} MB. Write it in the terminal: glidecal report."
 UNKNOWN = "There is no such session or folder here, or no longer."
 
@@ -61,12 +70,17 @@ PAGE = """\
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
+{%- if again %}
+<meta http-equiv="refresh" content="1">
+{%- endif %}
 <title>{{ title }}</title>
 <style>
 body { font: 10pt/1.4 "DejaVu Sans", Verdana, sans-serif }
 body { max-width: 60em; margin: 0 auto; padding: 1em }
 pre { white-space: pre-wrap; overflow-wrap: anywhere }
-li { overflow-wrap: anywhere }
+table { border-collapse: collapse }
+th, td { padding: .1em 1em .1em 0; text-align: left; vertical-align: top; overflow-wrap: anywhere }
+th { border-bottom: 1px solid #666 }
 </style>
 </head>
 <body>
@@ -80,13 +94,18 @@ li { overflow-wrap: anywhere }
 <p><a href="/history/{{ folder.history }}">History of this folder</a></p>
 {%- endif %}
 {%- if folder.left_out %}
-<p>The newest {{ folder.sessions | length }} sessions; {{ folder.left_out }} are older.</p>
+<p>The newest {{ folder.rows | length }} sessions; {{ folder.left_out }} are older.</p>
 {%- endif %}
-<ul>
-{%- for key, name, state in folder.sessions %}
-<li><a href="/reports/{{ key }}">{{ name }}</a> {{ state }}</li>
+<table>
+<tr>{% for word in folder.columns %}<th>{{ word }}</th>{% endfor %}</tr>
+{%- for address, name, cells in folder.rows %}
+<tr><td><a href="{{ address }}">{{ name }}</a></td>
+{%- for cell in cells %}<td>{{ cell }}</td>{% endfor %}</tr>
 {%- endfor %}
-</ul>
+</table>
+{%- if folder.below %}
+<p>{{ folder.below }}</p>
+{%- endif %}
 {%- endfor %}
 <p><a href="/reports">Reports and history</a> · <a href="/">Replay and results</a></p>
 </body>
@@ -94,14 +113,23 @@ li { overflow-wrap: anywhere }
 """
 
 
+Row = tuple[str, str, tuple[str, ...]]
+"""Address and words of a link, and what stands beside it."""
+
+SESSION_COLUMNS = ("session", "readings", "machine", "measured", "decision")
+MACHINE_COLUMNS = ("machine", "sessions", "last")
+
+
 @dataclass(frozen=True)
 class Listed:
-    """A heading with key, name and state of its sessions; a folder has a key of its history."""
+    """A heading with a table; a folder has a key of its history."""
 
     name: str
     history: str
-    sessions: tuple[tuple[str, str, str], ...]
+    rows: tuple[Row, ...]
     left_out: int = 0
+    columns: tuple[str, ...] = SESSION_COLUMNS
+    below: str = ""
 
 
 class ReportPages:
@@ -110,6 +138,7 @@ class ReportPages:
     def __init__(self, paths: Sequence[Path]) -> None:
         self._paths = tuple(path.absolute() for path in paths)
         self._making = 0
+        self._waiting: dict[str, int] = {}
 
     def routes(self) -> list[web.RouteDef]:
         """What can be asked for."""
@@ -131,11 +160,34 @@ class ReportPages:
 
     async def _history(self, request: web.Request) -> web.Response:
         _refuse_from_elsewhere(request)
-        folder = _named(request.match_info["key"], self._folders())
-        return await self._page_of("history", folder)
+        key = request.match_info["key"]
+        folder, within = _named(key, self._folders()), f"--within={WORKING_OUT_S:g}"
+        if machine := request.query.get("machine"):
+            if printable(machine) != machine:
+                raise web.HTTPNotFound(text=UNKNOWN)
+            return await self._page_of("history", folder, within, f"--machine={machine}")
+        status, output = await self._made("history", "--json", within, "--", str(folder))
+        if status:
+            return _page("No history", status=422, text=output)
+        told = json.loads(output)
+        machines = _machines(key, told)
+        waiting = told["waiting"]
+        if len(machines) < 2 and not waiting:
+            return await self._page_of("history", folder, within)
+        # where nothing can be remembered it would begin anew for ever
+        again = 0 < waiting < self._waiting.get(key, math.inf)
+        self._waiting[key] = waiting
+        words = [f"{waiting:,} of {told['files']:,} sessions are still being worked out."]
+        problems = [problem["problem"] for problem in told["problems"]]
+        return _page(
+            f"History: {folder.name}",
+            text="\n\n".join([*(words if waiting else []), *problems]),
+            folders=[Listed("Machines", "", machines, columns=MACHINE_COLUMNS)],
+            again=again,
+        )
 
-    async def _page_of(self, verb: str, path: Path) -> web.Response:
-        status, output = await self._made(verb, "-o", "-", "--", str(path))
+    async def _page_of(self, verb: str, path: Path, *options: str) -> web.Response:
+        status, output = await self._made(verb, "-o", "-", *options, "--", str(path))
         if status:
             return _page(f"No {verb}", status=422, text=output)
         return web.Response(text=output, content_type="text/html", charset="utf-8", headers=HEADERS)
@@ -145,12 +197,14 @@ class ReportPages:
 
     def _listed(self) -> list[Listed]:
         alone = [path for path in self._paths if not path.is_dir()]
-        lists = [Listed("Sessions", "", _names(alone, None))] if alone else []
+        lists = [Listed("Sessions", "", _rows(alone, None))] if alone else []
         for folder in self._folders():
             sessions = sessions_below(folder)
-            names = _names(sessions[:MOST_LISTED], folder)
+            rows = _rows(sessions[:MOST_LISTED], folder)
             remaining = max(0, len(sessions) - MOST_LISTED)
-            lists.append(Listed(printable(folder.name), _key(folder), names, remaining))
+            lists.append(
+                Listed(printable(folder.name), _key(folder), rows, remaining, below=DECISION)
+            )
         return lists
 
     def _session(self, key: str) -> Path:
@@ -206,11 +260,32 @@ def _refuse_from_elsewhere(request: web.Request) -> None:
         raise web.HTTPForbidden(text="Only pages of this server may ask.")
 
 
-def _names(paths: Sequence[Path], folder: Path | None) -> tuple[tuple[str, str, str], ...]:
-    names = (str(path.relative_to(folder)) if folder else path.name for path in paths)
+def _rows(paths: Sequence[Path], folder: Path | None) -> tuple[Row, ...]:
+    """Of sessions; a decision where a history worked it out."""
+    from app.evaluating.history import known_decisions  # heavy: not for the pages of replays
+
+    decisions, rows = known_decisions(paths), []
+    for path in paths:
+        name, seen = str(path.relative_to(folder)) if folder else path.name, look_at(path)
+        decision = decisions[path] or "" if path in decisions else NOT_KNOWN
+        cells = (seen.state, seen.machine, seen.day, "" if seen.problem else decision)
+        rows.append((f"/reports/{_key(path)}", printable(name), tuple(map(printable, cells))))
+    return tuple(rows)
+
+
+def _machines(key: str, told: dict[str, Any]) -> tuple[Row, ...]:
+    """Of a history, by name and serial number, whatever the origin of the sessions."""
+    sessions: dict[str, list[str]] = {}
+    for machine in (*told["machines"], *told["posture_machines"]):
+        days = [session["began"][:10] for session in machine["sessions"]]
+        sessions.setdefault(machine["title"], []).extend(days)
     return tuple(
-        (_key(path), printable(name), printable(look_at(path).state))
-        for path, name in zip(paths, names, strict=True)
+        (
+            f"/history/{key}?{urlencode({'machine': title})}",
+            printable(title),
+            (f"{len(days)}", max(days)),
+        )
+        for title, days in sessions.items()
     )
 
 
@@ -226,11 +301,16 @@ def _named(key: str, among: Iterable[Path]) -> Path:
 
 
 def _page(
-    title: str, *, status: int = 200, text: str = "", folders: Sequence[Listed] = ()
+    title: str,
+    *,
+    status: int = 200,
+    text: str = "",
+    folders: Sequence[Listed] = (),
+    again: bool = False,
 ) -> web.Response:
-    html = _template().render(
-        title=printable(title), text=printable(text, keep="\n"), folders=folders
-    )
+    """With links in ``folders``; a browser loads it ``again`` where more is to come."""
+    text = printable(text, keep="\n")
+    html = _template().render(title=printable(title), text=text, folders=folders, again=again)
     return web.Response(
         text=html, status=status, content_type="text/html", charset="utf-8", headers=HEADERS
     )

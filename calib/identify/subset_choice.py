@@ -73,3 +73,20 @@ def choose_subset(
     if not solutions:
         raise refused["joint-offsets"]
     return SubsetChoice(solutions, refused)
+
+
+def usual_solution(
+    model: Model, observed: Observations, *, indicator: IndicatorFigures, tolerance_mm: FloatArray
+) -> Solution:
+    """The usual set of `choose_subset`, by the exact method; the sets behind it are not identified.
+
+    Raises NotIdentifiable alike.
+    """
+    case = IdentificationCase.of(model, observed, indicator)
+    refused: list[NotIdentifiable] = []
+    for subset in USUAL:
+        try:
+            return identify(case, subset, tolerance_mm=tolerance_mm)
+        except NotIdentifiable as problem:
+            refused.append(problem)
+    raise refused[0]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -76,6 +75,7 @@ class ToolOff:
     posterior: Posterior
     values: FloatArray
     _bounds_mm: dict[Frame, float] = field(default_factory=dict)
+    _least_mm: dict[Frame, float] = field(default_factory=dict)
 
     def bound_in(self, frame: Frame) -> float:
         """95 % of the posterior keep it in this frame, mm; worked out once."""
@@ -89,16 +89,20 @@ class ToolOff:
         """The same in every frame."""
         return {frame: self.bound_in(frame) for frame in FRAMES}
 
-    @cached_property
-    def least_mm(self) -> dict[Frame, float]:
-        """What is expected less all that 95 % of the posterior differ from it; at least 0."""
-        expected = self.posterior.mean
-        off, least_mm = expected - self.values, {}
-        for frame in FRAMES:
-            shown_mm = math.sqrt(mean_square(self.posterior.field.metrics[frame], off))
+    def least_in(self, frame: Frame) -> float:
+        """What is expected less all that 95 % of the posterior differ from it; at least 0, mm."""
+        if frame not in self._least_mm:
+            expected = self.posterior.mean
+            metric = self.posterior.field.metrics[frame]
+            shown_mm = math.sqrt(mean_square(metric, expected - self.values))
             guard_mm = self.posterior.tool_errors[frame].bound_mm(expected)
-            least_mm[frame] = max(0.0, shown_mm - guard_mm)
-        return least_mm
+            self._least_mm[frame] = max(0.0, shown_mm - guard_mm)
+        return self._least_mm[frame]
+
+    @property
+    def least_mm(self) -> dict[Frame, float]:
+        """The same in every frame."""
+        return {frame: self.least_in(frame) for frame in FRAMES}
 
     def maps(self, frame: Frame) -> tuple[PlaneMap, ...]:
         """What is expected on the three planes through Zero, r.m.s. of both ways there."""

@@ -18,10 +18,11 @@ PATIENCE_S = 300.0
 
 
 class Terminal:
-    """An 80 × 24 terminal of its own server."""
+    """A terminal of its own server, with so many columns and rows."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, columns: int = 80, rows: int = 24) -> None:
         self._folder, self._started = folder, 0
+        self._size = ["-x", str(columns), "-y", str(rows)]
 
     @property
     def _tmux(self) -> list[str]:
@@ -32,14 +33,17 @@ class Terminal:
         self._started += 1
         command = " ".join([sys.executable, "-m", "app", *arguments])
         # Ctrl-C is for the program alone: the shell must live to tell its status
-        script = f"trap : INT; cd '{self._folder}' && {command}; echo STATUS $?; sleep 60"
-        self._call("new-session", "-d", "-x", "80", "-y", "24", script)
+        self.run(f"trap : INT; cd '{self._folder}' && {command}; echo STATUS $?; sleep 60")
+
+    def run(self, script: str) -> None:
+        """What is on the screen ends with the script."""
+        self.call("new-session", "-d", *self._size, script)
 
     def press(self, *keys: str) -> None:
-        self._call("send-keys", *keys)
+        self.call("send-keys", *keys)
 
     def screen(self) -> str:
-        return self._call("capture-pane", "-p")
+        return self.call("capture-pane", "-p")
 
     def wait_for(self, text: str, patience_s: float = PATIENCE_S) -> str:
         deadline = time.monotonic() + patience_s
@@ -60,7 +64,8 @@ class Terminal:
     def stop(self) -> None:
         subprocess.run([*self._tmux, "kill-server"], capture_output=True, check=False)
 
-    def _call(self, *arguments: str) -> str:
+    def call(self, *arguments: str) -> str:
+        """What tmux answers."""
         done = subprocess.run(
             [*self._tmux, *arguments], capture_output=True, text=True, check=True, timeout=300
         )

@@ -7,10 +7,13 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from textual.widgets import OptionList, TabPane
+from textual.screen import Screen
+from textual.widgets import OptionList, TabbedContent, TabPane
 
 from app.evaluating.history import Entry, History, history_of_machine, read_history
+from app.evaluating.posture_history import PostureEntry, posture_history
 from app.report.charts.characters import chart_text
+from app.report.charts.posture_history import platform_figure
 from app.report.charts.results import control_charts
 from app.report.text.history import machine_sentence
 from app.screens.history import HistoryScreen
@@ -117,19 +120,70 @@ def thirty_machines() -> History:
 
 
 @pytest.mark.parametrize("size", [SIZE, (40, 20)])
-async def test_a_thousand_sessions_of_thirty_machines(size: tuple[int, int]) -> None:
-    """Two pages all the same; every chart is reached by turning, the first follows the last."""
+async def test_a_machine_of_thirty_is_chosen(size: tuple[int, int]) -> None:
+    """A list of machines first; Enter shows the sessions of one, and its three charts alone."""
     interface = Glidecal(HistoryScreen(thirty_machines()))
     async with interface.run_test(size=size) as pilot:
         await pilot.pause()
-        words = text(interface, "#history-text")
-        assert words.count("34 sessions") == 30
-        assert words.count("Drift of joint y: +0.5 ± 0.") == 30
+        screen = interface.screen
+        assert [pane.id for pane in screen.query(TabPane)] == ["machines", "history", "charts"]
+        machines = screen.query_one(OptionList)
+        assert machines.option_count == 30
+        assert "machine 0: 34 sessions, last 2025-10-22" in str(machines.options[0].prompt)
+        assert machines.has_focus
+        await pilot.press(*["down"] * 11, "enter")
+        await until(pilot, "sessions", lambda: page(screen) == "history")
+        words = " ".join(text(interface, "#history-text").split())
+        assert words.startswith("machine 11: 34 sessions.")
+        assert words.count("sessions. Last calibrated") == 1
+        assert words.count("Drift of joint y: +0.5 ± 0.") == 1
         assert "Drift of joint z" not in words, "nothing moves there"
-        assert "joint y: rule 4, eight in a row on one side" in " ".join(words.split())
-        assert len(interface.screen.query(TabPane)) == 2
+        assert "joint y: rule 4, eight in a row on one side" in words
         await pilot.press("minus")
         await pilot.pause()
-        title = str(interface.screen.query(ChartPlot).first().render()).splitlines()[0]
-        assert ("(90 of 90)" in title) == (size == SIZE), "a title that has no room is left out"
+        title = str(screen.query(ChartPlot).first().render()).splitlines()[0]
+        assert ("machine 11, joint z" in title) == (size == SIZE), "no room: left out"
+        assert ("(3 of 3)" in title) == (size == SIZE)
+        await pilot.press("1")
+        await until(pilot, "machines", lambda: page(screen) == "machines" and machines.has_focus)
         await pilot.press("escape", "f10")
+
+
+def page(screen: Screen[object]) -> str:
+    """The page that is shown."""
+    return screen.query_one(TabbedContent).active
+
+
+async def test_a_machine_of_postures_has_charts() -> None:
+    """What the platform was off by in each session, and below it what it keeps."""
+    began = datetime(2026, 1, 1, tzinfo=UTC)
+    entries = [
+        (
+            Path(f"{k}.jsonl"),
+            PostureEntry(
+                began=began + timedelta(days=30 * k),
+                name="six",
+                machine={},
+                now_mm=0.2 + 0.1 * k,
+                bound_mm=None if k == 1 else 0.05,
+            ),
+        )
+        for k in range(3)
+    ]
+    history = History(Path(), (), (), (posture_history("six", "measured", entries),))
+    interface = Glidecal(HistoryScreen(history))
+    async with interface.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        await pilot.press("plus")
+        await pilot.pause(0.1)
+        screen_rows = rows(interface.screen)
+        assert any("six, error of the platform as found (1 of 1)" in row for row in screen_rows)
+        assert any("at most, with the machine of the session" in row for row in screen_rows)
+        await pilot.press("f10")
+
+
+def test_without_a_bound_there_is_no_point_of_it() -> None:
+    entry = PostureEntry(began=datetime(2026, 1, 1, tzinfo=UTC), name="six", machine={}, now_mm=0.2)
+    figure = platform_figure(posture_history("six", "measured", [(Path("0.jsonl"), entry)]))
+    assert not figure.left.series
+    assert figure.left.y_ticks()

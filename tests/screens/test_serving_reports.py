@@ -19,10 +19,15 @@ from aiohttp.test_utils import TestClient, TestServer
 from textual.widgets import OptionList
 from yarl import URL
 
+from app.measuring.simulated import simulated_session
 from app.screens.home import ReplayChoiceScreen
 from app.screens.start import Glidecal
 from app.serving import reports
 from app.serving.reports import HEADERS, MOST_MADE, ReportPages
+from calib.tripod.pipeline import Model
+from protocols.journal import write_whole
+from protocols.machine import load_machine
+from protocols.procedure import load_procedure
 from tests.app.cli import glidecal, refused
 from tests.conftest import LONG, SAMPLES
 from tests.screens.driving import SIZE, history_shown, said, until
@@ -89,8 +94,15 @@ def test_a_folder_in_a_browser(served: Served, folder: Path, tmp_path: Path) -> 
     assert status == 200
     assert "damaged.jsonl" in history
     assert "used once" in " ".join(history.split())
-    assert history.count("data:image/svg+xml") == 2, "control charts of one machine"
-    assert len(re.findall(r"</a> \d+ readings", page)) == 4, "the state of each beside it"
+    assert history.count("data:image/svg+xml") == 1, "control charts of one machine"
+    assert "Crosses" not in history, "no word of what is not there"
+    assert "dotted" not in history
+    row = r"</a></td><td>\d+ readings, \w+</td><td>([^<]*)</td><td>([^<]*)</td><td>([^<]*)</td>"
+    beside = re.findall(row, page)
+    assert len(beside) == 4, "state, machine, day and decision of each"
+    assert {decision for _, _, decision in beside} == {"not worked out"}
+    beside = re.findall(row, fetch(f"{served.address}/reports")[1])
+    assert {decision for _, _, decision in beside} == {""}, "known, but without a tolerance"
     assert "<script" not in history
     assert "\u202e" not in page + history
     # another one is there the next time
@@ -159,8 +171,12 @@ async def listed(
         yield client, links(await (await client.get("/reports")).text())
 
 
+NO_MACHINE = '{"machines": [], "posture_machines": [], "problems": [], "files": 1, "waiting": 0}'
+
+
 def program(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
-    """In place of the program."""
+    """In place of the program; a history has no machine."""
+    code = f"import sys\nif '--json' in sys.argv: print('{NO_MACHINE}'); sys.exit()\n{code}"
     monkeypatch.setattr(reports, "PROGRAM", (sys.executable, "-c", code))
 
 
@@ -246,3 +262,48 @@ async def test_a_tab_of_a_folder_shows_its_sessions_and_history(folder: Path) ->
 
 def test_a_folder_without_sessions_is_refused(tmp_path: Path) -> None:
     assert "no session file" in refused(3, "serve", tmp_path)
+
+
+def simulated(path: Path, **changes: object) -> None:
+    machine = load_machine(None).model_copy(update=changes)
+    truth = Model(machine.geometry(), (0.5, -0.3, 0.2, 0.0, 0.0, 0.0))
+    procedure = load_procedure("zero-max-min", machine.geometry())
+    session = simulated_session(
+        procedure, machine, truth, seed=1, scatter_mm=0.002, resolution_mm=0.001
+    )
+    write_whole(path, session.opened, [*session.readings])
+
+
+async def test_each_machine_has_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is not worked out yet is counted; the page loads itself until nothing is missing."""
+    monkeypatch.setattr(reports, "WORKING_OUT_S", 0.0)
+    for number, name in enumerate(("mill <1>", "mill & lathe")):
+        simulated(tmp_path / f"{number}.jsonl", name=name, tool_tolerance_mm=0.5)
+    async with in_process(ReportPages([tmp_path])) as client:
+        address = links(await (await client.get("/reports")).text())["History of this folder"]
+        page = await (await client.get(address)).text()
+        assert "2 of 2 sessions are still being worked out" in page
+        assert 'http-equiv="refresh"' in page
+        assert 'http-equiv="refresh"' not in await (await client.get(address)).text(), (
+            "nothing came of it: not for ever"
+        )
+        monkeypatch.setattr(reports, "WORKING_OUT_S", PATIENCE_S)
+        page = await (await client.get(address)).text()
+        assert "worked out" not in page
+        machines = dict(re.findall(r'<a href="(/history/[^"]*machine=[^"]*)">(.*?)</a>', page))
+        assert [*machines.values()] == ["mill &amp; lathe", "mill &lt;1&gt;"]
+        for target, words in machines.items():
+            answer = await client.get(URL(html.unescape(target), encoded=True))
+            assert answer.status == 200
+            page = await answer.text()
+            assert f"<h2>{words}, simulated</h2>" in page
+            assert page.count("<h2>") == 1
+            assert page.count("data:image/svg+xml") == 1
+            assert "dotted: the tolerance" in page
+        unknown = await client.get(f"{address}?machine=nothing")
+        assert unknown.status == 422
+        for words in ("%00", "a%1b", "%e2%80%ae"):
+            target = URL(f"{address}?machine={words}", encoded=True)
+            assert (await client.get(target)).status == 404
+        listed_page = await (await client.get("/reports")).text()
+        assert listed_page.count("<td>pass</td>") == 2

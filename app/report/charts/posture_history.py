@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from app.evaluating.posture_history import PostureHistory
 from app.report.charts.charts import Chart, Series
+from app.report.charts.legs import LegFigure
 
 
 def platform_chart(machine: PostureHistory) -> Chart:
@@ -19,3 +22,16 @@ def platform_chart(machine: PostureHistory) -> Chart:
     )
     names = tuple(f"{k}" for k in numbers)
     return Chart("Error of the platform", "", "mm r.m.s.", series, names)
+
+
+def platform_figure(machine: PostureHistory) -> LegFigure:
+    """The same for a screen: as the machine was found, and below it with what each session gave."""
+    chart = platform_chart(machine)
+    title = f"{machine.machine}, error of the platform as found"
+    found, *bound = (replace(series, name="") for series in chart.series)
+    return LegFigure(
+        title,
+        "Platform",
+        replace(chart, title=title, series=(found,)),
+        replace(chart, title="at most, with the machine of the session", series=tuple(bound)),
+    )

@@ -221,7 +221,7 @@ def control_charts(machine: MachineHistory) -> tuple[LegFigure, ...]:
         Stroke(StrokeStyle.DOTTED, tuple((d, 1000.0 * (tolerance_mm or 0.0)) for d in machine.days))
     ]
     tool = Chart(
-        "tool error, at most, as found; dotted: tolerance",
+        f"tool error, at most, as found{'; dotted: tolerance' if tolerance_mm else ''}",
         "days since the first session",
         "µm",
         (series_of("", list(zip(machine.days, tool_um, strict=True)), FIRST),),

@@ -109,10 +109,11 @@ def svg_of(chart: Chart) -> str:
 
 
 def legs_svg(figures: Sequence[LegFigure]) -> str:
-    """One or two legs or axes beside each other, what is left of the readings below each."""
-    with _figure(WIDTH_IN, LEGS_IN, 2, rows=2, top_in=TOP_IN + 1.2 * ROW_IN) as (all_axes, out):
-        for column, axes in enumerate(all_axes[:2]):
-            below = all_axes[2 + column]
+    """Up to three legs or axes beside each other, what is left of the readings below each."""
+    columns, top_in = max(2, len(figures)), TOP_IN + 1.2 * ROW_IN
+    with _figure(WIDTH_IN, LEGS_IN, columns, rows=2, top_in=top_in) as (all_axes, out):
+        for column, axes in enumerate(all_axes[:columns]):
+            below = all_axes[columns + column]
             if column < len(figures):
                 draw_leg(figures[column], axes, below)
                 for part in (axes, below):

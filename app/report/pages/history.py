@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 from rich.table import Table
 
 from app.evaluating.history import History, MachineHistory
 from app.evaluating.posture_history import PostureHistory
+from app.report.charts.legs import LegFigure
 from app.report.charts.posture_history import platform_chart
 from app.report.charts.results import control_charts
 from app.report.pages.figures import legs_svg, svg_of
@@ -19,9 +20,12 @@ from app.version import program
 
 CAPTION = (
     "Change of each joint offset, with the mean and the limits (three standard deviations, by "
-    "moving ranges) of each phase. Upright lines: what the records tell was changed. Crosses: "
-    "changed beyond uncertainty and limits, or a Western Electric rule. Below: the tool error."
+    "moving ranges) of each phase."
 )
+EVENTS = " Upright lines: what the records tell was changed."
+CROSSES = " Crosses: changed beyond uncertainty and limits, or a Western Electric rule."
+BELOW = " Below: what the tool was off by at most, as it was found{}."
+TOLERANCE = "; dotted: the tolerance"
 PLATFORM_CAPTION = (
     "What the platform was off by, r.m.s. over the box, as it was found, and the bound (95 %) with "
     "the machine that the session gives."
@@ -49,11 +53,13 @@ class HistoryPage:
 
 
 def history_page(history: History, now: datetime) -> HistoryPage:
-    """Files that cannot be used first, then a section for each machine."""
+    """Files that cannot be used first, a table of several machines, a section for each."""
+    several = len(history.all_machines) > 1
     return HistoryPage(
         folder=history.folder.absolute().name,
-        sentences=[text for _, text in history.problems],
+        sentences=[*texts.waiting_sentences(history), *(text for _, text in history.problems)],
         sections=[
+            *([Section("Machines", [texts.machines_table(history)])] if several else []),
             *(_section(machine, now) for machine in history.machines),
             *(_posture_section(machine, now) for machine in history.of_postures),
         ],
@@ -71,15 +77,38 @@ def _posture_section(machine: PostureHistory, now: datetime) -> Section:
 
 def _section(machine: MachineHistory, now: datetime) -> Section:
     table, notes = texts.sessions_table(machine)
-    figures = control_charts(machine)
-    pictures = [Picture(legs_svg(figures[k : k + 2]), CAPTION) for k in range(0, len(figures), 2)]
+    picture = Picture(
+        legs_svg([_narrow(joint) for joint in control_charts(machine)]), _caption(machine)
+    )
     heading = f"{texts.title_of(machine)}{texts.ORIGIN_WORDS[machine.origin]}"
     parts: list[str | Table | Picture] = [
         texts.machine_sentence(machine, now),
         *texts.drift_lines(machine),
-        *pictures,
+        picture,
         table,
         texts.BELOW_TABLE,
         *notes,
     ]
     return Section(heading, parts)
+
+
+def _narrow(joint: LegFigure) -> LegFigure:
+    """With titles for three beside each other; machine and tolerance stand around them."""
+    readings = replace(joint.readings, title=joint.short_title)
+    return replace(joint, readings=readings, left=replace(joint.left, title="Tool error"))
+
+
+def _caption(machine: MachineHistory) -> str:
+    """Of what is on the charts, and of nothing else."""
+    changed = any(
+        bool(joint.chart.changed.any()) or any(joint.chart.signals) for joint in machine.joints
+    )
+    tolerance = machine.last.machine.tool_tolerance_mm is not None
+    return "".join(
+        [
+            CAPTION,
+            EVENTS if any(point.event for point in machine.points) else "",
+            CROSSES if changed else "",
+            BELOW.format(TOLERANCE if tolerance else ""),
+        ]
+    )

@@ -17,7 +17,7 @@ class PastSession(Report):
     """One session; offsets with what was entered before added, mm."""
 
     of = Source[Point[Entry]]()
-    session: str = of(lambda r: r.path.name)
+    session: str = of(lambda r: r.path.as_posix(), "its path in the folder")
     began: datetime = of(lambda r: r.entry.began)
     event: str = of(
         lambda r: r.event, "what changed before it, as the records tell; empty: nothing known"
@@ -29,6 +29,9 @@ class PastSession(Report):
         lambda r: cast("Triple", r.entry.expanded_mm), "expanded uncertainties (95 %)"
     )
     tool_bound_mm: float = of(lambda r: r.entry.bound_before_mm, "r.m.s., as the machine was found")
+    decision: Decision | None = of(
+        lambda r: r.entry.decision, "as it was found; null: no tolerance in the machine file"
+    )
     temperature_c: float | None = of(lambda r: r.entry.temperature_c)
     effects: tuple[str, ...] | None = of(lambda r: r.entry.effects, "null: not diagnosed")
 
@@ -60,6 +63,7 @@ class PastMachine(Report):
 
     of = Source[MachineHistory]()
     machine: str = of(lambda r: r.last.machine.name)
+    title: str = of(lambda r: r.machine, "its name, with its serial number where one is stated")
     serial_number: str | None = of(lambda r: r.last.machine.serial_number, "null: none stated")
     place: str | None = of(lambda r: r.last.machine.place, "of the last session")
     origin: str = of(
@@ -77,7 +81,7 @@ class PastPostureSession(Report):
     """One session of postures; mm r.m.s. over the box."""
 
     of = Source[Point[PostureEntry]]()
-    session: str = of(lambda r: r.path.name)
+    session: str = of(lambda r: r.path.as_posix(), "its path in the folder")
     began: datetime = of(lambda r: r.entry.began)
     event: str = of(
         lambda r: r.event, "what changed before it, as the records tell; empty: nothing known"
@@ -102,6 +106,7 @@ class PastPostureMachine(Report):
 
     of = Source[PostureHistory]()
     machine: str = of(lambda r: r.machine)
+    title: str = of(lambda r: r.machine, "the same")
     origin: str = of(
         lambda r: r.origin, "measured, simulated or imported: each has a history of its own"
     )
@@ -124,6 +129,8 @@ class HistoryReport(Report):
     of = Source[History]()
     schema_id: Literal["glidecal.history/1"] = schema("glidecal.history/1")
     folder: str = of(lambda r: str(r.folder))
+    files: int = of(lambda r: r.sessions, "session files in the folder and below")
+    waiting: int = of(lambda r: r.waiting, "sessions that are not worked out yet (--within)")
     machines: tuple[PastMachine, ...] = of(lambda r: tuple(map(PastMachine.of, r.machines)))
     posture_machines: tuple[PastPostureMachine, ...] = of(
         lambda r: tuple(map(PastPostureMachine.of, r.of_postures)),

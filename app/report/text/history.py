@@ -8,7 +8,7 @@ from rich.table import Table
 
 from app.evaluating.history import History, MachineHistory
 from app.evaluating.posture_history import PostureHistory
-from app.report.text.tables import PAGE_HELP, hanging, new_table, paragraphs, signed
+from app.report.text.tables import PAGE_HELP, hanging, new_table, paragraphs, signed, wrapped
 from calib.arrays import LEG_NAMES
 from calib.control_chart import FEWEST, RULES
 
@@ -20,9 +20,10 @@ TOO_EARLY = (
 )
 
 HISTORY_HELP = f"""\
-{{history.next_figure}}, {{history.figure_before}}  Charts: another joint or machine
+{{history.next_figure}}, {{history.figure_before}}  Charts: another joint
 {PAGE_HELP}
 
+Of several machines the first page is a list; choose one there.
 All sessions of a folder and those below it: where the joints are, what
 the tool was off by, what was changed in between, what drifts. Sessions
 that were simulated or imported have histories of their own. In a chart
@@ -48,11 +49,51 @@ BELOW_POSTURES = (
 
 
 def history_text(history: History, now: datetime) -> str:
-    """Files that cannot be used first, then each machine."""
-    warnings = [hanging(f"WARNING: {text}", "  ") for _, text in history.problems]
+    """Files that cannot be used first; a table of several machines, then each of them."""
     machines = [machine_text(machine, now) for machine in history.machines]
     machines += [posture_machine_text(machine, now) for machine in history.of_postures]
-    return paragraphs(warnings, *([text] for text in machines))
+    listed = [machines_table(history)] if len(machines) > 1 else []
+    return paragraphs(files_text(history).splitlines(), *listed, *([text] for text in machines))
+
+
+def files_text(history: History) -> str:
+    """Sessions that are not worked out yet, and files that cannot be used, a sentence for each."""
+    warnings = [hanging(f"WARNING: {text}", "  ") for _, text in history.problems]
+    return "\n".join([*map(wrapped, waiting_sentences(history)), *warnings])
+
+
+def waiting_sentences(history: History) -> list[str]:
+    """How many sessions are missing here; empty where none is."""
+    if not history.waiting:
+        return []
+    return [
+        f"WAIT: {history.waiting:,} of {history.sessions:,} sessions are still to be worked out. "
+        "The others are remembered: the next call goes on there."
+    ]
+
+
+def machine_names(history: History) -> list[str]:
+    """Of each machine its title, with the origin of its sessions."""
+    return [f"{past.machine}{ORIGIN_WORDS[past.origin]}" for past in history.all_machines]
+
+
+def machine_rows(history: History) -> list[str]:
+    """A line for each machine, with the number of its sessions and the last one."""
+    pasts = history.all_machines
+    names = machine_names(history)
+    return [
+        f"{name}: {len(past.points)} session{'s' * (len(past.points) > 1)}, "
+        f"last {past.points[-1].entry.began:%Y-%m-%d}"
+        for name, past in zip(names, pasts, strict=True)
+    ]
+
+
+def machines_table(history: History) -> Table:
+    """A row for each machine."""
+    table = new_table("machine", "sessions", "last", left=1)
+    for name, past in zip(machine_names(history), history.all_machines, strict=True):
+        table.add_row(name, f"{len(past.points)}", f"{past.points[-1].entry.began:%Y-%m-%d}")
+    return table
 
 
 def machine_text(machine: MachineHistory, now: datetime) -> str:
@@ -72,7 +113,7 @@ def machine_sentence(machine: MachineHistory, now: datetime) -> str:
     """How many sessions, how long ago the last, and when the next is due."""
     last = _last_words(title_of(machine), machine.origin, len(machine.points))
     when = _when_words(machine.last.began, now)
-    return f"{last} calibrated {when}: {machine.points[-1].path.name}. {due_words(machine)}"
+    return f"{last} calibrated {when}: {machine.points[-1].path}. {due_words(machine)}"
 
 
 def _last_words(name: str, origin: str, count: int) -> str:
@@ -87,7 +128,7 @@ def _when_words(began: datetime, now: datetime) -> str:
 def posture_machine_sentence(machine: PostureHistory, now: datetime) -> str:
     """How many sessions of postures, and how long ago the last."""
     last = _last_words(machine.machine, machine.origin, len(machine.points))
-    return f"{last} calibrated {_when_words(machine.last, now)}: {machine.points[-1].path.name}."
+    return f"{last} calibrated {_when_words(machine.last, now)}: {machine.points[-1].path}."
 
 
 def posture_machine_text(machine: PostureHistory, now: datetime) -> str:
@@ -112,7 +153,7 @@ def posture_sessions_table(machine: PostureHistory) -> tuple[Table, list[str]]:
             entry.decision or "",
             "" if entry.temperature_c is None else f"{entry.temperature_c:.1f}",
         )
-        remarks = [point.path.name, point.event, *(entry.effects or ())]
+        remarks = [str(point.path), point.event, *(entry.effects or ())]
         notes.append(hanging(f"{number}  {'; '.join(filter(None, remarks))}", "   "))
     return table, notes
 
@@ -167,7 +208,7 @@ def sessions_table(machine: MachineHistory) -> tuple[Table, list[str]]:
             f"{entry.bound_before_mm:.3f}",
             "" if entry.temperature_c is None else f"{entry.temperature_c:.1f}",
         )
-        remarks = [point.path.name, point.event, *(entry.effects or ())]
+        remarks = [str(point.path), point.event, *(entry.effects or ())]
         if any(changed):
             joints = ", ".join(name for name, new in zip(LEG_NAMES, changed, strict=True) if new)
             remarks.append(f"joint {joints} changed beyond uncertainty")

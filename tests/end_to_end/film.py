@@ -93,7 +93,7 @@ class Film(Terminal):
     def type_and_see(self, name: str, command: str, *words: str) -> None:
         """A command in the shell, which then waits for the next one."""
         number = len(self.stations) + 1
-        self.call("send-keys", "-l", f'clear; {command}; echo "[$?]"')
+        self.call("send-keys", "-l", f'clear; {command}; echo "[$?] {number}"')
         self.call("clear-history")
         self.press("Enter")
         self.wait_for(f"] {number}\n$")
@@ -189,7 +189,7 @@ def of_history(film: Film, folder: Path) -> None:
     film.call("send-keys", "-l", "clear; glidecal history published --screen")
     film.press_and_see("machines", "Enter", "orthoglide, imported: ", "1 Machines")
     film.press_and_see("sessions", "Enter", "imported: 7 sessions. Last calibrated", "2 History")
-    film.press_and_see("charts", "+", "joint x, change of the offset (1 of 3)")
+    film.press_and_see("charts", "+", "joint y, change of the offset (2 of 3)")
     film.press_and_see("end", "F10", "$")
 
 

@@ -11,7 +11,7 @@ from app.evaluating.solution import SessionSolution, solve_files
 from app.report.charts.bars import bar_rows
 from app.report.text.glance import Done, glance_text, next_text
 from protocols.record import read_record
-from tests.app.exports.first_page import differences, simulated
+from tests.app.exports.first_page import differences, printer, printer_differences, simulated
 from tests.conftest import first_quick
 
 
@@ -20,6 +20,11 @@ def test_what_is_shown_first_is_written_printed_and_judged(tmp_path: Path, seed:
     path = simulated(tmp_path, seed)
     assert read_record(path).end == "closed"
     assert differences(path) == []
+
+
+@pytest.mark.parametrize("seed", first_quick([2, 3, 5]))
+def test_what_is_shown_of_a_printer_is_written(tmp_path: Path, seed: int) -> None:
+    assert printer_differences(printer(tmp_path, seed)) == []
 
 
 @pytest.fixture

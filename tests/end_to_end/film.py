@@ -25,6 +25,9 @@ SIZES = ((80, 24), (100, 30), (120, 40))
 
 COLOURS = re.compile(r"\x1b\[[0-9;:]*m|\x1b\(B|[\x0e\x0f]")
 
+LAST_KEY = "f1 Help"
+"""Where it can be read, the keys before it can."""
+
 MOST_LINES = "2000"
 """Of what scrolled away above a command's last lines."""
 
@@ -52,6 +55,7 @@ class Station:
     def cut(self, columns: int) -> list[str]:
         """Rows of the program's screens that go on beyond the edge."""
         rows = self.text.splitlines() if self.of_program else []
+        rows = [row for row in rows if not row.endswith(LAST_KEY)]
         at_edge = (row for row in rows if len(row) >= columns and row[columns - 1].isalnum())
         return [*at_edge, *(row for row in rows if re.search(r"\w…\s*$", row))]
 
@@ -156,8 +160,8 @@ def of_machine(film: Film) -> None:
         "steps",
         "glidecal run --dry-run --machine my-machine.toml",
         "30 steps",
-        "X ZERO",
-        "Z ZERO",
+        "1 x ZERO 1",
+        "30 z ZERO 3",
     )
 
 

@@ -8,8 +8,9 @@ from functools import cache
 from pathlib import Path
 
 HERE = Path(__file__).parent
-FOREIGN = {"_compositor", "_notifications", "_exit", "_repr_html_"}
-"""Of Textual, which has no public door to rows and notices as they are shown; of os; of Jupyter."""
+FOREIGN = {"_compositor", "_notifications", "_filters", "_exit", "_repr_html_"}
+"""Of Textual, which has no public door to rows, notices and colours as they are shown; of os; of
+Jupyter."""
 
 FAILS = {"raises", "warns", "fail"}  # of pytest
 Function = ast.FunctionDef | ast.AsyncFunctionDef

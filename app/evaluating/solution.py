@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from app.evaluating.correction import ControllerCorrections, Gain, SessionCorrection
 from app.evaluating.printer import PrinterChange, printer_change
 from calib.arrays import FloatArray, Observations, descending, joined_values
-from calib.diagnosis.results import Verdict
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.accuracy import Decision, decide
 from calib.identify.fit import plane_tilts_mrad
@@ -37,6 +36,7 @@ from protocols.session import Distance, Reading, Session
 from protocols.table import off_bar_words
 
 if TYPE_CHECKING:  # asked for by option only
+    from calib.diagnosis.results import Verdict
     from pandas import DataFrame
 
     from calib.identify.fit import Size

@@ -166,11 +166,11 @@ def report_page(session: Path) -> tuple[str, str, int]:
 
 
 def history_of(session: Path) -> tuple[str, str, int]:
-    """Of a folder with an unreadable file beside the session; three joints on two pictures."""
+    """Of a folder with an unreadable file beside the session; three joints in one picture."""
     folder = session.parent
     (folder / f"{ACTIVE[3].replace('/', '')[:60]}.jsonl").write_text("no session")
     history = read_history(folder, index=folder / "index.sqlite")
-    return html_of(history_page(history, datetime.now(UTC))), f"History: {folder.name}", 2
+    return html_of(history_page(history, datetime.now(UTC))), f"History: {folder.name}", 1
 
 
 @pytest.mark.parametrize("page_of", [report_page, history_of])

@@ -268,7 +268,7 @@ async def test_review_after_each_leg(tmp_path: Path) -> None:
         review_text = str(interface.screen.query_one("#review-text", Static).content)
         assert "Leg X is done" in review_text
         assert "4 differences so far" in review_text
-        assert "y_x+" in review_text
+        assert "X along Y, MAX" in review_text
         table_rows = [
             line.split() for line in review_text.splitlines() if line.startswith((" Y ", " Z "))
         ]

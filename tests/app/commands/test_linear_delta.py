@@ -162,7 +162,7 @@ def test_a_demonstration_on_this_machine(tmp_path: Path) -> None:
 def test_what_a_delta_does_not_do_yet_is_said_in_one_sentence(tmp_path: Path) -> None:
     out = ("-o", tmp_path / "s.jsonl")
     assert "of leg x" in refused(3, "run", *MACHINE, "--dry-run", "--protocol", "sweep")
-    assert "at one Zero" in refused(2, "plan", *MACHINE)
+    assert "at one Zero" in refused(2, "align", *MACHINE, "--simulated", *out)
     arguments = ("linear-delta", "--procedure", "plate-rings", "--count", "9")
     assert "optimum postures" in refused(2, "postures", *arguments)
     effect = ("--effect", "leg_taper")

@@ -36,9 +36,9 @@ from protocols.session import Distance, Reading, Session
 from protocols.table import off_bar_words
 
 if TYPE_CHECKING:  # asked for by option only
-    from calib.diagnosis.results import Verdict
     from pandas import DataFrame
 
+    from calib.diagnosis.results import Verdict
     from calib.identify.fit import Size
     from calib.posterior.correction import Holds, ToolOff
     from calib.posterior.models import Posterior

@@ -19,7 +19,7 @@ from calib.diagnosis.results import Named, Verdict
 from calib.diagnosis.thresholds import AGREED, EVEN, MISSING, OPEN, SURE
 from calib.posterior.gaussian import About
 from calib.posterior.library import Component
-from calib.posterior.models import Posterior
+from calib.posterior.models import Posterior, Weighted
 from calib.posterior.race import log_prior_odds
 from calib.tripod.effects.empirical import EMPIRICAL
 
@@ -69,6 +69,28 @@ def _shown(posterior: Posterior) -> list[float]:
     return sizes
 
 
+WITHIN = 2.0
+"""Tolerances, which are standard deviations: a parameter of geometry off by more is wrong."""
+
+
+def _beyond_tolerance(posterior: Posterior, model: Weighted) -> list[int]:
+    """The components of a model but for parameters of geometry within their tolerances.
+
+    A machine whose drives lie as such drives do is as stated, whichever way a model has it.
+    """
+    tolerances = posterior.sessions[-1].case.named_beyond
+    beyond = []
+    for k, at in zip(model.members, posterior.starts(model), strict=True):
+        shares = posterior.components[k].shares
+        within = bool(shares) and all(
+            abs(model.mean[at + value]) <= WITHIN * tolerances.get(share.effect, 0.0)
+            for share in shares
+            for value in share.values
+        )
+        beyond += [] if within else [k]
+    return beyond
+
+
 @dataclass(frozen=True)
 class NamedVerdict:
     """A verdict with the places that it names, each with its rivals, the likeliest first."""
@@ -106,7 +128,7 @@ class Claims:
                 model = replace(model, weight=model.weight - as_before)
                 if not model.weight:
                     continue
-            members = [components[k] for k in model.members]
+            members = [components[k] for k in _beyond_tolerance(posterior, model)]
             names = {name_of(member) for member in members if member.kind in NAMES}
             names |= {Named(mistake.id, mistake.where) for mistake in model.mistakes}
             claim = Claim(frozenset(names), any(m.kind not in NAMES for m in members))

@@ -94,7 +94,8 @@ class _Report:
         self.claims = Claims.of(posterior)
         laws = [share.effect for component in self.components for share in component.shares]
         self.timed = timed_laws(laws)
-        self.before = Leftover.of(posterior.sessions, (), self.timed)
+        self.sessions = [cells.with_free_lines for cells in posterior.sessions]
+        self.before = Leftover.of(self.sessions, (), self.timed)
         self.answer = self._checked(self.claims.answer())
 
     def _checked(self, answer: NamedVerdict) -> NamedVerdict:
@@ -213,7 +214,7 @@ class _Report:
     def _with(self, effects: tuple[EffectInstance, ...]) -> Leftover | None:
         """What is left with these adopted; None where they put the machine out of its own reach."""
         try:
-            return Leftover.of(self.posterior.sessions, effects, self.timed)
+            return Leftover.of(self.sessions, effects, self.timed)
         except CalibrationError:
             return None
 

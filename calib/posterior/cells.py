@@ -289,6 +289,11 @@ class Cells:
         scatters = variance, scatter, weight
         return cls(case, visited, cell, means, *scatters, noise, serial, apart, excess)
 
+    @property
+    def with_free_lines(self) -> Cells:
+        """The same where the drives' lines are free within their tolerances."""
+        return replace(self, case=replace(self.case, as_stated="nothing"))
+
     @classmethod
     def of_all(cls, cases: Sequence[SessionCase]) -> list[Cells]:
         """Several sessions: one without repeats has the noise of those with most."""

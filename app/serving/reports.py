@@ -169,16 +169,16 @@ class ReportPages:
         status, output = await self._made("history", "--json", within, "--", str(folder))
         if status:
             return _page("No history", status=422, text=output)
-        told = json.loads(output)
-        machines = _machines(key, told)
-        waiting = told["waiting"]
+        document = json.loads(output)
+        machines = _machines(key, document)
+        waiting = document["waiting"]
         if len(machines) < 2 and not waiting:
             return await self._page_of("history", folder, within)
         # where nothing can be remembered it would begin anew for ever
         again = 0 < waiting < self._waiting.get(key, math.inf)
         self._waiting[key] = waiting
-        words = [f"{waiting:,} of {told['files']:,} sessions are still being worked out."]
-        problems = [problem["problem"] for problem in told["problems"]]
+        words = [f"{waiting:,} of {document['files']:,} sessions are still being worked out."]
+        problems = [problem["problem"] for problem in document["problems"]]
         return _page(
             f"History: {folder.name}",
             text="\n\n".join([*(words if waiting else []), *problems]),
@@ -273,10 +273,10 @@ def _rows(paths: Sequence[Path], folder: Path | None) -> tuple[Row, ...]:
     return tuple(rows)
 
 
-def _machines(key: str, told: dict[str, Any]) -> tuple[Row, ...]:
+def _machines(key: str, document: dict[str, Any]) -> tuple[Row, ...]:
     """Of a history, by name and serial number, whatever the origin of the sessions."""
     sessions: dict[str, list[str]] = {}
-    for machine in (*told["machines"], *told["posture_machines"]):
+    for machine in (*document["machines"], *document["posture_machines"]):
         days = [session["began"][:10] for session in machine["sessions"]]
         sessions.setdefault(machine["title"], []).extend(days)
     return tuple(

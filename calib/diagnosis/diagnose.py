@@ -19,7 +19,7 @@ from calib.arrays import (
     without,
     without_means,
 )
-from calib.diagnosis.claims import NAMES, Claims, NamedVerdict, name_of
+from calib.diagnosis.claims import NAMES, WITHIN, Claims, NamedVerdict, name_of
 from calib.diagnosis.gap import AGREEMENT, Leftover, locate, residuals, timed_laws, where_words
 from calib.diagnosis.held_out import left_out_postures, on_other_sessions
 from calib.diagnosis.pattern import repeats_words, shared_pattern
@@ -445,18 +445,21 @@ class _Report:
     def _smallest_detectable(self) -> dict[str, Detectable | None]:
         """Size of each single-parameter effect that would be seen nine times of ten.
 
-        None where that is more than any machine has.
+        None where that is more than any machine has. Lines of drives are as stated, and have a name
+        beyond their tolerances.
         """
         smallest: dict[str, Detectable | None] = {}
-        linear = self.posterior.linear
+        linear, sessions = self.posterior.linear, self.posterior.sessions
+        about, beyond = Leftover.of(sessions, (), self.timed).about, sessions[-1].case.named_beyond
         for k, component in enumerate(self.components[: len(linear.index)]):
             if component.kind not in NAMES or len(component.unit) != 1 or not component.candidate:
                 continue
-            length = float(np.linalg.norm(self.before.about.left_by(self._columns([k]))))
+            length = float(np.linalg.norm(about.left_by(self._columns([k]))))
             if not length or self.before.noise_freedom <= 0.0:
                 continue
             (parameter,), unit = component.candidate.parameters, float(component.unit[0])
             size = unit * (_needed(length, component.log_prior) + SEEN_9_OF_10) / length
+            size = max(size, WITHIN * beyond.get(component.shares[0].effect, 0.0))
             before = smallest.setdefault(component.id, None)
             if size <= min(NO_SIZE * unit, parameter.limit) and (not before or size < before.size):
                 smallest[component.id] = Detectable(component.id, size, parameter.unit)

@@ -145,7 +145,7 @@ def demonstration(film: Film) -> None:
     )
     film.press_and_see("exported", "e", "Written to", "offsets.json", "then V measures again")
     film.press_and_see("report", "r", "Report written beside the session", "print and sign it")
-    film.press_and_see("diagnosis", "d", "AGREES. The model explains the readings", "r Result")
+    film.press_and_see("diagnosis", "d", "AGREES. The model explains the readings", "l Result")
     film.press_and_see("back", "Escape", "Next: enter the values in the controller")
     film.press_and_see("verify", "v", "the exported offsets must now be in", "Enter begins")
     film.press_and_see("again", "Enter", "LEG X   ZERO   cycle 1 of 3")

@@ -281,7 +281,11 @@ def test_an_indicator_that_reads_one_value_is_asked_about(tmp_path: Path, sample
 
 @LONG
 def test_without_any_noise_no_chance_is_told(tmp_path: Path, samples: Path) -> None:
-    """One reading a posture, nothing stated: the weight that the fit needs is no noise."""
+    """One reading a posture, nothing stated: the weight that the fit needs is no noise.
+
+    What the tool keeps then is judged by true machines in
+    tests/calib/posterior/test_unknown_noise.py.
+    """
     table = tmp_path / "bare.csv"
     with (samples / "tables" / "experiment_2_twelve.csv").open(encoding="utf-8") as lines:
         table.write_text("".join(line.rsplit(",", 1)[0] + "\n" for line in lines), encoding="utf-8")
@@ -291,9 +295,6 @@ def test_without_any_noise_no_chance_is_told(tmp_path: Path, samples: Path) -> N
     assert diagnosis["verdict"] == "cannot-tell"
     assert diagnosis["noise"]["standard_deviation_mm"] is None
     assert diagnosis["effects"] == []
-    stated = diagnosed(samples / "experiment_2_twelve.jsonl")
-    bound_mm, stated_mm = (d["tool"]["entered_mm"]["offsets"] for d in (diagnosis, stated))
-    assert bound_mm > 0.9 * stated_mm, "no noise known is no better than a stated one"
     text = " ".join(glidecal("diagnose", session).out.split())
     assert "a stated noise it may be chance" in text
     assert "by chance in" not in text

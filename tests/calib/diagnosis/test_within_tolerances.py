@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from app.evaluating.diagnosis import diagnose_sessions
+from app.evaluating.solution import solve_sessions
+from calib.diagnosis.claims import Claims
 from protocols.machine import load_machine
 from protocols.session import fold
 from protocols.table import opened_table
+from tests.blind.linear_delta import Hidden as Printer
+from tests.blind.linear_delta import contacts
 from tests.blind.tilted import SHAPES, Hidden, table
 
 TOLERANCES = "across_tolerance_mm = 0.2\nlean_tolerance_mrad = 1.0\nscale_tolerance_mm_m = 0.1\n"
@@ -35,3 +40,18 @@ def test_a_pair_of_drives_has_a_name_only_beyond_its_tolerance(
     assert diagnosis.verdict == verdict
     names = {(effect.id, effect.where) for effect in diagnosis.effects}
     assert names == (set() if verdict == "agrees" else {("axis_squareness", "xy")})
+
+
+def test_bars_that_are_stated_in_the_likeliest_way_keep_their_name(tmp_path: Path) -> None:
+    """Models of other ways stand beside it: there a bar is beyond the tolerance that it has."""
+    csv = tmp_path / "t.csv"
+    csv.write_text(contacts(Printer(length_mm=(3.0, 0.0, 0.0)), 3), encoding="utf-8")
+    opened, events, _ = opened_table(csv, load_machine("linear-delta"), "test")
+    posterior = solve_sessions([fold([opened, *events])]).posterior
+    stated = [
+        replace(cells, case=replace(cells.case, as_stated="lines and bars"))
+        for cells in posterior.sessions
+    ]
+    claims = Claims.of(posterior)
+    assert claims.ids["leg_length"] > 0.1
+    assert Claims.of(replace(posterior, sessions=tuple(stated))).ids == claims.ids

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
+from app.evaluating.correction import case_of
 from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution, solve_sessions
 from calib.errors import NotIdentifiable, UsageError
@@ -16,7 +17,6 @@ from calib.identify.solution import FittedSize, Solution, Subset
 from calib.quantity import round_step
 from calib.tripod.controller import commanded_with, tool_error_mm
 from calib.tripod.effects.candidates import Candidate, candidates
-from calib.tripod.effects.contacts import ROUND
 from calib.tripod.effects.effect import Effect, EffectInstance, EffectParameter, Kind
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
@@ -252,13 +252,9 @@ def what_if(
 
 def _of_the_catalogue(sessions: Sequence[Session]) -> Iterator[EffectEntry]:
     """What these readings could show, parameters of the machine's geometry too, of size 0."""
-    machine = sessions[0].opened.machine
-    laws = {law.id: law for law, _ in machine.geometry_tolerances()}
-    if ROUND.id in laws:
-        laws[ROUND.id] = ROUND
-    effects = known_effects()
+    model, effects = Model(sessions[0].opened.machine.geometry()), known_effects()
+    laws = {law.id: law for law in case_of(sessions[0], model).named_beyond}
     beside = (law for name, law in laws.items() if name not in {effect.id for effect in effects})
-    model = Model(machine.geometry())
     for candidate in candidates(model, to_observations(sessions), (*effects, *beside)):
         yield _of_size_zero(candidate)
 

@@ -78,7 +78,7 @@ def _beyond_tolerance(posterior: Posterior, model: Weighted) -> list[int]:
 
     A machine whose drives lie as such drives do is as stated, whichever way a model has it.
     """
-    tolerances = posterior.sessions[-1].case.named_beyond
+    tolerances = posterior.sessions[-1].with_free_lines.case.named_beyond
     beyond = []
     for k, at in zip(model.members, posterior.starts(model), strict=True):
         shares = posterior.components[k].shares

@@ -449,8 +449,10 @@ class _Report:
         beyond their tolerances.
         """
         smallest: dict[str, Detectable | None] = {}
-        linear, sessions = self.posterior.linear, self.posterior.sessions
-        about, beyond = Leftover.of(sessions, (), self.timed).about, sessions[-1].case.named_beyond
+        linear, beyond = self.posterior.linear, self.sessions[-1].case.named_beyond
+        about = self.before.about
+        if self.sessions != [*self.posterior.sessions]:
+            about = Leftover.of(self.posterior.sessions, (), self.timed).about
         for k, component in enumerate(self.components[: len(linear.index)]):
             if component.kind not in NAMES or len(component.unit) != 1 or not component.candidate:
                 continue

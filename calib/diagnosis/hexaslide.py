@@ -18,8 +18,9 @@ from calib.arrays import EXACT_BLIND, FloatArray, IntArray, svd_of_all, without
 from calib.diagnosis.hexaslide_causes import (
     AdoptedEffect,
     HexaSlideCause,
-    causes_of,
+    causes_of_machine,
     mistake_at,
+    mistakes_of,
     with_effects,
 )
 from calib.diagnosis.thresholds import AGREED, OPEN, SURE, UNLIKELY
@@ -271,7 +272,8 @@ def weighed(
     whitened = (residual.values / noise).ravel()
     axes, sizes, directions = svd_of_all(base)
     rank = int((sizes > EXACT_BLIND * sizes[0]).sum())
-    causes = tuple(causes_of(readings, machine, postures, lead_m, middle))
+    of_machine = causes_of_machine(readings, machine, postures, lead_m, middle)
+    causes = (*of_machine, *mistakes_of(readings, machine, postures))
     race = _race(About.of(base, whitened, expected), causes, len(whitened))
     by_name = {(effect.id, effect.where): effect for effect in adopted}
     places = [by_name.get((cause.id, cause.where)) for cause in causes]

@@ -69,16 +69,11 @@ def mistake_at(readings: Readings, row: int) -> tuple[str, str]:
     return MISTAKE, f"posture {readings.number(row)}"
 
 
-def causes_of(
-    readings: Readings,
-    machine: HexaSlide,
-    postures: FloatArray,
-    lead_m: float | None,
-    middle: FloatArray,
+def mistakes_of(
+    readings: Readings, machine: HexaSlide, postures: FloatArray
 ) -> Iterator[HexaSlideCause]:
-    """Every cause of this kind of machine, at every place, then every mistake."""
+    """Every posture may be wrong."""
     effects = _Effects(readings, machine, postures)
-    yield from causes_of_machine(readings, machine, postures, lead_m, middle)
     for row in range(len(readings.sliders)):
         yield effects.of_posture(row, *mistake_at(readings, row))
 
@@ -90,8 +85,9 @@ def causes_of_machine(
     lead_m: float | None,
     middle: FloatArray,
 ) -> Iterator[HexaSlideCause]:
-    """Those that move the platform; scale and bow do nothing where sliders are in the ``middle``
-    ``(6,)``.
+    """Every cause that moves the platform, at every place.
+
+    Scale and bow do nothing where sliders are in the ``middle`` ``(6,)``.
     """
     effects = _Effects(readings, machine, postures)
     sliders, at = readings.sliders, legs(machine.geometry, postures)

@@ -291,7 +291,9 @@ class Cells:
 
     @property
     def with_free_lines(self) -> Cells:
-        """The same where the drives' lines are free within their tolerances."""
+        """The same where the drives' lines, and bars, are free within their tolerances."""
+        if self.case.as_stated == "nothing":
+            return self
         return replace(self, case=replace(self.case, as_stated="nothing"))
 
     @classmethod

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import groupby, product, takewhile
+from itertools import groupby, product
 
 import numpy as np
 
@@ -249,9 +249,12 @@ def levels_within(
 
 def _farthest(geometry: Geometry, places: Iterable[tuple[int, float]], end_mm: int) -> int:
     """How far from their Zeros, towards an end, all of these legs can go, whole mm."""
-    way = range(0, end_mm, 1 if end_mm > 0 else -1)
-    stands = takewhile(lambda at: all(geometry.goes(leg, at) for leg, _ in places), [*way, end_mm])
-    return max(stands, key=abs, default=0)
+    way_mm = np.linspace(0, end_mm, abs(end_mm) + 1)
+    there = (
+        geometry.leg_zero_mm[leg] + way_mm[:, None] * geometry.directions[leg] for leg, _ in places
+    )
+    stands = np.all([geometry.stands(tool_mm) for tool_mm in there], axis=0)
+    return end_mm if stands.all() else int(way_mm[max(stands.argmin() - 1, 0)])
 
 
 @lru_cache(maxsize=256)

@@ -19,7 +19,6 @@ from calib.posterior.race import LIGHTEST
 from calib.posterior.screws import with_searched_leads
 from calib.posterior.tool import tool_field
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.contacts import ROUND
 from calib.tripod.effects.effect import Effect
 from calib.tripod.movements import with_first_movements
 
@@ -63,12 +62,11 @@ def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = N
 def _adopted_variants(case: SessionCase, effects: Sequence[Effect]) -> list[Effect]:
     """Laws of adopted effects of which the library has other variants only, as screws' leads.
 
-    And parameters of geometry that it has not, a plate that is round beside its three bows.
+    And parameters of geometry that it has not.
     """
     laws = library_laws(case.model.geometry, effects)
-    ids = {law.id for law in laws} | {law.id for law, _ in case.geometry}
-    adopted = dict.fromkeys(law for law, _ in (*case.free_spread, *case.geometry))
-    adopted |= {law: None for law in case.named_beyond if law == ROUND}
+    ids = {law.id for law in laws} | {law.id for law in case.named_beyond}
+    adopted = dict.fromkeys((*(law for law, _ in case.free_spread), *case.named_beyond))
     return [law for law in adopted if law.id in ids and law not in laws]
 
 

@@ -28,10 +28,10 @@ def platform_figure(machine: PostureHistory) -> LegFigure:
     """The same for a screen: as the machine was found, and below it with what each session gave."""
     chart = platform_chart(machine)
     title = f"{machine.machine}, error of the platform as found"
-    found, *bound = (replace(series, name="") for series in chart.series)
+    before, *bound = (replace(series, name="") for series in chart.series)
     return LegFigure(
         title,
         "Platform",
-        replace(chart, title=title, series=(found,)),
+        replace(chart, title=title, series=(before,)),
         replace(chart, title="at most, with the machine of the session", series=tuple(bound)),
     )

@@ -176,15 +176,18 @@ async def escape(pilot: Pilot[str], interface: Interface, name: str) -> None:
     await until(pilot, f"home after {name}", lambda: isinstance(interface.screen, HomeScreen))
 
 
-@pytest.mark.parametrize("colours", ["textual-dark", "textual-light", "NO_COLOR"])
-async def test_a_leg_that_is_done_looks_done(
-    samples: Path, colours: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture(params=["textual-dark", "textual-light", "NO_COLOR"])
+def theme(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Each theme, and the dark one where no colours are wanted."""
+    if request.param != "NO_COLOR":
+        return str(request.param)
+    monkeypatch.setenv("NO_COLOR", "1")
+    return "textual-dark"
+
+
+async def test_a_leg_that_is_done_looks_done(samples: Path, theme: str) -> None:
     """By colour, by a word, and by a mark."""
-    if colours == "NO_COLOR":
-        monkeypatch.setenv("NO_COLOR", "1")
     session = fold(read_record(samples / "simulated_zero-max-min.jsonl").events)
-    theme = "textual-dark" if colours == "NO_COLOR" else colours
     interface = interface_on(HomeScreen(), theme)
     async with interface.run_test(size=(80, 24)) as pilot:
         await pilot.pause()
@@ -196,22 +199,16 @@ async def test_a_leg_that_is_done_looks_done(
         style = next(segment.style for segment in segments if segment.text == words)
         assert style is not None
         assert style.bold
-        if colours != "NO_COLOR":
+        if not interface.no_color:
             assert min(contrasts(interface, words)) >= LEGIBLE
             assert style.color != Style.parse(interface.theme_variables["foreground"]).color
             success = Color.parse(interface.theme_variables["success"])
             assert interface.screen.query_one(".done").styles.border.top[1] == success
 
 
-@pytest.mark.parametrize("colours", ["textual-dark", "textual-light", "NO_COLOR"])
-async def test_the_page_that_is_shown_is_marked_without_colour(
-    samples: Path, colours: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_the_page_that_is_shown_is_marked_without_colour(samples: Path, theme: str) -> None:
     """In one line below that of the session; reversed, so that no colour is needed."""
-    if colours == "NO_COLOR":
-        monkeypatch.setenv("NO_COLOR", "1")
     path = samples / "experiment_3_twelve.jsonl"
-    theme = "textual-dark" if colours == "NO_COLOR" else colours
     interface = interface_on(ResultScreen(solve_files([path]).work_out(), None, path), theme)
     async with interface.run_test(size=(80, 24)) as pilot:
         await until(pilot, "text", lambda: "Next: D" in text(interface, "#result-text"))

@@ -171,6 +171,8 @@ class Machine(Document):
     jig, so that they are long or short together;
     ``across_tolerance_mm``, ``lean_tolerance_mrad`` and ``scale_tolerance_mm_m`` the same of where
     the line of a drive lies in each direction across it, of its direction, and of its travel;
+    ``radius_tolerance_mm`` the same of the radius of all towers, where it may be a guess that
+    nobody has measured;
     ``plate_bow_tolerance_mm`` the same of how far a plate that the tool meets is from flat, 100 mm
     from its middle; ``platform_tilt_tolerance_mrad`` of how unequal the two bars of a leg are, in
     parts of their distance: the platform tilts by about so much as it goes out. It acts on a probe
@@ -211,6 +213,7 @@ class Machine(Document):
     length_tolerance_mm: Tolerance = 0.1
     length_correlation: Annotated[float, Field(ge=0.0, le=0.95)] = 0.0
     across_tolerance_mm: LineTolerance = 0.0
+    radius_tolerance_mm: LineTolerance = 0.0
     lean_tolerance_mrad: LineTolerance = 0.0
     scale_tolerance_mm_m: LineTolerance = 0.0
     plate_bow_tolerance_mm: LineTolerance = 0.0
@@ -245,6 +248,12 @@ class Machine(Document):
             raise ValueError("rail_mm: the nearer end first, then the other")
         if self.home_offset_mm and self.position_endstop_mm:
             raise ValueError("home_offset_mm and position_endstop_mm: the same switches; state one")
+        if self.radius_tolerance_mm and not (
+            self.across_tolerance_mm and "xr" in self.geometry().across
+        ):
+            raise ValueError(
+                "radius_tolerance_mm: of towers around the middle, beside across_tolerance_mm"
+            )
         if self.motion and self.motion.feed_mm_min > self.fastest_feed_mm_min:
             raise ValueError("motion, feed_mm_min: more than fastest_feed_mm_min")
         return self

@@ -44,6 +44,7 @@ SchemaId = Literal[
     "glidecal.session/8",
     "glidecal.session/9",
     "glidecal.session/10",
+    "glidecal.session/11",
 ]
 """Every schema of a record. A changed event needs a new one: docs/decisions/0003-record.md."""
 

@@ -326,6 +326,7 @@ def case_of_machine(
         state=(machine.name, machine.adjusted),
         entered_mm=machine.entered_offsets_mm,
         length_correlation=machine.length_correlation,
+        radius_mm=machine.radius_tolerance_mm,
     )
 
 

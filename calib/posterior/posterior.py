@@ -38,11 +38,15 @@ AS_STATED: dict[Stated, float] = {
 }
 """How likely a machine with tolerances of its lines has so much as the file states it."""
 
+TYPED_IN = 0.2
+"""How likely the radius in a printer's firmware is a guess. Of 13 printers of which owners have
+published the file five began 3 to 10 mm beside the radius of their calibration, the others
+within 2 mm."""
+
 
 def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = None) -> Posterior:
     """Of these sessions together. Raises NotIdentifiable where one cannot be fitted."""
-    of_lines = any(case.geometry for case in cases)
-    shares: dict[Stated, float] = AS_STATED if of_lines else {"nothing": 1.0}
+    shares = _shares(cases)
     cells_by_statement = {
         s: Cells.of_all([replace(case, as_stated=s) for case in cases]) for s in shares
     }
@@ -57,6 +61,16 @@ def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = N
         way for s, share in shares.items() for way in _ways(cells_by_statement[s], math.log(share))
     ]
     return _mixed(with_mistakes(ways, solve))
+
+
+def _shares(cases: Sequence[SessionCase]) -> dict[Stated, float]:
+    """How likely so much of the machine is as its file states it; what comes first is least."""
+    if not any(case.geometry for case in cases):
+        return {"nothing": 1.0}
+    if not any(case.radius_mm for case in cases):
+        return AS_STATED
+    measured = {s: (1.0 - TYPED_IN) * share for s, share in AS_STATED.items()}
+    return {"nothing": TYPED_IN, "radius": measured.pop("nothing"), **measured}
 
 
 def _adopted_variants(case: SessionCase, effects: Sequence[Effect]) -> list[Effect]:

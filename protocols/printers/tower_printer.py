@@ -190,6 +190,7 @@ class TowerPrinter:
                 length_tolerance_mm=0.4,
                 length_correlation=0.7,  # cut with one jig, measured with one ruler
                 across_tolerance_mm=0.4,
+                radius_tolerance_mm=5.0,
                 lean_tolerance_mrad=1.0,
                 scale_tolerance_mm_m=1.0,
                 plate_bow_tolerance_mm=0.05,

@@ -172,10 +172,15 @@ def firmware(stops: FloatArray, radius: float, angles: FloatArray, bar: float) -
 BELIEVED = firmware(np.full(3, STOP), RADIUS, ANGLES, BAR)
 
 
-def contacts(parts: Hidden, random: np.random.Generator) -> list[FloatArray]:
-    met = [parts.met(BELIEVED, across) for across in RINGS]
+def contacts(
+    parts: Hidden,
+    random: np.random.Generator,
+    places: Sequence[tuple[float, float]] = RINGS,
+    cycles: int = CYCLES,
+) -> list[FloatArray]:
+    met = [parts.met(BELIEVED, across) for across in places]
     up = np.array([0.0, 0.0, SCATTER_MM])
-    return [place + up * random.normal() for _ in range(CYCLES) for place in met]
+    return [place + up * random.normal() for _ in range(cycles) for place in met]
 
 
 def fitted(
@@ -264,11 +269,16 @@ def turn_free(error_mm: FloatArray) -> float:
 
 
 def calibrated(
-    parts: Hidden, random: np.random.Generator, folder: Path, stated: Machine | None = None
+    parts: Hidden,
+    random: np.random.Generator,
+    folder: Path,
+    stated: Machine | None = None,
+    places: Sequence[tuple[float, float]] = RINGS,
+    cycles: int = CYCLES,
 ) -> Result:
     """One printer through `import`, `export` and the firmware's formulas; ``stated`` of it."""
-    met = contacts(parts, random)
-    rows = [f"{x:.4f},{y:.4f},{z:.5f},0,{k // len(RINGS) + 1}" for k, (x, y, z) in enumerate(met)]
+    met = contacts(parts, random, places, cycles)
+    rows = [f"{x:.4f},{y:.4f},{z:.5f},0,{k // len(places) + 1}" for k, (x, y, z) in enumerate(met)]
     table, machine_file, session, out = (
         folder / name for name in ("t.csv", "m.toml", "s.jsonl", "out.cfg")
     )

@@ -194,7 +194,7 @@ def _all_candidates(
         pairs = [(candidate, next(visibility)) for candidate in alone_of_effect]
         candidates += [candidate for candidate, is_seen in pairs if not is_seen]
         by_place = {candidate.where: candidate.columns for candidate, is_seen in pairs if is_seen}
-        candidates += _arrangements(effect, by_place, geometry)
+        candidates += _arrangements(effect, by_place, geometry, mount)
     return zip(candidates, _are_seen(mount, candidates), strict=True)
 
 
@@ -234,7 +234,7 @@ def _are_seen(mount: IntArray, candidates: Sequence[Candidate]) -> list[bool]:
 
 
 def _arrangements(
-    effect: Effect, by_place_seen: dict[str, FloatArray], geometry: Geometry
+    effect: Effect, by_place_seen: dict[str, FloatArray], geometry: Geometry, mount: IntArray
 ) -> Iterator[Candidate]:
     lateral = _is_lateral(by_place_seen, geometry)
     if not lateral or effect.stage in (Stage.TOUCH, Stage.READING):
@@ -245,7 +245,7 @@ def _arrangements(
         if geometry.common_zero or not lateral:
             yield _grouped(effect, by_place_seen, "same", {"": tuple(by_place_seen)})
         if set(by_place_seen) == set(geometry.across):
-            yield from _symmetric(effect, by_place_seen, geometry)
+            yield from _symmetric(effect, by_place_seen, geometry, mount)
         legs = {place[0] for place in by_place_seen}
         if not lateral or len(legs) > 1:
             yield _each(
@@ -264,18 +264,25 @@ def _is_lateral(places_seen: Iterable[str], geometry: Geometry) -> bool:
 
 
 def _symmetric(
-    effect: Effect, columns_by_place: dict[str, FloatArray], geometry: Geometry
+    effect: Effect, columns_by_place: dict[str, FloatArray], geometry: Geometry, mount: IntArray
 ) -> Iterator[Candidate]:
     """Two values that all drives share, as the machine is symmetric.
 
     Drives whose legs are read: each the mirror image of itself when two axes are exchanged; going
-    round with the axes, towards the next one and the one before. Else radial and tangential.
+    round with the axes, towards the next one and the one before. Else radial and tangential, where
+    it is seen: contacts with a plate do not show that all towers are turned alike.
     """
     first, second = list(columns_by_place)[0::2], list(columns_by_place)[1::2]
     if not geometry.common_zero:
-        yield _grouped(
-            effect, columns_by_place, "turning", {"_r": tuple(first), "_t": tuple(second)}
-        )
+        groups = {"_r": tuple(first), "_t": tuple(second)}
+        alone = [
+            _grouped(effect, columns_by_place, "turning", {ending: group})
+            for ending, group in groups.items()
+        ]
+        seen = zip(groups.items(), _are_seen(mount, alone), strict=True)
+        groups_seen = {ending: group for (ending, group), is_seen in seen if is_seen}
+        if groups_seen:
+            yield _grouped(effect, columns_by_place, "turning", groups_seen)
         return
     yield _grouped(
         effect, columns_by_place, "mirror", {"_first": tuple(first), "_second": tuple(second)}

@@ -1,7 +1,8 @@
-"""The result of a session of postures: what to enter, what is left, the diagnosis, the readings."""
+"""The result of a session of postures, its diagnosis and readings, and what if of a cause."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -10,17 +11,18 @@ from textual import work
 from textual.binding import Binding, BindingType
 
 from app.evaluating.hexaslide import PostureResult, posture_result
-from app.evaluating.hexaslide_what_if import causes_to_try
+from app.evaluating.hexaslide_what_if import CausesToTry, causes_to_try
 from app.exports.hexaslide import write_calibrated
-from app.report.charts.hexaslide import drawn_machine, residual_charts
+from app.report.charts.hexaslide import drawn_machine, left_with, residual_charts
 from app.report.text import hexaslide_result as texts
-from app.report.text.hexaslide_what_if import WHICH, cause_words
+from app.report.text import hexaslide_what_if as what_if_texts
 from app.report.text.home import REPORTS_SERVED
 from app.report.text.result import ONLY_SHOWN
-from app.screens.hexaslide_what_if import PostureWhatIfScreen
 from app.screens.interface import ChoiceDialog
 from app.screens.paged import PAGE_KEYS, Page, PagedScreen
 from app.screens.pages import apart
+from app.screens.what_if import SIZE_KEYS, SizesScreen
+from calib.diagnosis.hexaslide_what_if import PostureTrial
 from calib.errors import extra
 
 
@@ -97,8 +99,9 @@ class HexaSlideResultScreen(PagedScreen[None]):
             return
         with self.app.complaining():
             causes = await apart(self, causes_to_try, self.result.solved.source)
-            listed = [(name, cause_words(name, w)) for name, w in causes.likely.items()]
-            name = await self.ask(ChoiceDialog(WHICH, listed))
+            words = what_if_texts.cause_words
+            listed = [(name, words(name, weight)) for name, weight in causes.likely.items()]
+            name = await self.ask(ChoiceDialog(what_if_texts.WHICH, listed))
             if name is not None:
                 await self.ask(PostureWhatIfScreen(self.path, causes, name))
 
@@ -136,3 +139,47 @@ class HexaSlideResultScreen(PagedScreen[None]):
 
             if path := await self.app.written(job):
                 self.app.notify(texts.REPORT_WRITTEN.format(path), markup=False)
+
+
+class PostureWhatIfScreen(SizesScreen[None]):
+    """One cause beside the parameters; nothing is written."""
+
+    HELP = what_if_texts.WHAT_IF_HELP
+    BINDINGS: ClassVar[list[BindingType]] = [*SIZE_KEYS, *PAGE_KEYS]
+    PAGES = (Page("left", "What is left", charts=1, text=False),)
+    trial: PostureTrial
+
+    def __init__(self, path: Path, causes: CausesToTry, name: tuple[str, str]) -> None:
+        super().__init__()
+        self.path = path
+        self.causes = causes
+        self.name_of_cause = name
+
+    def begin(self) -> None:
+        """Work out apart what is linear in the sizes."""
+        self.head(what_if_texts.heading_text(self.name_of_cause, self.path))
+        self.look(partial(self.causes.trial, self.name_of_cause), self._begin, str)
+
+    def _begin(self, trial: PostureTrial) -> None:
+        self.trial, self.known = trial, True
+        self.move_to(trial.best or (0.0,) * len(trial.cause.names))
+
+    def move_to(self, values: Sequence[float]) -> None:
+        self.values = tuple(values)
+        self.show_words()
+
+    def show_words(self) -> None:
+        trial, values = self.trial, self.values
+        before, now = trial.at([0.0] * len(values)), trial.at(values)
+        sizes = what_if_texts.sizes_text(trial, values, self.number)
+        self.say(sizes, what_if_texts.effect_text(before, now))
+        readings = trial.models.readings
+        numbers = [readings.number(row) for row in range(len(readings.sliders))]
+        self.follow("left", left_with(numbers, before, now))
+
+    def action_best(self) -> None:
+        """The sizes that fit best; where the readings do not show them, why."""
+        if self.known and self.trial.best:
+            self.move_to(self.trial.best)
+        else:
+            self.app.complain(what_if_texts.WORKING if self.looking else what_if_texts.NOT_SEEN)

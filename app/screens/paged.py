@@ -36,21 +36,6 @@ PAGE_KEYS: tuple[BindingType, ...] = (
 )
 """What every screen of pages has; last among its keys, as the footer shows them."""
 
-COARSE = 10
-"""So many steps with Shift."""
-
-SIZE_KEYS: tuple[BindingType, ...] = (
-    Binding("left", "move(-1)", "Smaller", id="what_if.smaller"),
-    Binding("right", "move(1)", "Larger", id="what_if.larger"),
-    Binding("shift+left", f"move({-COARSE})", show=False, id="what_if.much_smaller"),
-    Binding("shift+right", f"move({COARSE})", show=False, id="what_if.much_larger"),
-    Binding("up", "choose(-1)", "Size before", show=False, id="what_if.size_before"),
-    Binding("down", "choose(1)", "Next size", show=False, id="what_if.next_size"),
-    Binding("0", "nothing", "Nothing", id="what_if.nothing"),
-    Binding("f", "best", "Fits best", id="what_if.best"),
-)
-"""Of screens on which the size of something missing is moved."""
-
 
 @dataclass(frozen=True)
 class Page:
@@ -113,7 +98,7 @@ class PagedScreen(LeftOnce[ScreenResultType]):
         self.query_one(Tabs).can_focus = False  # the keys of this screen turn the pages
         self.begin()
 
-    def begin(self) -> None:
+    def begin(self) -> object:
         """Fill the pages, or begin to work out what they show."""
 
     def head(self, text: str) -> None:

@@ -37,8 +37,7 @@ from app.screens.corrections import Corrections
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.fast_keys import LeftOnce, Palette
 from app.screens.hexaslide import HexaSlideScreen
-from app.screens.hexaslide_result import HexaSlideResultScreen
-from app.screens.hexaslide_what_if import PostureWhatIfScreen
+from app.screens.hexaslide_result import HexaSlideResultScreen, PostureWhatIfScreen
 from app.screens.history import CompareScreen, HistoryScreen
 from app.screens.home import HomeScreen, PickScreen, ReplayChoiceScreen
 from app.screens.interface import ChoiceDialog, Dialog, HelpDialog, Interface, TextDialog

@@ -45,6 +45,9 @@ IDLE_GATHER_S = 0.09
 With GATHER_S alone waiting takes half as much again (`make bench` allows 5 % of a core).
 """
 
+ATTEND_S = 0.05
+"""The thread of the controller is told so often that the screens run."""
+
 AGES_S = 0.2
 """Ages and stale indicators are looked at so often."""
 
@@ -114,14 +117,17 @@ class MeasureScreen(Corrections, Resting):
         self.proceed()
         self._follow()
         self.set_interval(AGES_S, self._look)
-        if self.guided.mover is not None:
-            self.app.attend(self._look_at_machine)
+        self.set_interval(ATTEND_S, self._attend)
 
-    def _look_at_machine(self) -> None:
-        """Often: an indicator that is lost stops a machine that moves, and ends its consent."""
+    def _attend(self) -> None:
+        """Tell the controller's thread that the screens run, and look at the indicators.
+
+        Both stop a machine that nobody watches.
+        """
         mover = self.guided.mover
         if mover is None or self.guided.closed:
             return
+        mover.alive()
         self.write(self.guided.follow_proof)
         if mover.line.may_move:
             lost_words(self.guided)

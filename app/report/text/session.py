@@ -300,6 +300,18 @@ def replay_text(report: ReplayReport) -> str:
     )
 
 
+def step_lines(session: Session, steps: Sequence[Step], now: Step | None) -> list[str]:
+    """A line for each step: + done, - skipped, > now."""
+    geometry, visits = session.opened.machine.geometry(), visits_of(tuple(steps))
+    marks = dict.fromkeys(session.skipped, "-") | dict.fromkeys(session.done(), "+")
+    if now is not None:
+        marks[now.number] = ">"
+    return [
+        f"{marks.get(s.number, ' ')} {s.number:>3} {step_in_list(s, geometry, visits[s.number])}"
+        for s in steps
+    ]
+
+
 def step_in_list(step: Step, geometry: Geometry, visit: str) -> str:
     """Leg, posture and ``visit`` of a step, over a plane station for cycle; the list is narrow.
 

@@ -291,7 +291,7 @@ async def test_prepare_dry_run_and_random_order(
         await shown(pilot, interface, DryRunScreen)
         assert "G53 G0 X60.000" in text(interface, "#dry-run-text")
         written = text(interface, "#dry-run-text")
-        await until(pilot, "expected", lambda: "to expect" in text(interface, "#expected"))
+        await until(pilot, "expected", lambda: "to expect" in text(interface, "#expected-text"))
         await pilot.press("escape")
         interface.screen.query_one("#random", Input).focus()
         await pilot.press("7")

@@ -261,8 +261,8 @@ indicator doctor examines it."""
 
 DRY_RUN_HELP = """\
 The steps in the order in which they are measured, each with the
-line to type at the controller; at the end what to expect of the
-result. Nothing is opened or written."""
+line to type at the controller; on the second page what to expect of
+the result. Nothing is opened or written."""
 
 PALETTE = (
     ("Theme", "Choose the colours; kept in the settings"),

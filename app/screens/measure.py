@@ -7,6 +7,7 @@ import gc
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from typing import ClassVar
 
 from textual import work
@@ -155,21 +156,20 @@ class MeasureScreen(Corrections, Resting):
             self._show_live()
 
     def _look(self) -> None:
-        slept_s = self._sleep.slept_s()
-        if slept_s:
+        now = time.monotonic()
+        if slept_s := self._sleep.slept_s():
             self._set_hold(True, f"the computer slept for {slept_s:.0f} s")
             self.say(texts.slept_text(slept_s, self._goes_on))
         if not self.busy:  # a take holds the record, and looks itself
             self.write(self._look_at_clock)
-        if self._lost and time.monotonic() - self._ports_at > PORTS_S:
-            self._ports_at = time.monotonic()
+        if self._lost and now - self._ports_at > PORTS_S:
+            self._ports_at = now
             self._look_for_ports()
-        if time.monotonic() - self._shown_at > AGES_S / 2:  # else news has just shown the ages
+        if now - self._shown_at > AGES_S / 2:  # else news has just shown the ages
             self._show_live()
 
     def _look_at_clock(self) -> None:
-        jump_s = self.guided.look_at_clock()
-        if jump_s:
+        if jump_s := self.guided.look_at_clock():
             self.say(texts.clock_set_text(jump_s))
 
     def on_resize(self) -> None:
@@ -266,7 +266,8 @@ class MeasureScreen(Corrections, Resting):
                 self._lost[number] = where
                 self._tell_lost(number, outcome)
 
-    def action_port(self) -> None:
+    @work
+    async def action_port(self) -> None:
         """An indicator is at another port now: choose it."""
         if self.busy or self.asking:
             return
@@ -274,21 +275,16 @@ class MeasureScreen(Corrections, Resting):
             self.say(questions.NO_PORT_LOST)
             return
         number = min(self._lost)
-        gauge = self.guided.gauges[number]
-        ports = ports_to_choose(gauge.adapter, [gauge.port for gauge in self.guided.gauges])
+        adapter = self.guided.gauges[number].adapter
+        ports = ports_to_choose(adapter, [gauge.port for gauge in self.guided.gauges])
         if not ports:
             self.say(questions.NO_OTHER_PORT)
             return
-        choices = questions.port_choices(ports, gauge.adapter)
         question = questions.port_question(self.guided.name_of(number))
+        port = await self.ask(ChoiceDialog(question, questions.port_choices(ports, adapter)))
+        if port is not None:
+            await self._go_on_at(number, port)
 
-        def chosen(port: str | None) -> None:
-            if port is not None:
-                self._go_on_at(number, port)
-
-        self.ask(ChoiceDialog(question, choices), chosen)
-
-    @work
     async def _go_on_at(self, number: int, port: str) -> None:
         try:
             await apart(self, self.guided.go_on_at, number, port)
@@ -297,9 +293,8 @@ class MeasureScreen(Corrections, Resting):
             return
         self.view.rename(number, port)
         self._show_step()
-        instruments = self.view.instruments
         with suppress(GlidecalError):  # a proposal for the next time
-            await apart(self, remember, self.plan.machine.name, instruments)
+            await apart(self, remember, self.plan.machine.name, self.view.instruments)
         self.say(f"{self.guided.name_of(number).capitalize()} is read from here on.")
 
     def _tell_motion(self) -> None:
@@ -324,17 +319,17 @@ class MeasureScreen(Corrections, Resting):
         elif asks:
             self._ask_what_moved(asks)
 
-    def _ask_what_moved(self, question: str) -> None:
-        if not self.asking:
-            self.ask(ChoiceDialog(question, motion.SAW_CHOICES), self._saw)
-
-    def _saw(self, answer: str | None) -> None:
+    @work
+    async def _ask_what_moved(self, question: str) -> None:
+        answer = await self.ask(ChoiceDialog(question, motion.SAW_CHOICES))
         if answer is not None:
-            self.write(lambda: self.guided.answer_proof(yes=answer == "yes"))
+            self.write(partial(self.guided.answer_proof, yes=answer == "yes"))
 
-    def _ask_what_happened(self, mover: Mover) -> None:
+    @work
+    async def _ask_what_happened(self, mover: Mover) -> None:
         if not any(isinstance(screen, MotionDialog) for screen in self.app.screen_stack):
-            self.ask(MotionDialog(mover), lambda _: self._show_step())
+            await self.ask(MotionDialog(mover), over=True)
+            self._show_step()
 
     def _take_if_moved(self) -> None:
         """Take what stands still where it tells of a move; else say once why not."""
@@ -396,49 +391,43 @@ class MeasureScreen(Corrections, Resting):
         if step_taken.doubt:
             self._by_hand()
             self._show_step()
-            dialog = ChoiceDialog(
-                questions.question_text(step_taken, self.guided.session),
-                questions.question_choices(step_taken),
-                leaving="{dialog.cancel}: not kept.",
-            )
-            self.ask(dialog, lambda answer: self._answered(answer or "", step_taken))
+            question = questions.question_text(step_taken, self.guided.session)
+            choices = questions.question_choices(step_taken)
+            dialog = ChoiceDialog(question, choices, leaving=questions.NOT_KEPT)
+            answer = await self.ask(dialog, over=True)
+            await self._answered(answer or "", step_taken)
         else:
-            self._go_on(step_taken.step)
+            await self._go_on(step_taken.step)
 
-    def _answered(self, answer: str, step_taken: TakenStep) -> None:
+    async def _answered(self, answer: str, step_taken: TakenStep) -> None:
         """What the operator says to readings in question; only "keep" lets them count."""
-        reason = questions.answer_reason(answer, step_taken)
+        guided, reason = self.guided, questions.answer_reason(answer, step_taken)
         unsure: list[int] = []  # steps that are measured again for a new zero
         if answer == "keep":
-            if self.write(lambda: self.guided.keep(step_taken, reason)):
+            if self.write(partial(guided.keep, step_taken, reason)):
                 self.say(questions.answered_text(answer, step_taken))
-                self._go_on(step_taken.step)
+                await self._go_on(step_taken.step)
             return
-        self.write(lambda: self.guided.note(f"step {step_taken.step.number}: {reason}"))
+        self.write(partial(guided.note, f"step {step_taken.step.number}: {reason}"))
         if answer == "stand":
-            self.write(lambda: unsure.extend(self.guided.remount_since(reason)))
+            self.write(lambda: unsure.extend(guided.remount_since(reason)))
         elif answer == "earlier":
-            self.write(lambda: self.guided.measure_earlier(step_taken, reason))
+            self.write(partial(guided.measure_earlier, step_taken, reason))
         self.say(questions.answered_text(answer, step_taken, unsure))
         if answer == "read":  # without moving: what is stable stays so
             self._show_step()
         else:
             self.proceed()
 
-    def _go_on(self, step: Step) -> None:
+    async def _go_on(self, step: Step) -> None:
         """To the next step; after the last one of a leg its review comes between."""
         following = self.guided.step()
-        if following is not None and not self.guided.session.is_new_place(following):
-            self.proceed()
-            return
-        unattended = self.automatic and self.plan.simulated
-        rests_mm = [self.guided.gauges[k].rest_mm for k in step.indicators]
-        review = LegReviewScreen(self.guided.session, step, rests_mm, unattended=unattended)
-        self.ask(review, self._reviewed)
-
-    def _reviewed(self, hold: bool | None) -> None:
-        if hold and not self.held:
-            self.action_hold()
+        if following is None or self.guided.session.is_new_place(following):
+            unattended = self.automatic and self.plan.simulated
+            rests_mm = [self.guided.gauges[k].rest_mm for k in step.indicators]
+            review = LegReviewScreen(self.guided.session, step, rests_mm, unattended=unattended)
+            if await self.ask(review, over=True) and not self.held:
+                self.action_hold()
         self.proceed()
 
     def refused(self, text: str) -> None:
@@ -490,7 +479,7 @@ class MeasureScreen(Corrections, Resting):
         if mover.interrupted:
             self._ask_what_happened(mover)
         elif mover.line.needs_homing_confirmed:
-            self.ask(ChoiceDialog(motion.HOMED_QUESTION, motion.HOMED_CHOICES), self._homed)
+            self._ask_whether_homed(mover)
         elif mover.unproved and mover.unproved.question:
             self._ask_what_moved(mover.unproved.question)
         elif mover.consent():
@@ -499,23 +488,24 @@ class MeasureScreen(Corrections, Resting):
         else:
             self.say(motion.no_consent_text(mover))
 
-    def _homed(self, answer: str | None) -> None:
-        mover = self.guided.mover
-        if mover is not None and answer == "homed":
+    @work
+    async def _ask_whether_homed(self, mover: Mover) -> None:
+        answer = await self.ask(ChoiceDialog(motion.HOMED_QUESTION, motion.HOMED_CHOICES))
+        if answer == "homed":
             mover.confirm_homed()
-        elif mover is not None and answer == "home":
+        elif answer == "home":
             mover.home()
-        self.write(lambda: self.guided.note(f"homing: {answer or 'not answered'}"))
+        self.write(partial(self.guided.note, f"homing: {answer or 'not answered'}"))
 
     def action_plot(self) -> None:
-        """The next page: the plot, larger strip charts, the table."""
         self.view.turn_page()
 
-    def action_where(self) -> None:
+    @work
+    async def action_where(self) -> None:
         """The set-up of this step as a picture, with words."""
         picture = self.view.where(self.guided.session, self.guided.step())
         if picture:
-            self.ask(picture, lambda _: None)
+            await self.ask(picture)
 
     def _begin_finish(self) -> None:
         if self.plan.reference and not self.guided.closed:

@@ -97,7 +97,6 @@ class AlignScreen(Corrections):
         return action not in ("choose", "watch", "as_asked") or self.round is not None
 
     def _stand(self) -> None:
-        """The indicators as they stand for the chosen screw."""
         assert self.round is not None
         try:
             step = self.round.watch_step(self.round.aligned.shims[self.chosen])
@@ -158,7 +157,6 @@ class AlignScreen(Corrections):
             self.action_choose(1)
 
     def action_turn(self, way: int) -> None:
-        """The screw of a simulated machine."""
         assert self.round is not None, "offered in a round alone"
         assert self.guided.turn is not None, "offered on a simulated machine alone"
         if self.round.watching is None:
@@ -177,7 +175,6 @@ class AlignScreen(Corrections):
             self.app.go_to(self.app.measuring(self.guided, self.plan))
 
     def action_finish(self) -> None:
-        """Close the record, on to the result."""
         if self.guided.step() is not None:
             self.say(texts.MOVED_SINCE)
         elif not self.busy:

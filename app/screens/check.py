@@ -169,7 +169,6 @@ class CheckScreen(Screen[None]):
         return fits.get(action, True)
 
     def action_retry(self) -> None:
-        """Open the indicators again: a cable was plugged in meanwhile."""
         self._problem = None
         self.query_one("#words", Static).update(OPENING)
         self.refresh_bindings()
@@ -198,7 +197,6 @@ class CheckScreen(Screen[None]):
         self.action_retry()
 
     def action_begin(self) -> None:
-        """Start or continue the record and go measuring."""
         if self.app.indicators is None:
             return
         with self.app.complaining():

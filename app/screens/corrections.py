@@ -79,7 +79,6 @@ class Corrections(Screen[None]):
 
     @work
     async def finish(self) -> None:
-        """Close the record, on to the result."""
         try:
             result = await asyncio.to_thread(self._result)
         except GlidecalError as problem:

@@ -58,7 +58,6 @@ class DiagnoseScreen(PagedScreen[None]):
         self._known: ModelFile | None = None
 
     def begin(self) -> None:
-        """Diagnose apart from the screen."""
         self.looking, self.diagnosed, self._known = True, None, None
         self.refresh_bindings()
         self.head(texts.heading_text([path.name for path in self.paths], self.model))
@@ -99,7 +98,6 @@ class DiagnoseScreen(PagedScreen[None]):
 
     @work(exclusive=True, group="adopt")
     async def action_adopt(self) -> None:
-        """Ask what becomes part of the model, then for the file."""
         diagnosed = self.diagnosed
         if diagnosed is not None:
             choices = texts.adopt_choices(diagnosed)
@@ -128,7 +126,6 @@ class DiagnoseScreen(PagedScreen[None]):
                 self._look_again(diagnosed, self.model)
 
     async def _correct(self, diagnosed: SessionDiagnosis) -> None:
-        """Write the session without its mistakes and look again, at that."""
         source = self.paths[0]
         proposed = unused_path(source.with_name(f"{source.stem}_corrected.jsonl"))
         target = await self.ask(TextDialog(texts.WHICH_SESSION, "path", str(proposed)))
@@ -143,7 +140,6 @@ class DiagnoseScreen(PagedScreen[None]):
     async def _adopt(
         self, diagnosed: SessionDiagnosis, answer: str, held: EffectEntry | None = None
     ) -> None:
-        """Write the model and look again with it."""
         first = self.paths[0]
         proposed = self.model or unused_path(first.with_name(f"{first.stem}_model.json"))
         target = await self.ask(TextDialog(texts.WHICH_FILE, "path", str(proposed)))

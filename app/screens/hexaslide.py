@@ -59,7 +59,6 @@ class HexaSlideScreen(PagedScreen[None]):
         self._drawn_at = 0
 
     def begin(self) -> None:
-        """What the request that is there gives."""
         self._look(self.request)
 
     def _look(self, request: Request) -> None:
@@ -105,7 +104,6 @@ class HexaSlideScreen(PagedScreen[None]):
 
     @work(exclusive=True, group="ask")
     async def action_procedure(self) -> None:
-        """One of the paper's procedures."""
         kind = await self.ask(
             ChoiceDialog(
                 texts.WHICH_PROCEDURE, [(k, f"{k}: {texts.PROCEDURE_WORDS[k]}") for k in KINDS]
@@ -116,7 +114,6 @@ class HexaSlideScreen(PagedScreen[None]):
 
     @work(exclusive=True, group="ask")
     async def action_measured(self) -> None:
-        """Ask which components of the posture are measured."""
         proposed = ",".join(self.request.measured or ("x", "y", "z", "theta"))
         text = await self.ask(TextDialog(texts.WHICH_COMPONENTS, "x,y,z,theta", proposed))
         if text:
@@ -127,7 +124,6 @@ class HexaSlideScreen(PagedScreen[None]):
 
     @work(exclusive=True, group="ask")
     async def action_machine(self) -> None:
-        """Ask for a machine file."""
         now = self.request.machine_file
         dialog = TextDialog(texts.WHICH_MACHINE, "path", str(now) if now else "")
         text = await self.ask(dialog)
@@ -142,7 +138,6 @@ class HexaSlideScreen(PagedScreen[None]):
 
     @work(exclusive=True, group="ask")
     async def action_count(self) -> None:
-        """Ask how many postures."""
         if self.view is not None:
             fewest = self.view.fewest
             question = TextDialog(texts.count_question(fewest), "number", str(self._count))
@@ -158,7 +153,6 @@ class HexaSlideScreen(PagedScreen[None]):
         self._show_all()
 
     def action_search(self) -> None:
-        """Search for the best postures, one start after the other."""
         view = self.view
         if view is None:
             return

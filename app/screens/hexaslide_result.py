@@ -54,7 +54,6 @@ class HexaSlideResultScreen(PagedScreen[None]):
         self.folder = ""
 
     def begin(self) -> None:
-        """Work everything out apart from the screen."""
         self.looking = True
         self.head(texts.heading_text(self.path, None))
         self.wait(texts.LOOKING)
@@ -94,7 +93,6 @@ class HexaSlideResultScreen(PagedScreen[None]):
 
     @work(exclusive=True, group="what-if")
     async def action_what_if(self) -> None:
-        """A cause that a person chooses, its size moved."""
         if self.result is None:
             return
         with self.app.complaining():
@@ -107,7 +105,6 @@ class HexaSlideResultScreen(PagedScreen[None]):
 
     @work(exclusive=True, group="write")
     async def action_export(self) -> None:
-        """The calibrated machine and its kinematics, into a folder beside the session."""
         result, folder = self.result, self.path.with_suffix("")
         if result is not None and (
             paths := await self.app.written(partial(write_calibrated, result.solved, folder))
@@ -121,7 +118,6 @@ class HexaSlideResultScreen(PagedScreen[None]):
 
     @work(exclusive=True, group="write")
     async def action_report(self) -> None:
-        """The report to sign, beside the session."""
         choices = [(ending, f"{self.path.with_suffix(ending).name}") for ending in texts.ENDINGS]
         ending = await self.ask(ChoiceDialog(texts.WHICH_REPORT, choices))
         if ending is None:
@@ -156,7 +152,6 @@ class PostureWhatIfScreen(SizesScreen[None]):
         self.name_of_cause = name
 
     def begin(self) -> None:
-        """Work out apart what is linear in the sizes."""
         self.head(what_if_texts.heading_text(self.name_of_cause, self.path))
         self.look(partial(self.causes.trial, self.name_of_cause), self._begin, str)
 

@@ -87,7 +87,6 @@ class HistoryScreen(PagedScreen[None]):
             self._show(self._history)
 
     def _show(self, history: History) -> None:
-        """One machine."""
         self.put("history", texts.history_text(history, datetime.now(UTC)))
         figures = [figure for machine in history.machines for figure in control_charts(machine)]
         figures += map(platform_figure, history.of_postures)
@@ -98,6 +97,5 @@ class HistoryScreen(PagedScreen[None]):
         self.action_show_page("history")
 
     def action_figure(self, by: int) -> None:
-        """Another joint on the page of charts."""
         self.action_show_page("charts")
         self.query_one(LegPlots).turn(by)

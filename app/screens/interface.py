@@ -249,7 +249,6 @@ class Interface(App[str]):
 
     @property
     def mover(self) -> Mover | None:
-        """What moves the machine of the present session."""
         owner = self.guided or self.indicators
         return owner.mover if owner else None
 
@@ -396,7 +395,6 @@ class Interface(App[str]):
             line.tell("")
 
     def copy(self, text: str) -> None:
-        """To the clipboard of the terminal, as far as it lets programs use it."""
         self.copy_to_clipboard(text)
         self.notify(copied_text(text), timeout=8, markup=False)
 
@@ -437,7 +435,6 @@ class Interface(App[str]):
         return None
 
     async def action_quit(self) -> None:
-        """Quit; an open session is paused and can be continued."""
         self.notify("Finishing …", markup=False)
         self.exit(await self._leave(), return_code=self._status)
 
@@ -449,7 +446,6 @@ class Interface(App[str]):
             self.go_to(self.home())
 
     async def pause_session(self) -> None:
-        """Home; the open session can be continued."""
         text = await self._leave()
         self.go_to(self.home())
         self.notify(text, timeout=10, markup=False)
@@ -478,7 +474,6 @@ class Interface(App[str]):
         self.run_worker(self._hang_up())
 
     async def _hang_up(self) -> None:
-        """As Ctrl-C, with nothing more to show."""
         with self.batch_update():
             self.exit(await self._leave(), return_code=Exit.INTERRUPTED)
 

@@ -176,7 +176,6 @@ class MeasureScreen(Corrections, Resting):
         self._show_step()
 
     def proceed(self) -> None:
-        """Go to the present step, or finish when there is none."""
         following = self.guided.step()
         if following is not None:
             self.guided.go()
@@ -222,7 +221,6 @@ class MeasureScreen(Corrections, Resting):
             self._take_if_moved()
 
     def _of_step(self, states: Sequence[Live]) -> Sequence[Live]:
-        """Those of the indicators that read in this step."""
         step = self.guided.step()
         return [states[k] for k in step.indicators] if step else states
 
@@ -268,7 +266,6 @@ class MeasureScreen(Corrections, Resting):
 
     @work
     async def action_port(self) -> None:
-        """An indicator is at another port now: choose it."""
         if self.busy or self.asking:
             return
         if not self._lost:
@@ -502,7 +499,6 @@ class MeasureScreen(Corrections, Resting):
 
     @work
     async def action_where(self) -> None:
-        """The set-up of this step as a picture, with words."""
         picture = self.view.where(self.guided.session, self.guided.step())
         if picture:
             await self.ask(picture)

@@ -52,7 +52,6 @@ class Page:
     content: Callable[[], Widget] | None = None
 
     def compose(self) -> ComposeResult:
-        """The parts within their pane."""
         text = Static("", id=f"{self.name}-text", classes="page", markup=False)
         charts = [ChartPlot(plot_id=f"{self.name}-chart{k}") for k in range(self.charts)]
         if self.content:
@@ -78,7 +77,6 @@ class PagedScreen(LeftOnce[ScreenResultType]):
 
     @property
     def pages(self) -> Sequence[Page]:
-        """From the left."""
         return self.PAGES
 
     def compose(self) -> ComposeResult:
@@ -102,7 +100,6 @@ class PagedScreen(LeftOnce[ScreenResultType]):
         """Fill the pages, or begin to work out what they show."""
 
     def head(self, text: str) -> None:
-        """What is shown, in a line."""
         self.query_one("#heading", Static).update(text)
 
     def put(self, name: str, text: str | None, *charts: Chart) -> None:
@@ -171,7 +168,6 @@ class PagedScreen(LeftOnce[ScreenResultType]):
         self.app.copy("\n\n".join(texts))
 
     def action_show_page(self, name: str) -> None:
-        """The page of this name."""
         self.query_one(TabbedContent).active = name
 
     def action_turn_to(self, number: int) -> None:

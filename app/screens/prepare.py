@@ -308,14 +308,12 @@ class PrepareScreen(Screen[None]):
         return action not in ("choose", "clear") or isinstance(self.focused, IndicatorField)
 
     def action_choose(self) -> None:
-        """The form of the indicator whose line has the focus."""
         which = self._which()
         form = self._prepared.forms[which]
         screen = IndicatorScreen(texts.WHICH_INDICATOR[which], form, self._answered)
         self.app.push_screen(screen, lambda chosen: self._chosen(which, chosen or {}))
 
     def action_clear(self) -> None:
-        """No indicator on this line."""
         self._chosen(self._which(), {})
 
     def _which(self) -> int:
@@ -331,7 +329,6 @@ class PrepareScreen(Screen[None]):
             self.app.push_screen(CheckScreen(self._read().plan(texts.CHOOSE_INDICATOR)))
 
     def action_dry_run(self) -> None:
-        """Every step, before anything is opened, and what the readings will tell."""
         with self.app.complaining():
             prepared = self._read()
             machine = prepared.machine()

@@ -169,11 +169,9 @@ class ReplayScreen(Screen[None]):
             listing.scroll_page_down(animate=False)
 
     def action_plot(self) -> None:
-        """The next page: the plot, larger strip charts, the table."""
         self.view.turn_page()
 
     def action_where(self) -> None:
-        """The set-up of this step as a picture, with words."""
         picture = self.view.where(self.playback.shown, self.playback.now)
         if picture:
             self.app.push_screen(picture)
@@ -197,7 +195,6 @@ class ReplayScreen(Screen[None]):
 
     @work
     async def action_result(self) -> None:
-        """Solve the whole session in the background and show the result."""
         from app.screens.result import ResultScreen
 
         if self._solving:

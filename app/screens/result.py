@@ -98,7 +98,6 @@ class ResultScreen(PagedScreen[None]):
         self.query_one(LegPlots).show(figures)
 
     def action_leg(self, by: int) -> None:
-        """Another leg or axis on its page."""
         self.action_show_page("legs")
         self.query_one(LegPlots).turn(by)
 
@@ -145,7 +144,6 @@ class ResultScreen(PagedScreen[None]):
                 self._show()
 
     def action_export(self) -> None:
-        """Write the offsets in every format beside the session."""
         self.app.run_worker(self._export())
 
     async def _export(self) -> None:
@@ -162,13 +160,11 @@ class ResultScreen(PagedScreen[None]):
             self._show_glance()
 
     def action_verify(self) -> None:
-        """The same procedure again, after the offsets were entered in the controller."""
         with self.app.complaining():
             if self.plan is not None:
                 self.app.push_screen(self.app.check(verification_plan(self.plan, self.solved)))
 
     def action_report(self) -> None:
-        """Write the report beside the session; after a verification that of both sessions."""
         self.app.notify(texts.WRITING_REPORT)
         self.app.run_worker(self._report())
 

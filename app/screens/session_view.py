@@ -84,7 +84,6 @@ class GaugeDisplay(Resting):
         self.border_subtitle = Content(self._port)
 
     def on_resize(self) -> None:
-        """The digits are as large as there is room."""
         self.digits, self._strip_at = self._digits(), 0.0
         self.refresh()
 
@@ -137,7 +136,6 @@ class GaugeDisplay(Resting):
         return Strip(Segment(row, self.get_component_rich_style("gauge--strip")) for row in chart)
 
     def get_selection(self, selection: Selection) -> tuple[str, str] | None:
-        """The number, for the clipboard."""
         return self.number, "\n"
 
     def _draw_strip(self, trace: Trace) -> None:
@@ -170,7 +168,6 @@ class Gauges(SideBySide):
             display.show(live)
 
     def name_them(self, instruments: Sequence[Instrument | None], step: Step | None = None) -> None:
-        """Which they are, and along which axes they measure in a step."""
         axes = dict(zip(step.indicators, step.axes, strict=True)) if step else {}
         for number, display in enumerate(self._displays):
             display.name_it(instruments[number], axes.get(number, ""))
@@ -195,7 +192,6 @@ class StepList(Words):
         self.on_resize()
 
     def on_resize(self) -> None:
-        """The present step stays in view."""
         height = max(self.content_size.height, 4)  # so many on the least screen; 0 until laid out
         first = max(0, min(self._at - height // 2, len(self._lines) - height))
         self.update("\n".join(self._lines[first : first + height]), layout=False)
@@ -256,11 +252,9 @@ class SessionView(Vertical, Resting):
 
     @property
     def instruments(self) -> tuple[Instrument, ...]:
-        """The indicators with the ports where they are now."""
         return tuple(filter(None, self._instruments))
 
     def rename(self, number: int, port: str) -> None:
-        """An indicator, counted from 0, is at another port now."""
         names = list(self._instruments)
         name = names[number]
         names[number] = name and name.model_copy(update={"port": port})

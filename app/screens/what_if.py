@@ -225,7 +225,6 @@ class WhatIfScreen(SizesScreen[EffectEntry | None]):
         page.scroll_relative(y=pages * page.scrollable_content_region.height)
 
     def action_copy(self) -> None:
-        """All of the words, whatever page is shown."""
         if self.ready:
             parts = (self.query_one(f"#{name}", Static) for name in COPIED)
             self.app.copy("\n\n".join(str(part.content) for part in parts))

@@ -65,9 +65,7 @@ class HexaSlideScreen(PagedScreen[None]):
         """See what another procedure or machine gives; a search of before ends."""
         self._end_search()
         self.request, self.view, self.found = request, None, None
-        self.looking = True
-        self.head(texts.heading_text(request.machine_file, None))
-        self.wait(texts.LOOKING)
+        self.begin_to_look(texts.heading_text(request.machine_file, None), texts.LOOKING)
         self.look(lambda: look_at(hexaslide_planning(request)), self._seen, texts.problem_text)
 
     def _seen(self, view: HexaSlideSeen) -> None:

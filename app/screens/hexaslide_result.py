@@ -16,8 +16,6 @@ from app.exports.hexaslide import write_calibrated
 from app.report.charts.hexaslide import drawn_machine, left_with, residual_charts
 from app.report.text import hexaslide_result as texts
 from app.report.text import hexaslide_what_if as what_if_texts
-from app.report.text.home import REPORTS_SERVED
-from app.report.text.result import ONLY_SHOWN
 from app.screens.interface import ChoiceDialog
 from app.screens.paged import PAGE_KEYS, Page, PagedScreen
 from app.screens.pages import apart
@@ -38,6 +36,7 @@ class HexaSlideResultScreen(PagedScreen[None]):
         Binding("h", "home", "Home", show=False, id="postures.home"),
         *PAGE_KEYS,
     ]
+    WRITES = ("export", "report", "home")
     PAGES = (
         Page("result", "Result", charts=2, beside=True),
         Page("details", "Details"),
@@ -54,14 +53,11 @@ class HexaSlideResultScreen(PagedScreen[None]):
         self.folder = ""
 
     def begin(self) -> None:
-        self.looking = True
-        self.head(texts.heading_text(self.path, None))
-        self.wait(texts.LOOKING)
+        self.begin_to_look(texts.heading_text(self.path, None), texts.LOOKING)
         self.look(partial(posture_result, self.path), self._show, texts.problem_text)
 
     def _show(self, result: PostureResult) -> None:
         self.result = result
-        self.refresh_bindings()
         machine = result.solved.source.machine.whole()
         self.head(texts.heading_text(self.path, result))
         drawings = drawn_machine(machine, machine.box.centre)
@@ -83,13 +79,10 @@ class HexaSlideResultScreen(PagedScreen[None]):
         self._show_glance()
 
     def why_not(self, action: str) -> str:
-        if action not in ("export", "report", "what_if", "home"):
-            return ""
-        if self.app.read_only and action != "what_if":
-            return f"{ONLY_SHOWN} {REPORTS_SERVED}" if action == "report" else ONLY_SHOWN
-        if self.result is None and action != "home":
+        reason = super().why_not(action)
+        if not reason and self.result is None and action in ("export", "report", "what_if"):
             return texts.LOOKING if self.looking else texts.NO_RESULT
-        return ""
+        return reason
 
     @work(exclusive=True, group="what-if")
     async def action_what_if(self) -> None:
@@ -153,7 +146,7 @@ class PostureWhatIfScreen(SizesScreen[None]):
 
     def begin(self) -> None:
         self.head(what_if_texts.heading_text(self.name_of_cause, self.path))
-        self.look(partial(self.causes.trial, self.name_of_cause), self._begin, str)
+        self.look(partial(self.causes.trial, self.name_of_cause), self._begin)
 
     def _begin(self, trial: PostureTrial) -> None:
         self.trial, self.known = trial, True
@@ -167,7 +160,7 @@ class PostureWhatIfScreen(SizesScreen[None]):
         trial, values = self.trial, self.values
         before, now = trial.at([0.0] * len(values)), trial.at(values)
         sizes = what_if_texts.sizes_text(trial, values, self.number)
-        self.say(sizes, what_if_texts.effect_text(before, now))
+        self.put_words(sizes, what_if_texts.effect_text(before, now))
         readings = trial.models.readings
         numbers = [readings.number(row) for row in range(len(readings.sliders))]
         self.follow("left", left_with(numbers, before, now))

@@ -15,6 +15,7 @@ from textual.widget import Widget
 from textual.widgets import Static, TabbedContent, TabPane, Tabs
 
 from app.report.charts.charts import Chart
+from app.report.text.home import ONLY_SHOWN, REPORTS_SERVED
 from app.screens.fast_keys import LeftOnce
 from app.screens.interface import Interface
 from app.screens.pages import apart, last_lines, signalled
@@ -70,6 +71,8 @@ class PagedScreen(LeftOnce[ScreenResultType]):
     app: Interface
     AUTO_FOCUS = ""  # else a page without a text is left for the first where a dialog ends
     PAGES: ClassVar[tuple[Page, ...]] = ()
+    WRITES: ClassVar[tuple[str, ...]] = ()
+    """Actions that are not for those who only look."""
     first = ""
     """The page that is shown first, where it is not the leftmost."""
     looking = False
@@ -117,7 +120,7 @@ class PagedScreen(LeftOnce[ScreenResultType]):
         self,
         job: Callable[[], Answer],
         show: Callable[[Answer], None],
-        problem_text: Callable[[GlidecalError], str],
+        problem_text: Callable[[GlidecalError], str] = str,
     ) -> None:
         """Work out apart what the pages show; where it cannot be, they say why."""
         try:
@@ -128,6 +131,14 @@ class PagedScreen(LeftOnce[ScreenResultType]):
         else:
             self.looking = False
             show(outcome)
+            self.refresh_bindings()
+
+    def begin_to_look(self, heading: str, words: str) -> None:
+        """Say on every page that it is worked out."""
+        self.looking = True
+        self.head(heading)
+        self.wait(words)
+        self.refresh_bindings()
 
     def wait(self, text: str) -> None:
         """The same words on every page, in the place of texts and charts."""
@@ -145,7 +156,9 @@ class PagedScreen(LeftOnce[ScreenResultType]):
 
     def why_not(self, action: str) -> str:
         """Why an action cannot be done now; empty where it can."""
-        return ""
+        if not (self.app.read_only and action in self.WRITES):
+            return ""
+        return f"{ONLY_SHOWN} {REPORTS_SERVED}" if action == "report" else ONLY_SHOWN
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """What cannot be done is not offered; its key says why."""

@@ -23,7 +23,6 @@ from app.report.text import result as texts
 from app.report.text import what_if as what_if_texts
 from app.report.text.correction import SUBSET_WORDS
 from app.report.text.glance import Done, glance_text
-from app.report.text.home import REPORTS_SERVED
 from app.screens.interface import ChoiceDialog
 from app.screens.paged import PAGE_KEYS, Page, PagedScreen
 from app.screens.pages import apart, is_left
@@ -51,6 +50,7 @@ class ResultScreen(PagedScreen[None]):
         Binding("h", "home", "Home", show=False, id="result.home"),
         *PAGE_KEYS,
     ]
+    WRITES = ("export", "report", "verify", "home")
     PAGES = (
         Page("result", "Result", charts=1, beside=True),
         Page("details", "Details"),
@@ -122,11 +122,9 @@ class ResultScreen(PagedScreen[None]):
         self._show_glance()
 
     def why_not(self, action: str) -> str:
-        if self.app.read_only and action in ("export", "report", "verify", "home"):
-            served = f" {REPORTS_SERVED}" if action == "report" else ""
-            return texts.ONLY_SHOWN + served
-        if action != "verify":
-            return ""
+        reason = super().why_not(action)
+        if reason or action != "verify":
+            return reason
         if self.plan is None:
             return texts.NO_PLAN
         return "" if self.solved.is_worked_out else texts.WORKING_OUT

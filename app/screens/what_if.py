@@ -19,7 +19,7 @@ from app.evaluating.what_if import Choice, Trial, WhatIf, choices, trial_of
 from app.report.charts.charts import Chart
 from app.report.charts.results import predictions_with, residuals_with
 from app.report.text import what_if as texts
-from app.report.text.result import ONLY_SHOWN
+from app.report.text.home import ONLY_SHOWN
 from app.screens.interface import ChoiceDialog
 from app.screens.paged import PAGE_KEYS, Page, PagedScreen
 from app.screens.pages import apart, signalled
@@ -77,7 +77,7 @@ class SizesScreen(PagedScreen[ScreenResultType]):
     def show_words(self) -> None:
         """Above the pages."""
 
-    def say(self, *parts: str) -> None:
+    def put_words(self, *parts: str) -> None:
         words = self.app.keyed("\n".join(filter(None, parts)))
         self.query_one("#what-if", Static).update(signalled(words))
 
@@ -193,7 +193,7 @@ class WhatIfScreen(SizesScreen[EffectEntry | None]):
         if self.ready and self.now is not None:
             self._figures = texts.effect_text(self.trial.without, self.now)
         sizes = texts.sizes_text(self.trial, self.values, self.number, self.fitted, self._why_not)
-        self.say(sizes, self._figures, self._doubt)
+        self.put_words(sizes, self._figures, self._doubt)
 
     def _show(self, without: WhatIf, now: WhatIf) -> None:
         self.show_words()

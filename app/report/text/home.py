@@ -31,6 +31,7 @@ Sessions of this folder and of demo-sessions stand below, newest
 first. Choose one of them to see what can be done with it. The command
 palette, Ctrl+P, has themes, keys and a screenshot."""
 
+ONLY_SHOWN = "This program only shows sessions: nothing is written and nothing is measured."
 REPORTS_SERVED = "Reports to read and print: in the browser, /reports behind this address."
 HISTORY_OF = "History of {}"
 READING_HISTORY = "Reading the sessions …"

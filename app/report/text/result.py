@@ -407,7 +407,6 @@ def result_heading(solved: SessionSolution, path: Path, model: Path | None) -> s
     return f"{path.name}{others_words}   in {path.absolute().parent.name or '/'}{beside}"
 
 
-ONLY_SHOWN = "This program only shows sessions: nothing is written and nothing is measured."
 NO_PLAN = (
     "This session cannot be measured again from here: it is a table, or its ports are those of "
     "another computer."

@@ -27,7 +27,7 @@ from app.measuring.recorded import (
 )
 from app.report.text import home as texts
 from app.screens import Look, look_of
-from app.screens.fast_keys import LeftOnce, Title
+from app.screens.fast_keys import Title
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.pages import Found, Given, apart, last_lines
 
@@ -104,7 +104,7 @@ class HomeScreen(Screen[None]):
             app.push_screen(await self._computed(_history, Path(), app.looks))
         elif session is None:
             which = texts.WHICH["before" if what == "compare" else what]
-            if picked := await app.push_screen_wait(PickScreen(which, self._recent)):
+            if picked := await self._picked(which, self._recent):
                 await self._do(what, picked)
         elif what == "session":
             choices = texts.session_choices(session, read_only=app.read_only)
@@ -115,6 +115,27 @@ class HomeScreen(Screen[None]):
             await self._compare(session)
         else:
             await self._do_with(session.path, what)
+
+    async def _picked(
+        self, question: str, sessions: Sequence[SessionFile], proposed: SessionFile | None = None
+    ) -> SessionFile | None:
+        """One of these sessions or one whose path is typed, as long as it can be read."""
+        rows: list[tuple[SessionFile | str, str]] = [(s, texts.session_label(s)) for s in sessions]
+        rows.append((texts.ELSEWHERE, texts.ELSEWHERE))
+        at = sessions.index(proposed) if proposed in sessions else 0
+        words = question if sessions else f"{question}\n{texts.NO_SESSIONS}"
+        while (
+            answer := await self.app.push_screen_wait(ChoiceDialog(words, rows, at))
+        ) is not None:
+            if isinstance(answer, str):
+                path = await self.app.push_screen_wait(TextDialog(texts.WHICH_PATH, "path"))
+                if not path:
+                    continue
+                answer = look_at(Path(path).expanduser())
+            if not answer.problem:
+                return answer
+            self.app.complain(answer.problem)
+        return None
 
     async def _do_with(self, path: Path, what: str) -> None:
         if look := look_of(path, self.app.looks):  # its screen writes what is exported, too
@@ -194,8 +215,7 @@ class HomeScreen(Screen[None]):
         if pair is None:
             other_sessions = [recent for recent in self._recent if recent != session]
             question = f"{session.path}\n{texts.WHICH['after']}"
-            proposed = follow_up(session, self._recent)
-            after = await self.app.push_screen_wait(PickScreen(question, other_sessions, proposed))
+            after = await self._picked(question, other_sessions, follow_up(session, self._recent))
             if after is None:
                 return
             pair = session.path, after.path
@@ -233,47 +253,6 @@ def _history(folder: Path, looks: Sequence[Look]) -> Screen[None]:
     from app.screens.history import HistoryScreen
 
     return HistoryScreen(read_history(folder, of_postures=looks))
-
-
-class PickScreen(LeftOnce[SessionFile]):
-    """Recent sessions with their state, or the path of another one; none by Escape."""
-
-    app: Interface
-    HELP = texts.PICK_HELP
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "dismiss(None)", "Back", id="pick.back"),
-        Binding("f10", "app.quit", "Quit", id="pick.quit"),
-    ]
-
-    def __init__(
-        self, question: str, sessions: Sequence[SessionFile], proposed: SessionFile | None = None
-    ) -> None:
-        super().__init__()
-        self._question = question
-        self._sessions = tuple(sessions)
-        self._proposed = proposed
-
-    def compose(self) -> ComposeResult:
-        words = self._question if self._sessions else f"{self._question}\n{texts.NO_SESSIONS}"
-        labels = [Option(texts.session_label(session)) for session in self._sessions]
-        at = self._sessions.index(self._proposed) if self._proposed in self._sessions else 0
-        options = [*labels, Option(texts.ELSEWHERE)]
-        yield from _listing(f"{words}\n{self.app.keyed(texts.PICK_KEYS)}", options, at)
-
-    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        if event.option_index < len(self._sessions):
-            self._choose(self._sessions[event.option_index])
-        else:
-            self.app.ask(TextDialog("Type the path of a session file.", "path"), self._typed)
-
-    def _typed(self, path: str) -> None:
-        self._choose(look_at(Path(path).expanduser()))
-
-    def _choose(self, session: SessionFile) -> None:
-        if session.problem:
-            self.app.complain(session.problem)
-        else:
-            self.dismiss(session)
 
 
 class ReplayChoiceScreen(Screen[None]):
@@ -315,12 +294,10 @@ class ReplayChoiceScreen(Screen[None]):
                 self.app.push_screen(history)
 
 
-def _listing(question: str, options: Sequence[Option], at: int = 0) -> ComposeResult:
+def _listing(question: str, options: Iterable[Option]) -> ComposeResult:
     yield Title()
     yield Static(question, markup=False, id="question")
-    choices = OptionList(*options, id="choices", markup=False)
-    choices.highlighted = at
-    yield choices
+    yield OptionList(*options, id="choices", markup=False)
     yield from last_lines()
 
 

@@ -51,8 +51,9 @@ def text(interface: Interface, selector: str) -> str:
 
 
 def said(interface: Interface) -> str:
-    """What notifications say, and the line for it that a page has."""
-    lines = [str(line.content) for line in interface.screen.query("#message").results(Static)]
+    """What notifications say, and the line for it that a page has, below a dialog, too."""
+    places = [screen.query("#message").results(Static) for screen in interface.screen_stack]
+    lines = [str(line.content) for place in places for line in place]
     return "\n".join([*(note.message for note in interface._notifications), *filter(None, lines)])
 
 

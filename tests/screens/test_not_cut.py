@@ -29,7 +29,6 @@ from app.evaluating.solution import load_sessions, solve_files
 from app.evaluating.what_if import choices, trial_of
 from app.machines.registry import LOOKS
 from app.measuring.demo import WATCHED, demo_plan
-from app.measuring.recorded import recent_sessions
 from app.report.text.questions import question_choices
 from app.screens.align import AlignScreen
 from app.screens.check import CheckScreen, DryRunScreen
@@ -39,7 +38,7 @@ from app.screens.fast_keys import LeftOnce, Palette
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.hexaslide_result import HexaSlideResultScreen, PostureWhatIfScreen
 from app.screens.history import CompareScreen, HistoryScreen
-from app.screens.home import HomeScreen, PickScreen, ReplayChoiceScreen
+from app.screens.home import HomeScreen, ReplayChoiceScreen
 from app.screens.interface import ChoiceDialog, Dialog, HelpDialog, Interface, TextDialog
 from app.screens.measure import MeasureScreen
 from app.screens.motion_dialog import MotionDialog
@@ -126,7 +125,6 @@ QUESTION = "Step 4, leg X ZERO:\nalong Y +0.2000 mm where +0.000 ± 0.050 mm is 
 FORM = {"port": "/dev/ttyUSB0", "profile": "mitutoyo-01a", "certificate": "D-K-15123 2025-11"}
 MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     HomeScreen: lambda _: HomeScreen(),
-    PickScreen: lambda folder: PickScreen("Which?", recent_sessions(folder, folder)),
     ReplayChoiceScreen: lambda _: ReplayChoiceScreen([ONE, TWO]),
     PrepareScreen: lambda _: PrepareScreen(),
     IndicatorScreen: lambda _: IndicatorScreen("Second indicator", FORM, {}),

@@ -66,14 +66,10 @@ NO_COMPARISON = (
 )
 NO_SESSIONS = "No session files in this folder or in demo-sessions."
 ELSEWHERE = "A session in another place: type its path"
-PICK_HELP = """\
-The list shows the readings and the state of each session.
-Choose an unreadable file to see the reason.
-The last line takes the path of a session in another folder."""
+WHICH_PATH = "Type the path of a session file."
 REPLAY_CHOICE_HELP = f"""\
 {LIST_KEYS} open a session.
 For a folder: the newest {MOST_LISTED} sessions, and its history."""
-PICK_KEYS = f"{LIST_KEYS}. {{pick.back}} goes back."
 
 
 def session_label(session: SessionFile) -> str:

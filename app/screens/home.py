@@ -5,7 +5,7 @@ It imports nothing that needs scipy: the first picture need not wait for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -48,48 +48,56 @@ class HomeScreen(Screen[None]):
         self._working = False
 
     def compose(self) -> ComposeResult:
-        yield from _listing(texts.HOME_QUESTION, ())
+        yield Title()
+        yield Static(self.question(), markup=False, id="question")
+        yield OptionList(id="choices", markup=False)
+        yield from last_lines()
+
+    def question(self) -> str:
+        return texts.HOME_QUESTION
+
+    def sessions(self) -> list[SessionFile]:
+        return recent_sessions(Path(), DEMO_FOLDER)
 
     def on_screen_resume(self) -> None:
         """Sessions may have come or gone on while another screen was open."""
-        self._recent = recent_sessions(Path(), DEMO_FOLDER)
+        self._recent = self.sessions()
         choices = self.query_one("#choices", OptionList)
         before = choices.highlighted_option.id if choices.highlighted_option else None
         choices.clear_options()
-        choices.add_options(self._options())
+        choices.add_options(self.options())
         ids = [option.id for option in choices.options]
         choices.highlighted = ids.index(before) if before in ids else 0
 
-    def _options(self) -> list[Option | None]:
+    def options(self) -> Iterator[Option | None]:
         """What is listed; None is a line between."""
-        looks = [(look.name, look.choice) for look in self.app.looks]
-        able = [
-            c
-            for c in (*texts.HOME_CHOICES, *looks)
-            if c[0] in texts.READING_ONLY or not self.app.read_only
-        ]
-        going_on: list[Option | None] = []
-        other_options: list[Option | None] = []
-        for recent in self._recent:
-            label = texts.session_label(recent)
-            if recent.interrupted and not recent.empty and not self.app.read_only:
-                going_on.append(Option(f"Continue  {label}", f"continue {recent.path}"))
-            other_options.append(Option(label, f"session {recent.path}"))
-        options = [*going_on, *(Option(words, name) for name, words in able)]
-        return [*options, None, *other_options] if other_options else options
+        writes = not self.app.read_only
+        labels = [(each, texts.session_label(each)) for each in self._recent]
+        for each, label in labels:
+            if each.interrupted and not each.empty and writes:
+                yield Option(f"Continue  {label}", f"continue {each.path}")
+        for name, words in (*texts.HOME_CHOICES, *((k.name, k.choice) for k in self.app.looks)):
+            if writes or name in texts.READING_ONLY:
+                yield Option(words, name)
+        if labels:
+            yield None
+        yield from (Option(label, f"session {each.path}") for each, label in labels)
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         if not self._working:
             self._working = True
-            what, _, path = (event.option.id or "").partition(" ")
-            self._begin(what, next((r for r in self._recent if str(r.path) == path), None))
+            self._begin(*(event.option.id or "").partition(" ")[::2])
 
     @work
-    async def _begin(self, what: str, session: SessionFile | None) -> None:
+    async def _begin(self, what: str, path: str) -> None:
         with self.app.complaining():
-            await self._do(what, session)
+            if what == "history":
+                history = await self._computed(_history, Path(path), self.app.looks)
+                self.app.push_screen(history)
+            else:
+                await self._do(what, next((s for s in self._recent if str(s.path) == path), None))
         self._working = False
-        self.query_one("#question", Static).update(texts.HOME_QUESTION)
+        self.query_one("#question", Static).update(self.question())
 
     async def _do(self, what: str, session: SessionFile | None) -> None:
         """Carry a choice out, with a session or after asking which one."""
@@ -100,8 +108,6 @@ class HomeScreen(Screen[None]):
             app.complain(session.problem)
         elif what in opens:
             app.push_screen(opens[what]())
-        elif what == "history":
-            app.push_screen(await self._computed(_history, Path(), app.looks))
         elif session is None:
             which = texts.WHICH["before" if what == "compare" else what]
             if picked := await self._picked(which, self._recent):
@@ -124,9 +130,7 @@ class HomeScreen(Screen[None]):
         rows.append((texts.ELSEWHERE, texts.ELSEWHERE))
         at = sessions.index(proposed) if proposed in sessions else 0
         words = question if sessions else f"{question}\n{texts.NO_SESSIONS}"
-        while (
-            answer := await self.app.push_screen_wait(ChoiceDialog(words, rows, at))
-        ) is not None:
+        while answer := await self.app.push_screen_wait(ChoiceDialog(words, rows, at)):
             if isinstance(answer, str):
                 path = await self.app.push_screen_wait(TextDialog(texts.WHICH_PATH, "path"))
                 if not path:
@@ -255,10 +259,9 @@ def _history(folder: Path, looks: Sequence[Look]) -> Screen[None]:
     return HistoryScreen(read_history(folder, of_postures=looks))
 
 
-class ReplayChoiceScreen(Screen[None]):
+class ReplayChoiceScreen(HomeScreen):
     """The sessions that were named, those of folders and their history, and no other ones."""
 
-    app: Interface
     HELP = texts.REPLAY_CHOICE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f10", "app.quit", "Quit", id="replay-choice.quit")
@@ -266,39 +269,24 @@ class ReplayChoiceScreen(Screen[None]):
 
     def __init__(self, paths: Sequence[Path]) -> None:
         super().__init__()
-        self._folders = tuple(path for path in paths if path.is_dir())
-        self._paths = [path for path in paths if path not in self._folders]
+        self._folders = [path for path in dict.fromkeys(paths) if path.is_dir()]
+        files = [path for path in paths if path not in self._folders]
         for folder in self._folders:
-            self._paths += sessions_below(folder)[:MOST_LISTED]
+            files += sessions_below(folder)[:MOST_LISTED]
+        self._paths = tuple(dict.fromkeys(files))
 
-    def compose(self) -> ComposeResult:
+    def question(self) -> str:
         served = f"\n{texts.REPORTS_SERVED}" if self.app.read_only else ""
-        histories = (Option(texts.HISTORY_OF.format(folder.name)) for folder in self._folders)
-        labels = (Option(texts.session_label(look_at(path))) for path in self._paths)
-        yield from _listing(f"{texts.REPLAY_QUESTION}{served}", [*histories, *labels])
+        return f"{texts.REPLAY_QUESTION}{served}"
 
-    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        number = event.option_index - len(self._folders)
-        if number < 0:
-            self.app.notify(texts.READING_HISTORY, markup=False)
-            self._read_history(self._folders[event.option_index])
-            return
-        with self.app.complaining():
-            self.app.push_screen(replay_screen(self._paths[number], self.app.looks))
+    def sessions(self) -> list[SessionFile]:
+        return list(map(look_at, self._paths))
 
-    @work(exclusive=True)
-    async def _read_history(self, folder: Path) -> None:
-        with self.app.complaining():
-            history = await apart(self, _history, folder, self.app.looks)
-            if self.is_current:
-                self.app.push_screen(history)
-
-
-def _listing(question: str, options: Iterable[Option]) -> ComposeResult:
-    yield Title()
-    yield Static(question, markup=False, id="question")
-    yield OptionList(*options, id="choices", markup=False)
-    yield from last_lines()
+    def options(self) -> Iterator[Option | None]:
+        for folder in self._folders:
+            yield Option(texts.HISTORY_OF.format(folder.name), f"history {folder}")
+        for each in self._recent:
+            yield Option(texts.session_label(each), f"replay {each.path}")
 
 
 def replay_screen(path: Path, looks: Iterable[Look]) -> Screen[None]:

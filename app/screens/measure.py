@@ -29,7 +29,7 @@ from app.screens.interface import ChoiceDialog
 from app.screens.motion_dialog import MotionDialog
 from app.screens.pages import KeyLine, Resting, apart, is_left
 from app.screens.session_view import LegReviewScreen, SessionView
-from calib.errors import GlidecalError, sentence
+from calib.errors import GlidecalError
 from drivers.motion.states import State
 from drivers.profile import Fault, FaultKind, IndicatorReading
 from protocols.clock import SleepWatch
@@ -187,9 +187,8 @@ class MeasureScreen(Corrections, Resting):
         session = self.guided.session
         mode = "ON HOLD" if self.held else "automatic" if self.automatic else "by hand"
         self.view.show_progress(texts.progress_text(session, self.guided.steps, mode))
-        by = TakenBy.INDICATORS if self.automatic else TakenBy.HAND
-        if self.guided.mover is not None:
-            by = TakenBy.CONTROLLER
+        by_hand = TakenBy.INDICATORS if self.automatic else TakenBy.HAND
+        by = TakenBy.CONTROLLER if self.guided.mover is not None else by_hand
         self.view.show_step(session, self.guided.steps, self.guided.step(), by)
         self._draw_live()  # in the same picture: a step takes long to draw, readings must not wait
 
@@ -207,9 +206,9 @@ class MeasureScreen(Corrections, Resting):
         self._shown_at = time.monotonic()
         states = self._draw_live()
         self._tell_lost_and_found(states)
-        self._tell_motion()
+        asks = self._tell_motion()
         pressed = [gauge.button_pressed() for gauge in self.guided.gauges]
-        if self.asking or self.held or self.busy or not self.guided.there:
+        if asks or self.asking or self.held or self.busy or not self.guided.there:
             return
         still = all(live.motion is Motion.STABLE for live in states)  # a fault is none
         if self._anyway_until and still and self.ready_by_hand():
@@ -226,15 +225,14 @@ class MeasureScreen(Corrections, Resting):
 
     def _tell_lost_and_found(self, states: Sequence[Live]) -> None:
         """One line when an indicator goes and when it comes back."""
-        for number, live in enumerate(states):
-            name, outcome = self.guided.name_of(number), live.outcome
+        for number, outcome in enumerate(live.outcome for live in states):
             if isinstance(outcome, Fault) and number not in self._lost:
-                self._lost[number] = None
+                self._lost[number], self._anyway_until = None, 0.0
                 self._tell_lost(number, outcome)
-                self._anyway_until = 0.0
             elif isinstance(outcome, IndicatorReading) and number in self._lost:
                 del self._lost[number]
-                self.say(f"{name.capitalize()} answers again. Continue with this step.")
+                name = self.guided.name_of(number).capitalize()
+                self.say(f"{name} answers again. Continue with this step.")
                 self._look_who_answers(number)
 
     def _tell_lost(self, number: int, fault: Fault) -> None:
@@ -294,19 +292,20 @@ class MeasureScreen(Corrections, Resting):
             await apart(self, remember, self.plan.machine.name, self.view.instruments)
         self.say(f"{self.guided.name_of(number).capitalize()} is read from here on.")
 
-    def _tell_motion(self) -> None:
-        """One line when a machine that moves itself does something else; a stop is a hold."""
+    def _tell_motion(self) -> bool:
+        """One line when a machine that moves itself does something else; a stop is a hold.
+
+        Whether something is asked now.
+        """
         mover = self.guided.mover
         step = self.guided.step() if mover is not None else None
         if mover is None or step is None or self.guided.closed:  # leaving stops it, too
-            return
-        proof = mover.unproved
-        asks = "" if proof is None else proof.question
-        wrong = "" if proof is None else proof.wrong
+            return False
+        asks, wrong = (proof.question, proof.wrong) if (proof := mover.unproved) else ("", "")
         there = mover.is_there(step)
         news = mover.state, mover.why, there, mover.line.not_stopped, mover.proving, asks, wrong
         if news == self._moving:
-            return
+            return False
         self._moving = news
         self.say(motion.moving_text(mover, step))
         if mover.state is State.STOPPED or mover.interrupted:
@@ -315,6 +314,7 @@ class MeasureScreen(Corrections, Resting):
             self._ask_what_happened(mover)
         elif asks:
             self._ask_what_moved(asks)
+        return mover.interrupted or bool(asks)
 
     @work
     async def _ask_what_moved(self, question: str) -> None:
@@ -378,9 +378,7 @@ class MeasureScreen(Corrections, Resting):
         if step_taken is None:
             return
         if step_taken.faults:
-            first, *more_faults = (sentence(fault.words) for fault in step_taken.faults)
-            faults = [first, *(words[0].upper() + words[1:] for words in more_faults)]
-            self.refused(f"Not taken: {' '.join(faults)}")
+            self.refused(texts.not_taken_text(step_taken.faults))
             return
         self.app.bell()
         self.app.clear_notifications()
@@ -464,7 +462,7 @@ class MeasureScreen(Corrections, Resting):
     def _set_hold(self, held: bool, note: str) -> None:
         if held and self.guided.mover is not None:
             self.guided.mover.release()
-        if self.write(lambda: self.guided.note(note)):
+        if self.write(partial(self.guided.note, note)):
             self.held = held
             self._show_step()
 

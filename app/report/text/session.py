@@ -16,8 +16,10 @@ from app.measuring.session import GuidedSession
 from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, paragraphs, signed
 from calib.arrays import LEG_NAMES
+from calib.errors import sentence
 from calib.printable import counted
 from calib.tripod.geometry import COORDINATES, Geometry
+from drivers.profile import Fault
 from protocols.expectation import Movement
 from protocols.machine import Instrument, Machine
 from protocols.motion import joints_mm, told_mm
@@ -83,6 +85,13 @@ def taken_text(step_taken: TakenStep) -> str:
     waits = step_taken.questioned == step_taken.readings and step_taken.doubt
     state = "WAIT: on the disk, in question" if waits else "Taken and on the disk"
     return f"{state}, step {step_taken.step.number}: {values}"
+
+
+def not_taken_text(faults: Sequence[Fault]) -> str:
+    """Why readings of a step were not taken."""
+    first, *more_faults = (sentence(fault.words) for fault in faults)
+    words = [first, *(more[0].upper() + more[1:] for more in more_faults)]
+    return f"Not taken: {' '.join(words)}"
 
 
 class TakenBy(StrEnum):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, TypeVar
 
@@ -12,7 +12,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.screen import Screen, ScreenResultType
 from textual.widget import Widget
-from textual.widgets import Static, TabbedContent, TabPane, Tabs
+from textual.widgets import OptionList, Static, TabbedContent, TabPane, Tabs
 
 from app.report.charts.charts import Chart
 from app.report.text.home import ONLY_SHOWN, REPORTS_SERVED
@@ -42,7 +42,8 @@ PAGE_KEYS: tuple[BindingType, ...] = (
 class Page:
     """A text to scroll, ``charts`` below it; ``beside`` it, where the terminal is wide enough.
 
-    Its parts are ``name-text``, ``name-chart0`` and so on; ``content`` is a widget in their place.
+    ``rows`` to choose from stand above the text. Its parts are ``name-text``, ``name-chart0`` and
+    so on; ``content`` is a widget in their place.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Page:
     charts: int = 0
     text: bool = True
     beside: bool = False
+    rows: tuple[str, ...] = ()
     content: Callable[[], Widget] | None = None
 
     def compose(self) -> ComposeResult:
@@ -57,6 +59,8 @@ class Page:
         charts = [ChartPlot(plot_id=f"{self.name}-chart{k}") for k in range(self.charts)]
         if self.content:
             yield self.content()
+        elif self.rows:
+            yield Vertical(OptionList(*self.rows, markup=False), VerticalScroll(text))
         elif self.beside:
             yield Horizontal(VerticalScroll(text), Vertical(*charts, classes="beside"))
         elif charts:
@@ -78,9 +82,9 @@ class PagedScreen(LeftOnce[ScreenResultType]):
     looking = False
     """Whether what the pages show is still worked out."""
 
-    @property
-    def pages(self) -> Sequence[Page]:
-        return self.PAGES
+    def __init__(self) -> None:
+        super().__init__()
+        self.pages: tuple[Page, ...] = self.PAGES
 
     def compose(self) -> ComposeResult:
         yield Static("", id="heading", markup=False)

@@ -67,12 +67,9 @@ class ResultScreen(PagedScreen[None]):
         self.plan = plan
         self.path = path
         self.before = plan.before if plan else None
+        if self.before:
+            self.pages = (*self.PAGES, COMPARISON)
         self.done: set[Done] = set()
-
-    @property
-    def pages(self) -> Sequence[Page]:
-        """After a verification its comparison, too."""
-        return [*self.PAGES, COMPARISON] if self.before else self.PAGES
 
     def begin(self) -> None:
         """Say which session this is; the comparison is there at once, on its page."""

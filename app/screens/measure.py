@@ -26,9 +26,8 @@ from app.report.text import session as texts
 from app.report.text.session import TakenBy
 from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog
-from app.screens.motion_dialog import MotionDialog
 from app.screens.pages import KeyLine, Resting, apart, is_left
-from app.screens.session_view import LegReviewScreen, SessionView
+from app.screens.session_view import LegReviewScreen, MotionDialog, SessionView
 from calib.errors import GlidecalError
 from drivers.motion.states import State
 from drivers.profile import Fault, FaultKind, IndicatorReading

@@ -41,13 +41,12 @@ from app.screens.history import CompareScreen, HistoryScreen
 from app.screens.home import HomeScreen, ReplayChoiceScreen
 from app.screens.interface import ChoiceDialog, Dialog, HelpDialog, Interface, TextDialog
 from app.screens.measure import MeasureScreen
-from app.screens.motion_dialog import MotionDialog
 from app.screens.paged import PagedScreen
 from app.screens.pages import Message, contrast
 from app.screens.prepare import IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
-from app.screens.session_view import GaugeDisplay, LegReviewScreen, SetUpScreen
+from app.screens.session_view import GaugeDisplay, LegReviewScreen, MotionDialog, SetUpScreen
 from app.screens.start import Glidecal
 from app.screens.what_if import WhatIfScreen
 from drivers.motion.twins import MotionTrouble

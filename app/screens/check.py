@@ -174,10 +174,10 @@ class CheckScreen(Screen[None]):
         self.refresh_bindings()
         self._open()
 
-    def action_port(self) -> None:
+    @work(exclusive=True, group="port")
+    async def action_port(self) -> None:
         """The first indicator whose port has gone is at another one: choose it, and try again."""
-        number = self._gone[0]
-        instruments = self._plan.instruments
+        number, instruments = self._gone[0], list(self._plan.instruments)
         adapter = ""
         with suppress(GlidecalError):
             adapter = adapter_before(instruments[number].port)
@@ -186,15 +186,12 @@ class CheckScreen(Screen[None]):
             self._show_trial(NO_OTHER_PORT_HERE)
             return
         question = port_question(indicator_words(number, instruments[number]))
-        choices = port_choices(ports, adapter)
-        self.app.ask(ChoiceDialog(question, choices), lambda port: self._at_port(number, port))
-
-    def _at_port(self, number: int, port: str) -> None:
-        instruments = list(self._plan.instruments)
-        instruments[number] = instruments[number].model_copy(update={"port": port})
-        self._plan = replace(self._plan, instruments=tuple(instruments))
-        self.query_one(Gauges).name_them(self._plan.instruments)
-        self.action_retry()
+        dialog = ChoiceDialog(question, port_choices(ports, adapter))
+        if self.is_current and (port := await self.app.push_screen_wait(dialog)):
+            instruments[number] = instruments[number].model_copy(update={"port": port})
+            self._plan = replace(self._plan, instruments=tuple(instruments))
+            self.query_one(Gauges).name_them(instruments)
+            self.action_retry()
 
     def action_begin(self) -> None:
         if self.app.indicators is None:

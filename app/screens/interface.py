@@ -403,15 +403,6 @@ class Interface(App[str]):
         self.clear_notifications()
         self.notify(str(problem), severity="error", timeout=12, markup=False)
 
-    def ask(self, dialog: Screen[Thing | None], then: Callable[[Thing], object]) -> None:
-        """Ask something; without an answer nothing is done."""
-
-        def answered(answer: Thing | None) -> None:
-            if answer:
-                then(answer)
-
-        self.push_screen(dialog, answered)
-
     @contextmanager
     def complaining(self) -> Iterator[None]:
         """Within this an error is shown, and what would follow it there is left out."""

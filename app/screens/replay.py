@@ -126,18 +126,18 @@ class ReplayScreen(Screen[None]):
         self.playback.pause()
         self._show_progress()
 
-    def action_jump(self) -> None:
+    @work
+    async def action_jump(self) -> None:
         self._pause()
         question = texts.JUMP_QUESTION.format(self.playback.unit)
-        self.app.ask(TextDialog(question, f"1 … {len(self.playback.steps)}"), self._jump)
-
-    def _jump(self, text: str) -> None:
-        try:
-            self.playback.jump_to(text)
-        except GlidecalError as problem:
-            self.view.say(str(problem))
-        else:
-            self._show()
+        dialog = TextDialog(question, f"1 … {len(self.playback.steps)}")
+        if self.is_current and (text := await self.app.push_screen_wait(dialog)):
+            try:
+                self.playback.jump_to(text)
+            except GlidecalError as problem:
+                self.view.say(str(problem))
+            else:
+                self._show()
 
     def action_list(self) -> None:
         """Every reading so far, or the picture again."""

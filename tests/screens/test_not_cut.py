@@ -48,7 +48,7 @@ from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen, MotionDialog, SetUpScreen
 from app.screens.start import Glidecal
-from app.screens.what_if import WhatIfScreen
+from app.screens.what_if import SizesScreen, WhatIfScreen
 from drivers.motion.twins import MotionTrouble
 from protocols.hexaslide_measured import measured_in
 from protocols.machine import load_machine
@@ -146,7 +146,7 @@ MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     TextDialog: lambda _: TextDialog("Why? " * 30, "reason", without="step 12 stays the next."),
     HelpDialog: lambda _: HelpDialog("words"),
 }
-PARTS = {Corrections, Dialog, LeftOnce, PagedScreen, Palette}
+PARTS = {Corrections, Dialog, LeftOnce, PagedScreen, Palette, SizesScreen}
 """What screens are made of; the palette is Textual's."""
 
 

@@ -138,7 +138,7 @@ class HomeScreen(Screen[None]):
                 answer = look_at(Path(path).expanduser())
             if not answer.problem:
                 return answer
-            self.app.complain(answer.problem)
+            words = f"{answer.problem}\n\n{question}"
         return None
 
     async def _do_with(self, path: Path, what: str) -> None:

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import pytest
 from textual.map_geometry import MapGeometry
 from textual.pilot import Pilot
-from textual.screen import ModalScreen, Screen
+from textual.screen import Screen
 from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import Input, Select, Static
@@ -51,12 +51,8 @@ def text(interface: Interface, selector: str) -> str:
 
 
 def said(interface: Interface) -> str:
-    """What notifications say, and the line for it that a page has, below a dialog, too."""
-    below = (s for s in reversed(interface.screen_stack) if not isinstance(s, ModalScreen))
-    lines = [
-        str(line.content)
-        for line in next(below, interface.screen).query("#message").results(Static)
-    ]
+    """What notifications say, and the line for it that a page has."""
+    lines = [str(line.content) for line in interface.screen.query("#message").results(Static)]
     return "\n".join([*(note.message for note in interface._notifications), *filter(None, lines)])
 
 

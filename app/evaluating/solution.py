@@ -32,7 +32,7 @@ from calib.tripod.pipeline import MOVES_THE_TOOL, Model
 from protocols.data_table import DataTable, Tabled
 from protocols.observations import indicator_figures, to_observations
 from protocols.record import read_record
-from protocols.session import Distance, Reading, Session
+from protocols.session import Distance, Reading, Session, measured_at
 from protocols.table import off_bar_words
 
 if TYPE_CHECKING:  # asked for by option only
@@ -407,11 +407,13 @@ class Suspect:
 
 
 def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
-    """Sessions, and warnings: no proper end, times that go back, points off the bars.
+    """Sessions in the order in which they were measured, the last one tells how the machine is now;
+    and warnings: no proper end, times that go back, points off the bars.
 
     Raises RecordError.
     """
     records = [read_record(path) for path in paths]
+    records.sort(key=lambda record: (measured_at(record.opened), record.opened.at, record.digest))
     digests = [record.digest for record in records]
     for number, record in enumerate(records):
         if record.digest in digests[:number]:

@@ -7,12 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from app.evaluating.solution import (
-    SessionSolution,
-    check_tolerance,
-    decided_in,
-    solve_sessions,
-)
+from app.evaluating.solution import SessionSolution, decided_in, solve_sessions
+from app.evaluating.tolerance import check_tolerance
 from calib.errors import CalibrationError, RecordError
 from calib.identify.accuracy import Decision
 from calib.identify.solution import Solution

@@ -33,7 +33,7 @@ from app.settings import cache_path
 from calib.clusters import in_parallel, on_processors
 from calib.control_chart import Watched, watch
 from calib.errors import GlidecalError, RecordError, UsageError
-from calib.identify.accuracy import days_in_tolerance
+from calib.posterior.tool import days_in_tolerance, tool_field
 from protocols.documents import Document, read_bytes
 from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record
@@ -401,7 +401,8 @@ def _due(last: Entry, joints: Sequence[Watched]) -> datetime | None:
     if tolerance_mm is None or not any(rates):
         return None
     # with the offsets of the last session entered
-    days = days_in_tolerance(last.machine.geometry(), rates, last.bound_after_mm, tolerance_mm)
+    field, frame = tool_field(last.machine.geometry(), ()), last.machine.frame
+    days = days_in_tolerance(field, frame, rates, last.bound_after_mm, tolerance_mm)
     return last.began + timedelta(days=days) if days < LONGEST_DAYS else None
 
 

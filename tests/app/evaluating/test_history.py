@@ -114,8 +114,9 @@ def test_a_jump_is_flagged_where_it_is_and_a_drift_is_dated(folder: Path, index:
     assert not y.drift.shown
     assert machine.due is not None
     last = machine.last
-    left_days = (0.5 - last.bound_after_mm) / x.drift.per_day
-    assert (machine.due - last.began).days == pytest.approx(left_days, rel=0.15)
+    # touched off, 0.24 of a joint offset is left at the tool: tests/calib/test_control_chart.py
+    left_days = (0.5 - last.bound_after_mm) / (0.24 * x.drift.per_day)
+    assert (machine.due - last.began).days == pytest.approx(left_days, rel=0.02)
     figures = control_charts(machine)
     assert [figure.readings.marks for figure in figures] == [(90.0,)] * 3
     (steady, moved) = (figures[k].readings for k in (1, 2))

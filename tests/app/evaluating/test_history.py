@@ -164,7 +164,7 @@ def test_a_rebuilt_machine_is_an_event(tmp_path: Path) -> None:
     measured(tmp_path, 0, (0.1, 0.1, 0.1))
     measured(tmp_path, 1, (0.1, 0.1, 0.1), leg_length_mm=311.0)
     machine = orthoglide(tmp_path, tmp_path / "index")
-    assert machine.points[1].event == "machine changed: leg_length_mm"
+    assert machine.points[1].event == "machine file changed: leg_length_mm"
 
 
 def test_machines_of_one_name_are_known_apart_by_their_serial_numbers(tmp_path: Path) -> None:

@@ -12,6 +12,9 @@ from typing import Any
 import pytest
 
 from tests.app.cli import glidecal, refused
+from tests.conftest import ROOT
+
+MACHINES = ROOT / "protocols" / "machines"
 
 
 def simulated(folder: Path, protocol: str, machine: str = "linear-delta") -> Path:
@@ -89,3 +92,27 @@ def test_values_are_for_the_session_that_was_measured_last(tmp_path: Path) -> No
     exported = document("export", now, earlier, "--format", "json", "-o", "-")
     assert exported["parameters"]["d_rho_x"]["value"] == pytest.approx(0.20, abs=0.02)
     assert exported["source"] == "b.jsonl, a.jsonl"
+
+
+def test_switches_alone_are_no_other_geometry(tmp_path: Path) -> None:
+    """New endstops of a printer move its limits of travel with them."""
+    geometry = (MACHINES / "linear-delta.toml").read_text()
+    pair = []
+    for number, top_mm in enumerate((240.0, 240.3)):
+        machine, session = tmp_path / f"{number}.toml", tmp_path / f"{number}.jsonl"
+        held = geometry.replace("travel_max_mm = 240.0", f"travel_max_mm = {top_mm}")
+        stops = f"position_endstop_mm = [{top_mm}, {top_mm}, {top_mm}]"
+        machine.write_text(held.replace("\n[[drive]]", f"\n{stops}\n[[drive]]", 1))
+        words = ("--machine", machine, "--seed", str(number), "-o", session)
+        assert glidecal("simulate", *words).status == 0
+        pair.append(session)
+    run = glidecal("compare", *pair)
+    assert run.status == 0, run.err
+    assert "the firmware got other" not in " ".join(run.out.split())
+
+
+def test_sessions_in_the_wrong_order_are_told_by_the_stated_days(tmp_path: Path) -> None:
+    now = imported(tmp_path, "a", "2026-02-01", 0.0)
+    earlier = imported(tmp_path, "b", "2026-01-01", 0.2)
+    assert "is the order right?" in " ".join(glidecal("compare", now, earlier).out.split())
+    assert "is the order right?" not in glidecal("compare", earlier, now).out

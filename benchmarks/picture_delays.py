@@ -10,13 +10,14 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass, field
 from unittest import mock
 
+from textual.await_complete import AwaitComplete
 from textual.drivers.headless_driver import HeadlessDriver
 from textual.strip import Strip
 
 from app.measuring.gauges import Gauge
 from app.report.text.tables import signed
 from app.screens.measure import MeasureScreen
-from app.screens.session_view import GaugeDisplay
+from app.screens.session_view import GaugeDisplay, LegReviewScreen
 from drivers.profile import IndicatorReading, Outcome
 
 TICK_S = 0.005
@@ -89,7 +90,7 @@ class Delays:
 def listening(delays: Delays) -> Iterator[None]:
     """Within this, `delays` hears of every reading, every drawing and every flush."""
     hear, render_line = Gauge.hear, GaugeDisplay.render_line
-    reviewed = MeasureScreen._reviewed
+    dismiss = LegReviewScreen.dismiss
 
     def heard(gauge: Gauge, outcome: Outcome) -> None:
         if isinstance(outcome, IndicatorReading):
@@ -102,13 +103,13 @@ def listening(delays: Delays) -> Iterator[None]:
             delays.draw(display.screen.guided.gauges[number].port, display.number)
         return render_line(display, y)
 
-    def uncovered(screen: MeasureScreen, hold: bool | None) -> None:
+    def uncovered(review: LegReviewScreen, hold: bool | None = None) -> AwaitComplete:
         delays.give_up()  # what came while the review lay over the digits
-        reviewed(screen, hold)
+        return dismiss(review, hold)
 
     with (
         mock.patch.object(Gauge, "hear", heard),
-        mock.patch.object(MeasureScreen, "_reviewed", uncovered),
+        mock.patch.object(LegReviewScreen, "dismiss", uncovered),
         mock.patch.object(GaugeDisplay, "render_line", drawn),
         mock.patch.object(Terminal, "on_flush", delays.flush),
     ):

@@ -121,6 +121,14 @@ def uncertain(value_mm: float, least: int = 3) -> str:
     return f"{size:.{decimals_for(size, least)}f}"
 
 
+def beside(value_mm: float, limit_mm: float | None) -> str:
+    """As `uncertain`, with the decimals that show on which side of a limit it is."""
+    text = uncertain(value_mm)
+    while limit_mm is not None and (float(text) <= limit_mm) != (value_mm <= limit_mm):
+        text = f"{value_mm:.{len(text.partition('.')[2]) + 1}f}"
+    return text
+
+
 def signed(value: float, decimals: int = 3) -> str:
     """A number with its sign; zero is never shown as minus zero."""
     return f"{round(value, decimals) + 0.0:+.{decimals}f}"

@@ -160,7 +160,7 @@ def test_before_and_after_are_compared_though_the_firmware_holds_other_values(
     )
     was, residual = map(float, deviations[0])
     assert residual < 0.1 * was
-    assert "machine changed: leg_length_mm" in glidecal("history", folder).out
+    assert "machine file changed: leg_length_mm" in glidecal("history", folder).out
 
 
 def test_a_replay_of_contacts_speaks_of_a_plate(walked: tuple[Path, str]) -> None:

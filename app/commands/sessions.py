@@ -381,9 +381,9 @@ def replay(
             threading.Thread(target=_end_with_the_server, daemon=True).start()
         else:
             need_terminal("replay", "--headless")
-        from app.screens.start import open_replay, open_served
+        from app.screens.start import open_replay
 
-        raise typer.Exit(open_served(session, LOOKS) if served else open_replay(session, LOOKS))
+        raise typer.Exit(open_replay(session, LOOKS, served=served))
     from app.report.schema.readings import ReplayedSession, ReplayReport
     from app.report.text.session import replay_text
     from protocols.record import read_record

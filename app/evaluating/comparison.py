@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from app.evaluating.solution import (
-    SessionSolution,
-    check_tolerance,
-    decided_in,
-    solve_sessions,
-)
+from app.evaluating.solution import SessionSolution, decided_in, solve_sessions
+from app.evaluating.tolerance import check_tolerance
 from calib.errors import CalibrationError, RecordError
 from calib.identify.accuracy import Decision
 from calib.identify.solution import Solution
@@ -21,6 +17,7 @@ from calib.tripod.geometry import PARAMETER_NAMES
 from protocols.machine import Machine
 from protocols.observations import changed_between
 from protocols.record import Record, read_record
+from protocols.session import is_dated, measured_at
 
 
 @dataclass(frozen=True)
@@ -124,8 +121,11 @@ def compare_files(before: Path, after: Path) -> Comparison:
 
 
 def _held(machine: Machine) -> tuple[object, ...]:
-    """What firmware holds of a machine beside its switches."""
-    return machine.geometry(), machine.rotation_distance_mm, machine.steps_per_mm
+    """What firmware holds of a machine beside its switches, which limit the travel."""
+    geometry = machine.geometry()
+    names = {each.name for each in fields(geometry)} - {"travel_min_mm", "travel_max_mm"}
+    values = tuple(getattr(geometry, name) for name in sorted(names))
+    return *values, machine.rotation_distance_mm, machine.steps_per_mm
 
 
 def _order_remarks(earlier: Record, later: Record) -> list[str]:
@@ -134,8 +134,8 @@ def _order_remarks(earlier: Record, later: Record) -> list[str]:
     verifies = later.opened.verifies
     if verifies is not None and verifies != earlier.path.name:
         remarks.append(f"{later.path.name} was measured to verify {verifies}.")
-    imported = "imported" in (earlier.opened.origin, later.opened.origin)
-    if not imported and later.opened.at < earlier.opened.at:
+    pair = earlier.opened, later.opened
+    if all(map(is_dated, pair)) and measured_at(later.opened) < measured_at(earlier.opened):
         remarks.append(f"{later.path.name} is older than {earlier.path.name}: is the order right?")
     return remarks
 

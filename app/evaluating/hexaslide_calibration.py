@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.evaluating.posture_history import Decision
+from app.evaluating.tolerance import check_tolerance
 from calib.arrays import FloatArray
 from calib.diagnosis.hexaslide import (
     FEWEST_SPARE,
@@ -247,8 +248,10 @@ class VerifiedMachine:
 def verify_sessions(before: Path, after: Path, tolerance_mm: float | None) -> VerifiedMachine:
     """The platform is off by what the second session finds, give or take its bound.
 
-    Raises RecordError for a file, CalibrationError where a session gives no result.
+    Raises UsageError for a tolerance that is no positive length, RecordError for a file,
+    CalibrationError where a session gives no result.
     """
+    check_tolerance(tolerance_mm)
     earlier, later = (calibrate_file(path, None, 0.0) for path in (before, after))
     tolerance = tolerance_mm or later.source.machine.platform_tolerance_mm
     decision = None if tolerance is None else decided(later, tolerance)

@@ -33,7 +33,7 @@ from app.settings import cache_path
 from calib.clusters import in_parallel, on_processors
 from calib.control_chart import Watched, watch
 from calib.errors import GlidecalError, RecordError, UsageError
-from calib.identify.accuracy import days_in_tolerance
+from calib.posterior.tool import days_in_tolerance, tool_field
 from protocols.documents import Document, read_bytes
 from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record
@@ -367,7 +367,7 @@ def history_of_machine(
     ordered = [point.entry for point in points]
     days = [(entry.began - ordered[0].began).total_seconds() / DAY_S for entry in ordered]
     known = days if all(entry.dated for entry in ordered) else [0.0] * len(days)  # no drift of it
-    rebuilt = [point.event.startswith(MECHANICAL) for point in points]
+    rebuilt = [point.event.startswith(FILE_CHANGED) for point in points]
     columns = zip(
         zip(*(entry.offsets_mm or () for entry in ordered), strict=True),
         zip(*(entry.expanded_mm or () for entry in ordered), strict=True),
@@ -377,7 +377,7 @@ def history_of_machine(
     return MachineHistory(name, origin, points, tuple(days), joints, _due(ordered[-1], joints))
 
 
-MECHANICAL, ENTERED = "machine changed", "offsets entered"
+FILE_CHANGED, ENTERED = "machine file changed", "offsets entered"
 
 
 def _event(before: Entry, after: Entry) -> str:
@@ -391,7 +391,7 @@ def _event(before: Entry, after: Entry) -> str:
             for key in Machine.model_fields
             if getattr(machine, key) != getattr(later_machine, key)
         ]
-        return f"{MECHANICAL}: {', '.join(keys)}"
+        return f"{FILE_CHANGED}: {', '.join(keys)}"
     return ENTERED if machine.entered_offsets_mm != later_machine.entered_offsets_mm else ""
 
 
@@ -401,7 +401,8 @@ def _due(last: Entry, joints: Sequence[Watched]) -> datetime | None:
     if tolerance_mm is None or not any(rates):
         return None
     # with the offsets of the last session entered
-    days = days_in_tolerance(last.machine.geometry(), rates, last.bound_after_mm, tolerance_mm)
+    field, frame = tool_field(last.machine.geometry(), ()), last.machine.frame
+    days = days_in_tolerance(field, frame, rates, last.bound_after_mm, tolerance_mm)
     return last.began + timedelta(days=days) if days < LONGEST_DAYS else None
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from app.evaluating.correction import ControllerCorrections, Gain, SessionCorrection
 from app.evaluating.printer import PrinterChange, printer_change
+from app.evaluating.tolerance import check_tolerance
 from calib.arrays import FloatArray, Observations, descending, joined_values
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.accuracy import Decision, decide
@@ -31,8 +32,8 @@ from calib.tripod.curves import LegCurve, leg_curves
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model
 from protocols.data_table import DataTable, Tabled
 from protocols.observations import indicator_figures, to_observations
-from protocols.record import read_record
-from protocols.session import Distance, Reading, Session
+from protocols.record import Record, read_record
+from protocols.session import Distance, Reading, Session, measured_at
 from protocols.table import off_bar_words
 
 if TYPE_CHECKING:  # asked for by option only
@@ -406,12 +407,19 @@ class Suspect:
     studentised: float
 
 
+def records_in_order(paths: Sequence[Path]) -> list[Record]:
+    """Records in the order in which they were measured. Raises RecordError."""
+    records = [read_record(path) for path in paths]
+    return sorted(records, key=lambda r: (measured_at(r.opened), r.opened.at, r.digest))
+
+
 def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
-    """Sessions, and warnings: no proper end, times that go back, points off the bars.
+    """Sessions in the order in which they were measured, the last one tells how the machine is now;
+    and warnings: no proper end, times that go back, points off the bars.
 
     Raises RecordError.
     """
-    records = [read_record(path) for path in paths]
+    records = records_in_order(paths)
     digests = [record.digest for record in records]
     for number, record in enumerate(records):
         if record.digest in digests[:number]:
@@ -591,12 +599,6 @@ def judge(solved: SessionSolution, tolerance_mm: float) -> Judgement:
 def decided_in(off: ToolOff, frame: Frame, tolerance_mm: float) -> Decision:
     """The decision on what the tool is off by in a frame."""
     return decide(off.least_in(frame), off.bound_in(frame), tolerance_mm)
-
-
-def check_tolerance(tolerance_mm: float | None) -> None:
-    """Raises UsageError for one that is stated and no positive length."""
-    if tolerance_mm is not None and not tolerance_mm > 0.0:
-        raise UsageError("--tolerance", f"{tolerance_mm:g} mm", "a positive length in mm")
 
 
 def monte_carlo(solved: SessionSolution, sessions: int, seed: int) -> MonteCarlo:

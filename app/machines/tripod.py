@@ -313,15 +313,16 @@ def _macro(
     dialect: Dialect, machine: str | None, sessions: Sequence[Path], options: PlanOptions
 ) -> Answer:
     """The places of a procedure on the machine of the last session, or on this one."""
+    from app.evaluating.solution import load_sessions
     from app.exports.macros import macro
     from protocols.files import STANDARD_OUTPUT
     from protocols.machine import load_machine
     from protocols.procedure import procedure_on
-    from protocols.record import read_record
 
     if sessions and machine is not None:
         raise UsageError("--machine", "beside a session, which has its own", "one of them")
-    machine_known = read_record(sessions[-1]).opened.machine if sessions else load_machine(machine)
+    measured, _ = load_sessions(sessions)
+    machine_known = measured[-1].opened.machine if measured else load_machine(machine)
     procedure = procedure_on(machine_known, options.protocol)
     text = macro(dialect, procedure, machine_known, options.printable_radius)
 

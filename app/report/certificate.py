@@ -12,7 +12,13 @@ from pydantic import Field
 
 from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
-from app.evaluating.solution import Judgement, SessionSolution, judge, solve_files
+from app.evaluating.solution import (
+    Judgement,
+    SessionSolution,
+    judge,
+    records_in_order,
+    solve_files,
+)
 from app.report.text.result import decided, judged_sentence
 from app.settings import WHAT, data_path, read_settings, settings_path
 from calib.errors import RecordError, UsageError
@@ -141,7 +147,8 @@ def calibration_of(
     """
     solved = solve_files(paths, model=model)
     diagnosed = diagnose_sessions(solved.sessions, model=model)
-    verified = verify_files(paths[-1], after, tolerance_mm) if after else None
+    last = records_in_order(paths)[-1].path
+    verified = verify_files(last, after, tolerance_mm) if after else None
     if tolerance_mm is None:
         tolerance_mm = solved.sessions[0].opened.machine.tool_tolerance_mm
     return CertifiedCalibration(solved, diagnosed, verified, tolerance_mm, head, model)

@@ -13,6 +13,7 @@ from app.evaluating.hexaslide_calibration import (
     verify_sessions,
 )
 from app.evaluating.posture_history import Decision
+from app.evaluating.tolerance import check_tolerance
 from app.report.certificate import CertificateHead, identification_of
 from protocols.hexaslide_session import PostureSession, read_postures
 from protocols.record import Record
@@ -83,6 +84,7 @@ def certified_postures(
     head: CertificateHead | None = None,
 ) -> CertifiedPostures:
     """Of a session and a later one. Raises as `posture_result` and `verify_sessions`."""
+    check_tolerance(tolerance_mm)
     later = None
     if after is not None:
         verified = verify_sessions(path, after, tolerance_mm)

@@ -200,7 +200,6 @@ def _leave_mm(model: Model, numbers: Collection[int]) -> float:
 def offsets_from_solved(solved: SessionSolution, *, view: bool = False) -> Offsets:
     """What is exported of sessions; with ``view`` the set of parameters that is shown."""
     machine = solved.sessions[0].opened.machine
-    last = max((session.opened for session in solved.sessions), key=lambda opened: opened.at)
     offsets = Offsets(
         source=", ".join(solved.names),
         machine=machine,
@@ -208,7 +207,7 @@ def offsets_from_solved(solved: SessionSolution, *, view: bool = False) -> Offse
         model=Model(machine.geometry()),
         controller=_stated(machine),
         recorded=min(session.opened.at for session in solved.sessions),
-        measured=measured_words(last, MINUTE),
+        measured=measured_words(solved.sessions[-1].opened, MINUTE),
         digests=tuple(session.digest for session in solved.sessions),
         cautions=tuple(map(one_line, caveats(solved))),
         solved=solved,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import stat
 import sys
 from typing import TextIO
 
@@ -71,6 +72,16 @@ def _replace_closed_streams() -> None:
         number = os.open(os.devnull, os.O_RDONLY)
         sys.stdout = os.fdopen(number, "w", encoding="utf-8", closefd=False)
     sys.stderr = sys.stderr or os.fdopen(os.open(os.devnull, os.O_WRONLY), "w")
+
+
+def write_nowhere() -> None:
+    """The terminal is gone: what is still to be shown must neither fail nor wait."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for stream in (sys.__stdout__, sys.__stderr__):
+        # a lost terminal is still a character device, but isatty denies it
+        if stream is not None and stat.S_ISCHR(os.fstat(stream.fileno()).st_mode):
+            os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
 
 
 def need_terminal(what: str, instead: str) -> None:

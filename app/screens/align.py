@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import ClassVar
 
+from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.widgets import Static
@@ -19,6 +19,7 @@ from app.screens.pages import last_lines, signalled
 from app.screens.session_view import Gauges
 from calib.errors import GlidecalError
 from calib.tripod.alignment import RailMoved
+from protocols.session import Changed
 
 LIVE_S = 0.2
 TURN_MM = 0.02
@@ -92,11 +93,10 @@ class AlignScreen(Corrections):
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Only a simulated machine has screws to be turned by a key."""
         if action == "turn":
-            return self.guided.turn is not None
+            return self.round is not None and self.guided.turn is not None
         return action not in ("choose", "watch", "as_asked") or self.round is not None
 
     def _stand(self) -> None:
-        """The indicators as they stand for the chosen screw."""
         assert self.round is not None
         try:
             step = self.round.watch_step(self.round.aligned.shims[self.chosen])
@@ -108,8 +108,7 @@ class AlignScreen(Corrections):
 
     def action_choose(self, by: int) -> None:
         """Another screw; one that is watched is finished first."""
-        if self.round is None:
-            return
+        assert self.round is not None, "offered in a round alone"
         if self.round.watching is not None:
             self.say("WAIT: this screw is watched. {align.watch} when it is there, then the next.")
             return
@@ -117,64 +116,49 @@ class AlignScreen(Corrections):
         self._stand()
         self._show()
 
-    def _before_a_move(self, then: Callable[[], None]) -> None:
+    async def _may_move(self) -> bool:
         """The first move of a round ends what the round has measured: that is asked."""
-        if self.guided.session.readings:
-            self.ask_whether(texts.MOVE_QUESTION, texts.MOVE_CHOICES, then)
-        else:
-            then()
+        measured = self.guided.session.readings
+        return not measured or await self.agreed(texts.MOVE_QUESTION, texts.MOVE_CHOICES)
 
-    def action_watch(self) -> None:
+    @work
+    async def action_watch(self) -> None:
         """Begin to watch the chosen screw, or write down where it is now."""
-        if self.round is not None and self.round.watching is not None:
-            self._done(watched=True)
-        elif self.round is not None:
-            self._before_a_move(self._watch)
+        assert self.round is not None, "offered in a round alone"
+        if self.round.watching is not None:
+            self._done(self.round, watched=True)
+        elif await self._may_move():
+            self._watch(self.round)
 
-    def _watch(self) -> None:
-        assert self.round is not None
-        shim = self.round.aligned.shims[self.chosen]
+    def _watch(self, rails: Round) -> None:
+        shim = rails.aligned.shims[self.chosen]
         with self.app.complaining():
-            if not self.round.watchable(shim):
-                self.say(
-                    "WAIT: the indicator cannot show it. Turn it by the number, then {align.asked}."
-                )
-            elif self.chosen in self.round.moved_mm:
+            if not rails.watchable(shim):
+                self.say(texts.NOT_WATCHABLE)
+            elif self.chosen in rails.moved_mm:
                 self.say("WAIT: it is done and in the record. {align.again} measures again.")
-            elif self.round.start(self.chosen):
+            elif rails.start(self.chosen):
                 self.say("Watching. Turn this screw only.")
             else:
                 self.say("WAIT: the indicator shows no number.")
 
-    def action_as_asked(self) -> None:
+    @work
+    async def action_as_asked(self) -> None:
         """Done by the number, without an indicator."""
-        if self.round is not None and self.chosen not in self.round.moved_mm:
-            self._before_a_move(self._as_asked)
+        assert self.round is not None, "offered in a round alone"
+        if self.chosen not in self.round.moved_mm and await self._may_move():
+            self.round.watching = self.chosen
+            self._done(self.round, watched=False)
 
-    def _as_asked(self) -> None:
-        assert self.round is not None
-        self.round.watching = self.chosen
-        self._done(watched=False)
-
-    def _done(self, *, watched: bool) -> None:
-        assert self.round is not None
-        round_done = self.round
-
-        def write() -> None:
-            change = round_done.done(watched=watched)
-            moved = "as asked" if change.moved_mm is None else f"{change.moved_mm:+.3f} mm"
-            self.say(
-                f"In the record: end at {change.support_mm:.0f} mm of rail {change.rail}, {moved}. "
-                "The next one, or {align.again} measures again."
-            )
-
-        if self.write(write):
+    def _done(self, rails: Round, *, watched: bool) -> None:
+        changes: list[Changed] = []
+        if self.write(lambda: changes.append(rails.done(watched=watched))):
+            self.say(texts.moved_text(changes[0]))
             self.action_choose(1)
 
     def action_turn(self, way: int) -> None:
-        """The screw of a simulated machine."""
-        if self.round is None or self.guided.turn is None:
-            return
+        assert self.round is not None, "offered in a round alone"
+        assert self.guided.turn is not None, "offered on a simulated machine alone"
         if self.round.watching is None:
             self.say("WAIT: {align.watch} watches the screw first.")
             return
@@ -191,11 +175,8 @@ class AlignScreen(Corrections):
             self.app.go_to(self.app.measuring(self.guided, self.plan))
 
     def action_finish(self) -> None:
-        """Close the record, on to the result."""
         if self.guided.step() is not None:
-            self.say(
-                "WAIT: something was moved since. {align.again} measures; {align.home} pauses."
-            )
+            self.say(texts.MOVED_SINCE)
         elif not self.busy:
             self.busy = True
             self.finish()

@@ -40,6 +40,7 @@ from app.report.text.preparing import (
 from app.report.text.questions import port_choices, port_question
 from app.screens.fast_keys import Title
 from app.screens.interface import ChoiceDialog, Interface
+from app.screens.paged import PAGE_KEYS, Page, PagedScreen
 from app.screens.pages import apart, is_left, last_lines
 from app.screens.session_view import Gauges
 from calib.errors import GlidecalError
@@ -69,7 +70,7 @@ class CheckScreen(Screen[None]):
         super().__init__()
         self._plan = plan
         self._problem: GlidecalError | None = None
-        self._gone: list[int] = []
+        self._gone: list[int] = []  # indicators whose ports are not here
         self._trial: SpindleCheck | None = None
         self._first: Step | None = None
 
@@ -103,13 +104,9 @@ class CheckScreen(Screen[None]):
     def _refused(self, problem: GlidecalError) -> None:
         if is_left(self):
             return
-        self._problem = problem
-        self._gone = [
-            k
-            for k, instrument in enumerate(self._plan.instruments)
-            if port_is_gone(instrument.port)
-        ]
-        words = refused_text(problem, self._plan.instruments, self._gone, self._moved_adapters())
+        self._problem, instruments = problem, self._plan.instruments
+        self._gone = [k for k, each in enumerate(instruments) if port_is_gone(each.port)]
+        words = refused_text(problem, instruments, self._gone, self._moved_adapters())
         self.query_one("#words", Static).update(self.app.keyed(words))
         self.refresh_bindings()
 
@@ -125,13 +122,11 @@ class CheckScreen(Screen[None]):
             return
         self.app.indicators = indicators
         self.refresh_bindings()
-        words = check_text(self._plan)
-        moved = adapter_lines(self._plan.instruments, self._moved_adapters())
-        if moved:
-            words = "\n".join(["WARNING: " + line for line in moved]) + f"\n\n{words}"
-        if indicators.mover is not None:
-            words = f"{motion.check_text(self._plan, indicators.mover)}\n\n{words}"
-        self.query_one("#words", Static).update(self.app.keyed(words))
+        mover, moved = indicators.mover, self._moved_adapters()
+        warnings = [f"WARNING: {line}" for line in adapter_lines(self._plan.instruments, moved)]
+        of_machine = motion.check_text(self._plan, mover) if mover is not None else ""
+        words = filter(None, [of_machine, "\n".join(warnings), check_text(self._plan)])
+        self.query_one("#words", Static).update(self.app.keyed("\n\n".join(words)))
         if not self._plan.simulated:  # no hand can push those spindles
             with self.app.complaining():
                 self._first = first_step(self._plan)
@@ -143,49 +138,46 @@ class CheckScreen(Screen[None]):
             return
         states = [gauge.live() for gauge in self.app.indicators.gauges]
         self.query_one(Gauges).show(states)
-        if trial := self._trial:
+        if (trial := self._trial) and self._first:
             unready = not trial.ready
             if ended := trial.look(states):
                 self.app.bell()
             if ended or (unready and trial.ready):
-                if self._first:
-                    self._show_trial(trial_text(trial, self._first))
+                self._show_trial(trial_text(trial, self._first))
                 self.refresh_bindings()
 
     def _show_trial(self, text: str) -> None:
-        """What came of a trial, above the panels: nothing lies over them."""
+        """Above the panels: nothing lies over them."""
         self.query_one("#trial", Static).update(self.app.keyed(text))
 
     def action_exchange(self) -> None:
         """The spindle that moved is the one that was asked for: its port belongs there."""
         if self._trial and self._trial.finding is PushResult.OTHER:
             self._trial.exchange()
-            opened = self.app.indicators
-            if opened:
+            if opened := self.app.indicators:
                 self.app.indicators = replace(opened, gauges=opened.gauges[::-1])
             self.query_one(Gauges).name_them(self._trial.instruments)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Begin is offered once the indicators are open, another try where they did not open."""
-        if action == "retry":
-            return self._problem is not None
-        if action == "port":
-            return self._problem is not None and bool(self._gone)
-        if action == "exchange":
-            return self._trial is not None and self._trial.finding is PushResult.OTHER
-        return action != "begin" or self.app.indicators is not None
+        fits = {
+            "retry": self._problem is not None,
+            "port": self._problem is not None and bool(self._gone),
+            "exchange": self._trial is not None and self._trial.finding is PushResult.OTHER,
+            "begin": self.app.indicators is not None,
+        }
+        return fits.get(action, True)
 
     def action_retry(self) -> None:
-        """Open the indicators again: a cable was plugged in meanwhile."""
         self._problem = None
         self.query_one("#words", Static).update(OPENING)
         self.refresh_bindings()
         self._open()
 
-    def action_port(self) -> None:
+    @work(exclusive=True, group="port")
+    async def action_port(self) -> None:
         """The first indicator whose port has gone is at another one: choose it, and try again."""
-        number = self._gone[0]
-        instruments = self._plan.instruments
+        number, instruments = self._gone[0], list(self._plan.instruments)
         adapter = ""
         with suppress(GlidecalError):
             adapter = adapter_before(instruments[number].port)
@@ -194,18 +186,14 @@ class CheckScreen(Screen[None]):
             self._show_trial(NO_OTHER_PORT_HERE)
             return
         question = port_question(indicator_words(number, instruments[number]))
-        choices = port_choices(ports, adapter)
-        self.app.ask(ChoiceDialog(question, choices), lambda port: self._at_port(number, port))
-
-    def _at_port(self, number: int, port: str) -> None:
-        instruments = list(self._plan.instruments)
-        instruments[number] = instruments[number].model_copy(update={"port": port})
-        self._plan = replace(self._plan, instruments=tuple(instruments))
-        self.query_one(Gauges).name_them(self._plan.instruments)
-        self.action_retry()
+        dialog = ChoiceDialog(question, port_choices(ports, adapter))
+        if self.is_current and (port := await self.app.push_screen_wait(dialog)):
+            instruments[number] = instruments[number].model_copy(update={"port": port})
+            self._plan = replace(self._plan, instruments=tuple(instruments))
+            self.query_one(Gauges).name_them(instruments)
+            self.action_retry()
 
     def action_begin(self) -> None:
-        """Start or continue the record and go measuring."""
         if self.app.indicators is None:
             return
         with self.app.complaining():
@@ -230,16 +218,12 @@ class CheckScreen(Screen[None]):
             await self.app.action_quit()
 
 
-class DryRunScreen(Screen[None]):
-    """Every step of a procedure, to scroll through, then what it will tell."""
+class DryRunScreen(PagedScreen[None]):
+    """Every step of a procedure, and what it will tell."""
 
-    app: Interface
     HELP = DRY_RUN_HELP
-    AUTO_FOCUS = "#dry-run"
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "app.pop_screen", "Back", id="dry-run.back"),
-        Binding("f10", "app.quit", "Quit", id="dry-run.quit"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [*PAGE_KEYS]
+    PAGES = (Page("dry-run", "Every step"), Page("expected", "What to expect"))
 
     def __init__(
         self,
@@ -249,23 +233,18 @@ class DryRunScreen(Screen[None]):
         moved_by: str = "",
     ) -> None:
         super().__init__()
-        self._asked = procedure, machine, instruments
-        self._steps = dry_run_text(*self._asked)
-        if moved_by:
-            plan = Plan(Path(), machine, procedure, tuple(instruments), motion=moved_by)
-            self._steps = motion.plan_text(plan)
-
-    def compose(self) -> ComposeResult:
-        yield Title()
-        with VerticalScroll(id="dry-run"):
-            yield Static(self.app.keyed(self._steps), id="dry-run-text", markup=False)
-            yield Static("", id="expected", markup=False)
-        yield from last_lines()
+        self._asked = procedure, machine, tuple(instruments)
+        self._moved_by = moved_by
 
     @work
-    async def on_mount(self) -> None:
-        text = await apart(self, self._expected)
-        self.query_one("#expected", Static).update(f"\n{text}")
+    async def begin(self) -> None:
+        procedure, machine, instruments = self._asked
+        self.head(f"Dry run of {procedure.name}")
+        plan = Plan(Path(), machine, procedure, instruments, motion=self._moved_by)
+        self.put(
+            "dry-run", motion.plan_text(plan) if self._moved_by else dry_run_text(*self._asked)
+        )
+        self.put("expected", await apart(self, self._expected))
 
     def _expected(self) -> str:
         from app.planning.tripod import before_measuring

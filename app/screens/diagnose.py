@@ -20,7 +20,6 @@ from app.evaluating.diagnosis import (
 )
 from app.report.charts.results import residuals_before_and_after
 from app.report.text import diagnosis as texts
-from app.report.text.result import ONLY_SHOWN
 from app.screens.interface import ChoiceDialog, TextDialog
 from app.screens.paged import PAGE_KEYS, Page, PagedScreen
 from app.screens.pages import apart
@@ -41,6 +40,7 @@ class DiagnoseScreen(PagedScreen[None]):
         Binding("l", "result", "Result", id="diagnose.result"),
         *PAGE_KEYS,
     ]
+    WRITES = ("adopt", "next")
     PAGES = (
         Page("verdict", "Verdict"),
         Page("where", "Where"),
@@ -58,18 +58,15 @@ class DiagnoseScreen(PagedScreen[None]):
         self._known: ModelFile | None = None
 
     def begin(self) -> None:
-        """Diagnose apart from the screen."""
-        self.looking, self.diagnosed, self._known = True, None, None
-        self.refresh_bindings()
-        self.head(texts.heading_text([path.name for path in self.paths], self.model))
-        self.wait(texts.LOOKING)
+        self.diagnosed = self._known = None
+        heading = texts.heading_text([path.name for path in self.paths], self.model)
+        self.begin_to_look(heading, texts.LOOKING)
         job = partial(_diagnosis, self.paths, self.model, self._adopted_words)
         self.look(job, self._show, texts.problem_text)
 
     def _show(self, outcome: tuple[ModelFile | None, SessionDiagnosis, str]) -> None:
         (self._known, diagnosed, at_tool), adopted = outcome, ""
         self.diagnosed = diagnosed
-        self.refresh_bindings()
         if self.model is not None and self._gap_before_mm is not None:
             now = diagnosed.diagnosis.gap_before.rms_mm
             adopted = texts.ADOPTED.format(self.model.name, self._gap_before_mm, now)
@@ -89,8 +86,8 @@ class DiagnoseScreen(PagedScreen[None]):
 
     def why_not(self, action: str) -> str:
         diagnosed = self.diagnosed
-        if action in ("adopt", "next") and self.app.read_only:
-            return ONLY_SHOWN
+        if reason := super().why_not(action):
+            return reason
         if action in ("adopt", "next", "what_if", "copy") and diagnosed is None:
             return texts.NOT_YET if self.looking else texts.NOTHING_FOUND
         if action == "adopt" and diagnosed and not texts.adopt_choices(diagnosed):
@@ -99,7 +96,6 @@ class DiagnoseScreen(PagedScreen[None]):
 
     @work(exclusive=True, group="adopt")
     async def action_adopt(self) -> None:
-        """Ask what becomes part of the model, then for the file."""
         diagnosed = self.diagnosed
         if diagnosed is not None:
             choices = texts.adopt_choices(diagnosed)
@@ -128,7 +124,6 @@ class DiagnoseScreen(PagedScreen[None]):
                 self._look_again(diagnosed, self.model)
 
     async def _correct(self, diagnosed: SessionDiagnosis) -> None:
-        """Write the session without its mistakes and look again, at that."""
         source = self.paths[0]
         proposed = unused_path(source.with_name(f"{source.stem}_corrected.jsonl"))
         target = await self.ask(TextDialog(texts.WHICH_SESSION, "path", str(proposed)))
@@ -143,7 +138,6 @@ class DiagnoseScreen(PagedScreen[None]):
     async def _adopt(
         self, diagnosed: SessionDiagnosis, answer: str, held: EffectEntry | None = None
     ) -> None:
-        """Write the model and look again with it."""
         first = self.paths[0]
         proposed = self.model or unused_path(first.with_name(f"{first.stem}_model.json"))
         target = await self.ask(TextDialog(texts.WHICH_FILE, "path", str(proposed)))

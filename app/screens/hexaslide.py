@@ -59,16 +59,13 @@ class HexaSlideScreen(PagedScreen[None]):
         self._drawn_at = 0
 
     def begin(self) -> None:
-        """What the request that is there gives."""
         self._look(self.request)
 
     def _look(self, request: Request) -> None:
         """See what another procedure or machine gives; a search of before ends."""
         self._end_search()
         self.request, self.view, self.found = request, None, None
-        self.looking = True
-        self.head(texts.heading_text(request.machine_file, None))
-        self.wait(texts.LOOKING)
+        self.begin_to_look(texts.heading_text(request.machine_file, None), texts.LOOKING)
         self.look(lambda: look_at(hexaslide_planning(request)), self._seen, texts.problem_text)
 
     def _seen(self, view: HexaSlideSeen) -> None:
@@ -77,46 +74,40 @@ class HexaSlideScreen(PagedScreen[None]):
         self._show_all()
 
     def _show_all(self) -> None:
-        view, postures_found = self.view, self.found
+        view, best = self.view, self.found
         if view is None:
             return
-        best = None if postures_found is None else conditions_at(view, postures_found.coordinates)
-        self.put("sees", texts.sees_text(view, postures_found, best))
-        self.put("list", texts.list_text(postures_found))
-        self._show_search()
-        drawings = drawn_postures(view.machine, postures_found)
+        conditions = conditions_at(view, best.coordinates) if best else None
+        self.put("sees", texts.sees_text(view, best, conditions))
+        self.put("list", texts.list_text(best))
+        drawings = drawn_postures(view.machine, best)
         self.put("search", None, *drawings[:2])
         self.put("angles", None, *drawings[2:])
-        self._draw_machine(view)
+        self._show_search()
+        self._draw_machine()
 
     def _show_search(self) -> None:
         if self.view is not None:
             text = texts.search_text(self.view, self._count, self.found, searching=self.searching)
             self.put("search", text)
 
-    def _draw_machine(self, view: HexaSlideSeen) -> None:
-        count = 0 if self.found is None else len(self.found.coordinates)
-        posture = view.machine.box.centre
-        if self.found is not None and self._drawn_at:
-            posture = self.found.coordinates[self._drawn_at - 1]
-        pair = drawn_machine(view.machine, posture)
-        self.put("drawn", texts.drawn_at_text(self._drawn_at, count), *pair)
+    def _draw_machine(self) -> None:
+        assert self.view is not None, "shown with it alone"
+        machine, postures = self.view.machine, self.found.coordinates if self.found else ()
+        at = postures[self._drawn_at - 1] if self._drawn_at else machine.box.centre
+        pair = drawn_machine(machine, at)
+        self.put("drawn", texts.drawn_at_text(self._drawn_at, len(postures)), *pair)
         self.put("sees", None, *pair)
 
     @work(exclusive=True, group="ask")
     async def action_procedure(self) -> None:
-        """One of the paper's procedures."""
-        kind = await self.ask(
-            ChoiceDialog(
-                texts.WHICH_PROCEDURE, [(k, f"{k}: {texts.PROCEDURE_WORDS[k]}") for k in KINDS]
-            )
-        )
+        kinds = [(kind, f"{kind}: {texts.PROCEDURE_WORDS[kind]}") for kind in KINDS]
+        kind = await self.ask(ChoiceDialog(texts.WHICH_PROCEDURE, kinds))
         if kind is not None:
             self._look(replace(self.request, procedure=kind, measured=(), known=None))
 
     @work(exclusive=True, group="ask")
     async def action_measured(self) -> None:
-        """Ask which components of the posture are measured."""
         proposed = ",".join(self.request.measured or ("x", "y", "z", "theta"))
         text = await self.ask(TextDialog(texts.WHICH_COMPONENTS, "x,y,z,theta", proposed))
         if text:
@@ -127,12 +118,11 @@ class HexaSlideScreen(PagedScreen[None]):
 
     @work(exclusive=True, group="ask")
     async def action_machine(self) -> None:
-        """Ask for a machine file."""
-        now = self.request.machine_file
-        dialog = TextDialog(texts.WHICH_MACHINE, "path", str(now) if now else "")
-        text = await self.ask(dialog)
-        path = Path(text).expanduser() if text else None
-        if path != now:
+        """Another machine file; an empty line is the example H60."""
+        now = str(self.request.machine_file or "")
+        text = await self.ask(TextDialog(texts.WHICH_MACHINE, "path", now))
+        if text is not None and text != now:
+            path = Path(text).expanduser() if text else None
             self._look(replace(self.request, machine_file=path))
 
     def why_not(self, action: str) -> str:
@@ -142,31 +132,26 @@ class HexaSlideScreen(PagedScreen[None]):
 
     @work(exclusive=True, group="ask")
     async def action_count(self) -> None:
-        """Ask how many postures."""
-        if self.view is not None:
-            fewest = self.view.fewest
-            question = TextDialog(texts.count_question(fewest), "number", str(self._count))
-            if text := await self.ask(question):
-                self._take_count(fewest, text)
-
-    def _take_count(self, fewest: int, text: str) -> None:
-        if not text.isdecimal() or not fewest <= int(text) <= MOST_POSTURES:
+        assert self.view is not None, "offered with it alone"
+        fewest, now = self.view.fewest, str(self._count)
+        text = await self.ask(TextDialog(texts.count_question(fewest), "number", now))
+        if text and text.isdecimal() and fewest <= int(text) <= MOST_POSTURES:
+            self._begin_anew(int(text))
+        elif text:
             self.app.complain(texts.count_problem(text, fewest, MOST_POSTURES))
-            return
+
+    def _begin_anew(self, count: int, *, searching: bool = False) -> None:
+        """So many postures are searched for; what was found before is gone."""
         self._end_search()
-        self._count, self.found, self._drawn_at = int(text), None, 0
+        self._count, self.searching, self.found, self._drawn_at = count, searching, None, 0
         self._show_all()
 
     def action_search(self) -> None:
-        """Search for the best postures, one start after the other."""
-        view = self.view
-        if view is None:
-            return
-        self._end_search()
-        self.searching, self.found, self._drawn_at = True, None, 0
+        """One start after the other."""
+        assert self.view is not None, "offered with it alone"
         self.action_show_page("search")
-        self._show_all()
-        self._search(view, self._count)
+        self._begin_anew(self._count, searching=True)
+        self._search(self.view, self._count)
 
     @work(group="search")
     async def _search(self, view: HexaSlideSeen, count: int) -> None:
@@ -194,9 +179,9 @@ class HexaSlideScreen(PagedScreen[None]):
 
     def action_draw(self, by: int) -> None:
         """The machine at the next of the postures that were found; 0 is the middle of the box."""
-        if self.view is not None and self.found is not None:
+        if self.found is not None:
             self._drawn_at = (self._drawn_at + by) % (len(self.found.coordinates) + 1)
-            self._draw_machine(self.view)
+            self._draw_machine()
 
     def action_back(self) -> None:
         """Stop the search, or go back to where this was opened from."""

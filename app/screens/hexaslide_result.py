@@ -1,7 +1,8 @@
-"""The result of a session of postures: what to enter, what is left, the diagnosis, the readings."""
+"""The result of a session of postures, its diagnosis and readings, and what if of a cause."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -10,17 +11,16 @@ from textual import work
 from textual.binding import Binding, BindingType
 
 from app.evaluating.hexaslide import PostureResult, posture_result
-from app.evaluating.hexaslide_what_if import causes_to_try
+from app.evaluating.hexaslide_what_if import CausesToTry, causes_to_try
 from app.exports.hexaslide import write_calibrated
-from app.report.charts.hexaslide import drawn_machine, residual_charts
+from app.report.charts.hexaslide import drawn_machine, left_with, residual_charts
 from app.report.text import hexaslide_result as texts
-from app.report.text.hexaslide_what_if import WHICH, cause_words
-from app.report.text.home import REPORTS_SERVED
-from app.report.text.result import ONLY_SHOWN
-from app.screens.hexaslide_what_if import PostureWhatIfScreen
+from app.report.text import hexaslide_what_if as what_if_texts
 from app.screens.interface import ChoiceDialog
 from app.screens.paged import PAGE_KEYS, Page, PagedScreen
 from app.screens.pages import apart
+from app.screens.what_if import SIZE_KEYS, SizesScreen
+from calib.diagnosis.hexaslide_what_if import PostureTrial
 from calib.errors import extra
 
 
@@ -36,6 +36,7 @@ class HexaSlideResultScreen(PagedScreen[None]):
         Binding("h", "home", "Home", show=False, id="postures.home"),
         *PAGE_KEYS,
     ]
+    WRITES = ("export", "report", "home")
     PAGES = (
         Page("result", "Result", charts=2, beside=True),
         Page("details", "Details"),
@@ -52,15 +53,11 @@ class HexaSlideResultScreen(PagedScreen[None]):
         self.folder = ""
 
     def begin(self) -> None:
-        """Work everything out apart from the screen."""
-        self.looking = True
-        self.head(texts.heading_text(self.path, None))
-        self.wait(texts.LOOKING)
+        self.begin_to_look(texts.heading_text(self.path, None), texts.LOOKING)
         self.look(partial(posture_result, self.path), self._show, texts.problem_text)
 
     def _show(self, result: PostureResult) -> None:
         self.result = result
-        self.refresh_bindings()
         machine = result.solved.source.machine.whole()
         self.head(texts.heading_text(self.path, result))
         drawings = drawn_machine(machine, machine.box.centre)
@@ -82,29 +79,25 @@ class HexaSlideResultScreen(PagedScreen[None]):
         self._show_glance()
 
     def why_not(self, action: str) -> str:
-        if action not in ("export", "report", "what_if", "home"):
-            return ""
-        if self.app.read_only and action != "what_if":
-            return f"{ONLY_SHOWN} {REPORTS_SERVED}" if action == "report" else ONLY_SHOWN
-        if self.result is None and action != "home":
+        reason = super().why_not(action)
+        if not reason and self.result is None and action in ("export", "report", "what_if"):
             return texts.LOOKING if self.looking else texts.NO_RESULT
-        return ""
+        return reason
 
     @work(exclusive=True, group="what-if")
     async def action_what_if(self) -> None:
-        """A cause that a person chooses, its size moved."""
         if self.result is None:
             return
         with self.app.complaining():
             causes = await apart(self, causes_to_try, self.result.solved.source)
-            listed = [(name, cause_words(name, w)) for name, w in causes.likely.items()]
-            name = await self.ask(ChoiceDialog(WHICH, listed))
+            words = what_if_texts.cause_words
+            listed = [(name, words(name, weight)) for name, weight in causes.likely.items()]
+            name = await self.ask(ChoiceDialog(what_if_texts.WHICH, listed))
             if name is not None:
                 await self.ask(PostureWhatIfScreen(self.path, causes, name))
 
     @work(exclusive=True, group="write")
     async def action_export(self) -> None:
-        """The calibrated machine and its kinematics, into a folder beside the session."""
         result, folder = self.result, self.path.with_suffix("")
         if result is not None and (
             paths := await self.app.written(partial(write_calibrated, result.solved, folder))
@@ -118,7 +111,6 @@ class HexaSlideResultScreen(PagedScreen[None]):
 
     @work(exclusive=True, group="write")
     async def action_report(self) -> None:
-        """The report to sign, beside the session."""
         choices = [(ending, f"{self.path.with_suffix(ending).name}") for ending in texts.ENDINGS]
         ending = await self.ask(ChoiceDialog(texts.WHICH_REPORT, choices))
         if ending is None:
@@ -136,3 +128,46 @@ class HexaSlideResultScreen(PagedScreen[None]):
 
             if path := await self.app.written(job):
                 self.app.notify(texts.REPORT_WRITTEN.format(path), markup=False)
+
+
+class PostureWhatIfScreen(SizesScreen[None]):
+    """One cause beside the parameters; nothing is written."""
+
+    HELP = what_if_texts.WHAT_IF_HELP
+    BINDINGS: ClassVar[list[BindingType]] = [*SIZE_KEYS, *PAGE_KEYS]
+    PAGES = (Page("left", "What is left", charts=1, text=False),)
+    trial: PostureTrial
+
+    def __init__(self, path: Path, causes: CausesToTry, name: tuple[str, str]) -> None:
+        super().__init__()
+        self.path = path
+        self.causes = causes
+        self.name_of_cause = name
+
+    def begin(self) -> None:
+        self.head(what_if_texts.heading_text(self.name_of_cause, self.path))
+        self.look(partial(self.causes.trial, self.name_of_cause), self._begin)
+
+    def _begin(self, trial: PostureTrial) -> None:
+        self.trial, self.known = trial, True
+        self.move_to(trial.best or (0.0,) * len(trial.cause.names))
+
+    def move_to(self, values: Sequence[float]) -> None:
+        self.values = tuple(values)
+        self.show_words()
+
+    def show_words(self) -> None:
+        trial, values = self.trial, self.values
+        before, now = trial.at([0.0] * len(values)), trial.at(values)
+        sizes = what_if_texts.sizes_text(trial, values, self.number)
+        self.put_words(sizes, what_if_texts.effect_text(before, now))
+        readings = trial.models.readings
+        numbers = [readings.number(row) for row in range(len(readings.sliders))]
+        self.follow("left", left_with(numbers, before, now))
+
+    def action_best(self) -> None:
+        """The sizes that fit best; where the readings do not show them, why."""
+        if self.known and self.trial.best:
+            self.move_to(self.trial.best)
+        else:
+            self.app.complain(what_if_texts.WORKING if self.looking else what_if_texts.NOT_SEEN)

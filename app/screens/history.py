@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import ClassVar
 
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical, VerticalScroll
-from textual.widgets import OptionList, Static
-from textual.widgets.option_list import Option
+from textual.widgets import OptionList
 
 from app.evaluating.comparison import Comparison
 from app.evaluating.history import History
@@ -44,19 +40,6 @@ class CompareScreen(PagedScreen[None]):
         self.put("plot", None, chart)
 
 
-class Machines(Vertical):
-    """Files that cannot be used, and a list of machines."""
-
-    def __init__(self, history: History) -> None:
-        super().__init__()
-        self._history = history
-
-    def compose(self) -> ComposeResult:
-        rows = texts.machine_rows(self._history)
-        yield OptionList(*map(Option, rows), id="machines", markup=False)
-        yield VerticalScroll(Static("", id="machines-text", classes="page", markup=False))
-
-
 class HistoryScreen(PagedScreen[None]):
     """A list of machines where there are several, a text of one of them, and its charts."""
 
@@ -70,13 +53,10 @@ class HistoryScreen(PagedScreen[None]):
 
     def __init__(self, history: History) -> None:
         super().__init__()
-        self._history = history
-        self._several = len(history.all_machines) > 1
-
-    @property
-    def pages(self) -> Sequence[Page]:
-        listed = Page("machines", "Machines", content=lambda: Machines(self._history))
-        return (listed, *self.PAGES) if self._several else self.PAGES
+        self._history, rows = history, tuple(texts.machine_rows(history))
+        self._several = len(rows) > 1
+        if self._several:
+            self.pages = (Page("machines", "Machines", rows=rows), *self.PAGES)
 
     def begin(self) -> None:
         self.head(f"History of {self._history.folder.absolute().name}")
@@ -87,7 +67,6 @@ class HistoryScreen(PagedScreen[None]):
             self._show(self._history)
 
     def _show(self, history: History) -> None:
-        """One machine."""
         self.put("history", texts.history_text(history, datetime.now(UTC)))
         figures = [figure for machine in history.machines for figure in control_charts(machine)]
         figures += map(platform_figure, history.of_postures)
@@ -98,6 +77,5 @@ class HistoryScreen(PagedScreen[None]):
         self.action_show_page("history")
 
     def action_figure(self, by: int) -> None:
-        """Another joint on the page of charts."""
         self.action_show_page("charts")
         self.query_one(LegPlots).turn(by)

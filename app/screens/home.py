@@ -5,7 +5,7 @@ It imports nothing that needs scipy: the first picture need not wait for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -27,7 +27,7 @@ from app.measuring.recorded import (
 )
 from app.report.text import home as texts
 from app.screens import Look, look_of
-from app.screens.fast_keys import LeftOnce, Title
+from app.screens.fast_keys import Title
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.pages import Found, Given, apart, last_lines
 
@@ -48,48 +48,56 @@ class HomeScreen(Screen[None]):
         self._working = False
 
     def compose(self) -> ComposeResult:
-        yield from _listing(texts.HOME_QUESTION, ())
+        yield Title()
+        yield Static(self.question(), markup=False, id="question")
+        yield OptionList(id="choices", markup=False)
+        yield from last_lines()
+
+    def question(self) -> str:
+        return texts.HOME_QUESTION
+
+    def sessions(self) -> list[SessionFile]:
+        return recent_sessions(Path(), DEMO_FOLDER)
 
     def on_screen_resume(self) -> None:
         """Sessions may have come or gone on while another screen was open."""
-        self._recent = recent_sessions(Path(), DEMO_FOLDER)
+        self._recent = self.sessions()
         choices = self.query_one("#choices", OptionList)
         before = choices.highlighted_option.id if choices.highlighted_option else None
         choices.clear_options()
-        choices.add_options(self._options())
+        choices.add_options(self.options())
         ids = [option.id for option in choices.options]
         choices.highlighted = ids.index(before) if before in ids else 0
 
-    def _options(self) -> list[Option | None]:
+    def options(self) -> Iterator[Option | None]:
         """What is listed; None is a line between."""
-        looks = [(look.name, look.choice) for look in self.app.looks]
-        able = [
-            c
-            for c in (*texts.HOME_CHOICES, *looks)
-            if c[0] in texts.READING_ONLY or not self.app.read_only
-        ]
-        going_on: list[Option | None] = []
-        other_options: list[Option | None] = []
-        for recent in self._recent:
-            label = texts.session_label(recent)
-            if recent.interrupted and not recent.empty and not self.app.read_only:
-                going_on.append(Option(f"Continue  {label}", f"continue {recent.path}"))
-            other_options.append(Option(label, f"session {recent.path}"))
-        options = [*going_on, *(Option(words, name) for name, words in able)]
-        return [*options, None, *other_options] if other_options else options
+        writes = not self.app.read_only
+        labels = [(each, texts.session_label(each)) for each in self._recent]
+        for each, label in labels:
+            if each.interrupted and not each.empty and writes:
+                yield Option(f"Continue  {label}", f"continue {each.path}")
+        for name, words in (*texts.HOME_CHOICES, *((k.name, k.choice) for k in self.app.looks)):
+            if writes or name in texts.READING_ONLY:
+                yield Option(words, name)
+        if labels:
+            yield None
+        yield from (Option(label, f"session {each.path}") for each, label in labels)
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         if not self._working:
             self._working = True
-            what, _, path = (event.option.id or "").partition(" ")
-            self._begin(what, next((r for r in self._recent if str(r.path) == path), None))
+            self._begin(*(event.option.id or "").partition(" ")[::2])
 
     @work
-    async def _begin(self, what: str, session: SessionFile | None) -> None:
+    async def _begin(self, what: str, path: str) -> None:
         with self.app.complaining():
-            await self._do(what, session)
+            if what == "history":
+                history = await self._computed(_history, Path(path), self.app.looks)
+                self.app.push_screen(history)
+            else:
+                await self._do(what, next((s for s in self._recent if str(s.path) == path), None))
         self._working = False
-        self.query_one("#question", Static).update(texts.HOME_QUESTION)
+        self.query_one("#question", Static).update(self.question())
 
     async def _do(self, what: str, session: SessionFile | None) -> None:
         """Carry a choice out, with a session or after asking which one."""
@@ -100,11 +108,9 @@ class HomeScreen(Screen[None]):
             app.complain(session.problem)
         elif what in opens:
             app.push_screen(opens[what]())
-        elif what == "history":
-            app.push_screen(await self._computed(_history, Path(), app.looks))
         elif session is None:
             which = texts.WHICH["before" if what == "compare" else what]
-            if picked := await app.push_screen_wait(PickScreen(which, self._recent)):
+            if picked := await self._picked(which, self._recent):
                 await self._do(what, picked)
         elif what == "session":
             choices = texts.session_choices(session, read_only=app.read_only)
@@ -115,6 +121,25 @@ class HomeScreen(Screen[None]):
             await self._compare(session)
         else:
             await self._do_with(session.path, what)
+
+    async def _picked(
+        self, question: str, sessions: Sequence[SessionFile], proposed: SessionFile | None = None
+    ) -> SessionFile | None:
+        """One of these sessions or one whose path is typed, as long as it can be read."""
+        rows: list[tuple[SessionFile | str, str]] = [(s, texts.session_label(s)) for s in sessions]
+        rows.append((texts.ELSEWHERE, texts.ELSEWHERE))
+        at = sessions.index(proposed) if proposed in sessions else 0
+        words = question if sessions else f"{question}\n{texts.NO_SESSIONS}"
+        while answer := await self.app.push_screen_wait(ChoiceDialog(words, rows, at)):
+            if isinstance(answer, str):
+                path = await self.app.push_screen_wait(TextDialog(texts.WHICH_PATH, "path"))
+                if not path:
+                    continue
+                answer = look_at(Path(path).expanduser())
+            if not answer.problem:
+                return answer
+            words = f"{answer.problem}\n\n{question}"
+        return None
 
     async def _do_with(self, path: Path, what: str) -> None:
         if look := look_of(path, self.app.looks):  # its screen writes what is exported, too
@@ -194,8 +219,7 @@ class HomeScreen(Screen[None]):
         if pair is None:
             other_sessions = [recent for recent in self._recent if recent != session]
             question = f"{session.path}\n{texts.WHICH['after']}"
-            proposed = follow_up(session, self._recent)
-            after = await self.app.push_screen_wait(PickScreen(question, other_sessions, proposed))
+            after = await self._picked(question, other_sessions, follow_up(session, self._recent))
             if after is None:
                 return
             pair = session.path, after.path
@@ -235,51 +259,9 @@ def _history(folder: Path, looks: Sequence[Look]) -> Screen[None]:
     return HistoryScreen(read_history(folder, of_postures=looks))
 
 
-class PickScreen(LeftOnce[SessionFile]):
-    """Recent sessions with their state, or the path of another one; none by Escape."""
-
-    app: Interface
-    HELP = texts.PICK_HELP
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "dismiss(None)", "Back", id="pick.back"),
-        Binding("f10", "app.quit", "Quit", id="pick.quit"),
-    ]
-
-    def __init__(
-        self, question: str, sessions: Sequence[SessionFile], proposed: SessionFile | None = None
-    ) -> None:
-        super().__init__()
-        self._question = question
-        self._sessions = tuple(sessions)
-        self._proposed = proposed
-
-    def compose(self) -> ComposeResult:
-        words = self._question if self._sessions else f"{self._question}\n{texts.NO_SESSIONS}"
-        labels = [Option(texts.session_label(session)) for session in self._sessions]
-        at = self._sessions.index(self._proposed) if self._proposed in self._sessions else 0
-        options = [*labels, Option(texts.ELSEWHERE)]
-        yield from _listing(f"{words}\n{self.app.keyed(texts.PICK_KEYS)}", options, at)
-
-    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        if event.option_index < len(self._sessions):
-            self._choose(self._sessions[event.option_index])
-        else:
-            self.app.ask(TextDialog("Type the path of a session file.", "path"), self._typed)
-
-    def _typed(self, path: str) -> None:
-        self._choose(look_at(Path(path).expanduser()))
-
-    def _choose(self, session: SessionFile) -> None:
-        if session.problem:
-            self.app.complain(session.problem)
-        else:
-            self.dismiss(session)
-
-
-class ReplayChoiceScreen(Screen[None]):
+class ReplayChoiceScreen(HomeScreen):
     """The sessions that were named, those of folders and their history, and no other ones."""
 
-    app: Interface
     HELP = texts.REPLAY_CHOICE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f10", "app.quit", "Quit", id="replay-choice.quit")
@@ -287,41 +269,24 @@ class ReplayChoiceScreen(Screen[None]):
 
     def __init__(self, paths: Sequence[Path]) -> None:
         super().__init__()
-        self._folders = tuple(path for path in paths if path.is_dir())
-        self._paths = [path for path in paths if path not in self._folders]
+        self._folders = [path for path in dict.fromkeys(paths) if path.is_dir()]
+        files = [path for path in paths if path not in self._folders]
         for folder in self._folders:
-            self._paths += sessions_below(folder)[:MOST_LISTED]
+            files += sessions_below(folder)[:MOST_LISTED]
+        self._paths = tuple(dict.fromkeys(files))
 
-    def compose(self) -> ComposeResult:
+    def question(self) -> str:
         served = f"\n{texts.REPORTS_SERVED}" if self.app.read_only else ""
-        histories = (Option(texts.HISTORY_OF.format(folder.name)) for folder in self._folders)
-        labels = (Option(texts.session_label(look_at(path))) for path in self._paths)
-        yield from _listing(f"{texts.REPLAY_QUESTION}{served}", [*histories, *labels])
+        return f"{texts.REPLAY_QUESTION}{served}"
 
-    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        number = event.option_index - len(self._folders)
-        if number < 0:
-            self.app.notify(texts.READING_HISTORY, markup=False)
-            self._read_history(self._folders[event.option_index])
-            return
-        with self.app.complaining():
-            self.app.push_screen(replay_screen(self._paths[number], self.app.looks))
+    def sessions(self) -> list[SessionFile]:
+        return list(map(look_at, self._paths))
 
-    @work(exclusive=True)
-    async def _read_history(self, folder: Path) -> None:
-        with self.app.complaining():
-            history = await apart(self, _history, folder, self.app.looks)
-            if self.is_current:
-                self.app.push_screen(history)
-
-
-def _listing(question: str, options: Sequence[Option], at: int = 0) -> ComposeResult:
-    yield Title()
-    yield Static(question, markup=False, id="question")
-    choices = OptionList(*options, id="choices", markup=False)
-    choices.highlighted = at
-    yield choices
-    yield from last_lines()
+    def options(self) -> Iterator[Option | None]:
+        for folder in self._folders:
+            yield Option(texts.HISTORY_OF.format(folder.name), f"history {folder}")
+        for each in self._recent:
+            yield Option(texts.session_label(each), f"replay {each.path}")
 
 
 def replay_screen(path: Path, looks: Iterable[Look]) -> Screen[None]:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import signal
-import stat
-import sys
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -15,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 from rich.cells import cell_len
-from rich.console import RenderableType
 from rich.segment import Segment
 from textual.actions import ActionParseResult
 from textual.app import App, ComposeResult, SystemCommand
@@ -30,13 +26,12 @@ from textual.geometry import Size
 from textual.notifications import SeverityLevel
 from textual.screen import ModalScreen, Screen, ScreenResultType
 from textual.theme import ThemeProvider
-from textual.timer import Timer
 from textual.widget import Widget
 from textual.widgets import Input, OptionList, Static
-from textual.widgets.option_list import Option
 
 from app.exit_codes import Exit
 from app.measuring.motion_keys import MotionKeys
+from app.report.streams import write_nowhere
 from app.report.text import home as texts
 from app.report.text.tables import copied_text, keyed
 from app.screens import Look
@@ -63,10 +58,7 @@ class Dialog(ModalScreen[ScreenResultType], LeftOnce[ScreenResultType]):
 
 
 class TextDialog(Dialog[str | None]):
-    """One line of text: a note, a reason.
-
-    ``without`` says what happens where there is none: then Enter gives nothing back by itself.
-    """
+    """One line of text; where ``without`` says what happens without it, Enter alone gives none."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "Cancel", id="dialog.cancel")
@@ -74,15 +66,12 @@ class TextDialog(Dialog[str | None]):
 
     def __init__(self, question: str, hint: str, proposed: str = "", without: str = "") -> None:
         super().__init__()
-        self._question = question
-        self._hint = hint
-        self._proposed = proposed
-        self._without = without
+        self._question, self._without = question, without
+        self._hint, self._proposed = hint, proposed
 
     def compose(self) -> ComposeResult:
-        ends = "Enter accepts, {dialog.cancel} cancels."
-        if self._without:
-            ends = f"{{dialog.cancel}}: {self._without}"
+        accepts = "Enter accepts, {dialog.cancel} cancels."
+        ends = f"{{dialog.cancel}}: {self._without}" if self._without else accepts
         with Vertical(classes="dialog"):
             yield Static(self.app.keyed(f"{self._question} {ends}"), markup=False)
             yield Input(self._proposed, placeholder=self._hint)
@@ -98,10 +87,7 @@ class TextDialog(Dialog[str | None]):
 
 
 class ChoiceDialog(Dialog[Thing | None]):
-    """One of several answers, by arrow keys and Enter, by its number, or none by Escape.
-
-    ``choices`` are pairs of an answer and the words that stand for it.
-    """
+    """One of several answers, each with its words, by arrow keys and Enter or by its number."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "Cancel", id="dialog.cancel"),
@@ -116,16 +102,14 @@ class ChoiceDialog(Dialog[Thing | None]):
         leaving: str = "{dialog.cancel} cancels.",
     ) -> None:
         super().__init__()
-        self._leaving = leaving
-        self._question = question
-        self._choices = tuple(choices)
-        self._highlighted = highlighted
+        self._question, self._leaving = question, leaving
+        self._choices, self._highlighted = tuple(choices), highlighted
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog"):
             yield Static(self._question, markup=False)
-            numbered = enumerate((words for _, words in self._choices), 1)
-            options = (Option(f"{n if n < 10 else ' '}  {words}") for n, words in numbered)
+            numbered = enumerate(self._choices, 1)
+            options = (f"{n if n < 10 else ' '}  {words}" for n, (_, words) in numbered)
             yield OptionList(*options, markup=False)
             ends = f"{texts.LIST_KEYS}, or the number. {self._leaving}"
             yield Static(self.app.keyed(ends), markup=False)
@@ -211,8 +195,8 @@ PRINTABLE_ROWS = PrintableRows()
 class Interface(App[str]):
     """Screens over one session at a time. The result of `run` is a line for after the end.
 
-    A screen that leads back to one before it asks for that here; `Glidecal` in `app.screens.start`
-    knows those. Else they would import each other.
+    Which screens lead to others `Glidecal` in `app.screens.start` knows: else they would import
+    each other.
     """
 
     TITLE = "glidecal"
@@ -244,22 +228,13 @@ class Interface(App[str]):
         self.indicators: Indicators | None = None
         self.guided: GuidedSession | None = None
         self._motion_keys = MotionKeys()
-        self._attending: Timer | None = None
         self._cramped = False  # the window is too small, and that was said
         self.form: Screen[None] | None = None
         """Of the preparation, as it was left."""
         self._status = Exit.DONE
-        self._left = False
-
-    def exit(
-        self, result: str | None = None, return_code: int = 0, message: RenderableType | None = None
-    ) -> None:
-        """As Textual's; keys that come while screens are taken apart do nothing."""
-        self._left = True
-        super().exit(result, return_code, message)
 
     def on_mount(self) -> None:
-        on_signals(lambda: self.run_worker(self._hang_up()))
+        self._heed_signals(True)
         if self._settings.theme:
             self.theme = self._settings.theme
         self.set_keymap(self._settings.keys)
@@ -274,7 +249,6 @@ class Interface(App[str]):
 
     @property
     def mover(self) -> Mover | None:
-        """What moves the machine of the present session."""
         owner = self.guided or self.indicators
         return owner.mover if owner else None
 
@@ -290,21 +264,6 @@ class Interface(App[str]):
         goes, views = (key in split(self._settings.keys.get(*keys)) for keys in (GO, VIEW))
         return self._motion_keys.ends_here(mover, goes=goes, views=views) and key not in LEAVING
 
-    def attend(self, look: Callable[[], object]) -> None:
-        """Tell the thread of the controller that the screens run, and look at the indicators.
-
-        Both stop a machine that nobody watches.
-        """
-
-        def tell() -> None:
-            if self.mover is not None:
-                self.mover.alive()
-                look()
-
-        if self._attending is not None:
-            self._attending.stop()
-        self._attending = self.set_interval(ATTEND_S, tell)
-
     async def run_action(
         self,
         action: str | ActionParseResult,
@@ -312,7 +271,7 @@ class Interface(App[str]):
         namespaces: Mapping[str, DOMNode] | None = None,
     ) -> bool:
         """What a key does; nothing where it comes before its screen is ready, or too late."""
-        if self._left or not ready(default_namespace):
+        if self.return_code is not None or not ready(default_namespace):
             return False
         if isinstance(default_namespace, Refusing):
             why_not = default_namespace.why_not(str(action).partition("(")[0])
@@ -327,11 +286,9 @@ class Interface(App[str]):
             self.push_screen(Palette())
 
     def search_themes(self) -> None:
-        """The themes, in a palette of our own."""
         self.push_screen(Palette(providers=[ThemeProvider], placeholder="Search for themes…"))
 
     def get_css_variables(self) -> dict[str, str]:
-        """Those of the theme, with colours of words that can be read in light themes, too."""
         self.theme_variables = (variables := super().get_css_variables()) | legible(variables)
         return self.theme_variables
 
@@ -386,14 +343,10 @@ class Interface(App[str]):
             self.notify(f"Written: {path.absolute()}", timeout=10, markup=False)
 
     def _show_keys(self) -> None:
-        everything = self.screen.active_bindings.values()
-        active = sorted(everything, key=lambda entry: not isinstance(entry.node, Screen))
-        keys = [
-            (self.get_key_display(entry.binding), entry.binding.description)
-            for entry in active
-            if entry.enabled and entry.binding.description
-        ]
-        self.push_screen(HelpDialog(texts.key_list_text(keys)))
+        entries = [entry for entry in self.screen.active_bindings.values() if entry.enabled]
+        entries.sort(key=lambda entry: not isinstance(entry.node, Screen))
+        keys = [(self.get_key_display(e.binding), e.binding.description) for e in entries]
+        self.push_screen(HelpDialog(texts.key_list_text([key for key in keys if key[1]])))
 
     def action_help(self) -> None:
         """Words about the focused panel, then about the screen."""
@@ -425,12 +378,8 @@ class Interface(App[str]):
         markup: bool = True,
     ) -> None:
         """In the line that the screen has for it, once it is there; nothing lies over a table."""
-        screens = (
-            open_screen
-            for open_screen in reversed(self.screen_stack)
-            if not isinstance(open_screen, ModalScreen)
-        )
-        screen = next(screens, None)
+        stack = reversed(self.screen_stack)
+        screen = next((each for each in stack if not isinstance(each, ModalScreen)), None)
         if screen is not None and not screen.is_mounted:
             self.set_timer(ATTEND_S, lambda: self.notify(message, severity=severity))
         elif isinstance(screen, Saying):
@@ -441,14 +390,11 @@ class Interface(App[str]):
             super().notify(message, title=title, severity=severity, timeout=timeout, markup=markup)
 
     def clear_notifications(self) -> None:
-        """The lines, too."""
         super().clear_notifications()
-        for screen in self.screen_stack:
-            for line in screen.query(Message):
-                line.tell("")
+        for line in (line for screen in self.screen_stack for line in screen.query(Message)):
+            line.tell("")
 
     def copy(self, text: str) -> None:
-        """To the clipboard of the terminal, as far as it lets programs use it."""
         self.copy_to_clipboard(text)
         self.notify(copied_text(text), timeout=8, markup=False)
 
@@ -456,15 +402,6 @@ class Interface(App[str]):
         """Show an error that a person can act on, in the place of what was told before."""
         self.clear_notifications()
         self.notify(str(problem), severity="error", timeout=12, markup=False)
-
-    def ask(self, dialog: Screen[Thing | None], then: Callable[[Thing], object]) -> None:
-        """Ask something; without an answer nothing is done."""
-
-        def answered(answer: Thing | None) -> None:
-            if answer:
-                then(answer)
-
-        self.push_screen(dialog, answered)
 
     @contextmanager
     def complaining(self) -> Iterator[None]:
@@ -489,10 +426,8 @@ class Interface(App[str]):
         return None
 
     async def action_quit(self) -> None:
-        """Quit; an open session is paused and can be continued."""
         self.notify("Finishing …", markup=False)
-        text = await self._leave()
-        self.exit(text, return_code=self._status)
+        self.exit(await self._leave(), return_code=self._status)
 
     def action_go_back(self) -> None:
         """To the screen below, or home: not for those who only look, it offers other files."""
@@ -502,7 +437,6 @@ class Interface(App[str]):
             self.go_to(self.home())
 
     async def pause_session(self) -> None:
-        """Home; the open session can be continued."""
         text = await self._leave()
         self.go_to(self.home())
         self.notify(text, timeout=10, markup=False)
@@ -511,8 +445,26 @@ class Interface(App[str]):
         """Ctrl-C: as quit, with the exit status of an interruption."""
         self.exit(await self._leave(), return_code=Exit.INTERRUPTED)
 
+    def _heed_signals(self, heed: bool) -> None:
+        """Leave at each of the signals; else they end the program.
+
+        Where a loop takes no signals (Windows, another thread than the main one) nothing happens:
+        the terminal's own keys leave as before.
+        """
+        loop = asyncio.get_running_loop()
+        with suppress(NotImplementedError, RuntimeError, ValueError):
+            for number in SIGNALS:
+                if heed:
+                    loop.add_signal_handler(number, self._receive, number)
+                else:
+                    loop.remove_signal_handler(number)
+
+    def _receive(self, number: signal.Signals) -> None:
+        if number.name == "SIGHUP":
+            write_nowhere()
+        self.run_worker(self._hang_up())
+
     async def _hang_up(self) -> None:
-        """A signal: as Ctrl-C, with nothing more to show."""
         with self.batch_update():
             self.exit(await self._leave(), return_code=Exit.INTERRUPTED)
 
@@ -521,7 +473,7 @@ class Interface(App[str]):
 
         What is still computed in a thread then is waited for: a signal may end that.
         """
-        on_signals(None)
+        self._heed_signals(False)
         await self._leave()
 
     async def _leave(self) -> str:
@@ -530,6 +482,8 @@ class Interface(App[str]):
         if guided is not None and guided.closed:
             return f"The session is complete: {guided.path}"
         if guided is not None:
+            from app.report.text.session import paused_text  # loaded with the measuring screen
+
             try:
                 await asyncio.to_thread(guided.leave)
             except GlidecalError as problem:
@@ -537,8 +491,6 @@ class Interface(App[str]):
                 return str(problem)
             mover = guided.mover
             warning = f"{mover.why}\n" if mover and mover.line.not_stopped else ""
-            from app.report.text.session import paused_text  # loaded with the measuring screen
-
             return warning + paused_text(guided)
         if indicators is not None:
             await asyncio.to_thread(indicators.close)
@@ -562,34 +514,3 @@ class Interface(App[str]):
         while isinstance(self.screen, ModalScreen):
             self.pop_screen()
         self.switch_screen(screen)
-
-
-def on_signals(leave: Callable[[], object] | None) -> None:
-    """Call ``leave`` in the running loop for each of the signals; without it they end the program.
-
-    Where a loop takes no signals (Windows, another thread than the main one) nothing happens: the
-    terminal's own keys leave as before.
-    """
-    loop = asyncio.get_running_loop()
-    with suppress(NotImplementedError, RuntimeError, ValueError):
-        for number in SIGNALS:
-            if leave:
-                loop.add_signal_handler(number, _receive, number, leave)
-            else:
-                loop.remove_signal_handler(number)
-
-
-def _receive(number: signal.Signals, leave: Callable[[], object]) -> None:
-    if number.name == "SIGHUP":
-        _write_nowhere()
-    leave()
-
-
-def _write_nowhere() -> None:
-    """The terminal is gone: what is still to be shown must neither fail nor wait."""
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    for stream in (sys.__stdout__, sys.__stderr__):
-        # a lost terminal is still a character device, but isatty denies it
-        if stream is not None and stat.S_ISCHR(os.fstat(stream.fileno()).st_mode):
-            os.dup2(nowhere, stream.fileno())
-    os.close(nowhere)

@@ -19,6 +19,8 @@ from calib.errors import RecordError
 from protocols.documents import line_of, read_text
 
 MODIFIERS = ("ctrl", "shift", "alt", "super", "hyper", "meta")
+KEYS_ALLOWED = "a character, or a name such as space, enter, f2, ctrl+t"
+IDS_ALLOWED = "an id that glidecal settings lists"
 NAMED_KEYS = frozenset(key.value for key in Keys) | {"space", "comma"}
 
 
@@ -47,16 +49,13 @@ def settings_for_screens(path: Path) -> Settings:
     ids = known_keys()
     for key_id, keys in settings.keys.items():
         if key_id not in ids:
-            allowed = "an id that glidecal settings lists"
-            raise _fault(path, ("keys", key_id), "an unknown id", allowed)
+            raise _fault(path, ("keys", key_id), "an unknown id", IDS_ALLOWED)
         for key in split(keys):
             if not is_key(key):
-                allowed = "a character, or a name such as space, enter, f2, ctrl+t"
-                raise _fault(path, ("keys", key_id), f"key {key!r}", allowed)
-    for key_id, key, key_beside in clashes(settings.keys):
-        raise _fault(
-            path, ("keys", key_id), f"{key!r}, which is {key_beside} too", "a key of its own"
-        )
+                raise _fault(path, ("keys", key_id), f"key {key!r}", KEYS_ALLOWED)
+    for key_id, key, beside in clashes(settings.keys):
+        problem = f"{key!r}, which is {beside} too"
+        raise _fault(path, ("keys", key_id), problem, "a key of its own")
     return settings
 
 
@@ -99,11 +98,12 @@ def is_key(key: str) -> bool:
 def clashes(chosen: Mapping[str, str]) -> Iterator[tuple[str, str, str]]:
     """Id, key and the other binding, wherever a chosen key does two things on one screen."""
     for place in _places():
-        used: dict[str, tuple[str, Binding]] = {}
+        used: dict[str, Binding] = {}
         usual = {(key, binding.id) for key, binding in place}
-        for key, binding in _with_chosen(place, chosen):
-            name = binding.id or binding.description or binding.action
-            other_name, earlier = used.setdefault(key, (name, binding))
+        in_force = ((k, b) for key, b in place for k in split(chosen.get(b.id or "", key)))
+        for key, binding in in_force:
+            earlier = used.setdefault(key, binding)
+            name, other_name = _name(binding), _name(earlier)
             if _action(earlier) == _action(binding) or name == other_name:
                 continue
             moved = [n for n in (name, other_name) if n in chosen and (key, n) not in usual]
@@ -111,18 +111,12 @@ def clashes(chosen: Mapping[str, str]) -> Iterator[tuple[str, str, str]]:
                 yield moved[0], key, other_name if moved[0] == name else name
 
 
+def _name(binding: Binding) -> str:
+    return binding.id or binding.description or binding.action
+
+
 def _action(binding: Binding) -> str:
     return binding.action.removeprefix("app.")
-
-
-def _with_chosen(
-    place: tuple[tuple[str, Binding], ...], chosen: Mapping[str, str]
-) -> Iterator[tuple[str, Binding]]:
-    for key, binding in place:
-        if binding.id in chosen:
-            yield from ((chosen_key, binding) for chosen_key in split(chosen[binding.id or ""]))
-        else:
-            yield key, binding
 
 
 def _places() -> tuple[tuple[tuple[str, Binding], ...], ...]:
@@ -145,8 +139,8 @@ def bindings_of(kind: type[object]) -> Iterator[tuple[str, Binding]]:
     """Key and binding, inherited ones included; a nearer one hides a farther one."""
     keys: set[str] = set()
     for base in kind.__mro__:
-        own_bindings = dict(BindingsMap(base.__dict__.get("BINDINGS", ())).key_to_bindings)
-        for key, bindings in own_bindings.items():
-            if key not in keys:
-                yield from ((key, binding) for binding in bindings)
-        keys |= own_bindings.keys()
+        nearer = BindingsMap(base.__dict__.get("BINDINGS", ())).key_to_bindings
+        yield from (
+            (key, b) for key, bindings in nearer.items() if key not in keys for b in bindings
+        )
+        keys |= nearer.keys()

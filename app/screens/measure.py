@@ -7,6 +7,7 @@ import gc
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from typing import ClassVar
 
 from textual import work
@@ -25,10 +26,9 @@ from app.report.text import session as texts
 from app.report.text.session import TakenBy
 from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog
-from app.screens.motion_dialog import MotionDialog
 from app.screens.pages import KeyLine, Resting, apart, is_left
-from app.screens.session_view import LegReviewScreen, SessionView
-from calib.errors import GlidecalError, sentence
+from app.screens.session_view import LegReviewScreen, MotionDialog, SessionView
+from calib.errors import GlidecalError
 from drivers.motion.states import State
 from drivers.profile import Fault, FaultKind, IndicatorReading
 from protocols.clock import SleepWatch
@@ -44,6 +44,9 @@ IDLE_GATHER_S = 0.09
 
 With GATHER_S alone waiting takes half as much again (`make bench` allows 5 % of a core).
 """
+
+ATTEND_S = 0.05
+"""The thread of the controller is told so often that the screens run."""
 
 AGES_S = 0.2
 """Ages and stale indicators are looked at so often."""
@@ -114,14 +117,17 @@ class MeasureScreen(Corrections, Resting):
         self.proceed()
         self._follow()
         self.set_interval(AGES_S, self._look)
-        if self.guided.mover is not None:
-            self.app.attend(self._look_at_machine)
+        self.set_interval(ATTEND_S, self._attend)
 
-    def _look_at_machine(self) -> None:
-        """Often: an indicator that is lost stops a machine that moves, and ends its consent."""
+    def _attend(self) -> None:
+        """Tell the controller's thread that the screens run, and look at the indicators.
+
+        Both stop a machine that nobody watches.
+        """
         mover = self.guided.mover
         if mover is None or self.guided.closed:
             return
+        mover.alive()
         self.write(self.guided.follow_proof)
         if mover.line.may_move:
             lost_words(self.guided)
@@ -149,28 +155,26 @@ class MeasureScreen(Corrections, Resting):
             self._show_live()
 
     def _look(self) -> None:
-        slept_s = self._sleep.slept_s()
-        if slept_s:
+        now = time.monotonic()
+        if slept_s := self._sleep.slept_s():
             self._set_hold(True, f"the computer slept for {slept_s:.0f} s")
             self.say(texts.slept_text(slept_s, self._goes_on))
         if not self.busy:  # a take holds the record, and looks itself
             self.write(self._look_at_clock)
-        if self._lost and time.monotonic() - self._ports_at > PORTS_S:
-            self._ports_at = time.monotonic()
+        if self._lost and now - self._ports_at > PORTS_S:
+            self._ports_at = now
             self._look_for_ports()
-        if time.monotonic() - self._shown_at > AGES_S / 2:  # else news has just shown the ages
+        if now - self._shown_at > AGES_S / 2:  # else news has just shown the ages
             self._show_live()
 
     def _look_at_clock(self) -> None:
-        jump_s = self.guided.look_at_clock()
-        if jump_s:
+        if jump_s := self.guided.look_at_clock():
             self.say(texts.clock_set_text(jump_s))
 
     def on_resize(self) -> None:
         self._show_step()
 
     def proceed(self) -> None:
-        """Go to the present step, or finish when there is none."""
         following = self.guided.step()
         if following is not None:
             self.guided.go()
@@ -182,9 +186,8 @@ class MeasureScreen(Corrections, Resting):
         session = self.guided.session
         mode = "ON HOLD" if self.held else "automatic" if self.automatic else "by hand"
         self.view.show_progress(texts.progress_text(session, self.guided.steps, mode))
-        by = TakenBy.INDICATORS if self.automatic else TakenBy.HAND
-        if self.guided.mover is not None:
-            by = TakenBy.CONTROLLER
+        by_hand = TakenBy.INDICATORS if self.automatic else TakenBy.HAND
+        by = TakenBy.CONTROLLER if self.guided.mover is not None else by_hand
         self.view.show_step(session, self.guided.steps, self.guided.step(), by)
         self._draw_live()  # in the same picture: a step takes long to draw, readings must not wait
 
@@ -202,9 +205,9 @@ class MeasureScreen(Corrections, Resting):
         self._shown_at = time.monotonic()
         states = self._draw_live()
         self._tell_lost_and_found(states)
-        self._tell_motion()
+        asks = self._tell_motion()
         pressed = [gauge.button_pressed() for gauge in self.guided.gauges]
-        if self.asking or self.held or self.busy or not self.guided.there:
+        if asks or self.asking or self.held or self.busy or not self.guided.there:
             return
         still = all(live.motion is Motion.STABLE for live in states)  # a fault is none
         if self._anyway_until and still and self.ready_by_hand():
@@ -216,21 +219,19 @@ class MeasureScreen(Corrections, Resting):
             self._take_if_moved()
 
     def _of_step(self, states: Sequence[Live]) -> Sequence[Live]:
-        """Those of the indicators that read in this step."""
         step = self.guided.step()
         return [states[k] for k in step.indicators] if step else states
 
     def _tell_lost_and_found(self, states: Sequence[Live]) -> None:
         """One line when an indicator goes and when it comes back."""
-        for number, live in enumerate(states):
-            name, outcome = self.guided.name_of(number), live.outcome
+        for number, outcome in enumerate(live.outcome for live in states):
             if isinstance(outcome, Fault) and number not in self._lost:
-                self._lost[number] = None
+                self._lost[number], self._anyway_until = None, 0.0
                 self._tell_lost(number, outcome)
-                self._anyway_until = 0.0
             elif isinstance(outcome, IndicatorReading) and number in self._lost:
                 del self._lost[number]
-                self.say(f"{name.capitalize()} answers again. Continue with this step.")
+                name = self.guided.name_of(number).capitalize()
+                self.say(f"{name} answers again. Continue with this step.")
                 self._look_who_answers(number)
 
     def _tell_lost(self, number: int, fault: Fault) -> None:
@@ -260,29 +261,24 @@ class MeasureScreen(Corrections, Resting):
                 self._lost[number] = where
                 self._tell_lost(number, outcome)
 
-    def action_port(self) -> None:
-        """An indicator is at another port now: choose it."""
+    @work
+    async def action_port(self) -> None:
         if self.busy or self.asking:
             return
         if not self._lost:
             self.say(questions.NO_PORT_LOST)
             return
         number = min(self._lost)
-        gauge = self.guided.gauges[number]
-        ports = ports_to_choose(gauge.adapter, [gauge.port for gauge in self.guided.gauges])
+        adapter = self.guided.gauges[number].adapter
+        ports = ports_to_choose(adapter, [gauge.port for gauge in self.guided.gauges])
         if not ports:
             self.say(questions.NO_OTHER_PORT)
             return
-        choices = questions.port_choices(ports, gauge.adapter)
         question = questions.port_question(self.guided.name_of(number))
+        port = await self.ask(ChoiceDialog(question, questions.port_choices(ports, adapter)))
+        if port is not None:
+            await self._go_on_at(number, port)
 
-        def chosen(port: str | None) -> None:
-            if port is not None:
-                self._go_on_at(number, port)
-
-        self.ask(ChoiceDialog(question, choices), chosen)
-
-    @work
     async def _go_on_at(self, number: int, port: str) -> None:
         try:
             await apart(self, self.guided.go_on_at, number, port)
@@ -291,24 +287,24 @@ class MeasureScreen(Corrections, Resting):
             return
         self.view.rename(number, port)
         self._show_step()
-        instruments = self.view.instruments
         with suppress(GlidecalError):  # a proposal for the next time
-            await apart(self, remember, self.plan.machine.name, instruments)
+            await apart(self, remember, self.plan.machine.name, self.view.instruments)
         self.say(f"{self.guided.name_of(number).capitalize()} is read from here on.")
 
-    def _tell_motion(self) -> None:
-        """One line when a machine that moves itself does something else; a stop is a hold."""
+    def _tell_motion(self) -> bool:
+        """One line when a machine that moves itself does something else; a stop is a hold.
+
+        Whether something is asked now.
+        """
         mover = self.guided.mover
         step = self.guided.step() if mover is not None else None
         if mover is None or step is None or self.guided.closed:  # leaving stops it, too
-            return
-        proof = mover.unproved
-        asks = "" if proof is None else proof.question
-        wrong = "" if proof is None else proof.wrong
+            return False
+        asks, wrong = (proof.question, proof.wrong) if (proof := mover.unproved) else ("", "")
         there = mover.is_there(step)
         news = mover.state, mover.why, there, mover.line.not_stopped, mover.proving, asks, wrong
         if news == self._moving:
-            return
+            return False
         self._moving = news
         self.say(motion.moving_text(mover, step))
         if mover.state is State.STOPPED or mover.interrupted:
@@ -317,18 +313,19 @@ class MeasureScreen(Corrections, Resting):
             self._ask_what_happened(mover)
         elif asks:
             self._ask_what_moved(asks)
+        return mover.interrupted or bool(asks)
 
-    def _ask_what_moved(self, question: str) -> None:
-        if not self.asking:
-            self.ask(ChoiceDialog(question, motion.SAW_CHOICES), self._saw)
-
-    def _saw(self, answer: str | None) -> None:
+    @work
+    async def _ask_what_moved(self, question: str) -> None:
+        answer = await self.ask(ChoiceDialog(question, motion.SAW_CHOICES))
         if answer is not None:
-            self.write(lambda: self.guided.answer_proof(yes=answer == "yes"))
+            self.write(partial(self.guided.answer_proof, yes=answer == "yes"))
 
-    def _ask_what_happened(self, mover: Mover) -> None:
+    @work
+    async def _ask_what_happened(self, mover: Mover) -> None:
         if not any(isinstance(screen, MotionDialog) for screen in self.app.screen_stack):
-            self.ask(MotionDialog(mover), lambda _: self._show_step())
+            await self.ask(MotionDialog(mover), over=True)
+            self._show_step()
 
     def _take_if_moved(self) -> None:
         """Take what stands still where it tells of a move; else say once why not."""
@@ -380,9 +377,7 @@ class MeasureScreen(Corrections, Resting):
         if step_taken is None:
             return
         if step_taken.faults:
-            first, *more_faults = (sentence(fault.words) for fault in step_taken.faults)
-            faults = [first, *(words[0].upper() + words[1:] for words in more_faults)]
-            self.refused(f"Not taken: {' '.join(faults)}")
+            self.refused(texts.not_taken_text(step_taken.faults))
             return
         self.app.bell()
         self.app.clear_notifications()
@@ -390,49 +385,43 @@ class MeasureScreen(Corrections, Resting):
         if step_taken.doubt:
             self._by_hand()
             self._show_step()
-            dialog = ChoiceDialog(
-                questions.question_text(step_taken, self.guided.session),
-                questions.question_choices(step_taken),
-                leaving="{dialog.cancel}: not kept.",
-            )
-            self.ask(dialog, lambda answer: self._answered(answer or "", step_taken))
+            question = questions.question_text(step_taken, self.guided.session)
+            choices = questions.question_choices(step_taken)
+            dialog = ChoiceDialog(question, choices, leaving=questions.NOT_KEPT)
+            answer = await self.ask(dialog, over=True)
+            await self._answered(answer or "", step_taken)
         else:
-            self._go_on(step_taken.step)
+            await self._go_on(step_taken.step)
 
-    def _answered(self, answer: str, step_taken: TakenStep) -> None:
+    async def _answered(self, answer: str, step_taken: TakenStep) -> None:
         """What the operator says to readings in question; only "keep" lets them count."""
-        reason = questions.answer_reason(answer, step_taken)
+        guided, reason = self.guided, questions.answer_reason(answer, step_taken)
         unsure: list[int] = []  # steps that are measured again for a new zero
         if answer == "keep":
-            if self.write(lambda: self.guided.keep(step_taken, reason)):
+            if self.write(partial(guided.keep, step_taken, reason)):
                 self.say(questions.answered_text(answer, step_taken))
-                self._go_on(step_taken.step)
+                await self._go_on(step_taken.step)
             return
-        self.write(lambda: self.guided.note(f"step {step_taken.step.number}: {reason}"))
+        self.write(partial(guided.note, f"step {step_taken.step.number}: {reason}"))
         if answer == "stand":
-            self.write(lambda: unsure.extend(self.guided.remount_since(reason)))
+            self.write(lambda: unsure.extend(guided.remount_since(reason)))
         elif answer == "earlier":
-            self.write(lambda: self.guided.measure_earlier(step_taken, reason))
+            self.write(partial(guided.measure_earlier, step_taken, reason))
         self.say(questions.answered_text(answer, step_taken, unsure))
         if answer == "read":  # without moving: what is stable stays so
             self._show_step()
         else:
             self.proceed()
 
-    def _go_on(self, step: Step) -> None:
+    async def _go_on(self, step: Step) -> None:
         """To the next step; after the last one of a leg its review comes between."""
         following = self.guided.step()
-        if following is not None and not self.guided.session.is_new_place(following):
-            self.proceed()
-            return
-        unattended = self.automatic and self.plan.simulated
-        rests_mm = [self.guided.gauges[k].rest_mm for k in step.indicators]
-        review = LegReviewScreen(self.guided.session, step, rests_mm, unattended=unattended)
-        self.ask(review, self._reviewed)
-
-    def _reviewed(self, hold: bool | None) -> None:
-        if hold and not self.held:
-            self.action_hold()
+        if following is None or self.guided.session.is_new_place(following):
+            unattended = self.automatic and self.plan.simulated
+            rests_mm = [self.guided.gauges[k].rest_mm for k in step.indicators]
+            review = LegReviewScreen(self.guided.session, step, rests_mm, unattended=unattended)
+            if await self.ask(review, over=True) and not self.held:
+                self.action_hold()
         self.proceed()
 
     def refused(self, text: str) -> None:
@@ -472,7 +461,7 @@ class MeasureScreen(Corrections, Resting):
     def _set_hold(self, held: bool, note: str) -> None:
         if held and self.guided.mover is not None:
             self.guided.mover.release()
-        if self.write(lambda: self.guided.note(note)):
+        if self.write(partial(self.guided.note, note)):
             self.held = held
             self._show_step()
 
@@ -484,7 +473,7 @@ class MeasureScreen(Corrections, Resting):
         if mover.interrupted:
             self._ask_what_happened(mover)
         elif mover.line.needs_homing_confirmed:
-            self.ask(ChoiceDialog(motion.HOMED_QUESTION, motion.HOMED_CHOICES), self._homed)
+            self._ask_whether_homed(mover)
         elif mover.unproved and mover.unproved.question:
             self._ask_what_moved(mover.unproved.question)
         elif mover.consent():
@@ -493,23 +482,23 @@ class MeasureScreen(Corrections, Resting):
         else:
             self.say(motion.no_consent_text(mover))
 
-    def _homed(self, answer: str | None) -> None:
-        mover = self.guided.mover
-        if mover is not None and answer == "homed":
+    @work
+    async def _ask_whether_homed(self, mover: Mover) -> None:
+        answer = await self.ask(ChoiceDialog(motion.HOMED_QUESTION, motion.HOMED_CHOICES))
+        if answer == "homed":
             mover.confirm_homed()
-        elif mover is not None and answer == "home":
+        elif answer == "home":
             mover.home()
-        self.write(lambda: self.guided.note(f"homing: {answer or 'not answered'}"))
+        self.write(partial(self.guided.note, f"homing: {answer or 'not answered'}"))
 
     def action_plot(self) -> None:
-        """The next page: the plot, larger strip charts, the table."""
         self.view.turn_page()
 
-    def action_where(self) -> None:
-        """The set-up of this step as a picture, with words."""
+    @work
+    async def action_where(self) -> None:
         picture = self.view.where(self.guided.session, self.guided.step())
         if picture:
-            self.ask(picture, lambda _: None)
+            await self.ask(picture)
 
     def _begin_finish(self) -> None:
         if self.plan.reference and not self.guided.closed:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, TypeVar
 
@@ -12,9 +12,10 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.screen import Screen, ScreenResultType
 from textual.widget import Widget
-from textual.widgets import Static, TabbedContent, TabPane, Tabs
+from textual.widgets import OptionList, Static, TabbedContent, TabPane, Tabs
 
 from app.report.charts.charts import Chart
+from app.report.text.home import ONLY_SHOWN, REPORTS_SERVED
 from app.screens.fast_keys import LeftOnce
 from app.screens.interface import Interface
 from app.screens.pages import apart, last_lines, signalled
@@ -36,27 +37,13 @@ PAGE_KEYS: tuple[BindingType, ...] = (
 )
 """What every screen of pages has; last among its keys, as the footer shows them."""
 
-COARSE = 10
-"""So many steps with Shift."""
-
-SIZE_KEYS: tuple[BindingType, ...] = (
-    Binding("left", "move(-1)", "Smaller", id="what_if.smaller"),
-    Binding("right", "move(1)", "Larger", id="what_if.larger"),
-    Binding("shift+left", f"move({-COARSE})", show=False, id="what_if.much_smaller"),
-    Binding("shift+right", f"move({COARSE})", show=False, id="what_if.much_larger"),
-    Binding("up", "choose(-1)", "Size before", show=False, id="what_if.size_before"),
-    Binding("down", "choose(1)", "Next size", show=False, id="what_if.next_size"),
-    Binding("0", "nothing", "Nothing", id="what_if.nothing"),
-    Binding("f", "best", "Fits best", id="what_if.best"),
-)
-"""Of screens on which the size of something missing is moved."""
-
 
 @dataclass(frozen=True)
 class Page:
     """A text to scroll, ``charts`` below it; ``beside`` it, where the terminal is wide enough.
 
-    Its parts are ``name-text``, ``name-chart0`` and so on; ``content`` is a widget in their place.
+    ``rows`` to choose from stand above the text. Its parts are ``name-text``, ``name-chart0`` and
+    so on; ``content`` is a widget in their place.
     """
 
     name: str
@@ -64,14 +51,16 @@ class Page:
     charts: int = 0
     text: bool = True
     beside: bool = False
+    rows: tuple[str, ...] = ()
     content: Callable[[], Widget] | None = None
 
     def compose(self) -> ComposeResult:
-        """The parts within their pane."""
         text = Static("", id=f"{self.name}-text", classes="page", markup=False)
         charts = [ChartPlot(plot_id=f"{self.name}-chart{k}") for k in range(self.charts)]
         if self.content:
             yield self.content()
+        elif self.rows:
+            yield Vertical(OptionList(*self.rows, markup=False), VerticalScroll(text))
         elif self.beside:
             yield Horizontal(VerticalScroll(text), Vertical(*charts, classes="beside"))
         elif charts:
@@ -86,15 +75,16 @@ class PagedScreen(LeftOnce[ScreenResultType]):
     app: Interface
     AUTO_FOCUS = ""  # else a page without a text is left for the first where a dialog ends
     PAGES: ClassVar[tuple[Page, ...]] = ()
+    WRITES: ClassVar[tuple[str, ...]] = ()
+    """Actions that are not for those who only look."""
     first = ""
     """The page that is shown first, where it is not the leftmost."""
     looking = False
     """Whether what the pages show is still worked out."""
 
-    @property
-    def pages(self) -> Sequence[Page]:
-        """From the left."""
-        return self.PAGES
+    def __init__(self) -> None:
+        super().__init__()
+        self.pages: tuple[Page, ...] = self.PAGES
 
     def compose(self) -> ComposeResult:
         yield Static("", id="heading", markup=False)
@@ -113,11 +103,10 @@ class PagedScreen(LeftOnce[ScreenResultType]):
         self.query_one(Tabs).can_focus = False  # the keys of this screen turn the pages
         self.begin()
 
-    def begin(self) -> None:
+    def begin(self) -> object:
         """Fill the pages, or begin to work out what they show."""
 
     def head(self, text: str) -> None:
-        """What is shown, in a line."""
         self.query_one("#heading", Static).update(text)
 
     def put(self, name: str, text: str | None, *charts: Chart) -> None:
@@ -135,7 +124,7 @@ class PagedScreen(LeftOnce[ScreenResultType]):
         self,
         job: Callable[[], Answer],
         show: Callable[[Answer], None],
-        problem_text: Callable[[GlidecalError], str],
+        problem_text: Callable[[GlidecalError], str] = str,
     ) -> None:
         """Work out apart what the pages show; where it cannot be, they say why."""
         try:
@@ -146,6 +135,14 @@ class PagedScreen(LeftOnce[ScreenResultType]):
         else:
             self.looking = False
             show(outcome)
+            self.refresh_bindings()
+
+    def begin_to_look(self, heading: str, words: str) -> None:
+        """Say on every page that it is worked out."""
+        self.looking = True
+        self.head(heading)
+        self.wait(words)
+        self.refresh_bindings()
 
     def wait(self, text: str) -> None:
         """The same words on every page, in the place of texts and charts."""
@@ -163,7 +160,9 @@ class PagedScreen(LeftOnce[ScreenResultType]):
 
     def why_not(self, action: str) -> str:
         """Why an action cannot be done now; empty where it can."""
-        return ""
+        if not (self.app.read_only and action in self.WRITES):
+            return ""
+        return f"{ONLY_SHOWN} {REPORTS_SERVED}" if action == "report" else ONLY_SHOWN
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """What cannot be done is not offered; its key says why."""
@@ -186,7 +185,6 @@ class PagedScreen(LeftOnce[ScreenResultType]):
         self.app.copy("\n\n".join(texts))
 
     def action_show_page(self, name: str) -> None:
-        """The page of this name."""
         self.query_one(TabbedContent).active = name
 
     def action_turn_to(self, number: int) -> None:

@@ -137,7 +137,6 @@ class Resting(Widget):
         layout: bool = False,
         recompose: bool = False,
     ) -> Self:
-        """Draw again."""
         self._rows = None
         return super().refresh(*regions, repaint=repaint, layout=layout, recompose=recompose)
 
@@ -164,7 +163,6 @@ class Resting(Widget):
         Widget.refresh(parent, Region(x, y + self._beside.top + first, region.width, rows))
 
     def notify_style_update(self) -> None:
-        """Other colours or another border."""
         self._rows = None
         super().notify_style_update()
 
@@ -183,7 +181,6 @@ class RowFrame:
         self.between = lru_cache(maxsize=64)(self._between)
 
     def _between(self, content: tuple[Segment, ...]) -> Strip:
-        """A whole row."""
         strip = Strip(content).adjust_cell_length(self._width, self._ground)
         for line_filter in self._filters:
             strip = strip.apply_filter(line_filter, self._background)

@@ -35,7 +35,6 @@ class ChartPlot(PlotextPlot):
         self.refresh()
 
     def show(self, chart: Chart) -> None:
-        """Draw this chart unless it is shown already."""
         if chart != self._chart:
             self._chart = chart
             self.refresh()
@@ -75,12 +74,10 @@ class LegPlots(Horizontal):
                 yield ChartPlot()
 
     def show(self, legs: Sequence[LegFigure]) -> None:
-        """These, from the first on."""
         self._legs, self._first = tuple(legs), 0
         self.turn(0)
 
     def turn(self, by: int) -> None:
-        """The next ones, or those before."""
         if not self._legs:
             return
         count = len(self._legs)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
-from itertools import permutations
-from pathlib import Path
+from functools import partial
 from threading import Event
 from typing import ClassVar
 
-from textual import work
+from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.content import Content
+from textual.events import ScreenResume
 from textual.screen import Screen
 from textual.widget import Widget
 from textual.widgets import Input, Label, Select, Static
@@ -21,17 +20,11 @@ from textual.widgets import Input, Label, Select, Static
 from app.measuring.indicators import (
     DEFAULT_PROFILE,
     asked_of,
-    check_indicators,
-    form_of,
-    from_file,
     indicator_of,
-    last_identity,
-    last_used,
     port_is_gone,
     serial_ports,
-    simulated_indicators,
 )
-from app.measuring.plan import Plan, session_name
+from app.measuring.preparation import AXES, USUAL, Form, Preparation, procedures_of, retyped
 from app.report.text import home as texts
 from app.report.text.indicator import findings_text, trial_text
 from app.report.text.preparing import procedure_sentence
@@ -39,23 +32,12 @@ from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import Interface
 from app.screens.pages import apart, last_lines
-from calib.errors import GlidecalError, IndicatorError, UsageError
+from calib.errors import GlidecalError, IndicatorError
 from drivers.doctor import Trials, findings_of, refused, try_profiles
 from drivers.profile import Evidence, Query, Unit
 from drivers.profiles import PROFILES
-from protocols.data_table import NUMBER
 from protocols.documents import MOST_LETTERS
-from protocols.machine import Instrument, Machine, load_machine
-from protocols.motion import procedure_of
-from protocols.procedure import Procedure, guided_procedure_names, procedure_on, shuffled
-
-Form = dict[str, object]
-"""The values of an indicator by their names in the record, texts as typed; empty: none."""
-
-AXES = ("xyz", *("".join(one) for n in (1, 2) for one in permutations("xyz", n)))
-USUAL: Form = {"axes": "xyz", "unit": Unit.MM.value}
-OF_ITS_OWN = ("pattern", "request", "resolution_mm", "repeatability_mm", "travel_mm")
-"""What a file says of its indicator, and nothing of another one chosen in its place."""
+from protocols.machine import Machine
 
 
 class IndicatorScreen(LeftOnce[Form]):
@@ -72,8 +54,7 @@ class IndicatorScreen(LeftOnce[Form]):
 
     def __init__(self, which: str, form: Mapping[str, object], answered: dict[str, str]) -> None:
         super().__init__()
-        self._which = which
-        self._form: Form = dict(form)
+        self._which, self._form = which, dict(form)
         self._answered = answered  # which profiles fit at a port, as long as the program runs
         self._stop: Event | None = None
 
@@ -111,7 +92,7 @@ class IndicatorScreen(LeftOnce[Form]):
         self.on_input_changed()
 
     def on_input_changed(self) -> None:
-        before = dict(self._form)
+        before = self._form
         if self._read() != before:
             self._say_what_is_wrong()
 
@@ -120,14 +101,9 @@ class IndicatorScreen(LeftOnce[Form]):
 
     def _read(self) -> Form:
         """What stands in the form now: a key may come before the news of what was typed."""
-        usual = USUAL | self._form
-        for field in (*self.query(Input), *self.query(Select)):
-            name, value = str(field.id), field.value
-            stands = isinstance(value, str) and name != "here"
-            if stands and value.strip() != str(usual.get(name, "")):
-                self._form[name] = value.strip()
-        if self._form.get("profile") != usual.get("profile"):
-            self._form = {k: v for k, v in self._form.items() if k not in OF_ITS_OWN}
+        fields = {str(f.id): f.value for f in (*self.query(Input), *self.query(Select))}
+        typed = {n: v.strip() for n, v in fields.items() if isinstance(v, str) and n != "here"}
+        self._form = retyped(self._form, typed)
         return self._form
 
     def _say_what_is_wrong(self) -> None:
@@ -168,11 +144,9 @@ class IndicatorScreen(LeftOnce[Form]):
         def tell(*trial: object) -> None:
             self.app.call_from_thread(self._say, f"{texts.TRYING}\n{trial_text(*trial)}")  # type: ignore[arg-type]
 
+        job = partial(try_profiles, PROFILES.values(), progress=tell, stopped=stop.is_set)
         try:
-            profiles, stopped_now = PROFILES.values(), stop.is_set
-            trials = await apart(
-                self, try_profiles, profiles, port, asked, progress=tell, stopped=stopped_now
-            )
+            trials = await apart(self, job, port, asked)
         except IndicatorError as problem:
             text = findings_text([refused(port, problem)])
         else:
@@ -224,8 +198,7 @@ def choice(
     return Select(options, prompt=prompt, allow_blank=blank, value=chosen, id=name, compact=True)
 
 
-INDICATORS = ("indicator1", "indicator2")
-SEED = re.compile(r"\d{1,9}", re.ASCII)
+INDICATORS, IDENTITY = ("indicator1", "indicator2"), ("#serial", "#place")
 
 
 class IndicatorField(Static, can_focus=True):
@@ -254,18 +227,15 @@ class PrepareScreen(Screen[None]):
 
     def __init__(self) -> None:
         super().__init__()
-        self._forms: list[Form] = [{}, {}]
-        self._source = ""
-        self._proposed_for: Machine | None = None
-        self._offered_for = load_machine(None)
+        self._prepared = Preparation()
+        self._offered_for = self._prepared.machine()
         self._usual = self._offered_for.usual_procedure
         self._answered: dict[str, str] = {}
 
     def compose(self) -> ComposeResult:
         yield Title()
         with VerticalScroll(id="form"):
-            yield from entry(*texts.MACHINE)
-            for field in texts.IDENTITY:
+            for field in (texts.MACHINE, *texts.IDENTITY):
                 yield from entry(*field)
             yield from row("Procedure", choice("procedure", _procedures(self._offered_for)))
             for name, words in zip(INDICATORS, texts.WHICH_INDICATOR, strict=True):
@@ -279,167 +249,94 @@ class PrepareScreen(Screen[None]):
         for name, words in texts.FIELD_HELP.items():
             self.query_one(f"#{name}").tooltip = Content(words)
 
-    def on_screen_resume(self) -> None:
-        """Ports may have come or gone on while another screen was open."""
-        self._summarise()
-
-    def on_select_changed(self) -> None:
-        self._summarise()
-
-    def on_input_changed(self) -> None:
-        self._summarise()
-
-    def on_input_submitted(self) -> None:
-        self.focus_next()
-
-    def _summarise(self) -> None:
+    @on(Input.Changed)
+    @on(Select.Changed)
+    @on(ScreenResume)
+    def summarise(self) -> None:
+        """What the form says now; ports may have come or gone on, too."""
         parts, none = [], texts.NO_INDICATOR
+        prepared = self._read()
         try:
-            machine = self._machine()
+            machine = prepared.machine()
             self._offer(machine)
             self._propose(machine)
-            procedure = self._procedure(machine)
+            procedure = self._read().procedure(machine)
             none = texts.NO_INDICATOR if procedure.plate is None else texts.NO_INDICATOR_AT_PLATE
-            axes = [instrument.axes for instrument in self._some(procedure)]
+            axes = [instrument.axes for instrument in prepared.some_instruments(procedure)]
             parts.append(procedure_sentence(procedure, machine.geometry(), axes))
-            if any(self._forms):
-                self._plan()
+            if any(prepared.forms):
+                prepared.plan(texts.CHOOSE_INDICATOR)
             else:
                 parts.append(texts.CHOOSE_INDICATOR)
         except GlidecalError as problem:
             parts.append(str(problem))
         self.query_one("#summary", Static).update("\n".join(parts))
-        for k, (name, form) in enumerate(zip(INDICATORS, self._forms, strict=True)):
+        for name, form, without in zip(INDICATORS, prepared.forms, none, strict=True):
             gone = port_is_gone(str(form.get("port", "")))
-            words = texts.form_words(form, self._source, gone=gone)
-            line = words if form else none[k]
-            self.query_one(f"#{name}", IndicatorField).update(self.app.keyed(line))
+            words = texts.form_words(form, prepared.source, gone=gone) if form else without
+            self.query_one(f"#{name}", IndicatorField).update(self.app.keyed(words))
+
+    def on_input_submitted(self) -> None:
+        self.focus_next()
+
+    def _read(self) -> Preparation:
+        fields = (*self.query(Input), *self.query(Select))
+        self._prepared.typed = {str(field.id): str(field.value).strip() for field in fields}
+        return self._prepared
 
     def _offer(self, machine: Machine) -> None:
         """What the machine can measure: as usual by hand or with a controller, or as chosen."""
         procedures, rows = self.query_one("#procedure", Select), _procedures(machine)
         chosen, before = str(procedures.value), self._usual
-        self._usual = procedure_of(machine, moving=bool(self._value("motion")))
+        self._usual = self._prepared.usual_procedure(machine)
         if machine != self._offered_for:
             procedures.set_options((Content(words), name) for words, name in rows)
         self._offered_for = machine
-        stays = chosen != before and chosen in [name for _, name in rows]
+        stays = chosen != before and (chosen, chosen) in rows
         procedures.value = chosen if stays else self._usual
 
     def _propose(self, machine: Machine) -> None:
         """The indicators of the machine file, else those used last, until others are chosen."""
-        if machine == self._proposed_for or (any(self._forms) and not self._source):
-            return
-        self._forms, self._source = [{}, {}], ""
-        instruments, source = from_file(machine.indicator, "the machine file"), "file"
-        self._proposed_for = machine
-        with self.app.complaining():
-            serial_number, place = last_identity(machine.name)
-            self.query_one("#serial", Input).value = machine.serial_number or serial_number
-            self.query_one("#place", Input).value = machine.place or place
-        if not instruments:
+        if self._prepared.to_propose(machine):
+            self._prepared.propose(machine)
             with self.app.complaining():
-                instruments, source = last_used(machine.name), "last"
-        if instruments:
-            self._forms, self._source = [*map(form_of, instruments), {}][:2], source
+                for name, text in zip(IDENTITY, self._prepared.propose_last(machine), strict=True):
+                    self.query_one(name, Input).value = text
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Enter and Delete are for the lines of the indicators."""
         return action not in ("choose", "clear") or isinstance(self.focused, IndicatorField)
 
     def action_choose(self) -> None:
-        """The form of the indicator whose line has the focus."""
-        if isinstance(self.focused, IndicatorField):
-            which = INDICATORS.index(str(self.focused.id))
-            screen = IndicatorScreen(
-                texts.WHICH_INDICATOR[which], self._forms[which], self._answered
-            )
-            self.app.push_screen(screen, lambda form: self._chosen(which, form or {}))
+        which = self._which()
+        form = self._prepared.forms[which]
+        screen = IndicatorScreen(texts.WHICH_INDICATOR[which], form, self._answered)
+        self.app.push_screen(screen, lambda chosen: self._chosen(which, chosen or {}))
 
     def action_clear(self) -> None:
-        """No indicator on this line."""
-        if isinstance(self.focused, IndicatorField):
-            self._chosen(INDICATORS.index(str(self.focused.id)), {})
+        self._chosen(self._which(), {})
+
+    def _which(self) -> int:
+        assert self.focused is not None, "offered on the line of an indicator alone"
+        return INDICATORS.index(str(self.focused.id))
 
     def _chosen(self, which: int, form: Form) -> None:
-        if form != self._forms[which]:
-            self._forms[which], self._source = form, ""
-        self._summarise()
+        self._prepared.choose(which, form)
+        self.summarise()
 
     def action_check(self) -> None:
         with self.app.complaining():
-            self.app.push_screen(CheckScreen(self._plan()))
+            self.app.push_screen(CheckScreen(self._read().plan(texts.CHOOSE_INDICATOR)))
 
     def action_dry_run(self) -> None:
-        """Every step, before anything is opened, and what the readings will tell."""
         with self.app.complaining():
-            machine = self._machine()
-            procedure = self._procedure(machine)
-            arguments = procedure, machine, self._some(procedure), self._value("motion")
-            self.app.push_screen(DryRunScreen(*arguments))
-
-    def _value(self, name: str) -> str:
-        return self.query_one(f"#{name}", Input).value.strip()
-
-    def _machine(self) -> Machine:
-        typed = self._value("machine")
-        return load_machine(str(Path(typed).expanduser()) if typed else None)
-
-    def _procedure(self, machine: Machine) -> Procedure:
-        name = str(self.query_one("#procedure", Select).value)
-        procedure = procedure_on(machine, name)
-        seed = _seed(self._value("random"))
-        return procedure if seed is None else shuffled(procedure, seed)
-
-    def _instruments(self, procedure: Procedure) -> tuple[Instrument, ...]:
-        instruments = tuple(indicator_of(form) for form in self._forms if form)
-        if instruments:
-            check_indicators(instruments, legs=bool(procedure.levels))
-        return instruments
-
-    def _some(self, procedure: Procedure) -> tuple[Instrument, ...]:
-        """The indicators; without any, two."""
-        return self._instruments(procedure) or simulated_indicators()
-
-    def _plan(self) -> Plan:
-        names = {"serial_number": "serial", "place": "place"}
-        identity = {key: self._value(name) or None for key, name in names.items()}
-        machine = self._machine().model_copy(update=identity)
-        procedure = self._procedure(machine)
-        instruments = self._instruments(procedure)
-        if not instruments:
-            raise UsageError("indicators", "none", "one or two", texts.CHOOSE_INDICATOR)
-        return Plan(
-            path=session_name(Path(), procedure.name),
-            machine=machine,
-            procedure=procedure,
-            instruments=instruments,
-            operator=self._value("operator"),
-            temperature_c=_temperature(self._value("temperature")),
-            note=self._value("note"),
-            motion=self._value("motion") or None,
-        )
+            prepared = self._read()
+            machine = prepared.machine()
+            procedure = prepared.procedure(machine)
+            instruments = prepared.some_instruments(procedure)
+            moved_by = prepared.typed["motion"]
+            self.app.push_screen(DryRunScreen(procedure, machine, instruments, moved_by))
 
 
 def _procedures(machine: Machine) -> list[tuple[str, str]]:
-    """What a guided session can measure on this machine, its usual procedure first."""
-    offered = guided_procedure_names(machine.geometry(), machine.printable_radius_mm)
-    names = [machine.usual_procedure, *offered]
-    return [(name, name) for name in dict.fromkeys(names)]
-
-
-def _temperature(text: str) -> float | None:
-    if not text:
-        return None
-    plain = text.replace(",", ".")
-    if not NUMBER.fullmatch(plain) or not -50.0 <= float(plain) <= 100.0:
-        raise UsageError("temperature", repr(text), "−50 … 100 °C, or nothing")
-    return float(plain)
-
-
-def _seed(text: str) -> int | None:
-    if not text:
-        return None
-    if not SEED.fullmatch(text):
-        raise UsageError("random order seed", repr(text), "a whole number from 0, or nothing")
-    return int(text)
+    return [(name, name) for name in procedures_of(machine)]

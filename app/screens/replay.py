@@ -24,6 +24,8 @@ from calib.errors import GlidecalError
 from protocols.record import read_record
 
 TICK_S = 0.1
+LAST = 1_000_000_000
+"""Frame to go to; there are never so many."""
 
 
 class ReplayScreen(Screen[None]):
@@ -35,13 +37,13 @@ class ReplayScreen(Screen[None]):
     app: Interface
     HELP = texts.REPLAY_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("space", "play", "Play", id="replay.play"),
-        Binding("right", "step(1)", "Next", id="replay.forward"),
-        Binding("left", "step(-1)", "Before", id="replay.back"),
-        Binding("up,plus", "faster(1)", "Faster", show=False, id="replay.faster"),
-        Binding("down,minus", "faster(-1)", "Slower", show=False, id="replay.slower"),
-        Binding("home", "to_start", "Start", show=False, id="replay.start"),
-        Binding("end", "to_end", "End", show=False, id="replay.end"),
+        Binding("space", "playback('toggle')", "Play", id="replay.play"),
+        Binding("right", "playback('step', 1)", "Next", id="replay.forward"),
+        Binding("left", "playback('step', -1)", "Before", id="replay.back"),
+        Binding("up,plus", "playback('faster', 1)", "Faster", show=False, id="replay.faster"),
+        Binding("down,minus", "playback('faster', -1)", "Slower", show=False, id="replay.slower"),
+        Binding("home", "playback('go', 0)", "Start", show=False, id="replay.start"),
+        Binding("end", f"playback('go', {LAST})", "End", show=False, id="replay.end"),
         Binding("j", "jump", "Jump", id="replay.jump"),
         Binding("t", "list", "Taken", id="replay.list"),
         Binding("pageup", "page(-1)", "List up", show=False, id="replay.list-up"),
@@ -56,8 +58,7 @@ class ReplayScreen(Screen[None]):
 
     def __init__(self, path: Path) -> None:
         super().__init__()
-        self.path = path
-        self.playback = Playback(read_record(path))
+        self.path, self.playback = path, Playback(read_record(path))
         instruments = self.playback.session.opened.instruments
         self.view = SessionView((*instruments, None, None)[: self.playback.gauge_count])
         self._listed: list[str] = []
@@ -107,17 +108,17 @@ class ReplayScreen(Screen[None]):
         """The readings so far; what is shown already is only added to."""
         if not self.has_class("listing"):
             return
-        lines = texts.reading_lines(self.playback.session)
-        count = len(self._listed)
+        lines, listed = texts.reading_lines(self.playback.session), self._listed
         listing = self.query_one("#taken", Log)
-        if lines[:count] != self._listed:
+        if lines[: len(listed)] != listed:
+            listed = []
             listing.clear()
-            count = 0
-        listing.write_lines(lines[count:])
+        listing.write_lines(lines[len(listed) :])
         self._listed = lines
 
-    def action_play(self) -> None:
-        self.playback.toggle()
+    def action_playback(self, what: str, *to: int) -> None:
+        """Play or pause, step, play faster, or go to a frame, as the playback calls it."""
+        getattr(self.playback, what)(*to)
         self._show()
 
     def _pause(self) -> None:
@@ -125,35 +126,18 @@ class ReplayScreen(Screen[None]):
         self.playback.pause()
         self._show_progress()
 
-    def action_step(self, by: int) -> None:
-        self.playback.step(by)
-        self._show()
-
-    def action_faster(self, by: int) -> None:
-        self.playback.faster(by)
-        self._show_progress()
-
-    def action_to_start(self) -> None:
-        self.playback.go(0)
-        self._show()
-
-    def action_to_end(self) -> None:
-        self.playback.go(len(self.playback.frames))
-        self._show()
-
-    def action_jump(self) -> None:
+    @work
+    async def action_jump(self) -> None:
         self._pause()
         question = texts.JUMP_QUESTION.format(self.playback.unit)
-        hint = f"1 … {len(self.playback.steps)}"
-        self.app.ask(TextDialog(question, hint), self._jump)
-
-    def _jump(self, text: str) -> None:
-        try:
-            self.playback.jump_to(text)
-        except GlidecalError as problem:
-            self.view.say(str(problem))
-        else:
-            self._show()
+        dialog = TextDialog(question, f"1 … {len(self.playback.steps)}")
+        if self.is_current and (text := await self.app.push_screen_wait(dialog)):
+            try:
+                self.playback.jump_to(text)
+            except GlidecalError as problem:
+                self.view.say(str(problem))
+            else:
+                self._show()
 
     def action_list(self) -> None:
         """Every reading so far, or the picture again."""
@@ -163,17 +147,12 @@ class ReplayScreen(Screen[None]):
 
     def action_page(self, by: int) -> None:
         listing = self.query_one("#taken", Log)
-        if by < 0:
-            listing.scroll_page_up(animate=False)
-        else:
-            listing.scroll_page_down(animate=False)
+        listing.scroll_relative(y=by * listing.scrollable_content_region.height, animate=False)
 
     def action_plot(self) -> None:
-        """The next page: the plot, larger strip charts, the table."""
         self.view.turn_page()
 
     def action_where(self) -> None:
-        """The set-up of this step as a picture, with words."""
         picture = self.view.where(self.playback.shown, self.playback.now)
         if picture:
             self.app.push_screen(picture)
@@ -197,7 +176,6 @@ class ReplayScreen(Screen[None]):
 
     @work
     async def action_result(self) -> None:
-        """Solve the whole session in the background and show the result."""
         from app.screens.result import ResultScreen
 
         if self._solving:
@@ -206,9 +184,8 @@ class ReplayScreen(Screen[None]):
         self._solving = True
         try:
             solved = await apart(self, solve_files, [self.path])
-        except GlidecalError as problem:
-            self.view.say(texts.UNSOLVED.format(problem))
-        else:
             if self.is_current:
                 self.app.push_screen(ResultScreen(solved, None, self.path))
+        except GlidecalError as problem:
+            self.view.say(texts.UNSOLVED.format(problem))
         self._solving = False

@@ -23,7 +23,6 @@ from app.report.text import result as texts
 from app.report.text import what_if as what_if_texts
 from app.report.text.correction import SUBSET_WORDS
 from app.report.text.glance import Done, glance_text
-from app.report.text.home import REPORTS_SERVED
 from app.screens.interface import ChoiceDialog
 from app.screens.paged import PAGE_KEYS, Page, PagedScreen
 from app.screens.pages import apart, is_left
@@ -51,6 +50,7 @@ class ResultScreen(PagedScreen[None]):
         Binding("h", "home", "Home", show=False, id="result.home"),
         *PAGE_KEYS,
     ]
+    WRITES = ("export", "report", "verify", "home")
     PAGES = (
         Page("result", "Result", charts=1, beside=True),
         Page("details", "Details"),
@@ -67,12 +67,9 @@ class ResultScreen(PagedScreen[None]):
         self.plan = plan
         self.path = path
         self.before = plan.before if plan else None
+        if self.before:
+            self.pages = (*self.PAGES, COMPARISON)
         self.done: set[Done] = set()
-
-    @property
-    def pages(self) -> Sequence[Page]:
-        """After a verification its comparison, too."""
-        return [*self.PAGES, COMPARISON] if self.before else self.PAGES
 
     def begin(self) -> None:
         """Say which session this is; the comparison is there at once, on its page."""
@@ -98,7 +95,6 @@ class ResultScreen(PagedScreen[None]):
         self.query_one(LegPlots).show(figures)
 
     def action_leg(self, by: int) -> None:
-        """Another leg or axis on its page."""
         self.action_show_page("legs")
         self.query_one(LegPlots).turn(by)
 
@@ -123,11 +119,9 @@ class ResultScreen(PagedScreen[None]):
         self._show_glance()
 
     def why_not(self, action: str) -> str:
-        if self.app.read_only and action in ("export", "report", "verify", "home"):
-            served = f" {REPORTS_SERVED}" if action == "report" else ""
-            return texts.ONLY_SHOWN + served
-        if action != "verify":
-            return ""
+        reason = super().why_not(action)
+        if reason or action != "verify":
+            return reason
         if self.plan is None:
             return texts.NO_PLAN
         return "" if self.solved.is_worked_out else texts.WORKING_OUT
@@ -145,7 +139,6 @@ class ResultScreen(PagedScreen[None]):
                 self._show()
 
     def action_export(self) -> None:
-        """Write the offsets in every format beside the session."""
         self.app.run_worker(self._export())
 
     async def _export(self) -> None:
@@ -162,13 +155,11 @@ class ResultScreen(PagedScreen[None]):
             self._show_glance()
 
     def action_verify(self) -> None:
-        """The same procedure again, after the offsets were entered in the controller."""
         with self.app.complaining():
             if self.plan is not None:
                 self.app.push_screen(self.app.check(verification_plan(self.plan, self.solved)))
 
     def action_report(self) -> None:
-        """Write the report beside the session; after a verification that of both sessions."""
         self.app.notify(texts.WRITING_REPORT)
         self.app.run_worker(self._report())
 

@@ -1,4 +1,4 @@
-"""A session on the screen: where it stands, what to do, what the indicators show."""
+"""A session on the screen: where it stands, what the indicators show, dialogs over that."""
 
 from __future__ import annotations
 
@@ -20,31 +20,26 @@ from textual.widgets import Static
 
 from app.measuring.gauges import Live, Motion, Trace
 from app.measuring.leg_review import review_leg
+from app.measuring.moving import Mover
 from app.report.charts.digits import large_digits
 from app.report.charts.results import readings_by_posture
 from app.report.charts.strips import strip_rows
 from app.report.charts.tripod import drawn_set_up
+from app.report.text import motion
 from app.report.text import session as texts
+from app.report.text.gauges import NO_NUMBER, shown_number, state_words
 from app.report.text.leg_review import REVIEW_HELP, review_text
-from app.report.text.tables import signed
 from app.screens.interface import WIDE, Dialog, Interface
 from app.screens.pages import Resting, signalled
 from app.screens.plot import ChartPlot
-from calib.errors import GlidecalError, sentence
-from calib.tripod.geometry import Geometry
-from drivers.profile import Fault, IndicatorReading
+from calib.errors import GlidecalError
+from drivers.motion.line import DEAD_S
+from drivers.motion.states import State
+from drivers.profile import IndicatorReading
 from protocols.machine import Instrument
 from protocols.procedure import Step
 from protocols.session import Session
 
-MARKS = {
-    Motion.STABLE: "= STABLE",
-    Motion.MOVING: "~ MOVING",
-    Motion.WAITING: "… WAITING",
-    Motion.STALE: "! STALE",
-    Motion.FAULT: "! FAULT",
-}
-NO_NUMBER = "------"
 LEAST_STRIP_ROWS = 4
 """Digits are large where so many rows of the strip chart are left."""
 
@@ -52,27 +47,15 @@ STRIP_S, RESTING_STRIP_S = 1.0, 2.0
 """The strip chart is drawn at most so often, while the reading moves and while it rests: drawing
 it costs more than the digits."""
 
-OLD_S = 1.0
-"""A value is shown with its age from here on."""
-
 CHART_S = 0.06
 """The chart is half of a step's picture; it comes later, so that readings need not wait for it."""
 
 
-def big_digits(number: str) -> tuple[str, ...]:
-    """The rows of a number in big digits."""
-    return tuple("".join(row) for row in zip(*map(_big_digit, number), strict=True))
-
-
 @lru_cache(maxsize=64)
-def _big_digit(digit: str) -> tuple[str, ...]:
-    pieces = (piece for piece in Digits(digit).render(Style()) if isinstance(piece, Segment))
-    return tuple(piece.text for piece in pieces if piece.text != "\n")
-
-
-def decimals_of(resolution_mm: float) -> int:
-    """Digits after the point that show a resolution."""
-    return max(0, len(f"{resolution_mm:.6f}".rstrip("0")) - 2)
+def big_digits(number: str) -> tuple[str, ...]:
+    """The rows of a number in big digits; one that flickers comes back to the same few."""
+    pieces = Digits(number).render(Style())
+    return tuple("".join(p.text for p in pieces if isinstance(p, Segment)).splitlines())
 
 
 class GaugeDisplay(Resting):
@@ -105,7 +88,6 @@ class GaugeDisplay(Resting):
         self.border_subtitle = Content(self._port)
 
     def on_resize(self) -> None:
-        """The digits are as large as there is room."""
         self.digits, self._strip_at = self._digits(), 0.0
         self.refresh()
 
@@ -116,7 +98,7 @@ class GaugeDisplay(Resting):
 
     def show(self, live: Live) -> None:
         """Show what the indicator tells now; only rows that changed are drawn again."""
-        number, state = self._number(live), self._state(live)
+        number, state = shown_number(live), state_words(live)
         if number != self.number:
             self.number, rows = number, len(self.digits)
             self.digits = self._digits()
@@ -158,7 +140,6 @@ class GaugeDisplay(Resting):
         return Strip(Segment(row, self.get_component_rich_style("gauge--strip")) for row in chart)
 
     def get_selection(self, selection: Selection) -> tuple[str, str] | None:
-        """The number, for the clipboard."""
         return self.number, "\n"
 
     def _draw_strip(self, trace: Trace) -> None:
@@ -174,17 +155,6 @@ class GaugeDisplay(Resting):
         rows = Content(self.state).wrap(max(1, self.size.width))
         return ["".join(filter(str.isprintable, row.plain)) for row in rows] or [""]
 
-    def _number(self, live: Live) -> str:
-        if not isinstance(live.outcome, IndicatorReading):
-            return NO_NUMBER
-        return signed(live.outcome.value_mm, decimals_of(live.outcome.resolution_mm))
-
-    def _state(self, live: Live) -> str:
-        state = MARKS[live.motion]
-        if isinstance(live.outcome, Fault):
-            return f"{state}  {sentence(live.outcome.words)}"
-        return f"{state}  {live.age_s:.0f} s old" if live.age_s >= OLD_S else state
-
 
 class SideBySide(Horizontal, Resting):
     """Widgets side by side."""
@@ -198,17 +168,13 @@ class Gauges(SideBySide):
         super().__init__(*self._displays, id="gauges")
 
     def show(self, states: Sequence[Live]) -> None:
-        """What they tell now."""
         for display, live in zip(self._displays, states, strict=True):
             display.show(live)
 
     def name_them(self, instruments: Sequence[Instrument | None], step: Step | None = None) -> None:
-        """Which they are, and along which axes they measure in a step."""
         axes = dict(zip(step.indicators, step.axes, strict=True)) if step else {}
-        for number, (display, instrument) in enumerate(
-            zip(self._displays, instruments, strict=True)
-        ):
-            display.name_it(instrument, axes.get(number, ""))
+        for number, display in enumerate(self._displays):
+            display.name_it(instruments[number], axes.get(number, ""))
 
 
 class Words(Static, Resting):
@@ -216,7 +182,7 @@ class Words(Static, Resting):
 
 
 class StepList(Words):
-    """The steps around the present one, as many as fit: + done, - skipped, > now."""
+    """The steps around the present one, as many as fit."""
 
     def __init__(self) -> None:
         super().__init__(id="steps", markup=False)
@@ -224,21 +190,12 @@ class StepList(Words):
         self._lines: list[str] = []
         self._at = 0
 
-    def show(
-        self, steps: Sequence[Step], now: Step | None, session: Session, geometry: Geometry
-    ) -> None:
-        """List the steps."""
-        done, visits, self._lines = session.done(), texts.visits_of(tuple(steps)), []
-        for step in steps:
-            mark = "+" if step.number in done else "-" if step.number in session.skipped else " "
-            mark = ">" if now and step.number == now.number else mark
-            words = texts.step_in_list(step, geometry, visits[step.number])
-            self._lines.append(f"{mark} {step.number:>3} {words}")
+    def show(self, session: Session, steps: Sequence[Step], now: Step | None) -> None:
+        self._lines = texts.step_lines(session, steps, now)
         self._at = (now.number if now else len(steps)) - 1
         self.on_resize()
 
     def on_resize(self) -> None:
-        """The present step stays in view."""
         height = max(self.content_size.height, 4)  # so many on the least screen; 0 until laid out
         first = max(0, min(self._at - height // 2, len(self._lines) - height))
         self.update("\n".join(self._lines[first : first + height]), layout=False)
@@ -265,22 +222,19 @@ class SessionView(Vertical, Resting):
             yield ChartPlot(plot_id="chart")
 
     def show_progress(self, text: str) -> None:
-        """The line at the top."""
         self.query_one("#progress", Static).update(text, layout=False)
 
     def show_step(
         self, session: Session, steps: Sequence[Step], step: Step | None, by: texts.TakenBy
     ) -> None:
         """The present step and who takes it, the list around it, the leg so far."""
-        geometry = session.opened.machine.geometry()
-        self.query_one(StepList).show(steps, step, session, geometry)
+        self.query_one(StepList).show(session, steps, step)
         if step is None:
             return
-        words = texts.step_text(step, session, by)
-        self.query_one("#step", Static).update(self.app.keyed(words), layout=False)
-        self.query_one("#table", Static).update(
-            texts.so_far_text(session, steps, step), layout=False
-        )
+        words = self.app.keyed(texts.step_text(step, session, by))
+        self.query_one("#step", Static).update(words, layout=False)
+        table = texts.so_far_text(session, steps, step)
+        self.query_one("#table", Static).update(table, layout=False)
         self.set_timer(CHART_S, partial(self._show_chart, session, step))
         self._gauges.name_them(self._instruments, step)
 
@@ -292,7 +246,6 @@ class SessionView(Vertical, Resting):
         )
 
     def show_live(self, states: Sequence[Live]) -> None:
-        """What the indicators tell now."""
         self._gauges.show(states)
 
     def where(self, session: Session, step: Step | None) -> SetUpScreen | None:
@@ -303,11 +256,9 @@ class SessionView(Vertical, Resting):
 
     @property
     def instruments(self) -> tuple[Instrument, ...]:
-        """The indicators with the ports where they are now."""
         return tuple(filter(None, self._instruments))
 
     def rename(self, number: int, port: str) -> None:
-        """An indicator, counted from 0, is at another port now."""
         names = list(self._instruments)
         name = names[number]
         names[number] = name and name.model_copy(update={"port": port})
@@ -380,20 +331,16 @@ class LegReviewScreen(Dialog[bool]):
         unattended: bool = False,
     ) -> None:
         super().__init__()
-        self._session = session
-        self._step = step
-        self._rests_mm = tuple(rests_mm)
-        self._unattended = unattended
+        self._session, self._step = session, step
+        self._rests_mm, self._unattended = rests_mm, unattended
 
     def compose(self) -> ComposeResult:
         try:
             review = review_leg(self._session, self._step, self._rests_mm)
-            text = review_text(review, self._session)
+            text = self.app.keyed(review_text(review, self._session))
         except GlidecalError as problem:
             text = str(problem)
-        text = self.app.keyed(text)
-        classes = f"wide-dialog {'' if 'WARNING:' in text else 'done'}"
-        with Horizontal(classes=classes):
+        with Horizontal(classes=f"wide-dialog {'' if 'WARNING:' in text else 'done'}"):
             with VerticalScroll(id="review"):
                 yield Static(signalled(text), id="review-text")
             yield ChartPlot(plot_id="review-chart")
@@ -413,3 +360,65 @@ class LegReviewScreen(Dialog[bool]):
 
     def _go_on(self) -> None:
         self.dismiss(False)  # not awaited: it is this screen's own handler
+
+
+LOOK_S = 0.1
+"""Between two looks at a machine that was interrupted."""
+
+
+class MotionDialog(Dialog[None]):
+    """Stands until the operator answers; no answer moves the machine.
+
+    A key that comes within the dead time was meant for what was before. Escape leaves the machine
+    as it is: the key that goes on asks again.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("enter", "answer", "I looked", id="motion.answer"),
+        Binding("s", "vouch", "It does not move", id="motion.still"),
+        Binding("h", "home", "Home it", id="motion.home"),
+        Binding("escape", "dismiss(None)", "Leave it", id="motion.leave"),
+    ]
+
+    def __init__(self, mover: Mover) -> None:
+        super().__init__()
+        self._mover = mover
+        self._opened_s = time.monotonic()
+        self._event = Static("", id="event", markup=False)
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="dialog alarm"):
+            yield self._event
+
+    def on_mount(self) -> None:
+        self.app.bell()
+        self._show()
+        self.set_interval(LOOK_S, self._show)
+
+    def _show(self) -> None:
+        if self._mover.interrupted:
+            self._event.update(self.app.keyed(motion.event_text(self._mover)))
+        else:
+            self.dismiss(None)
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """No key at first; each only where it is an answer."""
+        state, dead = self._mover.state, time.monotonic() - self._opened_s < DEAD_S
+        fits = {
+            "answer": state in (State.HELD, State.FAULT),
+            "vouch": self._mover.line.not_stopped,
+            "home": state is State.FAULT and self._mover.line.can_home,
+        }
+        return fits.get(action, True) and not dead
+
+    def action_answer(self) -> None:
+        """The operator looked: is all well again? What is still wrong is shown."""
+        self._mover.answer()
+
+    def action_vouch(self) -> None:
+        self._mover.line.vouch()
+
+    def action_home(self) -> None:
+        """All carriages go to their switches; from here on every key stops them."""
+        if self._mover.home() is not None:
+            self.dismiss(None)

@@ -63,24 +63,16 @@ def open_session(plan: Plan, looks: Sequence[Look]) -> int:
     return open_screen(CheckScreen(plan), looks)
 
 
-def open_replay(paths: Sequence[Path], looks: Sequence[Look]) -> int:
-    """A recorded session again, or a list of several. Raises RecordError for a bad file."""
-    for path in paths:
-        check_session(path)
-    return open_screen(_replayed(paths, looks), looks)
+def open_replay(paths: Sequence[Path], looks: Sequence[Look], *, served: bool = False) -> int:
+    """A recorded session again, or a list of several. Raises RecordError for a bad file.
 
-
-def open_served(paths: Sequence[Path], looks: Sequence[Look]) -> int:
-    """The same of sessions and folders, for pages that others look at.
-
-    Nothing can be written or measured from them.
+    ``served`` to others, folders may be among them, and nothing can be written or measured.
     """
-    return open_screen(_replayed(paths, looks), looks, read_only=True)
-
-
-def _replayed(paths: Sequence[Path], looks: Sequence[Look]) -> Screen[None]:
+    for path in () if served else paths:
+        check_session(path)
     alone = len(paths) == 1 and not paths[0].is_dir()
-    return replay_screen(paths[0], looks) if alone else ReplayChoiceScreen(paths)
+    first = replay_screen(paths[0], looks) if alone else ReplayChoiceScreen(paths)
+    return open_screen(first, looks, read_only=served)
 
 
 def open_screen(first: Screen[None], looks: Sequence[Look], *, read_only: bool = False) -> int:

@@ -1,24 +1,27 @@
-"""What if: the size of an effect is moved, and what it would explain follows."""
+"""What if: the size of something missing is moved, and what it would explain follows."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
+from textual.screen import ScreenResultType
 from textual.widgets import Static, TabbedContent
 
 from app.evaluating.diagnosis import SessionDiagnosis, mistakes_of
 from app.evaluating.what_if import Choice, Trial, WhatIf, choices, trial_of
+from app.report.charts.charts import Chart
 from app.report.charts.results import predictions_with, residuals_with
 from app.report.text import what_if as texts
-from app.report.text.result import ONLY_SHOWN
+from app.report.text.home import ONLY_SHOWN
 from app.screens.interface import ChoiceDialog
-from app.screens.paged import PAGE_KEYS, SIZE_KEYS, Page, PagedScreen
+from app.screens.paged import PAGE_KEYS, Page, PagedScreen
 from app.screens.pages import apart, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError, NotIdentifiable
@@ -27,8 +30,78 @@ from protocols.effect_entries import EffectEntry
 from protocols.model_file import read_model_file
 from protocols.session import Session
 
+COARSE = 10
+"""So many steps with Shift."""
 
-class WhatIfScreen(PagedScreen[EffectEntry | None]):
+SIZE_KEYS: tuple[BindingType, ...] = (
+    Binding("left", "move(-1)", "Smaller", id="what_if.smaller"),
+    Binding("right", "move(1)", "Larger", id="what_if.larger"),
+    Binding("shift+left", f"move({-COARSE})", show=False, id="what_if.much_smaller"),
+    Binding("shift+right", f"move({COARSE})", show=False, id="what_if.much_larger"),
+    Binding("up", "choose(-1)", "Size before", show=False, id="what_if.size_before"),
+    Binding("down", "choose(1)", "Next size", show=False, id="what_if.next_size"),
+    Binding("0", "nothing", "Nothing", id="what_if.nothing"),
+    Binding("f", "best", "Fits best", id="what_if.best"),
+)
+
+
+class Movable(Protocol):
+    """What knows how far a key moves a size."""
+
+    def moved(self, values: Sequence[float], number: int, steps: int) -> tuple[float, ...]: ...
+
+
+class SizesScreen(PagedScreen[ScreenResultType]):
+    """Sizes that keys move, words on what they do above the pages."""
+
+    trial: Movable
+    values: tuple[float, ...] = ()
+    number = 0
+    """Which of several sizes is moved."""
+    known = False
+    """Whether what sizes do is worked out so far that they can be moved."""
+    looking = True
+
+    def above(self) -> ComposeResult:
+        yield Static(texts.WORKING, id="what-if", markup=False)
+
+    def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
+        """Up and down are for sizes."""
+        self.set_focus(None)
+
+    @abstractmethod
+    def move_to(self, values: Sequence[float]) -> None:
+        """Show these sizes and what they do."""
+
+    @abstractmethod
+    def show_words(self) -> None:
+        """Above the pages."""
+
+    def put_words(self, *parts: str) -> None:
+        words = self.app.keyed("\n".join(filter(None, parts)))
+        self.query_one("#what-if", Static).update(signalled(words))
+
+    def follow(self, name: str, chart: Chart) -> None:
+        self.query_one(f"#{name}-chart0", ChartPlot).follow(chart)
+
+    def action_move(self, steps: int) -> None:
+        if self.known:
+            self.move_to(self.trial.moved(self.values, self.number, steps))
+
+    def action_choose(self, by: int) -> None:
+        if self.known:
+            self.number = (self.number + by) % len(self.values)
+            self.show_words()
+
+    def action_nothing(self) -> None:
+        if self.known:
+            self.move_to([0.0] * len(self.values))
+
+    def action_back(self) -> None:
+        self.dismiss(None)
+
+
+class WhatIfScreen(SizesScreen[EffectEntry | None]):
     """One effect beside the parameters; dismissed with the size that a person adopts."""
 
     HELP = texts.WHAT_IF_HELP
@@ -50,35 +123,19 @@ class WhatIfScreen(PagedScreen[EffectEntry | None]):
     ) -> None:
         super().__init__()
         self.choice = choice
-        self.trial = trial
+        self.trial: Trial = trial
         self.values = trial.values
-        self.number = 0
-        self.without: WhatIf | None = None
         self.now: WhatIf | None = None
         self.fitted: tuple[FittedSize, ...] = ()
-        self.looking = True
-        self._model = model
-        self._mistakes = mistakes
-        self._why_not = ""
-        self._at_best = False
-        self._following = False
-        self._figures = ""
-
-    def above(self) -> ComposeResult:
-        yield Static(texts.WORKING, id="what-if", markup=False)
-
-    def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
-        """Up and down are for sizes."""
-        self.set_focus(None)
-
-    def begin(self) -> None:
-        """Say what is tried, then work it out."""
-        self.head(texts.heading_text(self.choice, self.trial, self._model))
-        self._work_out()
+        self._heading = texts.heading_text(choice, trial, model)
+        self._doubt = texts.doubt_text(choice, mistakes=mistakes)
+        self._why_not = self._figures = ""
+        self._at_best = self._following = False
 
     @work
-    async def _work_out(self) -> None:
-        """What is worked out once: the set of parameters, the size that fits, how far steps go."""
+    async def begin(self) -> None:
+        """Work out what is needed once: the parameters, the size that fits, how far steps go."""
+        self.head(self._heading)
         fitted: tuple[FittedSize, ...] = ()
         why_not = ""
         try:
@@ -94,20 +151,20 @@ class WhatIfScreen(PagedScreen[EffectEntry | None]):
             return
         # all at once: keys that come before find nothing, and say so
         self.trial, self.fitted, self._why_not = trial, fitted, why_not
-        self.without, self.values = trial.without, trial.values
+        self.known, self.values = True, trial.values
         if self.fitted:
             self.action_best()
         else:
-            self._moved_to(self.values)
+            self.move_to(self.values)
 
     @property
     def ready(self) -> bool:
         """Whether what is shown is of the size shown."""
         return self.now is not None and self.now.values == self.values
 
-    def _moved_to(self, values: Sequence[float], *, best: bool = False) -> None:
+    def move_to(self, values: Sequence[float], *, best: bool = False) -> None:
         self.values, self._at_best = tuple(values), best
-        self._show_words()
+        self.show_words()
         self._follow()
 
     @work
@@ -123,50 +180,31 @@ class WhatIfScreen(PagedScreen[EffectEntry | None]):
             except GlidecalError as problem:
                 if outcome.values == self.values:
                     self._why_not = str(problem)
-                    self._show_words()
+                    self.show_words()
                     break
             else:
                 self.now = outcome
-                self._show()
+                self._show(self.trial.without, outcome)
             finally:
                 self.looking = False
         self._following = False
 
-    def _show_words(self) -> None:
+    def show_words(self) -> None:
+        if self.ready and self.now is not None:
+            self._figures = texts.effect_text(self.trial.without, self.now)
         sizes = texts.sizes_text(self.trial, self.values, self.number, self.fitted, self._why_not)
-        doubt = texts.doubt_text(self.choice, mistakes=self._mistakes)
-        if self.ready and self.without is not None and self.now is not None:
-            self._figures = texts.effect_text(self.without, self.now)
-        words = self.app.keyed("\n".join(filter(None, [sizes, self._figures, doubt])))
-        self.query_one("#what-if", Static).update(signalled(words))
+        self.put_words(sizes, self._figures, self._doubt)
 
-    def _show(self) -> None:
-        if self.without is None or self.now is None:
-            return
-        self._show_words()
-        pair = self.without.solution, self.now.solution
-        for name, chart in (("left", residuals_with), ("predicted", predictions_with)):
-            self.query_one(f"#{name}-chart0", ChartPlot).follow(chart(*pair))
-        self.put("numbers", texts.numbers_text(self.without, self.now))
-
-    def action_move(self, steps: int) -> None:
-        if self.without is not None:
-            self._moved_to(self.trial.moved(self.values, self.number, steps))
-
-    def action_choose(self, by: int) -> None:
-        """Another of several sizes."""
-        self.number = (self.number + by) % len(self.values)
-        if self.without is not None:
-            self._show_words()
-
-    def action_nothing(self) -> None:
-        if self.without is not None:
-            self._moved_to(self.without.values)
+    def _show(self, without: WhatIf, now: WhatIf) -> None:
+        self.show_words()
+        self.follow("left", residuals_with(without.solution, now.solution))
+        self.follow("predicted", predictions_with(without.solution, now.solution))
+        self.put("numbers", texts.numbers_text(without, now))
 
     def action_best(self) -> None:
         """The sizes that fit best; where the readings do not tell them, why."""
         if self.fitted:
-            self._moved_to([size.value for size in self.fitted], best=True)
+            self.move_to([size.value for size in self.fitted], best=True)
         else:
             self.app.complain(self._why_not or texts.NOT_YET)
 
@@ -182,18 +220,11 @@ class WhatIfScreen(PagedScreen[EffectEntry | None]):
         else:
             self.dismiss(entry.freed() if self._at_best else entry.held_at(self.values))
 
-    def action_back(self) -> None:
-        self.dismiss(None)
-
     def action_scroll(self, pages: int) -> None:
         page = self.query_one(VerticalScroll)
-        if pages > 0:
-            page.scroll_page_down()
-        else:
-            page.scroll_page_up()
+        page.scroll_relative(y=pages * page.scrollable_content_region.height)
 
     def action_copy(self) -> None:
-        """All of the words, whatever page is shown."""
         if self.ready:
             parts = (self.query_one(f"#{name}", Static) for name in COPIED)
             self.app.copy("\n\n".join(str(part.content) for part in parts))
@@ -221,11 +252,8 @@ async def tried(
     if not listed:
         screen.app.complain(texts.NOTHING_TO_TRY)
         return None
-    dialog = ChoiceDialog(
-        texts.WHICH,
-        [(listed_choice, texts.choice_words(listed_choice)) for listed_choice in listed],
-    )
-    choice = await screen.ask(dialog)
+    rows = [(each, texts.choice_words(each)) for each in listed]
+    choice = await screen.ask(ChoiceDialog(texts.WHICH, rows))
     if choice is None:
         return None
     trial = trial_of(choice, sessions, model_file, subset)

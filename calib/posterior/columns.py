@@ -98,7 +98,7 @@ def _bars_of_sessions(
         mine = np.flatnonzero(owner == number)
         columns = np.zeros((len(rows.residual), LENGTHS))
         columns[mine] = rows.base[mine, :LENGTHS] * rows.spread[:LENGTHS]
-        yield other_bars(number), columns
+        yield other_bars(number, rows.spread[:LENGTHS]), columns
 
 
 def _of_postures(sessions: Sequence[Cells], total: int) -> tuple[FloatArray, FloatArray]:

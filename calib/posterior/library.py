@@ -85,10 +85,10 @@ class Component:
         return self.candidate.effects(values) if self.candidate else ()
 
 
-def other_bars(number: int) -> Component:
-    """Bars of other lengths in the session of this number, in tolerances."""
+def other_bars(number: int, tolerance_mm: FloatArray) -> Component:
+    """Bars of other lengths in the session of this number, mm; ``tolerance_mm`` ``(3,)``."""
     log_prior = math.log(PRIOR_OF_OTHER_BARS)
-    return Component(OTHER_BARS, f"session {number + 1}", "mistake", np.ones(3), None, log_prior)
+    return Component(OTHER_BARS, f"session {number + 1}", "mistake", tolerance_mm, None, log_prior)
 
 
 STATED_ONLY = frozenset({BowOfTouchedPlate.id, PlatformTilt.id})

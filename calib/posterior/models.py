@@ -11,7 +11,7 @@ import numpy as np
 from calib.arrays import FloatArray, IntArray
 from calib.posterior.cells import Cells
 from calib.posterior.labels import Mistake
-from calib.posterior.library import Component
+from calib.posterior.library import OTHER_BARS, Component
 from calib.posterior.readings import LENGTHS, Placed, Rows
 from calib.posterior.tool import FRAMES, RIGID, Frame, ToolField
 from calib.posterior.tool_errors import InField, ToolErrors
@@ -168,7 +168,11 @@ class Posterior:
 
     @cached_property
     def into_field(self) -> list[FloatArray]:
-        """For each component what its values ``(r,)`` are in the tool's field ``(f, r)``."""
+        """For each component what its values ``(r,)`` are in the tool's field ``(f, r)``.
+
+        The machine has the bars of the last session, as it has its joint offsets.
+        """
+        last = f"session {len(self.sessions)}"
         width = self.field.rows.shape[1]
         blocks = []
         for component in self.components:
@@ -178,6 +182,8 @@ class Posterior:
                     self.field.columns_of((share.effect, share.place)), share.values, strict=True
                 ):
                     into[column, value] += 1.0
+            if (component.id, component.where) == (OTHER_BARS, last):
+                into[LENGTHS : 2 * LENGTHS] = np.eye(LENGTHS)
             blocks.append(into)
         return blocks
 

@@ -22,11 +22,13 @@ from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import Effect
 from calib.tripod.movements import with_first_movements
 
-CHANGED = 0.003
-"""Probability, as of any mistake, that joint offsets changed between sessions of one state of the
-machine: a switch was moved, or what was entered is not what the file says."""
-CHANGE_MM = 1.0
-"""Standard deviation of such a change. It is expected about the offsets before: a session of one
+CHANGED = 0.03
+"""Probability that joint offsets changed between sessions of one state of the machine: a switch was
+moved or slipped, or what was entered is not what the file says. Ten times that of other bars, which
+look the same to a short session: bars have to be taken off for that."""
+CHANGES_MM = (0.1, 1.0)
+"""Standard deviations of such a change, equally likely: with the large one alone small changes were
+called other bars, which have scales, too. It is expected about the offsets before: a session of one
 leg would else pull those of the others towards what the file says."""
 
 
@@ -94,8 +96,11 @@ def _ways(sessions: Sequence[Cells], log_prior: float) -> list[Way]:
     if len(states) == len(set(states)):
         return _ways_of_first_takes(sessions, log_prior)
     ways = _ways_of_first_takes(sessions, log_prior + math.log(1.0 - CHANGED))
-    changed = [replace(cells, case=replace(cells.case, homing_mm=CHANGE_MM)) for cells in sessions]
-    return [*ways, *_ways_of_first_takes(changed, log_prior + math.log(CHANGED))]
+    share = log_prior + math.log(CHANGED / len(CHANGES_MM))
+    for mm in CHANGES_MM:
+        changed = [replace(cells, case=replace(cells.case, homing_mm=mm)) for cells in sessions]
+        ways += _ways_of_first_takes(changed, share)
+    return ways
 
 
 def _ways_of_first_takes(sessions: Sequence[Cells], log_prior: float) -> list[Way]:

@@ -7,6 +7,7 @@ aligned, a small turn too; the machine's own is used as it is.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -109,3 +110,23 @@ def laws_held(geometry: Geometry) -> list[Placed]:
 def mean_square(metric: FloatArray, values: Sequence[float] | FloatArray) -> float:
     """Of these values ``(6 + k,)``."""
     return float(np.asarray(values) @ metric @ np.asarray(values))
+
+
+def days_in_tolerance(
+    field: ToolField,
+    frame: Frame,
+    drift_mm: Sequence[float],
+    bound_mm: float,
+    tolerance_mm: float,
+) -> float:
+    """How many days what the tool is off by at most stays in tolerance; 0 where it is not now.
+
+    ``drift_mm`` are joints x, y, z per day; the bound grows by no more than their r.m.s. error at
+    the tool in the frame. Infinite without drift.
+    """
+    metric = field.metrics[frame]
+    error_mm = np.zeros(len(metric))
+    error_mm[: len(drift_mm)] = drift_mm
+    growth_mm = math.sqrt(mean_square(metric, error_mm))
+    left_mm = max(0.0, tolerance_mm - bound_mm)
+    return left_mm / growth_mm if growth_mm else math.inf

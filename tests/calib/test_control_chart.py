@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calib.arrays import FloatArray
 from calib.control_chart import control_chart, drift, watch
-from calib.identify.accuracy import days_in_tolerance
+from calib.posterior.tool import Frame, days_in_tolerance, tool_field
 from calib.tripod.geometry import Geometry
+
+LENGTH_MM = 310.25
 
 
 def test_limits_are_those_of_a_worked_example() -> None:
@@ -81,13 +84,41 @@ def test_a_jump_is_no_drift_once_there_are_values_after_it() -> None:
     assert result.change.tolist() == values
 
 
-def test_a_tolerance_lasts_as_long_as_the_drift_takes() -> None:
-    """On the Orthoglide near its isotropic point an offset of a joint is one of the tool."""
-    per_day = (0.001, 0.0, 0.0)
-    days = days_in_tolerance(Geometry(), per_day, 0.02, 0.07)
-    assert days == pytest.approx(50.0, rel=0.1)
-    assert days_in_tolerance(Geometry(), per_day, 0.08, 0.07) == 0.0
-    assert days_in_tolerance(Geometry(), (0.0, 0.0, 0.0), 0.02, 0.07) == float("inf")
+def tool_mm(joint_mm: FloatArray) -> FloatArray:
+    """Where the tool of the Orthoglide is: docs/theory.md, direct kinematics."""
+    h = joint_mm**2 - LENGTH_MM**2
+    a, c = (1.0 / joint_mm**2).sum(axis=1), (h**2 / joint_mm**2).sum(axis=1)
+    b = (h / joint_mm**2).sum(axis=1) - 2.0
+    t = c / (-b + np.sqrt(b * b - a * c))
+    return np.asarray((h + t[:, None]) / (2.0 * joint_mm))
+
+
+def test_a_tolerance_lasts_as_long_as_the_drift_takes_in_the_frame() -> None:
+    """A joint offset shifts the whole machine, which touching off takes up: less is left of it."""
+    ends_mm = LENGTH_MM + np.array([-100.0, -50.0, 0.0, 60.0])
+    joints_mm = np.stack(np.meshgrid(ends_mm, ends_mm, ends_mm), axis=-1).reshape(-1, 3)
+    reached_mm = tool_mm(joints_mm)
+    low, high = reached_mm.min(), reached_mm.max()
+    middles = low + (np.arange(6) + 0.5) / 6.0 * (high - low)
+    places = np.stack(np.meshgrid(middles, middles, middles), axis=-1).reshape(-1, 3)
+    across = (places**2).sum(axis=1)[:, None] - places**2
+    joint_mm = places + np.sqrt(LENGTH_MM**2 - across)
+    from_zero_mm = joint_mm - LENGTH_MM
+    within = ((from_zero_mm >= -100.0) & (from_zero_mm <= 60.0)).all(axis=1)
+    places, joint_mm = places[within], joint_mm[within]
+    per_day = np.array([0.001, 0.0, 0.0])
+    moved_mm = tool_mm(joint_mm + per_day) - places
+    field = tool_field(Geometry(), ())
+    left_mm: dict[Frame, FloatArray] = {
+        "machine": moved_mm,
+        "touched-off": moved_mm - moved_mm.mean(axis=0),
+    }
+    for frame, error_mm in left_mm.items():
+        growth_mm = np.sqrt((error_mm**2).sum(axis=1).mean())
+        days = days_in_tolerance(field, frame, per_day.tolist(), 0.02, 0.07)
+        assert days == pytest.approx(0.05 / growth_mm, rel=0.02)
+        assert days_in_tolerance(field, frame, per_day.tolist(), 0.08, 0.07) == 0.0
+        assert days_in_tolerance(field, frame, (0.0, 0.0, 0.0), 0.02, 0.07) == float("inf")
 
 
 @pytest.mark.parametrize(

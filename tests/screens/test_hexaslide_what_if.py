@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 from textual.widgets import OptionList
 
-from app.screens.hexaslide_result import HexaSlideResultScreen
-from app.screens.hexaslide_what_if import PostureWhatIfScreen
+from app.screens.hexaslide_result import HexaSlideResultScreen, PostureWhatIfScreen
 from app.screens.interface import ChoiceDialog
 from app.screens.plot import ChartPlot
 from app.screens.start import Glidecal

@@ -21,7 +21,7 @@ from app.measuring.demo import demo_plan
 from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.history import CompareScreen
-from app.screens.home import HomeScreen, PickScreen
+from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.pages import COLOURS_OF_WORDS, LEGIBLE, SIGNALS, contrast
 from app.screens.prepare import PrepareScreen
@@ -148,7 +148,6 @@ def over_home(samples: Path, folder: Path) -> dict[str, Callable[[], Screen[Any]
         "diagnose": lambda: DiagnoseScreen([first]),
         "compare": lambda: CompareScreen(compare_files(first, second)),
         "replay": lambda: ReplayScreen(first),
-        "pick": lambda: PickScreen("Which?", []),
         "hexaslide": LOOKS[0].screen,
         "help": lambda: HelpDialog("words"),
         "choice": lambda: ChoiceDialog("Which?", [("a", "a")]),

@@ -19,9 +19,8 @@ from app.measuring.plan import Plan
 from app.screens.check import CheckScreen
 from app.screens.interface import ChoiceDialog, TextDialog
 from app.screens.measure import MeasureScreen
-from app.screens.motion_dialog import MotionDialog
 from app.screens.prepare import PrepareScreen
-from app.screens.session_view import LegReviewScreen
+from app.screens.session_view import LegReviewScreen, MotionDialog
 from app.screens.start import Glidecal
 from drivers.motion.guard import LEFT
 from drivers.motion.line import DEAD_S, Patience
@@ -250,7 +249,7 @@ async def test_what_befalls_it_is_said_and_answered_before_it_moves(
         await moved.comes(State.HELD, State.FAULT)
         assert not moved.bench.axes.moving
         moves = len(moved.twin.moves)
-        monkeypatch.setattr("app.screens.motion_dialog.DEAD_S", 600.0)  # however slow this runs
+        monkeypatch.setattr("app.screens.session_view.DEAD_S", 600.0)  # however slow this runs
         dialog = await moved.dialog()
         await moved.pilot.press("p", "g", "enter")  # as one who is startled
         await moved.pilot.pause(0.3)
@@ -258,7 +257,7 @@ async def test_what_befalls_it_is_said_and_answered_before_it_moves(
         assert len(moved.twin.moves) == moves
         moved.twin.mend()
         moved.bench.unplugged = False
-        monkeypatch.setattr("app.screens.motion_dialog.DEAD_S", DEAD_S)
+        monkeypatch.setattr("app.screens.session_view.DEAD_S", DEAD_S)
         await moved.pilot.pause(QUIET_S)
         await moved.pilot.press("enter")
         await moved.comes(State.READY)

@@ -29,7 +29,6 @@ from app.evaluating.solution import load_sessions, solve_files
 from app.evaluating.what_if import choices, trial_of
 from app.machines.registry import LOOKS
 from app.measuring.demo import WATCHED, demo_plan
-from app.measuring.recorded import recent_sessions
 from app.report.text.questions import question_choices
 from app.screens.align import AlignScreen
 from app.screens.check import CheckScreen, DryRunScreen
@@ -37,21 +36,19 @@ from app.screens.corrections import Corrections
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.fast_keys import LeftOnce, Palette
 from app.screens.hexaslide import HexaSlideScreen
-from app.screens.hexaslide_result import HexaSlideResultScreen
-from app.screens.hexaslide_what_if import PostureWhatIfScreen
+from app.screens.hexaslide_result import HexaSlideResultScreen, PostureWhatIfScreen
 from app.screens.history import CompareScreen, HistoryScreen
-from app.screens.home import HomeScreen, PickScreen, ReplayChoiceScreen
+from app.screens.home import HomeScreen, ReplayChoiceScreen
 from app.screens.interface import ChoiceDialog, Dialog, HelpDialog, Interface, TextDialog
 from app.screens.measure import MeasureScreen
-from app.screens.motion_dialog import MotionDialog
 from app.screens.paged import PagedScreen
 from app.screens.pages import Message, contrast
 from app.screens.prepare import IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
-from app.screens.session_view import GaugeDisplay, LegReviewScreen, SetUpScreen
+from app.screens.session_view import GaugeDisplay, LegReviewScreen, MotionDialog, SetUpScreen
 from app.screens.start import Glidecal
-from app.screens.what_if import WhatIfScreen
+from app.screens.what_if import SizesScreen, WhatIfScreen
 from drivers.motion.twins import MotionTrouble
 from protocols.hexaslide_measured import measured_in
 from protocols.machine import load_machine
@@ -127,7 +124,6 @@ QUESTION = "Step 4, leg X ZERO:\nalong Y +0.2000 mm where +0.000 ± 0.050 mm is 
 FORM = {"port": "/dev/ttyUSB0", "profile": "mitutoyo-01a", "certificate": "D-K-15123 2025-11"}
 MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     HomeScreen: lambda _: HomeScreen(),
-    PickScreen: lambda folder: PickScreen("Which?", recent_sessions(folder, folder)),
     ReplayChoiceScreen: lambda _: ReplayChoiceScreen([ONE, TWO]),
     PrepareScreen: lambda _: PrepareScreen(),
     IndicatorScreen: lambda _: IndicatorScreen("Second indicator", FORM, {}),
@@ -150,7 +146,7 @@ MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     TextDialog: lambda _: TextDialog("Why? " * 30, "reason", without="step 12 stays the next."),
     HelpDialog: lambda _: HelpDialog("words"),
 }
-PARTS = {Corrections, Dialog, LeftOnce, PagedScreen, Palette}
+PARTS = {Corrections, Dialog, LeftOnce, PagedScreen, Palette, SizesScreen}
 """What screens are made of; the palette is Textual's."""
 
 

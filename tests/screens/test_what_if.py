@@ -16,7 +16,7 @@ from app.evaluating.solution import solve_files
 from app.evaluating.what_if import Trial
 from app.report.text import diagnosis as diagnosis_texts
 from app.report.text import what_if as texts
-from app.report.text.result import ONLY_SHOWN
+from app.report.text.home import ONLY_SHOWN
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.interface import ChoiceDialog, Interface, TextDialog
 from app.screens.plot import ChartPlot

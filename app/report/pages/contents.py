@@ -149,7 +149,7 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
         machine=calibration.machine.name,
         decision=calibration.decision,
         sentences=(
-            bound_sentence(solved.entered, solved.frame),
+            bound_sentence(solved.entered, solved.frame, calibration.tolerance_mm),
             f"{diagnosis.verdict.upper()}. {diagnosis.sentence}",
         ),
         first_page=first_page(calibration),

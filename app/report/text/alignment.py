@@ -7,6 +7,7 @@ from app.report.text.tables import new_table, paragraphs, signed, uncertain
 from calib.arrays import LEG_NAMES
 from calib.tripod.alignment import Shim
 from calib.tripod.effects.effect import AROUND, PAIRS
+from protocols.session import Changed
 
 SQUARE = (
     "Positive: less than a right angle; the first axis, in the order x y z x, lies further along "
@@ -124,6 +125,19 @@ MOVE_QUESTION = (
     "every step is measured again. Move the rails now?"
 )
 MOVE_CHOICES = (("no", "No, not yet"), ("move", "Yes"))
+
+
+NOT_WATCHABLE = "WAIT: the indicator cannot show it. Turn it by the number, then {align.asked}."
+MOVED_SINCE = "WAIT: something was moved since. {align.again} measures; {align.home} pauses."
+
+
+def moved_text(change: Changed) -> str:
+    """After a move that is in the record."""
+    moved = "as asked" if change.moved_mm is None else f"{change.moved_mm:+.3f} mm"
+    return (
+        f"In the record: end at {change.support_mm:.0f} mm of rail {change.rail}, {moved}. "
+        "The next one, or {align.again} measures again."
+    )
 
 
 def adjusted_words(name: str | None) -> str:

@@ -42,7 +42,7 @@ def glance_text(
     change, correction = solved.printer_change, solved.entered
     tolerance_mm = machine.tool_tolerance_mm
     bars = now_and_after(correction.now_mm, correction.bound_mm, tolerance_mm, columns)
-    verdict = [] if before else [bound_sentence(correction, frame)]
+    verdict = [] if before else [bound_sentence(correction, frame, tolerance_mm)]
     if tolerance_mm:
         verdict = [judged_sentence(judge(solved, tolerance_mm), verified=before is not None)]
     if before:

@@ -15,8 +15,8 @@ from calib.control_chart import FEWEST, RULES
 DAYS_A_MONTH = 30.44  # 365.25 / 12
 
 TOO_EARLY = (
-    f"A drift cannot be determined yet: this takes {FEWEST} sessions over a week or longer. Of an "
-    "imported table the day must be stated (import --measured-on)."
+    f"A drift cannot be determined yet: this takes {FEWEST} sessions of one state of the machine "
+    "over a week or longer. Of an imported table the day must be stated (import --measured-on)."
 )
 
 HISTORY_HELP = f"""\

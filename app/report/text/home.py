@@ -31,9 +31,9 @@ Sessions of this folder and of demo-sessions stand below, newest
 first. Choose one of them to see what can be done with it. The command
 palette, Ctrl+P, has themes, keys and a screenshot."""
 
+ONLY_SHOWN = "This program only shows sessions: nothing is written and nothing is measured."
 REPORTS_SERVED = "Reports to read and print: in the browser, /reports behind this address."
 HISTORY_OF = "History of {}"
-READING_HISTORY = "Reading the sessions …"
 REPLAY_QUESTION = f"Which session do you want to see? {LIST_KEYS}."
 HOME_QUESTION = f"What do you want to do? {LIST_KEYS}."
 COMPUTING = "Computing … {home.quit} leaves."
@@ -65,14 +65,10 @@ NO_COMPARISON = (
 )
 NO_SESSIONS = "No session files in this folder or in demo-sessions."
 ELSEWHERE = "A session in another place: type its path"
-PICK_HELP = """\
-The list shows the readings and the state of each session.
-Choose an unreadable file to see the reason.
-The last line takes the path of a session in another folder."""
+WHICH_PATH = "Type the path of a session file."
 REPLAY_CHOICE_HELP = f"""\
 {LIST_KEYS} open a session.
 For a folder: the newest {MOST_LISTED} sessions, and its history."""
-PICK_KEYS = f"{LIST_KEYS}. {{pick.back}} goes back."
 
 
 def session_label(session: SessionFile) -> str:
@@ -261,8 +257,8 @@ indicator doctor examines it."""
 
 DRY_RUN_HELP = """\
 The steps in the order in which they are measured, each with the
-line to type at the controller; at the end what to expect of the
-result. Nothing is opened or written."""
+line to type at the controller; on the second page what to expect of
+the result. Nothing is opened or written."""
 
 PALETTE = (
     ("Theme", "Choose the colours; kept in the settings"),

@@ -9,7 +9,7 @@ from app.measuring.doubts import Doubt, TakenStep
 from app.report.text.session import cycle_words, step_name
 from app.report.text.tables import signed, uncertain
 from calib.errors import sentence
-from protocols.procedure import posture_words
+from protocols.procedure import Step, posture_words
 from protocols.session import Session
 
 
@@ -131,10 +131,50 @@ LEAVE_QUESTION = (
     "Pause this session? Every reading taken is on the disk, and you can continue later."
 )
 LEAVE_CHOICES = (("stay", "No, stay here"), ("home", "Yes, to the home screen"))
+NOT_KEPT = "{dialog.cancel}: not kept."
+WHICH_STEP = "Which step? Nothing changes until you say what to do with it."
+WHAT_TO_SKIP = "What do you want to skip?"
+WHY_SKIP = "Why? The reason stays in the record."
+SKIPPED = "Skipped: {}. {measure.earlier} brings it back."
 RESTORE_QUESTION = "The readings of step {} do not count ({}). Use them all the same?"
 RESTORE_CHOICES = (("no", "No, nothing changes"), ("use", "Yes, use them again"))
+RESTORED = (
+    "Step {} cannot be restored: the stand was moved after it.",
+    "The readings of step {} are used again.",
+)
+"""By whether they are."""
+
 MOVED_QUESTION = "Was the stand moved or touched? If so, readings get a new zero from here on."
 MOVED_CHOICES = (("no", "No, continue as before"), ("moved", "Yes, start a new zero"))
+
+
+def next_again_text(step: Step | None) -> str:
+    """After a repeat of the last step."""
+    again = f"Step {step.number if step else 0} is next again."
+    return f"{again} Its readings stay in the record and are not used."
+
+
+def again_question(step: int, skipped: bool, gone: int) -> str:
+    """Before a step is measured again; with it ``gone`` steps of a stand that has left."""
+    brought = "brought back" if skipped else "measured again"
+    question = f"Why is step {step} {brought}? With a reason it becomes the next step."
+    if gone > 1:
+        question += f" Its stand is gone: {gone} steps are measured, to share one zero."
+    return question
+
+
+def as_before_words(step: Step | None) -> str:
+    """What happens without a reason, ``step`` being the next one."""
+    then = f"step {step.number} stays the next" if step else "the session is done"
+    return f"nothing changes, {then}."
+
+
+def skip_choices(step: Step, steps: list[int]) -> list[tuple[list[int], str]]:
+    """One step, or all of the rest of its leg."""
+    choices = [([step.number], f"Step {step.number} only")]
+    if len(steps) > 1:
+        choices.append((steps, f"The rest of leg {step.leg.upper()}: {len(steps)} steps"))
+    return choices
 
 
 def question_choices(step_taken: TakenStep) -> tuple[tuple[str, str], ...]:

@@ -32,6 +32,7 @@ from app.report.text.correction import (
 from app.report.text.printer import change_parts
 from app.report.text.tables import (
     PAGE_HELP,
+    beside,
     decimals_for,
     difference_words,
     free_words,
@@ -288,12 +289,14 @@ def _source_words(solved: SessionSolution) -> str:
 DECIDED = {"pass": "PASS", "fail": "FAIL", "undecided": "UNDECIDED"}
 
 
-def bound_sentence(correction: SessionCorrection | PrinterChange, frame: Frame) -> str:
+def bound_sentence(
+    correction: SessionCorrection | PrinterChange, frame: Frame, tolerance_mm: float | None
+) -> str:
     """What the tool keeps with the values to enter, and what it keeps now."""
+    now, then = (beside(mm, tolerance_mm) for mm in (correction.now_mm, correction.bound_mm))
     return (
-        f"With these values entered the tool is off by at most {uncertain(correction.bound_mm)} "
-        f"mm r.m.s. over the workspace (95 %), {FRAME_WORDS[frame]}; now by at "
-        f"most {uncertain(correction.now_mm)} mm."
+        f"With these values entered the tool is off by at most {then} mm r.m.s. over the "
+        f"workspace (95 %), {FRAME_WORDS[frame]}; now by at most {now} mm."
     )
 
 
@@ -407,7 +410,6 @@ def result_heading(solved: SessionSolution, path: Path, model: Path | None) -> s
     return f"{path.name}{others_words}   in {path.absolute().parent.name or '/'}{beside}"
 
 
-ONLY_SHOWN = "This program only shows sessions: nothing is written and nothing is measured."
 NO_PLAN = (
     "This session cannot be measured again from here: it is a table, or its ports are those of "
     "another computer."
@@ -471,9 +473,10 @@ def offsets_table(verification: Verification) -> Table:
 def decided(verification: Verification) -> str:
     """The decision in a sentence, with the figure that decides."""
     after = verification.compared.after
+    off = beside(after.correction.now_mm, verification.tolerance_mm)
     figure = (
-        f"the tool is off by at most {uncertain(after.correction.now_mm)} mm r.m.s. over the "
-        f"workspace (95 %), {FRAME_WORDS[after.frame]}"
+        f"the tool is off by at most {off} mm r.m.s. over the workspace (95 %), "
+        f"{FRAME_WORDS[after.frame]}"
     )
     if verification.decision is None or verification.tolerance_mm is None:
         return (

@@ -16,8 +16,10 @@ from app.measuring.session import GuidedSession
 from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, paragraphs, signed
 from calib.arrays import LEG_NAMES
+from calib.errors import sentence
 from calib.printable import counted
 from calib.tripod.geometry import COORDINATES, Geometry
+from drivers.profile import Fault
 from protocols.expectation import Movement
 from protocols.machine import Instrument, Machine
 from protocols.motion import joints_mm, told_mm
@@ -83,6 +85,13 @@ def taken_text(step_taken: TakenStep) -> str:
     waits = step_taken.questioned == step_taken.readings and step_taken.doubt
     state = "WAIT: on the disk, in question" if waits else "Taken and on the disk"
     return f"{state}, step {step_taken.step.number}: {values}"
+
+
+def not_taken_text(faults: Sequence[Fault]) -> str:
+    """Why readings of a step were not taken."""
+    first, *more_faults = (sentence(fault.words) for fault in faults)
+    words = [first, *(more[0].upper() + more[1:] for more in more_faults)]
+    return f"Not taken: {' '.join(words)}"
 
 
 class TakenBy(StrEnum):
@@ -298,6 +307,18 @@ def replay_text(report: ReplayReport) -> str:
         "Averages",
         averages,
     )
+
+
+def step_lines(session: Session, steps: Sequence[Step], now: Step | None) -> list[str]:
+    """A line for each step: + done, - skipped, > now."""
+    geometry, visits = session.opened.machine.geometry(), visits_of(tuple(steps))
+    marks = dict.fromkeys(session.skipped, "-") | dict.fromkeys(session.done(), "+")
+    if now is not None:
+        marks[now.number] = ">"
+    return [
+        f"{marks.get(s.number, ' ')} {s.number:>3} {step_in_list(s, geometry, visits[s.number])}"
+        for s in steps
+    ]
 
 
 def step_in_list(step: Step, geometry: Geometry, visit: str) -> str:

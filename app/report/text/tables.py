@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.quantity import LEAST_MM as LEAST_MM
+from calib.quantity import beside as beside
 from calib.quantity import decimals as decimals
 from calib.quantity import decimals_for as decimals_for
 from calib.quantity import figures as figures

@@ -255,6 +255,12 @@ def test_calibrate_enter_and_verify_as_a_person_would(tmp_path: Path) -> None:
     assert unchanged.status == 6
     assert "one machine file" in " ".join(unchanged.out.split())
     assert verify_sessions(before, after, None).decision is None
+    for wrong in ("0", "-0.1"):
+        stated = f"--tolerance={wrong}"
+        assert "a positive length" in refused(2, "verify", before, after, stated)
+        assert "a positive length" in refused(
+            2, "report", before, stated, "-o", tmp_path / "r.html"
+        )
     assert glidecal("verify", before, after).status == 7
     assert "found klipper" in refused(2, "export", after, "--format", "klipper", "-o", tmp_path)
     assert "--subset" in refused(

@@ -114,8 +114,9 @@ def test_a_jump_is_flagged_where_it_is_and_a_drift_is_dated(folder: Path, index:
     assert not y.drift.shown
     assert machine.due is not None
     last = machine.last
-    left_days = (0.5 - last.bound_after_mm) / x.drift.per_day
-    assert (machine.due - last.began).days == pytest.approx(left_days, rel=0.15)
+    # touched off, 0.24 of a joint offset is left at the tool: tests/calib/test_control_chart.py
+    left_days = (0.5 - last.bound_after_mm) / (0.24 * x.drift.per_day)
+    assert (machine.due - last.began).days == pytest.approx(left_days, rel=0.02)
     figures = control_charts(machine)
     assert [figure.readings.marks for figure in figures] == [(90.0,)] * 3
     (steady, moved) = (figures[k].readings for k in (1, 2))
@@ -163,7 +164,7 @@ def test_a_rebuilt_machine_is_an_event(tmp_path: Path) -> None:
     measured(tmp_path, 0, (0.1, 0.1, 0.1))
     measured(tmp_path, 1, (0.1, 0.1, 0.1), leg_length_mm=311.0)
     machine = orthoglide(tmp_path, tmp_path / "index")
-    assert machine.points[1].event == "machine changed: leg_length_mm"
+    assert machine.points[1].event == "machine file changed: leg_length_mm"
 
 
 def test_machines_of_one_name_are_known_apart_by_their_serial_numbers(tmp_path: Path) -> None:

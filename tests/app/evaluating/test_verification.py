@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -74,6 +75,19 @@ def test_the_tolerance_is_the_machines(tmp_path: Path) -> None:
     assert "Tolerance: 0.0001 mm" in undecided.out
     assert undecided.status == 7
     assert "the verification did not pass: UNDECIDED" in undecided.err
+
+
+def test_the_figure_shown_is_on_the_side_of_the_tolerance_that_was_decided(tmp_path: Path) -> None:
+    """A bound of 0.010608 mm is no 0.011 mm beside a PASS at 0.0107 mm."""
+    pair = session(tmp_path, "a", 1.0, 1), session(tmp_path, "b", 0.0, 2)
+    bound_mm = json.loads(glidecal("verify", *pair, "--json").out)["bound_found_mm"]
+    for factor, status in ((1.0001, 0), (0.9999, 7)):
+        run = glidecal("verify", *pair, "--tolerance", f"{factor * bound_mm:.12f}")
+        assert run.status == status
+        shown = re.search(r"at most (\S+) mm r.m.s.", run.out)
+        assert shown
+        assert (float(shown[1]) <= factor * bound_mm) == (status == 0)
+        assert float(shown[1]) == pytest.approx(bound_mm, rel=0.05)
 
 
 def test_without_a_tolerance_nothing_is_judged_and_a_hidden_effect_is_pointed_at(

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import json
+from itertools import permutations
+from math import asin, sin, tan
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
 
 from tests.app.cli import glidecal, refused
+from tests.conftest import ROOT
+
+MACHINES = ROOT / "protocols" / "machines"
 
 
 def simulated(folder: Path, protocol: str, machine: str = "linear-delta") -> Path:
@@ -55,3 +61,58 @@ def test_one_session_for_a_table_and_of_postures(tmp_path: Path, samples: Path) 
     text = refused(2, "export", *pair, "--format", "xlsx", "-o", tmp_path / "a.xlsx")
     assert "found 2 files. Allowed: one session, for a table" in text
     assert not (tmp_path / "a.xlsx").exists()
+
+
+def imported(folder: Path, name: str, day: str, offset_mm: float) -> Path:
+    """A table of a machine with one joint offset, by the twelve equations of docs/theory.md."""
+    rows, noise = ["leg,axis,displacement_mm,value_mm,cycle"], Random(name)
+    for cycle in (1, 2, 3):
+        for leg, axis in permutations("xyz", 2):
+            for moved_mm in (0.0, 60.0, -100.0):
+                phi = asin(moved_mm / 310.25)
+                on_leg, on_axis = (0.5 + sin(phi)) * tan(phi), sin(phi)
+                read_mm = offset_mm * (on_leg * (leg == "x") + on_axis * (axis == "x"))
+                read_mm += noise.gauss(0.0, 0.003)
+                rows.append(f"{leg},{axis},{moved_mm},{read_mm:.3f},{cycle}")
+    table, session = folder / f"{name}.csv", folder / f"{name}.jsonl"
+    table.write_text("\n".join(rows) + "\n")
+    assert glidecal("import", table, "--measured-on", day, "-o", session).status == 0
+    return session
+
+
+def test_values_are_for_the_session_that_was_measured_last(tmp_path: Path) -> None:
+    """However sessions are named: a machine that drifted is corrected as it is now."""
+    now = imported(tmp_path, "a", "2026-02-01", 0.20)
+    earlier = imported(tmp_path, "b", "2026-01-01", 0.10)
+    for command in ("solve", "diagnose", "plan"):
+        documents = [document(command, *pair, "--json") for pair in permutations((now, earlier))]
+        assert documents[0] == documents[1]
+        if command == "diagnose":  # bars of other lengths would look alike; a switch moves sooner
+            assert documents[0]["verdict"] == "agrees"
+    exported = document("export", now, earlier, "--format", "json", "-o", "-")
+    assert exported["parameters"]["d_rho_x"]["value"] == pytest.approx(0.20, abs=0.02)
+    assert exported["source"] == "b.jsonl, a.jsonl"
+
+
+def test_switches_alone_are_no_other_geometry(tmp_path: Path) -> None:
+    """New endstops of a printer move its limits of travel with them."""
+    geometry = (MACHINES / "linear-delta.toml").read_text()
+    pair = []
+    for number, top_mm in enumerate((240.0, 240.3)):
+        machine, session = tmp_path / f"{number}.toml", tmp_path / f"{number}.jsonl"
+        held = geometry.replace("travel_max_mm = 240.0", f"travel_max_mm = {top_mm}")
+        stops = f"position_endstop_mm = [{top_mm}, {top_mm}, {top_mm}]"
+        machine.write_text(held.replace("\n[[drive]]", f"\n{stops}\n[[drive]]", 1))
+        words = ("--machine", machine, "--seed", str(number), "-o", session)
+        assert glidecal("simulate", *words).status == 0
+        pair.append(session)
+    run = glidecal("compare", *pair)
+    assert run.status == 0, run.err
+    assert "the firmware got other" not in " ".join(run.out.split())
+
+
+def test_sessions_in_the_wrong_order_are_told_by_the_stated_days(tmp_path: Path) -> None:
+    now = imported(tmp_path, "a", "2026-02-01", 0.0)
+    earlier = imported(tmp_path, "b", "2026-01-01", 0.2)
+    assert "is the order right?" in " ".join(glidecal("compare", now, earlier).out.split())
+    assert "is the order right?" not in glidecal("compare", earlier, now).out

@@ -15,6 +15,7 @@ from calib.posterior.correction import correction
 from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior
 from calib.posterior.readings import LENGTHS
+from calib.posterior.tool import mean_square
 from calib.tripod.pipeline import Model, measure
 from tests.calib.posterior.hidden_machines import SWEEP, TOLERANCE_MM, TWO_STATION
 
@@ -25,10 +26,15 @@ HOMED_MM = np.array([0.006, -0.004, 0.005])
 
 
 def read(
-    conditions: Observations, change_mm: FloatArray | float, seed: int, state: Hashable = "as built"
+    conditions: Observations,
+    change_mm: FloatArray | float,
+    seed: int,
+    state: Hashable = "as built",
+    bars_mm: FloatArray | float = 0.0,
 ) -> SessionCase:
-    """What was read with joint offsets that differ by so much ``(3,)``."""
-    parameters = (*(OFFSETS_MM + change_mm).tolist(), *LENGTH_ERRORS_MM)
+    """What was read with joint offsets and bars that differ by so much ``(3,)``."""
+    lengths_mm = np.array(LENGTH_ERRORS_MM) + bars_mm
+    parameters = (*(OFFSETS_MM + change_mm).tolist(), *lengths_mm.tolist())
     machine = Model(parameters_mm=parameters)
     value = measure(machine, conditions, scatter_mm=0.001, resolution_mm=0.0, generator=seed)
     observed = observe(conditions, value)
@@ -91,3 +97,16 @@ def test_sessions_of_other_states_do_not_share(sessions: list[SessionCase]) -> N
         *(change_of(posterior(cases)) for cases in (moved, apart)), strict=True
     ):
         assert np.array_equal(states, none)
+
+
+def test_the_tool_has_the_bars_of_the_last_session() -> None:
+    """A bar was exchanged: the machine as it is now has the new one, whichever came first."""
+    longer = np.array([0.0, 1.0, 0.0])
+    for before, now in ((0.0, longer), (longer, 0.0)):
+        cases = [read(TWO_STATION, 0.0, k, bars_mm=bars) for k, bars in enumerate((before, now))]
+        together = posterior(cases)
+        true_mm = np.zeros(len(together.mean))
+        true_mm[:6] = [*OFFSETS_MM, *(np.array(LENGTH_ERRORS_MM) + now)]
+        metric = together.field.metrics["touched-off"]
+        assert mean_square(metric, together.mean - true_mm) < 0.02**2
+        assert correction(together, "kinematics").off.bound_mm["touched-off"] < 0.05

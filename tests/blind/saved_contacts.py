@@ -77,7 +77,8 @@ class Delta:
                 ("export", session, "--format", "klipper", "-o", out),
             ):
                 status, _, message = run_here(*map(str, words))
-                assert status == 0, message
+                if status:
+                    raise ValueError(message)
             return delta(keys(out.read_text("utf-8"))[""])
 
     def config(self, contacts: FloatArray) -> str:
@@ -147,8 +148,9 @@ def read(text: str) -> tuple[Delta, FloatArray]:
     steps = [v.split(",") for (_, k), v in saved.items() if re.fullmatch(r"height\d+_pos", k)]
     below = np.array(steps, dtype=float) * step_mm
     started = delta(values)
+    started = replace(started, stop_mm=np.full(3, started.stop_mm.mean()))
     zero = float(np.mean([started.height_mm(contact) for contact in below]))
-    return replace(started, stop_mm=np.full(3, started.stop_mm.mean() - zero)), below
+    return replace(started, stop_mm=started.stop_mm - zero), below
 
 
 def main() -> None:
@@ -157,13 +159,13 @@ def main() -> None:
     for path in sorted(Path(sys.argv[1]).rglob("*.cfg")):
         try:
             started, contacts = read(path.read_text("utf-8", "replace"))
+            if contacts.tobytes() in known:
+                continue
+            known.add(contacts.tobytes())
+            totals.append([rms(started.missed_mm(fit, contacts)) for fit in fits])
         except (KeyError, ValueError) as problem:
-            print(f"{path.name}: not read, {problem!r}", file=sys.stderr)
+            print(f"{path.name}: not used, {problem}", file=sys.stderr)
             continue
-        if contacts.tobytes() in known:
-            continue
-        known.add(contacts.tobytes())
-        totals.append([rms(started.missed_mm(fit, contacts)) for fit in fits])
         print(f"| {path.stem} | {' | '.join(f'{mm:.3f}' for mm in totals[-1])} |", flush=True)
     for word, row in (("r.m.s.", rms), ("median", np.median)):
         cells = " | ".join(f"{row(column):.3f}" for column in np.array(totals).T)

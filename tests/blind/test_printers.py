@@ -38,7 +38,8 @@ SEVEN = ((0.0, 0.0), *RINGS[-6:])
 @pytest.mark.parametrize("guessed_mm", first_quick((-5.0, 3.0, 8.0)))
 def test_a_radius_that_was_a_guess(guessed_mm: float, tmp_path: Path) -> None:
     """Seven contacts, no repeats, every other part off as parts are; without the tolerance of the
-    radius the tool stayed as far off as it was."""
+    radius the tool stayed as far off as it was.
+    """
     random = np.random.default_rng([7, 0, int(abs(guessed_mm))])
     parts = any_printer(random)
     parts = replace(parts, out_mm=parts.out_mm + guessed_mm)

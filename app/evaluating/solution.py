@@ -413,6 +413,21 @@ def records_in_order(paths: Sequence[Path]) -> list[Record]:
     return sorted(records, key=lambda r: (measured_at(r.opened), r.opened.at, r.digest))
 
 
+def _refuse_one_table_twice(records: Sequence[Record]) -> None:
+    """A table that was imported twice is one session: its readings would count double."""
+    path_by_table: dict[tuple[object, ...], Path] = {}
+    for record in records:
+        session = record.session
+        table = tuple((r.leg, r.axis, r.posture_mm, r.text, r.mount) for r in session.readings)
+        if session.opened.origin != "imported" or not table:
+            continue
+        former = path_by_table.setdefault(table, record.path)
+        if former != record.path:
+            raise RecordError(
+                f"session {record.path}", f"the readings of {former} again", "each table once"
+            )
+
+
 def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
     """Sessions in the order in which they were measured, the last one tells how the machine is now;
     and warnings: no proper end, times that go back, points off the bars.
@@ -424,6 +439,7 @@ def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
     for number, record in enumerate(records):
         if record.digest in digests[:number]:
             raise RecordError(f"session {record.path}", "the same session twice", "each one once")
+    _refuse_one_table_twice(records)
     warnings = [record.unfinished for record in records if record.unfinished]
     sessions = [record.session for record in records]
     for session in sessions:

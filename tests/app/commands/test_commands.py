@@ -212,6 +212,18 @@ def test_the_same_session_twice(samples: Path, tmp_path: Path) -> None:
     assert "the same session twice" in refused(3, "solve", path, copied)
 
 
+def test_a_table_that_was_imported_twice(samples: Path, tmp_path: Path) -> None:
+    first, again = tmp_path / "first.jsonl", tmp_path / "again.jsonl"
+    for session in (first, again):
+        glidecal(
+            "import",
+            samples / "tables" / f"{EXPERIMENT_2.removesuffix('.jsonl')}.csv",
+            "-o",
+            session,
+        )
+    assert f"the readings of {first} again" in refused(3, "solve", first, again)
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),
     [

@@ -31,7 +31,7 @@ from protocols.machine import load_machine
 from protocols.procedure import load_procedure
 from protocols.record import read_record
 from protocols.session import Reading
-from tests.app.cli import glidecal, refused
+from tests.app.cli import glidecal, refused, run_here
 from tests.conftest import LONG, PATIENCE_S, ROOT, SAMPLES, first_quick, needs_links
 
 BEGAN = datetime(2026, 1, 1, tzinfo=UTC)
@@ -225,8 +225,9 @@ def test_what_is_known_is_not_solved_again(
     assert len(orthoglide(folder, index).points) == 6
 
 
+PRINTER = "printer.jsonl"
 TOLD = {
-    1: {
+    2: {
         "experiment_2_twelve.jsonl": (
             *(-0.52477, 0.53681, -1.65963, 0.72729, 0.72367, 0.72646),
             *(0.66648, 0.3384),
@@ -238,6 +239,10 @@ TOLD = {
         "simulated_plane.jsonl": (
             *(0.83701, -1.26812, 0.3855, 0.01714, 0.01798, 0.01195),
             *(0.40005, 0.07244),
+        ),
+        PRINTER: (
+            *(0.04002, -0.12842, 0.08825, 0.15115, 0.14541, 0.14713),
+            *(0.38504, 0.38196),
         ),
     }
 }
@@ -257,7 +262,11 @@ def test_other_results_have_another_number(tmp_path: Path) -> None:
     """
     expected = TOLD[history.RESULTS]
     for name in expected:
-        shutil.copy(SAMPLES / name, tmp_path)
+        if (SAMPLES / name).is_file():
+            shutil.copy(SAMPLES / name, tmp_path)
+    printer = SAMPLES / "printer"
+    files = (printer / "printer.cfg", printer / "probe.log")
+    assert not run_here("import", *map(str, files), "-o", str(tmp_path / PRINTER))[0]
     machines = read_history(tmp_path, index=tmp_path / "index").machines
     results = {
         str(point.path): told(point.entry) for machine in machines for point in machine.points

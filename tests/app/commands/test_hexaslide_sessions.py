@@ -45,7 +45,7 @@ from protocols.hexaslide_session import (
 )
 from protocols.journal import write_whole
 from tests.app.cli import PROCESSES, glidecal, refused
-from tests.conftest import ROOT
+from tests.conftest import LONG, ROOT
 
 Rows = list[list[str]]
 KILLED_SEED = 6
@@ -328,6 +328,7 @@ def test_good_sessions_are_not_questioned(tmp_path: Path) -> None:
         assert session.superseded == {}
 
 
+@LONG
 @pytest.mark.skipif(sys.platform == "win32", reason="kills as Unix does")
 def test_forty_kills_lose_nothing(tmp_path: Path) -> None:
     """What was told is on the disk, and what is there is what an undisturbed session has."""

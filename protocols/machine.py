@@ -248,8 +248,8 @@ class Machine(Document):
             raise ValueError("rail_mm: the nearer end first, then the other")
         if self.home_offset_mm and self.position_endstop_mm:
             raise ValueError("home_offset_mm and position_endstop_mm: the same switches; state one")
-        if self.radius_tolerance_mm and not (
-            self.across_tolerance_mm and "xr" in self.geometry().across
+        if self.radius_tolerance_mm and (
+            not self.across_tolerance_mm or self.geometry().common_zero
         ):
             raise ValueError(
                 "radius_tolerance_mm: of towers around the middle, beside across_tolerance_mm"

@@ -413,19 +413,18 @@ def records_in_order(paths: Sequence[Path]) -> list[Record]:
     return sorted(records, key=lambda r: (measured_at(r.opened), r.opened.at, r.digest))
 
 
-def _refuse_one_table_twice(records: Sequence[Record]) -> None:
-    """A table that was imported twice is one session: its readings would count double."""
-    path_by_table: dict[tuple[object, ...], Path] = {}
+def _refuse_twice(records: Sequence[Record]) -> None:
+    """One record, or one table that was imported twice: its readings would count double."""
+    path_by_content: dict[object, Path] = {}
     for record in records:
-        session = record.session
-        table = tuple((r.leg, r.axis, r.posture_mm, r.text, r.mount) for r in session.readings)
-        if session.opened.origin != "imported" or not table:
-            continue
-        former = path_by_table.setdefault(table, record.path)
-        if former != record.path:
-            raise RecordError(
-                f"session {record.path}", f"the readings of {former} again", "each table once"
-            )
+        readings = record.session.readings
+        table = tuple((r.leg, r.axis, r.posture_mm, r.text, r.mount) for r in readings)
+        contents: list[tuple[object, str]] = [(record.digest, "the same session twice")]
+        if table and record.session.opened.origin == "imported":
+            contents.append((table, "the same readings twice"))
+        for content, words in contents:
+            if (first := path_by_content.setdefault(content, record.path)) is not record.path:
+                raise RecordError(f"session {record.path}", f"{words}, see {first}", "each once")
 
 
 def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
@@ -435,11 +434,7 @@ def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
     Raises RecordError.
     """
     records = records_in_order(paths)
-    digests = [record.digest for record in records]
-    for number, record in enumerate(records):
-        if record.digest in digests[:number]:
-            raise RecordError(f"session {record.path}", "the same session twice", "each one once")
-    _refuse_one_table_twice(records)
+    _refuse_twice(records)
     warnings = [record.unfinished for record in records if record.unfinished]
     sessions = [record.session for record in records]
     for session in sessions:

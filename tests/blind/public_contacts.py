@@ -77,6 +77,10 @@ class Printer:
         stops = np.array(self.stops_mm)
         return firmware(stops, self.radius_mm, self.angles_deg, self.bar_mm)
 
+    def uncalibrated(self, _contacts: Sequence[FloatArray]) -> Firmware:
+        """Whatever the contacts are."""
+        return self.believed
+
     def six(self, contacts: Sequence[FloatArray]) -> Firmware:
         """Klipper's six factors."""
         return fitted(
@@ -150,7 +154,7 @@ def rms(values: FloatArray) -> float:
 def main() -> None:
     printer = Printer.read(HEIGHTS)
     fits: dict[str, Fit] = {
-        "before": lambda _: printer.believed,
+        "before": printer.uncalibrated,
         "six factors": printer.six,
         "glidecal": printer.ours,
         f"glidecal, across_tolerance_mm = {LOOSE_MM:g}": partial(printer.ours, across_mm=LOOSE_MM),

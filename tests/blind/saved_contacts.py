@@ -3,167 +3,103 @@
 The files are their owners' and not here. FOLDER has a ``printer.cfg`` or more of each printer,
 under any names, with the block that SAVE_CONFIG wrote. Of a file the contacts are read, steps below
 the switches, and the geometry from which its owner began: what SAVE_CONFIG put behind a #. The
-switches are taken at the height at which the contacts are at the plate on average. The peer is
-Klipper's fit of six factors (switches, a radius, two angles). What a fit misses is the height of
-the tool over the plate in the contact that is left out, less the mean of the others. The same
-contacts in several files count once.
+switches are taken at the height at which the contacts are at the plate on average. The same
+contacts in several files count once. Fits and misses are those of `tests.blind.public_contacts`.
 
     python -m tests.blind.saved_contacts FOLDER
 """
 
 from __future__ import annotations
 
+import math
 import re
 import sys
-import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import least_squares
 
-from tests.app.cli import run_here
+from tests.app.exports.test_towers import outward
 from tests.blind.printers import FloatArray
-from tests.blind.public_contacts import rms
+from tests.blind.public_contacts import Fit, Printer, rms
 
 LINE = re.compile(r"(#\*#|#)?\s*(\w+)\s*[:=]\s*([-+.\d]+(?:,[-+.\d]+)*)")
-USUAL_DEG = (210.0, 330.0, 90.0)
 
-
-@dataclass(frozen=True, eq=False)
-class Delta:
-    """What Klipper holds of a printer: heights of switches, bars, radius, angles of towers."""
-
-    stop_mm: FloatArray
-    bar_mm: FloatArray
-    radius_mm: float
-    angle_deg: FloatArray
-
-    def height_mm(self, below_mm: FloatArray) -> float:
-        """Of the tool, with carriages ``(3,)`` below their switches: where three spheres meet."""
-        angle = np.radians(self.angle_deg)
-        top = self.stop_mm + np.sqrt(self.bar_mm**2 - self.radius_mm**2) - below_mm
-        across = self.radius_mm * np.array([np.cos(angle), np.sin(angle)])
-        feet = np.vstack([across, top]).T
-        place = np.array([0.0, 0.0, top.min() - 0.8 * self.bar_mm.max()])
-        for _ in range(30):
-            way = place - feet
-            place = place - np.linalg.solve(2.0 * way, (way**2).sum(axis=1) - self.bar_mm**2)
-        return float(place[2])
-
-    def before(self, _contacts: FloatArray) -> Delta:
-        """Not calibrated."""
-        return self
-
-    def six(self, contacts: FloatArray) -> Delta:
-        """Klipper's fit to contacts ``(n, 3)``."""
-
-        def changed(by: FloatArray) -> Delta:
-            turned = self.angle_deg + np.append(by[4:], 0.0)
-            return Delta(self.stop_mm + by[:3], self.bar_mm, self.radius_mm + by[3], turned)
-
-        def heights(by: FloatArray) -> FloatArray:
-            return np.array([changed(by).height_mm(below) for below in contacts])
-
-        return changed(least_squares(heights, np.zeros(6), x_scale=[1, 1, 1, 1, 0.3, 0.3]).x)
-
-    def glidecal(self, contacts: FloatArray) -> Delta:
-        """From a ``printer.cfg`` through `import` and `export`."""
-        with tempfile.TemporaryDirectory() as name:
-            config, session, out = (Path(name) / f for f in ("printer.cfg", "s.jsonl", "out.cfg"))
-            config.write_text(self.config(contacts), "utf-8")
-            for words in (
-                ("import", config, "-o", session),
-                ("export", session, "--format", "klipper", "-o", out),
-            ):
-                status, _, message = run_here(*map(str, words))
-                if status:
-                    raise ValueError(message)
-            return delta(keys(out.read_text("utf-8"))[""])
-
-    def config(self, contacts: FloatArray) -> str:
-        """As Klipper has it, a step of 1 µm."""
-        lines = [f"[printer]\nkinematics: delta\ndelta_radius: {self.radius_mm}\n[delta_calibrate]"]
-        for number, below in enumerate(contacts):
-            steps = ",".join(f"{1000.0 * mm:.3f}" for mm in below)
-            lines += [f"height{number}: 0.0", f"height{number}_pos: {steps}"]
-        towers = zip("abc", self.stop_mm, self.bar_mm, self.angle_deg, strict=True)
-        lines += [
-            f"[stepper_{tower}]\nfull_steps_per_rotation: 200\nmicrosteps: 16\n"
-            f"rotation_distance: 3.2\nposition_endstop: {stop:.6f}\narm_length: {bar:.6f}\n"
-            f"angle: {angle:.6f}"
-            for tower, stop, bar, angle in towers
-        ]
-        return "\n".join(lines) + "\n"
-
-    def missed_mm(self, fit: str, contacts: FloatArray) -> FloatArray:
-        """Of each contact ``(n,)``, by a fit of the others."""
-        missed = []
-        for number, contact in enumerate(contacts):
-            others = np.delete(contacts, number, axis=0)
-            fitted: Delta = getattr(self, fit)(others)
-            zero = np.mean([fitted.height_mm(below) for below in others])
-            missed.append(fitted.height_mm(contact) - zero)
-        return np.array(missed)
-
+USUAL_DEG = {"a": 210.0, "b": 330.0, "c": 90.0}
 
 Keys = dict[tuple[str, str], str]
 
 
-def keys(text: str) -> dict[str, Keys]:
-    """Numbers of a file by section and key: those in force, behind # and in the saved block."""
-    kinds: dict[str, Keys] = {"": {}, "#": {}, "#*#": {}}
-    section = ""
-    for line in text.splitlines():
-        header = re.match(r"(?:#\*#)?\s*\[(.+?)\]", line)
-        section = header[1] if header else section
-        if match := LINE.match(line):
-            kinds[match[1] or ""].setdefault((section, match[2]), match[3])
-    return kinds
+@dataclass(frozen=True)
+class SavedFile:
+    """Numbers by section and key: in front of the saved block, also behind #, and in it."""
+
+    begun: Keys
+    saved: Keys
+
+    @classmethod
+    def read(cls, text: str) -> SavedFile:
+        """Of a file's text."""
+        kinds: dict[str, Keys] = {"": {}, "#": {}, "#*#": {}}
+        section = ""
+        for line in text.splitlines():
+            header = re.match(r"(?:#\*#)?\s*\[(.+?)\]", line)
+            section = header[1] if header else section
+            if match := LINE.match(line):
+                kinds[match[1] or ""].setdefault((section, match[2]), match[3])
+        return cls(kinds["#"] | kinds[""], kinds["#*#"])
+
+    def of_towers(self, key: str, usual: float | None = None) -> FloatArray:
+        """A key of every tower ``(3,)``; Klipper takes that of the first where one has none."""
+        spare = self.begun["stepper_a", key] if usual is None else usual
+        values = [self.begun.get((f"stepper_{tower}", key), spare) for tower in USUAL_DEG]
+        return np.array(values, float)
+
+    def printer(self) -> Printer:
+        """Raises KeyError where it is no delta with saved contacts, ValueError for unlike bars."""
+        (bar_mm,) = set(self.of_towers("arm_length").tolist())
+        radius_mm = float(self.begun["printer", "delta_radius"])
+        angles = np.array(
+            [self.begun.get((f"stepper_{t}", "angle"), usual) for t, usual in USUAL_DEG.items()],
+            float,
+        )
+        turn = self.of_towers("full_steps_per_rotation", 200.0) * self.of_towers("microsteps")
+        texts = [v for (_, key), v in self.saved.items() if re.fullmatch(r"height\d+_pos", key)]
+        steps = np.array([text.split(",") for text in texts], float)
+        below_mm = steps * self.of_towers("rotation_distance") / turn
+        stop_mm = float(self.of_towers("position_endstop").mean())
+        trip_mm = stop_mm + math.sqrt(bar_mm**2 - radius_mm**2)
+        feet_mm = radius_mm * outward(angles)
+        places = np.array([met(feet_mm, trip_mm - each_mm, bar_mm) for each_mm in below_mm])
+        zero_mm = float(places[:, 2].mean())
+        level = tuple(places - [0.0, 0.0, zero_mm])
+        return Printer((stop_mm - zero_mm,) * 3, radius_mm, angles, bar_mm, level)
 
 
-def of_towers(values: Keys, key: str, usual: tuple[float, ...] | None = None) -> FloatArray:
-    """A key of every tower ``(3,)``; Klipper takes that of the first where one has none."""
-    own = [values.get((f"stepper_{tower}", key)) for tower in "abc"]
-    spare = usual or (float(values["stepper_a", key]),) * 3
-    return np.array([float(a) if a else b for a, b in zip(own, spare, strict=True)])
-
-
-def delta(values: Keys) -> Delta:
-    """Of these numbers; raises KeyError where a delta has not all of them."""
-    return Delta(
-        of_towers(values, "position_endstop"),
-        of_towers(values, "arm_length"),
-        float(values["printer", "delta_radius"]),
-        of_towers(values, "angle", USUAL_DEG),
-    )
-
-
-def read(text: str) -> tuple[Delta, FloatArray]:
-    """Where the owner began, and contacts ``(n, 3)``, mm below the switches."""
-    kinds = keys(text)
-    saved, values = kinds["#*#"], kinds["#*#"] | kinds["#"] | kinds[""]
-    turn = of_towers(values, "full_steps_per_rotation", (200.0,) * 3)
-    step_mm = of_towers(values, "rotation_distance") / turn / of_towers(values, "microsteps")
-    steps = [v.split(",") for (_, k), v in saved.items() if re.fullmatch(r"height\d+_pos", k)]
-    below = np.array(steps, dtype=float) * step_mm
-    started = delta(values)
-    started = replace(started, stop_mm=np.full(3, started.stop_mm.mean()))
-    zero = float(np.mean([started.height_mm(contact) for contact in below]))
-    return replace(started, stop_mm=started.stop_mm - zero), below
+def met(feet_mm: FloatArray, carriage_mm: FloatArray, bar_mm: float) -> FloatArray:
+    """Where the tool is below carriages at these heights ``(3,)``: where three spheres meet."""
+    joints = np.column_stack([feet_mm, carriage_mm])
+    place = np.array([0.0, 0.0, carriage_mm.min() - 0.8 * bar_mm])
+    for _ in range(30):
+        way = place - joints
+        place = place - np.linalg.solve(2.0 * way, (way**2).sum(axis=1) - bar_mm**2)
+    return place
 
 
 def main() -> None:
-    fits, totals, known = ("before", "six", "glidecal"), [], set()
-    print(f"| file | {' | '.join(fits)} |")
+    totals: list[list[float]] = []
+    known: set[bytes] = set()
+    print("| file | uncalibrated | six factors | glidecal |")
     for path in sorted(Path(sys.argv[1]).rglob("*.cfg")):
         try:
-            started, contacts = read(path.read_text("utf-8", "replace"))
-            if contacts.tobytes() in known:
+            printer = SavedFile.read(path.read_text("utf-8", "replace")).printer()
+            contacts = np.array(printer.contacts).tobytes()
+            if contacts in known:
                 continue
-            known.add(contacts.tobytes())
-            totals.append([rms(started.missed_mm(fit, contacts)) for fit in fits])
-        except (KeyError, ValueError) as problem:
+            known.add(contacts)
+            fits: tuple[Fit, ...] = (printer.uncalibrated, printer.six, printer.ours)
+            totals.append([rms(printer.missed_mm(fit)) for fit in fits])
+        except (AssertionError, KeyError, ValueError) as problem:  # another kind, or refused
             print(f"{path.name}: not used, {problem}", file=sys.stderr)
             continue
         print(f"| {path.stem} | {' | '.join(f'{mm:.3f}' for mm in totals[-1])} |", flush=True)

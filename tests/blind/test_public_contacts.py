@@ -31,7 +31,7 @@ def figure_mm(words: str) -> float:
 
 def test_a_left_out_height_by_six_factors(printer: Printer) -> None:
     assert len(printer.contacts) == 10
-    assert rms(printer.missed_mm(lambda _: printer.believed)) == pytest.approx(
+    assert rms(printer.missed_mm(printer.uncalibrated)) == pytest.approx(
         figure_mm("uncalibrated firmware misses it"), abs=ROUNDED_MM
     )
     assert rms(printer.missed_mm(printer.six)) == pytest.approx(

@@ -221,7 +221,7 @@ def test_a_table_that_was_imported_twice(samples: Path, tmp_path: Path) -> None:
             "-o",
             session,
         )
-    assert f"the readings of {first} again" in refused(3, "solve", first, again)
+    assert f"the same readings twice, see {first}" in refused(3, "solve", first, again)
 
 
 @pytest.mark.parametrize(

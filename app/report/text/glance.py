@@ -63,15 +63,17 @@ def glance_text(
 def _cautions(solved: SessionSolution) -> Iterator[str]:
     """A short line each; the pages behind say more."""
     yield from sole_mistake_words(solved)
-    if solved.lacks_something or solved.suspects:
+    if solved.lacks_something:
         yield "WARNING: something is missing from the model. The bound allows for it."
+    elif solved.suspects:
+        yield "WARNING: a reading does not fit its repeats. Details name it."
 
 
 def next_text(
     solved: SessionSolution, done: Collection[Done], *, exports: bool, measures: bool
 ) -> str:
     """What to do next with this result; nothing where nothing can be done from here."""
-    if (solved.lacks_something or solved.suspects) and not done:
+    if solved.lacks_something and not done:
         return "Next: {result.diagnose} looks for what is missing from the model."
     if not exports:
         return ""

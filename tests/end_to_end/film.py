@@ -36,7 +36,7 @@ INI = "[TRAJ]\nLINEAR_UNITS = mm\n" + "".join(
 )
 
 
-NOTHING_NAMED = ("AGREES. The model explains the readings", "CANNOT TELL. These readings")
+NOTHING_NAMED = ("AGREES. The model explains the readings", "CANNOT-TELL. These readings")
 """A sound machine; the scatter of the demonstration is another each time."""
 
 

@@ -16,7 +16,7 @@ from pydantic_core import ErrorDetails
 
 from calib.errors import RecordError
 from calib.printable import printable
-from protocols.files import open_to_read, reason_of
+from protocols.files import open_to_read, unreadable
 
 Name = Annotated[str, AfterValidator(printable)]
 """One line: line breaks and other hidden characters are shown, nothing is obeyed."""
@@ -160,12 +160,6 @@ def read_bytes(path: Path, what: str, most_bytes: int = MOST_BYTES) -> bytes:
         size, requirement = f"more than {most_bytes:,} bytes", f"a file up to {most_bytes:,} bytes"
         raise RecordError(f"{what} {path}", size, requirement)
     return content
-
-
-def unreadable(subject: str, problem: OSError) -> RecordError:
-    """The error for a file that the system does not give."""
-    next_step = "Name a file that exists and that you may read"
-    return RecordError(subject, next_step=next_step, reason=reason_of(problem))
 
 
 def describe(problem: ValidationError, text: str | None = None) -> str:

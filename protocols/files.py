@@ -38,6 +38,12 @@ def reason_of(problem: OSError) -> str:
     return problem.strerror or str(problem)
 
 
+def unreadable(subject: str, problem: OSError) -> RecordError:
+    """The error for a file that the system does not give."""
+    next_step = "Name a file that exists and that you may read"
+    return RecordError(subject, next_step=next_step, reason=reason_of(problem))
+
+
 def open_to_write(path: Path, mode: Literal["x+b", "r+b"]) -> io.FileIO:
     """A new file, or one that is there: regular and no link. Raises OSError."""
     link_stat = None

@@ -14,7 +14,6 @@ from pydantic_core import PydanticSerializationError
 
 from calib.errors import RecordError
 from protocols import files
-from protocols.documents import unreadable
 from protocols.record import (
     SESSION_FORM,
     RecordForm,
@@ -72,7 +71,7 @@ class Journal:
             with _writing(path, PermissionError):
                 file = files.open_to_write(path, "r+b")
         except OSError as problem:
-            raise unreadable(f"session {path}", problem) from problem
+            raise files.unreadable(f"session {path}", problem) from problem
         try:
             with _writing(path):
                 _lock(path, file)

@@ -27,10 +27,9 @@ from protocols.documents import (
     LengthMm,
     Name,
     read_json,
-    unreadable,
 )
 from protocols.effect_entries import EffectEntry, HistoryEntry, ParameterEntry, Provenance
-from protocols.files import open_to_read
+from protocols.files import open_to_read, unreadable
 from protocols.machine import Machine
 
 OF_MODELS: tuple[Effect, ...] = (AxisLean(), StraightnessOfFourthOrder())

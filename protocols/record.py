@@ -21,8 +21,8 @@ from typing import Any, Literal, Protocol
 from pydantic import TypeAdapter, ValidationError
 
 from calib.errors import RecordError
-from protocols.documents import describe, unreadable
-from protocols.files import open_to_read
+from protocols.documents import describe
+from protocols.files import open_to_read, unreadable
 from protocols.procedure import Step
 from protocols.session import (
     EVENT,

@@ -57,7 +57,7 @@ OF_INDICATORS = (
 def diagnose(
     context: typer.Context,
     sessions: Annotated[list[Path] | None, argument("Session files.")] = None,
-    model: Annotated[Path | None, file("Model with established effects.")] = None,
+    model: Annotated[Path | None, file("Model with established effects.", to_read=True)] = None,
     adopt: Annotated[Path | None, file("Write the model with the named effects added.")] = None,
     candidate: Annotated[
         str | None,

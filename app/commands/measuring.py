@@ -56,7 +56,9 @@ if TYPE_CHECKING:  # heavy: imported where used
 WITHOUT_A_SCREEN = "--headless with --simulated or --motion"
 
 SessionFile = Annotated[Path | None, file("Session file.", "--output", "-o")]
-Resume = Annotated[Path | None, file("Continue an interrupted session.", "--continue")]
+Resume = Annotated[
+    Path | None, file("Continue an interrupted session.", "--continue", to_read=True)
+]
 
 
 @with_options_of_machines

@@ -15,6 +15,7 @@ from app.machines.options import (
     PostureSearch,
     Question,
     ScreenAnswer,
+    argument,
     file,
     finite_place,
     machine_file_of,
@@ -35,7 +36,7 @@ from app.machines.registry import (
 )
 
 MachineName = Annotated[str, typer.Argument(help=LISTED, show_default=False)]
-MachineFile = Annotated[Path | None, file("Machine file (TOML).")]
+MachineFile = Annotated[Path | None, file("Machine file (TOML).", to_read=True)]
 
 
 @with_options_of_machines
@@ -114,10 +115,8 @@ def postures(
 @with_options_of_machines
 def plan(
     context: typer.Context,
-    sessions: Annotated[
-        list[Path] | None, typer.Argument(help="Sessions already measured.", readable=False)
-    ] = None,
-    session: Annotated[list[Path] | None, file("The same as an option.")] = None,
+    sessions: Annotated[list[Path] | None, argument("Sessions already measured.")] = None,
+    session: Annotated[list[Path] | None, file("The same as an option.", to_read=True)] = None,
     machine: Machine = None,
     as_json: AsJson = False,
     **own: Any,  # noqa: ANN401 (as above)

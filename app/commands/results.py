@@ -133,7 +133,7 @@ def export(
     context: typer.Context,
     sources: Annotated[
         list[Path],
-        typer.Argument(help="Sessions of one machine, or a model file.", show_default=False),
+        argument("Sessions of one machine, or a model file."),
     ],
     output: Output,
     format_name: Annotated[
@@ -174,7 +174,7 @@ def export(
     ] = None,
     method: Method = "exact",
     model: Annotated[
-        Path | None, file("Of a session: fit the sizes of this model's effects, too.")
+        Path | None, file("Of a session: fit the sizes of this model's effects, too.", to_read=True)
     ] = None,
     home_offset: Annotated[
         str | None,
@@ -377,11 +377,13 @@ def report(
     context: typer.Context,
     sessions: Sessions,
     output: Output,
-    model: Annotated[Path | None, file("Model with effects; their sizes are fitted, too.")] = None,
-    after: Annotated[Path | None, file("Session with the offsets entered.")] = None,
+    model: Annotated[
+        Path | None, file("Model with effects; their sizes are fitted, too.", to_read=True)
+    ] = None,
+    after: Annotated[Path | None, file("Session with the offsets entered.", to_read=True)] = None,
     tolerance: Tolerance = None,
     certificate: Annotated[
-        Path | None, file("Number, customer and place (TOML): a certificate.")
+        Path | None, file("Number, customer and place (TOML): a certificate.", to_read=True)
     ] = None,
     sign: Annotated[
         Path | None, file("Of a certificate as .xml: key and certificate, PEM or PKCS#12.")

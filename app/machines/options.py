@@ -15,6 +15,7 @@ import typer
 from typer.models import ArgumentInfo, OptionInfo
 
 from calib.errors import UsageError
+from protocols.files import unreadable
 from protocols.machine_files import USUAL_MACHINE, machine_names
 
 if TYPE_CHECKING:  # heavy: imported where used
@@ -54,17 +55,39 @@ def number(help_text: str, least: float | None = None, most: float | None = None
     return option
 
 
-def file(help_text: str, *names: str, default: str | bool = True) -> OptionInfo:
+def file(
+    help_text: str, *names: str, default: str | bool = True, to_read: bool = False
+) -> OptionInfo:
     """An option for a file; ``default`` as in typer's ``show_default``."""
     # readable=False: our own message and exit status for a file without permission
-    option: OptionInfo = typer.Option(*names, help=help_text, show_default=default, readable=False)
+    option: OptionInfo = typer.Option(
+        *names,
+        help=help_text,
+        show_default=default,
+        readable=False,
+        callback=_there if to_read else None,
+    )
     return option
 
 
 def argument(help_text: str) -> ArgumentInfo:
-    """A file, or several, without an option's name."""
-    information: ArgumentInfo = typer.Argument(help=help_text, show_default=False, readable=False)
+    """A file to read, or several, without an option's name; one that is not there ends at once."""
+    information: ArgumentInfo = typer.Argument(
+        help=help_text, show_default=False, readable=False, callback=_there
+    )
     return information
+
+
+def _there(paths: Path | list[Path] | None) -> Path | list[Path] | None:
+    """Before anything heavy is imported. Raises RecordError."""
+    for path in paths if isinstance(paths, list) else [paths] if paths else []:
+        try:
+            path.stat()
+        except FileNotFoundError as problem:
+            raise unreadable(f"file {path}", problem) from problem
+        except (OSError, ValueError):
+            pass  # whoever reads it says why that is impossible
+    return paths
 
 
 def machine_option(help_text: str) -> OptionInfo:

@@ -146,7 +146,7 @@ class SimulateOptions:
     """Of ``simulate``."""
 
     protocol: Protocol = None
-    model: Annotated[Path | None, file("Model file (JSON).")] = None
+    model: Annotated[Path | None, file("Model file (JSON).", to_read=True)] = None
     scatter: Annotated[float, figure("Scatter of a re-approach, mm.")] = SCATTER_MM
     resolution: Annotated[float, figure("Step of the display, mm; 0: none.")] = RESOLUTION_MM
     effect: Annotated[
@@ -266,7 +266,7 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
 class PlanOptions:
     """Of ``plan``."""
 
-    model: Annotated[Path | None, file("Model file (JSON).")] = None
+    model: Annotated[Path | None, file("Model file (JSON).", to_read=True)] = None
     noise: Noise = None
     mounting_seconds: MountingSeconds = 120.0
     frame: FrameName = None

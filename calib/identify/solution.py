@@ -244,13 +244,18 @@ class Solution:
         return self.coverage_factors * self.uncertainty_mm
 
     @property
+    def correlation(self) -> FloatArray | None:
+        """Correlation coefficients ``(k, k)`` of the parameters; None where one is exact."""
+        u = self.uncertainty_mm
+        return self.covariance_mm2 / np.outer(u, u) if u.all() else None
+
+    @property
     def strongest_correlation(self) -> tuple[float, str, str] | None:
         """That of the two parameters known least independently; None where there are no two."""
-        u = self.uncertainty_mm
-        if len(u) < 2 or not u.all():
+        if self.correlation is None or len(self.names) < 2:
             return None
-        first, second = np.triu_indices(len(u), 1)
-        pairs = (self.covariance_mm2 / np.outer(u, u))[first, second]
+        first, second = np.triu_indices(len(self.names), 1)
+        pairs = self.correlation[first, second]
         at = largest(np.abs(pairs))
         return float(pairs[at]), self.names[first[at]], self.names[second[at]]
 

@@ -49,6 +49,44 @@ def test_a_room_pulls_in_nothing_it_must_not_know(room: str, unknown: set[str]) 
 
 
 @pytest.mark.parametrize(
+    "arguments",
+    [
+        *(
+            [verb, "no.jsonl"]
+            for verb in ("solve", "diagnose", "validate", "plan", "align", "model")
+        ),
+        ["verify", "no.jsonl", "neither.jsonl"],
+        ["compare", "no.jsonl", "neither.jsonl"],
+        ["import", "no.csv", "-o", "new.jsonl"],
+        ["export", "no.jsonl", "--format", "json", "-o", "new.json"],
+        ["report", "no.jsonl", "-o", "new.html"],
+        ["history", "no.jsonl"],
+        ["run", "--continue", "no.jsonl"],
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_a_file_that_is_not_there_is_named_before_anything_heavy_is_loaded(
+    arguments: list[str],
+) -> None:
+    script = f"""
+import sys
+from app.cli import main
+sys.argv = ["glidecal", *{arguments!r}]
+try:
+    main()
+except SystemExit as end:
+    print(end.code, *{{"numpy", "scipy", "textual"}} & {{*sys.modules}})
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=600
+    )
+    assert done.stdout.split() == ["3"]
+    assert (
+        f"file {arguments[-1] if arguments[0] == 'run' else arguments[1]}: No such" in done.stderr
+    )
+
+
+@pytest.mark.parametrize(
     ("other_machine", "arguments"),
     [
         ("hexaslide", ["solve", "sample_sessions/experiment_1_six.jsonl", "--json"]),

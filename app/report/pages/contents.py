@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from app.report.charts.results import (
 from app.report.charts.tripod import drawn_set_up
 from app.report.pages.figures import (
     bars_svg,
+    correlations_svg,
     drawings_svg,
     evidence_svg,
     legs_svg,
@@ -71,6 +72,7 @@ from app.version import program
 from calib.arrays import LEG_NAMES
 from calib.diagnosis.results import Diagnosis
 from calib.diagnosis.vectors import vector_maps
+from calib.identify.solution import Solution
 from calib.printable import printable
 from protocols.machine import Machine
 from protocols.model_file import read_model_file
@@ -308,9 +310,20 @@ def _view(solved: SessionSolution) -> Section:
             parameter_table(solution),
             *([size_table(solution)] if solution.sizes else []),
             subset_table(solved),
+            *_correlations(solution),
             Picture(maps_svg(solved.tool_maps), caption),
         ],
     )
+
+
+def _correlations(solution: Solution) -> Iterator[Picture]:
+    """How much one parameter could stand for another, where there are two."""
+    if solution.correlation is not None and len(solution.names) > 1:
+        caption = (
+            "Correlations of the parameters. Near 1 or −1 the readings show only the difference "
+            "or the sum of the two."
+        )
+        yield Picture(correlations_svg(solution.names, solution.correlation), caption)
 
 
 def _budget(solved: SessionSolution) -> Section:

@@ -23,6 +23,7 @@ from matplotlib.transforms import Affine2D
 from app.evaluating.solution import BudgetShare
 from app.report.charts.charts import NOISE, Chart, Drawing, Series, StrokeStyle, thinned
 from app.report.charts.legs import DOWN, FIRST, OTHER, UP, LegFigure
+from calib.arrays import FloatArray
 from calib.diagnosis.results import SEEN
 from calib.diagnosis.vectors import VectorMap
 from calib.tripod.workspace import PlaneMap
@@ -345,6 +346,24 @@ def maps_svg(maps: Sequence[PlaneMap]) -> str:
                     axes.text(across_mm, up_mm, value_words, ha="center", va="center", size=6)
             axes.grid(visible=False)
             axes.set(xlabel=f"{plane.across}, mm", ylabel=f"{plane.up}, mm", aspect="equal")
+    return out.getvalue()
+
+
+def correlations_svg(names: Sequence[str], correlation: FloatArray) -> str:
+    """Correlation coefficients ``(k, k)`` of named parameters, as colour and digits."""
+    places = range(len(names))
+    height_in = BOTTOM_IN + ROW_IN * len(names)
+    with _figure(WIDTH_IN, height_in, left_in=1.2, top_in=0.06) as ((axes,), out):
+        coefficients = correlation.tolist()
+        axes.pcolormesh(coefficients, cmap="RdBu_r", vmin=-DARKEST, vmax=DARKEST)
+        for row in places:
+            for column in places:
+                words = "1" if row == column else f"{coefficients[row][column]:+.2f}"
+                axes.text(column + 0.5, row + 0.5, words, ha="center", va="center", size=6)
+        axes.set_xticks([place + 0.5 for place in places], names, size=6)
+        axes.set_yticks([place + 0.5 for place in places], names)
+        axes.invert_yaxis()
+        axes.grid(visible=False)
     return out.getvalue()
 
 

@@ -306,7 +306,7 @@ ORTHOGLIDE = ("postures", "orthoglide", "--procedure", "sweep")
         (2, (*ORTHOGLIDE, "--count", "4"), "--count: found 4. Allowed: 5, the fewest"),
         (3, ("plan", "--session", "no.jsonl"), "no.jsonl"),
         (3, ("plan", "--machine", "no.toml"), "no.toml"),
-        (2, ("plan", "--machine", "a.toml", "--model", "b.json"), "both"),
+        (2, ("plan", "--machine", "a.toml", "--model", "."), "both"),
     ],
 )
 def test_wrong_use_is_one_paragraph(

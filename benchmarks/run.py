@@ -133,6 +133,9 @@ def processes() -> list[str]:
     python = seconds(lambda: run("-c", "pass"))
     rows = {
         "glidecal --help": seconds(lambda: run("-m", "app", "--help")),
+        "glidecal solve, a file that is not there": seconds(
+            lambda: run("-m", "app", "solve", "no.jsonl", status=3)
+        ),
         "glidecal solve, a sample": seconds(lambda: run("-m", "app", "solve", str(SAMPLE))),
         "glidecal demo --headless": seconds(demo, 3),
     }
@@ -174,9 +177,10 @@ def histories() -> list[str]:
     ]
 
 
-def run(*arguments: str) -> None:
-    """One Python process; its output is thrown away."""
-    subprocess.run([sys.executable, *arguments], capture_output=True, check=True, cwd=ROOT)
+def run(*arguments: str, status: int = 0) -> None:
+    """One Python process that ends so; its output is thrown away."""
+    done = subprocess.run([sys.executable, *arguments], capture_output=True, check=False, cwd=ROOT)
+    assert done.returncode == status, done.stderr.decode()
 
 
 def demo() -> None:

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from tokenize import COMMENT, DEDENT, ENCODING, ENDMARKER, INDENT, NEWLINE, NL, tokenize
 
 import grimp
 import numpy as np
@@ -14,6 +21,48 @@ ROOT = Path(__file__).parents[1]
 ROOMS = ("app", "calib", "drivers", "protocols")
 FLAT = {"__init__", "__main__", "cli", "exit_codes", "settings", "version"}
 """What may stand in `app` outside a room."""
+
+
+WORDS = (
+    "found one said told held own known asked shown given other left rest it them taken wanted "
+    "made seen kept every some both each more most whole these those that this others another same"
+)
+NO_NOUNS = frozenset(WORDS.split())
+"""Participles and pronouns, which say nothing of what a value is."""
+
+SESSION = ROOT / "sample_sessions" / "simulated_two-station.jsonl"
+
+ENTERED = """
+import sys
+from pathlib import Path
+
+rooms = tuple(str(Path({root!r}, room)) for room in {rooms!r})
+codes, deep, deepest = set(), 0, 0
+
+def note(frame, event, _):
+    global deep, deepest
+    code = frame.f_code
+    if not code.co_filename.startswith(rooms) or code.co_name.startswith("<"):
+        return
+    if not code.co_flags & 1:  # a module or the body of a class
+        return
+    if event == "call":
+        codes.add(code)
+        deep += 1
+        deepest = max(deepest, deep)
+    elif event == "return":
+        deep -= 1
+
+from app.cli import main
+sys.argv = ["glidecal", *{arguments!r}]
+sys.setprofile(note)
+try:
+    main()
+except SystemExit:
+    pass
+sys.setprofile(None)
+print(len(codes), deepest, file=sys.stderr)
+"""
 
 
 @dataclass(frozen=True)
@@ -80,13 +129,79 @@ def _lines() -> dict[str, int]:
     return lines | details
 
 
+def names_of(tree: ast.AST) -> Iterator[str]:
+    """Names of values and arguments, where they are given a value."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id.strip("_")
+        elif isinstance(node, ast.arg):
+            yield node.arg.strip("_")
+
+
+def code_lines(text: str) -> int:
+    """Lines without blank ones, comments and docstrings."""
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    of_words: set[int] = set()
+    for node in ast.walk(ast.parse(text)):
+        for statement in node.body if isinstance(node, documented) else ():
+            if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
+                of_words.update(range(statement.lineno, (statement.end_lineno or 0) + 1))
+    none = {COMMENT, DEDENT, ENCODING, ENDMARKER, INDENT, NEWLINE, NL}
+    tokens = tokenize(BytesIO(text.encode()).readline)
+    lines = {
+        line
+        for token in tokens
+        if token.type not in none
+        for line in range(token.start[0], token.end[0] + 1)
+    }
+    return len(lines - of_words)
+
+
+def core_modules() -> frozenset[str]:
+    """What measure, solve, diagnose and export of tripods import: the contract's, and all below."""
+    graph = grimp.build_graph(*ROOMS, cache_dir=None)
+    first = ("app.evaluating.diagnosis", "app.measuring.session", "app.exports")
+    return frozenset(first) | {m for name in first for m in graph.find_upstream_modules(name)}
+
+
+def entered(*arguments: str) -> tuple[int, int]:
+    """Functions of the rooms that a command enters, and how deep."""
+    script = ENTERED.format(root=str(ROOT), rooms=ROOMS, arguments=arguments)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    functions, deepest = done.stderr.splitlines()[-1].split()
+    return int(functions), int(deepest)
+
+
 def _python_files() -> list[Path]:
     return [path for room in ROOMS for path in (ROOT / room).rglob("*.py")]
 
 
+def _module(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def _share(names: list[str]) -> float:
+    return sum(name in NO_NOUNS for name in names) / len(names)
+
+
 def table(result: Structure) -> str:
     """The figures as a table in Markdown."""
+    with TemporaryDirectory() as folder:
+        to_json = ("--format", "json", "-o", f"{folder}/offsets.json")
+        export = entered("export", str(SESSION), *to_json)
+        diagnose = entered("diagnose", str(SESSION))
+    texts = {path: path.read_text(encoding="utf-8") for path in _python_files()}
+    names = [name for text in texts.values() for name in names_of(ast.parse(text))]
+    core = core_modules()
+    of_core = {path: text for path, text in texts.items() if _module(path) in core}
     rows = [
+        ("names that are participles or pronouns", f"{_share(names):.1%}"),
+        ("functions that `export` enters, and how deep", "{}, {}".format(*export)),
+        ("functions that `diagnose` enters, and how deep", "{}, {}".format(*diagnose)),
+        ("lines of code", f"{sum(map(code_lines, texts.values())):,}"),
+        ("– of the core", f"{sum(map(code_lines, of_core.values())):,}"),
         ("modules", f"{result.modules}"),
         ("imports a module", f"{result.imports_a_module:.2f}"),
         ("largest import cycle, modules", f"{max(len(result.largest_cycle), 1)}"),

@@ -4,29 +4,14 @@ from __future__ import annotations
 
 import ast
 from collections import Counter
-from collections.abc import Iterator
 
+from benchmarks.structure import NO_NOUNS, names_of
 from tests.conftest import ROOT
 
 ROOMS = ("app", "calib", "drivers", "protocols", "glidecal", "tests", "benchmarks", "studies")
 
-LIST = (
-    "found one said told held own known asked shown given other left rest it them taken wanted "
-    "made seen kept every some both each more most whole these those that this others another same"
-)
-NO_NOUNS = frozenset(LIST.split())
-"""Participles and pronouns, which say nothing of what a value is."""
-
 MOST = 0.01
 """Of all names of values and arguments; elsewhere in the field it is 0.1 to 1.2 %."""
-
-
-def names_of(tree: ast.AST) -> Iterator[str]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            yield node.id.strip("_")
-        elif isinstance(node, ast.arg):
-            yield node.arg.strip("_")
 
 
 def test_names_are_nouns() -> None:

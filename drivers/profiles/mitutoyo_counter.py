@@ -55,7 +55,7 @@ def otherwise(request: str, spindle: Spindle) -> str:
 
 MITUTOYO_COUNTER = Profile(
     name="mitutoyo-counter",
-    title="Mitutoyo ID-H and counters EH, EV (GA/GN)",
+    title="Mitutoyo ID-H, counters EH, EV (GA/GN)",
     verified=Evidence.CODE,
     source=(
         "commands and replies: ID-H manual 99MAH016B p. 4-5; several channels and line settings: "

@@ -119,19 +119,28 @@ def write_schemas(folder: Path) -> None:
 
 
 COLUMNS = "## Columns of tables\n"
+PLAIN = frozenset(
+    ("after", "before", "cycles", "effect", "joint offset", "legs", "minutes", "parameter", "size")
+    + ("remaining", "standard uncertainty", "station", "tolerance", "unit", "value", "where")
+)
+"""Labels that name what is below them, or words of the glossary."""
 
 
 def with_columns(glossary: str) -> str:
-    """The glossary with what the columns of result tables are, below this heading, written anew."""
+    """The glossary with columns of result tables that need a word, below this heading, written anew.
+
+    The schemas describe every column.
+    """
     parts = [glossary.partition(COLUMNS)[0], COLUMNS]
     for kind in result_rows():
-        sentence = f"{kind.__doc__}".partition("\n")[0]
-        parts.append(f"\n{sentence}\n\n")
-        parts += [
+        labelled = [
             f"- **{quantity.label}**{quantity.unit and f', {quantity.unit}'}: {quantity.words}\n"
             for quantity in quantities(kind).values()
-            if quantity.label
+            if quantity.label and quantity.label not in PLAIN
         ]
+        if labelled:
+            sentence = f"{kind.__doc__}".partition("\n")[0]
+            parts += [f"\n{sentence}\n\n", *labelled]
     return "".join(parts)
 
 

@@ -49,7 +49,7 @@ def test_the_schemas_are_those_of_the_program() -> None:
     )
 
 
-def test_the_glossary_tells_every_column_of_a_table() -> None:
+def test_the_glossary_explains_the_columns_of_tables() -> None:
     glossary = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
     assert glossary == with_columns(glossary), "make schemas"
     fields = [quantity for kind in result_rows() for quantity in quantities(kind).values()]

@@ -14,10 +14,9 @@ Json = dict[str, Any]
 INTRODUCTION = """# What a correction leaves at the tool
 
 Each simulated machine (`tests/blind/`) has joint offsets, wrong bars and the hidden effects of its
-row. Its readings are solved, and values are entered: nothing (before), joint offsets alone (with
-play the r.m.s. is the same within 0.2 µm), or what a controller with tables or kinematics takes too
+row. After its readings are solved, nothing is entered (before), joint offsets alone (with play the
+r.m.s. is the same within 0.2 µm), or what a controller with tables or kinematics takes too
 ([export](export.md)). For `law` the hidden effects and places are given and only sizes are fitted.
-Then the error of the hidden tool is computed over the workspace.
 
 Frames: touched off, the best shift is removed; aligned, the best shift and turn; machine, nothing;
 near, errors near Zero relative to that at Zero. [Bound](theory.md#uncertainty-at-the-tool) of 95 %.

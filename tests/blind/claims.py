@@ -264,8 +264,8 @@ def intervals_table(plain: Sequence[Scored]) -> list[str]:
         for spread in SPREADS_MM
     ]
     lines = [
-        "Joint offsets and lengths as the posterior has them, nothing else hidden, tolerance of "
-        "the bars 0.1 mm: part of the intervals of two standard uncertainties that hold the truth.",
+        "Nothing else hidden, tolerance of the bars 0.1 mm: share of the intervals of two standard "
+        "uncertainties that contain the truth.",
         "",
         "| sessions of | sessions | joint offsets | lengths |",
         "|---|---|---|---|",

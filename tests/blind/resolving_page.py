@@ -111,16 +111,10 @@ def _both(group: Sequence[Trial]) -> str:
 def _unresolved(trials: Sequence[Trial]) -> str:
     alike = Counter(_names(trial) for trial in trials if not trial.followed)
     lines = ["## What stayed open", "", "No measurement separates these (sessions):", ""]
-    lines += [f"- {names}: {n}" for names, n in alike.items()]
+    lines += [f"- {names}: {n}" for names, n in alike.most_common()]
     return "\n".join(lines)
 
 
 def _names(trial: Trial) -> str:
     effect = trial.first["effects"][0]
-    return _listed(
-        {(name["id"], name["where"]) for name in (effect, *effect["indistinguishable_from"])}
-    )
-
-
-def _listed(names: set[Name]) -> str:
-    return ", ".join(f"{name} ({where})" for name, where in sorted(names))
+    return ", ".join(sorted({name["id"] for name in (effect, *effect["indistinguishable_from"])}))

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from tests.blind.effects import EFFECT_IDS
 from tests.blind.scoring import EVIDENCE_FLOOR, Rate
 from tests.blind.table import shown
-from tests.blind.trials import Name, Trial
+from tests.blind.trials import Trial
 
 BINS = ((0.0, 25.0), (25.0, 50.0), (50.0, 200.0), (200.0, float("inf")))
 TARGET = 0.9

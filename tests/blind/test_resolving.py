@@ -141,5 +141,5 @@ def test_what_counts_as_resolved() -> None:
 def test_the_page_counts_what_was_not_followed() -> None:
     text = page([trial_of(FIRST), trial_of(FIRST, FIRST)], 5, SEED)
     assert "5 sessions drawn, seed 6; 2 were ambiguous" in text
-    assert "- actuator_scale (x), backlash (x): 1\n" in text
+    assert "- actuator_scale, backlash: 1\n" in text
     assert "0/1) | **no** |" in text

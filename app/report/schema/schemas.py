@@ -120,14 +120,17 @@ def write_schemas(folder: Path) -> None:
 
 COLUMNS = "## Columns of tables\n"
 PLAIN = frozenset(
-    ("after", "before", "cycles", "effect", "joint offset", "legs", "minutes", "parameter", "size")
-    + ("remaining", "standard uncertainty", "station", "tolerance", "unit", "value", "where")
+    {
+        *("after", "before", "cycles", "effect", "joint offset", "legs", "minutes", "parameter"),
+        *("remaining", "size", "standard uncertainty", "station", "tolerance", "unit", "value"),
+        "where",
+    }
 )
 """Labels that name what is below them, or words of the glossary."""
 
 
 def with_columns(glossary: str) -> str:
-    """The glossary with columns of result tables that need a word, below this heading, written anew.
+    """The glossary with the columns of result tables that need a word, below this heading.
 
     The schemas describe every column.
     """

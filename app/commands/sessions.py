@@ -74,7 +74,8 @@ def import_table(
         list[Path],
         argument(
             "Table of readings (.csv or .xlsx), or files of a printer: its configuration, a log of "
-            "its probe."
+            "its probe.",
+            to_read=False,  # with --template it is written
         ),
     ],
     output: Annotated[Path | None, file("Session to write.", "--output", "-o")] = None,

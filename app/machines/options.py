@@ -70,10 +70,10 @@ def file(
     return option
 
 
-def argument(help_text: str) -> ArgumentInfo:
-    """A file to read, or several, without an option's name; one that is not there ends at once."""
+def argument(help_text: str, *, to_read: bool = True) -> ArgumentInfo:
+    """A file, or several, without an option's name; to be read, it must be there at once."""
     information: ArgumentInfo = typer.Argument(
-        help=help_text, show_default=False, readable=False, callback=_there
+        help=help_text, show_default=False, readable=False, callback=_there if to_read else None
     )
     return information
 

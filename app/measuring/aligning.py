@@ -42,20 +42,24 @@ class Aligned:
     def as_it_lies(self) -> Machine:
         """The machine with its drives as they lie, for a controller that is told of them."""
         drives = ALL_AXES.index(self.reference)
-        geometry = aligned_geometry(self.machine.geometry(), self.found, drives)
+        geometry = aligned_geometry(
+            self.machine.geometry(), self.found.lean_mrad, self.found.distance_mm, drives
+        )
         return self.machine.with_drives_of(geometry)
 
 
 def align_session(session: Session, reference: Leg) -> Aligned:
     """Raises UsageError where legs cannot be read, NotIdentifiable and RecordError."""
     machine = session.opened.machine
+    drive = ALL_AXES.index(reference)
     alignment_found = alignment(
         machine.geometry(),
         to_observations([session]),
         machine.tolerances_mm(),
         indicator_figures([session]),
+        drive,
     )
-    moves = shims(alignment_found, ALL_AXES.index(reference), machine.rails_rest_mm())
+    moves = shims(alignment_found, drive, machine.rails_rest_mm())
     return Aligned(machine, reference, alignment_found, tuple(moves))
 
 

@@ -4,7 +4,8 @@ Leg readings see, of six leans and six shifts of the rails, how far each pair is
 far each pair misses the other: six figures. The rest turns or moves the machine as a whole. One
 rail is the reference and stays; the next one (x, y, z, x …) is turned square to it and moved to
 meet it, the third does the same to both. Drives that are not meant to be square are turned and
-moved to where the machine file has them.
+moved to where the machine file has them. Readings are those of the lines themselves, however far
+they lean.
 """
 
 from __future__ import annotations
@@ -20,16 +21,7 @@ from calib.arrays import LEG_NAMES, FloatArray, Observations, conditions, withou
 from calib.errors import NotIdentifiable, UsageError
 from calib.noise.reading import IndicatorFigures, reading_noise, reading_weights, visits
 from calib.stats import coverage_factor
-from calib.tripod.effects.candidates import place_columns
-from calib.tripod.effects.drives import AxisDistance, AxisSquareness
-from calib.tripod.effects.effect import (
-    AROUND,
-    PAIRS,
-    PER_THOUSAND,
-    EffectInstance,
-    moved_foot,
-    numbers,
-)
+from calib.tripod.effects.effect import AROUND, PAIRS, PER_THOUSAND, moved_foot, numbers
 from calib.tripod.geometry import Geometry, Three
 from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Flow, Model, Stage, command, derivatives, posture
@@ -45,7 +37,9 @@ FINE_MRAD, FINE_MM = 0.05, 0.025
 """Half of what is aimed at: what lies nearer is left alone, for a fitter's hand adds more."""
 
 ROUNDS = 6
-SQUARENESS, DISTANCE = AxisSquareness(), AxisDistance()
+STEP = 1e-3
+"""Of a lean (mrad) and a distance (mm), for derivatives: readings are straight over much more."""
+
 FINE_ENOUGH = 3.0
 """A figure that is known to no better than a third of what is aimed at is no figure to shim by."""
 
@@ -100,11 +94,13 @@ def alignment(
     observed: Observations,
     tolerance_mm: FloatArray,
     indicator: IndicatorFigures,
+    reference: int = 0,
 ) -> Alignment:
     """Fit leans and distances beside the base parameters, these held by ``tolerance_mm`` ``(6,)``.
 
-    Raises UsageError for a machine whose legs cannot be read and NotIdentifiable without noise or
-    readings that tell all six.
+    The model that is given back has the ``reference`` drive in its place. Raises UsageError
+    for a machine whose legs cannot be read and NotIdentifiable without noise or readings that tell
+    all six.
     """
     check_common_zero(geometry)
     visited = with_first_movements(geometry, visits(observed))
@@ -116,14 +112,18 @@ def alignment(
     root = np.sqrt(reading_weights(visited, noise))
     limits = [LEAN_TOLERANCE_MRAD] * 3 + [DISTANCE_TOLERANCE_MM] * 3
     hold = np.diag(1.0 / np.concatenate([tolerance_mm, limits]) ** 2)
+    nominal = np.concatenate([np.zeros(6), *figures_of(geometry)])
     x = np.zeros(12)
     for _ in range(ROUNDS):
-        model = _model(geometry, x)
-        columns_of_laws = place_columns(model, visited, (SQUARENESS, DISTANCE))
-        columns = [columns_of_laws[0][pair] for pair in PAIRS] + [
-            columns_of_laws[1][pair] for pair in AROUND
-        ]
+        model = _model(geometry, nominal + x, reference)
         base = derivatives(geometry, x[:6], visited, model.effects)
+        columns = []
+        for step in STEP * np.eye(12)[6:]:
+            ahead, behind = (
+                _model(geometry, nominal + x + way * step, reference).readings(visited)
+                for way in (1.0, -1.0)
+            )
+            columns.append((ahead - behind)[:, None] / (2.0 * STEP))
         rows = without_zeros(visited, root**2, np.hstack([base, *columns])) * root[:, None]
         off = without_zeros(visited, root**2, visited.value_mm - model.readings(visited)) * root
         covariance = np.linalg.inv(rows.T @ rows + hold)
@@ -137,14 +137,13 @@ def alignment(
             f"readings that do not show {', '.join(unseen)}",
             "all three legs along both axes at Zero, Max, Min, and over a plane: procedure align",
         )
-    model = _model(geometry, x)
+    model = _model(geometry, nominal + x, reference)
     residual_mm = without_zeros(visited, root**2, visited.value_mm - model.readings(visited))
     noise_mm = float(np.sqrt(np.mean(root**-2.0)))
     left_mm = float(np.sqrt(np.mean(residual_mm**2)))
     spread = np.asarray(covariance[6:, 6:], dtype=np.float64)
-    lean_mrad, distance_mm = figures_of(geometry)
-    figures = x[6:9] + lean_mrad, x[9:] + distance_mm
-    return Alignment(model, *figures, spread, noise_mm, left_mm)
+    lean_mrad, distance_mm = np.split((nominal + x)[6:], 2)
+    return Alignment(model, lean_mrad, distance_mm, spread, noise_mm, left_mm)
 
 
 def figures_of(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
@@ -161,34 +160,60 @@ def figures_of(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
     return np.array(leans), np.array(apart)
 
 
-def _model(geometry: Geometry, x: FloatArray) -> Model:
-    leans = [
-        EffectInstance(SQUARENESS, p, (v,)) for p, v in zip(PAIRS, x[6:9].tolist(), strict=True)
-    ]
-    apart = [EffectInstance(DISTANCE, p, (v,)) for p, v in zip(AROUND, x[9:].tolist(), strict=True)]
-    return Model(geometry, tuple(x[:6].tolist()), (*leans, *apart))
+@dataclass(frozen=True, eq=False)
+class DrivesThatLie:
+    """Feet on the lines of other drives than those that the controller reckons with."""
+
+    lines: Geometry
+    id: str = "drives_that_lie"
+    stage: Stage = Stage.FOOT
+
+    def change(self, _stage_input: NDArray[Any], flow: Flow) -> NDArray[Any]:
+        """Each carriage at its coordinate along the line."""
+        along = flow.carriage_mm[..., :, None] * self.lines.directions
+        return np.asarray(self.lines.origins + along)
 
 
-def aligned_geometry(geometry: Geometry, alignment_result: Alignment, reference: int) -> Geometry:
+def _model(geometry: Geometry, x: FloatArray, reference: int) -> Model:
+    lean_mrad, distance_mm = np.split(x[6:], 2)
+    lines = aligned_geometry(geometry, lean_mrad, distance_mm, reference)
+    return Model(geometry, tuple(x[:6].tolist()), (DrivesThatLie(lines),))
+
+
+def aligned_geometry(
+    geometry: Geometry, lean_mrad: FloatArray, distance_mm: FloatArray, reference: int
+) -> Geometry:
     """The machine with its drives as they lie, for a controller that is told of them.
 
-    The reference drive stays, the next one stays in the plane of both, as `shims` have it. Raises
+    Leans and distances ``(3,)`` are those of `Alignment`. The reference drive stays, the next one
+    stays in the plane of both, as `shims` have it; each joint counts from where it did. Raises
     CalibrationError for drives that no machine has.
     """
     order = [(reference + k) % 3 for k in range(3)]
     lean = np.zeros((3, 3))
-    for (i, j), value in zip(map(numbers, PAIRS), alignment_result.lean_mrad.tolist(), strict=True):
+    for (i, j), value in zip(map(numbers, PAIRS), lean_mrad.tolist(), strict=True):
         lean[i, j] = lean[j, i] = math.sin(PER_THOUSAND * value)
     cosines = (lean + np.eye(3))[np.ix_(order, order)]
+    try:
+        ways = np.linalg.cholesky(cosines)
+    except np.linalg.LinAlgError as problem:
+        raise NotIdentifiable(
+            "alignment",
+            f"leans of {', '.join(f'{mrad:.0f}' for mrad in lean_mrad)} mrad of {', '.join(PAIRS)}",
+            "leans that three drives can have together",
+            "Are the readings in millimetres?",
+        ) from problem
     axes = geometry.directions[reference], geometry.read_along[reference, order[1]]
-    frame = np.array([*axes, np.cross(*axes)])
+    handed = np.sign(np.linalg.det(geometry.directions[order]))  # drives may be numbered either way
+    frame = np.array([*axes, handed * np.cross(*axes)])
     directions = np.zeros((3, 3))
-    directions[order] = np.linalg.cholesky(cosines) @ frame  # rows of these products
+    directions[order] = ways @ frame
     anchors = np.zeros((3, 3))
     anchors[reference] = geometry.anchors[reference]
-    distance = dict(zip(AROUND, alignment_result.distance_mm.tolist(), strict=True))
+    distance = dict(zip(AROUND, distance_mm.tolist(), strict=True))
     for k, drive in enumerate(order[1:], start=1):
-        rows, far = [directions[drive]], [0.0]
+        rows = [directions[drive]]
+        far = [float(geometry.anchors[drive] @ geometry.directions[drive])]
         for earlier in order[:k]:
             cyclic = (drive - earlier) % 3 == 1  # the pair is named from the other one
             first, second = (earlier, drive) if cyclic else (drive, earlier)

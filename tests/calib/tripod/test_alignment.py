@@ -17,7 +17,6 @@ from calib.arrays import Conditions, FloatArray, Observations, observe
 from calib.errors import NotIdentifiable
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.alignment import (
-    Alignment,
     RailMoved,
     Shim,
     aligned_geometry,
@@ -214,8 +213,7 @@ def test_readings_that_do_not_tell_are_refused() -> None:
 def test_drives_as_they_lie(lean_mrad: list[float], apart_mm: list[float], reference: int) -> None:
     """Their angles and distances by cross products of the test's own; the reference stays."""
     lean, apart = np.array(lean_mrad), np.array(apart_mm)
-    result = Alignment(Model(), lean, apart, np.eye(6), 0.0, 0.0)
-    lies = aligned_geometry(Geometry(), result, reference)
+    lies = aligned_geometry(Geometry(), lean, apart, reference)
     ways, places = np.array(lies.direction), np.array(lies.origin_mm)
     for (i, j), mrad in zip(((0, 1), (1, 2), (0, 2)), lean_mrad, strict=True):
         angle = math.atan2(float(np.linalg.norm(np.cross(ways[i], ways[j]))), ways[i] @ ways[j])
@@ -232,13 +230,7 @@ def test_drives_as_they_lie(lean_mrad: list[float], apart_mm: list[float], refer
 def test_rails_are_judged_by_a_right_angle_whatever_the_machine_file_has() -> None:
     """A file with drives that are known to lean: what is told is all of it, not what came since."""
     chance = np.random.default_rng(5)
-    lies = aligned_geometry(
-        Geometry(),
-        Alignment(
-            Model(), np.array([4.0, -3.0, 2.0]), np.array([0.3, -0.2, 0.4]), np.eye(6), 0.0, 0.0
-        ),
-        0,
-    )
+    lies = aligned_geometry(Geometry(), np.array([4.0, -3.0, 2.0]), np.array([0.3, -0.2, 0.4]), 0)
     observed = measured(Hidden(), chance)
     exact = replace(
         observed, value_mm=Model(lies, (0.4, -0.3, 0.2, 0.0, 0.0, 0.0)).readings(observed)
@@ -248,3 +240,106 @@ def test_rails_are_judged_by_a_right_angle_whatever_the_machine_file_has() -> No
     assert result.distance_mm == pytest.approx([0.3, -0.2, 0.4], abs=0.002)
     by_shims = [shim.move_mm for shim in shims(result, 0, RESTS_MM) if shim.rail == 1]
     assert by_shims[:2] == pytest.approx([-4e-3 * at for at in RESTS_MM], abs=0.01)
+
+
+def test_leans_that_no_three_rails_have_are_refused() -> None:
+    """Each two of them 27° apart one way, the third the other: readings of another unit."""
+    with pytest.raises(NotIdentifiable, match="millimetres"):
+        aligned_geometry(Geometry(), np.array([1100.0, 1100.0, -1100.0]), np.zeros(3), 0)
+
+
+@pytest.mark.parametrize("reference", [0, 1, 2])
+@pytest.mark.parametrize("order", [(0, 1, 2), (0, 2, 1)])
+def test_a_star_lies_as_its_file_says(order: tuple[int, ...], reference: int) -> None:
+    """Three drives 120° apart, 37° down, numbered either way round: nothing moved, none elsewhere.
+
+    Rails meet the frame of the reference and the one after it, in which the file has them, too.
+    """
+    angles = np.radians([0.0, 120.0, 240.0])[list(order)]
+    x, y, z = ((0.8 * math.cos(angle), 0.8 * math.sin(angle), -0.6) for angle in angles.tolist())
+    star = replace(Geometry(), direction=(x, y, z))
+    lies = aligned_geometry(star, *figures_of(star), reference)
+    assert lies.directions == pytest.approx(star.directions, abs=1e-9)
+
+
+def test_joints_may_count_from_anywhere() -> None:
+    """The same readings, whether the file has joints count from where the rails meet or 100 mm
+    before it: the same rails, and each joint counts from where it did.
+    """
+    chance = np.random.default_rng(6)
+    machine = off(chance)
+    session = measured(machine, chance)
+    before = replace(Geometry(), origin_mm=((-100.0, 0, 0), (0, -100.0, 0), (0, 0, -100.0)))
+    result = alignment(before, session, TOLERANCE, FIGURES)
+    miss = np.concatenate([result.lean_mrad, result.distance_mm]) - figures(machine)
+    assert (np.abs(miss) < 2.0 * result.expanded).all()
+    lies = aligned_geometry(before, result.lean_mrad, result.distance_mm, 0)
+    assert lies.zero_mm == pytest.approx([LEG_MM + 100.0] * 3, abs=0.05)
+
+
+def test_rails_that_lean_far() -> None:
+    """48 and 16 mrad, readings by spheres of the test's own: rail x stays, y lies in a plane with
+    it. First-order leans would be 0.7 mrad off.
+    """
+    lean, apart = (-48.0, -16.0, 0.7), (-0.3, -0.2, 0.4)
+    cosines = np.eye(3)
+    for (i, j), mrad in zip(((0, 1), (1, 2), (0, 2)), lean, strict=True):
+        cosines[i, j] = cosines[j, i] = math.sin(1e-3 * mrad)
+    ways = np.linalg.cholesky(cosines)
+    crossed = [np.cross(ways[i], ways[(i + 1) % 3]) for i in range(3)]
+    normal = [way / np.linalg.norm(way) for way in crossed]
+    # rail x at the origin, y below it, z where both distances put it
+    y_at = -apart[0] * normal[0]
+    z_at = np.linalg.solve(
+        [ways[2], normal[1], normal[2]], [0.0, normal[1] @ y_at - apart[1], apart[2]]
+    )
+    places = np.array([np.zeros(3), y_at, z_at])
+
+    def bar(leg: int, displacement: float) -> tuple[FloatArray, FloatArray]:
+        tool = displacement * np.eye(3)[leg]
+        carriage = tool + np.sqrt(LEG_MM**2 - tool @ tool + tool**2) + (0.8, -0.5, 0.3)
+        feet = places + ways * carriage[:, None]
+        for _ in range(20):
+            bars = tool - feet
+            tool = tool - np.linalg.solve(2.0 * bars, (bars**2).sum(axis=1) - LEG_MM**2)
+        return tool, feet[leg]
+
+    chance = np.random.default_rng(7)
+    session = measured(Hidden(), chance)
+    values = []
+    for leg, axis, moved_mm, station, along in zip(
+        session.leg,
+        session.axis,
+        session.displacement_mm,
+        session.station,
+        session.along_mm,
+        strict=True,
+    ):
+        tool, foot = bar(leg, moved_mm)
+        fraction = station
+        if math.isnan(along):
+            tool_zero, foot_zero = bar(leg, 0.0)
+            at = tool_zero[leg] + station * (foot_zero - tool_zero)[leg]
+            fraction = (at - tool[leg]) / (foot - tool)[leg]
+        values.append(tool[axis] + fraction * (foot - tool)[axis])
+    noise = SCATTER_MM * chance.normal(size=len(values))
+    result = alignment(
+        Geometry(), replace(session, value_mm=np.array(values) + noise), TOLERANCE, FIGURES
+    )
+    assert result.lean_mrad == pytest.approx(lean, abs=0.1)
+    assert result.distance_mm == pytest.approx(apart, abs=0.025)
+
+
+@pytest.mark.parametrize("reference", [0, 1, 2])
+def test_a_leg_comes_to_lie_along_its_axis_by_the_moves(reference: int) -> None:
+    """Beside a rail that stays a leg leans by the whole angle, and no more once it is moved."""
+    rail = (reference + 1) % 3
+    machine = Hidden().plus([(("lean", (rail, reference)), 4e-3)])
+    session = measured(machine, np.random.default_rng(8))
+    result = alignment(Geometry(), session, TOLERANCE, FIGURES, reference)
+    slope_mm = slope_at_zero_mm(result.model, rail, reference)
+    assert slope_mm == pytest.approx(4e-3 * LEG_MM, abs=0.05)
+    for shim in shims(result, reference, RESTS_MM):
+        if (shim.rail, shim.towards) == (rail, reference):
+            slope_mm += shim.move_mm * shim.shown(Geometry(), 1.0)
+    assert slope_mm == pytest.approx(0.0, abs=0.05)

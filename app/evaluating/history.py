@@ -39,7 +39,7 @@ from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record
 from protocols.session import Session, is_dated, measured_at
 
-RESULTS = 2
+RESULTS = 3
 """Number of the solver's results: it is raised when sessions give other ones, or an `Entry` says
 more. What the index remembers under another number is worked out again.
 """
@@ -61,12 +61,14 @@ class Entry(Document):
     that entering offsets changes nothing. ``expanded_mm`` (95 %) is over all
     that may be true of the machine. ``decision`` is on the machine as it was found, None without a
     tolerance in its file. ``effects`` are None where nobody asked for a diagnosis.
-    ``dated`` is false for an imported table whose day nobody stated.
+    ``dated`` is false for an imported table whose day nobody stated, ``adjusted`` names the
+    mechanical state, as `Session.adjusted`.
     """
 
     began: AwareDatetime
     dated: bool = True
     machine: Machine
+    adjusted: str | None = None
     origin: Origin = "measured"
     unfinished: bool = False
     temperature_c: float | None = None
@@ -321,6 +323,7 @@ def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
         began=measured_at(opened),
         dated=is_dated(opened),
         machine=opened.machine,
+        adjusted=session.adjusted,
         origin=opened.origin,
         unfinished=bool(record.unfinished),
         temperature_c=opened.temperature_c,
@@ -367,7 +370,7 @@ def history_of_machine(
     ordered = [point.entry for point in points]
     days = [(entry.began - ordered[0].began).total_seconds() / DAY_S for entry in ordered]
     known = days if all(entry.dated for entry in ordered) else [0.0] * len(days)  # no drift of it
-    rebuilt = [point.event.startswith(FILE_CHANGED) for point in points]
+    rebuilt = [point.event.startswith((FILE_CHANGED, MECHANICAL)) for point in points]
     columns = zip(
         zip(*(entry.offsets_mm or () for entry in ordered), strict=True),
         zip(*(entry.expanded_mm or () for entry in ordered), strict=True),
@@ -378,13 +381,12 @@ def history_of_machine(
 
 
 FILE_CHANGED, ENTERED = "machine file changed", "offsets entered"
+MECHANICAL = "machine mechanically changed"
 
 
 def _event(before: Entry, after: Entry) -> str:
     """What the records say was changed between two sessions."""
     machine, later_machine = before.machine, after.machine
-    if machine == later_machine:
-        return ""
     if machine.geometry() != later_machine.geometry():
         keys = [
             key
@@ -392,6 +394,8 @@ def _event(before: Entry, after: Entry) -> str:
             if getattr(machine, key) != getattr(later_machine, key)
         ]
         return f"{FILE_CHANGED}: {', '.join(keys)}"
+    if before.adjusted != after.adjusted:
+        return MECHANICAL
     return ENTERED if machine.entered_offsets_mm != later_machine.entered_offsets_mm else ""
 
 

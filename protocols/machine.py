@@ -301,7 +301,8 @@ class Machine(Document):
 
     def rails_rest_mm(self) -> tuple[float, float]:
         """Where rails rest; without ``rail_mm`` the ends of the carriages' travel."""
-        zero_mm = float(self.geometry().zero_mm.mean())
+        geometry = self.geometry()
+        zero_mm = float((geometry.zero_mm - geometry.meeting_mm).mean())
         return self.rail_mm or (zero_mm + self.travel_min_mm, zero_mm + self.travel_max_mm)
 
     def with_drives_of(self, geometry: Geometry) -> Machine:

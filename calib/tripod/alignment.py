@@ -21,7 +21,14 @@ from calib.arrays import LEG_NAMES, FloatArray, Observations, conditions, withou
 from calib.errors import NotIdentifiable, UsageError
 from calib.noise.reading import IndicatorFigures, reading_noise, reading_weights, visits
 from calib.stats import coverage_factor
-from calib.tripod.effects.effect import AROUND, PAIRS, PER_THOUSAND, moved_foot, numbers
+from calib.tripod.effects.effect import (
+    AROUND,
+    PAIRS,
+    PER_THOUSAND,
+    from_meeting_mm,
+    moved_foot,
+    numbers,
+)
 from calib.tripod.geometry import Geometry, Three
 from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Flow, Model, Stage, command, derivatives, posture
@@ -213,7 +220,7 @@ def aligned_geometry(
     distance = dict(zip(AROUND, distance_mm.tolist(), strict=True))
     for k, drive in enumerate(order[1:], start=1):
         rows = [directions[drive]]
-        far = [float(geometry.anchors[drive] @ geometry.directions[drive])]
+        far = [-float(geometry.meeting_mm[drive])]
         for earlier in order[:k]:
             cyclic = (drive - earlier) % 3 == 1  # the pair is named from the other one
             first, second = (earlier, drive) if cyclic else (drive, earlier)
@@ -256,7 +263,8 @@ class Shim:
 
         The carriage moves by its share between both ends, the touched point by the station of that.
         """
-        share = (self.other_mm - geometry.zero_mm[self.rail]) / (self.other_mm - self.support_mm)
+        at_zero_mm = geometry.zero_mm[self.rail] - geometry.meeting_mm[self.rail]
+        share = (self.other_mm - at_zero_mm) / (self.other_mm - self.support_mm)
         return float(station * share)
 
 
@@ -324,8 +332,8 @@ class RailMoved:
     stage: Stage = Stage.FOOT
 
     def change(self, stage_input: NDArray[Any], flow: Flow) -> NDArray[Any]:
-        """The foot is sideways by a constant and in proportion to its coordinate."""
-        way = self.shift_mm + self.lean * flow.carriage_mm[..., self.rail]
+        """The foot is sideways by a constant and in proportion to its way from the others."""
+        way = self.shift_mm + self.lean * from_meeting_mm(flow, self.rail)
         across = flow.geometry.read_along[self.rail, self.towards]
         return np.asarray(stage_input + moved_foot(self.rail, across, way))
 

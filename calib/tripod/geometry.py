@@ -289,10 +289,17 @@ class Geometry:
         return self.origins - self.platform
 
     @cached_property
+    def meeting_mm(self) -> FloatArray:
+        """Joint coordinates ``(3,)`` where each drive is nearest to the tool at Zero, mm.
+
+        Where drives meet that do. 0 for joints that count from there.
+        """
+        return np.asarray(-dot(self.anchors, self.directions)) + 0.0
+
+    @cached_property
     def zero_mm(self) -> FloatArray:
         """Joint coordinates ``(3,)`` of the Zero posture, mm."""
-        along = -(self.anchors * self.directions).sum(axis=-1)
-        return np.asarray(along + np.sqrt(self.reach_mm2(np.zeros(3))))
+        return np.asarray(self.meeting_mm + np.sqrt(self.reach_mm2(np.zeros(3))))
 
     @cached_property
     def side(self) -> float:

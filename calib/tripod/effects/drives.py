@@ -23,6 +23,7 @@ from calib.tripod.effects.effect import (
     Law,
     OfCarriage,
     OfFoot,
+    from_meeting_mm,
     machine_kelvins,
     moved_foot,
     numbers,
@@ -120,8 +121,8 @@ class Backlash(OfCarriage):
 class AxisSquareness(Law):
     """A pair of axes leans together; positive: their angle is less than 90°.
 
-    Both axes take half of it: leg readings see the sum of the two leans only. Parallel drives lean
-    towards each other with their coordinate.
+    Both axes take half of it: leg readings see the sum of the two leans only. Each turns about
+    where the axes meet; parallel drives lean towards each other from where the tool is at Zero.
     """
 
     id = "axis_squareness"
@@ -139,11 +140,16 @@ class AxisSquareness(Law):
         return np.asarray(PER_THOUSAND * at.values[0] / 2)
 
     def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
-        """Each foot of the pair towards the other axis in proportion to its coordinate."""
+        """Each foot of the pair towards the other axis, the more the farther from both."""
         first, second = numbers(at.place)
-        towards, carriage = at.flow.geometry.towards, at.flow.carriage_mm
-        first_foot = moved_foot(first, towards(first, second), off_mm * carriage[..., first])
-        second_foot = moved_foot(second, towards(second, first), off_mm * carriage[..., second])
+        first_foot, second_foot = (
+            moved_foot(
+                leg,
+                at.flow.geometry.towards(leg, other),
+                off_mm * from_meeting_mm(at.flow, leg),
+            )
+            for leg, other in ((first, second), (second, first))
+        )
         return np.asarray(first_foot + second_foot)
 
 
@@ -236,7 +242,7 @@ class StraightnessOfFourthOrder(Straightness):
 
 @dataclass(frozen=True)
 class AxisLean(OfFoot):
-    """One axis leans; ``"xy"``: axis x towards +y, in proportion to its coordinate.
+    """One axis leans; ``"xy"``: axis x towards +y, about where it is nearest to the tool at Zero.
 
     Leg readings see the sum of both leans of a pair only (`AxisSquareness`); the difference turns
     the machine's frame.
@@ -248,8 +254,8 @@ class AxisLean(OfFoot):
     controller = "axis {axis}: the kinematics of export --format linuxcnc-kins"
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """By value · coordinate."""
-        return PER_THOUSAND * at.values[0] * at.flow.carriage_mm[..., at.leg]
+        """By value · distance along the drive."""
+        return PER_THOUSAND * at.values[0] * from_meeting_mm(at.flow, at.leg)
 
 
 def geometry_tolerances(

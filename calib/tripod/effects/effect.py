@@ -184,6 +184,11 @@ def travel_mm(flow: Flow, leg: int) -> FloatArray:
     return np.asarray(flow.command_mm[:, leg] - flow.geometry.zero_mm[leg])
 
 
+def from_meeting_mm(flow: Flow, leg: int) -> NDArray[Any]:
+    """How far a carriage is along its drive from where the drives meet ``(..., n)``."""
+    return np.asarray(flow.carriage_mm[..., leg] - flow.geometry.meeting_mm[leg])
+
+
 def at_mount(flow: Flow, place: str) -> FloatArray:
     """1 for the readings of this leg and measuring axis, 0 for others and contacts ``(n,)``."""
     (leg, axis), conditions = numbers(place), flow.taken

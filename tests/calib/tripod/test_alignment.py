@@ -275,6 +275,13 @@ def test_joints_may_count_from_anywhere() -> None:
     assert (np.abs(miss) < 2.0 * result.expanded).all()
     lies = aligned_geometry(before, result.lean_mrad, result.distance_mm, 0)
     assert lies.zero_mm == pytest.approx([LEG_MM + 100.0] * 3, abs=0.05)
+    shim = Shim(2, 0, *RESTS_MM, 0.7, 0.0)
+    assert shim.shown(before, STATION) == pytest.approx(shim.shown(Geometry(), STATION))
+    for place in (Geometry(), before):
+        model = Model(place, effects=(RailMoved.by_shim(shim, 0.7),))
+        assert slope_at_zero_mm(model, 2, 0) == pytest.approx(
+            0.7 * shim.shown(place, 1.0), abs=2e-3
+        )
 
 
 def test_rails_that_lean_far() -> None:

@@ -17,7 +17,9 @@ from calib.tripod.effects.candidates import Candidate, candidates, invisible
 from calib.tripod.effects.drives import (
     STANDARD_LEADS_MM,
     AxisDistance,
+    AxisLean,
     AxisOffset,
+    AxisSquareness,
     Backlash,
     effects_of,
 )
@@ -159,6 +161,21 @@ def test_squareness_changes_both_readings_alike(displacement: float, per_rad: fl
     assert change("axis_squareness", "xy", 0.01, at(2, 0, displacement))[0] == pytest.approx(
         0.0, abs=1e-7
     )
+
+
+@pytest.mark.parametrize(("effect_id", "place"), [("axis_squareness", "xy"), ("axis_lean", "xt")])
+def test_a_lean_is_the_same_wherever_joints_count_from(effect_id: str, place: str) -> None:
+    """One machine in two files: joints of the second read 700 mm more in every posture."""
+    of_pair = effect_id == "axis_squareness"
+    here, plan = (Geometry(), TAKEN) if of_pair else (DELTA, PLATE)
+    origins = here.origins - 700.0 * here.directions
+    x, y, z = ((a, b, c) for a, b, c in origins.tolist())
+    elsewhere = replace(here, origin_mm=(x, y, z))
+    law = AxisSquareness() if of_pair else AxisLean(tuple(DELTA.across))
+    placed = EffectInstance(law, place, (2.0,))
+    one, other = (Model(each, effects=(placed,)).readings(plan) for each in (here, elsewhere))
+    assert np.ptp(one - Model(here).readings(plan)) > 0.02
+    assert other == pytest.approx(one, abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -264,10 +264,18 @@ def joints_and_pins(offsets: Offsets) -> Export:
     each coordinate the height of its carriage (lineardeltakins-common.h). Play, scale and screws
     stay with the joints, as in `linuxcnc`.
 
-    Raises UsageError for bars that are held unequal now or a HOME_OFFSET that nobody stated (a
-    change of L or R without it would move the tool), and as `joint_files`.
+    Raises UsageError for bars that are held unequal now, heights of joints of another zero, or a
+    HOME_OFFSET that nobody stated (a change of L or R without it would move the tool), and as
+    `joint_files`.
     """
     drives = drives_of_towers(offsets.machine, ANGLES_DEG, EXACT_DEG)
+    meeting_mm = offsets.machine.geometry().meeting_mm.tolist()
+    if max(map(abs, meeting_mm)) > LEAST_MM:
+        raise UsageError(
+            "heights of the joints in the machine file, origin_mm less platform_mm",
+            ", ".join(f"{-mm:g}" for mm in meeting_mm) + " mm",
+            "0 mm: the coordinates of lineardeltakins are heights of the carriages over Zero",
+        )
     controller = offsets.controller
     if controller is None:
         raise UsageError(

@@ -643,6 +643,12 @@ def test_what_is_not_upright_or_stands_elsewhere_is_refused(tmp_path: Path) -> N
     assert "count upwards" in said(2, machine(joints=("x", "-y", "z")), "reprapfirmware")
     assert "count upwards" in said(2, machine(joints=("x", "y", "z")), "lineardeltakins")
     assert "--endstops" in said(2, machine(), "klipper", "--ini", "machine.ini")
+    drives = machine().drive
+    assert drives is not None
+    x, y, z = (
+        drive.model_copy(update={"origin_mm": (*drive.origin_mm[:2], -280.0)}) for drive in drives
+    )
+    assert "found -280, -280, -280 mm" in said(2, machine(drive=(x, y, z)), "lineardeltakins")
     assert "'1,2'" in said(2, machine(), "klipper", "--endstops", "1,2")
 
 

@@ -221,10 +221,21 @@ class _Report:
     def _acting(self, name: Named) -> tuple[int, ...]:
         """The components of a name at a place; of several, such as screws of two leads, the best.
 
-        Two leads of one screw may act together: they are terms of a series.
+        Two leads of one screw may act together: they are terms of a series. Of those that fit as
+        well one that machines may have goes first: where a screw grows, a bar would have to shrink.
         """
         weights = self._weights(name)
-        return descending(sorted(weights), weights.__getitem__)[0]
+        best, *others = descending(sorted(weights), weights.__getitem__)
+        as_good = [numbers for numbers in others if weights[numbers] > AS_GOOD * weights[best]]
+        return next(filter(self._may_be, (best, *as_good)), best)
+
+    def _may_be(self, numbers: tuple[int, ...]) -> bool:
+        """Whether no value of these components is less than any machine has."""
+        return all(
+            value.real >= parameter.least
+            for placed in self._values(numbers)[1]
+            for value, parameter in zip(placed.values, placed.effect.parameters, strict=True)
+        )
 
     def _weights(self, name: Named) -> dict[tuple[int, ...], float]:
         """Of each set of components with a name at a place, the weight of the models that have it.

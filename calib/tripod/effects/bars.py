@@ -84,7 +84,7 @@ class BarGrowth(OfBar):
     id = "thermal_growth"
     title = "a bar grows with the temperature"
     kind = Kind.ENVIRONMENT
-    parameters = (EffectParameter("bar_per_kelvin", "µm/K", 3.0),)
+    parameters = (EffectParameter("bar_per_kelvin", "µm/K", 3.0, least=0.0),)
     controller = "nothing to enter: keep the machine at the temperature of its calibration"
 
     def off(self, at: Acting) -> NDArray[Any]:

@@ -94,7 +94,7 @@ class ScrewGrowth(OfCarriage):
     id = "thermal_growth"
     title = "a screw grows with the temperature"
     kind = Kind.ENVIRONMENT
-    parameters = (EffectParameter("screw_per_kelvin", "µm/m K", 5.0),)
+    parameters = (EffectParameter("screw_per_kelvin", "µm/m K", 5.0, least=0.0),)
     controller = "nothing to enter: keep the machine at the temperature of its calibration"
 
     def off(self, at: Acting) -> NDArray[Any]:

@@ -11,8 +11,9 @@ from calib.arrays import Observations, observe
 from calib.diagnosis.results import Diagnosis
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.drives import ActuatorCyclic
-from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.effects.bars import BarGrowth
+from calib.tripod.effects.drives import ActuatorCyclic, ScrewGrowth
+from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.pipeline import Model
 from tests.calib.diagnosis.diagnosed_sessions import (
     LAWS,
@@ -178,6 +179,23 @@ def test_two_effects_do_not_pass_for_one_in_every_place() -> None:
     rivals = {r.id for effect in diagnosis.effects for r in effect.indistinguishable_from}
     assert {"gauge_gain", "axis_squareness"} <= named | rivals
     assert ("leg_taper", "x,y,z") not in names(diagnosis)
+
+
+@pytest.mark.parametrize(("law", "value"), [(ScrewGrowth(), 11.5), (BarGrowth(), 3.6)])
+def test_what_is_warmer_grows(law: Effect, value: float) -> None:
+    """Screws of steel, 11.5 µm/m K, or bars of steel, 310 mm, from 18 to 26 °C.
+
+    Bars that shrink would fit growing screws as well, but no machine has them.
+    """
+    warming = replace(
+        TWO_STATION, temperature_c=18.0 + 8.0 * TWO_STATION.time_s / TWO_STATION.time_s.max()
+    )
+    effects = [EffectInstance(law, leg, (value,)) for leg in "xyz"]
+    diagnosis = diagnose([case(warming, *effects, seed=3)], CATALOGUE)
+    assert names(diagnosis) == [("thermal_growth", "all")]
+    assert diagnosis.effects[0].title == law.title
+    (parameter,) = diagnosis.effects[0].parameters
+    assert abs(parameter.value - value) < 4.0 * parameter.standard_uncertainty
 
 
 def test_two_leads_of_one_screw_are_terms_of_a_series() -> None:

@@ -121,7 +121,8 @@ def _entered(calibration: CertifiedCalibration) -> tuple[str, list[CertifiedValu
     standard, expanded = (column.tolist() for column in solved.corrections.uncertainties_mm())
     values = zip(LEG_NAMES, solved.joint_offsets_mm, expanded, standard, strict=True)
     return (
-        "True position of a joint = believed position + d_rho; added to what was entered before.",
+        "To add to what was entered before; true position of a joint = believed position + d_rho. "
+        "The tool is off least with these values: they, not the joints alone, are within ± U.",
         [value_in_mm(f"d_rho_{leg}", value, (wide, u)) for leg, value, wide, u in values],
     )
 

@@ -183,7 +183,10 @@ def _result(solved: SessionSolution) -> list[str | Table]:
         warnings = [*doubt_lines(solved), *change_answers(solved, change)]
     else:
         values = [correction_table(correction)]
-        words = f"True position of a joint = believed position + d_rho. {words}"
+        words = (
+            f"True position of a joint = believed position + d_rho. {words} They, not the joints "
+            "alone, are within ± U."
+        )
         warnings = [*warning_lines(solved, correction)]
     return [
         bound_table(correction.frame, correction.off_now, solved.entered.off),

@@ -409,7 +409,7 @@ def test_the_command(folder: Path, tmp_path: Path) -> None:
     assert machine["joints"][2]["changed"][2] is True
     assert len(report["problems"]) == 3
     assert "no session file" in refused(3, "history", tmp_path)
-    assert "no such folder" in refused(3, "history", tmp_path / "nowhere")
+    assert "No such file or directory" in refused(3, "history", tmp_path / "nowhere")
 
 
 def test_effects_are_diagnosed_where_asked_for(tmp_path: Path) -> None:

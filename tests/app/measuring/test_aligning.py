@@ -202,9 +202,11 @@ def test_bad_input(tmp_path: Path) -> None:
     done = glidecal("align", "--simulated")
     assert done.status == 2
     assert "--headless" not in done.err  # it has no such option
+    (tmp_path / "s.jsonl").touch()  # a file that is not there is named first
     for unused in (
         *(("--simulated",), ("--seed", "1"), ("--protocol", "align")),
-        *((name, "orthoglide") for name in ("--continue", "--output", "--machine", "--protocol")),
+        *((name, "orthoglide") for name in ("--output", "--machine", "--protocol")),
+        ("--continue", str(tmp_path / "s.jsonl")),
     ):
         assert "beside a session" in refused(2, "align", tmp_path / "s.jsonl", *unused)
     for unused in (("--seed", "1"), ("--protocol", "align"), ("--output", "a.jsonl")):

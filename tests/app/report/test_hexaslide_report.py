@@ -82,7 +82,7 @@ def test_what_a_report_of_postures_does_not_take(pair: tuple[Path, Path], tmp_pa
     before, after = pair
     output = tmp_path / "r.html"
     assert "one of this kind" in refused(2, "report", before, after, "-o", output)
-    assert "--model" in refused(2, "report", before, "--model", "m.json", "-o", output)
+    assert "--model" in refused(2, "report", before, "--model", before, "-o", output)
     assert ".html, .pdf, .xml" in refused(2, "report", before, "-o", tmp_path / "r.txt")
     measurements = tmp_path / "m.json"
     measured = read_postures(before)[0].measurements()

@@ -257,7 +257,7 @@ def test_nothing_comes_from_elsewhere(experiment: CalibrationReport) -> None:
     names = {name for _, attributes in page.elements for name in attributes}
     assert "script" not in {tag for tag, _ in page.elements}
     assert not names & {"href", "onload", "onclick"}
-    assert len(page.sources) == 8 + 3, "one row for each leg"
+    assert len(page.sources) == 9 + 3, "one row for each leg"
     for source in page.sources:
         kind, _, data = source.partition(",")
         assert kind == "data:image/svg+xml;base64"

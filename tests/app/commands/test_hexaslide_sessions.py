@@ -251,9 +251,12 @@ def test_calibrate_enter_and_verify_as_a_person_would(tmp_path: Path) -> None:
     assert (report["schema"], report["decision"]) == ("glidecal.hexaslide-verification/1", "pass")
     assert report["platform_after"]["now_rms_mm"] < 0.01 * report["platform_before"]["now_rms_mm"]
     assert len(report["lost_motions"]) == 3
-    unchanged = glidecal("verify", before, before, "--tolerance", "0.1")
+    same = (*RUN, "position", "--seed", "5", "--behind", before, "-o", tmp_path / "same.jsonl")
+    assert glidecal(*same).status == 0
+    unchanged = glidecal("verify", before, tmp_path / "same.jsonl", "--tolerance", "0.1")
     assert unchanged.status == 6
     assert "one machine file" in " ".join(unchanged.out.split())
+    assert "the same postures" in refused(3, "verify", before, before, "--tolerance", "0.1")
     assert verify_sessions(before, after, None).decision is None
     for wrong in ("0", "-0.1"):
         stated = f"--tolerance={wrong}"

@@ -131,6 +131,18 @@ def test_units_stand_in_the_second_row(pose: Path, tmp_path: Path) -> None:
         assert reading.values == pytest.approx(origin.values, rel=1e-12)
 
 
+def test_rows_that_were_copied_are_named(pose: Path, tmp_path: Path) -> None:
+    """All counted twice the noise looks smaller by the root of two: nobody reads so often alike."""
+    rows = table(tmp_path / "t.csv", pose)
+    write(tmp_path / "t.csv", [*rows, *rows[2:], rows[4]])
+    session, odd = import_postures(tmp_path / "t.csv", plan(tmp_path / "s.jsonl", "pose-forward"))
+    assert len(session.readings) == 33
+    assert odd == (
+        "lines with all numbers of an earlier one: 19, 20, 21, 22, 23, 24, 25, 26 …; each is used "
+        "as a reading of its own",
+    )
+
+
 def _cell(line: int, column: int, text: str) -> Callable[[Rows], None]:
     def change(rows: Rows) -> None:
         rows[line - 1][column] = text

@@ -28,6 +28,7 @@ from protocols.hexaslide_session import (
     PostureProcedure,
     PostureReading,
     SixMm,
+    Values,
     holds,
 )
 
@@ -35,6 +36,9 @@ SLIDERS = tuple(f"slider{chain}" for chain in range(1, CHAINS + 1))
 NUMBERED = re.compile(r"slider\d+", re.ASCII)
 LENGTHS = {"mm": 1.0, "m": 1000.0}
 ANGLE_UNITS = {"deg": 1.0, "rad": degrees(1.0), "mrad": degrees(1e-3)}
+MOST_NAMED = 8
+"""Lines in one remark."""
+
 UNIT_ROW = "Below the header comes a row of units; import --template writes both."
 
 
@@ -117,6 +121,17 @@ def readings_of_table(
     unused = [name for name in header if name not in factors and name != "posture"]
     remarks = [f"columns that are not used: {', '.join(unused)}"] if unused else []
     remarks += [f"rows without values, left out: {empty}"] if empty else []
+    first_lines: dict[tuple[SixMm, Values], int] = {}
+    copies = [
+        f"{line}"
+        for line, reading in zip(read_lines, readings, strict=True)
+        if first_lines.setdefault((reading.sliders_mm, reading.values), line) != line
+    ]
+    if copies:
+        remarks.append(
+            f"lines with all numbers of an earlier one: {', '.join(copies[:MOST_NAMED])}"
+            f"{' …' if len(copies) > MOST_NAMED else ''}; each is used as a reading of its own"
+        )
     return PostureTable(tuple(readings), tuple(read_lines), tuple(remarks))
 
 

@@ -61,6 +61,11 @@ class CalibratedMachine(Checked):
     left_out: tuple[int, ...] = ()
     adopted: tuple[AdoptedEffect, ...] = ()
 
+    @property
+    def fits(self) -> bool:
+        """Whether what is left may be noise, by `LACK_OF_FIT_LEVEL`; also where none is stated."""
+        return self.p_value is None or self.p_value >= LACK_OF_FIT_LEVEL
+
 
 def calibrate_file(
     path: Path, truth: Path | None, share: float, model: Path | None = None
@@ -224,8 +229,7 @@ def decided(solved: CalibratedMachine, tolerance_mm: float) -> Decision:
     if bound_m is None:
         return "undecided"
     # what the model does not have may do more at the platform than any bound of it counts
-    fits = solved.p_value is None or solved.p_value >= LACK_OF_FIT_LEVEL
-    if off_mm + 1000.0 * bound_m <= tolerance_mm and fits:
+    if off_mm + 1000.0 * bound_m <= tolerance_mm and solved.fits:
         return "pass"
     return "fail" if off_mm - 1000.0 * bound_m > tolerance_mm else "undecided"
 
@@ -245,15 +249,40 @@ class VerifiedMachine:
     same_machine: bool
 
 
+def sources_of_one_machine(
+    before: Path, after: Path
+) -> tuple[HexaSlideMeasurements, HexaSlideMeasurements]:
+    """What was read in two sessions.
+
+    Raises RecordError for a file and for the same session twice, CalibrationError for sessions of
+    different machines.
+    """
+    sources = measured_in(before), measured_in(after)
+    subject = f"sessions {before} and {after}"
+    if sources[0].digest() == sources[1].digest():
+        raise RecordError(subject, "the same postures", "two different sessions")
+    names = [source.machine.before_calibration for source in sources]
+    telescopic = [source.machine.whole().geometry.telescopic for source in sources]
+    if names[0] != names[1] or telescopic[0] != telescopic[1]:
+        raise CalibrationError(
+            subject, f"different machines, {names[0]} and {names[1]}", "two sessions of one machine"
+        )
+    return sources
+
+
 def verify_sessions(before: Path, after: Path, tolerance_mm: float | None) -> VerifiedMachine:
     """The platform is off by what the second session finds, give or take its bound.
 
-    Raises UsageError for a tolerance that is no positive length, RecordError for a file,
+    The tolerance is the stated one, else that of the later machine file, else of the earlier.
+
+    Raises UsageError for a tolerance that is no positive length, as `sources_of_one_machine`, and
     CalibrationError where a session gives no result.
     """
     check_tolerance(tolerance_mm)
-    earlier, later = (calibrate_file(path, None, 0.0) for path in (before, after))
-    tolerance = tolerance_mm or later.source.machine.platform_tolerance_mm
+    pairs = zip((before, after), sources_of_one_machine(before, after), strict=True)
+    earlier, later = (calibrated(path.name, source, 0.0) for path, source in pairs)
+    stated = (each.source.machine.platform_tolerance_mm for each in (later, earlier))
+    tolerance = tolerance_mm or next(filter(None, stated), None)
     decision = None if tolerance is None else decided(later, tolerance)
     is_same = earlier.source.machine == later.source.machine
     return VerifiedMachine(earlier, later, tolerance, decision, is_same)

@@ -62,7 +62,20 @@ def as_csv(offsets: Offsets) -> Export:
         )
         rows.append((name, *("" if mm is None else f"{mm:.6f}" for mm in figures_mm)))
     origin_line = [f"{offsets.source}, {offsets.made}"] if offsets.made else []
-    return Export({"": csv_text(rows, [*origin_line, *offsets.cautions])}, offsets.cautions)
+    less = any(
+        parameter.standard_uncertainty is not None
+        and parameter.expanded_uncertainty is not None
+        and parameter.expanded_uncertainty < parameter.standard_uncertainty
+        for parameter in offsets.parameters.values()
+    )
+    remarks = [*origin_line, *([OF_MIXTURE] if less else []), *offsets.cautions]
+    return Export({"": csv_text(rows, remarks)}, offsets.cautions)
+
+
+OF_MIXTURE = (
+    "An expanded uncertainty is half of the 95 % interval over all models. It is less "
+    "than the standard one where a model of little weight is far off."
+)
 
 
 FORMATS = {

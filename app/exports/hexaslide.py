@@ -35,7 +35,12 @@ NOT_GENHEXKINS = (
 )
 OF_GENHEXKINS = (
     f"calib.hal is for LinuxCNC's {OF_STRUTS}; its joints are whole lengths of legs, so HOME and "
-    "HOME_OFFSET change by the lengths in its comments"
+    "HOME_OFFSET are readings of the drives plus the lengths in its comments, and its A, B, C are "
+    "other angles than psi, theta, phi"
+)
+TURNS = (
+    "A, B, C turn about the fixed X, then Y, then Z: Rz(C) Ry(B) Rx(A). The postures of glidecal "
+    "are Ry(theta) Rx(psi) Rz(phi): the same orientation has other angles there, A is not psi."
 )
 
 
@@ -121,6 +126,7 @@ def strut_pins(machine: HexaSlide) -> str:
     geometry = machine.geometry
     lengths = enumerate((1000.0 * geometry.links).tolist())
     lines = [f"# Joint {k} = reading of its drive + {mm:.6f}" for k, mm in lengths]
+    lines += [f"# {line}" for line in short_lines(TURNS)]
     for name, points in (("base", geometry.base), ("platform", geometry.platform)):
         for leg, point in enumerate((1000.0 * points).tolist()):
             lines += [

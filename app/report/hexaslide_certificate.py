@@ -47,7 +47,9 @@ class CertifiedPostures:
 
     @property
     def tolerance_mm(self) -> float | None:
-        """Of the platform: as given, else as the machine file states it."""
+        """Of the platform: that of the verification, else as given, else of the machine file."""
+        if self.later is not None:
+            return self.later.verified.tolerance_mm
         return self.stated_mm or self.solved.source.machine.platform_tolerance_mm
 
     @property

@@ -84,17 +84,20 @@ def causes_of_machine(
     postures: FloatArray,
     lead_m: float | None,
     middle: FloatArray,
+    ways: FloatArray | None = None,
 ) -> Iterator[HexaSlideCause]:
     """Every cause that moves the platform, at every place.
 
-    Scale and bow do nothing where sliders are in the ``middle`` ``(6,)``.
+    Scale and bow do nothing where sliders are in the ``middle`` ``(6,)``. Play acts by the ``ways``
+    ``(p, 1)`` by which sliders came, up 1 and down -1; None: as they do from posture to posture.
     """
     effects = _Effects(readings, machine, postures)
     sliders, at = readings.sliders, legs(machine.geometry, postures)
     telescopic = machine.geometry.telescopic
     part = "leg" if telescopic else "rail"
     from_middle = sliders - middle
-    ways = np.sign(np.diff(sliders, axis=0, prepend=sliders[:1] - 1.0))
+    if ways is None:
+        ways = np.sign(np.diff(sliders, axis=0, prepend=sliders[:1] - 1.0))
     for k in range(CHAINS):
         of_rail, where = np.eye(CHAINS)[k], f"{part} {k + 1}"
         yield effects.of_sliders(

@@ -60,10 +60,13 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
     given_way = models.given_way
     some = Places.of(reference, machine, free, IMITATED_AT, IMITATED_AT)
     imitated = np.linalg.pinv(moved_by(models, some) @ along, rcond=IMITATED)
-    entered = given_way + along @ (imitated @ over_all(models, some))
+    # a place is come to from either side, so that no parameter imitates play
+    still = np.zeros((some.count, 1))
+    entered = given_way + along @ (imitated @ over_all(models, some, still))
     # judged at other places than those where it is imitated
     places = Places.of(reference, machine, free)
-    moved, over_box = moved_by(models, places), over_all(models, places)
+    either = np.resize([[1.0], [-1.0]], (places.count, 1))
+    moved, over_box = moved_by(models, places), over_all(models, places, either)
     by_noise = moved @ by_axes
     stands, adopted = moved @ given_way + over_box, over_box @ models.stated
 
@@ -129,13 +132,16 @@ def moved_by(models: WeighedCauses, places: Places) -> FloatArray:
     return np.asarray(moved * models.tolerances)
 
 
-def over_all(models: WeighedCauses, places: Places) -> FloatArray:
-    """What all causes do to the platform ``(q, c)``, frames taken out: mistakes do nothing."""
+def over_all(models: WeighedCauses, places: Places, ways: FloatArray | None = None) -> FloatArray:
+    """What all causes do to the platform ``(q, c)``, frames taken out: mistakes do nothing.
+
+    ``ways`` are as `causes_of_machine` takes them.
+    """
     machine, readings = models.calibrated.machine, models.readings
     forward = Procedure.of(ProcedureKind.POSE_FORWARD).on(machine)
     noise = readings.length_noise_m, readings.angle_noise_rad or 1.0
     box = Readings(forward, places.sliders, places.postures, *noise)
-    causes = causes_of_machine(box, machine, places.postures, models.lead_m, models.middle)
+    causes = causes_of_machine(box, machine, places.postures, models.lead_m, models.middle, ways)
     moved = np.hstack([cause.places for cause in causes])
     mistakes = sum(cause.columns.shape[1] for cause in models.causes) - moved.shape[1]
     return places.without_frames(np.hstack([moved, np.zeros((len(moved), mistakes))]))

@@ -48,6 +48,10 @@ def off_mm(
     shift = moved(true, goal, what)
     if what.cause in ("rail_scale", "straightness"):
         shift = moved(true, np.vstack([goal, goal + 2.0 * (around - goal)]), what)[:PLACES]
+    if what.cause == "backlash":  # a place is come to from either side
+        shift = np.zeros_like(shift)
+        half = 0.5 * what.size * chance.choice([-1.0, 1.0], PLACES)
+        shift[:, what.place] = half[:, None] * true.rail[what.place]
     if what.cause == "thermal_growth":  # as warm as in the middle of the session
         shift = 0.5 * what.size * goal[:, :, None] * true.rail
     offset = np.zeros(6)

@@ -24,6 +24,7 @@ from app.report.text.hexaslide_calibration import (
     caveats,
     check_words,
     figure_lines,
+    is_shown_better,
     left_parts,
     next_lines,
     off_words,
@@ -41,12 +42,17 @@ if TYPE_CHECKING:  # of a digital certificate alone
     from app.report.dcc.document import CertificateContents
 
 RULE = (
-    "Pass: the error of the platform and its 95 % bound together are within the tolerance. Fail: "
-    "the error less its bound exceeds the tolerance. Otherwise undecided."
+    "Pass: the error of the platform and its 95 % bound together are within the tolerance, and no "
+    "more is left of the readings than noise. Fail: the error less its bound exceeds the "
+    "tolerance. Otherwise undecided."
 )
 ENTER = (
     "Enter the calibrated machine: the file that glidecal export --format model writes, or with "
     "--format linuxcnc-kins what LinuxCNC takes. All its values are in the annex."
+)
+KEEP = (
+    "Change nothing in the controller: the readings do not show that the calibrated machine is "
+    "better than the machine file."
 )
 NOT_VERIFIED = (
     "No session after the calibrated machine was entered belongs to this document. The error of "
@@ -86,6 +92,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
     result, solved, later = certified.result, certified.solved, certified.later
     document = HexaSlideCalibrationReport.of(solved)
     calibrated = machine_like(solved.source.machine, "", solved.entered)
+    enter = ENTER if is_shown_better(document) else KEEP
     simulated = any(session.opened.origin == "simulated" for session, _ in certified.sessions)
     return CalibrationReport(
         machine=solved.source.machine.name,
@@ -94,7 +101,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
         first_page=[
             Section("", [_object(certified), SIMULATED if simulated else ""]),
             Section("Traceability", _traceability(certified)),
-            Section("Result", [_errors(document), RULE, ENTER, *_moved(solved, calibrated)]),
+            Section("Result", [_errors(document), RULE, enter, *_moved(solved, calibrated)]),
             Section("The machine", [_drawn(solved)]),
         ],
         second_page=[
@@ -104,7 +111,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
         ],
         sections=[
             Section("What was measured", [_machine(solved.source.machine, certified.tolerance_mm)]),
-            Section("What to enter in the controller", [ENTER, _values(solved, calibrated)]),
+            Section("What to enter in the controller", [enter, _values(solved, calibrated)]),
             Section(
                 "Parameters",
                 [parameter_table(document), *figure_lines(document, solved.factor)],

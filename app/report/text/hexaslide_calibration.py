@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from decimal import Decimal
+from typing import TypeVar
 
 from rich.table import Table
 
@@ -17,7 +19,12 @@ from app.report.text.tables import new_table, paragraphs, signed
 from calib.hexaslide.procedures import ProcedureKind
 from protocols.hexaslide import HexaSlideMeasurements
 
+Number = TypeVar("Number", float, Decimal)
+
 MOST_POSTURES = 5
+
+MOST_DIGITS = 15
+"""Of figures beside a tolerance."""
 
 THOUSANDTHS = {"m": "mm", "m/m": "mm/m", "rad": "mrad"}
 
@@ -90,12 +97,35 @@ def verification_text(verified: VerifiedMachine) -> str:
 def off_words(solved: CalibratedMachine, tolerance_mm: float | None) -> str:
     """What the platform is off by as it was measured, beside the tolerance."""
     off_mm, bound_m = 1000.0 * solved.platform.now.places_rms_m, solved.platform.bound_m
-    bound = "an unknown amount" if bound_m is None else f"{1000.0 * bound_m:.3g} mm"
-    tolerance = f"; tolerance {tolerance_mm:g} mm" if tolerance_mm else ""
+    off, bound = f"{off_mm:.3g}", "an unknown amount"
+    if bound_m is not None:
+        off, bound_mm = deciding_figures(off_mm, 1000.0 * bound_m, tolerance_mm)
+        bound = f"{bound_mm} mm"
+    tolerance = f"; tolerance {tolerance_mm:.10g} mm" if tolerance_mm else ""
     return (
-        f"the platform is off by {off_mm:.3g} mm r.m.s. over the box, give or take {bound}"
+        f"the platform is off by {off} mm r.m.s. over the box, give or take {bound}"
         f" (95 %){tolerance}."
     )
+
+
+def deciding_figures(off_mm: float, bound_mm: float, tolerance_mm: float | None) -> tuple[str, str]:
+    """Both with so many digits that their sum and difference are on the side of the tolerance that
+    was decided.
+    """
+    limit_mm = math.inf if tolerance_mm is None else tolerance_mm
+    decided, limit = _sides(off_mm, bound_mm, limit_mm), Decimal(f"{limit_mm:.10g}")
+    shown = f"{off_mm:.3g}", f"{bound_mm:.3g}"
+    for digits in range(4, MOST_DIGITS + 1):
+        off, bound = map(Decimal, shown)
+        if _sides(off, bound, limit) == decided:  # as a reader adds them up
+            break
+        shown = f"{off_mm:.{digits}g}", f"{bound_mm:.{digits}g}"
+    return shown
+
+
+def _sides(off: Number, bound: Number, limit: Number) -> tuple[bool, bool]:
+    """Whether that is surely within the limit, and surely not."""
+    return off + bound <= limit, off - bound > limit
 
 
 def next_lines(verified: VerifiedMachine) -> list[str]:
@@ -108,6 +138,11 @@ def next_lines(verified: VerifiedMachine) -> list[str]:
         )
     elif verified.tolerance_mm is None:
         lines.append("State --tolerance, or platform_tolerance_mm in the machine file.")
+    elif verified.decision == "undecided" and not verified.after.fits:
+        lines.append(
+            "More is left of the readings than noise, so the machine does not pass: glidecal "
+            "diagnose looks for what is missing."
+        )
     elif verified.decision == "undecided":
         lines.append("Measure more postures, or with less noise.")
     elif verified.decision == "fail":
@@ -149,6 +184,12 @@ def _both(before: Rms, after: Rms) -> str:
     )
 
 
+def is_shown_better(document: HexaSlideCalibrationReport) -> bool:
+    """Whether the calibrated machine is better than its file, unless no bound tells it."""
+    bound_mm = document.platform.bound_rms_mm
+    return bound_mm is None or bound_mm < document.platform.now_rms_mm
+
+
 def caveats(document: HexaSlideCalibrationReport) -> list[str]:
     """What stands against the result, and what it leaves out."""
     lines = []
@@ -172,7 +213,7 @@ def caveats(document: HexaSlideCalibrationReport) -> list[str]:
             "Measure more postures, or state the noise."
         )
     platform = document.platform
-    if platform.bound_rms_mm is not None and platform.bound_rms_mm >= platform.now_rms_mm:
+    if not is_shown_better(document):
         lines.append(
             "WARNING: the readings do not show that the calibrated machine is better than the "
             f"machine file: its bound is {platform.bound_rms_mm:.3g} mm, the error now "

@@ -13,6 +13,7 @@ from app.report.text.hexaslide_calibration import (
     caveats,
     check_words,
     figure_lines,
+    is_shown_better,
     left_parts,
     off_words,
     parameter_table,
@@ -86,8 +87,7 @@ NO_TOLERANCE = " State platform_tolerance_mm in the machine file, and it is judg
 
 def next_text(document: HexaSlideCalibrationReport, folder: str) -> str:
     """What to do next; nothing is entered that is not shown to be better."""
-    platform = document.platform
-    if platform.bound_rms_mm is not None and platform.bound_rms_mm >= platform.now_rms_mm:
+    if not is_shown_better(document):
         return "Next: change nothing in the controller; {postures.report} writes the report."
     if not folder:
         return (

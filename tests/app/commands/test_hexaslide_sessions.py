@@ -131,6 +131,18 @@ def test_units_stand_in_the_second_row(pose: Path, tmp_path: Path) -> None:
         assert reading.values == pytest.approx(origin.values, rel=1e-12)
 
 
+def test_rows_that_were_copied_are_named(pose: Path, tmp_path: Path) -> None:
+    """All counted twice the noise looks smaller by the root of two: nobody reads so often alike."""
+    rows = table(tmp_path / "t.csv", pose)
+    write(tmp_path / "t.csv", [*rows, *rows[2:], rows[4]])
+    session, odd = import_postures(tmp_path / "t.csv", plan(tmp_path / "s.jsonl", "pose-forward"))
+    assert len(session.readings) == 33
+    assert odd == (
+        "lines with all numbers of an earlier one: 19, 20, 21, 22, 23, 24, 25, 26 …; each is used "
+        "as a reading of its own",
+    )
+
+
 def _cell(line: int, column: int, text: str) -> Callable[[Rows], None]:
     def change(rows: Rows) -> None:
         rows[line - 1][column] = text
@@ -251,9 +263,12 @@ def test_calibrate_enter_and_verify_as_a_person_would(tmp_path: Path) -> None:
     assert (report["schema"], report["decision"]) == ("glidecal.hexaslide-verification/1", "pass")
     assert report["platform_after"]["now_rms_mm"] < 0.01 * report["platform_before"]["now_rms_mm"]
     assert len(report["lost_motions"]) == 3
-    unchanged = glidecal("verify", before, before, "--tolerance", "0.1")
+    same = (*RUN, "position", "--seed", "5", "--behind", before, "-o", tmp_path / "same.jsonl")
+    assert glidecal(*same).status == 0
+    unchanged = glidecal("verify", before, tmp_path / "same.jsonl", "--tolerance", "0.1")
     assert unchanged.status == 6
     assert "one machine file" in " ".join(unchanged.out.split())
+    assert "the same postures" in refused(3, "verify", before, before, "--tolerance", "0.1")
     assert verify_sessions(before, after, None).decision is None
     for wrong in ("0", "-0.1"):
         stated = f"--tolerance={wrong}"

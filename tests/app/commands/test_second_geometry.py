@@ -98,6 +98,31 @@ def test_the_exported_machine_is_where_its_readings_say(measured: tuple[Path, Pa
         assert posture[:3] == pytest.approx(reading.values, abs=0.04)
 
 
+def test_no_machine_verifies_another_one(measured: tuple[Path, Path], tmp_path: Path) -> None:
+    hexaslide, page = tmp_path / "h.jsonl", tmp_path / "r.html"
+    run = ("run", "--machine", "hexaslide", "--simulated", "--protocol", "position", "-o")
+    assert glidecal(*run, hexaslide).status == 0
+    for verb in ("verify", "compare"):
+        assert "different machines" in refused(5, verb, measured[0], hexaslide)
+    with_after = ("report", measured[0], "--after", hexaslide, "-o", page)
+    assert "different machines" in refused(5, *with_after)
+
+
+def test_the_exported_file_tells_whose_angles_are_meant(
+    measured: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """LinuxCNC turns otherwise than postures of the program: at 10°, -8°, 12° by more than 1°."""
+    folder = tmp_path / "kins"
+    assert glidecal("export", measured[0], "--format", "linuxcnc-kins", "-o", folder).status == 0
+    text = (folder / "calib.hal").read_text("utf-8").replace("\n# ", " ")
+    assert "Rz(C) Ry(B) Rx(A)" in text
+    assert "Ry(theta) Rx(psi) Rz(phi)" in text
+    theta, psi, phi = 10.0, -8.0, 12.0
+    theirs = Rotation.from_euler("xyz", [psi, theta, phi], degrees=True)
+    ours = Rotation.from_euler("YXZ", [theta, psi, phi], degrees=True)
+    assert np.degrees((theirs.inv() * ours).magnitude()) > 1.0
+
+
 def _without_a_rail(text: str) -> str:
     return re.sub(r"\nrail = [^\n]*", "", text, count=1)
 

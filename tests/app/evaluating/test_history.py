@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from app.evaluating import history
 from app.evaluating.history import Entry, MachineHistory, read_history
 from app.evaluating.solution import correct_session, judge, solve_files, solve_sessions
+from app.machines.registry import LOOKS
 from app.measuring.simulated import simulated_session
 from app.report.charts.results import control_charts
 from app.report.text.history import history_text
@@ -241,8 +242,9 @@ def test_what_is_known_is_not_solved_again(
 
 
 PRINTER = "printer.jsonl"
-TOLD = {
-    3: {
+POSTURES = "postures.jsonl"
+TOLD: dict[int, dict[str, tuple[float, ...]]] = {
+    4: {
         "experiment_2_twelve.jsonl": (
             *(-0.52477, 0.53681, -1.65963, 0.72729, 0.72367, 0.72646),
             *(0.66648, 0.3384),
@@ -259,9 +261,12 @@ TOLD = {
             *(0.04002, -0.12842, 0.08825, 0.15115, 0.14541, 0.14713),
             *(0.38504, 0.38196),
         ),
+        POSTURES: (3.27843, 0.01864),
     }
 }
-"""By `RESULTS`: offsets x, y, z, their half widths, the tool now and after, mm."""
+"""By `RESULTS`: offsets x, y, z, their half widths, the tool now and after, mm; of postures the
+platform now and its bound.
+"""
 
 
 def told(entry: Entry) -> tuple[float, ...]:
@@ -282,10 +287,17 @@ def test_other_results_have_another_number(tmp_path: Path) -> None:
     printer = SAMPLES / "printer"
     files = (printer / "printer.cfg", printer / "probe.log")
     assert not run_here("import", *map(str, files), "-o", str(tmp_path / PRINTER))[0]
-    machines = read_history(tmp_path, index=tmp_path / "index").machines
+    hexaslide = ("--machine", "hexaslide", "--protocol", "position")
+    table = str(SAMPLES / "hexaslide" / "before.csv")
+    assert not run_here("import", *hexaslide, table, "-o", str(tmp_path / POSTURES))[0]
+    past = read_history(tmp_path, index=tmp_path / "index", of_postures=LOOKS)
     results = {
-        str(point.path): told(point.entry) for machine in machines for point in machine.points
+        str(point.path): told(point.entry) for machine in past.machines for point in machine.points
     }
+    (point,) = past.of_postures[0].points
+    assert point.entry.now_mm is not None
+    assert point.entry.bound_mm is not None
+    results[str(point.path)] = point.entry.now_mm, point.entry.bound_mm
     assert results.keys() == expected.keys()
     for name, values in expected.items():
         assert results[name] == pytest.approx(values, abs=2e-5), f"{history.RESULTS=}, {results}"

@@ -21,7 +21,7 @@ from calib.posterior.correction import Holds
 from protocols.data_table import csv_text
 from protocols.files import write_files
 from tests.app.cli import glidecal, refused
-from tests.conftest import LONG, ROOT, first_quick
+from tests.conftest import LONG, ROOT, SAMPLES, first_quick
 
 LINEAR = ("--method", "linear")
 
@@ -156,6 +156,20 @@ def test_json_and_csv_agree(session: Path, tmp_path: Path, of_a_set: tuple[str, 
         ):
             value = float(row[column]) if row[column] else None
             assert value == (entry[key] and pytest.approx(entry[key], abs=1e-6))
+
+
+@pytest.mark.parametrize("name", ["simulated_plane.jsonl", "experiment_2_twelve.jsonl"])
+def test_a_csv_says_why_an_interval_is_narrower_than_a_deviation(name: str, tmp_path: Path) -> None:
+    """Of a mixture of models the ratio of both may be any; a file where it is usual is silent."""
+    run = glidecal("export", SAMPLES / name, "--format", "csv", "-o", tmp_path / "o.csv")
+    assert run.status == 0, run.err
+    rows = csv_rows(tmp_path / "o.csv")
+    is_less = any(
+        float(row["expanded_uncertainty_mm"]) < float(row["standard_uncertainty_mm"])
+        for row in rows
+    )
+    assert is_less == name.startswith("simulated")
+    assert is_less == ("less than the standard one" in (tmp_path / "o.csv").read_text("utf-8"))
 
 
 def test_export_of_a_model(tmp_path: Path) -> None:

@@ -5,17 +5,20 @@ from __future__ import annotations
 import json
 import re
 from datetime import timedelta
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from app.evaluating.hexaslide import posture_result
-from app.evaluating.hexaslide_calibration import calibrate_file
+from app.evaluating.hexaslide_calibration import calibrate_file, verify_sessions
 from app.evaluating.history import read_history
 from app.machines.registry import LOOKS
-from app.report.pages.hexaslide import source_of_postures
+from app.report.hexaslide_certificate import certified_postures
+from app.report.pages.hexaslide import RULE, report_page, source_of_postures
 from app.report.pages.report import html_of
+from app.report.text.hexaslide_calibration import deciding_figures
 from calib.hexaslide.checked import frames_apart
 from calib.hexaslide.geometry import forward, inverse
 from protocols.hexaslide import load_hexaslide, machine_like
@@ -76,6 +79,76 @@ def test_a_later_session_decides(pair: tuple[Path, Path], tmp_path: Path) -> Non
     assert f"tolerance {TOLERANCE_MM:g} mm" in text
     streamed = glidecal("report", before, "--after", after, "-o", "-")
     assert words(streamed.out) == text
+
+
+def test_the_report_judges_by_the_tolerance_of_its_verification(
+    pair: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """Also where the two machine files state different ones: decision, annex and certificate."""
+    before, after = pair
+    session, _ = read_postures(after)
+    machine = session.opened.machine.model_copy(update={"platform_tolerance_mm": 0.07})
+    opened = session.opened.model_copy(update={"machine": machine})
+    write_whole(other := tmp_path / "other.jsonl", opened, [*session.readings], POSTURE_FORM)
+    certified = certified_postures(before, other)
+    assert certified.later is not None
+    assert certified.tolerance_mm == certified.later.verified.tolerance_mm == 0.07
+    text = words(html_of(report_page(certified)))
+    assert "PASS, measured again" in text
+    assert "tolerance 0.07 mm" in text
+    assert "tolerance of the platform 0.07 mm r.m.s." in text
+    untold = session.opened.machine.model_copy(update={"platform_tolerance_mm": None})
+    opened = session.opened.model_copy(update={"machine": untold})
+    write_whole(last := tmp_path / "last.jsonl", opened, [*session.readings], POSTURE_FORM)
+    assert verify_sessions(before, last, None).tolerance_mm == TOLERANCE_MM
+
+
+def test_nothing_is_entered_that_is_not_shown_to_be_better(
+    pair: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """Of a machine file that is true the session says to keep it; so does its report."""
+    truth = simulated_truth(read_postures(pair[0])[0])
+    kept = posture_session(tmp_path / "k.jsonl", "position", 13, truth, truth)
+    report = words(html_of(source_of_postures(kept).page()))
+    assert "Keep the file, or measure more" in report
+    assert report.count("Change nothing in the controller") == 2
+    assert "Enter the calibrated machine" not in report
+    assert "Enter the calibrated machine" in words(html_of(source_of_postures(pair[0]).page()))
+
+
+def test_what_fits_badly_does_not_pass_and_says_why(
+    pair: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """By a noise that is stated five times too small; the rule of the report has it, too."""
+    session, _ = read_postures(pair[1])
+    procedure = session.opened.procedure
+    small = procedure.model_copy(
+        update={"noise_mm": procedure.noise_mm / 5.0, "noise_deg": procedure.noise_deg / 5.0}
+    )
+    opened = session.opened.model_copy(update={"procedure": small})
+    write_whole(after := tmp_path / "after.jsonl", opened, [*session.readings], POSTURE_FORM)
+    run = glidecal("verify", pair[0], after, "--tolerance", "100")
+    assert run.status == 7
+    text = " ".join(run.out.split())
+    assert "More is left of the readings than noise, so the machine does not pass" in text
+    assert "Measure more postures" not in text
+    assert "and no more is left of the readings than noise" in RULE
+
+
+@pytest.mark.parametrize("tolerance", [0.1, 0.0563, 7.5])
+def test_figures_beside_a_tolerance_show_what_was_decided(tolerance: float) -> None:
+    """0.06334 and 0.03674 are 0.10008 together, as 0.0633 and 0.0367 they were 0.1000: a reader
+    adds them up in decimals.
+    """
+    assert deciding_figures(0.06334, 0.03674, 0.1) == ("0.06334", "0.03674")
+    assert deciding_figures(0.06334, 0.03674, 0.2) == ("0.0633", "0.0367")
+    chance, limit = np.random.default_rng(4), Decimal(str(tolerance))
+    for _ in range(300):
+        off = tolerance * chance.uniform(0.0, 2.0)
+        bound = abs(tolerance - off) + tolerance * chance.normal(0.0, 1e-4)
+        first, second = map(Decimal, deciding_figures(off, bound, tolerance))
+        assert (first + second <= limit) == (off + bound <= tolerance)
+        assert (first - second > limit) == (off - bound > tolerance)
 
 
 def test_what_a_report_of_postures_does_not_take(pair: tuple[Path, Path], tmp_path: Path) -> None:

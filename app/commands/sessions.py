@@ -31,6 +31,7 @@ from app.machines.options import (
     machine_option,
     may_replace,
     say,
+    there,
 )
 from app.machines.registry import (
     LISTED,
@@ -123,6 +124,7 @@ def import_table(
     name = machine or USUAL_MACHINE
     family = family_of(name)
     options = options_of(context, family, f"the machine {name}", own)
+    there([] if template else source)
     if family.sessions is not None:
         _check_postures(context, name, source)
         remarks, day = tuple(remark or ()), _day(measured_on)

@@ -65,7 +65,7 @@ def file(
         help=help_text,
         show_default=default,
         readable=False,
-        callback=_there if to_read else None,
+        callback=there if to_read else None,
     )
     return option
 
@@ -73,12 +73,12 @@ def file(
 def argument(help_text: str, *, to_read: bool = True) -> ArgumentInfo:
     """A file, or several, without an option's name; to be read, it must be there at once."""
     information: ArgumentInfo = typer.Argument(
-        help=help_text, show_default=False, readable=False, callback=_there if to_read else None
+        help=help_text, show_default=False, readable=False, callback=there if to_read else None
     )
     return information
 
 
-def _there(paths: Path | list[Path] | None) -> Path | list[Path] | None:
+def there(paths: Path | list[Path] | None) -> Path | list[Path] | None:
     """Before anything heavy is imported. Raises RecordError."""
     for path in paths if isinstance(paths, list) else [paths] if paths else []:
         try:

@@ -162,7 +162,7 @@ DRAWN = "[...document.images].map(one => one.complete && one.naturalWidth > 100)
 
 
 def report_page(session: Path) -> tuple[str, str, int]:
-    return html_of(report_of([session])), f"Calibration report: {ACTIVE[6]}", 13
+    return html_of(report_of([session])), f"Calibration report: {ACTIVE[6]}", 14
 
 
 def history_of(session: Path) -> tuple[str, str, int]:

@@ -76,7 +76,7 @@ def test_without_a_procedure_it_takes_one_that_nobody_would_type() -> None:
 
 def test_what_the_record_tells_is_refused_beside_continue(tmp_path: Path) -> None:
     for words in (("--dry-run",), ("--seed", "1"), ("--note", "n"), ("-o", "b.jsonl")):
-        message = refused(2, "run", "--continue", tmp_path / "a.jsonl", *words)
+        message = refused(2, "run", "--continue", tmp_path, *words)
         assert f"{words[0].replace('-o', '--output')}: found beside --continue" in message
 
 

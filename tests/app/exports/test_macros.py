@@ -172,7 +172,7 @@ def test_what_no_probe_measures_is_refused(tmp_path: Path) -> None:
 def test_options_that_need_each_other() -> None:
     delta = ("--machine", "linear-delta")
     assert "no --dry-run" in refused(2, "run", *delta, "--simulated", "--macro", "klipper")
-    assert "no --dry-run" in refused(2, "run", "--continue", "s.jsonl", "--macro", "klipper")
+    assert "no --dry-run" in refused(2, "run", "--continue", ".", "--macro", "klipper")
     assert "no --macro" in refused(2, *DRY, "--printable-radius", "80")
     assert "plan --macro" in refused(2, *DRY, "--macro", "klipper", "-o", "probe.gcode")
     assert "no --macro" in refused(2, "plan", "--protocol", "plate-rings")

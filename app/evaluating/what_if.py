@@ -14,8 +14,9 @@ from app.evaluating.solution import SessionSolution, solve_sessions
 from calib.errors import NotIdentifiable, UsageError
 from calib.identify.identify import IdentificationCase, identify
 from calib.identify.solution import FittedSize, Solution, Subset
+from calib.posterior.tool import FREE_IN, Frame
 from calib.quantity import round_step
-from calib.tripod.controller import commanded_with, tool_error_mm
+from calib.tripod.controller import commanded_with, tool_error_free_of_mm
 from calib.tripod.effects.candidates import Candidate, candidates
 from calib.tripod.effects.effect import Effect, EffectInstance, EffectParameter, Kind
 from calib.tripod.geometry import Geometry
@@ -129,6 +130,11 @@ class Trial:
         value = min(max((near + steps) * step, -largest, parameter.least), largest)
         return (*values[:number], float(f"{value:.10g}"), *values[number + 1 :])
 
+    @property
+    def frame(self) -> Frame:
+        """How workpieces are set on this machine."""
+        return self.sessions[0].opened.machine.frame
+
     @cached_property
     def _case(self) -> IdentificationCase:
         """What readings tell, whatever the sizes are."""
@@ -184,18 +190,20 @@ class WhatIf:
     @cached_property
     def tool_mm(self) -> float:
         """What the effect by itself does at the tool if nobody compensates it, r.m.s. over the
-        workspace.
+        workspace in the frame of the machine file.
         """
-        return tool_error_mm(Model(self._geometry, effects=self.trial.placed(self._entry)))
+        machine = Model(self._geometry, effects=self.trial.placed(self._entry))
+        return tool_error_free_of_mm(machine, FREE_IN[self.trial.frame])
 
     @cached_property
     def misled_mm(self) -> float:
         """What the tool is off by if the effect is there and parameters found without it are
-        entered, r.m.s. over the workspace.
+        entered, r.m.s. over the workspace in the frame of the machine file.
         """
         model, former = self.solution.model, self.trial.without.solution.model
         machine = Model(self._geometry, model.parameters_mm, self.trial.placed(self._entry))
-        return tool_error_mm(machine, commanded_with(self._geometry, former.parameters_mm))
+        commanded = commanded_with(self._geometry, former.parameters_mm)
+        return tool_error_free_of_mm(machine, FREE_IN[self.trial.frame], commanded)
 
     def work_out(self) -> tuple[float, float]:
         """`tool_mm` and `misled_mm`; later they and `solution` take no time.

@@ -15,7 +15,7 @@ from typing import TypeGuard
 
 import numpy as np
 
-from calib.arrays import LEG_NAMES, FloatArray
+from calib.arrays import LEG_NAMES, FloatArray, without
 from calib.errors import ImpossibleRequest
 from calib.tripod.effects.bars import GravitySag, LegLength
 from calib.tripod.effects.effect import EffectInstance
@@ -308,6 +308,25 @@ def tool_error_mm(
             off = off - machine_at(model, zero, way).tool_mm
         worst = max(worst, float(np.sqrt((off**2).sum(axis=-1).mean())))
     return worst
+
+
+def tool_error_free_of_mm(
+    model: Model, free: int, commanded: Callable[[FloatArray], FloatArray] | None = None
+) -> float:
+    """The same of both ways round together, less the best of shifts and small turns of the machine.
+
+    ``free`` is how many of these six a frame takes up: none, the shifts (3), or all. Raises
+    UnreachablePosture.
+    """
+    commanded = commanded or (lambda tool_mm: inverse(model.geometry, tool_mm))
+    points = workspace_points(model.geometry)
+    ways = [machine_at(model, commanded(points), way).tool_mm - points for way in (1.0, -1.0)]
+    off = np.concatenate(ways)
+    shifts = np.broadcast_to(np.eye(3)[:, None], (3, *off.shape))
+    turns = np.cross(np.eye(3)[:, None], np.tile(points, (2, 1)))
+    rigid = np.concatenate([shifts, turns]).reshape(6, -1).T[:, :free]
+    remainder = without(np.linalg.qr(rigid)[0], off.ravel())
+    return float(np.sqrt(3.0 * np.mean(remainder**2)))
 
 
 def commanded_with(

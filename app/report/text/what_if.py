@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.evaluating.what_if import Choice, Trial, WhatIf
-from app.report.text.correction import SUBSET_WORDS
+from app.report.text.correction import FRAME_WORDS, SUBSET_WORDS
 from app.report.text.tables import (
     LEAST_MM,
     decimals,
@@ -111,7 +111,7 @@ def sizes_text(
 
 def effect_text(without: WhatIf, now: WhatIf) -> str:
     """Residuals and tool, without the effect and with it."""
-    table = new_table("", "without", "with it")
+    table = new_table(f"tool: {FRAME_WORDS[now.trial.frame]}", "without", "with it")
     pair = without.solution, now.solution
     table.add_row("differences left, mm r.m.s.", *(uncertain(s.rms_after_mm, 4) for s in pair))
     table.add_row("readings left, times the noise", *map(_times, pair))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -9,12 +10,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import root
+from scipy.spatial.transform import Rotation
 
 import glidecal
 from app.evaluating.what_if import FAR, Trial, choices, trial_of
 from app.report.text.caveats import caveats
+from calib.arrays import FloatArray
 from calib.errors import UsageError
 from calib.identify.solution import Subset
+from calib.posterior.tool import Frame
 from calib.tripod.geometry import Geometry, direct, inverse
 from calib.tripod.workspace import workspace_points
 
@@ -61,9 +66,42 @@ def test_the_tool_follows_the_size(session: glidecal.Session) -> None:
     share = 0.5e-3
     zero, there = (inverse(geometry, tool_mm) for tool_mm in (np.zeros((1, 3)), points))
     off = direct(geometry, zero + (there - zero) * (1.0 + share)) - points
+    off -= off.mean(axis=0)  # touched off
     expected = float(np.sqrt((off**2).sum(axis=-1).mean()))
     outcome = glidecal.what_if(session, effect="actuator_scale:all", size=1e3 * share)
     assert outcome.tool_mm == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("frame", ["touched-off", "aligned", "machine"])
+def test_the_tool_is_judged_in_the_frame_of_the_machine_file(
+    session: glidecal.Session, frame: Frame
+) -> None:
+    """Axes x and y that lean; the best turn of many points by Kabsch's method in scipy."""
+    machine = session.opened.machine.model_copy(update={"frame": frame})
+    session = replace(session, opened=session.opened.model_copy(update={"machine": machine}))
+    points = workspace_points(Geometry())
+    lean = 0.5e-3  # half of 1 mrad each, about where the axes meet
+    drives = np.array([[1.0, lean, 0.0], [lean, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    pairs = zip(inverse(Geometry(), points), points, strict=True)
+    wrong = np.array([meeting(drives, joints, start) for joints, start in pairs])
+    if frame != "machine":
+        wrong -= (wrong - points).mean(axis=0)
+    if frame == "aligned":
+        turn, _ = Rotation.align_vectors(points - points.mean(axis=0), wrong - points.mean(axis=0))
+        wrong = turn.apply(wrong - points.mean(axis=0)) + points.mean(axis=0)
+    expected = float(np.sqrt(((wrong - points) ** 2).sum(axis=-1).mean()))
+    outcome = glidecal.what_if(session, effect="axis_squareness:xy", size=1.0)
+    assert outcome.tool_mm == pytest.approx(expected, rel=0.01)
+
+
+def meeting(drives: FloatArray, joints: FloatArray, start: FloatArray) -> FloatArray:
+    """The point ``(3,)`` at a bar's length from each carriage, by scipy."""
+    feet, bars = joints[:, None] * drives, np.square(Geometry().lengths)
+
+    def too_far(tool_mm: FloatArray) -> FloatArray:
+        return np.asarray(((tool_mm - feet) ** 2).sum(axis=1) - bars)
+
+    return np.asarray(root(too_far, start).x)
 
 
 def test_parameters_that_ignore_it_mislead_the_tool(session: glidecal.Session) -> None:
@@ -81,6 +119,7 @@ def test_parameters_that_ignore_it_mislead_the_tool(session: glidecal.Session) -
     commanded = inverse(geometry, points) - entered
     carriage = commanded + true_mm + share * (commanded - zero)
     off = direct(geometry, carriage) - points
+    off -= off.mean(axis=0)  # touched off
     expected = float(np.sqrt((off**2).sum(axis=-1).mean()))
     assert outcome.misled_mm == pytest.approx(expected, rel=1e-6)
     assert outcome.trial.without.misled_mm == pytest.approx(0.0, abs=1e-9)

@@ -1,8 +1,9 @@
 """Repetier: lines of its EEPROM (M205), and ``Z-probe:`` lines of G29, G33 or G30.
 
-The tower with the most steps of offset trips at the homed height, each other one by the difference
-lower. What a probe line states is how far the tool went down from one height: it met the plate at
-that height less this way, and the height is the same for all.
+A tower goes down by its offset once its switch has tripped; only then the tool is at the homed
+height (``Printer::homeZAxis``): a switch trips by the offset above it. What a probe line states is
+how far the tool went down from one height: it met the plate at that height less this way, and the
+height is the same for all.
 """
 
 from __future__ import annotations
@@ -67,8 +68,7 @@ def _printer(texts: Texts, stored: dict[int, float], first: str) -> TowerPrinter
     radii = [stored[RADIUS] + stored.get(place, 0.0) for place in RADII_MORE]
     usual = zip(ANGLES, (210.0, 330.0, 90.0), strict=True)
     angles = [stored.get(place, angle) for place, angle in usual]
-    offsets = [stored.get(place, 0.0) / stored[STEPS] for place in OFFSETS]
-    stops = [stored[HEIGHT] + offset - max(offsets) for offset in offsets]
+    stops = [stored[HEIGHT] + stored.get(place, 0.0) / stored[STEPS] for place in OFFSETS]
     return TowerPrinter(
         f"file of a printer, {first}",
         texts[0][0].stem,

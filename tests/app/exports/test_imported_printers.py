@@ -75,7 +75,7 @@ def test_the_true_machine_keeps_its_height_over_the_plate(
 
 
 REAL_BAR, REAL_RADIUS = 203.45, 96.52
-REAL_STOPS, REAL_ANGLES = (273.67, 274.20, 275.38), (207.04, 326.63, 90.0)
+REAL_STOPS, REAL_ANGLES = (275.38, 275.91, 277.09), (207.04, 326.63, 90.0)
 """Of the public printer, as its EEPROM has them (see `test_firmwares`)."""
 
 REAL_NOW = true.klipper(

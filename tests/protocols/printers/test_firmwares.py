@@ -131,7 +131,7 @@ def held_by_marlin() -> str:
 
 EEPROM = {
     11: (80.0, "Steps per mm"),
-    153: (max(true.ENDSTOPS), "Z max length [mm]"),
+    153: (299.0, "Z max length [mm]"),
     881: (true.BAR, "Diagonal rod length [mm]"),
     885: (true.RADIUS, "Horizontal rod radius at 0,0 [mm]"),
     925: (100.0, "Max printable radius [mm]"),
@@ -351,10 +351,10 @@ def real_eeprom() -> str:
 
 
 def test_a_real_eeprom_is_the_machine_of_its_owner(tmp_path: Path) -> None:
-    """The tower with most steps trips at the homed height."""
+    """Each switch trips at the homed height and its tower's steps of offset above it."""
     printer = read(tmp_path, real_eeprom())
     machine = printer.opened.machine
-    assert machine.position_endstop_mm == pytest.approx((273.67, 274.20, 275.38))
+    assert machine.position_endstop_mm == pytest.approx((275.38, 275.91, 277.09))
     assert machine.drive is not None
     stand = np.array([drive.origin_mm[:2] for drive in machine.drive])
     want = [[-85.969337, -43.879192], [80.607346, -53.09], [0.0, 96.52]]
@@ -378,6 +378,28 @@ def test_answers_of_a_printer_win_over_its_configuration(tmp_path: Path) -> None
     )
     printer = read(tmp_path, CONFIG_G, macro, settings + log)
     assert printer.opened.machine.position_endstop_mm == pytest.approx((300.6, 300.3, 300.6))
+
+
+def test_a_tower_of_repetier_goes_down_by_its_offset_after_homing(tmp_path: Path) -> None:
+    """`Printer::homeZAxis` in steps: set at the switches, moved, then called the homed height."""
+    steps, height, offsets = 100.0, 300.0, np.array([100.0, 22.0, -40.0])
+    raised = math.sqrt(210.0**2 - 92.0**2)
+    at_homed_height = (height + raised) * steps
+    lowest = (0.0 - offsets).min()
+    # each tower as it is taken to be at its switch, and after the move of all by the least
+    at_switch = at_homed_height - (0.0 - offsets - lowest)
+    moved = at_homed_height + lowest - at_switch
+    stops_mm = (at_homed_height - moved) / steps - raised
+    text = "".join(
+        f"EPR:3 {place} {value} {name}\n"
+        for place, value, name in (
+            *((11, steps, "Steps per mm"), (153, height, "Z max length [mm]")),
+            *((881, 210.0, "Diagonal rod length [mm]"), (885, 92.0, "Horizontal rod radius")),
+            *((893 + 2 * k, offset, "endstop offset [steps]") for k, offset in enumerate(offsets)),
+        )
+    )
+    machine = read(tmp_path, text + "Z-probe:3.000 X:0.00 Y:0.00\n").opened.machine
+    assert machine.position_endstop_mm == pytest.approx(stops_mm.tolist())
 
 
 ODD_G = "G30 P0 X0 Y0 Z-99999\nG30 P1 X50 Y0 Z0.1\nG30 P2 X0 Y50 Z-99999 S-1\n"

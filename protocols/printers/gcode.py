@@ -21,8 +21,12 @@ WORD = re.compile(rf"([A-Z])\s*({NUMBER}(?:\s*:\s*{NUMBER})*)?\s*")
 WORDS = re.compile(rf"(?:{WORD.pattern})*")
 IN_BRACKETS = re.compile(r"\([^()]*\)")
 """A comment within a line."""
-PREFIX = re.compile(r"^(?:[\d:. ]+ : )?(?:Recv: |<<< |< )?(?:echo:)?\s*")
-"""What hosts and firmware write before a line: a time, who said it, ``echo:``."""
+PREFIX = re.compile(
+    r"^(?:# |< )?(?:\d[\d:.,/ -]*(?: [AP]M)?(?: :| ->?|:) )?(?:Recv: |Read: |<<< |< )?"
+    r"(?:echo:)?\s*",
+    re.IGNORECASE,
+)
+"""What hosts and firmware write before a line: date and time, the sender, ``echo:``."""
 
 
 def read_printed(path: Path, what: str, most_bytes: int = MOST_BYTES) -> str:

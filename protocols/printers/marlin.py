@@ -194,7 +194,8 @@ def _printer(texts: Texts, odd: list[str]) -> TowerPrinter | None:
             f"file of a printer, {first}",
             f"M665 without {', '.join(missing)}",
             "L, R and H: length of the bars, radius, height",
-            "Save all that M503 shows.",
+            "Save all that M503 shows. Older programs do not show H: home, send M114, and add the "
+            "Z of its answer to that line, as H and a number.",
         )
     trimmed = {"A", "C"} <= words.keys()  # older programs show another value as B
     arms = [words["L"] + (words.get(trim, 0.0) if trimmed else 0.0) for trim in TRIMS]

@@ -438,6 +438,25 @@ def test_what_is_not_used_is_named(tmp_path: Path, texts: tuple[str, ...], messa
     assert printer.opened.remarks == tuple(f"not used: {odd}" for odd in printer.odd)
 
 
+@pytest.mark.parametrize(
+    "before",
+    [
+        "2022-01-13 04:32:32,939 - Recv: ",
+        "12:13:14.123 -> ",
+        "12:13:14.123 : ",
+        "< 2:23:48 PM: ",
+        "READ: ",
+        "# RECV: ",
+    ],
+)
+def test_what_hosts_write_before_a_line_is_no_part_of_it(tmp_path: Path, before: str) -> None:
+    told = m503(PERFECT)
+    shown = "".join(before + line for line in told.splitlines(True))
+    (tmp_path / "plain").mkdir()
+    plain = read(tmp_path / "plain", told)
+    assert read(tmp_path, shown).opened.machine == plain.opened.machine
+
+
 MACRO, LOG = g32(PERFECT)
 
 

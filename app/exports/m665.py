@@ -19,9 +19,10 @@ from calib.tripod.towers import ALIKE_BARS, ON_ONE_CIRCLE, Entered
 TOWERS = "XYZ"
 
 REPRAPFIRMWARE_PUT = (
-    "put these lines into config.g in the place of M665 and M666 there, each with the B that it "
-    "has (radius of the bed; tilt, which must be A0 B0 now); take them out of config-override.g; "
-    "then home. Saved by M500 they lose digits after the third"
+    "put these lines into config.g in the place of M665 and M666 there, M665 with the B that it "
+    "has (radius of the bed); take them out of config-override.g; then home. They end a tilt A B "
+    "of M666, which import takes into account; other sessions are measured with A0 B0. Saved by "
+    "M500 they lose digits after the third"
 )
 MARLIN_PUT = (
     "send these lines, then M500, then home. Marlin 2 that has M665 A B C (trims of the bars) is "
@@ -51,7 +52,7 @@ def config_g(offsets: Offsets) -> Export:
     turned = _words(TOWERS, turned_deg(values, drives))
     lines = [
         f"M665 L{lengths} R{radius:.6f} H{height:.6f} {turned}",
-        f"M666 {_words(TOWERS, [stop - height for stop in stops])}",
+        f"M666 {_words(TOWERS, [stop - height for stop in stops])} A0 B0",
     ]
     return _export(
         offsets, values, REPRAPFIRMWARE_PUT, _held("H + M666", now, drives), drives, lines

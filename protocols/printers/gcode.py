@@ -17,7 +17,8 @@ Texts = list[tuple[Path, str]]
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)"
 COMMAND = re.compile(r"([GM]\d+)(?![\d.:])\s*(.*)")
-WORD = re.compile(rf"([A-Z])\s*({NUMBER}(?:\s*:\s*{NUMBER})*)?\s*")
+WORD = re.compile(rf"([A-Z])\s*({NUMBER}(?:\s*:\s*{NUMBER})*°?)?\s*")
+"""A letter, numbers if it has some, and a degree sign if it is copied from an answer."""
 WORDS = re.compile(rf"(?:{WORD.pattern})*")
 IN_BRACKETS = re.compile(r"\([^()]*\)")
 """A comment within a line."""
@@ -94,7 +95,7 @@ def commands(texts: Texts, *wanted: str) -> Iterator[CodeLine]:
                     "Write numbers in the place of expressions.",
                 )
             words = {
-                letter: tuple(float(part) for part in numbers.split(":") if part)
+                letter: tuple(float(part) for part in numbers.strip("°").split(":") if part)
                 for letter, numbers in WORD.findall(match[2])
             }
             yield CodeLine(path, number, plain, match[1], words)

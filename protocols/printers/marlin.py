@@ -27,6 +27,12 @@ NAME = "marlin"
 ANSWER = re.compile(rf"Bed X: ({NUMBER}) Y: ({NUMBER}) Z: ({NUMBER})")
 TOWERS, TRIMS = "XYZ", "ABC"
 
+MINE = re.compile(
+    r"Bed X: |Checking\.\.\. AC|M665 (?=.*L)(?=.*\bS\d)"
+    r"|M665 (?=[^;\n]*\bC-?\d)(?![^;\n]*\b[DE]-?\d)"
+)
+"""S are segments, C a trim of a bar; of Smoothieware, which has D and E, it is a radius."""
+
 SENT = re.compile(r"\bG33\b(?! Auto)([^;*]*)")
 """The command G33, as hosts repeat it."""
 BEGINS = re.compile(rf"Checking\.\.\. AC(?: at radius: ?({NUMBER}))?(.*)")
@@ -47,7 +53,7 @@ AGAIN = "send G33 P3 V0 and save what was sent and answered"
 
 def is_mine(text: str) -> bool:
     """Whether a text has a line that only this firmware has."""
-    return re.search(r"Bed X: |Checking\.\.\. AC|M665 (?=.*L)(?=.*\bS\d)", text) is not None
+    return MINE.search(text) is not None
 
 
 def held(texts: Texts) -> Held:

@@ -1,7 +1,8 @@
 """RepRapFirmware: ``config.g``, places ``G30 P…`` of a macro or ``bed.g``, and what G32 answers.
 
 A switch trips at H + M666. The heights of an answer stand in the order of P; each is where the
-plate is met beside z = 0, with the trigger height of G31 taken off.
+plate is met beside z = 0, with the trigger height of G31 taken off. Where M666 has a tilt, the
+carriages are higher by A % of x and B % of y (LinearDeltaKinematics.cpp), and so is the tool.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Iterator
 
 from calib.errors import RecordError
 from calib.tripod.geometry import USUAL_ANGLES_DEG
-from protocols.printers.gcode import CodeLine, Texts, commands, lines, steps_held
+from protocols.printers.gcode import NUMBER, CodeLine, Texts, commands, lines, steps_held
 from protocols.printers.tower_printer import Contact, Held, TowerPrinter
 
 NAME = "reprapfirmware"
@@ -21,15 +22,32 @@ FAR_MM = -9999.0
 ANSWER = re.compile(r"G32 bed probe heights:(.*?)(?:, mean .*)?$")
 HELD = re.compile(
     r"Diagonals? ([\d.:]+), \w+ radius ([\d.]+), homed height ([\d.]+), bed radius ([\d.]+)"
-    r", X (-?[\d.]+)\W+Y (-?[\d.]+)\W+Z (-?[\d.]+)"
+    r", X (-?[\d.]+)[^XYZ]+Y (-?[\d.]+)[^XYZ]+Z (-?[\d.]+)"
 )
-ADJUSTED = re.compile(r"Endstop adjustments X(-?[\d.]+) Y(-?[\d.]+) Z(-?[\d.]+)")
+ADJUSTED = re.compile(
+    r"Endstop adjustments X(-?[\d.]+) Y(-?[\d.]+) Z(-?[\d.]+)"
+    r"(?:, tilt X(-?[\d.]+)% Y(-?[\d.]+)%)?"
+)
+SAVED = "generated in response to M500"
+"""Of the first line of ``config-override.g``."""
+PROBES = re.compile(r"^\s*G30\s*P\d", re.MULTILINE | re.IGNORECASE)
+SET_GLOBAL = re.compile(
+    rf"^\s*(?:global\s+|set\s+global\.)(\w+)\s*=\s*(?:({NUMBER})\s*(?:;.*)?$|)", re.MULTILINE
+)
+"""A variable, and its value if that is a number."""
+GLOBAL = re.compile(r"\{\s*global\.(\w+)\s*\}")
+TIME = re.compile(r"\b(\d{1,2}):(\d\d):(\d\d)(?:\s?([AP])M\b)?")
 MINE = re.compile(
-    r"^\s*(?:M665\s*(?=[A-Z][^;\n]*)(?=[^;\n]*L)(?![^;\n]*S\d)|G30\s*P\d)",
+    r"^\s*(?:M665\s*[A-Z]\s*[-\d.{](?![^;\n]*[SC]\s*-?\d)|G30\s*P\d)",
     re.MULTILINE | re.IGNORECASE,
 )
 ENTRY = re.compile(r"not set|probing failed|-?\d+\.\d+")
 TOWERS = "XYZ"
+LETTERS = "LRHBXYZ"
+"""Of M665."""
+
+Answers = list[tuple[str, str]]
+"""Where each line stands, and its text."""
 
 
 def is_mine(text: str) -> bool:
@@ -41,45 +59,93 @@ def is_mine(text: str) -> bool:
 
 def held(texts: Texts) -> Held:
     """Geometry and contacts of these files together. Raises RecordError."""
+    texts = _with_numbers(_in_order(texts))
     odd: list[str] = []
-    printer = _printer(texts, odd)
-    offset = dict.fromkeys("XYZ", 0.0)
+    answers = list(_answers(texts))
+    printer = _printer(texts, answers)
+    offset, tilt = dict.fromkeys("XYZ", 0.0), dict.fromkeys("AB", 0.0)
     for line in commands(texts, "G31"):
         offset |= {letter: line.value(letter, offset[letter]) for letter in "XYZ"}
-    contacts = [
-        Contact(
-            (x - offset["X"], y - offset["Y"], height + offset["Z"]),
-            f"{height:.3f} of {where}",
-            offset["Z"],
-            0.001,
-        )
-        for x, y, height, where in _heights(texts, odd)
-    ]
+    for line in commands(texts, "M666"):
+        tilt |= {letter: line.value(letter, tilt[letter]) for letter in "AB"}
+    for _, text in answers:
+        if (answer := ADJUSTED.search(text)) and answer[4]:
+            tilt = {"A": float(answer[4]), "B": float(answer[5])}
+    contacts = []
+    for probe_x, probe_y, height, where in _heights(texts, answers, odd):
+        x, y = probe_x - offset["X"], probe_y - offset["Y"]
+        raised = (tilt["A"] * x + tilt["B"] * y) / 100.0
+        place = (x, y, height + offset["Z"] + raised)
+        contacts.append(Contact(place, f"{height:.3f} of {where}", offset["Z"], 0.001))
     beside_mm = offset["X"], offset["Y"]
     return Held(printer, tuple(contacts), tuple(odd), beside_mm=beside_mm)
 
 
-def _printer(texts: Texts, odd: list[str]) -> TowerPrinter | None:
+def _in_order(texts: Texts) -> Texts:
+    """Files as the firmware runs them, in whatever order they are named.
+
+    What M500 saved comes after the configuration, a macro that probes after both.
+    """
+
+    def turn(text: str) -> int:
+        return 1 if SAVED in text else 2 * bool(PROBES.search(text))
+
+    return sorted(texts, key=lambda each: turn(each[1]))
+
+
+def _with_numbers(texts: Texts) -> Texts:
+    """Variables of expressions replaced by their number, where they never have another one."""
+    values: dict[str, set[str]] = {}
+    for _, text in texts:
+        for name, number in SET_GLOBAL.findall(text):
+            values.setdefault(name, set()).add(number)
+
+    def number_of(match: re.Match[str]) -> str:
+        (number, *others) = values.get(match[1], {""})
+        return match[0] if others or not number else number
+
+    return [(path, GLOBAL.sub(number_of, text)) for path, text in texts]
+
+
+def _answers(texts: Texts) -> Iterator[tuple[str, str]]:
+    """Every line as `lines`, the oldest first: the console of the web interface has it last."""
+    for each in texts:
+        listed = list(lines([each]))
+        times = [
+            (int(hour) % (12 if half else 24) + 12 * (half == "P"), int(minute), int(second))
+            for _, text in listed
+            for hour, minute, second, half in TIME.findall(text)[:1]
+        ]
+        is_newest_first = len(times) > 1 and times == sorted(times, reverse=True) != times[::-1]
+        yield from reversed(listed) if is_newest_first else listed
+
+
+def _printer(texts: Texts, answers: Answers) -> TowerPrinter | None:
     """What the lines and answers hold in their order; of a letter the last one counts."""
     words: dict[str, tuple[float, ...]] = {}
     adjusted = dict.fromkeys(TOWERS, 0.0)
     first = ""
     for line in commands(texts, "M665", "M666"):
         if line.command == "M665":
+            if not line.words.keys() <= set(LETTERS):
+                raise RecordError(
+                    f"file of a printer {line.where}",
+                    repr(line.text),
+                    f"M665 of RepRapFirmware, with {', '.join(LETTERS)}",
+                    "Other firmware means other values by M665. Is this file of this printer?",
+                )
             words |= {k: v if k == "L" else (line.value(k),) for k, v in line.words.items()}
             first = first or line.where
         else:
             adjusted |= {tower: line.value(tower, adjusted[tower]) for tower in TOWERS}
-            if line.value("A") or line.value("B"):
-                odd.append(f"{line.where}: {line.text!r}: the tilt A B of the bed")
-    for where, text in lines(texts):
+    for where, text in answers:
         if answer := HELD.search(text):
             lengths, *figures = answer.groups()
             words |= {"L": tuple(map(float, lengths.strip(":").split(":")))}
             words |= {letter: (float(v),) for letter, v in zip("RHBXYZ", figures, strict=True)}
             first = first or where
         elif answer := ADJUSTED.search(text):
-            adjusted = dict(zip(TOWERS, map(float, answer.groups()), strict=True))
+            adjusted = dict(zip(TOWERS, map(float, answer.groups()[:3]), strict=True))
     if not first:
         return None
     missing = [letter for letter in "LRH" if not words.get(letter)]
@@ -115,10 +181,12 @@ def _printer(texts: Texts, odd: list[str]) -> TowerPrinter | None:
     )
 
 
-def _heights(texts: Texts, odd: list[str]) -> Iterator[tuple[float, float, float, str]]:
+def _heights(
+    texts: Texts, all_answers: Answers, odd: list[str]
+) -> Iterator[tuple[float, float, float, str]]:
     """Place of the probe, height, and where that was answered, for each that was measured."""
     groups = _groups(texts, odd)
-    answers = [(where, m[1]) for where, text in lines(texts) if (m := ANSWER.search(text))]
+    answers = [(where, m[1]) for where, text in all_answers if (m := ANSWER.search(text))]
     if not answers:
         return
     if not groups or len(answers) % len(groups):
@@ -126,9 +194,9 @@ def _heights(texts: Texts, odd: list[str]) -> Iterator[tuple[float, float, float
             f"file of a printer, {answers[0][0]}",
             f"{len(answers)} answers of G32 to {len(groups)} lists of places G30 P",
             "the macro or bed.g whose places were probed, once or several times",
-            "Name that file, too.",
+            "Name that file, too, and no other.",
         )
-    calibrates = any(group[-1].value("S", -1.0) > 0.0 for group in groups)
+    calibrates = any(list(group.values())[-1].value("S", -1.0) > 0.0 for group in groups)
     for number, (where, text) in enumerate(answers):
         if calibrates and number:  # the first one changed what is held
             odd.append(f"{where}: measured after a calibration (S of G30 P above 0)")
@@ -141,17 +209,22 @@ def _heights(texts: Texts, odd: list[str]) -> Iterator[tuple[float, float, float
                 "as many heights as places G30 P",
                 "Is this the macro that was run?",
             )
-        for line, entry in zip(group, entries, strict=True):
+        for point, entry in zip(sorted(group), entries, strict=True):
+            line = group[point]
             if entry in ("not set", "probing failed"):
                 odd.append(f"{where}: place {line.text!r}: {entry}")
             else:
                 yield line.value("X"), line.value("Y"), float(entry), where
 
 
-def _groups(texts: Texts, odd: list[str]) -> list[list[CodeLine]]:
-    """Places that are reported together: each P once, S ends a group."""
-    groups: list[list[CodeLine]] = []
-    now: list[CodeLine] = []
+def _groups(texts: Texts, odd: list[str]) -> list[dict[float, CodeLine]]:
+    """Places that are reported together, each by its P; a place probed again is where it was last.
+
+    S ends a group. One that calibrates (S from 0 on) is answered without heights: it counts only
+    where no other one is there.
+    """
+    groups: list[dict[float, CodeLine]] = []
+    now: dict[float, CodeLine] = {}
     for line in commands(texts, "G30"):
         if "P" not in line.words:
             continue
@@ -160,10 +233,13 @@ def _groups(texts: Texts, odd: list[str]) -> list[list[CodeLine]]:
             continue
         if line.value("H"):
             odd.append(f"{line.where}: {line.text!r}: the correction H of a height")
-        now.append(line)
+        now[line.value("P")] = line
         if "S" in line.words:
             groups.append(now)
-            now = []
+            now = {}
     if now:
         groups.append(now)
-    return groups
+    answered = [
+        group for group in groups if all(line.value("S", -1.0) < 0.0 for line in group.values())
+    ]
+    return answered or groups

@@ -34,6 +34,10 @@ def read(folder: Path, *texts: str) -> ImportedPrinter:
     return imported_printer(paths, "test")
 
 
+def positions(printer: ImportedPrinter) -> list[tuple[float, float, float]]:
+    return [contact.position_mm for contact in printer.contacts if contact.position_mm is not None]
+
+
 def words(values: Sequence[float], letters: str = "XYZ") -> str:
     return " ".join(f"{letter}{value:.3f}" for letter, value in zip(letters, values, strict=True))
 
@@ -415,11 +419,11 @@ ODD_G = "G30 P0 X0 Y0 Z-99999\nG30 P1 X50 Y0 Z0.1\nG30 P2 X0 Y50 Z-99999 S-1\n"
         ),
         (
             (
-                CONFIG_G.replace("A0.00", "A0.50"),
+                CONFIG_G,
                 "G30 P0 X0 Y0 Z-99999\nG30 P1 X9 Y0 Z-99999 S6\n",
                 "G32 bed probe heights: 0.010 0.020, mean\nG32 bed probe heights: 0.010 0.020, m",
             ),
-            "the tilt A B of the bed | 2.g, line 2: measured after a calibration",
+            "2.g, line 2: measured after a calibration",
         ),
         (
             (m503(PERFECT) + "Bed X: nothing\nM206 Z0.5\n",),
@@ -455,6 +459,128 @@ def test_what_hosts_write_before_a_line_is_no_part_of_it(tmp_path: Path, before:
     (tmp_path / "plain").mkdir()
     plain = read(tmp_path / "plain", told)
     assert read(tmp_path, shown).opened.machine == plain.opened.machine
+
+
+def test_a_first_try_of_a_place_and_passes_that_calibrate_have_no_heights(tmp_path: Path) -> None:
+    """P0 twice, as where the first touch of a probe differs; S6 is answered in one number."""
+    macro, log = g32(PERFECT)
+    first = "G30 P0 X20 Y-10 Z-99999 ; this one is not used\n"
+    calibrating = first + macro.replace("S-1", "S6")
+    answer = "Calibrated 6 factors using 19 points, deviation before 0.186 after 0.157\n"
+    (tmp_path / "plain").mkdir()
+    plain = read(tmp_path / "plain", CONFIG_G, macro, log)
+    printer = read(tmp_path, CONFIG_G, calibrating, first + macro, answer + log)
+    assert positions(printer) == positions(plain)
+    assert not printer.odd
+
+
+SAVED_G = f"""\
+; config-override.g file generated in response to M500 at 2021-06-16 13:36
+; This is a system-generated file - do not edit
+; Delta parameters
+M665 L251.000:251.000:251.000 R126.500 H301.250 B100.0 X-0.100 Y0.200 Z0.000
+M666 {words((0.1, -0.3, 0.2))} A0.00 B0.00
+; Z probe parameters
+G31 K0 P500 X0.0 Y0.0 Z0.45
+"""
+
+
+def test_files_are_read_in_the_firmwares_order(tmp_path: Path) -> None:
+    """As a shell sorts them: bed.g, config-override.g, config.g."""
+    macro, log = g32(PERFECT)
+    macro = "G31 X0 Y0 ; no offset\n" + macro
+    beside = CONFIG_G.replace("G31 P500 X0", "G31 P500 X12")
+    (tmp_path / "run").mkdir()
+    run = read(tmp_path / "run", beside, SAVED_G, macro, log)
+    assert run.opened.machine.position_endstop_mm == pytest.approx((301.35, 300.95, 301.45))
+    assert run.opened.machine.probe_offset_mm is None
+    sorted_ones = read(tmp_path, macro, SAVED_G, beside, log)
+    assert positions(sorted_ones) == positions(run)
+    got, want = sorted_ones.opened.machine, run.opened.machine
+    assert (got.drive, got.position_endstop_mm) == (want.drive, want.position_endstop_mm)
+
+
+@pytest.mark.parametrize("clock", ["19:31:24 19:31:21 19:29:25 19:29:22", "1:02:04 PM 12:59:21 PM"])
+def test_a_console_with_the_newest_on_top_is_read_from_below(tmp_path: Path, clock: str) -> None:
+    times = re.findall(r"[\d:]+(?: PM)?", clock)
+    figures = "homed height {}, bed radius 100.0, X 0.000Â°, Y 0.000Â°, Z 0.000Â°"
+    lines = [
+        f"5.11.2019, {time} | M665Diagonals 250.000:250.000:250.000, delta radius 125.000, "
+        + figures.format(f"{302.0 - number:.3f}")
+        for number, time in enumerate(times)
+    ]
+    tops = [
+        read(tmp_path, "\n".join(order), *g32(PERFECT)).opened.machine.position_endstop_mm
+        for order in (lines, lines[::-1])
+    ]
+    assert tops == [(302.0, 302.0, 302.0)] * 2
+
+
+@pytest.mark.parametrize("answered", [False, True])
+def test_contacts_with_a_tilt_are_where_the_carriages_were(tmp_path: Path, answered: bool) -> None:
+    """LinearDeltaKinematics::Transform raises each carriage by A % of x and B % of y."""
+    a, b = 0.74, -0.42
+    macro, log = g32(PERFECT)
+    plain_heights = re.findall(r"-?\d\.\d{3}", log.split("heights:")[1])[: len(rings())]
+    raised = [(a * x + b * y) / 100.0 for x, y in rings()]
+    heights = [float(h) - up for h, up in zip(plain_heights, raised, strict=True)]
+    tilted = "G32 bed probe heights: " + " ".join(f"{h:.3f}" for h in heights) + ", mean 0\n"
+    config = CONFIG_G
+    if answered:
+        stops = " ".join(f"{k}{stop:.3f}" for k, stop in zip("XYZ", STOPS, strict=True))
+        tilted = f"Endstop adjustments {stops}, tilt X{a}% Y{b}%\n" + tilted
+    else:
+        config = CONFIG_G.replace("A0.00 B0.00", f"A{a} B{b}")
+    (tmp_path / "plain").mkdir()
+    plain = read(tmp_path / "plain", CONFIG_G, macro, log)
+    printer = read(tmp_path, config, macro, tilted)
+    got, want = np.array(positions(printer)), np.array(positions(plain))
+    assert got == pytest.approx(want, abs=1.1e-3)
+    assert np.abs(np.array(raised)).max() > 0.5
+    assert not printer.odd
+
+
+GLOBALS_G = f"""\
+; Global M665 Variables
+global deltaRadius = {true.RADIUS}            ; Horizontal radius (R)
+global armLength = {true.BAR}
+global homedHeight = {HEIGHT}    ; 540 with other arms
+M665 R{{global.deltaRadius}} L{{global.armLength}} B100 H{{global.homedHeight}}  ; Delta Parameters
+"""
+
+
+def test_a_global_with_one_number_is_that_number(tmp_path: Path) -> None:
+    config = GLOBALS_G + CONFIG_G[CONFIG_G.index("M666") :]
+    machine = read(tmp_path, config, *g32(PERFECT)).opened.machine
+    plain = read(tmp_path, CONFIG_G, *g32(PERFECT)).opened.machine
+    assert machine.drive == plain.drive
+    assert machine.position_endstop_mm == pytest.approx(plain.position_endstop_mm)
+    for otherwise in (
+        "set global.armLength = 351.1",
+        "  set global.armLength = {move.axes[0].max}",
+    ):
+        with pytest.raises(RecordError, match="letters and numbers"):
+            read(tmp_path, config + otherwise + "\n", *g32(PERFECT))
+
+
+def test_lines_for_marlin_are_marlins_and_those_of_smoothieware_nobodys(tmp_path: Path) -> None:
+    """M666 has the other sign there, and H of Smoothieware is an angle."""
+    lines = f"M665 L{true.BAR} R{true.RADIUS} H{HEIGHT}\nM665 X0 Y0 Z0 A0 B0 C0\n"
+    text = lines + f"M666 {words([-stop for stop in STOPS])}\n"
+    machine = imported_printer([_file(tmp_path, text)], "test", geometry_alone=True).opened.machine
+    assert machine.position_endstop_mm == pytest.approx(true.ENDSTOPS)
+    for other in (
+        "M665 A0.0 B0.0 C0.0 D0.12 E-0.21 H0.3 L250.0 R124.0 Z300.0\n",
+        "M665 L250.0 R124.0 Z300.0\nM665 A0.0 B0.0 C0.0 D0.12 E-0.21 H0.3\n",
+    ):
+        with pytest.raises(RecordError):
+            imported_printer([_file(tmp_path, other)], "test", geometry_alone=True)
+
+
+def _file(folder: Path, text: str) -> Path:
+    path = folder / "lines.g"
+    path.write_text(text, encoding="utf-8")
+    return path
 
 
 MACRO, LOG = g32(PERFECT)

@@ -430,11 +430,15 @@ ODD_G = "G30 P0 X0 Y0 Z-99999\nG30 P1 X50 Y0 Z0.1\nG30 P2 X0 Y50 Z-99999 S-1\n"
             "an offset that M206 adds | 0.g, line 44: 'Bed X: nothing': no place of G30",
         ),
         (
+            (m503(PERFECT).replace("M851 X15.00 Y-5.00 Z-2.00", "M851 Z-2.00"),),
+            "the probe's offset in X and Y, which M851 of older programs does not show",
+        ),
+        (
             (m205(PERFECT, extra="Z-probe: failed\nEPR:3 800 20.0 Z-probe offset x [mm]\n"),),
             "no place of a probe | the probe's offset in X and Y: places are taken as the tool's",
         ),
     ],
-    ids=["entries", "calibrated", "marlin", "repetier"],
+    ids=["entries", "calibrated", "marlin", "marlin-z", "repetier"],
 )
 def test_what_is_not_used_is_named(tmp_path: Path, texts: tuple[str, ...], message: str) -> None:
     printer = read(tmp_path, *texts)

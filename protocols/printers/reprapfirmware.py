@@ -30,15 +30,16 @@ ADJUSTED = re.compile(
 )
 SAVED = "generated in response to M500"
 """Of the first line of ``config-override.g``."""
-PROBES = re.compile(r"^\s*G30\s*P\d", re.MULTILINE | re.IGNORECASE)
+PROBES = re.compile(r"^[ \t]*G30[ \t]*P\d", re.MULTILINE | re.IGNORECASE)
 SET_GLOBAL = re.compile(
-    rf"^\s*(?:global\s+|set\s+global\.)(\w+)\s*=\s*(?:({NUMBER})\s*(?:;.*)?$|)", re.MULTILINE
+    rf"^[ \t]*(?:global[ \t]+|set[ \t]+global\.)(\w+)[ \t]*=[ \t]*(?:({NUMBER})[ \t]*(?:;.*)?$|)",
+    re.MULTILINE,
 )
 """A variable, and its value if that is a number."""
 GLOBAL = re.compile(r"\{\s*global\.(\w+)\s*\}")
 TIME = re.compile(r"\b(\d{1,2}):(\d\d):(\d\d)(?:\s?([AP])M\b)?")
 MINE = re.compile(
-    r"^\s*(?:M665\s*[A-Z]\s*[-\d.{](?![^;\n]*[SC]\s*-?\d)|G30\s*P\d)",
+    r"^[ \t]*(?:M665[ \t]*[A-Z][ \t]*[-\d.{](?![^;\n]*[SC][ \t]*-?\d)|G30[ \t]*P\d)",
     re.MULTILINE | re.IGNORECASE,
 )
 ENTRY = re.compile(r"not set|probing failed|-?\d+\.\d+")

@@ -21,12 +21,13 @@ FAR_MM = -9999.0
 
 ANSWER = re.compile(r"G32 bed probe heights:(.*?)(?:, mean .*)?$")
 HELD = re.compile(
-    r"Diagonals? ([\d.:]+), \w+ radius ([\d.]+), homed height ([\d.]+), bed radius ([\d.]+)"
-    r", X (-?[\d.]+)[^XYZ]+Y (-?[\d.]+)[^XYZ]+Z (-?[\d.]+)"
+    r"Diagonals? ([\d.:]+), \w+ radius (\d+(?:\.\d+)?), homed height (\d+(?:\.\d+)?)"
+    r", bed radius (\d+(?:\.\d+)?)"
+    r", X (-?\d+(?:\.\d+)?)[^XYZ]+Y (-?\d+(?:\.\d+)?)[^XYZ]+Z (-?\d+(?:\.\d+)?)"
 )
 ADJUSTED = re.compile(
-    r"Endstop adjustments X(-?[\d.]+) Y(-?[\d.]+) Z(-?[\d.]+)"
-    r"(?:, tilt X(-?[\d.]+)% Y(-?[\d.]+)%)?"
+    r"Endstop adjustments X(-?\d+(?:\.\d+)?) Y(-?\d+(?:\.\d+)?) Z(-?\d+(?:\.\d+)?)"
+    r"(?:, tilt X(-?\d+(?:\.\d+)?)% Y(-?\d+(?:\.\d+)?)%)?"
 )
 SAVED = "generated in response to M500"
 """Of the first line of ``config-override.g``."""

@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from enum import StrEnum
-from itertools import takewhile
 from typing import Literal
 
 from app.measuring.indicators import adapter_at, indicator_words
@@ -247,10 +246,12 @@ class Gauge:
             return Motion.FAULT
         if now - at > self._stale_s:
             return Motion.STALE
-        within = takewhile(lambda entry: now - entry[0] <= self._window_s, reversed(heard))
-        recent = [o.value_mm for _, o in within if isinstance(o, IndicatorReading)]
+        within = sum(now - moment <= self._window_s for moment, _ in heard)
+        # the one before, too: after a gap two that came at once may still be on their way
+        recent = [o.value_mm for _, o in heard[-within - 1 :] if isinstance(o, IndicatorReading)]
         covered = now - heard[0][0] >= self._window_s
-        span_mm = max(recent) - min(recent) if len(recent) >= 2 else math.inf
+        several = within >= 2 and len(recent) >= 2
+        span_mm = max(recent) - min(recent) if several else math.inf
         if not (covered and span_mm <= self._still_mm):
             return Motion.MOVING
         self._flicker_mm = max(self._flicker_mm, span_mm)

@@ -128,6 +128,16 @@ def test_only_the_window_tells_stable_from_moving(indicator: Told) -> None:
     assert indicator.motion() is Motion.STABLE
 
 
+def test_two_readings_that_come_at_once_after_a_gap_are_no_rest(indicator: Told) -> None:
+    """A busy computer heard nothing of the way; the spindle is still on it."""
+    indicator.hear(*[reading(0.1)] * 3)
+    indicator.now_s += 2.0 * WINDOW_S
+    indicator.hear(reading(0.898), reading(0.9))
+    assert indicator.motion() is Motion.MOVING
+    indicator.hear(*[reading(0.91)] * 10)
+    assert indicator.motion() is Motion.STABLE
+
+
 @pytest.mark.parametrize("window_s", [1.0, 60.0])
 def test_a_window_is_heard_whole_however_long(
     window_s: float, monkeypatch: pytest.MonkeyPatch

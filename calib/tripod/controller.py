@@ -313,10 +313,10 @@ def tool_error_mm(
 def tool_error_free_of_mm(
     model: Model, free: int, commanded: Callable[[FloatArray], FloatArray] | None = None
 ) -> float:
-    """The same of both ways round together, less the best of shifts and small turns of the machine.
+    """R.m.s. error of the tool over the workspace, both ways round, less the best rigid motion.
 
-    ``free`` is how many of these six a frame takes up: none, the shifts (3), or all. Raises
-    UnreachablePosture.
+    ``free`` is how many shifts and small turns of the machine a frame takes up: none, the shifts
+    (3), or all (6). ``commanded`` as in `tool_error_mm`. Raises UnreachablePosture.
     """
     commanded = commanded or (lambda tool_mm: inverse(model.geometry, tool_mm))
     points = workspace_points(model.geometry)

@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import ROOT, SAMPLES
-from tests.end_to_end.test_terminal import PATIENCE_S, Terminal
+from tests.end_to_end.test_terminal import Terminal
 
 SIZES = ((80, 24), (100, 30), (120, 40))
 
@@ -90,17 +90,6 @@ class Film(Terminal):
             self._frames.append((time.monotonic() - self._began_s, picture))
         return "\n".join(row.rstrip() for row in COLOURS.sub("", picture).splitlines())
 
-    def wait_for_one_of(self, *words: str) -> str:
-        """The first of these words that are shown."""
-        deadline = time.monotonic() + PATIENCE_S
-        while time.monotonic() < deadline:
-            text = self.screen()
-            for alternative in words:
-                if alternative in text:
-                    return alternative
-            time.sleep(0.1)
-        pytest.fail(f"none of {words} appeared:\n{self.screen()}")
-
     def press_and_see(self, name: str, key: str, *words: str) -> None:
         """A key on a screen of the program, or none; words that come, the first when it is done."""
         self.press(*filter(None, [key]))
@@ -161,7 +150,7 @@ def demonstration(film: Film) -> None:
     film.press_and_see("exported", "e", "Written to", "offsets.json", "then V measures again")
     film.press_and_see("report", "r", "Report written beside the session", "print and sign it")
     film.press("d")
-    film.press_and_see("diagnosis", "", film.wait_for_one_of(*NOTHING_NAMED), "l Result")
+    film.press_and_see("diagnosis", "", film.wait_for_one_of(NOTHING_NAMED)[0], "l Result")
     film.press_and_see("back", "Escape", "Next: enter the values in the controller")
     film.press_and_see("verify", "v", "the exported offsets must now be in", "Enter begins")
     film.press_and_see("again", "Enter", "LEG X   ZERO   cycle 1 of 3")

@@ -6,7 +6,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -46,12 +46,22 @@ class Terminal:
         return self.call("capture-pane", "-p")
 
     def wait_for(self, text: str, patience_s: float = PATIENCE_S) -> str:
+        """What is shown once this is; a line may be broken anywhere."""
+        return self.wait_for_one_of((text,), patience_s)[1]
+
+    def wait_for_one_of(
+        self, texts: Sequence[str], patience_s: float = PATIENCE_S
+    ) -> tuple[str, str]:
+        """The first of these that is shown, and all that is."""
         deadline = time.monotonic() + patience_s
         while time.monotonic() < deadline:
-            if text in (output := self.screen()):
-                return output
+            output = self.screen()
+            shown = " ".join(output.split())
+            for text in texts:
+                if " ".join(text.split()) in shown:
+                    return text, output
             time.sleep(0.1)
-        pytest.fail(f"{text!r} did not appear:\n{self.screen()}")
+        pytest.fail(f"none of {texts} appeared:\n{self.screen()}")
 
     def press_for(self, key: str, text: str) -> str:
         """As an operator does: once more where the press came while the readings moved."""

@@ -135,7 +135,8 @@ def even_postures(machine: HexaSlide) -> FloatArray:
     """Postures ``(p, 6)`` that fill the reached part of the box more evenly than random ones, those
     left out that are next to singular ones; where few remain, those of `held_postures`.
 
-    An additive recurrence by powers of `GOLDEN`. Raises as `held_postures`.
+    An additive recurrence by powers of `GOLDEN`: scipy has others in scipy.stats, which no solve
+    loads for its time. Raises as `held_postures`.
     """
     steps = np.outer(np.arange(1, EVEN + 1), GOLDEN ** -np.arange(1.0, 7.0))
     postures = machine.box.lower + (0.5 + steps) % 1.0 * (machine.box.upper - machine.box.lower)

@@ -100,7 +100,9 @@ class PagedScreen(LeftOnce[ScreenResultType]):
         yield from ()
 
     def on_mount(self) -> None:
-        self.query_one(Tabs).can_focus = False  # the keys of this screen turn the pages
+        if not (tabs := self.query(Tabs)):  # the program ended before the screen was there
+            return
+        tabs.first().can_focus = False  # the keys of this screen turn the pages
         self.begin()
 
     def begin(self) -> object:

@@ -14,6 +14,7 @@ from textual import events
 from textual.pilot import Pilot
 from textual.screen import Screen
 
+from app.screens.diagnose import DiagnoseScreen
 from app.screens.fast_keys import Palette
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
@@ -65,6 +66,15 @@ async def test_mashed_keys(folder: Path, served: bool, seed: int) -> None:
                     await asyncio.sleep(0.02 * drawn.random())
             await acted_on(pilot, interface)
         assert not interface.return_code
+
+
+async def test_the_program_ends_while_a_screen_comes() -> None:
+    interface = Glidecal(HomeScreen())
+    async with interface.run_test(size=SIZE) as pilot:  # raises what the screens raise
+        await pilot.pause()
+        interface.push_screen(DiagnoseScreen([SAMPLE]))
+        interface.exit()
+    assert not interface.return_code
 
 
 async def acted_on(pilot: Pilot[str], interface: Interface) -> None:

@@ -506,11 +506,21 @@ class Meddled:
 
     def on_the_way(self, name: str) -> dict[str, object]:
         wish, mending = MEDDLERS[name]
-        self.sent()
-        assert comes_true(lambda: self._real.axes.at_mm[0] > 3.0)
+        assert any(self._under_way() for _ in range(TRIES))
         began_s = time.monotonic()
         self._real.followed.tell(wish)
         return self._noticed(began_s, mending)
+
+    def _under_way(self) -> bool:
+        """Not where the move came too late on a busy computer, as in `gone`."""
+        self._answer()
+        self.sent()
+
+        def is_far() -> bool:
+            return self._real.axes.at_mm[0] > 3.0
+
+        comes_true(lambda: is_far() or self._line.state in (State.HELD, State.FAULT))
+        return is_far()
 
     def with_modes(self, words: str) -> dict[str, object]:
         """Left behind by another client."""

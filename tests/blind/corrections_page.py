@@ -17,10 +17,12 @@ Each simulated machine (`tests/blind/`) has joint offsets, wrong bars and the hi
 row. After its readings are solved, nothing is entered (before), joint offsets alone (with play the
 r.m.s. is the same within 0.2 µm), or what a controller with tables or kinematics takes too
 ([export](export.md)). For `law` the hidden effects and places are given and only sizes are fitted.
+`ideal` knows the simulation, the shares of its effects and sizes, the noise, how many effects act
+and all gross mistakes, but not which effects: no diagnosis of these readings can leave less.
 
 Frames: touched off, the best shift is removed; aligned, the best shift and turn; machine, nothing;
 near, errors near Zero relative to that at Zero. [Bound](theory.md#uncertainty-at-the-tool) of 95 %.
-Made by `python -m tests.blind.corrections -o docs/corrections.md`.
+Made by `python -m tests.blind.corrections --count 36 --ideal -o docs/corrections.md`.
 """
 
 BEFORE, LAW, IDEAL, OFFSETS = "before", "law", "ideal", "offsets"

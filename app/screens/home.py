@@ -31,6 +31,9 @@ from app.screens.fast_keys import Title
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.pages import Found, Given, apart, last_lines
 
+HISTORY_S = 2.0
+"""So long one part of a history is worked out; then what there is by now is shown."""
+
 DEMO_FOLDER = Path("demo-sessions")
 
 
@@ -256,7 +259,8 @@ def _history(folder: Path, looks: Sequence[Look]) -> Screen[None]:
     from app.evaluating.history import read_history
     from app.screens.history import HistoryScreen
 
-    return HistoryScreen(read_history(folder, of_postures=looks))
+    job = partial(read_history, folder, of_postures=looks, within_s=HISTORY_S)
+    return HistoryScreen(job(), job)
 
 
 class ReplayChoiceScreen(HomeScreen):

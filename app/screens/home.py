@@ -27,7 +27,6 @@ from app.measuring.recorded import (
 )
 from app.report.text import home as texts
 from app.screens import Look, look_of
-from app.screens.fast_keys import Title
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.pages import Found, Given, apart, last_lines
 
@@ -51,7 +50,7 @@ class HomeScreen(Screen[None]):
         self._working = False
 
     def compose(self) -> ComposeResult:
-        yield Title()
+        yield Static("glidecal", id="heading", markup=False)
         yield Static(self.question(), markup=False, id="question")
         yield OptionList(id="choices", markup=False)
         yield from last_lines()

@@ -21,7 +21,7 @@ HOME_HELP = f"""\
 Continue       an interrupted session, at its first open step
 New session    measures with real indicators
 Demonstration  the same on a simulated machine, in demo-sessions
-Result         what to enter, the tool error now and after, files, the report
+Result         what to enter, tool error now and after, report
 Replay         how a session was measured, step by step
 Compare        the session before the offsets were entered in the
                controller with the one after

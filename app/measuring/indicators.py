@@ -30,6 +30,9 @@ from protocols.procedure import ALL_AXES, axes_on_leg
 SIMULATED = "simulated"
 DEFAULT_PROFILE = "mitutoyo-01a"
 SPEC = re.compile(r"(?P<profile>[\w-]+):(?P<port>.+?)(?:@(?P<axes>[^@/\\]*))?")
+NO_WORDS = "n/a"
+"""What pyserial has for a port of which the system says nothing."""
+
 FORM = "PROFILE:PORT or PROFILE:PORT@AXES, as in mitutoyo-01a:/dev/ttyUSB0@yx"
 
 OF_A_FILE = re.compile(
@@ -105,7 +108,8 @@ def serial_ports() -> list[tuple[str, str]]:
     """The serial ports of this computer and what the system says of each; nothing is opened."""
     from drivers.port import ports_here
 
-    return [(port.device, port.description or "") for port in ports_here()]
+    words = {port.device: port.description for port in ports_here()}
+    return [(port, said if said and said != NO_WORDS else "") for port, said in words.items()]
 
 
 def adapters() -> dict[str, str]:

@@ -22,7 +22,6 @@ from app.measuring.indicators import (
     indicator_words,
     moved_adapters,
     port_is_gone,
-    ports_to_choose,
 )
 from app.measuring.opening import begin, first_step, open_indicators
 from app.measuring.plan import Plan
@@ -37,12 +36,10 @@ from app.report.text.preparing import (
     refused_text,
     trial_text,
 )
-from app.report.text.questions import port_choices, port_question
-from app.screens.fast_keys import Title
-from app.screens.interface import ChoiceDialog, Interface
+from app.screens.interface import Interface
 from app.screens.paged import PAGE_KEYS, Page, PagedScreen
 from app.screens.pages import apart, is_left, last_lines
-from app.screens.session_view import Gauges
+from app.screens.session_view import Gauges, port_dialog
 from calib.errors import GlidecalError
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Procedure, Step
@@ -75,7 +72,7 @@ class CheckScreen(Screen[None]):
         self._first: Step | None = None
 
     def compose(self) -> ComposeResult:
-        yield Title()
+        yield Static("Check of the indicators", id="heading", markup=False)
         words = Static(OPENING, id="words", markup=False)
         if self._plan.motion or self._plan.by_itself:  # every posture, to scroll through
             with VerticalScroll(id="moves"):
@@ -181,13 +178,11 @@ class CheckScreen(Screen[None]):
         adapter = ""
         with suppress(GlidecalError):
             adapter = adapter_before(instruments[number].port)
-        ports = ports_to_choose(adapter, [instrument.port for instrument in instruments])
-        if not ports:
+        used = [instrument.port for instrument in instruments]
+        dialog = port_dialog(indicator_words(number, instruments[number]), adapter, used)
+        if dialog is None:
             self._show_trial(NO_OTHER_PORT_HERE)
-            return
-        question = port_question(indicator_words(number, instruments[number]))
-        dialog = ChoiceDialog(question, port_choices(ports, adapter))
-        if self.is_current and (port := await self.app.push_screen_wait(dialog)):
+        elif self.is_current and (port := await self.app.push_screen_wait(dialog)):
             instruments[number] = instruments[number].model_copy(update={"port": port})
             self._plan = replace(self._plan, instruments=tuple(instruments))
             self.query_one(Gauges).name_them(instruments)

@@ -12,10 +12,9 @@ from typing import Any
 from textual.await_complete import AwaitComplete
 from textual.command import CommandPalette
 from textual.dom import DOMNode
-from textual.events import Mount
 from textual.screen import Screen, ScreenResultType
 from textual.widget import Widget
-from textual.widgets import Header, OptionList, Static
+from textual.widgets import OptionList
 from textual.worker import Worker
 
 PAGES = ("page_up", "page_down")
@@ -64,12 +63,3 @@ class Palette(CommandPalette, LeftOnce[None]):
     ) -> Worker[Any]:
         """A search; a key that comes while the palette goes starts one that finds no list."""
         return super().run_worker(*arguments, **(options | {"exit_on_error": False}))
-
-
-class Title(Header):
-    """Textual's header with a title that stays: the watcher of its own outlives its parts."""
-
-    def on_mount(self, event: Mount) -> None:
-        event.prevent_default()
-        for title in self.query("HeaderTitle").results(Static):
-            title.update(self.format_title())

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import ClassVar
 
+from textual import work
 from textual.binding import Binding, BindingType
 from textual.widgets import OptionList
 
@@ -15,6 +17,7 @@ from app.report.charts.results import before_and_after, control_charts
 from app.report.text import history as texts
 from app.report.text import result as result_texts
 from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.pages import apart
 from app.screens.plot import LegPlots
 
 
@@ -51,22 +54,43 @@ class HistoryScreen(PagedScreen[None]):
     ]
     PAGES = (Page("history", "History"), Page("charts", "Charts", content=LegPlots))
 
-    def __init__(self, history: History) -> None:
+    def __init__(self, history: History, more: Callable[[], History] | None = None) -> None:
+        """``more`` works out some of the sessions that are still waiting."""
         super().__init__()
-        self._history, rows = history, tuple(texts.machine_rows(history))
-        self._several = len(rows) > 1
-        if self._several:
-            self.pages = (Page("machines", "Machines", rows=rows), *self.PAGES)
+        self._history, self._more = history, more
+        self._shown: History | None = None
+        if history.waiting or len(history.all_machines) > 1:
+            machines = Page("machines", "Machines", rows=tuple(texts.machine_rows(history)))
+            self.pages = (machines, *self.PAGES)
 
-    def begin(self) -> None:
-        self.head(f"History of {self._history.folder.absolute().name}")
-        if self._several:
-            self.put("machines", texts.files_text(self._history))
-            self._show(self._history.of_number(0))
-        else:
-            self._show(self._history)
+    @work
+    async def begin(self) -> None:
+        self._show_all()
+        with self.app.complaining():
+            while self._history.waiting and self._more:
+                self._history = await apart(self, self._more)
+                self._show_all()
+
+    def _show_all(self) -> None:
+        """The machine that is shown stays, with sessions that were worked out meanwhile."""
+        history, names = self._history, texts.machine_names(self._history)
+        self.head(texts.heading_text(history))
+        for listed in self.query(OptionList):
+            self.put("machines", texts.files_text(history, goes_on=self._more is not None))
+            rows, marked = texts.machine_rows(history), listed.highlighted or 0
+            if rows != [str(option.prompt) for option in listed.options]:
+                listed.set_options(rows)
+                listed.highlighted = marked if marked < len(rows) else None
+            shown = texts.machine_names(self._shown)[0] if self._shown else ""
+            if names:
+                self._show(history.of_number(names.index(shown) if shown in names else 0))
+        if not self.query(OptionList):
+            self._show(history)
 
     def _show(self, history: History) -> None:
+        if history == self._shown:
+            return
+        self._shown = history
         self.put("history", texts.history_text(history, datetime.now(UTC)))
         figures = [figure for machine in history.machines for figure in control_charts(machine)]
         figures += map(platform_figure, history.of_postures)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from textual import work
 from textual.app import ComposeResult
@@ -27,9 +27,14 @@ from app.measuring.recorded import (
 )
 from app.report.text import home as texts
 from app.screens import Look, look_of
-from app.screens.fast_keys import Title
-from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
+from app.screens.interface import ChoiceDialog, Interface, TextDialog
 from app.screens.pages import Found, Given, apart, last_lines
+
+if TYPE_CHECKING:
+    from app.screens.result import ResultScreen
+
+HISTORY_S = 2.0
+"""So long one part of a history is worked out; then what there is by now is shown."""
 
 DEMO_FOLDER = Path("demo-sessions")
 
@@ -48,7 +53,7 @@ class HomeScreen(Screen[None]):
         self._working = False
 
     def compose(self) -> ComposeResult:
-        yield Title()
+        yield Static("glidecal", id="heading", markup=False)
         yield Static(self.question(), markup=False, id="question")
         yield OptionList(id="choices", markup=False)
         yield from last_lines()
@@ -150,24 +155,19 @@ class HomeScreen(Screen[None]):
             self.app.push_screen(replay_screen(path, ()))
         elif what == "diagnose":
             self.app.push_screen(self.app.diagnosis([path]))
-        elif what == "export":
-            self._say_computing()
-            if text := await self.app.written(partial(_export, path)):
-                await self.app.push_screen_wait(HelpDialog(text))  # stays until it is read
         else:
-            screen, warnings = await self._computed(_result, path, self.app.read_only)
-            self.app.push_screen(screen)
-            for warning in warnings:
+            result = await self._computed(_result, path, self.app.read_only)
+            await self.app.push_screen(result)
+            for warning in result.solved.warnings:
                 self.app.notify(warning, severity="warning", markup=False)
-
-    def _say_computing(self) -> None:
-        self.query_one("#question", Static).update(self.app.keyed(texts.COMPUTING))
+            if what == "export":
+                result.action_export()
 
     async def _computed(
         self, job: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
     ) -> Found:
         """What a job gives, apart from the screen; it loads what it needs there, too."""
-        self._say_computing()
+        self.query_one("#question", Static).update(self.app.keyed(texts.COMPUTING))
         return await apart(self, job, *given, **named)
 
     def _form(self) -> Screen[None]:
@@ -226,23 +226,12 @@ class HomeScreen(Screen[None]):
         self.app.push_screen(await self._computed(_comparison, *pair))
 
 
-def _result(path: Path, read_only: bool) -> tuple[Screen[None], tuple[str, ...]]:
+def _result(path: Path, read_only: bool) -> ResultScreen:
     from app.screens.result import result_of
 
     screen = result_of([path], verified=not read_only)
-    return screen, tuple(screen.solved.work_out().warnings)
-
-
-def _export(path: Path, *, replace: bool) -> str:
-    from app.evaluating.solution import solve_files
-    from app.exports import export_offsets
-    from app.report.text.result import export_caution, exported_text
-
-    folder = path.with_suffix("")
-    solved = solve_files([path])
-    text = exported_text(folder, export_offsets(solved, folder, replace=replace))
-    caution = export_caution(solved)
-    return f"{text}\n\nWARNING: {caution}" if caution else text
+    screen.solved.work_out()
+    return screen
 
 
 def _comparison(before: Path, after: Path) -> Screen[None]:
@@ -256,7 +245,8 @@ def _history(folder: Path, looks: Sequence[Look]) -> Screen[None]:
     from app.evaluating.history import read_history
     from app.screens.history import HistoryScreen
 
-    return HistoryScreen(read_history(folder, of_postures=looks))
+    job = partial(read_history, folder, of_postures=looks, within_s=HISTORY_S)
+    return HistoryScreen(job(), job)
 
 
 class ReplayChoiceScreen(HomeScreen):

@@ -21,6 +21,7 @@ from protocols.documents import line_of, read_text
 MODIFIERS = ("ctrl", "shift", "alt", "super", "hyper", "meta")
 KEYS_ALLOWED = "a character, or a name such as space, enter, f2, ctrl+t"
 IDS_ALLOWED = "an id that glidecal settings lists"
+KEY_WORDS = {"comma": ",", "plus": "+", "minus": "-", "pageup": "page up", "pagedown": "page down"}
 NAMED_KEYS = frozenset(key.value for key in Keys) | {"space", "comma"}
 
 
@@ -72,7 +73,7 @@ def split(keys: str) -> list[str]:
 
 def key_words(key: str) -> str:
     """A key as a person calls it: ``Space``, ``F2``, ``Ctrl+T``."""
-    parts = ({"comma": ",", "plus": "+", "minus": "-"}.get(part, part) for part in key.split("+"))
+    parts = (KEY_WORDS.get(part, part) for part in key.split("+"))
     return "+".join(part.upper() if len(part) == 1 else part.capitalize() for part in parts)
 
 

@@ -16,7 +16,7 @@ from textual.binding import Binding, BindingType
 
 from app.measuring.doubts import TakenStep
 from app.measuring.gauges import Live, Motion
-from app.measuring.indicators import adapter_at, port_of, ports_to_choose, remember
+from app.measuring.indicators import adapter_at, port_of, remember
 from app.measuring.moving import Mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
@@ -27,7 +27,7 @@ from app.report.text.session import TakenBy
 from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog
 from app.screens.pages import KeyLine, Resting, apart, is_left
-from app.screens.session_view import LegReviewScreen, MotionDialog, SessionView
+from app.screens.session_view import LegReviewScreen, MotionDialog, SessionView, port_dialog
 from calib.errors import GlidecalError
 from drivers.motion.states import State
 from drivers.profile import Fault, FaultKind, IndicatorReading
@@ -270,13 +270,11 @@ class MeasureScreen(Corrections, Resting):
             return
         number = min(self._lost)
         adapter = self.guided.gauges[number].adapter
-        ports = ports_to_choose(adapter, [gauge.port for gauge in self.guided.gauges])
-        if not ports:
+        used = [gauge.port for gauge in self.guided.gauges]
+        dialog = port_dialog(self.guided.name_of(number), adapter, used)
+        if dialog is None:
             self.say(questions.NO_OTHER_PORT)
-            return
-        question = questions.port_question(self.guided.name_of(number))
-        port = await self.ask(ChoiceDialog(question, questions.port_choices(ports, adapter)))
-        if port is not None:
+        elif (port := await self.ask(dialog)) is not None:
             await self._go_on_at(number, port)
 
     async def _go_on_at(self, number: int, port: str) -> None:

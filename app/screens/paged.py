@@ -51,7 +51,7 @@ class Page:
     charts: int = 0
     text: bool = True
     beside: bool = False
-    rows: tuple[str, ...] = ()
+    rows: tuple[str, ...] | None = None
     content: Callable[[], Widget] | None = None
 
     def compose(self) -> ComposeResult:
@@ -59,7 +59,7 @@ class Page:
         charts = [ChartPlot(plot_id=f"{self.name}-chart{k}") for k in range(self.charts)]
         if self.content:
             yield self.content()
-        elif self.rows:
+        elif self.rows is not None:
             yield Vertical(OptionList(*self.rows, markup=False), VerticalScroll(text))
         elif self.beside:
             yield Horizontal(VerticalScroll(text), Vertical(*charts, classes="beside"))

@@ -29,7 +29,7 @@ from app.report.text import home as texts
 from app.report.text.indicator import findings_text, trial_text
 from app.report.text.preparing import procedure_sentence
 from app.screens.check import CheckScreen, DryRunScreen
-from app.screens.fast_keys import LeftOnce, Title
+from app.screens.fast_keys import LeftOnce
 from app.screens.interface import Interface
 from app.screens.pages import apart, last_lines
 from calib.errors import GlidecalError, IndicatorError
@@ -63,9 +63,8 @@ class IndicatorScreen(LeftOnce[Form]):
         along = dict.fromkeys([*AXES, str(values["axes"])])
         here = [(texts.port_label(*entry, self._answered), entry[0]) for entry in serial_ports()]
         profiles = texts.profile_rows(PROFILES.values())
-        yield Title()
+        yield Static(self._which, id="heading", markup=False)
         with VerticalScroll(id="form"):
-            yield Static(self._which, id="which", markup=False)
             yield from row("Ports here", choice("here", here, prompt=texts.ports_here(len(here))))
             yield from self._input("port")
             chosen, prompt = values.get("profile"), self.app.keyed(texts.PROFILE_PROMPT)
@@ -233,7 +232,7 @@ class PrepareScreen(Screen[None]):
         self._answered: dict[str, str] = {}
 
     def compose(self) -> ComposeResult:
-        yield Title()
+        yield Static("New session", id="heading", markup=False)
         with VerticalScroll(id="form"):
             for field in (texts.MACHINE, *texts.IDENTITY):
                 yield from entry(*field)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import lru_cache, partial
 from typing import ClassVar
 
@@ -19,17 +19,18 @@ from textual.strip import Strip
 from textual.widgets import Static
 
 from app.measuring.gauges import Live, Motion, Trace
+from app.measuring.indicators import ports_to_choose
 from app.measuring.leg_review import review_leg
 from app.measuring.moving import Mover
 from app.report.charts.digits import large_digits
 from app.report.charts.results import readings_by_posture
 from app.report.charts.strips import strip_rows
 from app.report.charts.tripod import drawn_set_up
-from app.report.text import motion
+from app.report.text import motion, questions
 from app.report.text import session as texts
 from app.report.text.gauges import NO_NUMBER, shown_number, state_words
 from app.report.text.leg_review import REVIEW_HELP, review_text
-from app.screens.interface import WIDE, Dialog, Interface
+from app.screens.interface import WIDE, ChoiceDialog, Dialog, Interface
 from app.screens.pages import Resting, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
@@ -283,6 +284,13 @@ class SessionView(Vertical, Resting):
             self.set_class(True, "stripped").remove_class("plotted")
         else:
             self.add_class("plotted")
+
+
+def port_dialog(name: str, adapter: str, used: Collection[str]) -> ChoiceDialog[str] | None:
+    """At which port an indicator is now, by its name and that of its adapter; None: at no other."""
+    if ports := ports_to_choose(adapter, used):
+        return ChoiceDialog(questions.port_question(name), questions.port_choices(ports, adapter))
+    return None
 
 
 class SetUpScreen(Dialog[None]):

@@ -166,7 +166,7 @@ def of_machine(film: Film) -> None:
         "glidecal run --dry-run --machine my-machine.toml",
         "30 steps",
         "1 x ZERO 1",
-        "30 z ZERO 3",
+        "30 z ZERO end",
     )
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from threading import Event
 
 import pytest
 from textual.screen import Screen
@@ -45,6 +47,34 @@ async def test_home_leads_to_the_history_and_back(
         await pilot.press("escape")
         await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
         await pilot.press("f10")
+
+
+async def test_a_large_folder_is_shown_before_all_of_it_is_worked_out(tmp_path: Path) -> None:
+    """The screen says how many are left, and adds machines and sessions as they come."""
+    whole = thirty_machines()
+    parts = [
+        replace(whole, machines=whole.machines[:count], sessions=1020, waiting=1020 - 34 * count)
+        for count in (0, 1, 30)
+    ]
+    ready, following = Event(), iter(parts[1:])
+
+    def more() -> History:
+        ready.wait(10.0)
+        return next(following)
+
+    interface = Glidecal(HistoryScreen(parts[0], more))
+    async with interface.run_test(size=SIZE) as pilot:
+        await until(pilot, "the screen", lambda: interface.screen.query(OptionList))
+        listed = interface.screen.query_one(OptionList)
+        left = "1,020 of 1,020 sessions are still worked out"
+        await until(pilot, "what is left", lambda: left in text(interface, "#heading"))
+        assert listed.option_count == 0
+        ready.set()
+        await until(pilot, "the others", lambda: listed.option_count == 30)
+        assert "worked out" not in text(interface, "#heading")
+        assert "WAIT" not in text(interface, "#machines-text")
+        assert text(interface, "#history-text").startswith("machine 0: 34 sessions.")
+        await pilot.press("escape", "f10")
 
 
 async def test_entered_offsets_are_a_line_in_the_plot(tmp_path: Path) -> None:

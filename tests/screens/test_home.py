@@ -130,7 +130,8 @@ async def test_compare_by_keys(folder: Path) -> None:
         assert interface.clipboard.splitlines()[0].strip() == "Differences: leg along axis, mm"
         await pilot.press("tab")
         await pilot.resize_terminal(120, 40)
-        assert interface.screen.query_one("#comparison .beside").display
+        beside = interface.screen.query_one("#comparison .beside")
+        await until(pilot, "the plot beside", lambda: beside.display)
         await pilot.press("escape")
         await shown(pilot, interface, HomeScreen)
         await pilot.press("f10")
@@ -190,9 +191,11 @@ async def test_export_writes_what_the_result_screen_writes(folder: Path) -> None
         await shown(pilot, interface, ChoiceDialog)
         await choose(pilot, interface, "before")
         written = folder / "before [mm]"
-        await shown(pilot, interface, HelpDialog)  # a caution stays until it is read
-        assert f"Written to {written.name}" in text(interface, "Static")
-        assert "the present HOME_OFFSET is not stated" in text(interface, "Static")
+        await shown(pilot, interface, ResultScreen)
+        await until(pilot, "written", lambda: f"Written to {written.name}" in said(interface))
+        page = " ".join(text(interface, "#result-text").split())
+        assert "WARNING: the present HOME_OFFSET is not stated" in page, "stays until it is read"
+        assert "Next: enter the values in the controller" in page
         await pilot.press("escape")
         await shown(pilot, interface, HomeScreen)
         names = {path.name for path in written.iterdir()}

@@ -478,7 +478,7 @@ async def test_comparison_is_a_page_of_its_own(verified: tuple[SessionSolution, 
         assert first.startswith(compared.splitlines()[0])
         helps = solved.entered.helps  # the scatter is another each time
         assert ("Add to the offsets" in first) is helps
-        assert ("WARNING: not to be entered" in first) is not helps
+        assert ("Nothing to enter" in first) is not helps
         await pilot.press("left")
         await until(pilot, "a plot", lambda: len(drawn(interface, "#before-after-chart0")) > 15)
         assert page(interface) == "before-after"

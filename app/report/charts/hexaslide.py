@@ -116,7 +116,7 @@ def residual_charts(solved: CalibratedMachine) -> tuple[Chart, ...]:
             if bool(is_angle) is angular
         )
         if series:
-            charts.append(Chart(title, "posture", f"{title}, {unit}", series))
+            charts.append(Chart(title, "posture", unit, series))
     return tuple(charts)
 
 

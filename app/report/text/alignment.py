@@ -91,8 +91,11 @@ def _cells(shim: Shim) -> tuple[str, str, str, str]:
 
 
 def round_text(work: Round, chosen: int) -> str:
-    """The list of screws, the chosen one marked; what is moved and what is to go."""
-    lines = ["  rail  end at  towards     by    moved    to go"]
+    """The list of screws, the chosen one marked; what is moved and what is to go.
+
+    Both are positive in the direction that is asked for.
+    """
+    lines = ["  rail  end at  towards  by, mm    moved    to go"]
     live = work.live_mm()
     for k, shim in enumerate(work.aligned.shims):
         rail, at, towards, by = _cells(shim)
@@ -100,12 +103,20 @@ def round_text(work: Round, chosen: int) -> str:
         as_asked = work.watching == k or k in work.moved_mm
         moved_words, to_go = "as asked" if as_asked else "" if shim.needed else "fine", ""
         if as_asked and moved is not None:
-            moved_words, to_go = signed(moved), signed(shim.move_mm - moved)
+            moved_words, to_go = signed(_asked_way(shim, moved)), _to_go(shim, moved)
         mark = ">" if k == chosen else "+" if k in work.moved_mm else " "
         lines.append(
-            f"{mark} {rail[5:]:<5}{at:>4} mm  {towards:<8}{by:>6} {moved_words:>8} {to_go:>8}"
+            f"{mark} {rail[5:]:<5}{at:>4} mm  {towards:<8}{by:>7} {moved_words:>8} {to_go:>8}"
         )
     return "\n".join(lines)
+
+
+def _asked_way(shim: Shim, along_mm: float) -> float:
+    return along_mm if shim.move_mm >= 0.0 else -along_mm
+
+
+def _to_go(shim: Shim, moved_mm: float) -> str:
+    return signed(_asked_way(shim, shim.move_mm - moved_mm))
 
 
 def screw_text(work: Round, number: int) -> str:
@@ -118,7 +129,7 @@ def screw_text(work: Round, number: int) -> str:
     parallel = f"Leg {leg} at Zero: its foot {slope} mm along {axis} from its tool end."
     if work.watching == number:
         moved = work.live_mm()
-        to_go = "nothing is shown" if moved is None else f"{signed(shim.move_mm - moved)} mm to go"
+        to_go = "nothing is shown" if moved is None else f"{_to_go(shim, moved)} mm to go"
         return (
             f"Turn: {rail}, {by} mm towards {towards} under the end at {at} mm. {to_go}.\n"
             f"{parallel}\n{{align.watch}} when it is there."
@@ -147,9 +158,11 @@ MOVED_SINCE = "WAIT: something was moved since. {align.again} measures; {align.h
 
 def moved_text(change: Changed) -> str:
     """After a move that is in the record."""
-    moved = "as asked" if change.moved_mm is None else f"{change.moved_mm:+.3f} mm"
+    along = (change.towards or "").upper()
+    by = "as asked" if change.moved_mm is None else f"{change.moved_mm:+.3f} mm along {along}"
+    rail = (change.rail or "").upper()
     return (
-        f"In the record: end at {change.support_mm:.0f} mm of rail {change.rail}, {moved}. "
+        f"In the record: end at {change.support_mm:.0f} mm of rail {rail}, {by}. "
         "The next one, or {align.again} measures again."
     )
 

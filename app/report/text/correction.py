@@ -60,8 +60,8 @@ UNSEEN = (
 
 
 def correction_table(correction: SessionCorrection) -> Table:
-    """The values to enter."""
-    table = new_table("enter", "value", "", "± U (95 %)")
+    """The values to enter, or those that are not worth it."""
+    table = new_table("enter" if correction.helps else "", "value", "", "± U (95 %)")
     wide = (
         {}
         if correction.uncertainties_mm is None

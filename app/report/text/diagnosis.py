@@ -279,7 +279,7 @@ def freedom_words(gap: Gap) -> str:
 
 def by_chance(p_value: float) -> str:
     """A p-value in a sentence."""
-    often = f"1 of {float(f'{1.0 / max(p_value, RAREST):.2g}'):,.10g}"
+    often = f"1 of {round(float(f'{1.0 / max(p_value, RAREST):.2g}')):,}"
     share_words = "most" if p_value > 0.5 else often if p_value > RAREST else f"fewer than {often}"
     return f"would happen by chance in {share_words} sessions"
 

@@ -25,6 +25,10 @@ class Done(StrEnum):
     EXPORTED = "exported"
 
 
+WORTHLESS = "WARNING: not to be entered, the tool would not become more accurate:"
+SOUND = "Nothing to enter: with these values the tool would not become more accurate:"
+
+
 def glance_text(
     solved: SessionSolution,
     before: SessionSolution | None,
@@ -50,7 +54,7 @@ def glance_text(
     caution = export_caution(solved) if Done.EXPORTED in done else ""
     heading = "Add to the offsets in the controller:" if any(machine.entered_offsets_mm) else ""
     if not correction.helps:
-        heading = "WARNING: not to be entered, the tool would not become more accurate:"
+        heading = SOUND if before else WORTHLESS
     return paragraphs(
         [*verdict, *_cautions(solved), *([f"WARNING: {caution}"] if caution else [])],
         heading,

@@ -56,10 +56,20 @@ def history_text(history: History, now: datetime) -> str:
     return paragraphs(files_text(history).splitlines(), *listed, *([text] for text in machines))
 
 
-def files_text(history: History) -> str:
-    """Sessions that are not worked out yet, and files that cannot be used, a sentence for each."""
+def heading_text(history: History) -> str:
+    """Which folder, and how much of it is still to be worked out."""
+    left = f"   {history.waiting:,} of {history.sessions:,} sessions are still worked out …"
+    return f"History of {history.folder.absolute().name}{left if history.waiting else ''}"
+
+
+def files_text(history: History, *, goes_on: bool = False) -> str:
+    """Sessions that are not worked out yet, and files that cannot be used, a sentence for each.
+
+    What ``goes_on`` by itself needs no sentence.
+    """
+    waiting = [] if goes_on else waiting_sentences(history)
     warnings = [hanging(f"WARNING: {text}", "  ") for _, text in history.problems]
-    return "\n".join([*map(wrapped, waiting_sentences(history)), *warnings])
+    return "\n".join([*map(wrapped, waiting), *warnings])
 
 
 def waiting_sentences(history: History) -> list[str]:

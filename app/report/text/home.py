@@ -21,8 +21,11 @@ HOME_HELP = f"""\
 Continue       an interrupted session, at its first open step
 New session    measures with real indicators
 Demonstration  the same on a simulated machine, in demo-sessions
+Result         what to enter, tool error now and after, report
+Replay         how a session was measured, step by step
 Compare        the session before the offsets were entered in the
                controller with the one after
+Export         files with what to enter in the controller
 Diagnose       where readings and model disagree, and what is missing
 History        all sessions here and below: offsets over time, drift
 {WORDS_OF_LOOKS}

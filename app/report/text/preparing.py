@@ -8,7 +8,7 @@ from app.measuring.gauges import PushResult, SpindleCheck
 from app.measuring.indicators import indicator_words, profile_of
 from app.measuring.plan import Plan
 from app.measuring.simulated import short_travels
-from app.report.text.session import mdi_line
+from app.report.text.session import cycle_words, mdi_line, visits_of
 from app.report.text.tables import new_table, paragraphs
 from calib.errors import GlidecalError
 from calib.tripod.geometry import Geometry
@@ -60,8 +60,9 @@ def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[I
     order = " Axes stand in this order." if len(names) > 1 else ""
     if procedure.plane is not None:
         order += " p: the stand is on the plane." + " 2: the second one reads." * (len(names) > 1)
+    visits = visits_of(steps)
     for step in steps:
-        place = (str(step.number), step.leg, step.posture(geometry), str(step.cycle))
+        place = (str(step.number), step.leg, step.posture(geometry), visits[step.number])
         station = f"p {step.station:g}" if step.over_plane else f"{step.station:g}"
         axes_words = f"{step.axes[0]} 2" if step.first else " ".join(step.axes)
         cells = (*place, station, axes_words, mdi_line(step, machine))
@@ -89,8 +90,9 @@ def rehearsal_text(options: str, plan: Plan, ports: Sequence[str]) -> str:
 
 def rehearsed_text(step: Step, plan: Plan) -> str:
     """Where the machine goes."""
-    posture = step.posture(plan.machine.geometry())
-    return f"step {step.number}: {step.touched}  {posture}  cycle {step.cycle}"
+    geometry = plan.machine.geometry()
+    posture, steps = step.posture(geometry), plan.procedure.steps(geometry, plan.axes)
+    return f"step {step.number}: {step.touched}  {posture}  {cycle_words(step, steps)}"
 
 
 def check_text(plan: Plan) -> str:

@@ -256,7 +256,7 @@ def lost_text(name: str, words: str, elsewhere: str | None, *, gone: bool) -> st
     if elsewhere:
         return f"{lost} Its adapter is at {elsewhere} now: {{measure.port}} goes on there."
     if gone:
-        return f"{lost} Does it come back under another name, {{measure.port}} chooses it."
+        return f"{lost} If it comes back under another name, {{measure.port}} chooses it."
     return lost
 
 

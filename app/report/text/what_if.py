@@ -72,11 +72,12 @@ def choice_words(choice: Choice) -> str:
 
 def heading_text(choice: Choice, trial: Trial, model: Path | None) -> str:
     """What is tried, on which readings, beside what."""
-    beside = f"model {model.name}" if model else "nominal machine"
-    beside_words = "".join(f", {entry.id} ({entry.where})" for entry in choice.beside)
+    beside = [f"model {model.name}"] if model else []
+    beside += [f"{entry.id} ({entry.where})" for entry in choice.beside]
     what = f"{choice.entry.id} ({choice.entry.where})"
     names = ", ".join(session.name for session in trial.sessions)
-    return f"What if {what}   {names}   beside: {beside}{beside_words}"
+    beside_words = f"   beside: {', '.join(beside)}" if beside else ""
+    return f"What if {what}   {names}{beside_words}"
 
 
 def doubt_text(choice: Choice, *, mistakes: bool) -> str:

@@ -31,21 +31,21 @@ def own(folder: Path, level: str, ending: str = "") -> Path:
     return path
 
 
-def dry_run(*arguments: str | Path) -> list[tuple[str, str, int]]:
-    """Leg, posture and cycle of every step shown."""
+def dry_run(*arguments: str | Path) -> list[tuple[str, ...]]:
+    """Leg, posture and visit of every step shown: its cycle, or the end of the leg."""
     run = glidecal("run", "--dry-run", *arguments)
     assert run.status == 0, run.err
-    rows = re.findall(r"^ *\d+ +([xyz]) +([A-Z]+|[+-][\d.]+ mm) +(\d+) ", run.out, re.MULTILINE)
-    return [(leg, posture, int(cycle)) for leg, posture, cycle in rows]
+    row = r"^ *\d+ +([xyz]) +([A-Z]+|[+-][\d.]+ mm) +(\d+[a-p]?|end) "
+    return re.findall(row, run.out, re.MULTILINE)
 
 
 def test_a_dry_run_writes_nothing_and_shows_every_step(tmp_path: Path) -> None:
     assert dry_run("--protocol", own(tmp_path, "12.5")) == [
-        ("y", "ZERO", 1),
-        ("y", "+12.5 mm", 1),
-        ("y", "ZERO", 2),
-        ("y", "+12.5 mm", 2),
-        ("y", "ZERO", 2),
+        ("y", "ZERO", "1"),
+        ("y", "+12.5 mm", "1"),
+        ("y", "ZERO", "2"),
+        ("y", "+12.5 mm", "2"),
+        ("y", "ZERO", "end"),
     ]
     assert [path.name for path in tmp_path.iterdir()] == ["own.toml"]
 

@@ -58,7 +58,8 @@ def test_what_is_not_to_be_entered_is_not_added(
         for done in ((), (Done.EXPORTED,)):
             page = glance_text(sound, sound, done, 76, exports=True, measures=True)
             assert page.startswith("Leg deviations went from")
-            assert ("WARNING: not to be entered" in page) != helps
+            assert ("Nothing to enter" in page) != helps
+            assert (" enter  " in page) == helps, "no heading asks for what is not entered"
             next_words = page[page.index("\nNext:") :]
             assert ("enter the values" in next_words or "{result.export}" in next_words) == helps
 

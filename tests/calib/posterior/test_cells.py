@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from calib.arrays import FloatArray, numbered, observe, tool_conditions
 from calib.noise.reading import IndicatorFigures
-from calib.posterior.cells import Cells
+from calib.posterior.cells import Cells, _underrated
 from tests.calib.posterior.sessions import SCATTER_MM, SHORT, SWEEP, case, with_values
 
 
@@ -49,6 +49,26 @@ def test_means_of_correlated_errors_are_those_of_least_squares() -> None:
     expected = of_means @ groups.T @ precision @ cells.visited.value_mm
     assert cells.means.value_mm == pytest.approx(expected, abs=1e-9)
     assert cells.variance_mm2 == pytest.approx(of_means.diagonal(), rel=1e-9)
+
+
+def test_the_variance_of_correlated_errors_is_not_biased() -> None:
+    """Errors of variance 1 that follow each other as supposed, and a drift: 1 on average."""
+    visited = case(SWEEP).observed
+    cell = Cells.of(case(SWEEP)).cell
+    generator = np.random.default_rng(6)
+    variances = []
+    for _ in range(300):
+        value = np.linspace(0.0, 9.0, len(visited))
+        for rows in visited.mountings:
+            error = generator.normal(size=len(rows))
+            for k in range(1, len(rows)):
+                error[k] = 0.6 * error[k - 1] + 0.8 * error[k]
+            value[rows] += error
+        drawn = replace(visited, value_mm=value)
+        variances.append(_underrated(drawn, cell, np.ones(len(visited)), 0.6))
+    spread = float(np.std(variances)) / np.sqrt(len(variances))
+    assert np.mean(variances) == pytest.approx(1.0, abs=4.0 * spread)
+    assert 4.0 * spread < 0.07
 
 
 @pytest.mark.parametrize("serial", [False, True])

@@ -25,7 +25,7 @@ from calib.hexaslide.geometry import (
 )
 from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.residuals import Readings, residuals, shares, stretch, whitening
-from calib.hexaslide.simulation import disturbed, measure
+from calib.hexaslide.simulation import SimulatedHexaSlide, disturbed, measure
 from calib.stats import coverage_factor
 from tests.calib.hexaslide.test_hexaslide import H60, random_machine
 from tests.conftest import LONG
@@ -361,3 +361,13 @@ def test_a_link_that_cannot_be_kept_in_the_box_is_refused() -> None:
     none = HexaSlide(NOMINAL.geometry, low)
     with pytest.raises(CalibrationError, match="constraint link: found none"):
         measure(Procedure.of("constraint-link"), none, none, 10, np.random.default_rng(0))
+
+
+def test_a_simulated_machine_without_tolerances_is_off_by_centimetres_at_most() -> None:
+    procedure = Procedure.of("position")
+    nominal = NOMINAL.parameters(procedure.parameters)
+    unknown = SimulatedHexaSlide(procedure, NOMINAL, np.full(len(nominal), np.inf), 3)
+    off = unknown.truth.parameters(procedure.parameters) - nominal
+    assert 0.01 < float(np.sqrt((off**2).mean())) < 0.03
+    fine = SimulatedHexaSlide(procedure, NOMINAL, np.full(len(nominal), 1e-4), 3)
+    assert fine.truth.parameters(procedure.parameters) - nominal == pytest.approx(off / 200.0)

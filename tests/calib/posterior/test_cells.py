@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import multivariate_t
 
 from calib.arrays import FloatArray, numbered, observe, tool_conditions
 from calib.noise.reading import IndicatorFigures
-from calib.posterior.cells import Cells, _underrated
+from calib.posterior.cells import Cells, SessionCase, _underrated
+from calib.posterior.readings import _log_of_student
+from calib.posterior.screening import even_mm
 from tests.calib.posterior.sessions import SCATTER_MM, SHORT, SWEEP, case, with_values
 
 
@@ -186,3 +189,32 @@ def test_single_heights_that_scatter_do_not_bend_the_bars(seed: int) -> None:
     assert 0.1 < np.sqrt(cells.scatter_mm2[0]) < 0.6
     off = np.array(cells.model.parameters_mm) / once.tolerance_mm
     assert np.abs(off).max() < 3.0
+
+
+@pytest.mark.parametrize("freedom", [1.0, 7.0])
+@pytest.mark.parametrize("count", [1, 5])
+def test_student_by_its_power_and_what_is_before_it(freedom: float, count: int) -> None:
+    """Up to the root of 2 pi a reading, which a normal density has, too."""
+    value = np.linspace(-1.0, 2.0, count)
+    power = -0.5 * (freedom + count) * np.log(freedom + value @ value)
+    density = multivariate_t(np.zeros(count), np.eye(count), df=freedom).logpdf(value)
+    expected = density + 0.5 * count * np.log(2.0 * np.pi)
+    assert _log_of_student(freedom, count) + power == pytest.approx(expected)
+    assert _log_of_student(0.0, count) == _log_of_student(np.inf, count) == 0.0
+
+
+def test_where_a_stand_moved_readings_have_the_noise_of_their_display() -> None:
+    """Repeats that agree to the digit differ by rounding; the moved one is no noise of all."""
+    session = case(SHORT, seed=2)
+    value = 0.01 * np.round(session.observed.value_mm / 0.01)
+    cell = Cells.of(session).cell
+    first = np.unique(cell, return_index=True)[1]
+    value = value[first][cell]  # every repeat is the same
+    assert even_mm(Cells.of(_at_steps(session, value))) == pytest.approx(0.01 / np.sqrt(12.0))
+    moved = value + 5.0 * (session.observed.mount == 0) * (session.observed.cycle == 3)
+    assert even_mm(Cells.of(_at_steps(session, moved))) == pytest.approx(0.01 / np.sqrt(12.0))
+
+
+def _at_steps(session: SessionCase, value_mm: FloatArray) -> SessionCase:
+    stepped = with_values(session, value_mm)
+    return replace(stepped, indicator=IndicatorFigures(resolution_mm=0.01))

@@ -115,7 +115,8 @@ def test_the_theory_states_them(words: str) -> None:
         ),
         (
             "`LEAST_CHANGED`",
-            f"{labels.LEAST_CHANGED:g} σ; {repeats.DISAGREES:g}, slip {labels.LEAST['stand_slip']:g}, "
+            f"{labels.LEAST_CHANGED:g} σ; {repeats.DISAGREES:g}, "
+            f"slip {labels.LEAST['stand_slip']:g}, "
             f"first take {labels.LEAST['first_take']:g} σ of a reading",
         ),
         ("`KEPT`", f"{tool_errors.KEPT:g} of the posterior"),

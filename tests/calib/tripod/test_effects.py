@@ -16,6 +16,7 @@ from calib.tripod.effects.bars import pull_of_weight
 from calib.tripod.effects.candidates import Candidate, candidates, invisible
 from calib.tripod.effects.drives import (
     STANDARD_LEADS_MM,
+    ActuatorCyclic,
     AxisDistance,
     AxisLean,
     AxisOffset,
@@ -659,3 +660,11 @@ def test_a_probe_at_the_tool_does_not_tilt() -> None:
     (tilt,) = [law for law in EVERY if law.id == "platform_tilt"]
     assert tilt.places(PROBED) == ("x", "y", "z")
     assert tilt.places(CONTACTS) == ()
+
+
+@pytest.mark.parametrize("lead_mm", STANDARD_LEADS_MM)
+def test_both_amplitudes_of_a_screw_are_as_usual_and_as_large_at_most(lead_mm: float) -> None:
+    """Where its turn begins is by chance."""
+    sine, cosine = ActuatorCyclic(lead_mm).parameters
+    assert (sine.name, cosine.name) == (f"sine_{lead_mm:g}mm", f"cosine_{lead_mm:g}mm")
+    assert replace(sine, name="") == replace(cosine, name="")

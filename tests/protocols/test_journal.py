@@ -117,7 +117,7 @@ def test_lines_missing_doubled_or_moved(path: Path, how: str) -> None:
     [
         (b'{"event":"opened","schema":"glidecal.session/99"}\n', "newer glidecal"),
         (b'{"event":"opened","schema":"other/1"}\n', "Not a session"),
-        (b'{"a":1}\n', "an event of schema"),
+        (b'{"a":1}\n', r"an event of schema glidecal\.session/\d+\b"),
         (b"[1,2]\n", "an event of schema"),
         (b"hello\n", "one JSON event. Is it a session?"),
         (b"\xff\xfe\x00\n", "one JSON event"),

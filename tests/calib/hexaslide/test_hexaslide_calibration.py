@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
 from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
-from calib.hexaslide.checked import frames_apart, inner_lengths, inner_slopes
+from calib.hexaslide.checked import _kept_out, frames_apart, inner_lengths, inner_slopes
 from calib.hexaslide.derivatives import jacobian, joint_angles
 from calib.hexaslide.geometry import (
     ENCODERS,
@@ -371,3 +371,24 @@ def test_a_simulated_machine_without_tolerances_is_off_by_centimetres_at_most() 
     assert 0.01 < float(np.sqrt((off**2).mean())) < 0.03
     fine = SimulatedHexaSlide(procedure, NOMINAL, np.full(len(nominal), 1e-4), 3)
     assert fine.truth.parameters(procedure.parameters) - nominal == pytest.approx(off / 200.0)
+
+
+def test_postures_that_check_a_calibration_are_spread_evenly_and_not_needed_by_it() -> None:
+    assert np.flatnonzero(_kept_out(40, 10, 0.25)).tolist() == [
+        2,
+        6,
+        10,
+        14,
+        18,
+        22,
+        26,
+        30,
+        34,
+        38,
+    ]
+    for count in (8, 10, 12):
+        assert not _kept_out(count, 10, 0.25).any()
+    for count in range(12, 60):
+        out = int(_kept_out(count, 10, 0.25).sum())
+        assert out <= 0.25 * count
+        assert count - out >= min(count, 15)

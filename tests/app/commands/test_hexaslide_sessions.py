@@ -143,6 +143,16 @@ def test_rows_that_were_copied_are_named(pose: Path, tmp_path: Path) -> None:
     )
 
 
+def test_a_table_has_a_posture_or_more(pose: Path, tmp_path: Path) -> None:
+    rows = table(tmp_path / "t.csv", pose)
+    planned = plan(tmp_path / "s.jsonl", "pose-forward")
+    write(tmp_path / "t.csv", rows[:3])
+    assert len(import_postures(tmp_path / "t.csv", planned)[0].readings) == 1
+    write(tmp_path / "t.csv", rows[:2])
+    with pytest.raises(RecordError, match="2 rows. Allowed: a header, units, and postures"):
+        import_postures(tmp_path / "t.csv", planned)
+
+
 def _cell(line: int, column: int, text: str) -> Callable[[Rows], None]:
     def change(rows: Rows) -> None:
         rows[line - 1][column] = text

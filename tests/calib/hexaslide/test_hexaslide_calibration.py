@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
+from calib.hexaslide import procedures
 from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
 from calib.hexaslide.checked import _kept_out, frames_apart, inner_lengths, inner_slopes
 from calib.hexaslide.derivatives import jacobian, joint_angles
@@ -23,7 +24,7 @@ from calib.hexaslide.geometry import (
     values,
     with_values,
 )
-from calib.hexaslide.procedures import Procedure
+from calib.hexaslide.procedures import Procedure, held_postures, looseness
 from calib.hexaslide.residuals import Readings, residuals, shares, stretch, whitening
 from calib.hexaslide.simulation import SimulatedHexaSlide, disturbed, measure
 from calib.stats import coverage_factor
@@ -392,3 +393,15 @@ def test_postures_that_check_a_calibration_are_spread_evenly_and_not_needed_by_i
         out = int(_kept_out(count, 10, 0.25).sum())
         assert out <= 0.25 * count
         assert count - out >= min(count, 15)
+
+
+def test_postures_of_a_simulation_are_well_held_or_the_best_of_many(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    usual = np.sort(looseness(NOMINAL.geometry, NOMINAL.random(400, np.random.default_rng(1))))
+    for bound, every in ((float(usual[100]), True), (float(usual[0]) / 2.0, False)):
+        monkeypatch.setattr(procedures, "WELL_HELD", bound)
+        worst = looseness(NOMINAL.geometry, held_postures(NOMINAL, 30, 3))
+        assert len(worst) == 30
+        assert bool((worst < bound).all()) == every
+        assert worst.max() < usual[100]

@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from itertools import pairwise
+from typing import cast
 
 import numpy as np
 import pytest
 
 from app.measuring.simulated import simulated_session
 from calib.arrays import Conditions, FloatArray, conditions, incidence, tool_conditions
-from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
+from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE, drives
 from calib.tripod.effects.bars import pull_of_weight
 from calib.tripod.effects.candidates import Candidate, candidates, invisible
 from calib.tripod.effects.drives import (
@@ -22,12 +23,15 @@ from calib.tripod.effects.drives import (
     AxisOffset,
     AxisSquareness,
     Backlash,
+    Straightness,
+    StraightnessOfFourthOrder,
+    StraightnessOfThirdOrder,
     effects_of,
 )
-from calib.tripod.effects.effect import Effect, EffectInstance, remedies
+from calib.tripod.effects.effect import Acting, Effect, EffectInstance, remedies
 from calib.tripod.geometry import Geometry, trilaterate
 from calib.tripod.movements import TURNED_MM, last_movement
-from calib.tripod.pipeline import Model, Stage, derivatives, simulate
+from calib.tripod.pipeline import Flow, Model, Stage, derivatives, simulate
 from protocols.machine import Machine
 from protocols.observations import to_observations
 from protocols.procedure import load_procedure
@@ -668,3 +672,19 @@ def test_both_amplitudes_of_a_screw_are_as_usual_and_as_large_at_most(lead_mm: f
     sine, cosine = ActuatorCyclic(lead_mm).parameters
     assert (sine.name, cosine.name) == (f"sine_{lead_mm:g}mm", f"cosine_{lead_mm:g}mm")
     assert replace(sine, name="") == replace(cosine, name="")
+
+
+@pytest.mark.parametrize(
+    ("law", "power"),
+    [(Straightness(), 2), (StraightnessOfThirdOrder(), 3), (StraightnessOfFourthOrder(), 4)],
+)
+def test_a_bent_guide_is_off_by_its_value_at_100_mm(
+    law: Straightness, power: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    travel = np.array([-100.0, -50.0, 0.0, 50.0, 100.0, 200.0])
+    monkeypatch.setattr(drives, "travel_mm", lambda *_: travel)
+    off = law.off(Acting(np.zeros(0), cast(Flow, None), "xy", (0.3,)))
+    side = -1.0 if power == 3 else 1.0
+    assert off == pytest.approx(
+        [0.3 * side, off[3] * side, 0.0, 0.3 / 2**power, 0.3, 0.3 * 2**power]
+    )

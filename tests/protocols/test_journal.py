@@ -561,6 +561,10 @@ def test_text_that_is_not_unicode_leaves_no_file(path: Path) -> None:
     with pytest.raises(RecordError, match="not Unicode"):
         Journal.create(path, opened().model_copy(update={"operator": "\udcff"}))
     assert not list(path.parent.iterdir())
+    note = Noted(text="x").model_copy(update={"text": "\udcff"})
+    with pytest.raises(RecordError, match="not Unicode"):
+        write_whole(path, opened(), [reading(1), note])
+    assert not list(path.parent.iterdir())
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="an open file cannot be deleted there")

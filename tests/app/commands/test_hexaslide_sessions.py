@@ -149,7 +149,7 @@ def test_a_table_has_a_posture_or_more(pose: Path, tmp_path: Path) -> None:
     write(tmp_path / "t.csv", rows[:3])
     assert len(import_postures(tmp_path / "t.csv", planned)[0].readings) == 1
     write(tmp_path / "t.csv", rows[:2])
-    with pytest.raises(RecordError, match="2 rows. Allowed: a header, units, and postures"):
+    with pytest.raises(RecordError, match=r"2 rows\. Allowed: a header, units, and postures"):
         import_postures(tmp_path / "t.csv", planned)
 
 

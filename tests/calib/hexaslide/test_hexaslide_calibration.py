@@ -26,7 +26,7 @@ from calib.hexaslide.geometry import (
 )
 from calib.hexaslide.procedures import Procedure, held_postures, looseness
 from calib.hexaslide.residuals import Readings, residuals, shares, stretch, whitening
-from calib.hexaslide.simulation import SimulatedHexaSlide, disturbed, measure
+from calib.hexaslide.simulation import SimulatedHexaSlide, _held, disturbed, measure
 from calib.stats import coverage_factor
 from tests.calib.hexaslide.test_hexaslide import H60, random_machine
 from tests.conftest import LONG
@@ -405,3 +405,26 @@ def test_postures_of_a_simulation_are_well_held_or_the_best_of_many(
         assert len(worst) == 30
         assert bool((worst < bound).all()) == every
         assert worst.max() < usual[100]
+
+
+def test_postures_on_a_link_are_those_lifted_to_its_length_within_the_box() -> None:
+    """As far from its base end as it is long, on the side of the platform, one by one."""
+    link, wide = NOMINAL.link, NOMINAL.box
+    assert link is not None
+    free = wide.random(300, np.random.default_rng(2))
+    lifted = _held(wide, link, free, np.zeros(300))
+    lower, upper = wide.lower.copy(), wide.upper.copy()
+    lower[2], upper[2] = np.quantile(lifted[:, 2], [0.3, 0.8])
+    expected = []
+    for posture in free:
+        turn = rotation(posture[None, 3:])[0]
+        apart = posture[:3] + turn @ link.platform_end - link.base_end
+        below = link.length_m**2 - apart[0] ** 2 - apart[1] ** 2
+        if below > 0.0:
+            above = wide.centre[2] + link.platform_end[2] - link.base_end[2] > 0.0
+            z = posture[2] + (1.0 if above else -1.0) * below**0.5 - apart[2]
+            if lower[2] <= z <= upper[2]:
+                expected.append([*posture[:2], z, *posture[3:]])
+    assert len(expected) == 150
+    inside = _held(Box(lower, upper), link, free, np.zeros(300))
+    assert inside == pytest.approx(np.array(expected))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from calib.arrays import FloatArray
@@ -428,3 +429,10 @@ def test_postures_on_a_link_are_those_lifted_to_its_length_within_the_box() -> N
     assert len(expected) == 150
     inside = _held(Box(lower, upper), link, free, np.zeros(300))
     assert inside == pytest.approx(np.array(expected))
+
+
+def test_lengths_that_no_frame_changes_are_all_between_joints_starts_and_links() -> None:
+    geometry = NOMINAL.geometry
+    starts = np.linalg.norm(geometry.base[1:], axis=1)
+    expected = np.concatenate([pdist(geometry.platform), starts, geometry.links])
+    assert inner_lengths(geometry) == pytest.approx(expected)

@@ -12,9 +12,11 @@ import pytest
 
 from app.measuring.simulated import simulated_session
 from calib.arrays import Conditions, FloatArray, conditions, incidence, tool_conditions
+from calib.errors import UnreachablePosture
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE, drives
 from calib.tripod.effects.bars import pull_of_weight
 from calib.tripod.effects.candidates import Candidate, candidates, invisible
+from calib.tripod.effects.contract import fault_of
 from calib.tripod.effects.drives import (
     STANDARD_LEADS_MM,
     ActuatorCyclic,
@@ -688,3 +690,18 @@ def test_a_bent_guide_is_off_by_its_value_at_100_mm(
     assert off == pytest.approx(
         [0.3 * side, off[3] * side, 0.0, 0.3 / 2**power, 0.3, 0.3 * 2**power]
     )
+
+
+class OnOneSide(Straightness):
+    """No number behind 80 mm on the negative side, where a machine goes, too."""
+
+    id = "one_side"
+
+    def off(self, at: Acting) -> FloatArray:
+        return np.asarray(at.values[0] * np.sqrt(drives.travel_mm(at.flow, at.leg) + 80.0))
+
+
+def test_a_law_without_a_number_at_one_end_of_the_travel_is_refused() -> None:
+    assert fault_of(Straightness()) == ""
+    with pytest.raises(UnreachablePosture, match="nan"):
+        fault_of(OnOneSide())

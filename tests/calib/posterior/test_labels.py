@@ -10,10 +10,12 @@ import pytest
 from calib.arrays import FloatArray, IntArray, Observations
 from calib.noise.reading import IndicatorFigures
 from calib.posterior.cells import Cells, SessionCase
-from calib.posterior.labels import PRIOR, _single
+from calib.posterior.labels import PRIOR, _Moved, _single
 from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior
+from calib.posterior.problem import PosteriorProblem
 from calib.posterior.screening import Screen, even_mm
+from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
 from tests.calib.posterior.sessions import SCATTER_MM, SHORT, SWEEP, case, with_values
@@ -176,3 +178,45 @@ def test_the_single_readings_that_are_tried_are_those_whose_omission_leaves_leas
     assert [int(suspect.groups[0][0]) for suspect in _single(screen)] == expected
     raw = np.argsort(-(screen.left[:count] ** 2), kind="stable")[:12].tolist()
     assert raw != expected
+
+
+def test_exchanges_beside_one_name_are_those_that_leave_the_plain_fit_least() -> None:
+    """Of all of them, one by one by least squares."""
+    session = case(SWEEP, EffectInstance(Backlash(), "y", (0.04,)), seed=4)
+    cells = Cells.of(session)
+    screen = Screen.of(cells, np.zeros((len(cells.means), 0)), even_mm(cells))
+    moved, given = _Moved.of(screen), []
+
+    def with_one_name(change_mm: FloatArray) -> FloatArray:
+        given.append(change_mm)
+        return np.zeros(change_mm.shape[1])
+
+    tried = [mistake for _, mistake in moved.beside_one_name(screen, with_one_name)]
+    squares = []
+    for value_mm in moved.values_mm.T:
+        rows = np.concatenate([(value_mm - screen.predicted_mm) / screen.root, screen.expected])
+        missed = rows - screen.basis @ np.linalg.lstsq(screen.basis, rows, rcond=None)[0]
+        squares.append(float(missed @ missed))
+    order = np.argsort(squares, kind="stable")[:24]
+    every = [moved.every[k] for k in order]
+    assert [(m.id, m.where) for m in tried] == [(e.id, e.where) for e in every]
+    changed = [moved.values_mm[:, k] - cells.visited.value_mm for k in order]
+    weight = cells.weight / cells.scatter_mm2
+    expected = [
+        [np.average(change[cells.cell == n], weights=weight[cells.cell == n]) for change in changed]
+        for n in range(len(cells.means))
+    ]
+    assert given[0] == pytest.approx(np.array(expected), abs=1e-9)
+
+
+def test_beside_a_mistake_stands_nothing_or_names_and_alone_one_name() -> None:
+    session = case(SWEEP, EffectInstance(Backlash(), "y", (0.04,)), seed=4)
+    solved = PosteriorProblem.of((Cells.of(session),), CATALOGUE).solved()
+    plain, *heaviest = solved.beside(0, alone=False)
+    assert plain.columns.shape[1] == 0
+    assert heaviest
+    assert all(model.columns.shape[1] for model in heaviest)
+    assert min(model.log_weight for model in heaviest) > plain.log_weight
+    alone = solved.beside(0, alone=True)
+    assert alone
+    assert all(model.columns.shape[1] for model in alone)

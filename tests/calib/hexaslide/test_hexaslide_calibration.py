@@ -436,3 +436,21 @@ def test_lengths_that_no_frame_changes_are_all_between_joints_starts_and_links()
     starts = np.linalg.norm(geometry.base[1:], axis=1)
     expected = np.concatenate([pdist(geometry.platform), starts, geometry.links])
     assert inner_lengths(geometry) == pytest.approx(expected)
+
+
+def test_a_posture_outside_the_box_is_refused_but_for_rounding() -> None:
+    box, middle = NOMINAL.box, NOMINAL.box.centre
+    for column in range(6):
+        for bound, way in ((box.lower, -1.0), (box.upper, 1.0)):
+            posture = middle.copy()
+            posture[column] = bound[column] + way * 1e-12
+            assert box.inside(posture[None])[0, column] == bound[column]
+            posture[column] = bound[column] + way * 1e-6
+            with pytest.raises(CalibrationError, match="the machine's box"):
+                box.inside(posture[None])
+
+
+def test_rails_that_reach_nothing_are_told_after_fifty_tries_for_each_posture() -> None:
+    nowhere = replace(NOMINAL, travel_m=np.array([[9.0] * 6, [9.1] * 6]))
+    with pytest.raises(CalibrationError, match="rails that reach 0 of 500 random postures"):
+        nowhere.random(10, np.random.default_rng(1))

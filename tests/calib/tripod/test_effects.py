@@ -705,3 +705,9 @@ def test_a_law_without_a_number_at_one_end_of_the_travel_is_refused() -> None:
     assert fault_of(Straightness()) == ""
     with pytest.raises(UnreachablePosture, match="nan"):
         fault_of(OnOneSide())
+
+
+@pytest.mark.parametrize("name", ["kind", "stage"])
+def test_a_law_of_a_kind_or_stage_in_words_is_refused(name: str) -> None:
+    law = type("Wordy", (Straightness,), {"id": "wordy", name: "machine"})
+    assert fault_of(law()) == "wordy: kind or stage that is not a Kind or a Stage"

@@ -17,7 +17,7 @@ from calib.errors import RecordError
 from protocols.machine import load_machine
 from protocols.observations import to_observations
 from protocols.printers import marlin, repetier, reprapfirmware
-from protocols.printers.imported import ImportedPrinter, imported_printer
+from protocols.printers.imported import ImportedPrinter, are_of_printer, imported_printer
 from protocols.printers.tower_printer import Three, TowerPrinter
 from protocols.session import fold
 from tests.app.cli import glidecal
@@ -667,3 +667,19 @@ def test_towers_are_30_degrees_apart_or_more_round_the_circle(
     else:
         with pytest.raises(RecordError, match="30° or more between two of them"):
             TowerPrinter("delta", "name", bars, (124.0, 124.0, 124.0), bars, angle_deg)
+
+
+@pytest.mark.parametrize(
+    ("text", "printer"),
+    [
+        ("x_mm,y_mm,z_mm,height_mm\n0,0,0.1,0\n", False),
+        ("leg,axis,displacement_mm,value_mm\nx,y,0,0.1\n", False),
+        (f"; in x_mm\n{CONFIG_G}", True),
+        ("no columns here\n", True),
+    ],
+)
+def test_a_table_is_no_file_of_a_printer(tmp_path: Path, text: str, printer: bool) -> None:
+    path = tmp_path / "any"
+    path.write_text(text, encoding="utf-8")
+    assert are_of_printer([path]) == printer
+    assert are_of_printer([path, path])

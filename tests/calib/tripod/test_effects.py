@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import time
 from dataclasses import replace
 from itertools import pairwise
@@ -711,3 +712,11 @@ def test_a_law_without_a_number_at_one_end_of_the_travel_is_refused() -> None:
 def test_a_law_of_a_kind_or_stage_in_words_is_refused(name: str) -> None:
     law = type("Wordy", (Straightness,), {"id": "wordy", name: "machine"})
     assert fault_of(law()) == "wordy: kind or stage that is not a Kind or a Stage"
+
+
+@pytest.mark.parametrize("law", [*CATALOGUE, *BESIDE_CATALOGUE], ids=lambda law: law.id)
+def test_a_law_that_was_sent_to_another_process_is_the_same(law: Effect) -> None:
+    """Columns and sizes are kept under a law and its place."""
+    received = pickle.loads(pickle.dumps(law))
+    assert received is not law
+    assert {law: 1}[received] == 1

@@ -191,9 +191,9 @@ def test_single_heights_that_scatter_do_not_bend_the_bars(seed: int) -> None:
     assert np.abs(off).max() < 3.0
 
 
-@pytest.mark.parametrize("freedom", [1.0, 7.0])
+@pytest.mark.parametrize("freedom", [1, 7])
 @pytest.mark.parametrize("count", [1, 5])
-def test_student_by_its_power_and_what_is_before_it(freedom: float, count: int) -> None:
+def test_student_by_its_power_and_what_is_before_it(freedom: int, count: int) -> None:
     """Up to the root of 2 pi a reading, which a normal density has, too."""
     value = np.linspace(-1.0, 2.0, count)
     power = -0.5 * (freedom + count) * np.log(freedom + value @ value)

@@ -157,7 +157,8 @@ def test_the_fit_beside_lines_is_the_likeliest_machine() -> None:
 
     start = np.zeros(15 + means.mount_count)
     fit = least_squares(residuals, start, x_scale="jac", xtol=1e-12, ftol=1e-12)
-    deviation = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)))[:6]
+    slopes: FloatArray = np.asarray(fit.jac, dtype=np.float64)
+    deviation = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))[:6]
     away = (np.array(cells.model.parameters_mm) - fit.x[:6]) / deviation
     assert np.abs(away).max() < 0.1
     assert np.abs(fit.x[:6] / deviation).max() > 3.0

@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from calib.arrays import FloatArray
+from calib.arrays import FloatArray, IntArray
 from calib.posterior.measurements import FurtherMeasurement, MeasurementPreparation
 from calib.posterior.mixture import ExpectedReadings
 from calib.posterior.planning import Planner
@@ -43,8 +43,8 @@ class GivenForecast:
     now_mm: float = NOW_MM
 
     @property
-    def numbers(self) -> FloatArray:
-        return np.arange(len(self.weight))
+    def numbers(self) -> IntArray:
+        return np.arange(len(self.weight), dtype=np.intp)
 
     def readings(self, set_ups: Sequence[int], *_: object) -> list[ExpectedReadings]:
         return [reading(number) for number in set_ups]
@@ -66,7 +66,7 @@ class GivenPlanner(Planner):
     given: GivenForecast
 
     @property
-    def forecast(self) -> Any:  # type: ignore[override]  # noqa: ANN401
+    def forecast(self) -> Any:  # noqa: ANN401
         return self.given
 
 
@@ -166,7 +166,8 @@ def test_proposals_are_sorted_by_what_a_minute_gains() -> None:
         [gains[k] for k in order]
     )
     assert plan.more_helps  # to 0.80 of it
-    less = planner([1.0], GivenForecast(np.array([0.1]), np.array([[9.0]]), *[np.zeros(0)] * 2))
+    little = GivenForecast(np.array([0.1]), np.array([[9.0]]), np.zeros(0), np.zeros(0))
+    less = planner([1.0], little)
     assert not less.more_helps  # to 0.905
 
 
@@ -253,7 +254,9 @@ def test_what_is_weighed_is_the_separation_of_likely_names() -> None:
         pairs = list(combinations(range(count), 2))
         score = [sum(min(a[i, j], 60.0) * weights[i] * weights[j] for i, j in pairs) for a in apart]
         nearly = [k for k in range(6) if score[k] >= 0.97 * max(score)]
-        given, posterior = named(weights[order], "abcd"[:count], apart[:, order][:, :, order])
+        given, posterior = named(
+            weights[order].tolist(), "abcd"[:count], apart[:, order][:, :, order]
+        )
         separation = planner(minutes.tolist(), given, posterior).separation
         assert separation is not None
         assert separation.candidate.minutes == min(minutes[k] for k in nearly)

@@ -6,10 +6,11 @@ import pickle
 import time
 from dataclasses import replace
 from itertools import pairwise
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from app.measuring.simulated import simulated_session
 from calib.arrays import Conditions, FloatArray, conditions, incidence, tool_conditions
@@ -31,7 +32,7 @@ from calib.tripod.effects.drives import (
     StraightnessOfThirdOrder,
     effects_of,
 )
-from calib.tripod.effects.effect import Acting, Effect, EffectInstance, remedies
+from calib.tripod.effects.effect import Acting, Effect, EffectInstance, remedies, travel_mm
 from calib.tripod.geometry import Geometry, trilaterate
 from calib.tripod.movements import TURNED_MM, last_movement
 from calib.tripod.pipeline import Flow, Model, Stage, derivatives, simulate
@@ -698,8 +699,8 @@ class OnOneSide(Straightness):
 
     id = "one_side"
 
-    def off(self, at: Acting) -> FloatArray:
-        return np.asarray(at.values[0] * np.sqrt(drives.travel_mm(at.flow, at.leg) + 80.0))
+    def off(self, at: Acting) -> NDArray[Any]:
+        return np.asarray(at.values[0] * np.sqrt(travel_mm(at.flow, at.leg) + 80.0))
 
 
 def test_a_law_without_a_number_at_one_end_of_the_travel_is_refused() -> None:

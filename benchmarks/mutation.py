@@ -185,14 +185,14 @@ def measure(copy: Path, path: Path, tests: Sequence[str]) -> None:
 
 
 @dataclass
-class Tests:
+class LineTests:
     """Those that pass, with their time, and which reach a line of a file."""
 
     seconds: dict[str, float]
     reaching: dict[str, dict[int, set[str]]]
 
     @classmethod
-    def read(cls, folder: Path) -> Tests:
+    def read(cls, folder: Path) -> LineTests:
         """All that was measured there."""
         seconds: dict[str, float] = {}
         reaching: dict[str, dict[int, set[str]]] = {}
@@ -254,7 +254,7 @@ def _function(mutant: Mutant) -> tuple[int, int]:
 
 
 def outcome(
-    mutant: Mutant, copy: Path, tests: Tests, log: Path, limit_s: float
+    mutant: Mutant, copy: Path, tests: LineTests, log: Path, limit_s: float
 ) -> dict[str, str | float]:
     """What became of the mutant, and by which test; the copy is as before afterwards."""
     from cosmic_ray.mutating import mutate_code
@@ -344,7 +344,7 @@ def main() -> None:
         measure(copy, folder / f"reach{measured}.json", arguments.reach or TESTS)
     sys.dont_write_bytecode = True
     os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
-    tests, latest = Tests.read(folder), _latest(outcomes)
+    tests, latest = LineTests.read(folder), _latest(outcomes)
     for mutant in sample(arguments.count):
         before = latest.get(mutant)
         if before is None or (arguments.again and before != "killed"):

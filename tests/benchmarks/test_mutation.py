@@ -71,16 +71,17 @@ def test_errors_that_were_not_seen_have_a_test_now_or_a_reason() -> None:
             assert not name
 
 
-def test_the_page_counts_them() -> None:
+def test_the_page_has_their_numbers() -> None:
     text = " ".join(PAGE.read_text(encoding="utf-8").split())
     outcomes = Counter(row["outcome"] for row in mutants())
     figures = re.search(
-        r"tried, (\d+) change nothing, (\d+) were seen, (\d+) are seen now, (\d+) are not", text
+        r"Of (\d+) of 300 tried, (\d+) change nothing, at least (\d+) were seen at first "
+        r"\((\d+) % of the others; [^)]*\), (\d+) are seen now \((\d+) %\), (\d+) are not\.",
+        text,
     )
     assert figures is not None
-    tried, nothing, before, now, left = (
-        int(re.search(r"(\d+) of 300", text)[1]),  # type: ignore[index]
-        *map(int, figures.groups()),
-    )
+    tried, nothing, before, percent, now, percent_now, left = map(int, figures.groups())
     assert (nothing, left) == (outcomes["no effect"], outcomes["not seen"])
     assert now == before + outcomes["seen now"] == tried - nothing - left
+    others = tried - nothing
+    assert (percent, percent_now) == (round(100 * before / others), round(100 * now / others))

@@ -96,7 +96,7 @@ def _mutants() -> Iterator[tuple[Mutant, tuple[str, int]]]:
     for path in sorted(path for room in MUTATED for path in (ROOT / room).rglob("*.py")):
         house_path, source = str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
         nodes = list(ast_nodes(get_ast(source)))
-        hints = list(_hints(ast.parse(source)))
+        hints = list(annotations(ast.parse(source)))
         texts = [line.strip() for line in source.splitlines()]
         lines = [(text, texts[:number].count(text)) for number, text in enumerate(texts)]
         for name, operator in operators:
@@ -107,7 +107,7 @@ def _mutants() -> Iterator[tuple[Mutant, tuple[str, int]]]:
                     yield mutant, lines[start[0] - 1]
 
 
-def _hints(tree: ast.Module) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+def annotations(tree: ast.Module) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
     """From where to where annotations go that are text only."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef):
@@ -212,7 +212,7 @@ class LineTests:
         What a fixture or a cache computes is reached by the first test alone, hence the others.
         """
         reaching = self.reaching.get(mutant.path, {})
-        first, last = _function(mutant)
+        first, last = function_lines(mutant)
         near = reaching.get(mutant.line, set())
         near = near or _union(tests for line, tests in reaching.items() if first <= line <= last)
         near = near or _union(reaching.values())
@@ -242,7 +242,7 @@ def _union(sets: Iterable[set[str]]) -> set[str]:
     return set().union(*sets)
 
 
-def _function(mutant: Mutant) -> tuple[int, int]:
+def function_lines(mutant: Mutant) -> tuple[int, int]:
     """First and last line of the innermost function around it, or of all."""
     tree = ast.parse((ROOT / mutant.path).read_text(encoding="utf-8"))
     spans = [

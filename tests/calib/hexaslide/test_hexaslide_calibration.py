@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from calib.arrays import FloatArray
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
 from calib.hexaslide import procedures
 from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
-from calib.hexaslide.checked import _kept_out, frames_apart, inner_lengths, inner_slopes
+from calib.hexaslide.checked import check_postures, frames_apart, inner_lengths, inner_slopes
 from calib.hexaslide.derivatives import jacobian, joint_angles
 from calib.hexaslide.geometry import (
     ENCODERS,
@@ -27,7 +28,7 @@ from calib.hexaslide.geometry import (
 )
 from calib.hexaslide.procedures import Procedure, held_postures, looseness
 from calib.hexaslide.residuals import Readings, residuals, shares, stretch, whitening
-from calib.hexaslide.simulation import SimulatedHexaSlide, _held, disturbed, measure
+from calib.hexaslide.simulation import SimulatedHexaSlide, disturbed, measure, on_link
 from calib.stats import coverage_factor
 from tests.calib.hexaslide.test_hexaslide import H60, random_machine
 from tests.conftest import LONG
@@ -376,7 +377,7 @@ def test_a_simulated_machine_without_tolerances_is_off_by_centimetres_at_most() 
 
 
 def test_postures_that_check_a_calibration_are_spread_evenly_and_not_needed_by_it() -> None:
-    assert np.flatnonzero(_kept_out(40, 10, 0.25)).tolist() == [
+    assert np.flatnonzero(check_postures(40, 10, 0.25)).tolist() == [
         2,
         6,
         10,
@@ -389,9 +390,9 @@ def test_postures_that_check_a_calibration_are_spread_evenly_and_not_needed_by_i
         38,
     ]
     for count in (8, 10, 12):
-        assert not _kept_out(count, 10, 0.25).any()
+        assert not check_postures(count, 10, 0.25).any()
     for count in range(12, 60):
-        out = int(_kept_out(count, 10, 0.25).sum())
+        out = int(check_postures(count, 10, 0.25).sum())
         assert out <= 0.25 * count
         assert count - out >= min(count, 15)
 
@@ -413,7 +414,7 @@ def test_postures_on_a_link_are_those_lifted_to_its_length_within_the_box() -> N
     link, wide = NOMINAL.link, NOMINAL.box
     assert link is not None
     free = wide.random(300, np.random.default_rng(2))
-    lifted = _held(wide, link, free, np.zeros(300))
+    lifted = on_link(NOMINAL, free)
     lower, upper = wide.lower.copy(), wide.upper.copy()
     lower[2], upper[2] = np.quantile(lifted[:, 2], [0.3, 0.8])
     expected = []
@@ -427,8 +428,11 @@ def test_postures_on_a_link_are_those_lifted_to_its_length_within_the_box() -> N
             if lower[2] <= z <= upper[2]:
                 expected.append([*posture[:2], z, *posture[3:]])
     assert len(expected) == 150
-    inside = _held(Box(lower, upper), link, free, np.zeros(300))
-    assert inside == pytest.approx(np.array(expected))
+    narrow, inside = replace(NOMINAL, box=Box(lower, upper)), []
+    for posture in free:
+        with suppress(CalibrationError):
+            inside += on_link(narrow, posture[None]).tolist()
+    assert np.array(inside) == pytest.approx(np.array(expected))
 
 
 def test_lengths_that_no_frame_changes_are_all_between_joints_starts_and_links() -> None:

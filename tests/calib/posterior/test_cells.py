@@ -13,8 +13,8 @@ from scipy.stats import multivariate_t
 
 from calib.arrays import FloatArray, numbered, observe, tool_conditions
 from calib.noise.reading import IndicatorFigures
-from calib.posterior.cells import Cells, SessionCase, _underrated
-from calib.posterior.readings import _log_of_student
+from calib.posterior.cells import Cells, SessionCase, correlated_variance
+from calib.posterior.readings import log_of_student
 from calib.posterior.screening import even_mm
 from tests.calib.posterior.sessions import SCATTER_MM, SHORT, SWEEP, case, with_values
 
@@ -68,7 +68,7 @@ def test_the_variance_of_correlated_errors_is_not_biased() -> None:
                 error[k] = 0.6 * error[k - 1] + 0.8 * error[k]
             value[rows] += error
         drawn = replace(visited, value_mm=value)
-        variances.append(_underrated(drawn, cell, np.ones(len(visited)), 0.6))
+        variances.append(correlated_variance(drawn, cell, np.ones(len(visited)), 0.6))
     spread = float(np.std(variances)) / np.sqrt(len(variances))
     assert np.mean(variances) == pytest.approx(1.0, abs=4.0 * spread)
     assert 4.0 * spread < 0.07
@@ -199,8 +199,8 @@ def test_student_by_its_power_and_what_is_before_it(freedom: int, count: int) ->
     power = -0.5 * (freedom + count) * np.log(freedom + value @ value)
     density = multivariate_t(np.zeros(count), np.eye(count), df=freedom).logpdf(value)
     expected = density + 0.5 * count * np.log(2.0 * np.pi)
-    assert _log_of_student(freedom, count) + power == pytest.approx(expected)
-    assert _log_of_student(0.0, count) == _log_of_student(np.inf, count) == 0.0
+    assert log_of_student(freedom, count) + power == pytest.approx(expected)
+    assert log_of_student(0.0, count) == log_of_student(np.inf, count) == 0.0
 
 
 def test_where_a_stand_moved_readings_have_the_noise_of_their_display() -> None:

@@ -10,7 +10,7 @@ import pytest
 from calib.arrays import FloatArray, IntArray, Observations
 from calib.noise.reading import IndicatorFigures
 from calib.posterior.cells import Cells, SessionCase
-from calib.posterior.labels import PRIOR, _Moved, _single
+from calib.posterior.labels import PRIOR, MovedReadings, single_readings
 from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior
 from calib.posterior.problem import PosteriorProblem
@@ -175,7 +175,7 @@ def test_the_single_readings_that_are_tried_are_those_whose_omission_leaves_leas
         missed = screen.left - design @ np.linalg.lstsq(design, screen.left, rcond=None)[0]
         without_one.append(float(missed @ missed))
     expected = np.argsort(without_one, kind="stable")[:12].tolist()
-    assert [int(suspect.groups[0][0]) for suspect in _single(screen)] == expected
+    assert [int(suspect.groups[0][0]) for suspect in single_readings(screen)] == expected
     raw = np.argsort(-(screen.left[:count] ** 2), kind="stable")[:12].tolist()
     assert raw != expected
 
@@ -185,7 +185,7 @@ def test_exchanges_beside_one_name_are_those_that_leave_the_plain_fit_least() ->
     session = case(SWEEP, EffectInstance(Backlash(), "y", (0.04,)), seed=4)
     cells = Cells.of(session)
     screen = Screen.of(cells, np.zeros((len(cells.means), 0)), even_mm(cells))
-    moved, given = _Moved.of(screen), []
+    moved, given = MovedReadings.of(screen), []
 
     def with_one_name(change_mm: FloatArray) -> FloatArray:
         given.append(change_mm)

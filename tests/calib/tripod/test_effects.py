@@ -721,3 +721,15 @@ def test_a_law_that_was_sent_to_another_process_is_the_same(law: Effect) -> None
     received = pickle.loads(pickle.dumps(law))
     assert received is not law
     assert {law: 1}[received] == 1
+
+
+def test_where_one_leg_was_read_both_ways_of_its_guide_are_one_name_still() -> None:
+    """As of a whole session; of other guides one way is seen, with the name of the drive and it."""
+    every = walked()
+    names = {
+        (candidate.where, candidate.arrangement)
+        for rows in (every, every.take(np.flatnonzero(every.leg == 0)))
+        for candidate in candidates(Model(), rows, [Straightness()])
+    }
+    assert ("x", "each") in names
+    assert not {("xy", "one"), ("xz", "one")} & names

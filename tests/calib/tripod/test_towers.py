@@ -1,4 +1,4 @@
-"""Values for firmware of printers, part by part; `tests/app/exports/test_towers.py` has the files."""
+"""Values for firmware of printers, part by part; `tests.app.exports.test_towers` has the files."""
 
 from __future__ import annotations
 

@@ -4,8 +4,8 @@ Cosmic Ray makes the mutants. One is drawn for a place in a file, so that an ope
 replacements weighs no more than a number, and of these a sample. Each is tried in a process of its
 own, in a copy of this house in FOLDER, by the quick tests that reach its line, until one fails.
 FOLDER keeps which test reaches which line (``reach*.json``) and the outcomes (``outcomes.jsonl``):
-a run that was interrupted continues. ``--again`` tries survivors once more, after better tests
-(``reach*.json`` is then out of date) or with more time.
+a run that was interrupted continues. ``--reach calib/test_stats.py --again`` tries once more what
+was not killed, after these tests of `tests` became better.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def _mutants() -> Iterator[tuple[Mutant, tuple[str, int]]]:
     for path in sorted(path for room in MUTATED for path in (ROOT / room).rglob("*.py")):
         house_path, source = str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
         nodes = list(ast_nodes(get_ast(source)))
-        hints = list(annotations(ast.parse(source)))
+        hints = list(annotation_spans(ast.parse(source)))
         texts = [line.strip() for line in source.splitlines()]
         lines = [(text, texts[:number].count(text)) for number, text in enumerate(texts)]
         for name, operator in operators:
@@ -107,7 +107,7 @@ def _mutants() -> Iterator[tuple[Mutant, tuple[str, int]]]:
                     yield mutant, lines[start[0] - 1]
 
 
-def annotations(tree: ast.Module) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+def annotation_spans(tree: ast.Module) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
     """From where to where annotations go that are text only."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef):

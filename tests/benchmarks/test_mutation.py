@@ -9,7 +9,7 @@ from collections import Counter
 
 import pytest
 
-from benchmarks.mutation import LineTests, Mutant, annotations
+from benchmarks.mutation import LineTests, Mutant, annotation_spans
 from tests.conftest import ROOT
 
 PAGE = ROOT / "docs" / "reliability.md"
@@ -56,7 +56,7 @@ def test_an_error_meets_the_tests_that_reach_its_line_then_those_beside(
 def test_annotations_of_functions_have_no_errors() -> None:
     source = "x: int | None = 1\ndef f(a: int | None, *b: str) -> int | None:\n    c: int = 1\n"
     spots = [((2, 9), (2, 19)), ((2, 25), (2, 28)), ((2, 33), (2, 43)), ((3, 7), (3, 10))]
-    assert sorted(annotations(ast.parse(source))) == spots
+    assert sorted(annotation_spans(ast.parse(source))) == spots
 
 
 def test_errors_that_were_not_seen_have_a_test_now_or_a_reason() -> None:

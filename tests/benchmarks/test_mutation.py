@@ -75,7 +75,8 @@ def test_the_page_has_their_numbers() -> None:
     text = " ".join(PAGE.read_text(encoding="utf-8").split())
     outcomes = Counter(row["outcome"] for row in mutants())
     figures = re.search(
-        r"puts (\d+) small errors into .*?: (\d+) change nothing, at least (\d+) were seen at first "
+        r"puts (\d+) small errors into .*?: (\d+) change nothing, "
+        r"at least (\d+) were seen at first "
         r"\((\d+) % of the others; [^)]*\), (\d+) are seen now \((\d+) %\), (\d+) are not\.",
         text,
     )

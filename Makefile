@@ -8,7 +8,7 @@ ROOMS := app calib drivers glidecal protocols
 export PYTHONDONTWRITEBYTECODE :=
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet
 
-.PHONY: demo test test-long check docs processors bench blind fuzz samples schemas records ends clean
+.PHONY: demo test test-long check docs processors bench blind mutation fuzz samples schemas records ends clean
 
 demo: $(VENV)/runtime.stamp
 	$(BIN)/glidecal demo
@@ -47,6 +47,10 @@ bench: $(VENV)/bench.stamp
 blind: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.blind.run -o docs/blind.md
 
+# an hour or two on a computer that does nothing else; goes on where it was interrupted
+mutation: $(VENV)/mutation.stamp
+	$(BIN)/python -m benchmarks.mutation build/mutation
+
 fuzz: $(VENV)/dev.stamp
 	GLIDECAL_FUZZ=1000000 $(BIN)/pytest -n auto tests/drivers/test_fuzz.py tests/drivers/test_exchange.py
 
@@ -63,6 +67,10 @@ records: $(VENV)/runtime.stamp
 # beside what: lmfit and iminuit; figaroh where FIGAROH_PYTHON names a Python that has it
 $(VENV)/bench.stamp: $(VENV)/dev.stamp
 	$(PIP) -c constraints.txt -e '.[dev,bench]'
+	@touch $@
+
+$(VENV)/mutation.stamp: $(VENV)/dev.stamp
+	$(PIP) -c constraints.txt -e '.[dev,mutation]'
 	@touch $@
 
 clean:

@@ -165,7 +165,7 @@ def checked_calibration(
     Raises CalibrationError where the postures give no result.
     """
     fewest = fewest_postures(readings.procedure, nominal)
-    out = _kept_out(len(readings.sliders), fewest, share)
+    out = check_postures(len(readings.sliders), fewest, share)
     fitted = readings.take(~out)
     calibrated = calibrate(fitted, nominal, fewest=fewest)
     by_column, by_posture = shares(fitted, calibrated.machine.geometry, calibrated.after)
@@ -198,7 +198,7 @@ def checked_calibration(
     return replace(result, truth=against)
 
 
-def _kept_out(count: int, fewest: int, share: float) -> NDArray[np.bool_]:
+def check_postures(count: int, fewest: int, share: float) -> NDArray[np.bool_]:
     """Which postures ``(p,)`` stay out of the fit: evenly spread, none where all are needed."""
     most_kept_out = max(count - int(np.ceil(SPARE * fewest)), 0)
     chosen = min(int(share * count), most_kept_out)

@@ -286,7 +286,7 @@ class Cells:
             )
             serial = serial_correlation(visited, alone, scatter)
             if serial:
-                scatter = scatter * _underrated(visited, alone, scatter, serial)
+                scatter = scatter * correlated_variance(visited, alone, scatter, serial)
             weight = _robust_weights(Repeats.of(visited, apart.tolist(), steady=True), scatter)
             weight[apart] = WRONG
         means, variance = _means(visited, cell, scatter / weight, serial)
@@ -509,7 +509,7 @@ def _square_within(cell: IntArray, scatter_mm2: FloatArray, value_mm: FloatArray
     return float((without_means(cell, 1.0 / scatter_mm2, value_mm) ** 2 / scatter_mm2).sum())
 
 
-def _underrated(
+def correlated_variance(
     visited: Observations, cell: IntArray, scatter_mm2: FloatArray, serial: float
 ) -> float:
     """Variance of correlated errors over what their repeats show: these follow each other.

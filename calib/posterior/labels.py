@@ -203,13 +203,13 @@ def suspects(
         replace(Screen.of(cells, model.columns, root), elsewhere=elsewhere) for model in beside
     ]
     scored: dict[tuple[str, str, str], Scored] = {}
-    moved: _Moved | None = None
+    moved: MovedReadings | None = None
     for model, screen in zip(beside, screens, strict=True):
         scores = [*_apart(screen)]
         fits = screen.freedom + FITS * math.sqrt(2.0 * max(screen.freedom, 0.0))
         # a contact is a place: it has no indicator, sign or unit, and no label beside it
         if screen.square > fits and not cells.visited.contact.any():
-            moved = moved or _Moved.of(screen)
+            moved = moved or MovedReadings.of(screen)
             scores += moved.scores(screen)
         for score, mistake in scores:
             _keep(scored, model.log_weight + score, mistake)
@@ -277,7 +277,7 @@ def _gain(plain: Screen, mistake: Mistake) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _Moved:
+class MovedReadings:
     """Exchanges of a session that change what is read, and the values ``(n, k)`` of each."""
 
     visited: Observations
@@ -286,7 +286,7 @@ class _Moved:
     places: Counter[str]
 
     @classmethod
-    def of(cls, screen: Screen) -> _Moved:
+    def of(cls, screen: Screen) -> MovedReadings:
         """As many as can be held at once."""
         visited = screen.cells.visited
         candidates = list(islice(exchanges(visited), MOST_VALUES // max(len(visited), 1)))
@@ -381,7 +381,7 @@ def _apart(screen: Screen) -> Iterator[Scored]:
     visited, root = screen.cells.visited, screen.root
     contacts = bool(visited.contact.any())
     slips = () if contacts else _slips(screen)  # there is no stand
-    apart = *_single(screen), *_first_takes(visited), *_postures_off(screen), *slips
+    apart = *single_readings(screen), *_first_takes(visited), *_postures_off(screen), *slips
     for suspect in apart:
         # a shift of few rows: its products need no more than these
         within = np.array([(1.0 / root[rows]) @ screen.basis[rows] for rows in suspect.groups])
@@ -435,7 +435,7 @@ def standing_apart(
     return Mistake(id, where, title, np.concatenate(groups), right, log_prior, rows_themselves)
 
 
-def _single(screen: Screen) -> Iterator[_Apart]:
+def single_readings(screen: Screen) -> Iterator[_Apart]:
     """The readings that lie furthest from where all others expect them."""
     visited = screen.cells.visited
     count = len(visited)

@@ -150,7 +150,7 @@ def rows_of(
         free,
         freedom,
         sum(cells.excess for cells in sessions),
-        sum(cells.log_constant for cells in sessions) + _log_of_student(freedom, free),
+        sum(cells.log_constant for cells in sessions) + log_of_student(freedom, free),
     )
 
 
@@ -187,7 +187,7 @@ def _whitening(sessions: Sequence[Cells]) -> FloatArray:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(correlation)))
 
 
-def _log_of_student(freedom: float, free: int) -> float:
+def log_of_student(freedom: float, free: int) -> float:
     """What Student's t for so many readings has before the power of their square sum."""
     if not freedom or math.isinf(freedom):
         return 0.0

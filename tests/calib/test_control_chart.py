@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import t as student
 
 from calib.arrays import FloatArray
 from calib.control_chart import control_chart, drift, watch
@@ -146,3 +147,17 @@ def test_rules_of_western_electric(tail: list[float], rules: tuple[int, ...]) ->
     assert abs(chart.centre[-1] - middle) < 0.15
     assert chart.signals[-1] == rules
     assert not any(chart.signals[: len(steady)])
+
+
+def test_the_uncertainty_of_a_drift_is_that_of_the_line_that_leaves_more_than_stated() -> None:
+    """By the whole design of the line, and Student's t of two values less."""
+    days, values = np.array([0.0, 10.0, 20.0, 40.0]), np.array([0.0, 0.5, 0.3, 1.2])
+    expanded = np.array([0.1, 0.2, 0.1, 0.1])
+    design = np.column_stack([np.ones(4), days]) * (2.0 / expanded)[:, None]
+    target = values * 2.0 / expanded
+    line, square, *_ = np.linalg.lstsq(design, target, rcond=None)
+    variance = np.linalg.inv(design.T @ design)[1, 1] * float(square[0]) / 2.0
+    found = drift(days, values, expanded)
+    assert found is not None
+    assert found.per_day == pytest.approx(line[1])
+    assert found.expanded == pytest.approx(student.ppf(0.975, 2) * np.sqrt(variance), rel=1e-3)

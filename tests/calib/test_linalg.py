@@ -25,6 +25,7 @@ from calib.arrays import (
     without,
     without_means,
 )
+from tests.builders import conditions_of
 
 ROOT = Path(arrays.__file__).parents[1]
 BY_HAND = re.compile(r"([\w.\[\]]+) @ \(\1\.T @")
@@ -88,3 +89,13 @@ def test_means_of_groups_are_weighted() -> None:
     rows, weight = np.array([[1.0], [4.0], [9.0]]), np.array([2.0, 1.0, 1.0])
     deviations = without_means(np.array([0, 0, 1]), weight, rows)
     assert deviations == pytest.approx(np.array([[-1.0], [2.0], [0.0]]))
+
+
+def test_no_readings_have_no_mounting_and_no_indicator() -> None:
+    read = conditions_of("sweep")
+    assert (read.mount_count, read.indicator_count) == (
+        len(np.unique(read.mount)),
+        len(np.unique(read.indicator)),
+    )
+    nothing = read.take(np.zeros(0, dtype=np.intp))
+    assert (len(nothing), nothing.mount_count, nothing.indicator_count) == (0, 0, 0)

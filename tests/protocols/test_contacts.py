@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -109,3 +110,19 @@ def test_a_place_that_is_not_what_its_text_says_is_told(tmp_path: Path) -> None:
     variant = second.model_copy(update={"position_mm": (0.0, 60.0, -0.15)})
     write_whole(altered, record.opened, [first, variant])
     assert "z_mm -0.15 beside the text '-0.10'" in refused(3, "validate", altered)
+
+
+def test_a_probe_is_beside_the_tool_whatever_its_set_up_is_called(tmp_path: Path) -> None:
+    """What was done by hand met the plate with the tool itself."""
+    record = session(
+        tmp_path,
+        *("0,0,0.1,0,1,zz", '0,60,0.3,0,1,"tool-z, by hand"', "9,0,0,0,1,"),
+        header=f"{HEADER},mount",
+    )
+    machine = record.opened.machine.model_copy(update={"probe_offset_mm": (12.0, -7.0)})
+    beside = replace(record, opened=record.opened.model_copy(update={"machine": machine}))
+    assert to_observations([beside]).beside_mm.tolist() == [
+        [12.0, -7.0, 0.0],
+        [0.0, 0.0, 0.0],
+        [12.0, -7.0, 0.0],
+    ]

@@ -26,6 +26,8 @@ def test_default_machine_is_the_prototype() -> None:
         ('leg_length_mm = "300"\n', "leg_length_mm"),
         ("leg_length_mm = -3.0\n", "must be at least 0.001 \\(found -3.0\\)"),
         ("leg_length_mm = nan\n", "leg_length_mm"),
+        ("[motion]\nreached_mm = 1.1\n", "must be at most 1 \\(found 1.1\\)"),
+        ("fastest_feed_mm_min = 0.9\n", "must be at least 1 \\(found 0.9\\)"),
         ("leg_length_mm = inf\n", "leg_length_mm"),
         ('[[indicator]]\nprofile = "x"\ncertificate_date = "soon"\n', "must be a date as 2026-"),
         ("usable_bar = [0.1]\n", "usable_bar.1: missing"),
@@ -86,3 +88,19 @@ def test_bad_models(tmp_path: Path, text: str, message: str) -> None:
     path.write_text(text)
     with pytest.raises(RecordError, match=message):
         read_model(path)
+
+
+def test_each_drive_has_its_own_bar_and_usable_part() -> None:
+    three = load_machine("linear-delta").drive
+    assert three is not None
+    bars, parts = (250.0, 251.0, None), (None, (0.2, 0.7), (0.3, 0.8))
+    drives = [
+        drive.model_copy(update={"leg_length_mm": bar, "usable_bar": part})
+        for drive, bar, part in zip(three, bars, parts, strict=True)
+    ]
+    machine = Machine(
+        leg_length_mm=252.0, usable_bar=(0.1, 0.9), drive=(drives[0], drives[1], drives[2])
+    )
+    geometry = machine.geometry()
+    assert geometry.leg_length_mm == (250.0, 251.0, 252.0)
+    assert geometry.usable_bar == ((0.1, 0.9), (0.2, 0.7), (0.3, 0.8))

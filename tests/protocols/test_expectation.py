@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pytest
 
@@ -296,3 +297,12 @@ def test_since_when_the_stand_may_have_moved() -> None:
     assert since_last_seen(measured(calm)) == ()
     again = [*CYCLE, (0.0, 0.0), (60.0, 0.6), (60.0, 0.61)]  # agree with each other alone
     assert [r.reading for r in since_last_seen(measured(again))] == [5, 6]
+
+
+def test_without_a_procedure_only_what_is_the_same_is_a_repeat() -> None:
+    """But for the drift that a minute may bring."""
+    for back_mm, since in ((0.4, [2, 3, 4, 5]), (0.02, [5])):
+        session = measured([*CYCLE, (0.0, back_mm), (60.0, 0.9)])
+        bare = session.opened.model_copy(update={"procedure": None})
+        unplanned = replace(session, opened=bare)
+        assert [r.reading for r in since_last_seen(unplanned)] == since

@@ -15,9 +15,10 @@ import pytest
 from calib.errors import RecordError
 from protocols import files
 from protocols.journal import Journal, write_whole
-from protocols.machine import Machine
+from protocols.machine import Instrument, Machine
+from protocols.procedure import load_procedure
 from protocols.record import MOST_BYTES, check_record, read_record
-from protocols.session import Line, Noted, Opened, Reading, Restored, Superseded, fold
+from protocols.session import Continued, Line, Noted, Opened, Reading, Restored, Superseded, fold
 from tests.conftest import SAMPLES, needs_links
 from tests.recorded import unsealed
 
@@ -117,7 +118,7 @@ def test_lines_missing_doubled_or_moved(path: Path, how: str) -> None:
     [
         (b'{"event":"opened","schema":"glidecal.session/99"}\n', "newer glidecal"),
         (b'{"event":"opened","schema":"other/1"}\n', "Not a session"),
-        (b'{"a":1}\n', "an event of schema"),
+        (b'{"a":1}\n', r"an event of schema glidecal\.session/\d+\b"),
         (b"[1,2]\n", "an event of schema"),
         (b"hello\n", "one JSON event. Is it a session?"),
         (b"\xff\xfe\x00\n", "one JSON event"),
@@ -139,6 +140,13 @@ def test_continuing_after_a_cut_loses_nothing_and_doubles_nothing(path: Path) ->
     record = read_record(path)
     assert record.end == "closed"
     assert [r.reading for r in fold(record.events).readings] == [1, 2, 3, 4]
+    number = next(k for k, event in enumerate(record.events) if isinstance(event, Continued))
+    continued, before = record.events[number], record.events[number - 1]
+    assert isinstance(continued, Continued)
+    assert continued.paused_s is not None
+    passed_s = (continued.at - before.at).total_seconds()
+    assert continued.paused_s == pytest.approx(passed_s, abs=0.00051)
+    assert continued.paused_s == round(continued.paused_s, 3), "milliseconds"
     torn = path.with_name("s.jsonl.torn").read_bytes()
     assert torn == content[:cut].rsplit(b"\n", 1)[1]
 
@@ -525,9 +533,37 @@ def test_records_are_checked_for_meaning(path: Path, events: list[Line], message
         read_record(path)
 
 
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"axis": "z"}, ""),
+        ({"leg": "z"}, "leg z, axis y in step 2. Allowed: leg x, axis y or z, as in the procedure"),
+        ({"leg": "y", "axis": "z"}, "leg y, axis z in step 2"),
+        ({"step": None, "leg": "z"}, ""),
+    ],
+)
+def test_a_reading_has_the_leg_of_its_step(
+    path: Path, changed: dict[str, object], message: str
+) -> None:
+    procedure = load_procedure("zero-max-min", Machine().geometry())
+    instruments = (Instrument(profile="a"), Instrument(profile="a"))
+    planned = opened().model_copy(update={"procedure": procedure, "instruments": instruments})
+    assert planned.steps()[1].leg == "x"
+    write_whole(path, planned, [reading(1).model_copy(update={"step": 2, **changed})])
+    if message:
+        with pytest.raises(RecordError, match=message):
+            read_record(path)
+    else:
+        assert len(fold(read_record(path).events).readings) == 1
+
+
 def test_text_that_is_not_unicode_leaves_no_file(path: Path) -> None:
     with pytest.raises(RecordError, match="not Unicode"):
         Journal.create(path, opened().model_copy(update={"operator": "\udcff"}))
+    assert not list(path.parent.iterdir())
+    note = Noted(text="x").model_copy(update={"text": "\udcff"})
+    with pytest.raises(RecordError, match="not Unicode"):
+        write_whole(path, opened(), [reading(1), note])
     assert not list(path.parent.iterdir())
 
 

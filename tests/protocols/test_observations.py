@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from calib.diagnosis.results import CleanedReadings
 from calib.errors import NotIdentifiable, UsageError
 from protocols.machine import Machine
-from protocols.observations import indicator_figures, to_observations
+from protocols.observations import (
+    AS_READ,
+    corrected_readings,
+    indicator_figures,
+    to_observations,
+)
 from protocols.session import Opened, Reading, Session, Superseded, fold
 
 
@@ -115,3 +123,27 @@ def test_inches_have_the_step_of_their_display_in_mm() -> None:
 def test_a_mean_of_several_readings_shows_no_step() -> None:
     figures = indicator_figures([written([0.123, 0.457, -0.209, 0.124], 6, averaged=4)])
     assert figures.values_step_mm is None
+
+
+def test_a_corrected_reading_says_what_it_was_and_of_another_posture_has_no_step() -> None:
+    read = session([("xy", 0.0), ("xy", 60.0), ("xy", -100.0)])
+    steps = tuple(r.model_copy(update={"step": k}) for k, r in enumerate(read.readings, start=1))
+    read = fold([read.opened, *steps])
+    observed = to_observations([read])
+    changed = replace(
+        observed,
+        value_mm=observed.value_mm + np.array([0.0, 0.25, 0.0]),
+        displacement_mm=np.array([0.0, 60.0, 60.0]),
+    )
+    rows = np.arange(3)
+    cleaned = CleanedReadings(changed, rows, np.zeros(3, dtype=np.intp))
+    value, posture = corrected_readings(read, cleaned)
+    was_mm = read.readings[1].value_mm
+    assert (value.reading, value.step) == (2, 2)
+    assert value.value_mm == pytest.approx(was_mm + 0.25)
+    assert value.extra[AS_READ] == f"value_mm {was_mm}"
+    assert (posture.reading, posture.step, posture.displacement_mm) == (3, None, 60.0)
+    assert posture.extra[AS_READ] == "displacement_mm -100.0"
+    moved = CleanedReadings(observed, rows, np.array([0, 0, 1], dtype=np.intp))
+    (after,) = corrected_readings(read, moved)
+    assert (after.reading, after.step, after.mount) == (3, 3, "xy, moved 1")

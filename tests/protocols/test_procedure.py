@@ -235,3 +235,14 @@ def test_a_machine_is_offered_what_it_can_measure() -> None:
     )
     short = Geometry(travel_max_mm=10.0)  # the levels of the sweep go further
     assert "sweep" not in guided_procedure_names(short)
+
+
+@pytest.mark.parametrize(
+    ("axes", "found"), [(("xy", "y"), "@xy and @y"), (("x",), "@x"), ((), "none")]
+)
+def test_indicators_that_cannot_read_over_a_plane_are_named(
+    axes: tuple[str, ...], found: str
+) -> None:
+    plane = load_procedure("plane", Geometry())
+    with pytest.raises(UsageError, match=rf"found {found}\. Allowed: one along z, over the plane"):
+        list(plane.steps(Geometry(), axes))

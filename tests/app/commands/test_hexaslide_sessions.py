@@ -143,6 +143,16 @@ def test_rows_that_were_copied_are_named(pose: Path, tmp_path: Path) -> None:
     )
 
 
+def test_a_table_has_a_posture_or_more(pose: Path, tmp_path: Path) -> None:
+    rows = table(tmp_path / "t.csv", pose)
+    planned = plan(tmp_path / "s.jsonl", "pose-forward")
+    write(tmp_path / "t.csv", rows[:3])
+    assert len(import_postures(tmp_path / "t.csv", planned)[0].readings) == 1
+    write(tmp_path / "t.csv", rows[:2])
+    with pytest.raises(RecordError, match=r"2 rows\. Allowed: a header, units, and postures"):
+        import_postures(tmp_path / "t.csv", planned)
+
+
 def _cell(line: int, column: int, text: str) -> Callable[[Rows], None]:
     def change(rows: Rows) -> None:
         rows[line - 1][column] = text
@@ -153,6 +163,11 @@ def _cell(line: int, column: int, text: str) -> Callable[[Rows], None]:
 def _seventh(rows: Rows) -> None:
     for number, row in enumerate(rows):
         row.append(["slider7", "mm"][number] if number < 2 else "1.0")
+
+
+def _two_without_a_name(rows: Rows) -> None:
+    for row in rows:
+        row += ["", ""]
 
 
 def _no_column(rows: Rows) -> None:
@@ -187,6 +202,8 @@ def _exchanged(rows: Rows) -> None:
         (_no_units, ["line 2, column slider1", "where the unit is expected"]),
         (_no_column, ["line 1, column slider6", "no such column"]),
         (_seventh, ["line 1, column slider7", "more than the 6"]),
+        (_two_without_a_name, ["line 1, column (no name): found twice"]),
+        (_cell(1, 8, "x"), ["line 1, column x: found twice"]),
         (_cell(4, 9, "nan"), ["line 4, column z", "found nan", "a number"]),
         (_cell(5, 9, "1,5"), ["line 5, column z", "Write decimals with a point"]),
         (_cell(5, 9, ""), ["line 5, column z", "an empty cell"]),

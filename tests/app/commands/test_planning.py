@@ -404,6 +404,8 @@ def test_with_nothing_measured_the_promise_is_the_mean_of_what_is_kept(
 
 def test_a_displacement_on_a_limit_is_reached_from_one_side_only() -> None:
     pool = leg_pool(Geometry())
+    assert set(pool.approach.tolist()) == {1, -1}
+    assert set(leg_pool(Geometry(), both_ways=False).approach.tolist()) == {1}
     assert set(pool.approach[pool.displacement_mm == 60.0].tolist()) == {1}
     assert set(pool.approach[pool.displacement_mm == -100.0].tolist()) == {-1}
     assert set(pool.approach[pool.displacement_mm == 0.0].tolist()) == {1, -1}

@@ -275,3 +275,13 @@ def test_refinement_is_never_worse_and_stays_in_the_box(criterion: Criterion) ->
 def test_refinement_refuses_a_start_outside() -> None:
     with pytest.raises(CalibrationError, match="outside its box"):
         refine(parabola, np.array([[2.0], [0.0], [1.0]]), np.array([-1.0]), np.array([1.0]))
+
+
+def test_measurements_that_see_nothing_are_not_chosen_for_their_condition() -> None:
+    """What keeps matrices regular has the best of condition numbers, 1."""
+    rows = np.zeros((6, 1, 2))
+    rows[2:, 0] = [[1.0, 0.2], [1.0, 0.3], [0.9, 0.6], [1.0, 0.1]]
+    aim = Aim(Criterion.CONDITION)
+    choice = choose(Candidates(rows), 2, aim, starts=1, begin_with=[np.array([0, 1])])
+    pairs = itertools.combinations(range(2, 6), 2)
+    assert choice.chosen == min(pairs, key=lambda pair: float(np.linalg.cond(rows[list(pair), 0])))

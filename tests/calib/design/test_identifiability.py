@@ -63,3 +63,14 @@ def test_classical_qr_flags_the_last_of_dependent_columns() -> None:
     assert classical_qr(jacobian[:, ::-1], ("c", "b", "a")).flagged == ("a",)
     few = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 7.0]])
     assert classical_qr(few, ("a", "b", "c")).flagged == ("c",)
+
+
+def test_without_a_noise_nothing_is_weak_and_what_is_blind_is_lost() -> None:
+    jacobian = np.diag([1000.0, 1.0, 0.01, 0.0])
+    shape = Sensitivity(tuple("abcd"), jacobian, np.ones(4), noise_known=False)
+    analysis = analyse(shape)
+    assert (analysis.rank, analysis.weak) == (3, ())
+    assert [direction.combination for direction in analysis.unseen] == ["d"]
+    assert analysis.individually_known == ("a", "b", "c")
+    known = analyse(replace(shape, noise_known=True))
+    assert (known.rank, [direction.combination for direction in known.weak]) == (2, ["b"])

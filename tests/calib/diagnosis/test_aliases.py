@@ -15,3 +15,9 @@ def test_aliases_need_no_data() -> None:
     )
     assert len(short.imitations) > len(long.imitations)
     assert any(alias.left_in_noise_variances < 9.0 for alias in short.imitations)
+    for alias in (*short.imitations, *long.imitations):
+        assert alias.effect.id != alias.by.id
+        assert 0.98 < alias.contained <= 1.0 + 1e-9
+    assert {(alias.by, alias.effect) for alias in short.imitations if alias.contained > 0.9999} & {
+        (alias.effect, alias.by) for alias in short.imitations
+    }

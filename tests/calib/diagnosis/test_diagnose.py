@@ -132,6 +132,7 @@ def test_without_repeats_and_noise_nothing_is_judged() -> None:
     assert diagnosis.verdict == "cannot-tell"
     assert diagnosis.effects == ()
     assert diagnosis.known_noise_mm is None
+    assert (diagnosis.smallest_detectable, diagnosis.not_shown) == ((), ())
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,10 @@ def test_sound_machines_are_not_accused() -> None:
             assert diagnosis.named == ()
             assert sum(claim.weight for claim in diagnosis.claims) <= 1.0 + 1e-12
             agreed += diagnosis.verdict == "agrees"
+            if diagnosis.verdict == "agrees":
+                assert diagnosis.claims[0].causes == ()
+                assert diagnosis.sizes == ()
+                assert diagnosis.gap_after == diagnosis.gap_before
     assert agreed >= 7
 
 

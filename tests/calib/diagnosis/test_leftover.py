@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -131,6 +133,9 @@ def test_chance_of_a_gap() -> None:
     assert certain.p_value(100.0, 10) < 1e-10
     free = leftover.noise_freedom
     assert leftover.p_value(10.0, 10) == pytest.approx(f_distribution.sf(1.0, 10, free))
+    repeated_once = cast(Cells, SimpleNamespace(noise=cells.noise, freedom=1.0))
+    rough = replace(leftover, sessions=(repeated_once,))
+    assert rough.p_value(100.0, 10) == pytest.approx(f_distribution.sf(10.0, 10, 1.0))
 
 
 def test_residual_cells_are_means_of_what_is_left_at_each_place() -> None:

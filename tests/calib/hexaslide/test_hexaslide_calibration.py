@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
+from calib.hexaslide import procedures
 from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
-from calib.hexaslide.checked import frames_apart, inner_lengths, inner_slopes
+from calib.hexaslide.checked import check_postures, frames_apart, inner_lengths, inner_slopes
 from calib.hexaslide.derivatives import jacobian, joint_angles
 from calib.hexaslide.geometry import (
     ENCODERS,
@@ -23,9 +26,9 @@ from calib.hexaslide.geometry import (
     values,
     with_values,
 )
-from calib.hexaslide.procedures import Procedure
+from calib.hexaslide.procedures import Procedure, held_postures, looseness
 from calib.hexaslide.residuals import Readings, residuals, shares, stretch, whitening
-from calib.hexaslide.simulation import disturbed, measure
+from calib.hexaslide.simulation import SimulatedHexaSlide, disturbed, measure, on_link
 from calib.stats import coverage_factor
 from tests.calib.hexaslide.test_hexaslide import H60, random_machine
 from tests.conftest import LONG
@@ -361,3 +364,97 @@ def test_a_link_that_cannot_be_kept_in_the_box_is_refused() -> None:
     none = HexaSlide(NOMINAL.geometry, low)
     with pytest.raises(CalibrationError, match="constraint link: found none"):
         measure(Procedure.of("constraint-link"), none, none, 10, np.random.default_rng(0))
+
+
+def test_a_simulated_machine_without_tolerances_is_off_by_centimetres_at_most() -> None:
+    procedure = Procedure.of("position")
+    nominal = NOMINAL.parameters(procedure.parameters)
+    unknown = SimulatedHexaSlide(procedure, NOMINAL, np.full(len(nominal), np.inf), 3)
+    off = unknown.truth.parameters(procedure.parameters) - nominal
+    assert 0.01 < float(np.sqrt((off**2).mean())) < 0.03
+    fine = SimulatedHexaSlide(procedure, NOMINAL, np.full(len(nominal), 1e-4), 3)
+    assert fine.truth.parameters(procedure.parameters) - nominal == pytest.approx(off / 200.0)
+
+
+def test_postures_that_check_a_calibration_are_spread_evenly_and_not_needed_by_it() -> None:
+    assert np.flatnonzero(check_postures(40, 10, 0.25)).tolist() == [
+        2,
+        6,
+        10,
+        14,
+        18,
+        22,
+        26,
+        30,
+        34,
+        38,
+    ]
+    for count in (8, 10, 12):
+        assert not check_postures(count, 10, 0.25).any()
+    for count in range(12, 60):
+        out = int(check_postures(count, 10, 0.25).sum())
+        assert out <= 0.25 * count
+        assert count - out >= min(count, 15)
+
+
+def test_postures_of_a_simulation_are_well_held_or_the_best_of_many(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    usual = np.sort(looseness(NOMINAL.geometry, NOMINAL.random(400, np.random.default_rng(1))))
+    for bound, every in ((float(usual[100]), True), (float(usual[0]) / 2.0, False)):
+        monkeypatch.setattr(procedures, "WELL_HELD", bound)
+        worst = looseness(NOMINAL.geometry, held_postures(NOMINAL, 30, 3))
+        assert len(worst) == 30
+        assert bool((worst < bound).all()) == every
+        assert worst.max() < usual[100]
+
+
+def test_postures_on_a_link_are_those_lifted_to_its_length_within_the_box() -> None:
+    """As far from its base end as it is long, on the side of the platform, one by one."""
+    link, wide = NOMINAL.link, NOMINAL.box
+    assert link is not None
+    free = wide.random(300, np.random.default_rng(2))
+    lifted = on_link(NOMINAL, free)
+    lower, upper = wide.lower.copy(), wide.upper.copy()
+    lower[2], upper[2] = np.quantile(lifted[:, 2], [0.3, 0.8])
+    expected = []
+    for posture in free:
+        turn = rotation(posture[None, 3:])[0]
+        apart = posture[:3] + turn @ link.platform_end - link.base_end
+        below = link.length_m**2 - apart[0] ** 2 - apart[1] ** 2
+        if below > 0.0:
+            above = wide.centre[2] + link.platform_end[2] - link.base_end[2] > 0.0
+            z = posture[2] + (1.0 if above else -1.0) * below**0.5 - apart[2]
+            if lower[2] <= z <= upper[2]:
+                expected.append([*posture[:2], z, *posture[3:]])
+    assert len(expected) == 150
+    narrow, inside = replace(NOMINAL, box=Box(lower, upper)), []
+    for posture in free:
+        with suppress(CalibrationError):
+            inside += on_link(narrow, posture[None]).tolist()
+    assert np.array(inside) == pytest.approx(np.array(expected))
+
+
+def test_lengths_that_no_frame_changes_are_all_between_joints_starts_and_links() -> None:
+    geometry = NOMINAL.geometry
+    starts = np.linalg.norm(geometry.base[1:], axis=1)
+    expected = np.concatenate([pdist(geometry.platform), starts, geometry.links])
+    assert inner_lengths(geometry) == pytest.approx(expected)
+
+
+def test_a_posture_outside_the_box_is_refused_but_for_rounding() -> None:
+    box, middle = NOMINAL.box, NOMINAL.box.centre
+    for column in range(6):
+        for bound, way in ((box.lower, -1.0), (box.upper, 1.0)):
+            posture = middle.copy()
+            posture[column] = bound[column] + way * 1e-12
+            assert box.inside(posture[None])[0, column] == bound[column]
+            posture[column] = bound[column] + way * 1e-6
+            with pytest.raises(CalibrationError, match="the machine's box"):
+                box.inside(posture[None])
+
+
+def test_rails_that_reach_nothing_are_told_after_fifty_tries_for_each_posture() -> None:
+    nowhere = replace(NOMINAL, travel_m=np.array([[9.0] * 6, [9.1] * 6]))
+    with pytest.raises(CalibrationError, match="rails that reach 0 of 500 random postures"):
+        nowhere.random(10, np.random.default_rng(1))

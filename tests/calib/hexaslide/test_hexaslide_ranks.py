@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from functools import cache
 from itertools import chain, combinations
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from calib.arrays import FloatArray
 from calib.design.identifiability import analyse
 from calib.hexaslide.geometry import ENCODERS, HexaSlide
 from calib.hexaslide.planning import (
+    PaperRule,
     enough_postures,
     fewest_postures,
     reachable,
@@ -320,3 +322,15 @@ def test_postures_too_much_alike_lose_what_exact_arithmetic_says(
         rank = analyse(sensitivity(procedure, machine, postures)).rank
         expected = RANKS[kind][0] if ranks is None else ranks[k]
         assert rank == prime.rank(procedure) == expected
+
+
+@pytest.mark.parametrize(
+    ("counted", "rows", "decided"),
+    [(46, 100, "geometry"), (49, 49, "parameters"), (40, 40, "rows"), (41, 60, "postures")],
+)
+def test_a_count_of_identifiable_parameters_says_what_decided_it(
+    counted: int, rows: int, decided: str
+) -> None:
+    """Of 49 parameters no readings see more than 46."""
+    seen = SimpleNamespace(counted=counted, reachable_rank=46, parameter_count=49, row_count=rows)
+    assert vars(PaperRule)["decided_by"].fget(seen) == decided

@@ -132,3 +132,25 @@ def test_memory_and_result_do_not_depend_on_how_sessions_are_cut() -> None:
     again = simulate_and_identify(campaign, 5000, seed=1)
     assert progress == [(1, 3), (2, 3), (3, 3)]
     assert np.array_equal(first.error_covariance_mm2, again.error_covariance_mm2)
+
+
+@pytest.mark.parametrize(
+    ("display_mm", "scatter_mm", "step_mm"), [(0.01, 0.001, 0.01), (0.001, 0.005, 0.0)]
+)
+def test_sessions_like_one_have_its_noise_and_its_uncertainty(
+    display_mm: float, scatter_mm: float, step_mm: float
+) -> None:
+    """A coarse display rounds them, too: machines differ by some of its steps then."""
+    figures = IndicatorFigures(resolution_mm=display_mm, step_mm=display_mm)
+    truth = Model(parameters_mm=(0.3, -0.2, 0.1, 0.0, 0.0, 0.0))
+    value = measure(truth, OBSERVED, scatter_mm=scatter_mm, resolution_mm=display_mm, generator=5)
+    observed = observe(OBSERVED, value)
+    solution = identify(Model(), observed, "joint-offsets", indicator=figures)
+    campaign = Campaign.like(solution, observed, figures)
+    assert campaign.model.parameters_mm == solution.model.parameters_mm
+    assert (campaign.resolution_mm, campaign.noise_known) == (step_mm, False)
+    assert campaign.scatter_mm == pytest.approx(scatter_mm, rel=0.4)
+    assert campaign.spread_mm == pytest.approx(10.0 * step_mm)
+    summary = simulate_and_identify(campaign, 4000, seed=1)
+    assert summary.true_mm == pytest.approx(summary.stated_mm, rel=0.1)
+    assert summary.stated_mm == pytest.approx(np.asarray(solution.uncertainty_mm), rel=0.4)

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import multivariate_t
 
 from calib.arrays import FloatArray, numbered, observe, tool_conditions
 from calib.noise.reading import IndicatorFigures
-from calib.posterior.cells import Cells
+from calib.posterior.cells import Cells, SessionCase, correlated_variance
+from calib.posterior.readings import log_of_student
+from calib.posterior.screening import even_mm
 from tests.calib.posterior.sessions import SCATTER_MM, SHORT, SWEEP, case, with_values
 
 
@@ -49,6 +52,26 @@ def test_means_of_correlated_errors_are_those_of_least_squares() -> None:
     expected = of_means @ groups.T @ precision @ cells.visited.value_mm
     assert cells.means.value_mm == pytest.approx(expected, abs=1e-9)
     assert cells.variance_mm2 == pytest.approx(of_means.diagonal(), rel=1e-9)
+
+
+def test_the_variance_of_correlated_errors_is_not_biased() -> None:
+    """Errors of variance 1 that follow each other as supposed, and a drift: 1 on average."""
+    visited = case(SWEEP).observed
+    cell = Cells.of(case(SWEEP)).cell
+    generator = np.random.default_rng(6)
+    variances = []
+    for _ in range(300):
+        value = np.linspace(0.0, 9.0, len(visited))
+        for rows in visited.mountings:
+            error = generator.normal(size=len(rows))
+            for k in range(1, len(rows)):
+                error[k] = 0.6 * error[k - 1] + 0.8 * error[k]
+            value[rows] += error
+        drawn = replace(visited, value_mm=value)
+        variances.append(correlated_variance(drawn, cell, np.ones(len(visited)), 0.6))
+    spread = float(np.std(variances)) / np.sqrt(len(variances))
+    assert np.mean(variances) == pytest.approx(1.0, abs=4.0 * spread)
+    assert 4.0 * spread < 0.07
 
 
 @pytest.mark.parametrize("serial", [False, True])
@@ -166,3 +189,32 @@ def test_single_heights_that_scatter_do_not_bend_the_bars(seed: int) -> None:
     assert 0.1 < np.sqrt(cells.scatter_mm2[0]) < 0.6
     off = np.array(cells.model.parameters_mm) / once.tolerance_mm
     assert np.abs(off).max() < 3.0
+
+
+@pytest.mark.parametrize("freedom", [1, 7])
+@pytest.mark.parametrize("count", [1, 5])
+def test_student_by_its_power_and_what_is_before_it(freedom: int, count: int) -> None:
+    """Up to the root of 2 pi a reading, which a normal density has, too."""
+    value = np.linspace(-1.0, 2.0, count)
+    power = -0.5 * (freedom + count) * np.log(freedom + value @ value)
+    density = multivariate_t(np.zeros(count), np.eye(count), df=freedom).logpdf(value)
+    expected = density + 0.5 * count * np.log(2.0 * np.pi)
+    assert log_of_student(freedom, count) + power == pytest.approx(expected)
+    assert log_of_student(0.0, count) == log_of_student(np.inf, count) == 0.0
+
+
+def test_where_a_stand_moved_readings_have_the_noise_of_their_display() -> None:
+    """Repeats that agree to the digit differ by rounding; the moved one is no noise of all."""
+    session = case(SHORT, seed=2)
+    value = 0.01 * np.round(session.observed.value_mm / 0.01)
+    cell = Cells.of(session).cell
+    first = np.unique(cell, return_index=True)[1]
+    value = value[first][cell]  # every repeat is the same
+    assert even_mm(Cells.of(_at_steps(session, value))) == pytest.approx(0.01 / np.sqrt(12.0))
+    moved = value + 5.0 * (session.observed.mount == 0) * (session.observed.cycle == 3)
+    assert even_mm(Cells.of(_at_steps(session, moved))) == pytest.approx(0.01 / np.sqrt(12.0))
+
+
+def _at_steps(session: SessionCase, value_mm: FloatArray) -> SessionCase:
+    stepped = with_values(session, value_mm)
+    return replace(stepped, indicator=IndicatorFigures(resolution_mm=0.01))

@@ -9,9 +9,12 @@ import pytest
 
 from calib.arrays import FloatArray
 from calib.posterior.correction import HOLDS, Holds, correction, parts_of
+from calib.posterior.library import POWERS
 from calib.posterior.models import Posterior, Weighted
 from calib.posterior.posterior import posterior
 from calib.posterior.tool import FRAMES, Frame
+from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.effects.empirical import Empirical
 from calib.tripod.workspace import workspace_points
 from tests.calib.posterior.hidden_machines import SHORT, SWEEP, hidden, session
 from tests.conftest import first_quick
@@ -119,3 +122,27 @@ def test_play_that_is_likelier_not_there_is_entered_for_a_large_gain_alone(
     assert [part.part for part in entry.left_out] == ([] if entered else ["play"])
     if not entered:
         assert "likelier to raise" in entry.left_out[0].reason
+
+
+def test_a_controller_that_takes_offsets_and_bars_is_told_those_of_the_only_model() -> None:
+    case, _ = session(SWEEP, seed=7)
+    result = posterior([case])
+    (plain,) = (model for model in result.models if not model.members)
+    only = replace(result, models=(replace(plain, weight=1.0),))
+    lengths_mm, offsets_mm = plain.mean[:3], plain.mean[3:6]
+    assert np.abs(plain.mean[:6]).min() > 0.01
+    told = np.array(correction(only, "kinematics", "machine").model.parameters_mm)
+    assert told == pytest.approx([*offsets_mm, *lengths_mm], abs=1e-4)
+    told = np.array(correction(only, "offsets", "machine").model.parameters_mm)
+    assert told[:3] == pytest.approx(offsets_mm, abs=0.1)
+    assert not told[3:].any()
+
+
+def test_travel_by_any_power_of_it_is_entered_as_tables() -> None:
+    """Whatever a drive does by its own travel, a table of its joint corrects."""
+    case, _ = session(SWEEP, EffectInstance(Empirical((POWERS[-1],)), "x", (0.05,)), seed=3)
+    result = posterior([case])
+    tables = dict(parts_of(result, "kinematics")["tables"])
+    columns = tables["table of x"]
+    for name in POWERS:
+        assert set(result.field.columns_of((Empirical((name,)), "x"))) <= set(columns)

@@ -74,3 +74,12 @@ def test_two_indicators_of_every_leg_and_two_postures_of_every_cycle_are_among_t
             swap = done[tuple(swapped.tolist())]
             assert swap.id == "postures_exchanged"
             assert swap.words(SHORT) == f"+60 mm and -100 mm exchanged in cycle {cycle}"
+        high, low = (
+            np.flatnonzero((SHORT.mount == mount) & (SHORT.displacement_mm == at))
+            for at in (60.0, -100.0)
+        )
+        swapped = numbers.copy()
+        swapped[high], swapped[low] = numbers[low], numbers[high]
+        assert done[tuple(swapped.tolist())].words(SHORT) == (
+            "+60 mm and -100 mm exchanged in all cycles"
+        )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 
@@ -83,3 +85,15 @@ def test_parameters_are_half_widths_of_least_squares() -> None:
         assert expectation.all_mm == pytest.approx(free[number], rel=1e-2)
         assert expectation.held_mm == pytest.approx(with_tolerances[number], rel=1e-3)
         assert expectation.held_mm <= min(free[number], 1.97 * TOLERANCE_MM[number])
+
+
+def test_what_a_procedure_does_not_see_has_no_uncertainty_without_tolerances() -> None:
+    """One leg tells nothing of the others; within tolerances these are as uncertain as before."""
+    every = conditions_of("zero-max-min")
+    result = expected_of(planning(every.take(every.leg == 0), 0.002), TOLERANCE_MM)
+    for parameter in result.parameters:
+        _, _, together, within = astuple(parameter)
+        assert together is None
+        assert 0.0 < within < 4.1
+    three = expected("zero-max-min").parameters
+    assert all(None not in astuple(parameter) for parameter in three)

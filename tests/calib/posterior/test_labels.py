@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calib.arrays import FloatArray, IntArray, Observations
-from calib.posterior.cells import SessionCase
-from calib.posterior.labels import PRIOR
+from calib.noise.reading import IndicatorFigures
+from calib.posterior.cells import Cells, SessionCase
+from calib.posterior.labels import PRIOR, MovedReadings, single_readings
 from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior
+from calib.posterior.problem import PosteriorProblem
+from calib.posterior.screening import Screen, even_mm
+from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
-from tests.calib.posterior.sessions import SHORT, SWEEP, case, with_values
+from tests.calib.posterior.sessions import SCATTER_MM, SHORT, SWEEP, case, with_values
 from tests.conftest import first_quick
 
 
@@ -142,3 +148,75 @@ def test_a_mistake_in_one_of_two_sessions_is_that_of_the_one() -> None:
     value[rows_of(SHORT, "yz")] *= -1.0
     for sessions in ([first, with_values(second, value)], [with_values(second, value), first]):
         assert named(posterior(sessions)) == [("gauge_sign", "yz")]
+
+
+def test_where_the_noise_is_stated_a_mistake_is_named_all_the_same() -> None:
+    """Log evidences have another origin there: below zero."""
+    session = case(SWEEP, seed=1)
+    once = session.observed.take(session.observed.cycle == 1)
+    figures = IndicatorFigures(repeatability_mm=SCATTER_MM)
+    rows = rows_of(once, "yz")
+    stated = replace(session, observed=once, indicator=figures)
+    assert named(changed(stated, rows, -once.value_mm[rows])) == [("gauge_sign", "yz")]
+
+
+def test_the_single_readings_that_are_tried_are_those_whose_omission_leaves_least() -> None:
+    """Least squares with a zero of its own for each in turn; far-off postures bend the fit."""
+    session = case(SWEEP, seed=3)
+    value = session.observed.value_mm + np.random.default_rng(3).normal(0.0, 0.02, len(SWEEP))
+    cells = Cells.of(with_values(session, value))
+    screen = Screen.of(cells, np.zeros((len(cells.means), 0)), even_mm(cells))
+    count = len(cells.visited)
+    without_one = []
+    for row in range(count):
+        own = np.zeros((len(screen.left), 1))
+        own[row] = 1.0
+        design = np.hstack([screen.basis, own])
+        missed = screen.left - design @ np.linalg.lstsq(design, screen.left, rcond=None)[0]
+        without_one.append(float(missed @ missed))
+    expected = np.argsort(without_one, kind="stable")[:12].tolist()
+    assert [int(suspect.groups[0][0]) for suspect in single_readings(screen)] == expected
+    raw = np.argsort(-(screen.left[:count] ** 2), kind="stable")[:12].tolist()
+    assert raw != expected
+
+
+def test_exchanges_beside_one_name_are_those_that_leave_the_plain_fit_least() -> None:
+    """Of all of them, one by one by least squares."""
+    session = case(SWEEP, EffectInstance(Backlash(), "y", (0.04,)), seed=4)
+    cells = Cells.of(session)
+    screen = Screen.of(cells, np.zeros((len(cells.means), 0)), even_mm(cells))
+    moved, given = MovedReadings.of(screen), []
+
+    def with_one_name(change_mm: FloatArray) -> FloatArray:
+        given.append(change_mm)
+        return np.zeros(change_mm.shape[1])
+
+    tried = [mistake for _, mistake in moved.beside_one_name(screen, with_one_name)]
+    squares = []
+    for value_mm in moved.values_mm.T:
+        rows = np.concatenate([(value_mm - screen.predicted_mm) / screen.root, screen.expected])
+        missed = rows - screen.basis @ np.linalg.lstsq(screen.basis, rows, rcond=None)[0]
+        squares.append(float(missed @ missed))
+    order = np.argsort(squares, kind="stable")[:24]
+    every = [moved.every[k] for k in order]
+    assert [(m.id, m.where) for m in tried] == [(e.id, e.where) for e in every]
+    changed = [moved.values_mm[:, k] - cells.visited.value_mm for k in order]
+    weight = cells.weight / cells.scatter_mm2
+    expected = [
+        [np.average(change[cells.cell == n], weights=weight[cells.cell == n]) for change in changed]
+        for n in range(len(cells.means))
+    ]
+    assert given[0] == pytest.approx(np.array(expected), abs=1e-9)
+
+
+def test_beside_a_mistake_stands_nothing_or_names_and_alone_one_name() -> None:
+    session = case(SWEEP, EffectInstance(Backlash(), "y", (0.04,)), seed=4)
+    solved = PosteriorProblem.of((Cells.of(session),), CATALOGUE).solved()
+    plain, *heaviest = solved.beside(0, alone=False)
+    assert plain.columns.shape[1] == 0
+    assert heaviest
+    assert all(model.columns.shape[1] for model in heaviest)
+    assert min(model.log_weight for model in heaviest) > plain.log_weight
+    alone = solved.beside(0, alone=True)
+    assert alone
+    assert all(model.columns.shape[1] for model in alone)

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from calib.arrays import FloatArray, observe, tool_conditions
 from calib.posterior.cells import Cells, SessionCase
@@ -136,3 +137,28 @@ def test_towers_are_off_alike() -> None:
     xr, yr, xt = (names.index(place) for place in ("xr", "yr", "xt"))
     assert covariance[xr, yr] == pytest.approx(0.8 * 0.4**2)
     assert covariance[xr, xt] == 0.0
+
+
+def test_the_fit_beside_lines_is_the_likeliest_machine() -> None:
+    """Against one least-squares fit of all there is: parameters, lines as effects, and zeros."""
+    session, _ = of_lines(1)
+    cells = Cells.of(session)
+    assert cells.serial == 0.0
+    means, laws = cells.means, list(LINES)
+
+    def residuals(unknown: FloatArray) -> FloatArray:
+        effects = tuple(
+            EffectInstance(*law, (value,)) for law, value in zip(laws, unknown[6:15], strict=True)
+        )
+        machine = session.model.with_parameters(unknown[:6]).with_effects(effects)
+        off_mm = means.value_mm - machine.readings(means) - unknown[15:][means.mount]
+        expected = unknown[:15] / np.concatenate([session.spread_mm, [*LINES.values()]])
+        return np.concatenate([off_mm / np.sqrt(cells.variance_mm2), expected])
+
+    start = np.zeros(15 + means.mount_count)
+    fit = least_squares(residuals, start, x_scale="jac", xtol=1e-12, ftol=1e-12)
+    slopes: FloatArray = np.asarray(fit.jac, dtype=np.float64)
+    deviation = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))[:6]
+    away = (np.array(cells.model.parameters_mm) - fit.x[:6]) / deviation
+    assert np.abs(away).max() < 0.1
+    assert np.abs(fit.x[:6] / deviation).max() > 3.0

@@ -326,6 +326,26 @@ def test_a_candidate_is_a_procedure_with_the_readings_that_were_judged(
         assert steps == judged
 
 
+def test_a_candidate_in_words_and_as_a_procedure() -> None:
+    path = (0.0, -20.0, 60.0)
+    single = FurtherMeasurement((), 5.0, ("y",), 0.3, path)
+    assert single.words == "leg Y, 30% from the tool end: Zero, -20, +60 mm"
+    assert single.is_way
+    loaded = MeasurementPreparation((0.0, 5.0, 0.0), load=2.0)
+    several = FurtherMeasurement((), 5.0, ("x", "z"), 0.7, (60.0, -20.0), 3, loaded)
+    assert several.words == (
+        "add +5 mm to the entered joint offset of Y and load the tool to 2 times its weight and "
+        "note load = 2 in the machine file; then legs X, Z, 70% from the tool end: "
+        "Zero, +60, -20 mm, 3 times"
+    )
+    assert not several.is_way
+    assert [tomllib.loads(candidate.text)["levels"] for candidate in (single, several)] == [
+        ["zero", -20.0, 60.0],
+        ["zero", 60.0, -20.0],
+    ]
+    assert tomllib.loads(several.text)["description"] == f"First {loaded.words}."
+
+
 def test_a_procedure_of_the_program_is_judged_beside_set_ups(play_or_screw: Planner) -> None:
     sweep = tuple(SWEEP.take(SWEEP.leg == leg) for leg in range(3))
     result = play_or_screw.posterior

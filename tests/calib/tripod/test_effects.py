@@ -2,31 +2,40 @@
 
 from __future__ import annotations
 
+import pickle
 import time
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from app.measuring.simulated import simulated_session
 from calib.arrays import Conditions, FloatArray, conditions, incidence, tool_conditions
-from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
+from calib.errors import UnreachablePosture
+from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE, drives
 from calib.tripod.effects.bars import pull_of_weight
 from calib.tripod.effects.candidates import Candidate, candidates, invisible
+from calib.tripod.effects.contract import fault_of
 from calib.tripod.effects.drives import (
     STANDARD_LEADS_MM,
+    ActuatorCyclic,
     AxisDistance,
     AxisLean,
     AxisOffset,
     AxisSquareness,
     Backlash,
+    Straightness,
+    StraightnessOfFourthOrder,
+    StraightnessOfThirdOrder,
     effects_of,
 )
-from calib.tripod.effects.effect import Effect, EffectInstance, remedies
+from calib.tripod.effects.effect import Acting, Effect, EffectInstance, remedies, travel_mm
 from calib.tripod.geometry import Geometry, trilaterate
 from calib.tripod.movements import TURNED_MM, last_movement
-from calib.tripod.pipeline import Model, Stage, derivatives, simulate
+from calib.tripod.pipeline import Flow, Model, Stage, derivatives, simulate
 from protocols.machine import Machine
 from protocols.observations import to_observations
 from protocols.procedure import load_procedure
@@ -659,3 +668,68 @@ def test_a_probe_at_the_tool_does_not_tilt() -> None:
     (tilt,) = [law for law in EVERY if law.id == "platform_tilt"]
     assert tilt.places(PROBED) == ("x", "y", "z")
     assert tilt.places(CONTACTS) == ()
+
+
+@pytest.mark.parametrize("lead_mm", STANDARD_LEADS_MM)
+def test_both_amplitudes_of_a_screw_are_as_usual_and_as_large_at_most(lead_mm: float) -> None:
+    """Where its turn begins is by chance."""
+    sine, cosine = ActuatorCyclic(lead_mm).parameters
+    assert (sine.name, cosine.name) == (f"sine_{lead_mm:g}mm", f"cosine_{lead_mm:g}mm")
+    assert replace(sine, name="") == replace(cosine, name="")
+
+
+@pytest.mark.parametrize(
+    ("law", "power"),
+    [(Straightness(), 2), (StraightnessOfThirdOrder(), 3), (StraightnessOfFourthOrder(), 4)],
+)
+def test_a_bent_guide_is_off_by_its_value_at_100_mm(
+    law: Straightness, power: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    travel = np.array([-100.0, -50.0, 0.0, 50.0, 100.0, 200.0])
+    monkeypatch.setattr(drives, "travel_mm", lambda *_: travel)
+    off = law.off(Acting(np.zeros(0), cast(Flow, None), "xy", (0.3,)))
+    side = -1.0 if power == 3 else 1.0
+    assert off == pytest.approx(
+        [0.3 * side, off[3] * side, 0.0, 0.3 / 2**power, 0.3, 0.3 * 2**power]
+    )
+
+
+class OnOneSide(Straightness):
+    """No number behind 80 mm on the negative side, where a machine goes, too."""
+
+    id = "one_side"
+
+    def off(self, at: Acting) -> NDArray[Any]:
+        return np.asarray(at.values[0] * np.sqrt(travel_mm(at.flow, at.leg) + 80.0))
+
+
+def test_a_law_without_a_number_at_one_end_of_the_travel_is_refused() -> None:
+    assert fault_of(Straightness()) == ""
+    with pytest.raises(UnreachablePosture, match="nan"):
+        fault_of(OnOneSide())
+
+
+@pytest.mark.parametrize("name", ["kind", "stage"])
+def test_a_law_of_a_kind_or_stage_in_words_is_refused(name: str) -> None:
+    law = type("Wordy", (Straightness,), {"id": "wordy", name: "machine"})
+    assert fault_of(law()) == "wordy: kind or stage that is not a Kind or a Stage"
+
+
+@pytest.mark.parametrize("law", [*CATALOGUE, *BESIDE_CATALOGUE], ids=lambda law: law.id)
+def test_a_law_that_was_sent_to_another_process_is_the_same(law: Effect) -> None:
+    """Columns and sizes are kept under a law and its place."""
+    received = pickle.loads(pickle.dumps(law))
+    assert received is not law
+    assert {law: 1}[received] == 1
+
+
+def test_where_one_leg_was_read_both_ways_of_its_guide_are_one_name_still() -> None:
+    """As of a whole session; of other guides one way is seen, with the name of the drive and it."""
+    every = walked()
+    names = {
+        (candidate.where, candidate.arrangement)
+        for rows in (every, every.take(np.flatnonzero(every.leg == 0)))
+        for candidate in candidates(Model(), rows, [Straightness()])
+    }
+    assert ("x", "each") in names
+    assert not {("xy", "one"), ("xz", "one")} & names

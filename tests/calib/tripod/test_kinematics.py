@@ -118,3 +118,14 @@ def test_jacobian_of_zero_and_xmax_as_published() -> None:
     assert by_offset == pytest.approx(np.array([[1, 0, 0], [tangent, 1, 0], [tangent, 0, 1]]))
     expected = np.array([[-1, 0, 0], [-tangent, -1 / cosine, 0], [-tangent, 0, -1 / cosine]])
     assert by_length == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("askew", "common"), [(0.0, True), (0.09, True), (0.11, False)])
+def test_legs_have_one_zero_where_bars_lie_along_their_drives(askew: float, common: bool) -> None:
+    """Each carriage runs beside Zero by that part of the bar, across its drive."""
+    beside = askew * 310.25
+    origins = ((0.0, beside, 0.0), (0.0, 0.0, beside), (beside, 0.0, 0.0))
+    geometry = Geometry(origin_mm=origins)
+    assert geometry.common_zero == common
+    drives_alike = Geometry(direction=((1.0, 0.0, 0.0), (0.95, 0.3122499, 0.0), (0.0, 0.0, 1.0)))
+    assert not drives_alike.common_zero

@@ -17,7 +17,8 @@ from calib.errors import RecordError
 from protocols.machine import load_machine
 from protocols.observations import to_observations
 from protocols.printers import marlin, repetier, reprapfirmware
-from protocols.printers.imported import ImportedPrinter, imported_printer
+from protocols.printers.imported import ImportedPrinter, are_of_printer, imported_printer
+from protocols.printers.tower_printer import Three, TowerPrinter
 from protocols.session import fold
 from tests.app.cli import glidecal
 from tests.app.exports import test_towers as true
@@ -638,3 +639,47 @@ def test_whatever_a_log_holds_is_read_or_refused_in_a_sentence(text: str, which:
         return
     for contact in values.contacts:
         assert np.isfinite(contact.place_mm).all()
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "apart"),
+    [
+        ((210.0, 330.0, 90.0), True),
+        ((0.0, 30.0, 180.0), True),
+        ((30.0, 0.0, 180.0), True),
+        ((0.0, 29.9, 180.0), False),
+        ((29.9, 0.0, 180.0), False),
+        ((345.0, 15.0, 180.0), True),
+        ((345.1, 15.0, 180.0), False),
+        ((15.0, 345.1, 180.0), False),
+        ((-150.0, -30.0, 450.0), True),
+    ],
+)
+def test_towers_are_30_degrees_apart_or_more_round_the_circle(
+    angle_deg: Three, apart: bool
+) -> None:
+    bars: Three = (250.0, 250.0, 250.0)
+    if apart:
+        assert (
+            TowerPrinter("delta", "name", bars, (124.0, 124.0, 124.0), bars, angle_deg).angle_deg
+            == angle_deg
+        )
+    else:
+        with pytest.raises(RecordError, match="30° or more between two of them"):
+            TowerPrinter("delta", "name", bars, (124.0, 124.0, 124.0), bars, angle_deg)
+
+
+@pytest.mark.parametrize(
+    ("text", "printer"),
+    [
+        ("x_mm,y_mm,z_mm,height_mm\n0,0,0.1,0\n", False),
+        ("leg,axis,displacement_mm,value_mm\nx,y,0,0.1\n", False),
+        (f"; in x_mm\n{CONFIG_G}", True),
+        ("no columns here\n", True),
+    ],
+)
+def test_a_table_is_no_file_of_a_printer(tmp_path: Path, text: str, printer: bool) -> None:
+    path = tmp_path / "any"
+    path.write_text(text, encoding="utf-8")
+    assert are_of_printer([path]) == printer
+    assert are_of_printer([path, path])

@@ -81,8 +81,9 @@ def page(lines: Sequence[Json]) -> str:
         "",
         "R.m.s. over the workspace and the sessions, and [median of the sessions], mm.",
     ]
+    by_cell = {title: group for title, group in groups.items() if title != ALL}
     for frame in STATED:
-        text += ["", *_left(groups, names, frame, FRAMES[frame])]
+        text += ["", *_left(by_cell, names, frame, FRAMES[frame])]
     text += [
         "",
         "## The bound",

@@ -61,39 +61,42 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
     if not readings:
         raise NotIdentifiable("readings", "none", "a session with readings in two postures")
     machine = sessions[0].opened.machine
-    leg, axis, *numbers, contact, temperature_c, position_mm = zip(
-        *map(PARTS, readings), strict=True
-    )
-    displacement_mm, station, cycle, value_mm, averaged = numbers
+
+    def values(name: str) -> map[Any]:  # there may be 50,000 readings
+        return map(attrgetter(name), readings)
+
     observations = Observations(
-        leg=np.array([NUMBERS[name] for name in leg], dtype=np.intp),
-        axis=np.array([NUMBERS[name] for name in axis], dtype=np.intp),
-        displacement_mm=np.array(displacement_mm),
-        station=np.array(station),
+        leg=np.array([NUMBERS[name] for name in values("leg")], dtype=np.intp),
+        axis=np.array([NUMBERS[name] for name in values("axis")], dtype=np.intp),
+        displacement_mm=np.array([*values("displacement_mm")]),
+        station=np.array([*values("station")]),
         approach=np.array(approach),
-        cycle=np.array(cycle, dtype=np.intp),
+        cycle=np.array([*values("cycle")], dtype=np.intp),
         time_s=np.array(times_s),
-        temperature_c=np.array(temperature_c, dtype=np.float64),  # None is NaN
+        temperature_c=np.array([*values("temperature_c")], dtype=np.float64),  # None is NaN
         mount=_numbered(mounts),
         indicator=_numbered(indicators),
-        position_mm=np.array([place_mm or ZERO for place_mm in position_mm]),
+        position_mm=_places_mm([*values("position_mm")]),
         movement=np.concatenate(movement),
         along_mm=np.array([along_mm(r, machine) if r.over_plane else np.nan for r in readings]),
-        contact=np.array(contact, dtype=bool),
-        beside_mm=np.array([_beside_mm(r, machine) if r.contact else ZERO for r in readings]),
-        value_mm=np.array(value_mm),
-        averaged=np.array(averaged, dtype=np.float64),
+        contact=np.array([*values("contact")], dtype=bool),
+        beside_mm=_places_mm([_beside_mm(r, machine) if r.contact else None for r in readings]),
+        value_mm=np.array([*values("value_mm")]),
+        averaged=np.array([*values("averaged")], dtype=np.float64),
     )
     observations = _as_commanded(observations, readings, machine.geometry())
     return _repeated(observations)
 
 
 NUMBERS = {name: leg_number(name) for name in TOUCHED_NAMES}
-PARTS = attrgetter(
-    *("leg", "axis", "displacement_mm", "station", "cycle", "value_mm", "averaged"),
-    *("contact", "temperature_c", "position_mm"),
-)
-"""Of a reading, all at once: there may be 50,000."""
+
+
+def _places_mm(places_mm: Sequence[Triple | None]) -> FloatArray:
+    """Places ``(n, 3)``; none is 0."""
+    array = np.zeros((len(places_mm), 3))
+    if rows := [row for row, place_mm in enumerate(places_mm) if place_mm is not None]:
+        array[rows] = [places_mm[row] for row in rows]
+    return array
 
 
 def _beside_mm(reading: Reading, machine: Machine) -> Triple:
@@ -147,8 +150,10 @@ def _repeated(observed: Observations) -> Observations:
     machine that is off by 5 mm in 1 m changes that by half a percent.
     """
     value_mm, position_mm = observed.value_mm.copy(), observed.position_mm.copy()
-    for rows in rows_of(numbered(observed.mount, observed.axis, observed.value_mm)):
-        contacts = rows[observed.contact[rows]]
+    touching = np.flatnonzero(observed.contact)
+    alike = numbered(observed.mount[touching], observed.axis[touching], value_mm[touching])
+    for rows in rows_of(alike):
+        contacts = touching[rows]
         while len(contacts):
             axis = int(observed.axis[contacts[0]])
             away_mm = np.delete(position_mm[contacts] - position_mm[contacts[0]], axis, axis=1)

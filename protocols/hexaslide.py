@@ -44,7 +44,7 @@ from calib.hexaslide.geometry import (
 )
 from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings
-from protocols.documents import Document, Name, describe, read_text, read_toml
+from protocols.documents import Document, Name, Words, describe, read_text, read_toml
 from protocols.files import RECORD_START, open_to_read
 
 Metres = Annotated[float, Field(ge=-1000.0, le=1000.0)]
@@ -184,6 +184,7 @@ def _in_metres(key: str, unit: float) -> bool:
 class HexaSlideMachine(Document):
     """One Hexa Slide; checked to reach all of its box.
 
+    ``serial_number`` tells it from others of its ``name``, and ``place`` where it is.
     ``platform_tolerance_mm`` is by how much, r.m.s. over the box, the platform may be off;
     ``lead_mm`` is that of the drives' screws, of which a wave of a rail has its period.
     """
@@ -192,6 +193,8 @@ class HexaSlideMachine(Document):
         alias="schema", default="glidecal.hexaslide/2"
     )
     name: Name
+    serial_number: Words | None = None
+    place: Words | None = None
     platform_tolerance_mm: Tolerance | None = None
     lead_mm: Lead | None = None
     chain: tuple[Chain, ...]
@@ -219,8 +222,16 @@ class HexaSlideMachine(Document):
 
     @property
     def title(self) -> str:
-        """As the title of other machines: by it the sessions of a machine are put together."""
-        return self.before_calibration
+        """By it the sessions of a machine are put together, calibrated or not."""
+        return self._numbered(self.before_calibration)
+
+    @property
+    def full_name(self) -> str:
+        """Its name, with its serial number where one is stated."""
+        return self._numbered(self.name)
+
+    def _numbered(self, name: str) -> str:
+        return f"{name}, no. {self.serial_number}" if self.serial_number else name
 
     @field_validator("chain")
     @classmethod
@@ -267,10 +278,10 @@ def machine_text(machine: HexaSlideMachine, comments: Iterable[str]) -> str:
     if machine.constraint_link is not None:
         tables.append(("[constraint_link]", machine.constraint_link))
     tables.append(("[tolerances]", machine.tolerances))
-    lines += [f'schema = "{machine.schema_id}"', f"name = {json.dumps(machine.name)}"]
-    for key in ("platform_tolerance_mm", "lead_mm"):
+    lines.append(f'schema = "{machine.schema_id}"')
+    for key in ("name", "serial_number", "place", "platform_tolerance_mm", "lead_mm"):
         if (value := getattr(machine, key)) is not None:
-            lines.append(f"{key} = {value}")
+            lines.append(f"{key} = {json.dumps(value)}")
     for heading, table in tables:
         values = table.model_dump(mode="json", exclude_none=True)
         lines += ["", heading, *(f"{key} = {json.dumps(value)}" for key, value in values.items())]

@@ -44,8 +44,10 @@ SessionSchema = Literal[
     "glidecal.hexaslide-session/1",
     "glidecal.hexaslide-session/2",
     "glidecal.hexaslide-session/3",
+    "glidecal.hexaslide-session/4",
 ]
-"""Of 1 every chain has a rail; from 3 on the day of an imported table can be stated."""
+"""Of 1 every chain has a rail; from 3 on the day of an imported table can be stated, from 4 on the
+machine's serial number and place."""
 
 NAME, NUMBER_OF_SCHEMA = "glidecal.hexaslide-session", len(get_args(SessionSchema))
 SCHEMA_ID: SessionSchema = get_args(SessionSchema)[-1]

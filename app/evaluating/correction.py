@@ -235,7 +235,7 @@ class ControllerCorrections:
 
             best_entries = best({}, entries)
             plain = best({"table": NO_GAIN}, replace(entries, travels=False))
-            errors = self.posterior.tool_errors[self.frame]
+            errors = self.posterior.likeliest_labels.tool_errors[self.frame]
             if doubt(errors, best_entries.off.values, plain.off.values):
                 best_entries = plain
             self._towers[entries] = best_entries

@@ -54,7 +54,7 @@ def posture_entry(path: Path, effects: bool) -> PostureEntry:
     opened = session.opened
     entry = PostureEntry(
         began=measured_at(opened),
-        name=opened.machine.before_calibration,
+        name=opened.machine.title,
         machine=opened.machine.model_dump(mode="json"),
         origin=opened.origin,
         unfinished=bool(record.unfinished),

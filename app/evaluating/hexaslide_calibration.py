@@ -178,11 +178,11 @@ def effects_of(
 
     Raises UsageError for another machine, RecordError for an effect that it cannot have.
     """
-    if model.machine.before_calibration != source.machine.before_calibration:
+    if model.machine.title != source.machine.title:
         raise UsageError(
             "--model",
-            f"the model of another machine, {model.machine.name}",
-            f"one of {source.machine.before_calibration}",
+            f"the model of another machine, {model.machine.title}",
+            f"one of {source.machine.title}",
         )
     readings, machine = source.readings(), source.machine.whole()
     postures, middle = postures_of(readings, machine), readings.sliders.mean(axis=0)
@@ -261,7 +261,7 @@ def sources_of_one_machine(
     subject = f"sessions {before} and {after}"
     if sources[0].digest() == sources[1].digest():
         raise RecordError(subject, "the same postures", "two different sessions")
-    names = [source.machine.before_calibration for source in sources]
+    names = [source.machine.title for source in sources]
     telescopic = [source.machine.whole().geometry.telescopic for source in sources]
     if names[0] != names[1] or telescopic[0] != telescopic[1]:
         raise CalibrationError(

@@ -59,8 +59,9 @@ class CertifiedPostures:
 
     @property
     def serial_number(self) -> str:
-        """As the order states it; empty where it does not."""
-        return (self.head and self.head.order.machine.serial_number) or ""
+        """As the order states it, else the machine file; empty where neither does."""
+        ordered = self.head.order.machine.serial_number if self.head else None
+        return ordered or self.solved.source.machine.serial_number or ""
 
     @property
     def sessions(self) -> tuple[tuple[PostureSession, Record], ...]:

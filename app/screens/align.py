@@ -68,7 +68,7 @@ class AlignScreen(Corrections):
             self.say(f"{problem} {{align.again}} measures again.")
         else:
             self.round = Round(self.guided, aligned)
-            self.say(texts.UNSEEN.format(aligned.reference.upper()))
+            self.say(texts.round_begins_text(aligned))
             self._stand()
         self.set_interval(LIVE_S, self._show)
         self._show()

@@ -174,9 +174,11 @@ def correction(
     """The best values to enter; travels of drives in tables of many rows where it is ``tabled``.
 
     ``absent`` are parts that this controller does not take, with the reason: by their name
-    (``play of x``), or all that begin with a word (``play``).
+    (``play of x``), or all that begin with a word (``play``). The values are expected with the
+    likeliest labels; what the tool keeps with them is judged with all.
     """
-    absent, errors = absent or {}, posterior.tool_errors[frame]
+    absent, likeliest = absent or {}, posterior.likeliest_labels
+    errors = likeliest.tool_errors[frame]
     corrected: list[Part] = []
     values = np.zeros(len(posterior.mean))
     left_out: list[LeftOut] = []
@@ -186,7 +188,7 @@ def correction(
             reason = absent.get(part[0]) or absent.get(part[0].split()[0], "")
             left_out += [LeftOut(part[0], reason)] if reason else []
             fitting += [] if reason else [part]
-        projected = _projected(posterior, [*corrected, *fitting], frame)
+        projected = _projected(likeliest, [*corrected, *fitting], frame)
         worth = WORTH_A_TABLE if tabled and group == "tables" else WORTH
         if corrected and fitting and (reason := doubt(errors, projected, values, worth)):
             left_out.append(LeftOut(group, reason))

@@ -73,12 +73,13 @@ def offset_uncertainties_mm(
 ) -> tuple[FloatArray, FloatArray]:
     """Standard deviations and 95 % half widths ``(3,)`` of joint offsets entered alone, mm.
 
-    Over all models; with ``less_common`` less what all three share.
+    Over all models, about the values that are entered; with ``less_common`` less what all three
+    share.
     """
     into = projector_of(posterior, OFFSETS, frame)
     if less_common:
         into = into - into.mean(axis=0)
-    middle = into @ posterior.mean
+    middle = into @ posterior.likeliest_labels.mean
     means, variances = [], []
     of_bases: dict[int, FloatArray] = {}
     for model in posterior.models_in_field:

@@ -127,6 +127,12 @@ class Mistake:
     factor: float = 1.0
     session: int = 0
 
+    @property
+    def relabels(self) -> bool:
+        """Whether values belong elsewhere, or have another sign or unit; else some stand apart."""
+        is_moved = not np.array_equal(self.source, np.arange(len(self.source)))
+        return is_moved or self.factor != 1.0
+
 
 @dataclass(frozen=True, eq=False)
 class RivalModel:

@@ -194,6 +194,29 @@ class Posterior:
             np.sum([model.weight * model.mean for model in self.models_in_field], axis=0)
         )
 
+    @cached_property
+    def likeliest_labels(self) -> Posterior:
+        """The models with the likeliest labels of the readings alone.
+
+        Two ways to put labels right are two machines, and their mean is neither.
+        """
+        labels = [
+            frozenset((m.session, m.id, m.where) for m in model.mistakes if m.relabels)
+            for model in self.models
+        ]
+        shares = dict.fromkeys(labels, 0.0)
+        for key, model in zip(labels, self.models, strict=True):
+            shares[key] += model.weight
+        if len(shares) == 1:
+            return self
+        likeliest = max(shares, key=shares.__getitem__)
+        models = tuple(
+            replace(model, weight=model.weight / shares[likeliest])
+            for key, model in zip(labels, self.models, strict=True)
+            if key == likeliest
+        )
+        return replace(self, models=models)
+
     def value_of(self, law: Placed) -> tuple[float, float]:
         """The first value of a law at a place over all models, and its standard deviation."""
         at = self.field.columns_of(law)[0]

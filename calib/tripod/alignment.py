@@ -17,10 +17,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.arrays import LEG_NAMES, FloatArray, Observations, conditions, without_zeros
+from calib.arrays import (
+    LEG_NAMES,
+    FloatArray,
+    Observations,
+    conditions,
+    incidence,
+    tilts,
+    without_zeros,
+)
 from calib.errors import NotIdentifiable, UsageError
 from calib.noise.reading import IndicatorFigures, reading_noise, reading_weights, visits
-from calib.stats import coverage_factor
+from calib.stats import coverage_factor, variance_ratio_p_value
 from calib.tripod.effects.effect import (
     AROUND,
     PAIRS,
@@ -47,6 +55,9 @@ ROUNDS = 6
 STEP = 1e-3
 """Of a lean (mrad) and a distance (mm), for derivatives: readings are straight over much more."""
 
+UNLIKELY = 0.001
+"""A fit that chance would leave so much of in one session of 1000 lacks something."""
+
 FINE_ENOUGH = 3.0
 """A figure that is known to no better than a third of what is aimed at is no figure to shim by."""
 
@@ -57,7 +68,8 @@ class Alignment:
 
     ``lean_mrad`` ``(3,)`` of the pairs xy, yz, xz: positive, less than 90° between them.
     ``distance_mm`` ``(3,)`` of xy, yz, zx: along the third axis the first lies so much further.
-    ``covariance`` ``(6, 6)`` of both; ``noise_mm`` of a reading, ``left_mm`` r.m.s. that is left.
+    ``covariance`` ``(6, 6)`` of both; ``noise_mm`` of a reading, ``left_mm`` r.m.s. that is left,
+    which noise exceeds with the probability ``chance``.
     """
 
     model: Model
@@ -66,6 +78,7 @@ class Alignment:
     covariance: FloatArray
     noise_mm: float
     left_mm: float
+    chance: float
 
     @property
     def to_square(self) -> bool:
@@ -79,6 +92,11 @@ class Alignment:
         if self.to_square:
             return figures
         return np.asarray(figures - np.concatenate(figures_of(self.model.geometry)))
+
+    @property
+    def lacks_something(self) -> bool:
+        """Whether readings show what rails, offsets and bars do not; the intervals leave it out."""
+        return self.chance < UNLIKELY
 
     @property
     def expanded(self) -> FloatArray:
@@ -149,8 +167,12 @@ def alignment(
     noise_mm = float(np.sqrt(np.mean(root**-2.0)))
     left_mm = float(np.sqrt(np.mean(residual_mm**2)))
     spread = np.asarray(covariance[6:, 6:], dtype=np.float64)
+    zeros = np.linalg.matrix_rank(np.hstack([incidence(visited.mount), tilts(visited)]))
+    free = max(len(visited) - int(zeros) - len(x), 1)
+    square = float(((residual_mm * root) ** 2).sum()) / free
+    chance = variance_ratio_p_value(square, free, noise.degrees_of_freedom)
     lean_mrad, distance_mm = np.split((nominal + x)[6:], 2)
-    return Alignment(model, lean_mrad, distance_mm, spread, noise_mm, left_mm)
+    return Alignment(model, lean_mrad, distance_mm, spread, noise_mm, left_mm, chance)
 
 
 def figures_of(geometry: Geometry) -> tuple[FloatArray, FloatArray]:

@@ -51,6 +51,9 @@ KNOWN_NOISES = tuple(noise for noise in NOISES if noise != "wander")
 TILTED = "axes tilted"
 LEAN_LIMITS = (0.3e-3, 2e-3)
 SHIFT_LIMITS_MM = (0.1, 0.8)
+
+UNSEEN = 1e-6
+"""Of an amount of 1 mm or 1 rad, in noise: it does not show."""
 TRIES = 400
 
 
@@ -135,6 +138,13 @@ def _tilts(rng: np.random.Generator) -> list[tuple[Hypothesis, float]]:
             sides = [side for side in range(3) if side != axis]
             changes += [((name, (axis, k)), float(v)) for k, v in zip(sides, across, strict=True)]
     return changes
+
+
+def detection_sizes(columns: Columns, candidate: Candidate, noise_mm: float) -> FloatArray:
+    """Standard deviation of each amount ``(r,)`` at strength 1; infinite where nothing shows."""
+    scale = np.sqrt((_held(columns, columns.raw(candidate), noise_mm) ** 2).sum(axis=0))
+    sizes = np.full(len(scale), np.sqrt(detection_ncp(len(scale)) / len(scale)))
+    return np.where(scale > UNSEEN, sizes / np.maximum(scale, UNSEEN), np.inf)
 
 
 def _held(columns: Columns, values: FloatArray, noise_mm: float) -> FloatArray:

@@ -25,9 +25,10 @@ import numpy as np
 
 from tests.blind.cases import BLUNDERS, PROCEDURES, SHAPES, USUAL_NOISES, Case
 from tests.blind.claims import TILTED, TOLERANCE_MM, Claim, claim
-from tests.blind.corrections_page import BEFORE, INTRODUCTION, LAW, beside, page
-from tests.blind.effects import EFFECT_IDS, Direction
+from tests.blind.corrections_page import BEFORE, IDEAL, INTRODUCTION, LAW, beside, page
+from tests.blind.effects import EFFECT_IDS, Direction, visible
 from tests.blind.forward import FloatArray, Hidden, carriages, readings
+from tests.blind.ideal import Judge, mean_of
 from tests.blind.noise import RESOLUTION_MM
 from tests.blind.signatures import BASE, Columns
 from tests.blind.tool import (
@@ -121,16 +122,29 @@ def knows_the_law(session: Claim) -> Commanded:
     return inverse_of(fitted(session))
 
 
+def displayed_mm(session: Claim) -> FloatArray:
+    """Readings ``(n,)`` without gross mistakes, as the table gives them."""
+    step_mm = RESOLUTION_MM if session.resolution_mm else 1e-6
+    return np.asarray(np.round(session.values_mm / step_mm) * step_mm)
+
+
+def knows_the_catalogue(session: Claim) -> Commanded:
+    """The correction of the ideal `Judge`, who does not know which effects are hidden."""
+    spread = np.array([SPREAD[name] for name, _ in BASE])
+    weighed = Judge(session, displayed_mm(session), spread)
+    models = weighed.weighted(len(session.effects), EFFECT_STRENGTHS)
+    return mean_of([(share, inverse_of(machine)) for share, _, machine in models])
+
+
 def fitted(session: Claim) -> Hidden:
     """The machine by least squares: offsets, lengths, zeros and sizes of the hidden effects.
 
     Linear about the fit of the round before. Gross mistakes of the table are known and undone.
     """
-    step_mm = RESOLUTION_MM if session.resolution_mm else 1e-6
-    values = np.round(session.values_mm / step_mm) * step_mm
+    values = displayed_mm(session)
     directions: list[Direction] = [((entry, 1.0),) for entry in BASE]
     directions += [
-        _visible(direction) for effect in session.effects for direction in effect.directions
+        visible(direction) for effect in session.effects for direction in effect.directions
     ]
     spread = np.array([SPREAD.get(direction[0][0][0], np.inf) for direction in directions])
     settings = (session.hidden.lead_mm, session.hidden.saw_period_mm, session.hidden.waves)
@@ -159,14 +173,6 @@ def fitted(session: Claim) -> Hidden:
             ]
         )
     return machine
-
-
-def _visible(direction: Direction) -> Direction:
-    """Of two axes that are not square either may lean: each is given half."""
-    if direction[0][0][0] != "lean":
-        return direction
-    turned = tuple(((name, index[::-1]), weight) for (name, index), weight in direction)
-    return tuple((entry, weight / 2.0) for entry, weight in (*direction, *turned))
 
 
 EFFECT_STRENGTHS = (0.5, 1.0, 2.0)
@@ -226,8 +232,10 @@ def sessions(
             yield case, claim(case, seed, spread_mm)
 
 
-def measured(case: Case, session: Claim, answerer: Answerer) -> Json:
+def measured(case: Case, session: Claim, answerer: Answerer, *, ideal: bool = False) -> Json:
     """One line of results: every answer at the hidden machine, of which it knows the table alone.
+
+    ``ideal`` adds that of `knows_the_catalogue` where nothing but its effects is hidden.
 
     An answerer that fails, even by a defect, is a line without answers and does not end the run.
     """
@@ -238,6 +246,8 @@ def measured(case: Case, session: Claim, answerer: Answerer) -> Json:
         answers, failure = (), f"{type(problem).__name__}: {problem}"[:300]
     used_s = time.process_time() - start
     plain = {BEFORE: nothing(), LAW: knows_the_law(session)}
+    if ideal and not case.shape and case.cell != TILTED:
+        plain[IDEAL] = knows_the_catalogue(session)
     commands = plain | {answer.name: answer.commanded for answer in answers}
     return {
         **asdict(case),
@@ -261,6 +271,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--answerer", default="tests.blind.today:answers", help="MODULE:FUNCTION that answers"
     )
+    parser.add_argument(
+        "--ideal", action="store_true", help="the ideal judge, too: 15 s more for two effects"
+    )
     parser.add_argument("--jsonl", type=Path, help="a line for each session")
     parser.add_argument(
         "--beside", type=Path, help="lines of another answerer, whose answers stand beside as was:…"
@@ -271,7 +284,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     answerer: Answerer = getattr(importlib.import_module(module), name)
     lines = []
     for case, session in sessions(options.count, options.seed, options.cells, options.strengths):
-        lines.append(measured(case, session, answerer))
+        lines.append(measured(case, session, answerer, ideal=options.ideal))
         if options.jsonl:
             with options.jsonl.open("a", encoding="utf-8") as target:
                 target.write(json.dumps(lines[-1]) + "\n")

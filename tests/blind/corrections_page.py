@@ -17,13 +17,15 @@ Each simulated machine (`tests/blind/`) has joint offsets, wrong bars and the hi
 row. After its readings are solved, nothing is entered (before), joint offsets alone (with play the
 r.m.s. is the same within 0.2 µm), or what a controller with tables or kinematics takes too
 ([export](export.md)). For `law` the hidden effects and places are given and only sizes are fitted.
+`ideal` knows the simulation, the shares of its effects and sizes, the noise, how many effects act
+and all gross mistakes, but not which effects: no diagnosis of these readings can leave less.
 
 Frames: touched off, the best shift is removed; aligned, the best shift and turn; machine, nothing;
 near, errors near Zero relative to that at Zero. [Bound](theory.md#uncertainty-at-the-tool) of 95 %.
-Made by `python -m tests.blind.corrections -o docs/corrections.md`.
+Made by `python -m tests.blind.corrections --count 36 --ideal -o docs/corrections.md`.
 """
 
-BEFORE, LAW, OFFSETS = "before", "law", "offsets"
+BEFORE, LAW, IDEAL, OFFSETS = "before", "law", "ideal", "offsets"
 LEFT_OUT = ("play",)
 """Answers whose r.m.s. is that of joint offsets within 0.2 µm."""
 ALL = "all"
@@ -49,7 +51,9 @@ def beside(lines: Sequence[Json], reference_lines: Sequence[Json]) -> list[Json]
         joint_line = line | {"failure": line["failure"] or partner["failure"]}
         for part in ("errors", "bounds"):
             was = {
-                f"was {name}": v for name, v in partner[part].items() if name not in (BEFORE, LAW)
+                f"was {name}": v
+                for name, v in partner[part].items()
+                if name not in (BEFORE, LAW, IDEAL)
             }
             joint_line[part] = line[part] | was
         joint.append(joint_line)
@@ -65,7 +69,9 @@ def page(lines: Sequence[Json]) -> str:
         groups.setdefault(line["cell"], []).append(line)
     groups[ALL] = complete
     names = list(dict.fromkeys(name for line in complete for name in line["errors"]))
-    names = [BEFORE, *(name for name in names if name not in (BEFORE, LAW, *LEFT_OUT)), LAW]
+    simulated = [name for name in (IDEAL, LAW) if name in names]
+    asked = [name for name in names if name not in (BEFORE, *simulated, *LEFT_OUT)]
+    names = [BEFORE, *asked, *simulated]
     text = [
         f"{len(lines)} sessions, {len(failed)} without an answer; "
         f"{np.mean([line['cpu_s'] for line in lines]):.2f} s CPU for an answer.",
@@ -96,7 +102,7 @@ def page(lines: Sequence[Json]) -> str:
         "with the 95 % interval of their share). Rows without any are left out.",
         "",
     ]
-    candidates = [name for name in names if name not in (BEFORE, LAW, OFFSETS)]
+    candidates = [name for name in names if name not in (BEFORE, LAW, IDEAL, OFFSETS)]
     return "\n".join([*text, *_worse(groups, candidates)])
 
 
@@ -105,6 +111,9 @@ def _left(groups: Groups, names: Sequence[str], frame: str, title: str) -> list[
     for group, lines in groups.items():
         cells = []
         for name in names:
+            if any(name not in line["errors"] for line in lines):
+                cells.append("–")
+                continue
             true = np.array([line["errors"][name][frame] for line in lines])
             cells.append(f"{float(np.sqrt(np.mean(true**2))):.4f} [{np.median(true):.4f}]")
         rows.append(_row(group, *cells))

@@ -105,6 +105,14 @@ def _one(name: str, *index: int) -> Direction:
     return (((name, index), 1.0),)
 
 
+def visible(direction: Direction) -> Direction:
+    """Of two axes that are not square either may lean: each is given half."""
+    if direction[0][0][0] != "lean":
+        return direction
+    turned = tuple(((name, index[::-1]), weight) for (name, index), weight in direction)
+    return tuple((entry, weight / 2.0) for entry, weight in (*direction, *turned))
+
+
 def _squareness() -> Iterator[Candidate]:
     """A pair's sum of leans is the parameter; the second axis of the pair leans."""
     for i, j in PAIRS:

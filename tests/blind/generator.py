@@ -208,6 +208,17 @@ def drawn_place(effect: str, rng: np.random.Generator) -> Candidate:
     return chosen[int(rng.integers(len(chosen)))]
 
 
+def place_share(candidate: Candidate) -> float:
+    """How often `drawn_place` takes this place for its effect, of 1."""
+    alike = [c for c in (*candidates(), *beside()) if c.id == candidate.id]
+    like_it = [c for c in alike if (c.where == "all") == (candidate.where == "all")]
+    if len(like_it) == len(alike):
+        return 1.0 / len(like_it)
+    everywhere = 0.5 if candidate.id in ("thermal_drift", "gravity_sag") else 0.2
+    share = everywhere if candidate.where == "all" else 1.0 - everywhere
+    return share / len(like_it)
+
+
 def drawn_outside(shape: str, rng: np.random.Generator) -> Candidate:
     leg = int(rng.integers(3))
     side = (leg + int(rng.integers(1, 3))) % 3

@@ -95,7 +95,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
     enter = ENTER if is_shown_better(document) else KEEP
     simulated = any(session.opened.origin == "simulated" for session, _ in certified.sessions)
     return CalibrationReport(
-        machine=solved.source.machine.name,
+        machine=solved.source.machine.full_name,
         decision=_decision(certified),
         sentences=(_at_most(document), _verdict(result)),
         first_page=[
@@ -176,7 +176,7 @@ def _object(certified: CertifiedPostures) -> Table:
     opened = [session.opened for session, _ in certified.sessions]
     celsius = [start.temperature_c for start in opened]
     counts = (f"{len(session.readings)}" for session, _ in certified.sessions)
-    table = new_table("object", shortened(opened[0].machine.name), left=2)
+    table = new_table("object", shortened(opened[0].machine.full_name), left=2)
     rows: list[tuple[str, Iterable[str | None]]] = [
         *ordered_rows(certified.head, certified.serial_number),
         ("measured", dict.fromkeys(map(measured_words, opened))),

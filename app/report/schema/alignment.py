@@ -72,3 +72,8 @@ class AlignmentReport(Report):
     )
     left_mm: float = of(lambda r: r.aligned.found.left_mm, "r.m.s. that the fit leaves")
     noise_mm: float = of(lambda r: r.aligned.found.noise_mm, "of a reading")
+    chance: float = of(
+        lambda r: r.aligned.found.chance,
+        "probability that noise alone leaves so much; below 0.001 something else acts, and the "
+        "uncertainties leave it out",
+    )

@@ -334,7 +334,7 @@ class HexaSlideCalibrationReport(Report):
     measurements: str = of(lambda r: r.name)
     origin: Literal["measured", "simulated"] = of(lambda r: r.source.origin)
     seed: int | None = of(lambda r: r.source.seed)
-    machine: str = of(lambda r: r.source.machine.name)
+    machine: str = of(lambda r: r.source.machine.full_name)
     machine_file: str = of(lambda r: r.source.machine_file)
     procedure: ProcedureKind = of(lambda r: r.source.procedure)
     measured: tuple[str, ...] = of(lambda r: r.source.measured)

@@ -47,7 +47,7 @@ class HexaSlideReplayReport(Report):
     of = Source[ReplayedPostures]()
     schema_id: Literal["glidecal.hexaslide-replay/1"] = schema("glidecal.hexaslide-replay/1")
     session: str = of(lambda r: r.session.name)
-    machine: str = of(lambda r: r.session.opened.machine.name)
+    machine: str = of(lambda r: r.session.opened.machine.full_name)
     procedure: str = of(lambda r: r.session.opened.procedure.name)
     measured: tuple[str, ...] = of(lambda r: r.session.opened.procedure.whole().measured)
     origin: Literal["measured", "simulated", "imported"] = of(lambda r: r.session.opened.origin)

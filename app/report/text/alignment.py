@@ -21,6 +21,10 @@ UNSEEN = (
     "Leg readings do not tell which axis of a pair leans or lies aside, only how both lie to each "
     "other: rail {} is the reference and stays (--reference)."
 )
+SOMETHING_ELSE = (
+    "WARNING: something else acts on the readings, so the figures can be off by more than their ±. "
+    "Look first: glidecal diagnose."
+)
 ALIGN_HELP = """\
 {align.up}, {align.down}  which end of which rail
 {align.watch}  the indicator is in place: watch this screw; again: it is done, and goes into the \
@@ -58,6 +62,16 @@ def aligned_text(aligned: Aligned) -> str:
         "machine file. " + UNSEEN.format(aligned.reference.upper()),
         f"Left by the fit {figure.left_mm:.4f} mm r.m.s., noise of a reading "
         f"{figure.noise_mm:.4f} mm.",
+        SOMETHING_ELSE if figure.lacks_something else "",
+    )
+
+
+def round_begins_text(aligned: Aligned) -> str:
+    """What is to be known before a screw is turned."""
+    return (
+        SOMETHING_ELSE
+        if aligned.found.lacks_something
+        else UNSEEN.format(aligned.reference.upper())
     )
 
 

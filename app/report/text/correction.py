@@ -171,9 +171,8 @@ def doubt_lines(solved: SessionSolution) -> Iterator[str]:
         )
         yield (
             "WARNING: likely a mistake in the readings, with its probability: "
-            f"{mistake_words}. The values "
-            "include its correction, weighted by its probability; the record is not changed. Check "
-            "it, and measure again."
+            f"{mistake_words}. The values are those of the likeliest labels, the tool error is "
+            "over all; the record is not changed. Check it, and measure again."
         )
     if furthest := solved.furthest_distance:
         distance = furthest.distance

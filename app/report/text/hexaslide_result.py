@@ -47,7 +47,7 @@ def heading_text(path: Path, result: PostureResult | None) -> str:
     if result is None:
         return path.name
     opened = result.session.opened
-    return f"{path.name}   {opened.machine.name}, {opened.procedure.name}, {opened.origin}"
+    return f"{path.name}   {opened.machine.full_name}, {opened.procedure.name}, {opened.origin}"
 
 
 def problem_text(problem: GlidecalError) -> str:

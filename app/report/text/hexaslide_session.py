@@ -77,8 +77,9 @@ def replay_text(session: PostureSession) -> str:
     """Every reading, those that do not count with the reason."""
     opened = session.opened
     return paragraphs(
-        f"{session.name}: {opened.machine.name} ({opened.machine_file}), {opened.procedure.name}, "
-        f"{opened.origin}, {len(session.readings)} of {len(session.all_readings)} readings count",
+        f"{session.name}: {opened.machine.full_name} ({opened.machine_file}), "
+        f"{opened.procedure.name}, {opened.origin}, "
+        f"{len(session.readings)} of {len(session.all_readings)} readings count",
         *readings_parts(session),
         "\n".join(remark_lines(session)) or "No remarks.",
     )

@@ -278,7 +278,7 @@ def workspace_text(machine: Machine, workspace: Workspace) -> str:
         f"{workspace.reached:.0%} of this box is reached, {1e-6 * workspace.volume_mm3:.2f} dm³.",
         f"Velocity transmission factors, tool over carriages: {workspace.lowest_factor:.2f} … "
         f"{workspace.highest_factor:.2f}; at Zero {_factors(workspace.at_zero)}. "
-        f"{workspace.inside:.1%} of the workspace keeps 1/{workspace.limit:g} … "
+        f"{_most(workspace.inside)} of the workspace keeps 1/{workspace.limit:g} … "
         f"{workspace.limit:g}.",
         _cube_words(workspace),
         "Passive joints over the workspace:",
@@ -286,6 +286,14 @@ def workspace_text(machine: Machine, workspace: Workspace) -> str:
         "The factor furthest from 1, or its inverse, on planes through Zero (–: not reached)",
         *(map_table(plane, lambda factor: f"{factor:.2f}") for plane in workspace.maps),
     )
+
+
+ROUNDED_TO_ALL = 0.9995
+
+
+def _most(share: float) -> str:
+    """A share in per cent; one that is not whole is never written as whole."""
+    return "More than 99.9%" if ROUNDED_TO_ALL <= share < 1.0 else f"{share:.1%}"
 
 
 def _cube_words(workspace: Workspace) -> str:

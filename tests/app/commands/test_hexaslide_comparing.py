@@ -142,13 +142,14 @@ def test_sessions_that_tell_too_little_and_those_that_do_not_fit(tmp_path: Path)
     assert compared["p_value"] is None
     assert "not known whether" in glidecal("compare", sound, few).out
     assert "the same postures" in refused(3, "compare", sound, sound)
-    other_session = posture_session(
-        tmp_path / "other.jsonl",
-        "position",
-        3,
-        machine_file().model_copy(update={"name": "another"}),
-    )
-    assert "different machines" in refused(5, "compare", sound, other_session)
+    for number, update in enumerate(({"name": "another"}, {"serial_number": "2"})):
+        other_file = machine_file().model_copy(update=update)
+        path = tmp_path / f"other{number}.jsonl"
+        other_session = posture_session(path, "position", 3, machine=other_file)
+        assert "different machines" in refused(5, "compare", sound, other_session)
+    assert "hexaslide-h60, no. 2" in glidecal("solve", other_session).out
+    listed = glidecal("history", tmp_path).out
+    assert "hexaslide-h60, no. 2" in listed
     assert "no-such" in refused(3, "compare", sound, tmp_path / "no-such.jsonl")
 
 

@@ -565,13 +565,13 @@ def test_a_changed_record_is_found(pose: Path, tmp_path: Path) -> None:
 def test_a_record_of_schema_1_is_read(pose: Path, tmp_path: Path) -> None:
     """In it every chain has a rail, and nothing else differs."""
     session, record = read_postures(pose)
-    assert session.opened.schema_id == "glidecal.hexaslide-session/3"
+    assert session.opened.schema_id == "glidecal.hexaslide-session/4"
     opened = session.opened.model_copy(update={"schema_id": "glidecal.hexaslide-session/1"})
     write_whole(old := tmp_path / "old.jsonl", opened, list(record.events[1:-1]), POSTURE_FORM)
     assert b'"schema":"glidecal.hexaslide-session/1"' in old.read_bytes()
     assert glidecal("validate", old).status == 0
     first, second = (calibrate_file(path, None, 0.0).found.parameters for path in (pose, old))
     assert first == pytest.approx(second, abs=0.0)
-    newer = old.read_bytes().replace(b"hexaslide-session/1", b"hexaslide-session/4", 1)
+    newer = old.read_bytes().replace(b"hexaslide-session/1", b"hexaslide-session/5", 1)
     (path := tmp_path / "newer.jsonl").write_bytes(newer)
-    assert "newer glidecal (record schema 4; this one reads up to 3)" in refused(3, "solve", path)
+    assert "newer glidecal (record schema 5; this one reads up to 4)" in refused(3, "solve", path)

@@ -430,6 +430,8 @@ def test_the_way_reaches_every_posture_from_its_side(seed: int) -> None:
 
 def test_workspace_in_words_and_as_a_document() -> None:
     text = " ".join(glidecal("workspace", "orthoglide").out.split())
+    assert "0.66 … 2.21" in text
+    assert "More than 99.9% of the workspace keeps" in text, "not all of it"
     assert "all that joint limits allow (carriages -100 … 60 mm from Zero)" in text
     assert "factors within 1/2 … 2: 139.0 mm" in text
     assert "at Zero 1.000, 1.000, 1.000" in text

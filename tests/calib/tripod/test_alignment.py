@@ -28,7 +28,7 @@ from calib.tripod.alignment import (
 )
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
-from tests.blind.forward import LEG_MM, Hidden, Rows, readings
+from tests.blind.forward import LEG_MM, Hidden, Hypothesis, Rows, readings
 from tests.blind.steps import PLANS, Plan, rows_of, rows_of_visits, visits
 
 ALIGN = Plan((0.0, 60.0, -100.0), 3, (0.3, 0.6), (0.1, 0.9))
@@ -144,7 +144,30 @@ def test_what_is_found_is_within_its_bounds() -> None:
         miss = np.concatenate([result.lean_mrad, result.distance_mm]) - figures(machine)
         outside += int((np.abs(miss) > result.expanded).sum())
         assert result.left_mm < 1.3 * result.noise_mm
+        assert not result.lacks_something
     assert outside <= 8
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        [(("lost", (0,)), 0.05)],
+        [(("gain", (0, 1)), 0.05)],
+        [(("bow", (0, 1)), 3e-6)],
+        [(("scale", (0,)), 2e-3)],
+        [(("lean", (0, 1)), 0.04), (("lean", (1, 0)), -0.04)],
+    ],
+    ids=["play of a drive", "gain", "bowed bar", "scale of a drive", "turned by 40 mrad"],
+)
+def test_figures_that_are_wrong_do_not_pass_in_silence(
+    hidden: list[tuple[Hypothesis, float]],
+) -> None:
+    chance = np.random.default_rng(78)
+    machine = off(chance).plus(hidden)
+    result = alignment(Geometry(), measured(machine, chance), TOLERANCE, FIGURES)
+    assert result.lacks_something
+    miss = np.concatenate([result.lean_mrad, result.distance_mm]) - figures(machine)
+    assert (np.abs(miss) > result.expanded).any(), "else the warning is needless"
 
 
 def test_the_moves_by_hand() -> None:

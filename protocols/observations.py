@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,29 +60,43 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         movement.append(_movements(session))
     if not readings:
         raise NotIdentifiable("readings", "none", "a session with readings in two postures")
+    machine = sessions[0].opened.machine
+
+    def values(name: str) -> map[Any]:  # there may be 50,000 readings
+        return map(attrgetter(name), readings)
+
     observations = Observations(
-        leg=np.array([leg_number(r.leg) for r in readings], dtype=np.intp),
-        axis=np.array([leg_number(r.axis) for r in readings], dtype=np.intp),
-        displacement_mm=np.array([r.displacement_mm for r in readings]),
-        station=np.array([r.station for r in readings]),
+        leg=np.array([NUMBERS[name] for name in values("leg")], dtype=np.intp),
+        axis=np.array([NUMBERS[name] for name in values("axis")], dtype=np.intp),
+        displacement_mm=np.array([*values("displacement_mm")]),
+        station=np.array([*values("station")]),
         approach=np.array(approach),
-        cycle=np.array([r.cycle for r in readings], dtype=np.intp),
+        cycle=np.array([*values("cycle")], dtype=np.intp),
         time_s=np.array(times_s),
-        temperature_c=np.array(
-            [np.nan if r.temperature_c is None else r.temperature_c for r in readings]
-        ),
+        temperature_c=np.array([*values("temperature_c")], dtype=np.float64),  # None is NaN
         mount=_numbered(mounts),
         indicator=_numbered(indicators),
-        position_mm=np.array([r.position_mm or (0.0, 0.0, 0.0) for r in readings]),
+        position_mm=_places_mm([*values("position_mm")]),
         movement=np.concatenate(movement),
-        along_mm=np.array([along_mm(r, sessions[0].opened.machine) for r in readings]),
-        contact=np.array([bool(r.contact) for r in readings]),
-        beside_mm=np.array([_beside_mm(r, sessions[0].opened.machine) for r in readings]),
-        value_mm=np.array([r.value_mm for r in readings]),
-        averaged=np.array([float(r.averaged) for r in readings]),
+        along_mm=np.array([along_mm(r, machine) if r.over_plane else np.nan for r in readings]),
+        contact=np.array([*values("contact")], dtype=bool),
+        beside_mm=_places_mm([_beside_mm(r, machine) if r.contact else None for r in readings]),
+        value_mm=np.array([*values("value_mm")]),
+        averaged=np.array([*values("averaged")], dtype=np.float64),
     )
-    observations = _as_commanded(observations, readings, sessions[0].opened.machine.geometry())
+    observations = _as_commanded(observations, readings, machine.geometry())
     return _repeated(observations)
+
+
+NUMBERS = {name: leg_number(name) for name in TOUCHED_NAMES}
+
+
+def _places_mm(places_mm: Sequence[Triple | None]) -> FloatArray:
+    """Places ``(n, 3)``; none is 0."""
+    array = np.zeros((len(places_mm), 3))
+    if rows := [row for row, place_mm in enumerate(places_mm) if place_mm is not None]:
+        array[rows] = [places_mm[row] for row in rows]
+    return array
 
 
 def _beside_mm(reading: Reading, machine: Machine) -> Triple:
@@ -136,8 +150,10 @@ def _repeated(observed: Observations) -> Observations:
     machine that is off by 5 mm in 1 m changes that by half a percent.
     """
     value_mm, position_mm = observed.value_mm.copy(), observed.position_mm.copy()
-    for rows in rows_of(numbered(observed.mount, observed.axis, observed.value_mm)):
-        contacts = rows[observed.contact[rows]]
+    touching = np.flatnonzero(observed.contact)
+    alike = numbered(observed.mount[touching], observed.axis[touching], value_mm[touching])
+    for rows in rows_of(alike):
+        contacts = touching[rows]
         while len(contacts):
             axis = int(observed.axis[contacts[0]])
             away_mm = np.delete(position_mm[contacts] - position_mm[contacts[0]], axis, axis=1)
@@ -206,15 +222,14 @@ def approaches(session: Session) -> list[float]:
     signs: dict[int, float] = {}
     geometry = session.opened.machine.geometry()
     for members in _by_mounting(session.all_readings):
-        last = 0.0
-        for previous, current in pairwise(
-            [members[0], *members]
-        ):  # the first came from nowhere known
-            way = float(np.sign(current.displacement_mm - previous.displacement_mm))
-            if current.moved is not None:
-                way = approach_sign(current.moved, current.leg, geometry)
-            last = way or last
-            signs[current.reading] = last
+        displacement_mm = np.array([reading.displacement_mm for reading in members])
+        # the first came from nowhere known
+        way = np.sign(np.diff(displacement_mm, prepend=displacement_mm[:1]))
+        for row, reading in enumerate(members):
+            if reading.moved is not None:
+                way[row] = approach_sign(reading.moved, reading.leg, geometry)
+        last = np.maximum.accumulate(np.where(way != 0.0, np.arange(len(way)), 0))
+        signs |= zip((reading.reading for reading in members), way[last].tolist(), strict=True)
     return [signs.get(reading.reading, 0.0) for reading in session.readings]
 
 
@@ -224,7 +239,8 @@ def _movements(session: Session) -> FloatArray:
     From the rows of its mounting, or along the axis where the tool lifts off in between, as it
     does before each contact.
     """
-    signs = {reading.reading: np.zeros(3) for reading in session.readings}
+    row_of = {reading.reading: row for row, reading in enumerate(session.readings)}
+    signs = np.zeros((len(row_of), 3))
     geometry = session.opened.machine.geometry()
     for members in _by_mounting(r for r in session.all_readings if r.position_mm is not None):
         places_mm = np.array([reading.position_mm for reading in members])
@@ -237,8 +253,9 @@ def _movements(session: Session) -> FloatArray:
             if reading.moved is not None:
                 movement = movement_signs(reading.moved, geometry)
             last = np.where(movement != 0.0, movement, last)
-            signs[reading.reading] = last
-    return np.array([signs[reading.reading] for reading in session.readings]).reshape(-1, 3)
+            if reading.reading in row_of:
+                signs[row_of[reading.reading]] = last
+    return signs
 
 
 def _lifted_mm(reading: Reading) -> float:
@@ -247,8 +264,10 @@ def _lifted_mm(reading: Reading) -> float:
 
 def _check_readings(session: Session) -> None:
     """Raises RecordError for readings of legs that no indicator can read."""
+    if session.opened.machine.geometry().reads_legs:
+        return
     on_leg = next((r for r in session.readings if r.leg != "tool"), None)
-    if on_leg is not None and not session.opened.machine.geometry().reads_legs:
+    if on_leg is not None:
         raise RecordError(
             f"reading {on_leg.reading} of machine '{session.opened.machine.name}'",
             f"leg {on_leg.leg}, whose bar is nowhere along its drive",
@@ -303,7 +322,7 @@ def indicator_figures(sessions: Sequence[Session]) -> IndicatorFigures:
     worst = worst_stated(
         instrument for session in sessions for instrument in session.opened.instruments
     )
-    resolutions_mm = (reading.resolution_mm for session in sessions for reading in session.readings)
+    resolutions_mm = {reading.resolution_mm for session in sessions for reading in session.readings}
     return replace(
         worst,
         resolution_mm=_worst([worst.resolution_mm, *resolutions_mm]),

@@ -14,6 +14,7 @@ import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -122,7 +123,7 @@ class Record:
         assert isinstance(first, Opened)
         return first
 
-    @property
+    @cached_property
     def session(self) -> Session:
         """The state after all its events."""
         return replace(fold(self.events), name=self.path.name, digest=self.digest)
@@ -227,13 +228,13 @@ def parse_line(path: Path, number: int, line: bytes, form: RecordForm | None = N
     Of another ``form`` than that of sessions with indicators it is an event of that form.
     """
     form = form or SESSION_FORM
-    subject = f"session {path}, line {number}" if number else f"session {path}"
     try:
         event: Event = form.lines.validate_json(line)
     except ValidationError as problem:
         fault = describe(problem)
     else:
         return event
+    subject = _subject(path, number) if number else f"session {path}"
     try:
         plain = json.loads(line)
     except (ValueError, RecursionError) as problem:
@@ -254,19 +255,25 @@ def _check_order(
     path: Path, number: int, event: Event, events: list[Event], form: RecordForm
 ) -> None:
     """Numbers count up; 'opened' comes first, 'closed' last, with the right count."""
-    subject = f"session {path}, line {number}"
     if event.line != number:
-        fault = f"line number {event.line}: a line is missing, doubled or moved"
-        raise RecordError(subject, fault, "an unaltered record")
-    if (number == 1) != isinstance(event, form.opened):
-        raise RecordError(subject, f"event '{event.event}'", "'opened' on line 1 and only there")
-    if events and isinstance(events[-1], Closed):
-        raise RecordError(
-            subject, f"event '{event.event}' after 'closed'", "nothing after 'closed'"
+        fault, requirement = (
+            f"line number {event.line}: a line is missing, doubled or moved",
+            "an unaltered record",
         )
-    if isinstance(event, Closed) and event.readings != count_readings(events):
+    elif (number == 1) != isinstance(event, form.opened):
+        fault, requirement = f"event '{event.event}'", "'opened' on line 1 and only there"
+    elif events and isinstance(events[-1], Closed):
+        fault, requirement = f"event '{event.event}' after 'closed'", "nothing after 'closed'"
+    elif isinstance(event, Closed) and event.readings != count_readings(events):
         fault = f"a count of {event.readings} readings"
-        raise RecordError(subject, fault, f"{count_readings(events)}, as many as there are")
+        requirement = f"{count_readings(events)}, as many as there are"
+    else:
+        return
+    raise RecordError(_subject(path, number), fault, requirement)
+
+
+def _subject(path: Path, number: int) -> str:
+    return f"session {path}, line {number}"
 
 
 class _Meaning:
@@ -282,41 +289,43 @@ class _Meaning:
 
     def check(self, number: int, event: Event) -> None:
         """Raises RecordError with the line number."""
-        subject = f"session {self._path}, line {number}"
-        if isinstance(event, Opened):
+        if isinstance(event, Reading):  # most are
+            self._check_reading(number, event)
+        elif isinstance(event, Opened):
             self._steps = {step.number: step for step in event.steps()}
-        elif isinstance(event, Reading):
-            self._check_reading(subject, event)
         elif isinstance(event, Distance):
             self._distances += 1
             if event.distance != self._distances:
                 fault = f"distance {event.distance}"
-                raise RecordError(subject, fault, f"distance {self._distances}")
+                raise self._error(number, fault, f"distance {self._distances}")
         elif isinstance(event, Superseded):
             missing = [n for n in event.readings if not 1 <= n <= self._readings]
             if missing:
                 fault = f"reading {missing[0]} superseded before it was taken"
-                raise RecordError(subject, fault, f"1 … {self._readings}")
+                raise self._error(number, fault, f"1 … {self._readings}")
             self._superseded.update(event.readings)
         elif isinstance(event, Restored):
             counting = [n for n in event.readings if n not in self._superseded]
             if counting:
                 fault = f"reading {counting[0]} restored"
-                raise RecordError(subject, fault, "readings that were superseded")
+                raise self._error(number, fault, "readings that were superseded")
             self._superseded.difference_update(event.readings)
 
-    def _check_reading(self, subject: str, event: Reading) -> None:
+    def _error(self, number: int, fault: str, requirement: str) -> RecordError:
+        return RecordError(_subject(self._path, number), fault, requirement)
+
+    def _check_reading(self, number: int, event: Reading) -> None:
         self._readings += 1
         step = self._steps.get(event.step or 0)
         if step and (event.leg != step.leg or event.axis not in step.axes):
             fault = f"leg {event.leg}, axis {event.axis} in step {step.number}"
             requirement = f"leg {step.leg}, axis {' or '.join(step.axes)}, as in the procedure"
-            raise RecordError(subject, fault, requirement)
+            raise self._error(number, fault, requirement)
         if event.reading != self._readings:
-            raise RecordError(subject, f"reading {event.reading}", f"reading {self._readings}")
+            raise self._error(number, f"reading {event.reading}", f"reading {self._readings}")
         place = event.set_up
         if self._places.setdefault(event.mount, place) != place:
-            raise RecordError(subject, f"mounting {event.mount} in a second place", "one place")
+            raise self._error(number, f"mounting {event.mount} in a second place", "one place")
 
 
 def _continued(program: str, torn_bytes: int) -> Line:

@@ -544,7 +544,7 @@ class Session(Tabled):
     @cached_property
     def step_mm(self) -> float | None:
         """The step in which the readings are written down: the finest decimal of any text."""
-        matches = (DECIMALS.search(reading.text) for reading in self.readings)
+        matches = map(DECIMALS.search, {reading.text for reading in self.readings})
         decimals = [len(match[1]) for match in matches if match]
         return 10.0 ** -max(decimals) if decimals else None
 

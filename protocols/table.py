@@ -250,10 +250,14 @@ def off_plate_words(readings: Sequence[Reading], machine: Machine) -> str:
 
 def off_bar_words(readings: Sequence[Reading], geometry: Geometry) -> str:
     """How many readings touch a leg off the usable part of its bar; empty where none does."""
-    of_legs = [r for r in readings if r.leg != "tool"]
-    visits = [(r.leg, r.station, 0.0 if r.over_plane else r.displacement_mm) for r in of_legs]
-    faults = off_bar(visits, geometry)
-    return f"readings off the bars: {len(faults)}, the first at {faults[0][1]}" if faults else ""
+    of_legs = (r for r in readings if r.leg != "tool")
+    visits = Counter(
+        (r.leg, r.station, 0.0 if r.over_plane else r.displacement_mm) for r in of_legs
+    )
+    faults = off_bar([*visits], geometry)
+    times = [*visits.values()]
+    count = sum(times[number] for number, _ in faults)
+    return f"readings off the bars: {count}, the first at {faults[0][1]}" if faults else ""
 
 
 def rows_of_table(path: Path) -> tuple[list[Row], tuple[str, ...]]:

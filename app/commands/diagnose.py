@@ -26,6 +26,7 @@ from protocols.machine_files import machine_names
 
 if TYPE_CHECKING:
     from app.evaluating.diagnosis import AdoptedTool, SessionDiagnosis
+    from app.report.schema.document import Report
 
 
 def _of_own_form(
@@ -126,17 +127,23 @@ def _show(
     diagnosed: SessionDiagnosis, adopted: AdoptedTool | None, *, further: bool, as_json: bool
 ) -> None:
     """The diagnosis, the tool with adopted names, and its bound after ``further`` set-ups."""
-    from app.report.schema.diagnosis import DiagnosisReport, DiagnosisResults
     from app.report.text.diagnosis import diagnosis_text
-    from app.report.text.planning import further_text
 
     reach = diagnosed.reach() if further else None
-    answer = Answer(
-        lambda: (
-            diagnosis_text(diagnosed, adopted) + (f"\n\n{further_text(reach)}" if reach else "")
-        ),
-        lambda: DiagnosisReport.of(DiagnosisResults(diagnosed, reach, adopted)),
-    )
+
+    def text() -> str:
+        if reach is None:
+            return diagnosis_text(diagnosed, adopted)
+        from app.report.text.planning import further_text  # drivers come with it
+
+        return f"{diagnosis_text(diagnosed, adopted)}\n\n{further_text(reach)}"
+
+    def document() -> Report:
+        from app.report.schema.diagnosis import DiagnosisReport, DiagnosisResults
+
+        return DiagnosisReport.of(DiagnosisResults(diagnosed, reach, adopted))
+
+    answer = Answer(text, document)
     typer.echo(answer.shown(as_json=as_json))
 
 

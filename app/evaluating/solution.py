@@ -416,7 +416,7 @@ def records_in_order(paths: Sequence[Path]) -> list[Record]:
 def _refuse_twice(records: Sequence[Record]) -> None:
     """One record, or one table that was imported twice: its readings would count double."""
     path_by_content: dict[object, Path] = {}
-    for record in records:
+    for record in records if len(records) > 1 else ():
         readings = record.session.readings
         table = tuple((r.leg, r.axis, r.posture_mm, r.text, r.mount) for r in readings)
         contents: list[tuple[object, str]] = [(record.digest, "the same session twice")]

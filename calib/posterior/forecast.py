@@ -243,9 +243,8 @@ class Forecast:
             columns = start.copy()
         laws_of_field = self.posterior.field.placed if laws is None else laws
         effects = list(dict.fromkeys(effect for effect, _ in laws_of_field))
-        for law, derivatives in placed_columns(model, conditions, effects).items():
-            if law in laws_of_field:
-                columns[:, list(self.posterior.field.columns_of(law))] = derivatives
+        for law, derivatives in placed_columns(model, conditions, effects, laws_of_field).items():
+            columns[:, list(self.posterior.field.columns_of(law))] = derivatives
         return columns
 
     def _whitening(self, conditions: Conditions, count: FloatArray) -> FloatArray:
@@ -280,18 +279,22 @@ class Forecast:
             total += share * self._bound_mm(updated, weight / weight.sum(), true.expected[:, j])
         return total
 
-    def apart(self, readings: ExpectedReadings, models: Sequence[int]) -> FloatArray:
-        """What model j leaves of the readings if model i is true ``(h, h)``, noise variances."""
+    def apart(
+        self, measurements: Sequence[ExpectedReadings], models: Sequence[int]
+    ) -> list[FloatArray]:
+        """What model j leaves of each if model i is true ``(h, h)``, noise variances."""
         groups = [group.only(models) for group in self.groups]
-        updated = [group.updated(readings, self.followed) for group in groups if len(group.rows)]
+        groups = [group for group in groups if len(group.rows)]
         number = {model: k for k, model in enumerate(models)}
-        columns = [np.array([number[k] for k in update.group.rows.tolist()]) for update in updated]
-        apart = np.zeros((len(models), len(models)))
-        for true, rows in zip(updated, columns, strict=True):
-            for expected, i in zip(true.expected.T, rows.tolist(), strict=True):
-                for update_of_others, mine in zip(updated, columns, strict=True):
-                    apart[i, mine] = update_of_others.square(expected)
-        return apart
+        index = np.array([number[k] for group in groups for k in group.rows.tolist()])
+        matrices = []
+        for readings in measurements:
+            updated = [group.updated(readings, self.followed) for group in groups]
+            expected = np.hstack([update.expected for update in updated])
+            apart = np.zeros((len(models), len(models)))
+            apart[np.ix_(index, index)] = np.hstack([u.squares(expected) for u in updated])
+            matrices.append(apart)
+        return matrices
 
     def _bound_mm(
         self, updated: Sequence[Updated], weight: FloatArray, readings: FloatArray

@@ -35,6 +35,8 @@ class ExpectedReadings:
     @classmethod
     def together(cls, parts: Sequence[ExpectedReadings]) -> ExpectedReadings:
         """Several set-ups one after the other."""
+        if len(parts) == 1:
+            return parts[0]
         return cls(
             np.concatenate([part.expected for part in parts]),
             np.vstack([part.columns for part in parts]),
@@ -213,11 +215,12 @@ class Updated:
         of_model[np.arange(len(along)), self.group.owner] = along
         return np.asarray(self.group.tool_mean + self.gain @ departure + self.tool @ of_model)
 
-    def square(self, readings: FloatArray) -> FloatArray:
-        """What each model leaves of these readings ``(M,)``, in noise variances."""
-        departure, along = self._departure(readings)
-        remainder = (departure**2).sum(axis=0) - self.group.sums(along**2)
-        return np.asarray(remainder / self.group.inflated**2)
+    def squares(self, readings: FloatArray) -> FloatArray:
+        """What each model leaves ``(h, M)`` of readings ``(n, h)``, in noise variances."""
+        departure = np.tensordot(self.white, readings[:, :, None] - self.expected[:, None], axes=1)
+        along = np.einsum("nr,nhr->hr", self.seen, departure[:, :, self.group.owner])
+        inside = np.array([self.group.sums(row) for row in along**2])
+        return np.asarray(((departure**2).sum(axis=0) - inside) / self.group.inflated**2)
 
     def log_factor(self, true: Updated, j: int) -> FloatArray:
         """Expected log Bayes factor ``(M,)`` of model j, which is ``true``, over each."""
@@ -232,7 +235,7 @@ class Updated:
             (inside**2).sum(axis=0) + ((sizes.T @ self.seen) ** 2).sum(axis=0)
         )
         gain = wide + float((sizes**2).sum()) - covered
-        square = self.square(true.expected[:, j])
+        square = self.squares(true.expected[:, [j]])[0]
         return np.asarray(0.5 * (gain + square) + self.room - true.room[j])
 
     @cached_property

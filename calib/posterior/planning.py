@@ -265,14 +265,17 @@ class Planner:
         components = [self.posterior.components[k] for k in members]
         return tuple(sorted((component.id, component.where) for component in components))
 
-    def _apart(self, readings: ExpectedReadings) -> FloatArray:
-        """Noise variances between open names, of their nearest models, either being true."""
+    def _apart(self) -> list[FloatArray]:
+        """Of each candidate the noise variances between open names: their nearest models, either
+        being true.
+        """
         models = [k for _, _, numbers in self._open for k in numbers]
-        apart = self.forecast.apart(readings, models)
-        either = np.minimum(apart, apart.T)
         starts = np.cumsum([0, *(len(numbers) for _, _, numbers in self._open[:-1])])
-        rows = np.minimum.reduceat(either, starts, axis=0)
-        return np.asarray(np.minimum.reduceat(rows, starts, axis=1))
+        matrices = []
+        for apart in self.forecast.apart(self.readings, models):
+            rows = np.minimum.reduceat(np.minimum(apart, apart.T), starts, axis=0)
+            matrices.append(np.asarray(np.minimum.reduceat(rows, starts, axis=1)))
+        return matrices
 
     @cached_property
     def separation(self) -> Separation | None:
@@ -283,7 +286,7 @@ class Planner:
         if len(self._open) < 2 or not self.candidates:
             return None
         weight = np.array([share for _, share, _ in self._open])
-        apart = [self._apart(readings) for readings in self.readings]
+        apart = self._apart()
         score = np.array(
             [
                 float((np.minimum(distances, GOAL) * np.outer(weight, weight)).sum())

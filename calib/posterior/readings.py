@@ -7,7 +7,7 @@ columns can show. The cost of everything after goes with cells.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -27,10 +27,13 @@ Placed = tuple[Effect, str]
 
 
 def placed_columns(
-    model: Model, conditions: Conditions, effects: Sequence[Effect]
+    model: Model,
+    conditions: Conditions,
+    effects: Sequence[Effect],
+    laws: Container[Placed] | None = None,
 ) -> dict[Placed, FloatArray]:
-    """Derivatives ``(n, k)`` of readings by the values of each law at each place."""
-    of_each = place_columns(model, conditions, effects)
+    """Derivatives ``(n, k)`` of readings by the values of each law at each place, or these."""
+    of_each = place_columns(model, conditions, effects, laws)
     return {
         (effect, place): columns
         for effect, places in zip(effects, of_each, strict=True)

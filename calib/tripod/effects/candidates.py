@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -123,11 +123,15 @@ def _steps(effect: Effect, place: str) -> list[EffectInstance]:
 
 
 def place_columns(
-    model: Model, observed: Conditions, effects: Sequence[Effect]
+    model: Model,
+    observed: Conditions,
+    effects: Sequence[Effect],
+    laws: Container[tuple[Effect, str]] | None = None,
 ) -> list[dict[str, FloatArray]]:
     """For each law its places and the derivatives ``(n_readings, k)`` there, by the complex step.
 
-    One simulation for each stage; what comes before the stage is computed once for all.
+    Of places with these ``laws``, None: of all. One simulation for each stage; what comes before
+    the stage is computed once for all.
     """
     by_effect: list[dict[str, list[FloatArray]]] = [{} for _ in effects]
     for stage in Stage:
@@ -136,6 +140,7 @@ def place_columns(
             for effect, rows in zip(effects, by_effect, strict=True)
             if effect.stage == stage
             for place in effect.places(observed)
+            if laws is None or (effect, place) in laws
             for by_place in _steps(effect, place)
         ]
         if stepped:

@@ -162,7 +162,7 @@ def test_weights_change_by_the_divergence_of_the_expected_readings(both_ways: Kn
         (truth, j), (updated, at) = both_ways.after[true], both_ways.after[second]
         divergence = updated.log_factor(truth, j)[at]
         assert divergence == pytest.approx(0.5 * (wide + square + logs), rel=0.05, abs=0.05)
-        square_left = updated.square(truth.expected[:, j])[at]
+        square_left = updated.squares(truth.expected[:, [j]])[0, at]
         assert square_left == pytest.approx(square, rel=0.05, abs=0.02)
         assert divergence == pytest.approx(0.0, abs=1e-6) if true == second else divergence > 0.0
 
@@ -172,7 +172,7 @@ def test_models_are_apart_by_what_each_leaves_of_the_others_readings(both_ways: 
     (readings,) = both_ways.forecast.readings([TAKEN])
     dense = dict(reversed(both_ways.dense.items()))
     numbers = both_ways.forecast.numbers.tolist()
-    apart = both_ways.forecast.apart(readings, [numbers.index(number) for number in dense])
+    (apart,) = both_ways.forecast.apart([readings], [numbers.index(number) for number in dense])
     for (i, mine), (j, second) in product(enumerate(dense.values()), repeat=2):
         off = mine.expected - second.expected
         square = float(off @ np.linalg.solve(second.spread, off))

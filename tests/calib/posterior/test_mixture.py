@@ -96,7 +96,7 @@ def test_groups_of_models_are_those_of_dense_matrices(seed: int) -> None:
     off = generator.normal(size=(SHOWN, 3))
     for group, update, models in zip(groups, updated, dense, strict=True):
         count = len(models)
-        means, squares = update.means(seen), update.square(seen)
+        means, squares = update.means(seen), update.squares(seen[:, None])[0]
         distances = update.distances(off[:, :count])
         factors = [(update.log_factor(truth, j), true) for truth, j, true in truths]
         for k, model in enumerate(models):
@@ -118,7 +118,7 @@ def test_groups_of_models_are_those_of_dense_matrices(seed: int) -> None:
                 assert factor[k] == pytest.approx(0.5 * (wide + gone + logs), abs=1e-9)
         only = group[0].only([int(group[0].rows[-1]), 77])
         alone = only.updated(readings, followed)
-        assert alone.square(seen) == pytest.approx(squares[-1:])
+        assert alone.squares(seen[:, None])[0] == pytest.approx(squares[-1:])
         assert alone.means(seen)[:, 0] == pytest.approx(means[:, -1])
 
 

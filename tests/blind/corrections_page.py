@@ -15,7 +15,8 @@ INTRODUCTION = """# What a correction leaves at the tool
 
 Each simulated machine (`tests/blind/`) has joint offsets, wrong bars and the hidden effects of its
 row. After its readings are solved, nothing is entered (before), joint offsets alone, or what a
-controller with tables or kinematics takes too ([export](export.md)). For `law` the hidden effects and places are given and only sizes are fitted.
+controller with tables or kinematics takes too ([export](export.md)). For `law` the hidden effects
+and places are given and only sizes are fitted.
 `ideal` knows the simulation, the shares of its effects and sizes, the noise, how many effects act
 and all gross mistakes, but not which effects: no diagnosis of these readings can leave less.
 

@@ -1,4 +1,4 @@
-"""What no diagnosis of a session can better: the correction of who knows all but the hidden names.
+"""The least to expect from readings: what who knows all but the hidden names would correct.
 
 The ideal judge knows the bench's own machine, its noise, how many effects act, with which shares
 effects, places and strengths are drawn, and which readings are gross mistakes. It does not know

@@ -52,9 +52,9 @@ class GlidecalError(Exception):
 
     def paragraph(self) -> str:
         """One short paragraph in the order thing, found, allowed, next step."""
-        said = f"found {_short(self.found)}" if self.found else _short(self.reason)
+        fault = f"found {_short(self.found)}" if self.found else _short(self.reason)
         parts = [
-            f"{self.thing}: {said}" if said else self.thing,
+            f"{self.thing}: {fault}" if fault else self.thing,
             f"Allowed: {self.allowed}" if self.allowed else "",
             self.next_step,
         ]

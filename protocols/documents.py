@@ -115,7 +115,9 @@ def read_json(path: Path, kind: type[D], what: str, requirement: str, next_step:
     try:
         return kind.model_validate_json(read_text(path, what))
     except ValidationError as problem:
-        raise RecordError(f"{what} {path}", describe(problem), requirement, next_step) from problem
+        raise RecordError(
+            f"{what} {path}", "", requirement, next_step, reason=describe(problem)
+        ) from problem
 
 
 def read_remembered(path: Path, kind: type[D], what: str) -> D:

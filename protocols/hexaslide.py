@@ -345,7 +345,7 @@ def _from_json(path: Path, text: str) -> tuple[Posture, ...]:
     try:
         return _Written.model_validate_json(text).postures
     except ValidationError as problem:
-        raise _refused(path, describe(problem)) from problem
+        raise _refused(path, reason=describe(problem)) from problem
 
 
 def _from_table(path: Path, text: str) -> tuple[Posture, ...]:
@@ -360,17 +360,18 @@ def _from_table(path: Path, text: str) -> tuple[Posture, ...]:
             postures.append(Posture.model_validate_json(json.dumps(numbers)))
         except (TypeError, ValueError) as problem:
             reason = describe(problem) if isinstance(problem, ValidationError) else "no six numbers"
-            raise _refused(path, f"line {reader.line_num}: {reason}") from problem
+            raise _refused(path, reason=f"line {reader.line_num}: {reason}") from problem
     if not 1 <= len(postures) <= MOST_POSTURES:
         raise _refused(path, f"{len(postures)} postures")
     return tuple(postures)
 
 
-def _refused(path: Path, value: str) -> RecordError:
+def _refused(path: Path, value: str = "", *, reason: str = "") -> RecordError:
     return RecordError(
         f"posture file {path}",
         value,
         f"1 to {MOST_POSTURES} postures with the columns {', '.join(COLUMNS)}",
+        reason=reason,
     )
 
 
@@ -527,7 +528,7 @@ def _read(path: Path, kind: type[D], what: str) -> D:
     except ValidationError as problem:
         fault = NUMBER_OF_POSTURE.sub(lambda at: f"posture {int(at[1]) + 1}", describe(problem))
         requirement = "a whole file as glidecal simulate --machine hexaslide writes it"
-        raise RecordError(f"{what} {path}", fault, requirement) from problem
+        raise RecordError(f"{what} {path}", "", requirement, reason=fault) from problem
 
 
 def machine_like(nominal: HexaSlideMachine, name: str, machine: HexaSlide) -> HexaSlideMachine:

@@ -248,7 +248,7 @@ def parse_line(path: Path, number: int, line: bytes, form: RecordForm | None = N
         _check_schema(path, plain, form)
         with suppress(ValidationError):
             return EVENT.validate_json(COUNTED.sub(b"", line))
-    raise RecordError(subject, fault, f"an event of schema {form.schema}")
+    raise RecordError(subject, "", f"an event of schema {form.schema}", reason=fault)
 
 
 def _check_order(

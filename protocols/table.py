@@ -383,7 +383,10 @@ def _reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry
         return parse(row, number, unknown, geometry)
     except ValidationError as problem:
         raise RecordError(
-            f"table {row.path}, line {row.line}", describe(problem), "readings of sensible size"
+            f"table {row.path}, line {row.line}",
+            "",
+            "readings of sensible size",
+            reason=describe(problem),
         ) from problem
 
 

@@ -108,8 +108,10 @@ def serial_ports() -> list[tuple[str, str]]:
     """The serial ports of this computer and what the system says of each; nothing is opened."""
     from drivers.port import ports_here
 
-    words = {port.device: port.description for port in ports_here()}
-    return [(port, said if said and said != NO_WORDS else "") for port, said in words.items()]
+    return [
+        (port.device, "" if port.description in (None, NO_WORDS) else port.description)
+        for port in ports_here()
+    ]
 
 
 def adapters() -> dict[str, str]:

@@ -209,7 +209,10 @@ class TowerPrinter:
             )
         except ValidationError as problem:
             raise RecordError(
-                self.thing, describe(problem), "the geometry of a printer with three upright towers"
+                self.thing,
+                "",
+                "the geometry of a printer with three upright towers",
+                reason=describe(problem),
             ) from problem
 
     def _over_mm(self, places_mm: FloatArray) -> FloatArray:

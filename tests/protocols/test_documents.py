@@ -60,7 +60,9 @@ def test_what_the_program_remembers_of_itself(tmp_path: Path) -> None:
     path.write_text('{"machines": {"a": "b"}}', encoding="utf-8")
     assert read_remembered(path, Remembered, "machines,").machines == {"a": "b"}
     path.write_text('{"machines": {"a": 1}}', encoding="utf-8")
-    with pytest.raises(RecordError, match=r"machines, .*found .*machines\.a.*Remove"):
+    with pytest.raises(
+        RecordError, match=r"machines, .*machines\.a: must be a text \(found 1\).*Remove"
+    ):
         read_remembered(path, Remembered, "machines,")
 
 

@@ -121,7 +121,7 @@ def test_the_theory_states_them(words: str) -> None:
         ),
         ("`KEPT`", f"{tool_errors.KEPT:g} of the posterior"),
         ("`EVEN`, `LARGE`", f"{correction.EVEN:g}; {correction.LARGE:g} of the mean square"),
-        ("`DECISIVE`", f"{screws.DECISIVE:g} noise variances"),
+        ("`DECISIVE`", f"{screws.DECISIVE:g} noise variances; {library.OTHER_LEAD:g}"),
     ],
 )
 def test_the_table_of_constants_has_them(name: str, values: str) -> None:

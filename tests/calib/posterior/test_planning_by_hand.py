@@ -56,8 +56,13 @@ class GivenForecast:
     def after_mm(self, readings: ExpectedReadings) -> float:
         return self.now_mm * math.exp(-self.gain(readings.expected.astype(int).tolist()))
 
-    def apart(self, readings: ExpectedReadings, models: Sequence[int]) -> FloatArray:
-        return np.asarray(self.distances[int(readings.expected[0])][np.ix_(models, models)])
+    def apart(
+        self, candidates: Sequence[ExpectedReadings], models: Sequence[int]
+    ) -> list[FloatArray]:
+        return [
+            np.asarray(self.distances[int(readings.expected[0])][np.ix_(models, models)])
+            for readings in candidates
+        ]
 
 
 class GivenPlanner(Planner):

@@ -150,8 +150,10 @@ class SessionSolution(Tabled):
         return self.corrections.is_worked_out
 
     def work_out(self) -> SessionSolution:
-        """The same with every correction worked out: later they take no time."""
-        _ = self.correction, self.others, self.printer_change
+        """The same with every correction and its bounds worked out: later they take no time."""
+        _, change = self.others, self.printer_change
+        off = change.off if change else self.correction.off
+        _ = self.correction.off_now.bound_mm, off.bound_mm
         return self
 
     @cached_property

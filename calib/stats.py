@@ -11,6 +11,10 @@ from calib.arrays import FloatArray
 
 COVERAGE = 0.95
 
+UNLIKELY = 0.001
+"""Chance of what a fit leaves below which something else acts, whatever is likeliest: repeats that
+did not leave their posture tell too little noise."""
+
 
 def coverage_factor(degrees_of_freedom: float) -> float:
     """Factor k for a two-sided 95 % interval: Student's t, GUM G.3.2; normal if infinite."""

@@ -115,8 +115,9 @@ def read_json(path: Path, kind: type[D], what: str, requirement: str, next_step:
     try:
         return kind.model_validate_json(read_text(path, what))
     except ValidationError as problem:
+        fault = describe(problem)
         raise RecordError(
-            f"{what} {path}", "", requirement, next_step, reason=describe(problem)
+            f"{what} {path}", reason=fault, allowed=requirement, next_step=next_step
         ) from problem
 
 
@@ -162,6 +163,11 @@ def read_bytes(path: Path, what: str, most_bytes: int = MOST_BYTES) -> bytes:
         size, requirement = f"more than {most_bytes:,} bytes", f"a file up to {most_bytes:,} bytes"
         raise RecordError(f"{what} {path}", size, requirement)
     return content
+
+
+def with_serial_number(name: str, serial_number: str | None) -> str:
+    """The name of a machine, with its serial number where one is stated."""
+    return f"{name}, no. {serial_number}" if serial_number else name
 
 
 def describe(problem: ValidationError, text: str | None = None) -> str:

@@ -44,7 +44,15 @@ from calib.hexaslide.geometry import (
 )
 from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings
-from protocols.documents import Document, Name, Words, describe, read_text, read_toml
+from protocols.documents import (
+    Document,
+    Name,
+    Words,
+    describe,
+    read_text,
+    read_toml,
+    with_serial_number,
+)
 from protocols.files import RECORD_START, open_to_read
 
 Metres = Annotated[float, Field(ge=-1000.0, le=1000.0)]
@@ -223,15 +231,12 @@ class HexaSlideMachine(Document):
     @property
     def title(self) -> str:
         """By it the sessions of a machine are put together, calibrated or not."""
-        return self._numbered(self.before_calibration)
+        return with_serial_number(self.before_calibration, self.serial_number)
 
     @property
     def full_name(self) -> str:
         """Its name, with its serial number where one is stated."""
-        return self._numbered(self.name)
-
-    def _numbered(self, name: str) -> str:
-        return f"{name}, no. {self.serial_number}" if self.serial_number else name
+        return with_serial_number(self.name, self.serial_number)
 
     @field_validator("chain")
     @classmethod
@@ -528,7 +533,7 @@ def _read(path: Path, kind: type[D], what: str) -> D:
     except ValidationError as problem:
         fault = NUMBER_OF_POSTURE.sub(lambda at: f"posture {int(at[1]) + 1}", describe(problem))
         requirement = "a whole file as glidecal simulate --machine hexaslide writes it"
-        raise RecordError(f"{what} {path}", "", requirement, reason=fault) from problem
+        raise RecordError(f"{what} {path}", reason=fault, allowed=requirement) from problem
 
 
 def machine_like(nominal: HexaSlideMachine, name: str, machine: HexaSlide) -> HexaSlideMachine:

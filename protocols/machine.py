@@ -30,6 +30,7 @@ from protocols.documents import (
     Words,
     read_text,
     read_toml,
+    with_serial_number,
 )
 from protocols.machine_files import MACHINES, SCHEMA, USUAL_MACHINE, machine_names, schema_of
 
@@ -261,7 +262,7 @@ class Machine(Document):
     @property
     def title(self) -> str:
         """Its name, with its serial number where one is stated."""
-        return f"{self.name}, no. {self.serial_number}" if self.serial_number else self.name
+        return with_serial_number(self.name, self.serial_number)
 
     def home_at_mm(self) -> Triple | None:
         """Joint coordinates of the home switches of drives x, y, z as the file states them."""

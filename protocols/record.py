@@ -248,7 +248,7 @@ def parse_line(path: Path, number: int, line: bytes, form: RecordForm | None = N
         _check_schema(path, plain, form)
         with suppress(ValidationError):
             return EVENT.validate_json(COUNTED.sub(b"", line))
-    raise RecordError(subject, "", f"an event of schema {form.schema}", reason=fault)
+    raise RecordError(subject, reason=fault, allowed=f"an event of schema {form.schema}")
 
 
 def _check_order(

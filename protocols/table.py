@@ -384,9 +384,8 @@ def _reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry
     except ValidationError as problem:
         raise RecordError(
             f"table {row.path}, line {row.line}",
-            "",
-            "readings of sensible size",
             reason=describe(problem),
+            allowed="readings of sensible size",
         ) from problem
 
 

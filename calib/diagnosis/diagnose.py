@@ -36,7 +36,7 @@ from calib.diagnosis.results import (
     Value,
     Verdict,
 )
-from calib.diagnosis.thresholds import EVEN, MISSING, UNLIKELY
+from calib.diagnosis.thresholds import EVEN, MISSING
 from calib.errors import CalibrationError
 from calib.noise.reading import still_rows
 from calib.posterior.cells import Cells, SessionCase
@@ -44,6 +44,7 @@ from calib.posterior.labels import Mistake
 from calib.posterior.models import Posterior
 from calib.posterior.race import LOG_CAUSES, LOG_SCALES, SCALES
 from calib.posterior.readings import LENGTHS
+from calib.stats import UNLIKELY
 from calib.tripod.effects.drives import ActuatorCyclic
 from calib.tripod.effects.effect import EffectInstance, Kind
 from calib.tripod.effects.empirical import EMPIRICAL

@@ -23,7 +23,7 @@ from calib.diagnosis.hexaslide_causes import (
     mistakes_of,
     with_effects,
 )
-from calib.diagnosis.thresholds import AGREED, OPEN, SURE, UNLIKELY
+from calib.diagnosis.thresholds import AGREED, OPEN, SURE
 from calib.errors import NotIdentifiable
 from calib.hexaslide.calibration import Calibration, calibrate
 from calib.hexaslide.derivatives import jacobian
@@ -33,7 +33,7 @@ from calib.hexaslide.residuals import Readings, postures_of, residuals
 from calib.posterior.gaussian import About
 from calib.posterior.race import ADOPTED, Products, Race, RaceEntry
 from calib.quantity import Quantity
-from calib.stats import variance_ratio_p_value
+from calib.stats import UNLIKELY, variance_ratio_p_value
 
 FEWEST_SPARE = 8
 """Readings beyond the parameters that they determine: fewer tell no cause from another."""

@@ -16,7 +16,3 @@ AGREED = 0.6
 
 EVEN = 0.5
 """Probability from which on the simpler is told: nothing is missing, nothing acts beside a name."""
-
-UNLIKELY = 0.001
-"""Chance of a gap below which readings do not agree, whatever is likeliest: repeats that did not
-leave their posture tell too little noise."""

@@ -29,7 +29,7 @@ class VectorMap:
 def vector_maps(off: ToolOff, frame: Frame) -> tuple[VectorMap, ...]:
     """On the three planes, the mean of both ways there; less what the frame takes up."""
     field = off.posterior.field
-    wrong = off.posterior.mean - off.values
+    wrong = off.posterior.likeliest_labels.mean - off.values
 
     def along(k: int, tool_mm: FloatArray) -> FloatArray:
         return np.asarray(field.rows_at(tool_mm, frame).mean(axis=0)[:, k] @ wrong)

@@ -12,7 +12,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import islice
 from typing import Generic, Protocol, TypeVar
 
@@ -127,7 +127,7 @@ class Mistake:
     factor: float = 1.0
     session: int = 0
 
-    @property
+    @cached_property
     def relabels(self) -> bool:
         """Whether values belong elsewhere, or have another sign or unit; else some stand apart."""
         is_moved = not np.array_equal(self.source, np.arange(len(self.source)))

@@ -28,7 +28,7 @@ from calib.arrays import (
 )
 from calib.errors import NotIdentifiable, UsageError
 from calib.noise.reading import IndicatorFigures, reading_noise, reading_weights, visits
-from calib.stats import coverage_factor, variance_ratio_p_value
+from calib.stats import UNLIKELY, coverage_factor, variance_ratio_p_value
 from calib.tripod.effects.effect import (
     AROUND,
     PAIRS,
@@ -54,9 +54,6 @@ FINE_MRAD, FINE_MM = 0.05, 0.025
 ROUNDS = 6
 STEP = 1e-3
 """Of a lean (mrad) and a distance (mm), for derivatives: readings are straight over much more."""
-
-UNLIKELY = 0.001
-"""A fit that chance would leave so much of in one session of 1000 lacks something."""
 
 FINE_ENOUGH = 3.0
 """A figure that is known to no better than a third of what is aimed at is no figure to shim by."""

@@ -210,9 +210,8 @@ class TowerPrinter:
         except ValidationError as problem:
             raise RecordError(
                 self.thing,
-                "",
-                "the geometry of a printer with three upright towers",
                 reason=describe(problem),
+                allowed="the geometry of a printer with three upright towers",
             ) from problem
 
     def _over_mm(self, places_mm: FloatArray) -> FloatArray:

@@ -28,10 +28,14 @@ if TYPE_CHECKING:
     from tests.blind.tool import Commanded
 
 ROUNDS = 4
+"""Of Gauss and Newton."""
+
 LEAST = 14.0
 """Models whose evidence is smaller by so many units of its logarithm are left out."""
-MOST = 150
-LEAST_SHARE = 2e-3
+
+MOST, LEAST_SHARE = 150, 2e-3
+"""Models that are refitted, and the share from which one is kept: with 250 models 23 sessions of
+two effects had 0.0086 mm left instead of 0.0087."""
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from calib import stats
 from calib.design import identifiability
 from calib.diagnosis import claims, gap, thresholds
 from calib.noise import display, repeats, serial
@@ -103,7 +104,7 @@ def test_the_theory_states_them(words: str) -> None:
         ("`WITHIN`", f"{claims.WITHIN:g} tolerances"),
         ("`SCATTERS_MM`", f"{cells.SCATTERS_MM[0]:g} … {cells.SCATTERS_MM[-1]:g} mm"),
         ("`TYPED_IN`", f"{TYPED_IN:g}; 5 mm"),
-        ("`AGREEMENT`", f"{gap.AGREEMENT:g}; {thresholds.UNLIKELY:g}"),
+        ("`AGREEMENT`", f"{gap.AGREEMENT:g}; {stats.UNLIKELY:g}"),
         (
             "`ELSE_UNIT_MM`",
             f"{library.ELSE_UNIT_MM:g} mm; {problem.EVERYWHERE:g} unremarkable sizes",

@@ -25,7 +25,16 @@ import numpy as np
 
 from tests.blind.cases import BLUNDERS, PROCEDURES, SHAPES, USUAL_NOISES, Case
 from tests.blind.claims import TILTED, TOLERANCE_MM, Claim, claim
-from tests.blind.corrections_page import BEFORE, IDEAL, INTRODUCTION, LAW, beside, page
+from tests.blind.corrections_page import (
+    BEFORE,
+    IDEAL,
+    IDEAL_BOUND,
+    INTRODUCTION,
+    LAW,
+    OFFSETS,
+    beside,
+    page,
+)
 from tests.blind.effects import EFFECT_IDS, Direction, visible
 from tests.blind.forward import FloatArray, Hidden, carriages, readings
 from tests.blind.ideal import Judge, mean_of
@@ -52,6 +61,8 @@ SPREAD = {"offset": 2.0, "length": TOLERANCE_MM, "lean": 2e-3, "shift": 0.5}
 Without them a shift of two axes could not be told from an offset of the third.
 """
 FIT_ROUNDS = 6
+DRAWN = 200
+"""Machines whose 95 % quantile is the bound of the ideal judge; the seed of the draws, too."""
 INVERSION_ROUNDS = 12
 
 
@@ -128,12 +139,26 @@ def displayed_mm(session: Claim) -> FloatArray:
     return np.asarray(np.round(session.values_mm / step_mm) * step_mm)
 
 
-def knows_the_catalogue(session: Claim) -> Commanded:
-    """The correction of the ideal `Judge`, who does not know which effects are hidden."""
+def knows_the_catalogue(
+    session: Claim, entered_offsets: Commanded | None
+) -> tuple[Commanded, dict[str, float]]:
+    """The correction of the ideal `Judge`, who does not know which effects are hidden.
+
+    Beside it how far off the tool of 95 of 100 machines that it draws is, mm by the names of
+    `Errors`, where the offsets of the program are entered; empty without these.
+    """
     spread = np.array([SPREAD[name] for name, _ in BASE])
-    weighed = Judge(session, displayed_mm(session), spread)
-    models = weighed.weighted(len(session.effects), EFFECT_STRENGTHS)
-    return mean_of([(share, inverse_of(machine)) for share, _, machine in models])
+    ideal = Judge(session, displayed_mm(session), spread)
+    models = ideal.weighted(len(session.effects), EFFECT_STRENGTHS)
+    commanded = mean_of(
+        [(share, inverse_of(ideal.machine(model, fit.values))) for share, model, fit in models]
+    )
+    if entered_offsets is None:
+        return commanded, {}
+    rng = np.random.default_rng(DRAWN)
+    errors = [asdict(judge(m, entered_offsets)) for m in ideal.drawn(models, DRAWN, rng)]
+    names = errors[0]
+    return commanded, {n: float(np.quantile([e[n] for e in errors], 0.95)) for n in names}
 
 
 def fitted(session: Claim) -> Hidden:
@@ -246,15 +271,19 @@ def measured(case: Case, session: Claim, answerer: Answerer, *, ideal: bool = Fa
         answers, failure = (), f"{type(problem).__name__}: {problem}"[:300]
     used_s = time.process_time() - start
     plain = {BEFORE: nothing(), LAW: knows_the_law(session)}
+    commands = {answer.name: answer.commanded for answer in answers}
+    bounds = {answer.name: answer.bounds for answer in answers}
     if ideal and not case.shape and case.cell != TILTED:
-        plain[IDEAL] = knows_the_catalogue(session)
-    commands = plain | {answer.name: answer.commanded for answer in answers}
+        plain[IDEAL], bound = knows_the_catalogue(session, commands.get(OFFSETS))
+        if bound:
+            commands[IDEAL_BOUND], bounds[IDEAL_BOUND] = commands[OFFSETS], bound
     return {
         **asdict(case),
         "errors": {
-            name: asdict(judge(session.hidden, command)) for name, command in commands.items()
+            name: asdict(judge(session.hidden, command))
+            for name, command in (plain | commands).items()
         },
-        "bounds": {answer.name: answer.bounds for answer in answers},
+        "bounds": bounds,
         "remarks": {answer.name: answer.remark for answer in answers},
         "failure": failure,
         "cpu_s": round(used_s, 3),

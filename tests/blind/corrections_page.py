@@ -26,7 +26,9 @@ Made by `python -m tests.blind.corrections --count 36 --ideal -o docs/correction
 """
 
 BEFORE, LAW, IDEAL, OFFSETS = "before", "law", "ideal", "offsets"
-LEFT_OUT = ("play",)
+IDEAL_BOUND = "offsets, ideal bound"
+"""Joint offsets of the program, with the bound that the ideal judge states for them."""
+LEFT_OUT = ("play", IDEAL_BOUND)
 """Answers whose r.m.s. is that of joint offsets within 0.2 µm."""
 ALL = "all"
 FRAMES = {"touched_off": "touched off", "aligned": "aligned", "machine": "machine", "near": "near"}
@@ -90,7 +92,9 @@ def page(lines: Sequence[Json]) -> str:
         "",
         "Sessions whose true error is within the bound, and the median of bound over truth.",
     ]
-    bounded = [name for name in names if any(line["bounds"].get(name) for line in complete)]
+    bounded = [
+        name for name in (*names, IDEAL_BOUND) if any(line["bounds"].get(name) for line in complete)
+    ]
     for frame in STATED:
         if any(frame in bounds for line in complete for bounds in line["bounds"].values()):
             text += ["", *_kept(groups, bounded, frame, FRAMES[frame])]

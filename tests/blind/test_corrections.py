@@ -32,7 +32,7 @@ from tests.blind.effects import beside as beside_the_catalogue
 from tests.blind.forward import FloatArray, Hidden, readings
 from tests.blind.generator import drawn_place, place_share
 from tests.blind.ideal import Judge
-from tests.blind.signatures import BASE
+from tests.blind.signatures import BASE, Columns
 from tests.blind.today import answers
 from tests.blind.tool import entered, rms_mm, tool_errors_mm
 
@@ -201,10 +201,29 @@ def test_the_ideal_judge_names_what_is_hidden_where_there_is_no_noise() -> None:
     spread = np.array([SPREAD[name] for name, _ in BASE])
     for case, session in sessions(len(EFFECT_IDS), SEED, ["one effect"], [2.0]):
         clear = replace(noiseless(session), noise_mm=1e-4)
-        weighed = Judge(clear, displayed_mm(clear), spread).weighted(1, [20.0])
-        share, model, machine = max(weighed, key=lambda entry: entry[0])
+        ideal = Judge(clear, displayed_mm(clear), spread)
+        share, model, fit = max(ideal.weighted(1, [20.0]), key=lambda entry: entry[0])
         assert (model.effects, share > 0.9) == (session.effects, True), case
+        machine = ideal.machine(model, fit.values)
         assert judge(session.hidden, inverse_of(machine)).aligned < 5e-4
+
+
+def test_machines_that_the_ideal_judge_draws_spread_as_least_squares_do() -> None:
+    """With the zeros of the set-ups as columns of their own, and the spread as further rows."""
+    _, session = next(iter(sessions(1, SEED, ["nothing"])))
+    spread = np.array([SPREAD[name] for name, _ in BASE])
+    ideal = Judge(session, displayed_mm(session), spread)
+    weighted = ideal.weighted(0, [])
+    assert [share for share, _, _ in weighted] == [1.0]
+    machines = list(ideal.drawn(weighted, 2000, np.random.default_rng(SEED)))
+    drawn = np.array(
+        [[machine.amounts[name][place] for name, place in BASE] for machine in machines]
+    )
+    design = Columns(session.rows, machines[0]).base / session.noise_mm
+    weight = np.zeros(design.shape[1])
+    weight[: len(BASE)] = spread**-2.0
+    variance = np.diag(np.linalg.inv(design.T @ design + np.diag(weight)))[: len(BASE)]
+    np.testing.assert_allclose(drawn.std(axis=0), np.sqrt(variance), rtol=0.06)
 
 
 def test_shares_of_places_are_those_of_the_draw() -> None:

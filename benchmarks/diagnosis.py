@@ -1,4 +1,4 @@
-"""A diagnosis as a whole process, beside reading its file alone: time and peak memory."""
+"""A diagnosis beside reading its file alone, and as a whole process: time and peak memory."""
 
 from __future__ import annotations
 
@@ -24,6 +24,26 @@ CYCLES = (4, 72, 720)
 SCATTER_MM = 0.002
 COLUMNS = ("leg", "axis", "displacement_mm", "station")
 ROUNDS = 3
+WITHIN = """
+import gc, statistics, sys, time
+from pathlib import Path
+from app.evaluating.diagnosis import diagnose_files
+from glidecal.__main__ import NEW_OBJECTS
+from protocols.record import read_record
+
+def spent_s(work, path):
+    start = time.process_time()
+    work(path)
+    return time.process_time() - start
+
+gc.set_threshold(NEW_OBJECTS)
+sample, session = map(Path, sys.argv[1:3])
+diagnose_files([sample])  # imports, and what a process works out once
+for work in (read_record, lambda path: diagnose_files([path])):
+    print(statistics.median(spent_s(work, session) for _ in range(int(sys.argv[3]))))
+"""
+"""Reads a file again and again, then diagnoses it, in one process."""
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True)
@@ -47,30 +67,38 @@ def _once(*arguments: str) -> Cost:
         "used = resource.getrusage(resource.RUSAGE_CHILDREN); "
         "print(json.dumps([used.ru_utime + used.ru_stime, used.ru_maxrss / 1024]))"
     )
-    one_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-c", code, sys.executable, *arguments]
     done = subprocess.run(
-        command, capture_output=True, check=True, cwd=ROOT, env=os.environ | one_thread, text=True
+        command, capture_output=True, check=True, cwd=ROOT, env=os.environ | ONE_THREAD, text=True
     )
     return Cost(*json.loads(done.stdout))
+
+
+def _within(session: Path) -> list[float]:
+    """Medians of reading the file and of its diagnosis in one process, s."""
+    command = [sys.executable, "-c", WITHIN, str(SAMPLE), str(session), str(ROUNDS)]
+    done = subprocess.run(
+        command, capture_output=True, check=True, cwd=ROOT, env=os.environ | ONE_THREAD, text=True
+    )
+    return [float(line) for line in done.stdout.split()]
 
 
 def diagnosis() -> list[str]:
     """Sessions of a sweep, of more and more readings."""
     lines = [
-        "| diagnosis of so many readings | reading the file, s | diagnose, s | more, s "
+        "| readings | reading the file, s | diagnosis, s | more, s | whole process, s "
         "| peak memory, MB |",
-        "|---|---|---|---|---|",
+        "|---|---|---|---|---|---|",
     ]
     with tempfile.TemporaryDirectory() as folder:
         for cycles in CYCLES:
             session = _session(Path(folder), cycles)
-            read = cost("-m", "app", "validate", str(session))
-            total = cost("-m", "app", "diagnose", str(session), "--json")
+            read_s, diagnosis_s = _within(session)
+            whole = cost("-m", "app", "diagnose", str(session), "--json")
             count = len(fold(read_record(session).events).readings)
             lines.append(
-                f"| {count} | {read.processor_s:.2f} | {total.processor_s:.2f} "
-                f"| {total.processor_s - read.processor_s:.2f} | {total.peak_mb:.0f} |"
+                f"| {count} | {read_s:.2f} | {diagnosis_s:.2f} | {diagnosis_s - read_s:.2f} "
+                f"| {whole.processor_s:.2f} | {whole.peak_mb:.0f} |"
             )
     return lines
 

@@ -25,7 +25,7 @@ from calib.tripod.effects.drives import (
     Straightness,
 )
 from calib.tripod.effects.effect import Effect, EffectInstance
-from calib.tripod.effects.empirical import Empirical
+from calib.tripod.effects.empirical import Empirical, Repeating
 from calib.tripod.pipeline import Model
 from calib.tripod.workspace import PLANES, PlaneMap, plane_map
 
@@ -154,7 +154,7 @@ def _part_of(effect: Effect, place: str) -> tuple[Holds, str] | None:
     if isinstance(effect, Backlash):
         return "play", f"play of {place}"
     powers = isinstance(effect, Empirical) and len(effect.bases) == 1 and effect.bases[0] in POWERS
-    if powers or isinstance(effect, ActuatorScale | ActuatorCyclic):
+    if powers or isinstance(effect, ActuatorScale | ActuatorCyclic | Repeating):
         return "tables", f"table of {place}"
     if isinstance(effect, AxisLean) or type(effect) is AxisOffset:
         return "kinematics", f"axis {place[0]}"

@@ -25,7 +25,7 @@ from calib.tripod.effects.drives import (
     effects_of,
 )
 from calib.tripod.effects.effect import Effect, EffectInstance, Kind
-from calib.tripod.effects.empirical import BASES, Coupling, Empirical
+from calib.tripod.effects.empirical import BASES, Coupling, Empirical, Repeating
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, Stage
 
@@ -214,15 +214,20 @@ SORTS = {"one": 0.60, "same": 0.32, "each": 0.08}
 """Of the prior of an effect: at one place, alike everywhere, at several places with their own."""
 
 
+LEADS_APART = 36
+"""Leads, and other periods, that readings over a travel of 160 mm tell apart."""
+
 OTHER_LEAD = 0.08
 """How likely a lead that was searched is beside one of ISO 3408-2. A fifth of drives may have such
-a lead, and over a travel of 160 mm it is the best of 36 that readings tell apart; eleven leads of
-the standard share the rest."""
+a lead, the best of `LEADS_APART`; eleven leads of the standard share the rest."""
 
 
-def _share_of_lead(component: Component) -> float:
-    """Of a component among those of its effect: 1 but for screws of other leads."""
-    leads = {s.effect.lead_mm for s in component.shares if isinstance(s.effect, ActuatorCyclic)}
+def _share_of_search(component: Component) -> float:
+    """Of a component among those of its effect: 1 but where a lead or period was searched."""
+    laws = {s.effect for s in component.shares}
+    if any(isinstance(law, Repeating) for law in laws):
+        return 1.0 / LEADS_APART
+    leads = {law.lead_mm for law in laws if isinstance(law, ActuatorCyclic)}
     return OTHER_LEAD if leads.difference(ISO_LEADS_MM) else 1.0
 
 
@@ -244,12 +249,12 @@ def _with_priors(components: Sequence[Component]) -> list[Component]:
     ids = Counter(kind for kind, _ in set(keys))
     places: dict[tuple[str, str, str], float] = defaultdict(float)
     for key, component in zip(keys, components, strict=True):
-        places[*key, _sort(component)] += _share_of_lead(component)
+        places[*key, _sort(component)] += _share_of_search(component)
     weighted = []
     for key, component in zip(keys, components, strict=True):
         sort, sorts = _sort(component), math.fsum(p for s, p in SORTS.items() if places[*key, s])
         prior = SHARES[component.kind] / ids[component.kind] * SORTS[sort] / sorts
-        prior *= _share_of_lead(component) / places[*key, sort]
+        prior *= _share_of_search(component) / places[*key, sort]
         weighted.append(replace(component, log_prior=math.log(prior)))
     return weighted
 

@@ -20,6 +20,7 @@ from calib.posterior.cells import BASE, Cells
 from calib.posterior.readings import placed_columns
 from calib.tripod.effects.drives import ISO_LEADS_MM, ActuatorCyclic, ActuatorScale
 from calib.tripod.effects.effect import PER_THOUSAND, Effect
+from calib.tripod.effects.empirical import Repeating
 from calib.tripod.pipeline import command
 
 STEP = 0.25
@@ -45,6 +46,9 @@ APART = 2.0
 def with_searched_leads(effects: Sequence[Effect], sessions: Sequence[Cells]) -> tuple[Effect, ...]:
     """The laws, and cyclic errors of the leads that explain most at each carriage.
 
+    Beside each, without a name, what repeats as often and need not be a sine: of a sawtooth a sine
+    is three fifths of the square.
+
     None where the machine file names the lead or cyclic errors are not among the laws.
     """
     leads_known = {effect.lead_mm for effect in effects if isinstance(effect, ActuatorCyclic)}
@@ -55,7 +59,7 @@ def with_searched_leads(effects: Sequence[Effect], sessions: Sequence[Cells]) ->
     except NotIdentifiable:  # of labels that are wrong nothing fits
         return tuple(effects)
     searched = [ActuatorCyclic(lead) for lead in leads if lead not in leads_known]
-    return (*effects, *searched)
+    return (*effects, *searched, *(Repeating(law.lead_mm) for law in searched))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ but nothing is ever called by it.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -156,12 +157,54 @@ class Coupling(OfCarriage):
         return PER_THOUSAND * (at.values[0] * part)
 
 
+HARMONICS = 3
+"""Of an error that repeats: a sawtooth has these with 1, 1/2 and 1/3 of the size."""
+
+REPEATING = re.compile(r"(?:sine|cosine)_[1-9]_of_([0-9]{1,4}(?:\.[0-9]{1,4})?)mm")
+"""Parameters of `Repeating`: the harmonic, then the period."""
+
+
+@dataclass(frozen=True)
+class Repeating(OfCarriage):
+    """A carriage off by something that repeats along its way and need not be a sine."""
+
+    period_mm: float
+    id = EMPIRICAL
+    kind = Kind.EMPIRICAL
+    controller = "nothing to enter before it has a name"
+
+    @property
+    def title(self) -> str:
+        """What repeats, and how often."""
+        return (
+            f"a carriage is off by what repeats every {self.period_mm:g} mm, for an unknown reason"
+        )
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        """Two of each harmonic; their names tell the period."""
+        return tuple(
+            EffectParameter(f"{wave}_{k}_of_{self.period_mm:g}mm", MICROMETRES, 5.0)
+            for k in range(1, HARMONICS + 1)
+            for wave in ("sine", "cosine")
+        )
+
+    def off(self, at: Acting) -> NDArray[Any]:
+        """By a sin k t + b (cos k t - 1) of each harmonic k, t one turn for each period."""
+        turn = 2 * np.pi * travel_mm(at.flow, at.leg) / self.period_mm
+        off = np.zeros_like(turn)
+        for k in range(HARMONICS):
+            sine, cosine = at.values[2 * k : 2 * k + 2]
+            off = off + sine * np.sin((k + 1) * turn) + cosine * (np.cos((k + 1) * turn) - 1.0)
+        return PER_THOUSAND * off
+
+
 def empirical_words(bases: Iterable[str]) -> str:
     """``with the cube of displacement and with time``."""
     return " and ".join(BASES[name].words for name in bases)
 
 
-def empirical_effect(names: Iterable[str]) -> Empirical | Coupling | None:
+def empirical_effect(names: Iterable[str]) -> Empirical | Coupling | Repeating | None:
     """The law of these parameters in their usual order.
 
     None where one of them is not known, or where some belong to readings and some to carriages.
@@ -169,6 +212,10 @@ def empirical_effect(names: Iterable[str]) -> Empirical | Coupling | None:
     ids = set(names)
     if ids == {parameter.name for parameter in Coupling.parameters}:
         return Coupling()
+    periods = {float(match[1]) for match in map(REPEATING.fullmatch, ids) if match}
+    if periods and min(periods) > 0.0:
+        law = Repeating(min(periods))
+        return law if ids == {parameter.name for parameter in law.parameters} else None
     if not ids or not ids <= set(BASES) or len({BASES[n].stage for n in ids}) > 1:
         return None
     return Empirical(tuple(name for name in BASES if name in ids))

@@ -10,7 +10,7 @@ from calib.diagnosis.diagnose import NO_LAW
 from calib.diagnosis.results import Diagnosis, ModelDiscrepancy
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
-from calib.tripod.effects.empirical import BASES, Empirical, empirical_effect
+from calib.tripod.effects.empirical import BASES, Empirical, Repeating, empirical_effect
 from calib.tripod.pipeline import Model, Stage
 from tests.calib.diagnosis.diagnosed_sessions import (
     LAWS,
@@ -144,6 +144,11 @@ def test_laws_that_are_none() -> None:
     assert empirical_effect(()) is None
     assert empirical_effect(("cube_at_100mm", "nonsense")) is None
     assert empirical_effect(("cube_at_100mm", "travel_cube_at_100mm")) is None
+    names_of_repeating = [parameter.name for parameter in Repeating(5.56).parameters]
+    assert empirical_effect(names_of_repeating) == Repeating(5.56)
+    assert empirical_effect(names_of_repeating[1:]) is None
+    assert empirical_effect((*names_of_repeating, "cube_at_100mm")) is None
+    assert empirical_effect([name.replace("5.56", "0") for name in names_of_repeating]) is None
     mixed = empirical_effect(("per_hour", "line_at_100mm"))
     assert isinstance(mixed, Empirical)
     assert mixed.bases == ("line_at_100mm", "per_hour")

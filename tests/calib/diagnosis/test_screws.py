@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from calib.arrays import Observations
 from calib.posterior.cells import Cells
 from calib.posterior.screws import with_searched_leads
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.drives import ActuatorCyclic
-from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.effects.effect import (
+    Acting,
+    EffectInstance,
+    EffectParameter,
+    OfCarriage,
+    travel_mm,
+)
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
 from tests.calib.diagnosis.diagnosed_sessions import (
@@ -42,6 +53,33 @@ def test_a_lead_that_is_not_the_only_one_is_said() -> None:
     hidden = EffectInstance(ActuatorCyclic(13.3), "z", (-6.0, 6.0))
     diagnosis = diagnose([case(SWEEP, hidden, seed=2)], CATALOGUE)
     assert any("leads of" in remark and "machine file" in remark for remark in diagnosis.remarks)
+
+
+@dataclass(frozen=True)
+class Teeth(OfCarriage):
+    """A carriage is off by a sawtooth: up along a tooth of 23 mm, then back at once."""
+
+    id = "teeth"
+    title = "a sawtooth"
+    parameters = (EffectParameter("tooth", "mm", 0.01),)
+    controller = "nothing"
+
+    def off(self, at: Acting) -> NDArray[Any]:
+        teeth = travel_mm(at.flow, at.leg) / 23.0
+        return np.asarray(at.values[0] * (teeth - np.floor(teeth)))
+
+
+@pytest.mark.parametrize("place", ["x", "y", "z"])
+def test_what_repeats_and_is_no_sine_is_not_called_a_screw(place: str) -> None:
+    """The catalogue has no sawtooth, of which a sine of some lead explains most."""
+    diagnosis = diagnose(
+        [case(TWO_STATION, EffectInstance(Teeth(), place, (0.03,)), seed=4)], CATALOGUE
+    )
+    assert diagnosis.verdict in ("unexplained", "partly-explained")
+    assert diagnosis.something_else > 0.9
+    assert diagnosis.left_over is not None
+    assert diagnosis.left_over.where == place
+    assert "repeats every" in diagnosis.left_over.title
 
 
 def test_a_known_lead_is_not_searched() -> None:

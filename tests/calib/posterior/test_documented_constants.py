@@ -23,6 +23,7 @@ from calib.posterior import (
     tool_errors,
 )
 from calib.posterior.posterior import CHANGED, CHANGES_MM, TYPED_IN
+from calib.tripod.effects import empirical
 from tests.conftest import ROOT
 
 
@@ -43,6 +44,7 @@ def part(value: float) -> str:
 
 
 SORTS = library.SORTS
+HARMONICS_IN_WORDS = {2: "two", 3: "three", 4: "four"}[empirical.HARMONICS]
 CAUSES = np.exp(race.LOG_CAUSES)
 SCALES = [f"{scale:g}" for scale in race.SCALES]
 PRIORS = [f"{prior:g}" for prior in np.exp(race.LOG_SCALES).round(12)]
@@ -57,6 +59,7 @@ CASES = [f"{prior:g}" for prior in CAUSES.round(12)]
         f"with the prior {', '.join(PRIORS[:-1])} or {PRIORS[-1]}.",
         f"all axes out of true at once | {library.SHARES['named']} |",
         f"effect beside the catalogue | {library.SHARES['beside']} |",
+        f"{HARMONICS_IN_WORDS} harmonics of a searched period (one of {library.LEADS_APART}), ",
         f"product of two travels | {library.SHARES['nameless']} |",
         f"r.m.s. $g \\cdot {library.ELSE_UNIT_MM:g}$ mm, ",
         f"{1.0 - library.SIDED:g} of its square common to both approaches "
@@ -122,7 +125,10 @@ def test_the_theory_states_them(words: str) -> None:
         ),
         ("`KEPT`", f"{tool_errors.KEPT:g} of the posterior"),
         ("`EVEN`, `LARGE`", f"{correction.EVEN:g}; {correction.LARGE:g} of the mean square"),
-        ("`DECISIVE`", f"{screws.DECISIVE:g} noise variances; {library.OTHER_LEAD:g}"),
+        (
+            "`DECISIVE`",
+            f"{screws.DECISIVE:g} noise variances; {library.OTHER_LEAD:g}; {library.LEADS_APART}",
+        ),
     ],
 )
 def test_the_table_of_constants_has_them(name: str, values: str) -> None:

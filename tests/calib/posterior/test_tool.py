@@ -20,7 +20,7 @@ from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import tool_columns
 from calib.tripod.effects.contract import fault_of
 from calib.tripod.effects.effect import EffectInstance
-from calib.tripod.effects.empirical import Coupling
+from calib.tripod.effects.empirical import Coupling, Repeating
 from calib.tripod.geometry import Geometry, inverse
 from calib.tripod.pipeline import Model
 from calib.tripod.workspace import machine_at, workspace_points
@@ -56,6 +56,17 @@ def test_a_coupling_is_the_product_of_two_travels() -> None:
     moved = Coupling().change(np.zeros((1, 3)), flow, "xy", (100.0,))
     assert moved == pytest.approx(np.array([[-0.02, 0.0, 0.0]]))
     assert fault_of(Coupling()) == ""
+
+
+def test_what_repeats_has_three_harmonics_and_is_nothing_at_zero() -> None:
+    """A quarter of 20 mm from Zero: sines 1, 0, -1 and cosines less one -1, -2, -1."""
+    law = Repeating(20.0)
+    joint_mm = np.add(ORTHOGLIDE.zero_mm, [[5.0, 0.0, 0.0], [20.0, 0.0, 0.0]])
+    flow: Any = SimpleNamespace(command_mm=joint_mm, geometry=ORTHOGLIDE)
+    moved = law.change(np.zeros((2, 3)), flow, "x", (1.0, 10.0, 100.0, 1e3, 1e4, 1e5))
+    assert moved[0, 0] == pytest.approx((1.0 - 10.0 - 2e3 - 1e4 - 1e5) / 1e3)
+    assert moved[1] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+    assert fault_of(law) == ""
 
 
 def with_offsets(data: Observations) -> tuple[Posterior, Correction]:

@@ -37,7 +37,7 @@ from app.report.text.preparing import (
     trial_text,
 )
 from app.screens.interface import Interface
-from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, is_left, last_lines
 from app.screens.session_view import Gauges, port_dialog
 from calib.errors import GlidecalError
@@ -60,7 +60,6 @@ class CheckScreen(Screen[None]):
         Binding("r", "retry", "Try again", id="check.retry"),
         Binding("o", "port", "Other port", id="check.port"),
         Binding("escape", "back", "Back", id="check.back"),
-        Binding("f10", "app.quit", "Quit", id="check.quit"),
     ]
 
     def __init__(self, plan: Plan) -> None:
@@ -217,7 +216,6 @@ class DryRunScreen(PagedScreen[None]):
     """Every step of a procedure, and what it will tell."""
 
     HELP = DRY_RUN_HELP
-    BINDINGS: ClassVar[list[BindingType]] = [*PAGE_KEYS]
     PAGES = (Page("dry-run", "Every step"), Page("expected", "What to expect"))
 
     def __init__(

@@ -21,7 +21,7 @@ from app.evaluating.diagnosis import (
 from app.report.charts.results import residuals_before_and_after
 from app.report.text import diagnosis as texts
 from app.screens.interface import ChoiceDialog, TextDialog
-from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart
 from app.screens.what_if import tried
 from protocols.effect_entries import EffectEntry
@@ -38,7 +38,6 @@ class DiagnoseScreen(PagedScreen[None]):
         Binding("n", "next", "Next measurement", id="diagnose.next"),
         Binding("w", "what_if", "What if", id="diagnose.what_if"),
         Binding("l", "result", "Result", id="diagnose.result"),
-        *PAGE_KEYS,
     ]
     WRITES = ("adopt", "next")
     PAGES = (

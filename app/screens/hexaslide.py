@@ -14,7 +14,7 @@ from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from app.report.text import hexaslide as texts
 from app.screens.interface import ChoiceDialog, TextDialog
-from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart
 from calib.hexaslide.planning import KINDS, HexaSlideSeen, conditions_at, look_at
 from calib.hexaslide.procedures import ProcedureKind
@@ -39,7 +39,6 @@ class HexaSlideScreen(PagedScreen[None]):
         Binding("f", "machine", "File", id="hexaslide.machine"),
         Binding("plus", "draw(1)", "Next posture", show=False, id="hexaslide.next_posture"),
         Binding("minus", "draw(-1)", "Posture before", show=False, id="hexaslide.posture_before"),
-        *PAGE_KEYS,
     ]
     PAGES = (
         Page("sees", "Sees", charts=2, beside=True),

@@ -17,7 +17,7 @@ from app.report.charts.hexaslide import drawn_machine, left_with, residual_chart
 from app.report.text import hexaslide_result as texts
 from app.report.text import hexaslide_what_if as what_if_texts
 from app.screens.interface import ChoiceDialog
-from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart
 from app.screens.what_if import SIZE_KEYS, SizesScreen
 from calib.diagnosis.hexaslide_what_if import PostureTrial
@@ -34,7 +34,6 @@ class HexaSlideResultScreen(PagedScreen[None]):
         Binding("d", "show_page('diagnosis')", "Diagnose", id="postures.diagnose"),
         Binding("w", "what_if", "What if", id="postures.what_if"),
         Binding("h", "home", "Home", show=False, id="postures.home"),
-        *PAGE_KEYS,
     ]
     WRITES = ("export", "report", "home")
     PAGES = (
@@ -134,7 +133,7 @@ class PostureWhatIfScreen(SizesScreen[None]):
     """One cause beside the parameters; nothing is written."""
 
     HELP = what_if_texts.WHAT_IF_HELP
-    BINDINGS: ClassVar[list[BindingType]] = [*SIZE_KEYS, *PAGE_KEYS]
+    BINDINGS: ClassVar[list[BindingType]] = [*SIZE_KEYS]
     PAGES = (Page("left", "What is left", charts=1, text=False),)
     trial: PostureTrial
 

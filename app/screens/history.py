@@ -16,7 +16,7 @@ from app.report.charts.posture_history import platform_figure
 from app.report.charts.results import before_and_after, control_charts
 from app.report.text import history as texts
 from app.report.text import result as result_texts
-from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart
 from app.screens.plot import LegPlots
 
@@ -25,7 +25,6 @@ class CompareScreen(PagedScreen[None]):
     """Two sessions side by side."""
 
     HELP = result_texts.COMPARISON_HELP
-    BINDINGS: ClassVar[list[BindingType]] = [*PAGE_KEYS]
     PAGES = (
         Page("comparison", "Comparison", charts=1, beside=True),
         Page("plot", "Plot", charts=1, text=False),
@@ -50,7 +49,6 @@ class HistoryScreen(PagedScreen[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("plus", "figure(1)", "Next chart", show=False, id="history.next_figure"),
         Binding("minus", "figure(-1)", "Chart before", show=False, id="history.figure_before"),
-        *PAGE_KEYS,
     ]
     PAGES = (Page("history", "History"), Page("charts", "Charts", content=LegPlots))
 

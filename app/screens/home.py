@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from textual import work
 from textual.app import ComposeResult
-from textual.binding import Binding, BindingType
 from textual.screen import Screen
 from textual.widgets import OptionList, Static
 from textual.widgets.option_list import Option
@@ -45,7 +44,6 @@ class HomeScreen(Screen[None]):
     app: Interface
     HELP = texts.HOME_HELP
     AUTO_FOCUS = "#choices"
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("f10", "app.quit", "Quit", id="home.quit")]
 
     def __init__(self) -> None:
         super().__init__()
@@ -253,9 +251,6 @@ class ReplayChoiceScreen(HomeScreen):
     """The sessions that were named, those of folders and their history, and no other ones."""
 
     HELP = texts.REPLAY_CHOICE_HELP
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("f10", "app.quit", "Quit", id="replay-choice.quit")
-    ]
 
     def __init__(self, paths: Sequence[Path]) -> None:
         super().__init__()

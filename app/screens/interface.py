@@ -203,8 +203,8 @@ class Interface(App[str]):
     CSS_PATH = "glidecal.tcss"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+c", "interrupt", "Stop", show=False, priority=True),
-        Binding("f1", "help", "Help", id="app.help"),
         Binding("f10", "quit", "Quit", id="app.quit"),
+        Binding("f1", "help", "Help", id="app.help"),
     ]
 
     def __init__(

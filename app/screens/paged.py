@@ -24,19 +24,6 @@ from calib.errors import GlidecalError
 
 Answer = TypeVar("Answer")
 
-PAGE_KEYS: tuple[BindingType, ...] = (
-    *(
-        Binding(f"{n}", f"turn_to({n})", f"Page {n}", show=False, id=f"page.{n}")
-        for n in range(1, 10)
-    ),
-    Binding("tab,right", "turn(1)", "Next page", show=False, id="page.next"),
-    Binding("shift+tab,left", "turn(-1)", "Page before", show=False, id="page.before"),
-    Binding("y", "copy", "Copy", show=False, id="page.copy"),
-    Binding("escape", "back", "Back", id="page.back"),
-    Binding("f10", "app.quit", "Quit", id="page.quit"),
-)
-"""What every screen of pages has; last among its keys, as the footer shows them."""
-
 
 @dataclass(frozen=True)
 class Page:
@@ -73,6 +60,16 @@ class PagedScreen(LeftOnce[ScreenResultType]):
     """A line that says what is shown, its pages, and below them what happened last."""
 
     app: Interface
+    BINDINGS: ClassVar[list[BindingType]] = [
+        *(
+            Binding(f"{n}", f"turn_to({n})", f"Page {n}", show=False, id=f"page.{n}")
+            for n in range(1, 10)
+        ),
+        Binding("tab,right", "turn(1)", "Next page", show=False, id="page.next"),
+        Binding("shift+tab,left", "turn(-1)", "Page before", show=False, id="page.before"),
+        Binding("y", "copy", "Copy", show=False, id="page.copy"),
+        Binding("escape", "back", "Back", id="page.back"),
+    ]
     AUTO_FOCUS = ""  # else a page without a text is left for the first where a dialog ends
     PAGES: ClassVar[tuple[Page, ...]] = ()
     WRITES: ClassVar[tuple[str, ...]] = ()

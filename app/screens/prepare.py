@@ -49,7 +49,6 @@ class IndicatorScreen(LeftOnce[Form]):
         Binding("f3", "try_profiles", "Try profiles on this port", id="indicator.try"),
         Binding("f5", "leave", "Done", id="indicator.done"),
         Binding("escape", "leave", "Back", id="indicator.back"),
-        Binding("f10", "app.quit", "Quit", id="indicator.quit"),
     ]
 
     def __init__(self, which: str, form: Mapping[str, object], answered: dict[str, str]) -> None:
@@ -221,7 +220,6 @@ class PrepareScreen(Screen[None]):
         Binding("f5", "check", "Check the indicators", id="prepare.check"),
         Binding("f2", "dry_run", "Dry run", id="prepare.dry-run"),
         Binding("escape", "app.pop_screen", "Back", id="prepare.back"),
-        Binding("f10", "app.quit", "Quit", id="prepare.quit"),
     ]
 
     def __init__(self) -> None:

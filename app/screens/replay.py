@@ -53,7 +53,6 @@ class ReplayScreen(Screen[None]):
         Binding("l", "result", "Result", id="replay.result"),
         Binding("y", "copy", "Copy", show=False, id="replay.copy"),
         Binding("escape", "back", "Back", id="replay.leave"),
-        Binding("f10", "app.quit", "Quit", id="replay.quit"),
     ]
 
     def __init__(self, path: Path) -> None:

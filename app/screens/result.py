@@ -24,7 +24,7 @@ from app.report.text import what_if as what_if_texts
 from app.report.text.correction import SUBSET_WORDS
 from app.report.text.glance import Done, glance_text
 from app.screens.interface import ChoiceDialog
-from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, is_left
 from app.screens.plot import LegPlots
 from app.screens.what_if import tried
@@ -48,7 +48,6 @@ class ResultScreen(PagedScreen[None]):
         Binding("d", "diagnose", "Diagnose", id="result.diagnose"),
         Binding("w", "what_if", "What if", id="result.what_if"),
         Binding("h", "home", "Home", show=False, id="result.home"),
-        *PAGE_KEYS,
     ]
     WRITES = ("export", "report", "verify", "home")
     PAGES = (

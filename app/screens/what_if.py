@@ -21,7 +21,7 @@ from app.report.charts.results import predictions_with, residuals_with
 from app.report.text import what_if as texts
 from app.report.text.home import ONLY_SHOWN
 from app.screens.interface import ChoiceDialog
-from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError, NotIdentifiable
@@ -110,7 +110,6 @@ class WhatIfScreen(SizesScreen[EffectEntry | None]):
         Binding("enter", "adopt", "Adopt", id="what_if.adopt"),
         Binding("pagedown", "scroll(1)", "Down", show=False, id="what_if.down"),
         Binding("pageup", "scroll(-1)", "Up", show=False, id="what_if.up"),
-        *PAGE_KEYS,
     ]
     PAGES = (
         Page("left", "What is left", charts=1, text=False),

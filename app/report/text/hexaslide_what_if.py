@@ -16,7 +16,7 @@ WHAT_IF_HELP = """\
 {what_if.nothing}  nothing: parameters alone
 {what_if.best}  the size that fits best
 {page.copy}  copy the plot to the clipboard
-{page.back}, {page.quit}  back, quit
+{page.back}, {app.quit}  back, quit
 
 Parameters are fitted again at every size. Platform, cause not
 compensated: what the cause alone does there over the box, frames laid

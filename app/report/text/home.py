@@ -39,7 +39,7 @@ REPORTS_SERVED = "Reports to read and print: in the browser, /reports behind thi
 HISTORY_OF = "History of {}"
 REPLAY_QUESTION = f"Which session do you want to see? {LIST_KEYS}."
 HOME_QUESTION = f"What do you want to do? {LIST_KEYS}."
-COMPUTING = "Computing … {home.quit} leaves."
+COMPUTING = "Computing … {app.quit} leaves."
 
 HOME_CHOICES = (
     ("new", "New session on real indicators"),

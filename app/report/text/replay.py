@@ -34,7 +34,7 @@ REPLAY_HELP = """\
 {replay.where}  the set-up of the step as a picture
 {replay.result}  the result of the whole session
 {replay.copy}  copy every reading so far as text
-{replay.leave}, {replay.quit}  back, leave
+{replay.leave}, {app.quit}  back, leave
 
 Nothing is measured or written here. Breaks of more than 30 s are
 cut short. The panels show the recorded readings; their age is the

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -20,8 +19,9 @@ from app.screens.interface import ChoiceDialog
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart
 from app.screens.what_if import SIZE_KEYS, SizesScreen
-from calib.diagnosis.hexaslide_what_if import PostureTrial
+from calib.diagnosis.hexaslide_what_if import CauseAtSize, PostureTrial
 from calib.errors import extra
+from calib.quantity import Sizes
 
 
 class HexaSlideResultScreen(PagedScreen[None]):
@@ -129,44 +129,29 @@ class HexaSlideResultScreen(PagedScreen[None]):
                 self.app.notify(texts.REPORT_WRITTEN.format(path), markup=False)
 
 
-class PostureWhatIfScreen(SizesScreen[None]):
+class PostureWhatIfScreen(SizesScreen[None, CauseAtSize]):
     """One cause beside the parameters; nothing is written."""
 
     HELP = what_if_texts.WHAT_IF_HELP
     BINDINGS: ClassVar[list[BindingType]] = [*SIZE_KEYS]
     PAGES = (Page("left", "What is left", charts=1, text=False),)
-    trial: PostureTrial
 
     def __init__(self, path: Path, causes: CausesToTry, name: tuple[str, str]) -> None:
-        super().__init__()
-        self.path = path
-        self.causes = causes
-        self.name_of_cause = name
+        super().__init__(what_if_texts.heading_text(name, path))
+        self.trial: PostureTrial | None = None
+        self._causes, self._cause = causes, name
 
-    def begin(self) -> None:
-        self.head(what_if_texts.heading_text(self.name_of_cause, self.path))
-        self.look(partial(self.causes.trial, self.name_of_cause), self._begin)
+    def begun(self) -> Sizes:
+        self.trial = self._causes.trial(self._cause)
+        return self.trial.sizes
 
-    def _begin(self, trial: PostureTrial) -> None:
-        self.trial, self.known = trial, True
-        self.move_to(trial.best or (0.0,) * len(trial.cause.names))
+    def outcome(self, values: tuple[float, ...]) -> CauseAtSize:
+        assert self.trial is not None, "begun"
+        return self.trial.at(values)
 
-    def move_to(self, values: Sequence[float]) -> None:
-        self.values = tuple(values)
-        self.show_words()
-
-    def show_words(self) -> None:
-        trial, values = self.trial, self.values
-        before, now = trial.at([0.0] * len(values)), trial.at(values)
-        sizes = what_if_texts.sizes_text(trial, values, self.number)
-        self.put_words(sizes, what_if_texts.effect_text(before, now))
-        readings = trial.models.readings
+    def show(self, outcome: CauseAtSize) -> str:
+        assert self.trial is not None, "begun"
+        before, readings = self.trial.at([0.0] * len(outcome.values)), self.trial.models.readings
         numbers = [readings.number(row) for row in range(len(readings.sliders))]
-        self.follow("left", left_with(numbers, before, now))
-
-    def action_best(self) -> None:
-        """The sizes that fit best; where the readings do not show them, why."""
-        if self.known and self.trial.best:
-            self.move_to(self.trial.best)
-        else:
-            self.app.complain(what_if_texts.WORKING if self.looking else what_if_texts.NOT_SEEN)
+        self.follow("left", left_with(numbers, before, outcome))
+        return what_if_texts.effect_text(before, outcome)

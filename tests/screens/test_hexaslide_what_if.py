@@ -52,11 +52,13 @@ async def test_the_size_is_moved_and_all_follows(scaled: Path) -> None:
         assert screen.values[0] < best[0]
         await pilot.press("0")
         assert screen.values == (0.0,)
+        await until(pilot, "its figures", lambda: screen.ready)
         without, with_it = figures(interface, "readings left")
         assert without == with_it
         assert figures(interface, "cause not compensated") == (0.0, 0.0)
         await pilot.press("f")
         assert screen.values == best
+        await until(pilot, "its figures", lambda: screen.ready)
         assert figures(interface, "values without it entered")[1] > 0.01
         await pilot.press("escape")
         await until(pilot, "result", lambda: isinstance(interface.screen, HexaSlideResultScreen))

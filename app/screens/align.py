@@ -76,7 +76,7 @@ class AlignScreen(Corrections):
     def proceed(self) -> None:
         self._show()
 
-    def say(self, text: str) -> None:
+    def say(self, text: str, *, wrong: bool = False) -> None:
         self.query_one("#said", Static).update(signalled(self.app.keyed(text)))
 
     def refused(self, text: str) -> None:

@@ -12,7 +12,6 @@ from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
-from textual.screen import Screen
 from textual.widgets import Static
 
 from app.exit_codes import exit_code
@@ -36,7 +35,7 @@ from app.report.text.preparing import (
     refused_text,
     trial_text,
 )
-from app.screens.interface import Interface
+from app.screens.interface import MainScreen
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, is_left, last_lines
 from app.screens.session_view import Gauges, port_dialog
@@ -48,10 +47,9 @@ REFRESH_S = 0.1
 OPENING = "Opening the indicators …"
 
 
-class CheckScreen(Screen[None]):
+class CheckScreen(MainScreen[None]):
     """Live readings before the record begins."""
 
-    app: Interface
     HELP = CHECK_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "begin", "Begin", id="check.begin"),
@@ -181,7 +179,7 @@ class CheckScreen(Screen[None]):
         dialog = port_dialog(indicator_words(number, instruments[number]), adapter, used)
         if dialog is None:
             self._show_trial(NO_OTHER_PORT_HERE)
-        elif self.is_current and (port := await self.app.push_screen_wait(dialog)):
+        elif port := await self.ask(dialog):
             instruments[number] = instruments[number].model_copy(update={"port": port})
             self._plan = replace(self._plan, instruments=tuple(instruments))
             self.query_one(Gauges).name_them(instruments)

@@ -26,7 +26,7 @@ from app.measuring.recorded import (
 )
 from app.report.text import home as texts
 from app.screens import Look, look_of
-from app.screens.interface import ChoiceDialog, Interface, TextDialog
+from app.screens.interface import ChoiceDialog, MainScreen, TextDialog
 from app.screens.pages import Found, Given, apart, last_lines
 
 if TYPE_CHECKING:
@@ -38,10 +38,9 @@ HISTORY_S = 2.0
 DEMO_FOLDER = Path("demo-sessions")
 
 
-class HomeScreen(Screen[None]):
+class HomeScreen(MainScreen[None]):
     """The first screen."""
 
-    app: Interface
     HELP = texts.HOME_HELP
     AUTO_FOCUS = "#choices"
 
@@ -118,7 +117,7 @@ class HomeScreen(Screen[None]):
         elif what == "session":
             choices = texts.session_choices(session, read_only=app.read_only)
             dialog = ChoiceDialog(texts.session_label(session), choices)
-            if answer := await app.push_screen_wait(dialog):
+            if answer := await self.ask(dialog):
                 await self._do(answer, session)
         elif what == "compare":
             await self._compare(session)
@@ -133,9 +132,9 @@ class HomeScreen(Screen[None]):
         rows.append((texts.ELSEWHERE, texts.ELSEWHERE))
         at = sessions.index(proposed) if proposed in sessions else 0
         words = question if sessions else f"{question}\n{texts.NO_SESSIONS}"
-        while answer := await self.app.push_screen_wait(ChoiceDialog(words, rows, at)):
+        while answer := await self.ask(ChoiceDialog(words, rows, at)):
             if isinstance(answer, str):
-                path = await self.app.push_screen_wait(TextDialog(texts.WHICH_PATH, "path"))
+                path = await self.ask(TextDialog(texts.WHICH_PATH, "path"))
                 if not path:
                     continue
                 answer = look_at(Path(path).expanduser())
@@ -187,7 +186,7 @@ class HomeScreen(Screen[None]):
             plan = plan_to_continue(path, tuple(map(parse_indicator, typed.split())))
         except PortsUnknown as problem:
             dialog = TextDialog(texts.PORTS_QUESTION.format(problem.thing), texts.PORTS_HINT)
-            if answer := await self.app.push_screen_wait(dialog):
+            if answer := await self.ask(dialog):
                 await self._continue(path, answer)
         else:
             self.app.push_screen(self.app.check(plan))
@@ -210,7 +209,7 @@ class HomeScreen(Screen[None]):
         if partner := partner_of(session.path, session.verifies):
             question = texts.partner_question(session.path, partner)
             dialog = ChoiceDialog(question, texts.PARTNER_CHOICES)
-            answer = await self.app.push_screen_wait(dialog)
+            answer = await self.ask(dialog)
             if answer is None:
                 return
             pair = (partner, session.path) if answer == "both" else None

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from rich.cells import cell_len
 from rich.segment import Segment
@@ -48,7 +48,32 @@ if TYPE_CHECKING:
     from app.measuring.plan import Plan
     from app.measuring.session import GuidedSession, Indicators
 
-Thing = TypeVar("Thing")
+Answer = TypeVar("Answer")
+
+
+class MainScreen(LeftOnce[ScreenResultType]):
+    """A screen that is no dialog: what its keys can do, what happened last, questions over it."""
+
+    app: Interface
+
+    def why_not(self, action: str) -> str:
+        """Why an action cannot be done now; empty where it can."""
+        return ""
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """What cannot be done is not offered; its key says why."""
+        return not self.why_not(action)
+
+    def say(self, text: str, *, wrong: bool = False) -> None:
+        """What happened last, in a line that lies over no table."""
+        self.query_one(Message).tell(text, wrong=wrong)
+
+    async def ask(self, dialog: Screen[Answer]) -> Answer | None:
+        """For workers of the screen: an answer; none where another question came before."""
+        if not self.is_current:
+            return None
+        waiting = self.app.push_screen_wait(dialog)
+        return await waiting
 
 
 class Dialog(ModalScreen[ScreenResultType], LeftOnce[ScreenResultType]):
@@ -86,7 +111,7 @@ class TextDialog(Dialog[str | None]):
             event.input.placeholder = f"{self._hint}: none yet, write one, or {cancel}"
 
 
-class ChoiceDialog(Dialog[Thing | None]):
+class ChoiceDialog(Dialog[Answer | None]):
     """One of several answers, each with its words, by arrow keys and Enter or by its number."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -97,7 +122,7 @@ class ChoiceDialog(Dialog[Thing | None]):
     def __init__(
         self,
         question: str,
-        choices: Sequence[tuple[Thing, str]],
+        choices: Sequence[tuple[Answer, str]],
         highlighted: int = 0,
         leaving: str = "{dialog.cancel} cancels.",
     ) -> None:
@@ -158,20 +183,6 @@ TALL = 30
 
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Windows knows no SIGHUP."""
-
-
-@runtime_checkable
-class Saying(Protocol):
-    """A screen with a line of its own for what happened last."""
-
-    def say(self, text: str) -> None: ...
-
-
-@runtime_checkable
-class Refusing(Protocol):
-    """A screen that says why an action cannot be done now."""
-
-    def why_not(self, action: str) -> str: ...
 
 
 class PrintableRows(LineFilter):
@@ -273,11 +284,11 @@ class Interface(App[str]):
         """What a key does; nothing where it comes before its screen is ready, or too late."""
         if self.return_code is not None or not ready(default_namespace):
             return False
-        if isinstance(default_namespace, Refusing):
-            why_not = default_namespace.why_not(str(action).partition("(")[0])
-            if why_not:
-                self.complain(why_not)
-                return True
+        if isinstance(default_namespace, MainScreen) and (
+            why_not := default_namespace.why_not(str(action).partition("(")[0])
+        ):
+            self.complain(why_not)
+            return True
         return await super().run_action(action, default_namespace, namespaces)
 
     def action_command_palette(self) -> None:
@@ -294,17 +305,10 @@ class Interface(App[str]):
 
     def on_resize(self, event: Resize) -> None:
         """Smaller than every screen is made for: said after each change, until it is larger."""
-        self.set_timer(ATTEND_S, self._say_too_small)
-
-    def _say_too_small(self) -> None:
-        columns, rows = self.size
-        cramped = columns < LEAST_SIZE.width or rows < LEAST_SIZE.height
-        if cramped and not self.screen.is_mounted:
-            self.set_timer(ATTEND_S, self._say_too_small)
-        elif cramped:
-            here = f"This window has {columns} × {rows} characters, and words are cut. "
-            needed = f"glidecal needs {LEAST_SIZE.width} × {LEAST_SIZE.height}: make it larger."
-            self.notify(here + needed, severity="warning", timeout=10, markup=False)
+        cramped = event.size.width < LEAST_SIZE.width or event.size.height < LEAST_SIZE.height
+        if cramped:
+            words = texts.TOO_SMALL.format(*event.size, *LEAST_SIZE)
+            self.notify(words, severity="warning", timeout=10, markup=False)
         elif self._cramped:
             self.clear_notifications()
         self._cramped = cramped
@@ -382,10 +386,8 @@ class Interface(App[str]):
         screen = next((each for each in stack if not isinstance(each, ModalScreen)), None)
         if screen is not None and not screen.is_mounted:
             self.set_timer(ATTEND_S, lambda: self.notify(message, severity=severity))
-        elif isinstance(screen, Saying):
-            screen.say(message)
-        elif screen is not None and (lines := screen.query(Message)):
-            lines.first().tell(message, wrong=severity == "error")
+        elif isinstance(screen, MainScreen):
+            screen.say(message, wrong=severity == "error")
         else:
             super().notify(message, title=title, severity=severity, timeout=timeout, markup=markup)
 
@@ -411,7 +413,7 @@ class Interface(App[str]):
         except GlidecalError as problem:
             self.complain(problem)
 
-    async def written(self, job: Callable[..., Thing]) -> Thing | None:
+    async def written(self, job: Callable[..., Answer]) -> Answer | None:
         """For workers: what a job gives that writes files, in a thread; None where it does not.
 
         Where files are there already a person is asked, and it is called again with ``replace``.

@@ -428,7 +428,7 @@ class MeasureScreen(Corrections, Resting):
         self.say(text)
         self._show_step()
 
-    def say(self, text: str) -> None:
+    def say(self, text: str, *, wrong: bool = False) -> None:
         self.view.say(self.app.keyed(text))
 
     @property

@@ -10,14 +10,13 @@ from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.screen import Screen, ScreenResultType
+from textual.screen import ScreenResultType
 from textual.widget import Widget
 from textual.widgets import OptionList, Static, TabbedContent, TabPane, Tabs
 
 from app.report.charts.charts import Chart
 from app.report.text.home import ONLY_SHOWN, REPORTS_SERVED
-from app.screens.fast_keys import LeftOnce
-from app.screens.interface import Interface
+from app.screens.interface import MainScreen
 from app.screens.pages import apart, last_lines, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
@@ -56,10 +55,9 @@ class Page:
             yield VerticalScroll(text)
 
 
-class PagedScreen(LeftOnce[ScreenResultType]):
+class PagedScreen(MainScreen[ScreenResultType]):
     """A line that says what is shown, its pages, and below them what happened last."""
 
-    app: Interface
     BINDINGS: ClassVar[list[BindingType]] = [
         *(
             Binding(f"{n}", f"turn_to({n})", f"Page {n}", show=False, id=f"page.{n}")
@@ -150,22 +148,10 @@ class PagedScreen(LeftOnce[ScreenResultType]):
         for plot in self.query(ChartPlot):
             plot.display = False
 
-    async def ask(self, dialog: Screen[Answer]) -> Answer | None:
-        """For workers of the screen: an answer; none where another question came before."""
-        if not self.is_current:
-            return None
-        waiting = self.app.push_screen_wait(dialog)
-        return await waiting
-
     def why_not(self, action: str) -> str:
-        """Why an action cannot be done now; empty where it can."""
         if not (self.app.read_only and action in self.WRITES):
             return ""
         return f"{ONLY_SHOWN} {REPORTS_SERVED}" if action == "report" else ONLY_SHOWN
-
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """What cannot be done is not offered; its key says why."""
-        return not self.why_not(action)
 
     def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
         """Up and down scroll the text of the page that is shown, or move in its list."""

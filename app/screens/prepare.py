@@ -13,7 +13,6 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.content import Content
 from textual.events import ScreenResume
-from textual.screen import Screen
 from textual.widget import Widget
 from textual.widgets import Input, Label, Select, Static
 
@@ -29,8 +28,7 @@ from app.report.text import home as texts
 from app.report.text.indicator import findings_text, trial_text
 from app.report.text.preparing import procedure_sentence
 from app.screens.check import CheckScreen, DryRunScreen
-from app.screens.fast_keys import LeftOnce
-from app.screens.interface import Interface
+from app.screens.interface import MainScreen
 from app.screens.pages import apart, last_lines
 from calib.errors import GlidecalError, IndicatorError
 from drivers.doctor import Trials, findings_of, refused, try_profiles
@@ -40,10 +38,9 @@ from protocols.documents import MOST_LETTERS
 from protocols.machine import Machine
 
 
-class IndicatorScreen(LeftOnce[Form]):
+class IndicatorScreen(MainScreen[Form]):
     """A form that keeps what was typed however it is left; no port is opened unasked."""
 
-    app: Interface
     HELP = texts.INDICATOR_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f3", "try_profiles", "Try profiles on this port", id="indicator.try"),
@@ -208,10 +205,9 @@ class IndicatorField(Static, can_focus=True):
             self.screen.action_choose()
 
 
-class PrepareScreen(Screen[None]):
+class PrepareScreen(MainScreen[None]):
     """A form; F5 goes on to the instrument check. What was typed stays, however it is left."""
 
-    app: Interface
     HELP = texts.PREPARE_HELP
     AUTO_FOCUS = "#indicator1"
     BINDINGS: ClassVar[list[BindingType]] = [

@@ -270,6 +270,9 @@ PALETTE = (
     ("Keys", "Every key of this screen"),
     ("Quit", "Leave; an open session is paused and can be continued"),
 )
+TOO_SMALL = (
+    "This window has {} × {} characters, and words are cut. glidecal needs {} × {}: make it larger."
+)
 NO_HELP = "The keys of this screen are in its last line."
 
 KeyRow = tuple[str, Sequence[str], str]

@@ -40,6 +40,8 @@ class DiagnoseScreen(PagedScreen[None]):
         Binding("l", "result", "Result", id="diagnose.result"),
     ]
     WRITES = ("adopt", "next")
+    NEEDS = ("adopt", "next", "what_if", "copy")
+    LOOKING, NOTHING = texts.NOT_YET, texts.NOTHING_FOUND
     PAGES = (
         Page("verdict", "Verdict"),
         Page("where", "Where"),
@@ -87,8 +89,6 @@ class DiagnoseScreen(PagedScreen[None]):
         diagnosed = self.diagnosed
         if reason := super().why_not(action):
             return reason
-        if action in ("adopt", "next", "what_if", "copy") and diagnosed is None:
-            return texts.NOT_YET if self.looking else texts.NOTHING_FOUND
         if action == "adopt" and diagnosed and not texts.adopt_choices(diagnosed):
             return texts.NOTHING_NAMED
         return texts.NO_NEXT if action == "next" and diagnosed and not diagnosed.separation else ""

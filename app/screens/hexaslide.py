@@ -40,6 +40,8 @@ class HexaSlideScreen(PagedScreen[None]):
         Binding("plus", "draw(1)", "Next posture", show=False, id="hexaslide.next_posture"),
         Binding("minus", "draw(-1)", "Posture before", show=False, id="hexaslide.posture_before"),
     ]
+    NEEDS = ("count", "search")
+    LOOKING, NOTHING = texts.LOOKING, texts.NO_VIEW
     PAGES = (
         Page("sees", "Sees", charts=2, beside=True),
         Page("drawn", "Machine", charts=2),
@@ -123,11 +125,6 @@ class HexaSlideScreen(PagedScreen[None]):
         if text is not None and text != now:
             path = Path(text).expanduser() if text else None
             self._look(replace(self.request, machine_file=path))
-
-    def why_not(self, action: str) -> str:
-        if self.view is not None or action not in ("count", "search"):
-            return ""
-        return texts.LOOKING if self.looking else texts.NO_VIEW
 
     @work(exclusive=True, group="ask")
     async def action_count(self) -> None:

@@ -33,9 +33,10 @@ class HexaSlideResultScreen(PagedScreen[None]):
         Binding("r", "report", "Report", id="postures.report"),
         Binding("d", "show_page('diagnosis')", "Diagnose", id="postures.diagnose"),
         Binding("w", "what_if", "What if", id="postures.what_if"),
-        Binding("h", "home", "Home", show=False, id="postures.home"),
     ]
-    WRITES = ("export", "report", "home")
+    WRITES = ("export", "report")
+    NEEDS = ("export", "report", "what_if")
+    LOOKING, NOTHING = texts.LOOKING, texts.NO_RESULT
     PAGES = (
         Page("result", "Result", charts=2, beside=True),
         Page("details", "Details"),
@@ -77,12 +78,6 @@ class HexaSlideResultScreen(PagedScreen[None]):
         """The bars are as long as there is room."""
         self._show_glance()
 
-    def why_not(self, action: str) -> str:
-        reason = super().why_not(action)
-        if not reason and self.result is None and action in ("export", "report", "what_if"):
-            return texts.LOOKING if self.looking else texts.NO_RESULT
-        return reason
-
     @work(exclusive=True, group="what-if")
     async def action_what_if(self) -> None:
         if self.result is None:
@@ -104,9 +99,6 @@ class HexaSlideResultScreen(PagedScreen[None]):
             self.app.notify(texts.exported_text(paths), markup=False)
             self.folder = folder.name
             self._show_glance()
-
-    def action_home(self) -> None:
-        self.app.go_to(self.app.home())
 
     @work(exclusive=True, group="write")
     async def action_report(self) -> None:

@@ -72,10 +72,13 @@ class PagedScreen(MainScreen[ScreenResultType]):
     PAGES: ClassVar[tuple[Page, ...]] = ()
     WRITES: ClassVar[tuple[str, ...]] = ()
     """Actions that are not for those who only look."""
+    NEEDS: ClassVar[tuple[str, ...]] = ()
+    """Actions that are for what is worked out; `LOOKING` is said meanwhile, `NOTHING` in vain."""
+    LOOKING = NOTHING = ""
     first = ""
     """The page that is shown first, where it is not the leftmost."""
-    looking = False
-    """Whether what the pages show is still worked out."""
+    looking = looked = False
+    """Whether what the pages show is still worked out, and whether it could be."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -130,13 +133,13 @@ class PagedScreen(MainScreen[ScreenResultType]):
             self.looking = False
             self.wait(problem_text(problem))
         else:
-            self.looking = False
+            self.looking, self.looked = False, True
             show(outcome)
             self.refresh_bindings()
 
     def begin_to_look(self, heading: str, words: str) -> None:
         """Say on every page that it is worked out."""
-        self.looking = True
+        self.looking, self.looked = True, False
         self.head(heading)
         self.wait(words)
         self.refresh_bindings()
@@ -149,9 +152,11 @@ class PagedScreen(MainScreen[ScreenResultType]):
             plot.display = False
 
     def why_not(self, action: str) -> str:
-        if not (self.app.read_only and action in self.WRITES):
+        if self.app.read_only and action in self.WRITES:
+            return f"{ONLY_SHOWN} {REPORTS_SERVED}" if action == "report" else ONLY_SHOWN
+        if self.looked or action not in self.NEEDS:
             return ""
-        return f"{ONLY_SHOWN} {REPORTS_SERVED}" if action == "report" else ONLY_SHOWN
+        return self.LOOKING if self.looking else self.NOTHING
 
     def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
         """Up and down scroll the text of the page that is shown, or move in its list."""

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import ClassVar
 
 from textual import work
@@ -31,7 +28,6 @@ from app.report.text.preparing import (
     NO_OTHER_PORT_HERE,
     adapter_lines,
     check_text,
-    dry_run_text,
     refused_text,
     trial_text,
 )
@@ -40,8 +36,7 @@ from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, is_left, last_lines
 from app.screens.session_view import Gauges, port_dialog
 from calib.errors import GlidecalError
-from protocols.machine import Instrument, Machine
-from protocols.procedure import Procedure, Step
+from protocols.procedure import Step
 
 REFRESH_S = 0.1
 OPENING = "Opening the indicators …"
@@ -100,15 +95,11 @@ class CheckScreen(MainScreen[None]):
             return
         self._problem, instruments = problem, self._plan.instruments
         self._gone = [k for k, each in enumerate(instruments) if port_is_gone(each.port)]
-        words = refused_text(problem, instruments, self._gone, self._moved_adapters())
+        words = refused_text(
+            problem, instruments, self._gone, moved_adapters(self._plan.instruments)
+        )
         self.query_one("#words", Static).update(self.app.keyed(words))
         self.refresh_bindings()
-
-    def _moved_adapters(self) -> dict[int, str]:
-        """Where adapters are now that were at other ports before; nothing where that is unknown."""
-        with suppress(GlidecalError):
-            return moved_adapters(self._plan.instruments)
-        return {}
 
     def _opened(self, indicators: Indicators) -> None:
         if is_left(self):
@@ -116,7 +107,7 @@ class CheckScreen(MainScreen[None]):
             return
         self.app.indicators = indicators
         self.refresh_bindings()
-        mover, moved = indicators.mover, self._moved_adapters()
+        mover, moved = indicators.mover, moved_adapters(self._plan.instruments)
         warnings = [f"WARNING: {line}" for line in adapter_lines(self._plan.instruments, moved)]
         of_machine = motion.check_text(self._plan, mover) if mover is not None else ""
         words = filter(None, [of_machine, "\n".join(warnings), check_text(self._plan)])
@@ -172,9 +163,7 @@ class CheckScreen(MainScreen[None]):
     async def action_port(self) -> None:
         """The first indicator whose port has gone is at another one: choose it, and try again."""
         number, instruments = self._gone[0], list(self._plan.instruments)
-        adapter = ""
-        with suppress(GlidecalError):
-            adapter = adapter_before(instruments[number].port)
+        adapter = adapter_before(instruments[number].port)
         used = [instrument.port for instrument in instruments]
         dialog = port_dialog(indicator_words(number, instruments[number]), adapter, used)
         if dialog is None:
@@ -216,32 +205,24 @@ class DryRunScreen(PagedScreen[None]):
     HELP = DRY_RUN_HELP
     PAGES = (Page("dry-run", "Every step"), Page("expected", "What to expect"))
 
-    def __init__(
-        self,
-        procedure: Procedure,
-        machine: Machine,
-        instruments: Sequence[Instrument],
-        moved_by: str = "",
-    ) -> None:
+    def __init__(self, plan: Plan) -> None:
         super().__init__()
-        self._asked = procedure, machine, tuple(instruments)
-        self._moved_by = moved_by
+        self._plan = plan
 
     @work
     async def begin(self) -> None:
-        procedure, machine, instruments = self._asked
-        self.head(f"Dry run of {procedure.name}")
-        plan = Plan(Path(), machine, procedure, instruments, motion=self._moved_by)
-        self.put(
-            "dry-run", motion.plan_text(plan) if self._moved_by else dry_run_text(*self._asked)
-        )
+        plan = self._plan
+        self.head(f"Dry run of {plan.procedure.name}")
+        self.put("dry-run", motion.plan_text(plan))
         self.put("expected", await apart(self, self._expected))
 
     def _expected(self) -> str:
         from app.planning.tripod import before_measuring
         from app.report.text.planning import before_measuring_text
 
+        plan = self._plan
         try:
-            return before_measuring_text(*before_measuring(*self._asked))
+            asked = before_measuring(plan.procedure, plan.machine, plan.instruments)
+            return before_measuring_text(*asked)
         except GlidecalError as problem:
             return str(problem)

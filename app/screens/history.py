@@ -47,8 +47,10 @@ class HistoryScreen(PagedScreen[None]):
 
     HELP = texts.HISTORY_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("plus", "figure(1)", "Next chart", show=False, id="history.next_figure"),
-        Binding("minus", "figure(-1)", "Chart before", show=False, id="history.figure_before"),
+        Binding("plus", "figure('charts', 1)", "Next chart", show=False, id="history.next_figure"),
+        Binding(
+            "minus", "figure('charts', -1)", "Chart before", show=False, id="history.figure_before"
+        ),
     ]
     PAGES = (Page("history", "History"), Page("charts", "Charts", content=LegPlots))
 
@@ -97,7 +99,3 @@ class HistoryScreen(PagedScreen[None]):
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         self._show(self._history.of_number(event.option_index))
         self.action_show_page("history")
-
-    def action_figure(self, by: int) -> None:
-        self.action_show_page("charts")
-        self.query_one(LegPlots).turn(by)

@@ -36,9 +36,9 @@ from app.report.text import home as texts
 from app.report.text.tables import copied_text, keyed
 from app.screens import Look
 from app.screens.fast_keys import LeftOnce, Palette, ready
-from app.screens.keys import key_words, split, usual_key
+from app.screens.keys import key_words, usual_key
 from app.screens.pages import Message, legible, signalled
-from app.settings import Settings, save_theme, settings_path
+from app.settings import Settings, save_theme, settings_path, split
 from calib.errors import GlidecalError
 from calib.printable import HIDDEN
 from protocols.files import FilesThere, unused_path
@@ -444,8 +444,9 @@ class Interface(App[str]):
         self.notify(text, timeout=10, markup=False)
 
     async def action_interrupt(self) -> None:
-        """Ctrl-C: as quit, with the exit status of an interruption."""
-        self.exit(await self._leave(), return_code=Exit.INTERRUPTED)
+        """Ctrl-C and signals: as quit, with the exit status of an interruption."""
+        with self.batch_update():  # the terminal may be gone
+            self.exit(await self._leave(), return_code=Exit.INTERRUPTED)
 
     def _heed_signals(self, heed: bool) -> None:
         """Leave at each of the signals; else they end the program.
@@ -464,11 +465,7 @@ class Interface(App[str]):
     def _receive(self, number: signal.Signals) -> None:
         if number.name == "SIGHUP":
             write_nowhere()
-        self.run_worker(self._hang_up())
-
-    async def _hang_up(self) -> None:
-        with self.batch_update():
-            self.exit(await self._leave(), return_code=Exit.INTERRUPTED)
+        self.run_worker(self.action_interrupt())
 
     async def on_unmount(self) -> None:
         """However the interface ends, ports and record are let go.

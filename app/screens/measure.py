@@ -360,21 +360,14 @@ class MeasureScreen(Corrections, Resting):
             await self._go_on(step_taken.step)
 
     async def _answered(self, answer: str, step_taken: TakenStep) -> None:
-        """What the operator says to readings in question; only "keep" lets them count."""
-        guided, reason = self.guided, questions.answer_reason(answer, step_taken)
+        reason = questions.answer_reason(answer, step_taken)
         unsure: list[int] = []  # steps that are measured again for a new zero
-        if answer == "keep":
-            if self.write(partial(guided.keep, step_taken, reason)):
-                self.say(questions.answered_text(answer, step_taken))
-                await self._go_on(step_taken.step)
+        if not self.write(lambda: unsure.extend(self.guided.answer(answer, step_taken, reason))):
             return
-        self.write(partial(guided.note, f"step {step_taken.step.number}: {reason}"))
-        if answer == "stand":
-            self.write(lambda: unsure.extend(guided.remount_since(reason)))
-        elif answer == "earlier":
-            self.write(partial(guided.measure_earlier, step_taken, reason))
         self.say(questions.answered_text(answer, step_taken, unsure))
-        if answer == "read":  # without moving: what is stable stays so
+        if answer == "keep":
+            await self._go_on(step_taken.step)
+        elif answer == "read":  # without moving: what is stable stays so
             self._show_step()
         else:
             self.proceed()

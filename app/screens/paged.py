@@ -18,7 +18,7 @@ from app.report.charts.charts import Chart
 from app.report.text.home import ONLY_SHOWN, REPORTS_SERVED
 from app.screens.interface import MainScreen
 from app.screens.pages import apart, last_lines, signalled
-from app.screens.plot import ChartPlot
+from app.screens.plot import ChartPlot, LegPlots
 from calib.errors import GlidecalError
 
 Answer = TypeVar("Answer")
@@ -172,7 +172,13 @@ class PagedScreen(MainScreen[ScreenResultType]):
         if not texts:
             charts = (part for part in page.query(ChartPlot) if part.region.area)
             texts = [str(chart.render()).rstrip() for chart in charts]
-        self.app.copy("\n\n".join(texts))
+        above = [str(part.content) for part in self.query(".above").results(Static)]
+        self.app.copy("\n\n".join([*above, *texts]))
+
+    def action_figure(self, page: str, by: int) -> None:
+        """The next figure of a page, or the one before."""
+        self.action_show_page(page)
+        self.query_one(LegPlots).turn(by)
 
     def action_show_page(self, name: str) -> None:
         self.query_one(TabbedContent).active = name

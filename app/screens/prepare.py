@@ -323,12 +323,7 @@ class PrepareScreen(MainScreen[None]):
 
     def action_dry_run(self) -> None:
         with self.app.complaining():
-            prepared = self._read()
-            machine = prepared.machine()
-            procedure = prepared.procedure(machine)
-            instruments = prepared.some_instruments(procedure)
-            moved_by = prepared.typed["motion"]
-            self.app.push_screen(DryRunScreen(procedure, machine, instruments, moved_by))
+            self.app.push_screen(DryRunScreen(self._read().rehearsal()))
 
 
 def _procedures(machine: Machine) -> list[tuple[str, str]]:

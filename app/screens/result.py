@@ -43,8 +43,8 @@ class ResultScreen(PagedScreen[None]):
         Binding("v", "verify", "Verify", id="result.verify"),
         Binding("r", "report", "Report", id="result.report"),
         Binding("s", "choose", "Set", show=False, id="result.set"),
-        Binding("plus", "leg(1)", "Next leg", show=False, id="result.next_leg"),
-        Binding("minus", "leg(-1)", "Leg before", show=False, id="result.leg_before"),
+        Binding("plus", "figure('legs', 1)", "Next leg", show=False, id="result.next_leg"),
+        Binding("minus", "figure('legs', -1)", "Leg before", show=False, id="result.leg_before"),
         Binding("d", "diagnose", "Diagnose", id="result.diagnose"),
         Binding("w", "what_if", "What if", id="result.what_if"),
     ]
@@ -92,10 +92,6 @@ class ResultScreen(PagedScreen[None]):
             self.put("result", None, chart)
             self.put("plot", None, chart)
         self.query_one(LegPlots).show(await apart(self, leg_figures, self.solved))
-
-    def action_leg(self, by: int) -> None:
-        self.action_show_page("legs")
-        self.query_one(LegPlots).turn(by)
 
     def _show_glance(self) -> None:
         if self.solved.is_worked_out:

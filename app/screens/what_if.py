@@ -53,6 +53,8 @@ Outcome = TypeVar("Outcome")
 class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outcome]):
     """Sizes that keys move, words on what they do above the pages."""
 
+    NEEDS = ("copy",)
+    LOOKING = NOTHING = texts.NOT_YET
     sizes: Sizes | None = None
     """How they can be moved; None until that is worked out."""
     values: tuple[float, ...] = ()
@@ -69,7 +71,7 @@ class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outco
         self._following = False
 
     def above(self) -> ComposeResult:
-        yield Static(texts.WORKING, id="what-if", markup=False)
+        yield Static(texts.WORKING, id="what-if", classes="above", markup=False)
 
     def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
         """Up and down are for sizes."""
@@ -214,16 +216,6 @@ class WhatIfScreen(SizesScreen[EffectEntry | None, WhatIf]):
     def action_scroll(self, pages: int) -> None:
         page = self.query_one(VerticalScroll)
         page.scroll_relative(y=pages * page.scrollable_content_region.height)
-
-    def action_copy(self) -> None:
-        if self.ready:
-            parts = (self.query_one(f"#{name}", Static) for name in COPIED)
-            self.app.copy("\n\n".join(str(part.content) for part in parts))
-        else:
-            self.app.complain(texts.NOT_YET)
-
-
-COPIED = ("heading", "what-if", "numbers-text")
 
 
 async def tried(

@@ -29,6 +29,7 @@ from app.evaluating.solution import load_sessions, solve_files
 from app.evaluating.what_if import choices, trial_of
 from app.machines.registry import LOOKS
 from app.measuring.demo import WATCHED, demo_plan
+from app.measuring.plan import Plan
 from app.report.text.questions import question_choices
 from app.screens.align import AlignScreen
 from app.screens.check import CheckScreen, DryRunScreen
@@ -102,7 +103,7 @@ def set_up(_: Path) -> Screen[Any]:
 def dry_run(_: Path) -> Screen[Any]:
     machine = load_machine(None)
     procedure = load_procedure("two-station", machine.geometry())
-    return DryRunScreen(procedure, machine, simulated().opened.instruments)
+    return DryRunScreen(Plan(Path(), machine, procedure, simulated().opened.instruments))
 
 
 def what_if(_: Path) -> Screen[Any]:

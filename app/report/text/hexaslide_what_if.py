@@ -14,7 +14,7 @@ WHAT_IF_HELP = """\
 {what_if.size_before}, {what_if.next_size}  another of several sizes (> is moved)
 {what_if.nothing}  nothing: parameters alone
 {what_if.best}  the size that fits best
-{page.copy}  copy the plot to the clipboard
+{page.copy}  copy words and plot to the clipboard
 {page.back}, {app.quit}  back, quit
 
 Parameters are fitted again at every size. Platform, cause not

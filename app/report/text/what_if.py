@@ -31,7 +31,7 @@ WHAT_IF_HELP = """\
 {what_if.best} the size stays free and is fitted
 {what_if.up}, {what_if.down}  scroll the numbers
 {page.next}, {page.1} …  the next page, a page by its number
-{page.copy}  copy the numbers to the clipboard
+{page.copy}  copy the page to the clipboard, a plot as characters
 {page.back}, {app.quit}  drop it: nothing is written; quit
 
 Offsets and lengths are fitted again at every size, other effects of

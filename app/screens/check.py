@@ -33,7 +33,7 @@ from app.report.text.preparing import (
 )
 from app.screens.interface import MainScreen
 from app.screens.paged import Page, PagedScreen
-from app.screens.pages import apart, is_left, last_lines
+from app.screens.pages import apart, is_left
 from app.screens.session_view import Gauges, port_dialog
 from calib.errors import GlidecalError
 from protocols.procedure import Step
@@ -46,6 +46,7 @@ class CheckScreen(MainScreen[None]):
     """Live readings before the record begins."""
 
     HELP = CHECK_HELP
+    heading = "Check of the indicators"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "begin", "Begin", id="check.begin"),
         Binding("f5", "begin", "Begin", show=False, id="check.begin-too"),
@@ -63,8 +64,7 @@ class CheckScreen(MainScreen[None]):
         self._trial: SpindleCheck | None = None
         self._first: Step | None = None
 
-    def compose(self) -> ComposeResult:
-        yield Static("Check of the indicators", id="heading", markup=False)
+    def content(self) -> ComposeResult:
         words = Static(OPENING, id="words", markup=False)
         if self._plan.motion or self._plan.by_itself:  # every posture, to scroll through
             with VerticalScroll(id="moves"):
@@ -73,7 +73,6 @@ class CheckScreen(MainScreen[None]):
             yield words
         yield Static("", id="trial", markup=False)
         yield Gauges(self._plan.instruments)
-        yield from last_lines()
 
     def on_mount(self) -> None:
         self.app.clear_notifications()  # they would lie over the readings

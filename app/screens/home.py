@@ -27,7 +27,7 @@ from app.measuring.recorded import (
 from app.report.text import home as texts
 from app.screens import Look, look_of
 from app.screens.interface import ChoiceDialog, MainScreen, TextDialog
-from app.screens.pages import Found, Given, apart, last_lines
+from app.screens.pages import Found, Given, apart
 
 if TYPE_CHECKING:
     from app.screens.result import ResultScreen
@@ -42,6 +42,7 @@ class HomeScreen(MainScreen[None]):
     """The first screen."""
 
     HELP = texts.HOME_HELP
+    heading = "glidecal"
     AUTO_FOCUS = "#choices"
 
     def __init__(self) -> None:
@@ -49,11 +50,9 @@ class HomeScreen(MainScreen[None]):
         self._recent: list[SessionFile] = []
         self._working = False
 
-    def compose(self) -> ComposeResult:
-        yield Static("glidecal", id="heading", markup=False)
+    def content(self) -> ComposeResult:
         yield Static(self.question(), markup=False, id="question")
         yield OptionList(id="choices", markup=False)
-        yield from last_lines()
 
     def question(self) -> str:
         return texts.HOME_QUESTION

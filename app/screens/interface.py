@@ -37,7 +37,7 @@ from app.report.text.tables import copied_text, keyed
 from app.screens import Look
 from app.screens.fast_keys import LeftOnce, Palette, ready
 from app.screens.keys import key_words, usual_key
-from app.screens.pages import Message, legible, signalled
+from app.screens.pages import Message, last_lines, legible, signalled
 from app.settings import Settings, save_theme, settings_path, split
 from calib.errors import GlidecalError
 from calib.printable import HIDDEN
@@ -55,6 +55,16 @@ class MainScreen(LeftOnce[ScreenResultType]):
     """A screen that is no dialog: what its keys can do, what happened last, questions over it."""
 
     app: Interface
+    heading = ""
+
+    def compose(self) -> ComposeResult:
+        yield Static(self.heading, id="heading", markup=False)
+        yield from self.content()
+        yield from last_lines()
+
+    def content(self) -> ComposeResult:
+        """What stands between the heading and what happened last."""
+        yield from ()
 
     def why_not(self, action: str) -> str:
         """Why an action cannot be done now; empty where it can."""

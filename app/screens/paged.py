@@ -17,7 +17,7 @@ from textual.widgets import OptionList, Static, TabbedContent, TabPane, Tabs
 from app.report.charts.charts import Chart
 from app.report.text.home import ONLY_SHOWN, REPORTS_SERVED
 from app.screens.interface import MainScreen
-from app.screens.pages import apart, last_lines, signalled
+from app.screens.pages import apart, signalled
 from app.screens.plot import ChartPlot, LegPlots
 from calib.errors import GlidecalError
 
@@ -84,14 +84,12 @@ class PagedScreen(MainScreen[ScreenResultType]):
         super().__init__()
         self.pages: tuple[Page, ...] = self.PAGES
 
-    def compose(self) -> ComposeResult:
-        yield Static("", id="heading", markup=False)
+    def content(self) -> ComposeResult:
         yield from self.above()
         with TabbedContent(initial=self.first):
             for number, page in enumerate(self.pages, start=1):
                 with TabPane(f"{number} {page.title}", id=page.name):
                     yield from page.compose()
-        yield from last_lines()
 
     def above(self) -> ComposeResult:
         """What stands above every page."""

@@ -29,7 +29,7 @@ from app.report.text.indicator import findings_text, trial_text
 from app.report.text.preparing import procedure_sentence
 from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.interface import MainScreen
-from app.screens.pages import apart, last_lines
+from app.screens.pages import apart
 from calib.errors import GlidecalError, IndicatorError
 from drivers.doctor import Trials, findings_of, refused, try_profiles
 from drivers.profile import Evidence, Query, Unit
@@ -50,16 +50,15 @@ class IndicatorScreen(MainScreen[Form]):
 
     def __init__(self, which: str, form: Mapping[str, object], answered: dict[str, str]) -> None:
         super().__init__()
-        self._which, self._form = which, dict(form)
+        self.heading, self._form = which, dict(form)
         self._answered = answered  # which profiles fit at a port, as long as the program runs
         self._stop: Event | None = None
 
-    def compose(self) -> ComposeResult:
+    def content(self) -> ComposeResult:
         values = USUAL | self._form
         along = dict.fromkeys([*AXES, str(values["axes"])])
         here = [(texts.port_label(*entry, self._answered), entry[0]) for entry in serial_ports()]
         profiles = texts.profile_rows(PROFILES.values())
-        yield Static(self._which, id="heading", markup=False)
         with VerticalScroll(id="form"):
             yield from row("Ports here", choice("here", here, prompt=texts.ports_here(len(here))))
             yield from self._input("port")
@@ -72,7 +71,6 @@ class IndicatorScreen(MainScreen[Form]):
             for name in ("channel", "serial_number", "certificate", "certificate_date"):
                 yield from self._input(name)
             yield Static(self.app.keyed(texts.TRY_HINT), id="summary", markup=False)
-        yield from last_lines()
 
     def _input(self, name: str) -> ComposeResult:
         yield from entry(name, *texts.INDICATOR_FIELDS[name], str(self._form.get(name, "")))
@@ -209,6 +207,7 @@ class PrepareScreen(MainScreen[None]):
     """A form; F5 goes on to the instrument check. What was typed stays, however it is left."""
 
     HELP = texts.PREPARE_HELP
+    heading = "New session"
     AUTO_FOCUS = "#indicator1"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "choose", "Choose", id="prepare.choose"),
@@ -225,8 +224,7 @@ class PrepareScreen(MainScreen[None]):
         self._usual = self._offered_for.usual_procedure
         self._answered: dict[str, str] = {}
 
-    def compose(self) -> ComposeResult:
-        yield Static("New session", id="heading", markup=False)
+    def content(self) -> ComposeResult:
         with VerticalScroll(id="form"):
             for field in (texts.MACHINE, *texts.IDENTITY):
                 yield from entry(*field)
@@ -236,7 +234,6 @@ class PrepareScreen(MainScreen[None]):
             for field in texts.FIELDS:
                 yield from entry(*field)
             yield Static("", id="summary", markup=False)
-        yield from last_lines()
 
     def on_mount(self) -> None:
         for name, words in texts.FIELD_HELP.items():

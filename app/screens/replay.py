@@ -60,6 +60,7 @@ class ReplayScreen(MainScreen[None]):
         self.view = SessionView((*instruments, None, None)[: self.playback.gauge_count])
         self._listed: list[str] = []
         self._looked_at_s = time.monotonic()
+        self._solving = False
 
     def compose(self) -> ComposeResult:
         yield self.view
@@ -170,14 +171,18 @@ class ReplayScreen(MainScreen[None]):
         has_way = not self.app.read_only or self.has_class("listing")
         return action != "back" or has_way or self in self.app.screen_stack[2:]
 
-    @work(exclusive=True, group="result")
+    @work
     async def action_result(self) -> None:
         from app.screens.result import ResultScreen
 
+        if self._solving:
+            return
         self._pause()
+        self._solving = True
         try:
             solved = await apart(self, solve_files, [self.path])
             if self.is_current:
                 self.app.push_screen(ResultScreen(solved, None, self.path))
         except GlidecalError as problem:
             self.view.say(texts.UNSOLVED.format(problem))
+        self._solving = False

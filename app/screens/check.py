@@ -75,7 +75,6 @@ class CheckScreen(MainScreen[None]):
         yield Gauges(self._plan.instruments)
 
     def on_mount(self) -> None:
-        self.app.clear_notifications()  # they would lie over the readings
         self._open()
 
     @work(thread=True)

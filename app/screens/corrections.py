@@ -83,7 +83,7 @@ class Corrections(MainScreen[None]):
         self.app.guided = None
         self.app.go_to(result)
         if self.guided.session.changes:
-            self.app.notify(adjusted_words(self.guided.session.adjusted), timeout=30)
+            self.app.notify(adjusted_words(self.guided.session.adjusted))
 
     def _result(self) -> Screen[None]:
         from app.screens.result import ResultScreen

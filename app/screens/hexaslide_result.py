@@ -96,7 +96,7 @@ class HexaSlideResultScreen(PagedScreen[None]):
         if result is not None and (
             paths := await self.app.written(partial(write_calibrated, result.solved, folder))
         ):
-            self.app.notify(texts.exported_text(paths), markup=False)
+            self.app.notify(texts.exported_text(paths))
             self.folder = folder.name
             self._show_glance()
 
@@ -118,7 +118,7 @@ class HexaSlideResultScreen(PagedScreen[None]):
                 return write_report(lambda: source_from(certified), output, replace=replace)
 
             if path := await self.app.written(job):
-                self.app.notify(texts.REPORT_WRITTEN.format(path), markup=False)
+                self.app.notify(texts.REPORT_WRITTEN.format(path))
 
 
 class PostureWhatIfScreen(SizesScreen[None, CauseAtSize]):

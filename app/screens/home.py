@@ -155,7 +155,7 @@ class HomeScreen(MainScreen[None]):
             result = await self._computed(_result, path, self.app.read_only)
             await self.app.push_screen(result)
             for warning in result.solved.warnings:
-                self.app.notify(warning, severity="warning", markup=False)
+                self.app.notify(warning, severity="warning")
             if what == "export":
                 result.action_export()
 

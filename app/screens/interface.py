@@ -76,7 +76,8 @@ class MainScreen(LeftOnce[ScreenResultType]):
 
     def say(self, text: str, *, wrong: bool = False) -> None:
         """What happened last, in a line that lies over no table."""
-        self.query_one(Message).tell(text, wrong=wrong)
+        for line in self.query(Message):  # none where the screen goes
+            line.tell(text, wrong=wrong)
 
     async def ask(self, dialog: Screen[Answer]) -> Answer | None:
         """For workers of the screen: an answer; none where another question came before."""
@@ -318,9 +319,9 @@ class Interface(App[str]):
         cramped = event.size.width < LEAST_SIZE.width or event.size.height < LEAST_SIZE.height
         if cramped:
             words = texts.TOO_SMALL.format(*event.size, *LEAST_SIZE)
-            self.notify(words, severity="warning", timeout=10, markup=False)
+            self.notify(words, severity="warning")
         elif self._cramped:
-            self.clear_notifications()
+            self.notify("")
         self._cramped = cramped
 
     def get_line_filters(self) -> Sequence[LineFilter]:
@@ -354,7 +355,7 @@ class Interface(App[str]):
         path = unused_path(Path(f"glidecal_{datetime.now():%Y-%m-%d_%H%M%S}.svg"))
         with self.complaining():
             write_files(path, {"": self.export_screenshot()})
-            self.notify(f"Written: {path.absolute()}", timeout=10, markup=False)
+            self.notify(f"Written: {path.absolute()}")
 
     def _show_keys(self) -> None:
         entries = [entry for entry in self.screen.active_bindings.values() if entry.enabled]
@@ -399,21 +400,15 @@ class Interface(App[str]):
         elif isinstance(screen, MainScreen):
             screen.say(message, wrong=severity == "error")
         else:
-            super().notify(message, title=title, severity=severity, timeout=timeout, markup=markup)
-
-    def clear_notifications(self) -> None:
-        super().clear_notifications()
-        for line in (line for screen in self.screen_stack for line in screen.query(Message)):
-            line.tell("")
+            super().notify(message, severity=severity, markup=False)
 
     def copy(self, text: str) -> None:
         self.copy_to_clipboard(text)
-        self.notify(copied_text(text), timeout=8, markup=False)
+        self.notify(copied_text(text))
 
     def complain(self, problem: GlidecalError | str) -> None:
-        """Show an error that a person can act on, in the place of what was told before."""
-        self.clear_notifications()
-        self.notify(str(problem), severity="error", timeout=12, markup=False)
+        """Show an error that a person can act on."""
+        self.notify(str(problem), severity="error")
 
     @contextmanager
     def complaining(self) -> Iterator[None]:
@@ -438,7 +433,7 @@ class Interface(App[str]):
         return None
 
     async def action_quit(self) -> None:
-        self.notify("Finishing …", markup=False)
+        self.notify("Finishing …")
         self.exit(await self._leave(), return_code=self._status)
 
     def action_go_back(self) -> None:
@@ -451,7 +446,7 @@ class Interface(App[str]):
     async def pause_session(self) -> None:
         text = await self._leave()
         self.go_to(self.home())
-        self.notify(text, timeout=10, markup=False)
+        self.notify(text)
 
     async def action_interrupt(self) -> None:
         """Ctrl-C and signals: as quit, with the exit status of an interruption."""
@@ -518,8 +513,7 @@ class Interface(App[str]):
     def diagnosis(self, paths: list[Path]) -> Screen[None]: ...
 
     def go_to(self, screen: Screen[Any]) -> None:
-        """Replace the present screen; what was told of it and asked over it goes with it."""
-        self.clear_notifications()
+        """Replace the present screen; what was asked over it goes with it."""
         while isinstance(self.screen, ModalScreen):
             self.pop_screen()
         self.switch_screen(screen)

@@ -346,7 +346,6 @@ class MeasureScreen(Corrections, Resting):
             self.refused(texts.not_taken_text(step_taken.faults))
             return
         self.app.bell()
-        self.app.clear_notifications()
         self.say(texts.taken_text(step_taken))
         if step_taken.doubt:
             self._by_hand()

@@ -22,15 +22,8 @@ from app.measuring.indicators import (
 from app.measuring.opening import begin, first_step, open_indicators
 from app.measuring.plan import Plan
 from app.measuring.session import Indicators
-from app.report.text import motion
+from app.report.text import motion, preparing
 from app.report.text.home import CHECK_HELP, DRY_RUN_HELP
-from app.report.text.preparing import (
-    NO_OTHER_PORT_HERE,
-    adapter_lines,
-    check_text,
-    refused_text,
-    trial_text,
-)
 from app.screens.interface import MainScreen
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, is_left
@@ -93,7 +86,7 @@ class CheckScreen(MainScreen[None]):
             return
         self._problem, instruments = problem, self._plan.instruments
         self._gone = [k for k, each in enumerate(instruments) if port_is_gone(each.port)]
-        words = refused_text(
+        words = preparing.refused_text(
             problem, instruments, self._gone, moved_adapters(self._plan.instruments)
         )
         self.query_one("#words", Static).update(self.app.keyed(words))
@@ -106,9 +99,11 @@ class CheckScreen(MainScreen[None]):
         self.app.indicators = indicators
         self.refresh_bindings()
         mover, moved = indicators.mover, moved_adapters(self._plan.instruments)
-        warnings = [f"WARNING: {line}" for line in adapter_lines(self._plan.instruments, moved)]
+        warnings = [
+            f"WARNING: {line}" for line in preparing.adapter_lines(self._plan.instruments, moved)
+        ]
         of_machine = motion.check_text(self._plan, mover) if mover is not None else ""
-        words = filter(None, [of_machine, "\n".join(warnings), check_text(self._plan)])
+        words = filter(None, [of_machine, "\n".join(warnings), preparing.check_text(self._plan)])
         self.query_one("#words", Static).update(self.app.keyed("\n\n".join(words)))
         if not self._plan.simulated:  # no hand can push those spindles
             with self.app.complaining():
@@ -126,7 +121,7 @@ class CheckScreen(MainScreen[None]):
             if ended := trial.look(states):
                 self.app.bell()
             if ended or (unready and trial.ready):
-                self._show_trial(trial_text(trial, self._first))
+                self._show_trial(preparing.trial_text(trial, self._first))
                 self.refresh_bindings()
 
     def _show_trial(self, text: str) -> None:
@@ -165,7 +160,7 @@ class CheckScreen(MainScreen[None]):
         used = [instrument.port for instrument in instruments]
         dialog = port_dialog(indicator_words(number, instruments[number]), adapter, used)
         if dialog is None:
-            self._show_trial(NO_OTHER_PORT_HERE)
+            self._show_trial(preparing.NO_OTHER_PORT_HERE)
         elif port := await self.ask(dialog):
             instruments[number] = instruments[number].model_copy(update={"port": port})
             self._plan = replace(self._plan, instruments=tuple(instruments))

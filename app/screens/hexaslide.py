@@ -82,15 +82,10 @@ class HexaSlideScreen(PagedScreen[None]):
         self.put("sees", texts.sees_text(view, best, conditions))
         self.put("list", texts.list_text(best))
         drawings = drawn_postures(view.machine, best)
-        self.put("search", None, *drawings[:2])
+        searched = texts.search_text(view, self._count, best, searching=self.searching)
+        self.put("search", searched, *drawings[:2])
         self.put("angles", None, *drawings[2:])
-        self._show_search()
         self._draw_machine()
-
-    def _show_search(self) -> None:
-        if self.view is not None:
-            text = texts.search_text(self.view, self._count, self.found, searching=self.searching)
-            self.put("search", text)
 
     def _draw_machine(self) -> None:
         assert self.view is not None, "shown with it alone"
@@ -167,7 +162,7 @@ class HexaSlideScreen(PagedScreen[None]):
         finally:  # a search does not outlive its worker, and that not its screen
             stopped.set()
         self.searching = False
-        self._show_search()
+        self._show_all()
 
     def _end_search(self) -> None:
         self.searching = False
@@ -184,6 +179,6 @@ class HexaSlideScreen(PagedScreen[None]):
         if self.searching:
             self._end_search()
             self.app.notify(texts.STOPPED)
-            self._show_search()
+            self._show_all()
         else:
             super().action_back()

@@ -26,7 +26,11 @@ async def test_the_size_is_moved_and_all_follows(scaled: Path) -> None:
     async with interface.run_test(size=SIZE) as pilot:
         await looked(pilot, interface, HexaSlideResultScreen)
         await pilot.press("w")
-        await until(pilot, "choices", lambda: isinstance(interface.screen, ChoiceDialog))
+        await until(
+            pilot,
+            "choices",
+            lambda: isinstance(interface.screen, ChoiceDialog) and interface.screen.is_mounted,
+        )
         first = interface.screen.query_one(OptionList).get_option_at_index(0)
         assert "scale of rail 3" in str(first.prompt)
         await pilot.press("enter")

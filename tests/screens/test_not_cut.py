@@ -40,7 +40,14 @@ from app.screens.hexaslide import HexaSlideScreen
 from app.screens.hexaslide_result import HexaSlideResultScreen, PostureWhatIfScreen
 from app.screens.history import CompareScreen, HistoryScreen
 from app.screens.home import HomeScreen, ReplayChoiceScreen
-from app.screens.interface import ChoiceDialog, Dialog, HelpDialog, Interface, TextDialog
+from app.screens.interface import (
+    ChoiceDialog,
+    Dialog,
+    HelpDialog,
+    Interface,
+    MainScreen,
+    TextDialog,
+)
 from app.screens.measure import MeasureScreen
 from app.screens.paged import PagedScreen
 from app.screens.pages import Message, contrast
@@ -147,7 +154,7 @@ MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     TextDialog: lambda _: TextDialog("Why? " * 30, "reason", without="step 12 stays the next."),
     HelpDialog: lambda _: HelpDialog("words"),
 }
-PARTS = {Corrections, Dialog, LeftOnce, PagedScreen, Palette, SizesScreen}
+PARTS = {Corrections, Dialog, LeftOnce, MainScreen, PagedScreen, Palette, SizesScreen}
 """What screens are made of; the palette is Textual's."""
 
 

@@ -8,16 +8,17 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from rich.cells import cell_len
 from rich.segment import Segment
+from textual import work
 from textual.actions import ActionParseResult
 from textual.app import App, ComposeResult, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.color import Color
-from textual.command import CommandPalette
 from textual.containers import Vertical, VerticalScroll
 from textual.dom import DOMNode
 from textual.events import Event, InputEvent, Key, MouseDown, Paste, Resize
@@ -25,7 +26,6 @@ from textual.filter import LineFilter
 from textual.geometry import Size
 from textual.notifications import SeverityLevel
 from textual.screen import ModalScreen, Screen, ScreenResultType
-from textual.theme import ThemeProvider
 from textual.widget import Widget
 from textual.widgets import Input, OptionList, Static
 
@@ -35,7 +35,7 @@ from app.report.streams import write_nowhere
 from app.report.text import home as texts
 from app.report.text.tables import copied_text, keyed
 from app.screens import Look
-from app.screens.fast_keys import LeftOnce, Palette, ready
+from app.screens.fast_keys import LeftOnce, ready
 from app.screens.keys import key_words, usual_key
 from app.screens.pages import Message, last_lines, legible, signalled
 from app.settings import Settings, save_theme, settings_path, split
@@ -303,12 +303,24 @@ class Interface(App[str]):
         return await super().run_action(action, default_namespace, namespaces)
 
     def action_command_palette(self) -> None:
-        """The palette, unless one is open, be it under a screen that came while it was."""
-        if not any(isinstance(screen, CommandPalette) for screen in self.screen_stack):
-            self.push_screen(Palette())
+        """What the palette offers, in a list like any other."""
+        commands = self.get_system_commands(self.screen)
+        self._choose(texts.WHICH_COMMAND, [(c.callback, f"{c.title}: {c.help}") for c in commands])
 
     def search_themes(self) -> None:
-        self.push_screen(Palette(providers=[ThemeProvider], placeholder="Search for themes…"))
+        names = sorted(self.available_themes)
+        rows = [(partial(setattr, self, "theme", name), name) for name in names]
+        self._choose(texts.WHICH_THEME, rows, names.index(self.theme))
+
+    @work
+    async def _choose(
+        self, question: str, rows: Sequence[tuple[Callable[[], object], str]], highlighted: int = 0
+    ) -> None:
+        """Do one of these things; not over another question."""
+        if not isinstance(self.screen, ModalScreen):
+            dialog = ChoiceDialog(question, rows, highlighted)
+            if chosen := await self.push_screen_wait(dialog):
+                self.call_later(chosen)
 
     def get_css_variables(self) -> dict[str, str]:
         self.theme_variables = (variables := super().get_css_variables()) | legible(variables)
@@ -333,7 +345,7 @@ class Interface(App[str]):
         yield SystemCommand(*theme, self.action_change_theme)
         yield SystemCommand(*light, self.action_light_or_dark)
         if not self.read_only:
-            # after a refresh: by then the palette is gone, and the screen below is the one shown
+            # after a refresh: by then the list is gone, and the screen below is the one shown
             yield SystemCommand(*picture, lambda: self.call_after_refresh(self._save_screenshot))
         yield SystemCommand(*keys, lambda: self.call_after_refresh(self._show_keys))
         yield SystemCommand(*leave, self.action_quit)

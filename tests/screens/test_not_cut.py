@@ -35,7 +35,7 @@ from app.screens.align import AlignScreen
 from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.corrections import Corrections
 from app.screens.diagnose import DiagnoseScreen
-from app.screens.fast_keys import LeftOnce, Palette
+from app.screens.fast_keys import LeftOnce
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.hexaslide_result import HexaSlideResultScreen, PostureWhatIfScreen
 from app.screens.history import CompareScreen, HistoryScreen
@@ -154,8 +154,8 @@ MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     TextDialog: lambda _: TextDialog("Why? " * 30, "reason", without="step 12 stays the next."),
     HelpDialog: lambda _: HelpDialog("words"),
 }
-PARTS = {Corrections, Dialog, LeftOnce, MainScreen, PagedScreen, Palette, SizesScreen}
-"""What screens are made of; the palette is Textual's."""
+PARTS = {Corrections, Dialog, LeftOnce, MainScreen, PagedScreen, SizesScreen}
+"""What screens are made of."""
 
 
 def kinds(of: type[Any]) -> Iterator[type[Any]]:

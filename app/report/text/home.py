@@ -263,6 +263,8 @@ The steps in the order in which they are measured, each with the
 line to type at the controller; on the second page what to expect of
 the result. Nothing is opened or written."""
 
+WHICH_COMMAND = "What do you want to do?"
+WHICH_THEME = "Which colours?"
 PALETTE = (
     ("Theme", "Choose the colours; kept in the settings"),
     ("Light or dark", "The other of the two plain themes; kept in the settings"),

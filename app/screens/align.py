@@ -79,10 +79,6 @@ class AlignScreen(Corrections):
     def say(self, text: str, *, wrong: bool = False) -> None:
         self.query_one("#said", Static).update(signalled(self.app.keyed(text)))
 
-    def refused(self, text: str) -> None:
-        self.busy = False
-        self.say(text)
-
     def _show(self) -> None:
         self.query_one(Gauges).show([gauge.live() for gauge in self.guided.gauges])
         if self.round:

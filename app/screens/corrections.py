@@ -39,9 +39,10 @@ class Corrections(MainScreen[None]):
     def proceed(self) -> None:
         """Go to the present step."""
 
-    @abstractmethod
     def refused(self, text: str) -> None:
         """Something could not be done; the words say why."""
+        self.busy = False
+        self.say(text)
 
     async def ask(self, dialog: Screen[Answer], *, over: bool = False) -> Answer | None:
         """For workers: nothing is taken while a dialog is open, and nothing moves from there on.

@@ -188,6 +188,9 @@ LEAVING = ("ctrl+c", "ctrl+q", "f10")
 WIDE = 110
 """Columns from which text and plot stand side by side."""
 
+PLAIN = ("textual-dark", "textual-light")
+"""Themes that are listed first."""
+
 LEAST_SIZE = Size(80, 24)
 TALL = 30
 """Rows from which panels have room for more than their digits."""
@@ -308,7 +311,7 @@ class Interface(App[str]):
         self._choose(texts.WHICH_COMMAND, [(c.callback, f"{c.title}: {c.help}") for c in commands])
 
     def search_themes(self) -> None:
-        names = sorted(self.available_themes)
+        names = sorted(self.available_themes, key=lambda name: (name not in PLAIN, name))
         rows = [(partial(setattr, self, "theme", name), name) for name in names]
         self._choose(texts.WHICH_THEME, rows, names.index(self.theme))
 
@@ -341,9 +344,8 @@ class Interface(App[str]):
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
         """The palette offers what an operator can use, no tools of the developer."""
-        theme, light, picture, keys, leave = texts.PALETTE
+        theme, picture, keys, leave = texts.PALETTE
         yield SystemCommand(*theme, self.action_change_theme)
-        yield SystemCommand(*light, self.action_light_or_dark)
         if not self.read_only:
             # after a refresh: by then the list is gone, and the screen below is the one shown
             yield SystemCommand(*picture, lambda: self.call_after_refresh(self._save_screenshot))
@@ -357,9 +359,6 @@ class Interface(App[str]):
         self._remembered = theme
         with self.complaining():
             save_theme(settings_path(), theme)
-
-    def action_light_or_dark(self) -> None:
-        self.theme = "textual-light" if self.current_theme.dark else "textual-dark"
 
     def _save_screenshot(self) -> None:
         from protocols.files import write_files

@@ -383,9 +383,8 @@ class MeasureScreen(Corrections, Resting):
         self.proceed()
 
     def refused(self, text: str) -> None:
-        self.busy = False
         self._by_hand()
-        self.say(text)
+        super().refused(text)
         self._show_step()
 
     def say(self, text: str, *, wrong: bool = False) -> None:

@@ -155,9 +155,7 @@ class ReplayScreen(MainScreen[None]):
             self.app.push_screen(picture)
 
     def action_copy(self) -> None:
-        lines = texts.reading_lines(self.playback.session)
-        self.app.copy_to_clipboard("\n".join(lines) + "\n")
-        self.view.say(texts.COPIED.format(len(lines)))
+        self.app.copy("\n".join(texts.reading_lines(self.playback.session)))
 
     def action_back(self) -> None:
         """The picture again instead of the list, then the screen before, or home."""

@@ -92,15 +92,16 @@ async def test_light_and_dark_are_kept(file: Path) -> None:
     file.write_text('# mine\n[keys]\n"app.help" = "f3"\n', encoding="utf-8")
     interface = Glidecal(HomeScreen(), settings=read_settings(file))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
-        await from_palette(pilot, interface, "light")
+        await from_palette(pilot, interface, "theme")
+        await pick(pilot, interface, "textual-light")
         await until(pilot, "light", lambda: interface.theme == "textual-light")
         assert read_settings(file).theme == "textual-light"
         assert "# mine" in file.read_text(encoding="utf-8")
-        interface.action_light_or_dark()
+        interface.theme = "textual-dark"
         await until(pilot, "dark", lambda: read_settings(file).theme == "textual-dark")
         assert read_settings(file).keys == {"app.help": "f3"}
         file.write_text("[broken", encoding="utf-8")
-        interface.action_light_or_dark()
+        interface.theme = "textual-light"
         await until(pilot, "told", lambda: "TOML text" in said(interface))
         assert file.read_text(encoding="utf-8") == "[broken"
         await pilot.press("f10")
@@ -120,11 +121,11 @@ async def test_a_page_that_only_shows_writes_nothing(file: Path) -> None:
     interface = Glidecal(HomeScreen(), read_only=True)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
-        interface.action_light_or_dark()
+        interface.theme = "textual-light"
         await pilot.pause()
         assert interface.theme == "textual-light"
         titles = [c.title for c in interface.get_system_commands(interface.screen)]
-        assert titles == ["Theme", "Light or dark", "Keys", "Quit"]
+        assert titles == ["Theme", "Keys", "Quit"]
         await pilot.press("f10")
     assert not file.exists()
 

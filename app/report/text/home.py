@@ -267,7 +267,6 @@ WHICH_COMMAND = "What do you want to do?"
 WHICH_THEME = "Which colours?"
 PALETTE = (
     ("Theme", "Choose the colours; kept in the settings"),
-    ("Light or dark", "The other of the two plain themes; kept in the settings"),
     ("Screenshot", "Save this screen as an SVG picture in the current folder"),
     ("Keys", "Every key of this screen"),
     ("Quit", "Leave; an open session is paused and can be continued"),

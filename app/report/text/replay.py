@@ -154,5 +154,4 @@ def reading_lines(session: Session) -> list[str]:
 
 
 JUMP_QUESTION = "To which {}?"
-COPIED = "Copied {} lines, if this terminal lets programs use the clipboard (OSC 52)."
 UNSOLVED = "No result of this session: {}"
